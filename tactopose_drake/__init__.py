@@ -1,0 +1,1 @@
+"""Touch-based pose estimation of grasped objects, as systems for Drake."""

@@ -1,0 +1,1 @@
+"""Objectives: each scores a batch of poses; they add up."""

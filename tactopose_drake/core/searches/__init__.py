@@ -1,0 +1,1 @@
+"""Searches: each minimises any objective and returns ranked poses."""

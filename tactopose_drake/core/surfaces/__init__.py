@@ -1,0 +1,1 @@
+"""Convex fingertip surfaces, S(p) = 0, with gradient and Hessian."""

@@ -1,0 +1,59 @@
+"""Checks of input values, each with one clear error that names the value and what is allowed."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tactopose_drake.errors import InvalidInputError
+
+FloatArray = NDArray[np.float64]
+
+
+def finite_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> FloatArray:
+    """Returns `value` as a float64 array of the given shape (None: any length) with finite entries only.
+
+    Raises:
+        InvalidInputError: if it is not numeric, of another shape, or holds a NaN or an infinite number.
+    """
+    try:
+        array = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InvalidInputError(f"{name}: not an array of numbers ({error}).") from None
+    fits = array.ndim == len(shape) and all(n is None or n == m for n, m in zip(shape, array.shape, strict=True))
+    if not fits:
+        wanted = "(" + ", ".join("n" if n is None else str(n) for n in shape) + ("," if len(shape) == 1 else "") + ")"
+        raise InvalidInputError(f"{name}: has shape {array.shape}; allowed is {wanted}.")
+    bad = np.argwhere(~np.isfinite(array))
+    if len(bad):
+        index = ", ".join(str(int(i)) for i in bad[0])
+        where = f"{name}[{index}]" if index else name
+        raise InvalidInputError(f"{where}: is {array[tuple(bad[0])]}; allowed are finite numbers.")
+    return array
+
+
+def positive_number(name: str, value: float, *, allow_zero: bool = False) -> float:
+    """Returns `value` as a float if it is finite and above zero (or zero, where allowed).
+
+    Raises:
+        InvalidInputError: otherwise.
+    """
+    number = float(finite_array(name, value, ()))
+    if number < 0 or (number == 0 and not allow_zero):
+        raise InvalidInputError(f"{name}: is {number:g}; allowed are numbers {'>=' if allow_zero else '>'} 0.")
+    return number
+
+
+def unit_vectors(name: str, value: ArrayLike, shape: tuple[int | None, ...], tolerance: float = 1e-3) -> FloatArray:
+    """Returns rows of unit length, normalised exactly.
+
+    Raises:
+        InvalidInputError: if a row's length differs from 1 by more than `tolerance`.
+    """
+    rows = finite_array(name, value, shape)
+    length = np.linalg.norm(rows, axis=-1)
+    worst = np.abs(length - 1.0)
+    if rows.size and worst.max() > tolerance:
+        index = np.unravel_index(int(worst.argmax()), worst.shape)
+        where = f"{name}[{', '.join(str(int(i)) for i in index)}]" if index else name
+        raise InvalidInputError(f"{where}: has length {length[index]:.6g}; allowed is 1 within {tolerance:g}.")
+    unit: FloatArray = rows / length[..., None]
+    return unit

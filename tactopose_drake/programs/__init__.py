@@ -1,0 +1,1 @@
+"""MathematicalProgram formulations: the searches that Drake's solvers run."""
