@@ -1,1 +1,1 @@
-"""The mathematics: functions and frozen dataclasses over arrays, without pydrake, I/O, clocks or global random state."""
+"""The mathematics: functions and frozen dataclasses over arrays; no pydrake, no clock, no global random state."""

@@ -1,8 +1,8 @@
 """Batches of rigid poses and their six-parameter increments.
 
 A batch of poses is an array X of shape (B, 3, 4), each item [R | p] (what `RigidTransform.GetAsMatrix34` returns).
-An increment is a 6-vector (w, v), rotation first: R_PO = R_hat exp(w), p_PO = p_hat + v, so w is in the object's frame O
-and v in the palm's frame P.
+An increment is a 6-vector (w, v), rotation first: R_PO = R_hat exp(w), p_PO = p_hat + v, so w is in the object's frame
+O and v in the palm's frame P.
 
 Sources: [B16] J. Bimbo, thesis, 2016, section 2.6.1; [S18] J. Sola et al., A micro Lie theory for state estimation,
 2018.
@@ -87,7 +87,8 @@ def increments_between(X_from: FloatArray, X_to: FloatArray) -> FloatArray:
 
 def rotation_angles(R_A: FloatArray, R_B: FloatArray) -> FloatArray:
     """Angles between rotations (..., 3, 3), rad, in [0, pi]."""
-    return np.linalg.norm(log_so3(np.swapaxes(R_A, -1, -2) @ R_B), axis=-1)
+    angles: FloatArray = np.linalg.norm(log_so3(np.swapaxes(R_A, -1, -2) @ R_B), axis=-1)
+    return angles
 
 
 def matrix_from_quaternion(q: FloatArray) -> FloatArray:
@@ -123,7 +124,8 @@ def quaternion_from_matrix(R: FloatArray) -> FloatArray:
     best = np.argmax(squares, axis=-1)[..., None, None]
     q = np.take_along_axis(products, best, axis=-2)[..., 0, :]
     q = q / np.linalg.norm(q, axis=-1, keepdims=True)
-    return np.where(q[..., :1] < 0, -q, q)
+    q_positive: FloatArray = np.where(q[..., :1] < 0, -q, q)
+    return q_positive
 
 
 def random_rotations(generator: np.random.Generator, count: int) -> FloatArray:

@@ -57,3 +57,19 @@ def unit_vectors(name: str, value: ArrayLike, shape: tuple[int | None, ...], tol
         raise InvalidInputError(f"{where}: has length {length[index]:.6g}; allowed is 1 within {tolerance:g}.")
     unit: FloatArray = rows / length[..., None]
     return unit
+
+
+def pose_matrix(name: str, value: object) -> FloatArray:
+    """Returns a pose as [R | p], shape (3, 4), from such an array, a 4x4 one, or anything with `GetAsMatrix34`.
+
+    Raises:
+        InvalidInputError: if it is none of these, or if R is not a rotation (within 1e-6).
+    """
+    matrix = value.GetAsMatrix34() if hasattr(value, "GetAsMatrix34") else value
+    X = finite_array(name, matrix, (None, 4))  # type: ignore[arg-type]
+    if len(X) not in (3, 4):
+        raise InvalidInputError(f"{name}: has shape {X.shape}; allowed are (3, 4) and (4, 4).")
+    R = X[:3, :3]
+    if np.abs(R.T @ R - np.eye(3)).max() > 1e-6 or np.linalg.det(R) < 0:
+        raise InvalidInputError(f"{name}: its left 3x3 block is not a rotation matrix.")
+    return X[:3].copy()
