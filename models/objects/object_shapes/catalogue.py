@@ -1,0 +1,28 @@
+"""The list of shipped objects: shape, mass, friction and color of each."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import trimesh
+
+from . import household, pottery
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObjectSpec:
+    """One shipped object."""
+
+    build: Callable[[], trimesh.Trimesh]  # its surface, in m
+    mass: float  # kg, spread evenly over the enclosed solid
+    friction: float  # Coulomb coefficient, static and dynamic
+    color: tuple[float, float, float]  # red, green, blue in 0 to 1
+
+
+CATALOGUE = {
+    "cube": ObjectSpec(build=household.cube, mass=0.13, friction=0.9, color=(0.85, 0.65, 0.4)),
+    "cylinder": ObjectSpec(build=household.cylinder, mass=0.2, friction=0.9, color=(0.75, 0.55, 0.35)),
+    "soda_can": ObjectSpec(build=household.soda_can, mass=0.36, friction=0.8, color=(0.8, 0.15, 0.15)),
+    "tea_box": ObjectSpec(build=household.tea_box, mass=0.12, friction=0.9, color=(0.3, 0.55, 0.3)),
+    "wine_glass": ObjectSpec(build=household.wine_glass, mass=0.23, friction=0.8, color=(0.75, 0.85, 0.9)),
+    "mug": ObjectSpec(build=pottery.mug, mass=0.32, friction=0.9, color=(0.2, 0.4, 0.7)),
+}
