@@ -1,0 +1,110 @@
+"""The measurement of a six-axis force-torque sensor: load, noise, bias, range and quantisation.
+
+A load is a wrench F_S = [m_x, m_y, m_z, f_x, f_y, f_z] on the fingertip, about the origin of the sensor's frame S,
+expressed in S. The order of the steps is the instrument's: its strain gauges carry the fingertip's weight too, so range
+and quantisation apply to the sum, and the weight is subtracted afterwards.
+"""
+
+import dataclasses
+
+import numpy as np
+
+from tactopose_drake.core.validation import FloatArray, finite_array
+from tactopose_drake.errors import InvalidInputError
+
+AXES = ("m_x", "m_y", "m_z", "f_x", "f_y", "f_z")
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class ForceTorqueModel:
+    """What limits a force-torque sensor. Lists of six are in the order m_x, m_y, m_z, f_x, f_y, f_z.
+
+    The defaults are an ideal sensor.
+    """
+
+    range: list[float] = dataclasses.field(default_factory=lambda: [1.0e9] * 6)  # largest magnitude, N m and N
+    resolution: list[float] = dataclasses.field(
+        default_factory=lambda: [0.0] * 6
+    )  # quantisation step, N m and N; 0: none
+    noise: list[float] = dataclasses.field(default_factory=lambda: [0.0] * 6)  # standard deviation, N m and N
+    bias: list[float] = dataclasses.field(default_factory=lambda: [0.0] * 6)  # constant offset, N m and N
+
+    def validate(self) -> None:
+        """Checks every field.
+
+        Raises:
+            InvalidInputError: a list that is not six finite numbers, a range <= 0, a resolution or noise < 0.
+        """
+        for name in ("range", "resolution", "noise", "bias"):
+            values = finite_array(f"ForceTorqueModel.{name}", getattr(self, name), (6,))
+            if name == "range" and values.min() <= 0:
+                raise InvalidInputError(f"ForceTorqueModel.range: holds {values.min():g}; allowed are numbers > 0.")
+            if name in ("resolution", "noise") and values.min() < 0:
+                raise InvalidInputError(f"ForceTorqueModel.{name}: holds {values.min():g}; allowed are numbers >= 0.")
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Measurement:
+    """One sample of a force-torque sensor.
+
+    Attributes:
+        F_S: measured wrench, shape (6,), N m and N; NaN where the load was NaN.
+        saturated: which of the six axes are at the end of their range, shape (6,), bool.
+    """
+
+    F_S: FloatArray
+    saturated: np.ndarray[tuple[int], np.dtype[np.bool_]]
+
+    @property
+    def status(self) -> str:
+        """One of "ok", "no signal", or "saturated: " and the axes."""
+        if not np.all(np.isfinite(self.F_S)):
+            return "no signal"
+        if self.saturated.any():
+            return "saturated: " + ", ".join(np.array(AXES)[self.saturated])
+        return "ok"
+
+
+def measure(F_S: FloatArray, normal_noise: FloatArray, model: ForceTorqueModel) -> Measurement:
+    """What the sensor reads under the load F_S.
+
+    Args:
+        F_S: load, shape (6,), N m and N.
+        normal_noise: standard normal numbers, shape (6,).
+        model: the sensor's limits, valid.
+    """
+    largest, step = np.asarray(model.range), np.asarray(model.resolution)
+    signal = F_S + np.asarray(model.bias) + np.asarray(model.noise) * normal_noise
+    clipped = np.clip(signal, -largest, largest)
+    rounded = np.where(step > 0, step * np.round(clipped / np.where(step > 0, step, 1.0)), clipped)
+    return Measurement(F_S=rounded, saturated=np.abs(signal) >= largest)
+
+
+def weight_wrench(mass: float, p_SScm: FloatArray, g_S: FloatArray) -> FloatArray:
+    """The weight of a body as a wrench about S's origin.
+
+    Args:
+        mass: kg.
+        p_SScm: centre of mass in S, shape (3,), m.
+        g_S: acceleration of gravity in S, shape (3,), m/s^2.
+
+    Returns:
+        Shape (6,), N m and N.
+    """
+    f_S = mass * g_S
+    return np.concatenate([np.cross(p_SScm, f_S), f_S])
+
+
+def shift_wrench(F_J: FloatArray, X_SJ: FloatArray) -> FloatArray:
+    """A wrench about the origin of J, in J, as the same wrench about the origin of S, in S.
+
+    Args:
+        F_J: [m, f], shape (6,), N m and N.
+        X_SJ: pose of J in S, shape (3, 4).
+
+    Returns:
+        Shape (6,), N m and N.
+    """
+    R_SJ, p_SJ = X_SJ[:, :3], X_SJ[:, 3]
+    f_S = R_SJ @ F_J[3:]
+    return np.concatenate([R_SJ @ F_J[:3] + np.cross(p_SJ, f_S), f_S])

@@ -1,0 +1,129 @@
+"""A simulated six-axis force-torque sensor between a finger and its fingertip."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+from pydrake.common import RandomDistribution
+from pydrake.common.value import AbstractValue
+from pydrake.math import RigidTransform
+from pydrake.multibody.math import SpatialForce
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import Frame, WeldJoint
+from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
+
+from tactopose_drake.core.force_torque import ForceTorqueModel, measure, shift_wrench, weight_wrench
+from tactopose_drake.core.validation import positive_number
+from tactopose_drake.errors import UnknownNameError
+from tactopose_drake.resources import model_path
+from tactopose_drake.systems.ports import eval_input
+from tactopose_drake.typed_yaml import load_typed_yaml
+
+NO_SAMPLE = "no sample yet"
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class ForceTorqueModelFile:
+    """A sensor's YAML file: its calibrations by name."""
+
+    calibrations: dict[str, ForceTorqueModel] = dataclasses.field(default_factory=dict)
+
+
+def load_force_torque_model(calibration: str = "SI-12-0.12", path: Path | None = None) -> ForceTorqueModel:
+    """Reads one calibration of a force-torque sensor.
+
+    Args:
+        calibration: its name in the file.
+        path: the file; by default that of the ATI Nano17.
+
+    Raises:
+        InvalidFileError: if the file cannot be read or does not fit the format.
+        UnknownNameError: if it has no such calibration.
+        InvalidInputError: if a value is out of its range.
+    """
+    path = model_path("sensors", "nano17.yaml") if path is None else path
+    file = load_typed_yaml(ForceTorqueModelFile, path)
+    if calibration not in file.calibrations:
+        raise UnknownNameError(f"{path}: calibration", calibration, sorted(file.calibrations))
+    model = file.calibrations[calibration]
+    model.validate()
+    return model
+
+
+class ForceTorqueSensor(LeafSystem):
+    """Measures the wrench that the environment exerts on a fingertip, as the sensor at its root does.
+
+    The load is the reaction at the weld between finger and fingertip. Noise, bias, range and quantisation act on it;
+    then the fingertip's weight is subtracted, as a calibrated driver does. Its inertial force (mass times acceleration)
+    is not: like the real instrument, the sensor reads it as a load.
+
+    .. pydrake_system::
+
+        name: ForceTorqueSensor
+        input_ports:
+        - reaction_forces
+        - body_poses
+        - noise
+        output_ports:
+        - wrench
+        - status
+
+    - reaction_forces: list of `SpatialForce`, the plant's port of that name.
+    - body_poses: list of `RigidTransform` X_WB, the plant's port of that name; only the sensor's orientation is used.
+    - noise: random input, six standard normal numbers (`AddRandomInputs` connects it); zero when not connected.
+    - wrench: F_S = [m_x, m_y, m_z, f_x, f_y, f_z] about the origin of S, in S, N m and N. Changes once a period, first
+      at t = period, since a discrete plant has no reaction before its first step. NaN before, and where the plant gives
+      none.
+    - status: str, "ok", "no sample yet", "no signal", or "saturated: " and the axes; changes with `wrench`.
+    """
+
+    def __init__(
+        self, plant: MultibodyPlant, weld: WeldJoint, sensor_frame: Frame, model: ForceTorqueModel, period: float = 0.01
+    ) -> None:
+        """Takes numbers from a finalized plant; keeps no reference to it.
+
+        Args:
+            plant: finalized plant.
+            weld: joint between finger (parent) and fingertip (child).
+            sensor_frame: S, fixed on the finger or on the fingertip.
+            model: noise, range and quantisation; `load_force_torque_model` reads one.
+            period: sampling period, s.
+        """
+        super().__init__()
+        model.validate()
+        positive_number("period", period)
+        self._model = model
+        self._joint = int(weld.index())
+        self._body = int(sensor_frame.body().index())
+        self._R_BS = sensor_frame.GetFixedRotationMatrixInBodyFrame()
+        self._g_W = np.array(plant.gravity_field().gravity_vector())
+
+        tip, plant_context = weld.child_body(), plant.CreateDefaultContext()
+        X_SJ = plant.CalcRelativeTransform(plant_context, sensor_frame, weld.frame_on_child())
+        X_STip = plant.CalcRelativeTransform(plant_context, sensor_frame, tip.body_frame())
+        self._X_SJ: np.ndarray = X_SJ.GetAsMatrix34()
+        self._tip_mass = float(tip.get_mass(plant_context))
+        self._p_STipcm: np.ndarray = X_STip @ tip.CalcCenterOfMassInBodyFrame(plant_context)
+
+        self._reactions = self.DeclareAbstractInputPort(
+            "reaction_forces", AbstractValue.Make([SpatialForce(np.zeros(6))])
+        )
+        self._body_poses = self.DeclareAbstractInputPort("body_poses", AbstractValue.Make([RigidTransform()]))
+        self._noise = self.DeclareVectorInputPort("noise", 6, RandomDistribution.kGaussian)
+        self._wrench = self.DeclareDiscreteState(np.full(6, np.nan))
+        self._status = self.DeclareAbstractState(AbstractValue.Make(NO_SAMPLE))
+        self.DeclarePeriodicUnrestrictedUpdateEvent(period, period, self._sample)
+        self.DeclareStateOutputPort("wrench", self._wrench)
+        self.DeclareStateOutputPort("status", self._status)
+
+    def _sample(self, context: Context, state: State) -> EventStatus:
+        F_TipJ_J = eval_input(self._reactions, context, list)[self._joint].get_coeffs()
+        R_WS = eval_input(self._body_poses, context, list)[self._body].rotation() @ self._R_BS
+        noise = self._noise.Eval(context) if self._noise.HasValue(context) else np.zeros(6)
+
+        # At rest the finger holds the fingertip against the contact and the weight: the load is minus the reaction.
+        measurement = measure(-shift_wrench(F_TipJ_J, self._X_SJ), noise, self._model)
+        weight = weight_wrench(self._tip_mass, self._p_STipcm, R_WS.inverse() @ self._g_W)
+        state.get_mutable_discrete_state(self._wrench).SetFromVector(measurement.F_S - weight)
+        state.get_mutable_abstract_state(self._status).set_value(measurement.status)
+        return EventStatus.Succeeded()

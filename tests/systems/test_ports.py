@@ -1,0 +1,47 @@
+import pytest
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import LeafSystem
+
+from tactopose_drake.core.contacts import Contacts
+from tactopose_drake.errors import PortTypeError
+from tactopose_drake.systems.ports import eval_input, eval_optional_input
+
+
+class Reader(LeafSystem):
+    def __init__(self) -> None:
+        super().__init__()
+        self.set_name("reader")
+        self.contacts = self.DeclareAbstractInputPort("contacts", AbstractValue.Make(Contacts.empty()))
+
+
+def test_a_value_of_the_right_kind_is_returned() -> None:
+    reader = Reader()
+    context = reader.CreateDefaultContext()
+    reader.contacts.FixValue(context, AbstractValue.Make(Contacts([[1, 2, 3]])))
+    assert len(eval_input(reader.contacts, context, Contacts)) == 1
+    assert len(eval_optional_input(reader.contacts, context, Contacts)) == 1
+
+
+def test_another_kind_is_refused_by_the_name_of_the_port() -> None:
+    reader = Reader()
+    context = reader.CreateDefaultContext()
+    reader.contacts.FixValue(context, AbstractValue.Make({"not": "contacts"}))
+    with pytest.raises(PortTypeError, match="input port 'contacts' of system 'reader': holds a dict; allowed is a Con"):
+        eval_input(reader.contacts, context, Contacts)
+    with pytest.raises(PortTypeError, match="'contacts'"):
+        eval_optional_input(reader.contacts, context, Contacts)
+
+
+def test_a_port_that_is_not_connected_is_named_unless_optional() -> None:
+    reader = Reader()
+    context = reader.CreateDefaultContext()
+    with pytest.raises(PortTypeError, match="input port 'contacts' of system 'reader': is not connected"):
+        eval_input(reader.contacts, context, Contacts)
+    assert eval_optional_input(reader.contacts, context, Contacts) is None
+
+
+def test_an_optional_port_that_holds_none_gives_none() -> None:
+    reader = Reader()
+    context = reader.CreateDefaultContext()
+    reader.contacts.FixValue(context, AbstractValue.Make(None))
+    assert eval_optional_input(reader.contacts, context, Contacts) is None
