@@ -1,0 +1,147 @@
+"""The signed distance grid of an object: distance and outward normal for any point, by trilinear interpolation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tactopose_drake.core import distance_transform
+from tactopose_drake.core.validation import FloatArray, positive_number
+from tactopose_drake.errors import InvalidInputError
+
+DEFAULT_NODES = 2_000_000
+MARGIN_CELLS = 3
+MARGIN_SHARE = 0.05
+BYTES_PER_NODE = 16
+
+
+@dataclass(frozen=True, eq=False)
+class DistanceGrid:
+    """Signed distance and its gradient at the nodes of a cubic grid, in the object's frame O.
+
+    Between nodes all four channels are interpolated trilinearly. Outside the grid a point is moved to the nearest point
+    of the grid; its distance is that point's distance plus the length of the move, its normal is that point's normal.
+
+    Attributes:
+        values: shape (nx, ny, nz, 4), float32, C-contiguous, read-only; last axis: signed distance in m (negative
+            inside), then the unit gradient of the distance (the outward direction).
+        origin: position of node (0, 0, 0), shape (3,), m.
+        spacing: distance between nodes, m.
+    """
+
+    values: NDArray[np.float32]
+    origin: FloatArray
+    spacing: float
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Number of nodes along x, y and z."""
+        nx, ny, nz = self.values.shape[:3]
+        return nx, ny, nz
+
+    @property
+    def upper(self) -> FloatArray:
+        """Position of the last node, shape (3,), m."""
+        corner: FloatArray = self.origin + self.spacing * (np.array(self.shape) - 1)
+        return corner
+
+    def distance(self, p_OQ: ArrayLike) -> FloatArray:
+        """Signed distances, shape (...), m, of points p_OQ in O, shape (..., 3), m."""
+        return self._interpolate(p_OQ, channels=1)[..., 0]
+
+    def distance_and_normal(self, p_OQ: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Signed distances (...), m, and unit normals (..., 3) in O, of points p_OQ in O, shape (..., 3), m.
+
+        Where the gradients of a cell cancel (between two sides of the object, at its centre), the normal is that of the
+        nearest node.
+        """
+        fields = self._interpolate(p_OQ, channels=4)
+        gradient = fields[..., 1:]
+        length = np.linalg.norm(gradient, axis=-1)
+        lost = length < 1e-3
+        if np.any(lost):
+            points = np.asarray(p_OQ, dtype=np.float64)[lost]
+            node = np.rint((np.clip(points, self.origin, self.upper) - self.origin) / self.spacing).astype(np.intp)
+            gradient[lost] = self.values[node[:, 0], node[:, 1], node[:, 2], 1:]
+            length = np.linalg.norm(gradient, axis=-1)
+        return fields[..., 0], gradient / length[..., None]
+
+    def _interpolate(self, p_OQ: ArrayLike, channels: int) -> FloatArray:
+        """The first `channels` fields at points (..., 3), shape (..., channels); the distance extended outside."""
+        points = np.asarray(p_OQ, dtype=np.float64)
+        inside = np.clip(points, self.origin, self.upper)
+        cell = (inside - self.origin) / self.spacing
+        node = np.minimum(cell.astype(np.intp), np.array(self.shape) - 2)
+        t = cell - node
+        _, ny, nz = self.shape
+        flat = self.values.reshape(-1, 4)
+        corner = (node[..., 0] * ny + node[..., 1]) * nz + node[..., 2]
+        fields = np.zeros((*points.shape[:-1], channels))
+        for a in (0, 1):
+            for b in (0, 1):
+                for c in (0, 1):
+                    weight = (
+                        (t[..., 0] if a else 1.0 - t[..., 0])
+                        * (t[..., 1] if b else 1.0 - t[..., 1])
+                        * (t[..., 2] if c else 1.0 - t[..., 2])
+                    )
+                    fields += weight[..., None] * flat[corner + (a * ny + b) * nz + c, :channels]
+        fields[..., 0] += np.linalg.norm(points - inside, axis=-1)
+        return fields
+
+
+def build_grid(
+    vertices: FloatArray, faces: NDArray[np.int32], *, spacing: float | None = None, max_bytes: int = 64 * 2**20
+) -> DistanceGrid:
+    """The signed distance grid of a closed mesh; a point is inside where the winding number is at least one.
+
+    Without a `spacing`, about two million nodes are laid over the bounding box and its margin (fewer if `max_bytes`
+    says so).
+
+    Args:
+        vertices: shape (v, 3), m.
+        faces: vertex indices, anticlockwise seen from outside, shape (f, 3); none of zero area.
+        spacing: distance between nodes, m.
+        max_bytes: the largest size of `DistanceGrid.values`.
+
+    Raises:
+        InvalidInputError: if `spacing` is not positive, or needs more than `max_bytes`.
+    """
+    lower, upper = vertices.min(axis=0), vertices.max(axis=0)
+    max_nodes = max_bytes // BYTES_PER_NODE
+    h = _default_spacing(lower, upper, max_nodes) if spacing is None else positive_number("spacing", spacing)
+    shape = _grid_shape(lower, upper, h)
+    if np.prod(shape, dtype=np.float64) > max_nodes:
+        least = _default_spacing(lower, upper, max_nodes, target=max_nodes)
+        raise InvalidInputError(
+            f"spacing: is {h:g} m, which needs {shape[0]} x {shape[1]} x {shape[2]} nodes; allowed with "
+            f"max_grid_bytes = {max_bytes} is {least:.3g} m and more."
+        )
+    origin = 0.5 * (lower + upper) - 0.5 * h * (np.array(shape) - 1)
+    packed = distance_transform.pack_triangles(vertices[faces])
+    nearest, _ = distance_transform.nearest_faces(packed, origin, h, shape)
+    # The columns stand a ten-millionth of a cell beside the nodes, so that they meet no vertex of a regular mesh.
+    beside = origin + h * np.array([1.3e-7, 2.7e-7, 0.0])
+    winding, _ = distance_transform.winding_numbers(vertices, faces, beside, h, shape)
+    values = distance_transform.signed_field(packed, nearest, winding, origin, h)
+    values.setflags(write=False)
+    origin.setflags(write=False)
+    return DistanceGrid(values, origin, float(h))
+
+
+def _grid_shape(lower: FloatArray, upper: FloatArray, h: float) -> tuple[int, int, int]:
+    margin = max(MARGIN_CELLS * h, MARGIN_SHARE * float(np.linalg.norm(upper - lower)))
+    nx, ny, nz = (int(n) for n in np.ceil((upper - lower + 2 * margin) / h) + 1)
+    return nx, ny, nz
+
+
+def _default_spacing(lower: FloatArray, upper: FloatArray, max_nodes: int, target: int = DEFAULT_NODES) -> float:
+    """The spacing at which the grid has `target` nodes, or `max_nodes` if that is fewer."""
+    wanted = min(target, max_nodes)
+    extent = upper - lower + 2 * MARGIN_SHARE * float(np.linalg.norm(upper - lower))
+    h = float(np.cbrt(np.prod(extent) / wanted))
+    while np.prod(_grid_shape(lower, upper, h), dtype=np.float64) > wanted:
+        h *= 1.002
+    return h

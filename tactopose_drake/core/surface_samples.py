@@ -1,0 +1,106 @@
+"""Points spread evenly over a mesh's surface, with the normals of their faces; the same mesh gives the same points.
+
+The area is cut into as many equal patches as there are samples, along a curve that visits the faces in spatial order
+and each face in order of its sub-triangles [B15]. Each patch offers a few candidates, of which the one farthest from
+all points chosen so far is taken: equal area per sample, without the clumps of independent random points.
+
+Sources: [B15] K. Basu and A. Owen, Low discrepancy constructions in the triangle, SIAM J. Numer. Anal., 2015.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactopose_drake.core.validation import FloatArray
+
+CANDIDATES_PER_SAMPLE = 4
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceSamples:
+    """Points on an object's surface and the outward unit normals there, in the object's frame O.
+
+    Attributes:
+        points: shape (n, 3), m, read-only.
+        normals: shape (n, 3), read-only.
+    """
+
+    points: FloatArray
+    normals: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+
+def sample_surface(vertices: FloatArray, faces: NDArray[np.int32], count: int) -> SurfaceSamples:
+    """Takes `count` points, one from each of `count` patches of equal area.
+
+    Args:
+        vertices: shape (v, 3), m.
+        faces: vertex indices, shape (f, 3); none of zero area.
+        count: number of samples.
+    """
+    triangles = vertices[faces]
+    triangles = triangles[_spatial_order(triangles.mean(axis=1))]
+    cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    twice_area = np.linalg.norm(cross, axis=1)
+    ends = np.cumsum(twice_area)
+    total = count * CANDIDATES_PER_SAMPLE
+    along = (np.arange(total) + 0.5) * (ends[-1] / total)
+    face = np.minimum(np.searchsorted(ends, along, side="right"), len(faces) - 1)
+    share = np.clip(1.0 - (ends[face] - along) / twice_area[face], 0.0, 1.0 - 1e-12)
+    weights = _triangle_curve(share)
+    candidates = np.einsum("nc,ncd->nd", weights, triangles[face])
+    chosen = _spread(candidates)
+    normals = cross[face[chosen]] / twice_area[face[chosen], None]
+    points = candidates[chosen]
+    points.setflags(write=False)
+    normals.setflags(write=False)
+    return SurfaceSamples(points, normals)
+
+
+def _spatial_order(points: FloatArray, bits: int = 10) -> NDArray[np.intp]:
+    """Indices that sort points (n, 3) along a Morton curve."""
+    low = points.min(axis=0)
+    scale = (2**bits - 1) / max(float(np.ptp(points, axis=0).max()), 1e-12)
+    cell = ((points - low) * scale).astype(np.int64)
+    code = np.zeros(len(points), dtype=np.int64)
+    for bit in range(bits):
+        for axis in range(3):
+            code |= ((cell[:, axis] >> bit) & 1) << (3 * bit + axis)
+    return np.argsort(code, kind="stable")
+
+
+def _triangle_curve(share: FloatArray, depth: int = 12) -> FloatArray:
+    """Barycentric weights (n, 3) of the points at the given shares, in [0, 1), of a triangle's area.
+
+    Each base-4 digit of the share picks one of the four sub-triangles [B15]: three keep a corner, one is turned.
+    """
+    corners = np.broadcast_to(np.eye(3), (len(share), 3, 3)).copy()
+    for _ in range(depth):
+        share = 4.0 * share
+        digit = share.astype(np.intp)
+        share = share - digit
+        opposite = 0.5 * (corners.sum(axis=1, keepdims=True) - corners)
+        keep = np.take_along_axis(corners, np.minimum(digit, 2)[:, None, None], axis=1)
+        kept = 0.5 * (keep + corners)
+        corners = np.where((digit == 3)[:, None, None], opposite, kept)
+    weights: FloatArray = corners.mean(axis=1)
+    return weights
+
+
+def _spread(candidates: FloatArray) -> NDArray[np.intp]:
+    """One candidate of each group of neighbours: the one farthest from those chosen before."""
+    groups = len(candidates) // CANDIDATES_PER_SAMPLE
+    chosen = np.empty(groups, dtype=np.intp)
+    square = np.sum(candidates**2, axis=1)
+    nearest = np.full(len(candidates), np.inf)
+    for group in range(groups):
+        first = group * CANDIDATES_PER_SAMPLE
+        pick = first + int(np.argmax(nearest[first : first + CANDIDATES_PER_SAMPLE]))
+        chosen[group] = pick
+        np.minimum(nearest, square - 2.0 * (candidates @ candidates[pick]) + square[pick], out=nearest)
+    return chosen
