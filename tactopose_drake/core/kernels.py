@@ -1,0 +1,358 @@
+"""The inner loops, compiled by numba and cached on disk: each is one loop over poses.
+
+A contact costs one gather of the distance grid: eight nodes of four float32 each (signed distance, normal), which lie
+in four runs of 32 bytes. Poses are (B, 3, 4); increments (w, v) as in `poses.py`.
+
+Source: [B16] J. Bimbo, thesis, 2016, eqs. 3.3 and 3.5, whitened by the sensors' standard deviations.
+"""
+
+import numpy as np
+from numba import njit
+
+from tactopose_drake.core.validation import FloatArray
+
+# Where interpolated normals nearly cancel (the middle of a thin wall) their direction means little: this bounds it.
+_SOFT_LENGTH = 0.05
+
+
+@njit(cache=True, inline="always")
+def _cell(q, origin, inverse_spacing, limit):  # type: ignore[no-untyped-def]
+    """The node below q along one axis, the fraction beyond it, and how far outside of the grid q is, in cells."""
+    u = (q - origin) * inverse_spacing
+    outside = 0.0
+    if u < 0.0:
+        outside = u
+        u = 0.0
+    elif u > limit:
+        outside = u - limit
+        u = limit
+    i = int(u)
+    if i > limit - 1:
+        i = int(limit) - 1
+    return i, u - i, outside
+
+
+@njit(cache=True)
+def _look_up(values, origin, inverse_spacing, x, y, z, out):  # type: ignore[no-untyped-def]
+    """Trilinear distance and normal at one point, out[0:4]; outside of the grid the way to it is added."""
+    i, fx, ox = _cell(x, origin[0], inverse_spacing, values.shape[0] - 1.0)
+    j, fy, oy = _cell(y, origin[1], inverse_spacing, values.shape[1] - 1.0)
+    k, fz, oz = _cell(z, origin[2], inverse_spacing, values.shape[2] - 1.0)
+    a00, a01 = (1.0 - fx) * (1.0 - fy), (1.0 - fx) * fy
+    a10, a11 = fx * (1.0 - fy), fx * fy
+    for c in range(4):
+        low = (
+            a00 * values[i, j, k, c]
+            + a01 * values[i, j + 1, k, c]
+            + a10 * values[i + 1, j, k, c]
+            + a11 * values[i + 1, j + 1, k, c]
+        )
+        high = (
+            a00 * values[i, j, k + 1, c]
+            + a01 * values[i, j + 1, k + 1, c]
+            + a10 * values[i + 1, j, k + 1, c]
+            + a11 * values[i + 1, j + 1, k + 1, c]
+        )
+        out[c] = low + fz * (high - low)
+    if ox != 0.0 or oy != 0.0 or oz != 0.0:
+        out[0] += np.sqrt(ox * ox + oy * oy + oz * oz) / inverse_spacing
+
+
+@njit(cache=True)
+def _look_up_with_derivative(values, origin, inverse_spacing, x, y, z, out, slope):  # type: ignore[no-untyped-def]
+    """As `_look_up`, with slope[c, a] = d out[c] / d axis a, exact for the interpolant; slope is (4, 3)."""
+    i, fx, ox = _cell(x, origin[0], inverse_spacing, values.shape[0] - 1.0)
+    j, fy, oy = _cell(y, origin[1], inverse_spacing, values.shape[1] - 1.0)
+    k, fz, oz = _cell(z, origin[2], inverse_spacing, values.shape[2] - 1.0)
+    for c in range(4):
+        v000, v001 = float(values[i, j, k, c]), float(values[i, j, k + 1, c])
+        v010, v011 = float(values[i, j + 1, k, c]), float(values[i, j + 1, k + 1, c])
+        v100, v101 = float(values[i + 1, j, k, c]), float(values[i + 1, j, k + 1, c])
+        v110, v111 = float(values[i + 1, j + 1, k, c]), float(values[i + 1, j + 1, k + 1, c])
+        v00, v01 = v000 + fz * (v001 - v000), v010 + fz * (v011 - v010)
+        v10, v11 = v100 + fz * (v101 - v100), v110 + fz * (v111 - v110)
+        v0, v1 = v00 + fy * (v01 - v00), v10 + fy * (v11 - v10)
+        out[c] = v0 + fx * (v1 - v0)
+        slope[c, 0] = (v1 - v0) * inverse_spacing if ox == 0.0 else 0.0
+        slope[c, 1] = ((1.0 - fx) * (v01 - v00) + fx * (v11 - v10)) * inverse_spacing if oy == 0.0 else 0.0
+        dz0 = (1.0 - fy) * (v001 - v000) + fy * (v011 - v010)
+        dz1 = (1.0 - fy) * (v101 - v100) + fy * (v111 - v110)
+        slope[c, 2] = ((1.0 - fx) * dz0 + fx * dz1) * inverse_spacing if oz == 0.0 else 0.0
+    if ox != 0.0 or oy != 0.0 or oz != 0.0:
+        way = np.sqrt(ox * ox + oy * oy + oz * oz)
+        out[0] += way / inverse_spacing
+        slope[0, 0] += ox / way
+        slope[0, 1] += oy / way
+        slope[0, 2] += oz / way
+
+
+@njit(cache=True)
+def _to_object(X, p, q):  # type: ignore[no-untyped-def]
+    """q = R^T (p - t) for one pose X (3, 4)."""
+    dx, dy, dz = p[0] - X[0, 3], p[1] - X[1, 3], p[2] - X[2, 3]
+    for a in range(3):
+        q[a] = X[0, a] * dx + X[1, a] * dy + X[2, a] * dz
+
+
+@njit(cache=True)
+def _rotate_to_object(X, n, m):  # type: ignore[no-untyped-def]
+    """m = R^T n for one pose X (3, 4)."""
+    for a in range(3):
+        m[a] = X[0, a] * n[0] + X[1, a] * n[1] + X[2, a] * n[2]
+
+
+@njit(cache=True)
+def look_up(values, origin, inverse_spacing, points, out):  # type: ignore[no-untyped-def]
+    """Distance and interpolated (not normalised) normal at points (n, 3), into out (n, 4)."""
+    for i in range(points.shape[0]):
+        _look_up(values, origin, inverse_spacing, points[i, 0], points[i, 1], points[i, 2], out[i])
+
+
+@njit(cache=True)
+def contact_costs(values, origin, inverse_spacing, p, n, weight_p, weight_n, X, cost):  # type: ignore[no-untyped-def]
+    """Half the sum of squares of the contact residuals of each pose, into cost (B,)."""
+    q, m, field = np.empty(3), np.empty(3), np.empty(4)
+    for b in range(X.shape[0]):
+        total = 0.0
+        for i in range(p.shape[0]):
+            _to_object(X[b], p[i], q)
+            _look_up(values, origin, inverse_spacing, q[0], q[1], q[2], field)
+            r = field[0] * weight_p[i]
+            total += r * r
+            if weight_n[i] > 0.0:
+                _rotate_to_object(X[b], n[i], m)
+                square = field[1] ** 2 + field[2] ** 2 + field[3] ** 2
+                scale = np.sqrt((1.0 + _SOFT_LENGTH**2) / (square + _SOFT_LENGTH**2))
+                for a in range(3):
+                    r = (scale * field[a + 1] - m[a]) * weight_n[i]
+                    total += r * r
+        cost[b] = 0.5 * total
+
+
+@njit(cache=True)
+def _contact_rows(  # type: ignore[no-untyped-def]
+    values, origin, inverse_spacing, p, n, weight_p, weight_n, X, residual, J, n_smooth
+):
+    """The four residuals of one contact at one pose, their Jacobian (4, 6), and the surface normal in O."""
+    q, m, field, slope = np.empty(3), np.empty(3), np.empty(4), np.empty((4, 3))
+    _to_object(X, p, q)
+    _look_up_with_derivative(values, origin, inverse_spacing, q[0], q[1], q[2], field, slope)
+    square = field[1] ** 2 + field[2] ** 2 + field[3] ** 2
+    scale = np.sqrt((1.0 + _SOFT_LENGTH**2) / (square + _SOFT_LENGTH**2))
+    for a in range(3):
+        n_smooth[a] = scale * field[a + 1]
+    residual[0] = field[0] * weight_p
+    _chain(slope[0], q, X, weight_p, J[0])
+    if weight_n > 0.0:
+        _rotate_to_object(X, n, m)
+        shrink = 1.0 / (square + _SOFT_LENGTH**2)
+        row = np.empty(3)
+        for a in range(3):
+            residual[a + 1] = (n_smooth[a] - m[a]) * weight_n
+        for a in range(3):
+            for c in range(3):
+                along = field[1] * slope[1, c] + field[2] * slope[2, c] + field[3] * slope[3, c]
+                row[c] = scale * (slope[a + 1, c] - field[a + 1] * along * shrink)
+            _chain(row, q, X, weight_n, J[a + 1])
+        # The measured normal turns with the increment too: d(R^T n) = [m]x w.
+        J[1, 1] += m[2] * weight_n
+        J[1, 2] -= m[1] * weight_n
+        J[2, 0] -= m[2] * weight_n
+        J[2, 2] += m[0] * weight_n
+        J[3, 0] += m[1] * weight_n
+        J[3, 1] -= m[0] * weight_n
+    else:
+        for a in range(1, 4):
+            residual[a] = 0.0
+            for c in range(6):
+                J[a, c] = 0.0
+
+
+@njit(cache=True, inline="always")
+def _chain(row, q, X, weight, J):  # type: ignore[no-untyped-def]
+    """Turns a derivative by the point in O into one by the increment: dq = [q]x w - R^T v."""
+    J[0] = weight * (row[1] * q[2] - row[2] * q[1])
+    J[1] = weight * (row[2] * q[0] - row[0] * q[2])
+    J[2] = weight * (row[0] * q[1] - row[1] * q[0])
+    for a in range(3):
+        J[3 + a] = -weight * (X[a, 0] * row[0] + X[a, 1] * row[1] + X[a, 2] * row[2])
+
+
+@njit(cache=True)
+def contact_residuals(  # type: ignore[no-untyped-def]
+    values, origin, inverse_spacing, p, n, weight_p, weight_n, X, residuals, jacobian
+):
+    """Residuals (B, k, 4) of distance and normal, and their Jacobian (B, k, 4, 6) by the increment."""
+    n_smooth = np.empty(3)
+    for b in range(X.shape[0]):
+        for i in range(p.shape[0]):
+            _contact_rows(
+                values,
+                origin,
+                inverse_spacing,
+                p[i],
+                n[i],
+                weight_p[i],
+                weight_n[i],
+                X[b],
+                residuals[b, i],
+                jacobian[b, i],
+                n_smooth,
+            )
+
+
+@njit(cache=True)
+def contact_normal_equations(  # type: ignore[no-untyped-def]
+    values, origin, inverse_spacing, p, n, weight_p, weight_n, X, cost, gradient, hessian
+):
+    """Cost (B,), exact gradient (B, 6) and Gauss-Newton Hessian (B, 6, 6) of the contact residuals.
+
+    The Hessian takes the derivative of the distance along the smooth normal. The exact one follows each facet of the
+    mesh, and would claim that the facets of a tessellated cylinder determine its spin.
+    """
+    r, J, n_smooth, q, smooth = np.empty(4), np.empty((4, 6)), np.empty(3), np.empty(3), np.empty(6)
+    for b in range(X.shape[0]):
+        total = 0.0
+        g, H = gradient[b], hessian[b]
+        for a in range(6):
+            g[a] = 0.0
+            for c in range(6):
+                H[a, c] = 0.0
+        for i in range(p.shape[0]):
+            _contact_rows(values, origin, inverse_spacing, p[i], n[i], weight_p[i], weight_n[i], X[b], r, J, n_smooth)
+            for c in range(4):
+                total += r[c] * r[c]
+            for a in range(6):
+                g[a] += J[0, a] * r[0] + J[1, a] * r[1] + J[2, a] * r[2] + J[3, a] * r[3]
+            _to_object(X[b], p[i], q)
+            _chain(n_smooth, q, X[b], weight_p[i], smooth)
+            for a in range(6):
+                for c in range(a + 1):
+                    H[a, c] += smooth[a] * smooth[c] + J[1, a] * J[1, c] + J[2, a] * J[2, c] + J[3, a] * J[3, c]
+        for a in range(6):
+            for c in range(a):
+                H[c, a] = H[a, c]
+        cost[b] = 0.5 * total
+
+
+@njit(cache=True)
+def damped_steps(hessian, gradient, damping, step):  # type: ignore[no-untyped-def]
+    """Steps -(H + damping diag H)^-1 g of each problem, into step (B, m), by Cholesky; m is any size.
+
+    A pivot that vanishes (a direction that nothing determines) gets no step.
+    """
+    m = gradient.shape[1]
+    L, y = np.empty((m, m)), np.empty(m)
+    for b in range(gradient.shape[0]):
+        H, g = hessian[b], gradient[b]
+        for i in range(m):
+            for j in range(i + 1):
+                s = H[i, j]
+                if i == j:
+                    s += damping[b] * H[i, i]
+                for k in range(j):
+                    s -= L[i, k] * L[j, k]
+                if i == j:
+                    L[i, i] = np.sqrt(s) if s > 1e-12 * (H[i, i] + 1e-300) else np.inf
+                else:
+                    L[i, j] = s / L[j, j]
+        for i in range(m):
+            s = -g[i]
+            for k in range(i):
+                s -= L[i, k] * y[k]
+            y[i] = s / L[i, i]
+        for i in range(m - 1, -1, -1):
+            s = y[i]
+            for k in range(i + 1, m):
+                s -= L[k, i] * step[b, k]
+            step[b, i] = s / L[i, i]
+
+
+@njit(cache=True)
+def retract(X, increment, out):  # type: ignore[no-untyped-def]
+    """The compiled `poses.retract`: R exp(w), p + v for poses (B, 3, 4) and increments (B, 6)."""
+    E = np.empty((3, 3))
+    for b in range(X.shape[0]):
+        x, y, z = increment[b, 0], increment[b, 1], increment[b, 2]
+        angle2 = x * x + y * y + z * z
+        if angle2 < 1e-8:
+            s, c = 1.0 - angle2 / 6.0, 0.5 - angle2 / 24.0
+        else:
+            angle = np.sqrt(angle2)
+            s, c = np.sin(angle) / angle, (1.0 - np.cos(angle)) / angle2
+        E[0, 0], E[0, 1], E[0, 2] = 1.0 - c * (y * y + z * z), c * x * y - s * z, c * x * z + s * y
+        E[1, 0], E[1, 1], E[1, 2] = c * x * y + s * z, 1.0 - c * (x * x + z * z), c * y * z - s * x
+        E[2, 0], E[2, 1], E[2, 2] = c * x * z - s * y, c * y * z + s * x, 1.0 - c * (x * x + y * y)
+        for i in range(3):
+            for j in range(3):
+                out[b, i, j] = X[b, i, 0] * E[0, j] + X[b, i, 1] * E[1, j] + X[b, i, 2] * E[2, j]
+            out[b, i, 3] = X[b, i, 3] + increment[b, 3 + i]
+
+
+@njit(cache=True)
+def _increment(X, Y, S, out):  # type: ignore[no-untyped-def]
+    """The increment (w, v) from the pose X to Y S, all (3, 4), into out (6,)."""
+    YS = np.empty((3, 4))
+    for i in range(3):
+        for j in range(4):
+            YS[i, j] = Y[i, 0] * S[0, j] + Y[i, 1] * S[1, j] + Y[i, 2] * S[2, j]
+        YS[i, 3] += Y[i, 3]
+        out[3 + i] = YS[i, 3] - X[i, 3]
+    R = np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            R[i, j] = X[0, i] * YS[0, j] + X[1, i] * YS[1, j] + X[2, i] * YS[2, j]
+    x, y, z = 0.5 * (R[2, 1] - R[1, 2]), 0.5 * (R[0, 2] - R[2, 0]), 0.5 * (R[1, 0] - R[0, 1])
+    sine, cosine = np.sqrt(x * x + y * y + z * z), 0.5 * (R[0, 0] + R[1, 1] + R[2, 2] - 1.0)
+    angle = np.arctan2(sine, cosine)
+    if cosine > -0.99:
+        scale = angle / sine if sine > 1e-12 else 1.0
+        out[0], out[1], out[2] = scale * x, scale * y, scale * z
+    else:  # Near a half turn the axis comes from the largest column of R + 1.
+        a = 0
+        for i in range(1, 3):
+            if R[i, i] > R[a, a]:
+                a = i
+        norm = 0.0
+        for i in range(3):
+            out[i] = 0.5 * (R[i, a] + R[a, i])
+        out[a] += 1.0
+        for i in range(3):
+            norm += out[i] * out[i]
+        sign = 1.0 if out[0] * x + out[1] * y + out[2] * z >= 0.0 else -1.0
+        for i in range(3):
+            out[i] *= sign * angle / np.sqrt(norm)
+
+
+@njit(cache=True)
+def mark_distinct(X, information, symmetries, threshold, distinct):  # type: ignore[no-untyped-def]
+    """Marks, of poses X (B, 3, 4) by rising cost, each that no better marked one equals up to a symmetry.
+
+    Two poses are equal when the squared Mahalanobis length of the increment between them, by the information (B, 6, 6)
+    of the better one, is below the threshold for one of the symmetries (g, 3, 4).
+    """
+    u = np.empty(6)
+    for b in range(X.shape[0]):
+        distinct[b] = True
+        for a in range(b):
+            if not distinct[a]:
+                continue
+            H = information[a]
+            for s in range(symmetries.shape[0]):
+                _increment(X[a], X[b], symmetries[s], u)
+                total = 0.0
+                for i in range(6):
+                    for j in range(6):
+                        total += u[i] * H[i, j] * u[j]
+                if total < threshold:
+                    distinct[b] = False
+                    break
+            if not distinct[b]:
+                break
+
+
+def look_up_points(values: FloatArray, origin: FloatArray, spacing: float, points: FloatArray) -> FloatArray:
+    """Distance and interpolated normal at points (n, 3) of the grid's frame, shape (n, 4)."""
+    out = np.empty((len(points), 4))
+    look_up(values, origin, 1.0 / spacing, points, out)
+    return out

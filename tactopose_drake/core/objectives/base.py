@@ -1,0 +1,84 @@
+"""What an objective is, and how objectives add up."""
+
+from collections.abc import Sequence
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from tactopose_drake.core.validation import FloatArray
+
+
+class NormalEquations(NamedTuple):
+    """A least-squares cost and its local model, for a batch of B poses.
+
+    Attributes:
+        cost: half the sum of squared residuals, shape (B,).
+        gradient: derivative of the cost by the increment, shape (B, 6).
+        hessian: Gauss-Newton approximation of the second derivative, shape (B, 6, 6).
+    """
+
+    cost: FloatArray
+    gradient: FloatArray
+    hessian: FloatArray
+
+
+class Objective(Protocol):
+    """Scores a batch of poses; lower is better. Knows nothing of the search that asks."""
+
+    def cost(self, X_PO: FloatArray) -> FloatArray:
+        """Costs (B,) of poses (B, 3, 4)."""
+        ...
+
+
+class LeastSquaresObjective(Objective, Protocol):
+    """An objective that is half a sum of squares, with derivatives by the six increments."""
+
+    def residuals(self, X_PO: FloatArray) -> FloatArray:
+        """Residuals (B, m) of poses (B, 3, 4)."""
+        ...
+
+    def residuals_and_jacobian(self, X_PO: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Residuals (B, m) and their derivatives by the increment (B, m, 6)."""
+        ...
+
+    def normal_equations(self, X_PO: FloatArray) -> NormalEquations:
+        """Cost, gradient and Gauss-Newton Hessian at poses (B, 3, 4)."""
+        ...
+
+
+def form_normal_equations(residuals: FloatArray, jacobian: FloatArray) -> NormalEquations:
+    """Normal equations from residuals (B, m) and any Jacobian (B, m, n)."""
+    transposed = np.swapaxes(jacobian, -1, -2)
+    gradient = (transposed @ residuals[..., None])[..., 0]
+    return NormalEquations(0.5 * np.sum(residuals**2, axis=-1), gradient, transposed @ jacobian)
+
+
+class SumObjective:
+    """The sum of least-squares objectives: their costs add, their residuals stack."""
+
+    def __init__(self, terms: Sequence[LeastSquaresObjective]) -> None:
+        self.terms = tuple(terms)
+
+    def cost(self, X_PO: FloatArray) -> FloatArray:
+        """Costs (B,) of poses (B, 3, 4)."""
+        total = self.terms[0].cost(X_PO)
+        for term in self.terms[1:]:
+            total = total + term.cost(X_PO)
+        return total
+
+    def residuals(self, X_PO: FloatArray) -> FloatArray:
+        """Residuals (B, m) of poses (B, 3, 4)."""
+        return np.concatenate([term.residuals(X_PO) for term in self.terms], axis=-1)
+
+    def residuals_and_jacobian(self, X_PO: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Residuals (B, m) and their derivatives by the increment (B, m, 6)."""
+        parts = [term.residuals_and_jacobian(X_PO) for term in self.terms]
+        return np.concatenate([r for r, _ in parts], axis=-1), np.concatenate([J for _, J in parts], axis=-2)
+
+    def normal_equations(self, X_PO: FloatArray) -> NormalEquations:
+        """Cost, gradient and Gauss-Newton Hessian at poses (B, 3, 4)."""
+        cost, gradient, hessian = self.terms[0].normal_equations(X_PO)
+        for term in self.terms[1:]:
+            more = term.normal_equations(X_PO)
+            cost, gradient, hessian = cost + more.cost, gradient + more.gradient, hessian + more.hessian
+        return NormalEquations(cost, gradient, hessian)

@@ -1,0 +1,70 @@
+"""What a search is: it minimises any objective over a space of poses and returns ranked poses."""
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from tactopose_drake.core.objectives.base import LeastSquaresObjective
+from tactopose_drake.core.poses import retract
+from tactopose_drake.core.prior import PosePrior
+from tactopose_drake.core.validation import FloatArray
+
+
+class SearchResult(NamedTuple):
+    """Poses by rising cost.
+
+    Attributes:
+        X_PO: poses, shape (B, 3, 4).
+        cost: their costs, shape (B,).
+        iterations: steps that were tried for each, shape (B,).
+        converged: whether each ended at a minimum, rather than at the limit of iterations, shape (B,).
+    """
+
+    X_PO: FloatArray
+    cost: FloatArray
+    iterations: np.ndarray[tuple[int], np.dtype[np.int64]]
+    converged: np.ndarray[tuple[int], np.dtype[np.bool_]]
+
+    def ranked(self, count: int | None = None) -> "SearchResult":
+        """The `count` poses of least cost (all by default), by rising cost."""
+        order = np.argsort(self.cost, kind="stable")[:count]
+        return SearchResult(self.X_PO[order], self.cost[order], self.iterations[order], self.converged[order])
+
+
+class PoseSpace(Protocol):
+    """Where a search looks."""
+
+    @property
+    def center(self) -> FloatArray:
+        """The pose that a local search starts from, shape (3, 4)."""
+        ...
+
+    def sample(self, generator: np.random.Generator, count: int) -> FloatArray:
+        """Random poses of the space, shape (count, 3, 4)."""
+        ...
+
+
+class PriorSpace:
+    """The poses around a prior, normally distributed as it says."""
+
+    def __init__(self, prior: PosePrior) -> None:
+        self._prior = prior
+
+    @property
+    def center(self) -> FloatArray:
+        """The prior's pose, shape (3, 4)."""
+        return self._prior.X_PO
+
+    def sample(self, generator: np.random.Generator, count: int) -> FloatArray:
+        """Random poses, shape (count, 3, 4)."""
+        return retract(self._prior.X_PO, generator.normal(size=(count, 6)) * self._prior.sigmas)
+
+
+class Search(Protocol):
+    """Minimises an objective; knows nothing of what it measures."""
+
+    def minimize(
+        self, objective: LeastSquaresObjective, space: PoseSpace, generator: np.random.Generator
+    ) -> SearchResult:
+        """Returns poses of the space that (locally) minimise the objective, by rising cost."""
+        ...

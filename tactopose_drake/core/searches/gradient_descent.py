@@ -1,0 +1,69 @@
+"""Gradient descent over a batch of starting poses.
+
+Source: [B16] J. Bimbo, thesis, 2016, section 2.6.2.2, eq. 2.29.
+"""
+
+import dataclasses
+
+import numpy as np
+
+from tactopose_drake.core.objectives.base import LeastSquaresObjective
+from tactopose_drake.core.searches.base import PoseSpace, SearchResult
+from tactopose_drake.core.searches.parameters import IncrementParameters, Parameters
+from tactopose_drake.core.validation import FloatArray
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class GradientDescent:
+    """x <- x - lambda J^T G, each parameter in units that move the object's surface about equally far.
+
+    The step size lambda begins at the inverse of the largest curvature at the start; a step that raises the cost is
+    rejected and halves it, one that lowers the cost lets it grow by a tenth.
+
+    Attributes:
+        max_iterations: steps tried for each pose.
+        tolerance: a pose has converged when an accepted step lowers its cost by less than this fraction.
+        length: the lever that makes rotations and translations comparable, m; half the object's size.
+        parameters: what is moved: six increments, or the thesis' quaternion and translation.
+    """
+
+    max_iterations: int = 20_000
+    tolerance: float = 1e-9
+    length: float = 0.05
+    parameters: Parameters = dataclasses.field(default_factory=IncrementParameters)
+
+    def minimize(
+        self, objective: LeastSquaresObjective, space: PoseSpace, generator: np.random.Generator
+    ) -> SearchResult:
+        """Minimises from the centre of the space."""
+        return self.refine(objective, space.center[None])
+
+    def refine(self, objective: LeastSquaresObjective, X_start: FloatArray) -> SearchResult:
+        """Minimises from each of the poses (B, 3, 4); returns them by rising cost."""
+        scales = self.parameters.scales(self.length)
+        count = len(X_start)
+        state = self.parameters.start(X_start).copy()
+        cost, gradient, hessian = self.parameters.normal_equations(objective, state, X_start)
+        curvature = np.linalg.eigvalsh(hessian * np.outer(scales, scales))[:, -1]
+        step_size = 1.0 / np.maximum(curvature, 1e-300)
+        iterations, converged = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.bool_)
+        active = np.arange(count)
+        for _ in range(self.max_iterations):
+            step = -step_size[active, None] * gradient[active] * scales**2
+            moved = self.parameters.move(state[active], step)
+            there = self.parameters.normal_equations(objective, moved, X_start[active])
+            iterations[active] += 1
+            decrease = cost[active] - there.cost
+            better = decrease > 0.0
+            accepted = active[better]
+            small = better & (decrease <= self.tolerance * cost[active])
+            state[accepted], cost[accepted] = moved[better], there.cost[better]
+            gradient[accepted] = there.gradient[better]
+            step_size[active] *= np.where(better, 1.1, 0.5)
+            stuck = step_size[active] * curvature[active] < 1e-9
+            done = small | stuck
+            converged[active[done]] = True
+            active = active[~done]
+            if not len(active):
+                break
+        return SearchResult(self.parameters.poses(state, X_start), cost, iterations, converged).ranked()

@@ -1,0 +1,46 @@
+"""Many starts at once: sample the space, refine the promising poses, polish the best."""
+
+import dataclasses
+
+import numpy as np
+
+from tactopose_drake.core.objectives.base import LeastSquaresObjective
+from tactopose_drake.core.searches.base import PoseSpace, SearchResult
+from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
+from tactopose_drake.core.validation import FloatArray
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class MultiStart:
+    """Samples the space, and halves the field between rounds of refinement.
+
+    Attributes:
+        samples: poses drawn and scored.
+        starts: of these, how many are refined.
+        kept: how many of those are polished to convergence.
+        coarse: the refinement of the starts, a few steps each.
+        fine: the polish.
+    """
+
+    samples: int = 1000
+    starts: int = 100
+    kept: int = 24
+    coarse: LevenbergMarquardt = dataclasses.field(
+        default_factory=lambda: LevenbergMarquardt(max_iterations=5, initial_damping=1e-2)
+    )
+    fine: LevenbergMarquardt = dataclasses.field(default_factory=lambda: LevenbergMarquardt(max_iterations=25))
+
+    def minimize(
+        self, objective: LeastSquaresObjective, space: PoseSpace, generator: np.random.Generator
+    ) -> SearchResult:
+        """The distinct and the repeated minima that the starts lead to, by rising cost."""
+        X_PO = np.concatenate([space.center[None], space.sample(generator, self.samples - 1)])
+        return self.refine(objective, X_PO)
+
+    def refine(self, objective: LeastSquaresObjective, X_candidates: FloatArray) -> SearchResult:
+        """Scores the candidates (B, 3, 4) and refines the best of them."""
+        cost = objective.cost(X_candidates)
+        if len(cost) > self.starts:
+            X_candidates = X_candidates[np.argpartition(cost, self.starts)[: self.starts]]
+        coarse = self.coarse.refine(objective, X_candidates).ranked(self.kept)
+        return self.fine.refine(objective, coarse.X_PO)

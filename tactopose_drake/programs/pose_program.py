@@ -1,0 +1,104 @@
+"""The pose as a MathematicalProgram: any objective with gradients, minimised by the solvers that Drake brings."""
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from pydrake.autodiffutils import AutoDiffXd, ExtractGradient, ExtractValue
+from pydrake.solvers import (
+    IpoptSolver,
+    MathematicalProgram,
+    NloptSolver,
+    SnoptSolver,
+    SolverInterface,
+    SolverOptions,
+)
+
+from tactopose_drake.core.objectives.base import LeastSquaresObjective
+from tactopose_drake.core.objectives.pose_prior import inverse_right_jacobian
+from tactopose_drake.core.poses import retract
+from tactopose_drake.core.searches.base import PoseSpace, SearchResult
+from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.errors import InvalidInputError, UnknownNameError
+
+
+@dataclasses.dataclass(frozen=True)
+class _Solver:
+    make: Callable[[], SolverInterface]
+    options: dict[str, Any]
+    iteration_limit: str
+
+
+_SOLVERS = {
+    "nlopt_slsqp": _Solver(NloptSolver, {"algorithm": "LD_SLSQP", "xtol_rel": 1e-10, "xtol_abs": 1e-10}, "max_eval"),
+    "nlopt_lbfgs": _Solver(NloptSolver, {"algorithm": "LD_LBFGS", "xtol_rel": 1e-10, "xtol_abs": 1e-10}, "max_eval"),
+    "snopt": _Solver(SnoptSolver, {"Major optimality tolerance": 1e-8}, "Major iterations limit"),
+    "ipopt": _Solver(
+        IpoptSolver, {"tol": 1e-8, "hessian_approximation": "limited-memory", "print_level": 0}, "max_iter"
+    ),
+}
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PoseProgram:
+    """Minimises an objective over the increment from one pose with a solver of Drake's.
+
+    The decision variables are the increment (w, v) from the centre of the space, each divided by the change that moves
+    the object's surface by one centimetre, so that solvers that start from a unit metric take fitting steps. The cost
+    hands Drake its exact gradient; a large increment keeps it exact through the right Jacobian of SO(3).
+
+    Attributes:
+        solver: "nlopt_slsqp", "nlopt_lbfgs", "snopt" or "ipopt".
+        length: the lever that makes rotations and translations comparable, m; half the object's size.
+        max_iterations: of the solver (evaluations, for NLopt).
+    """
+
+    solver: str = "nlopt_slsqp"
+    length: float = 0.05
+    max_iterations: int = 500
+
+    def __post_init__(self) -> None:
+        if self.solver not in _SOLVERS:
+            raise UnknownNameError("solver", self.solver, _SOLVERS)
+        if self.length <= 0:
+            raise InvalidInputError(f"length: is {self.length:g}; allowed are numbers > 0.")
+
+    def minimize(
+        self, objective: LeastSquaresObjective, space: PoseSpace, generator: np.random.Generator
+    ) -> SearchResult:
+        """Minimises from the centre of the space; one pose."""
+        units = np.repeat([0.01 / self.length, 0.01], 3)
+        evaluations = 0
+
+        def cost(y: np.ndarray[Any, Any]) -> Any:
+            nonlocal evaluations
+            evaluations += 1
+            if y.dtype != object:
+                return objective.cost(retract(space.center, y * units)[None])[0]
+            value, gradient = cost_and_gradient(objective, space.center, ExtractValue(y).ravel() * units)
+            return AutoDiffXd(value, (gradient * units) @ ExtractGradient(y))
+
+        program = MathematicalProgram()
+        y = program.NewContinuousVariables(6, "y")
+        program.AddCost(cost, vars=y)
+        chosen = _SOLVERS[self.solver]
+        solver = chosen.make()
+        options = SolverOptions()
+        for name, option in {**chosen.options, chosen.iteration_limit: self.max_iterations}.items():
+            options.SetOption(solver.solver_id(), name, option)
+        result = solver.Solve(program, np.zeros(6), options)
+        X_PO = retract(space.center, result.GetSolution(y) * units)[None]
+        return SearchResult(X_PO, objective.cost(X_PO), np.array([evaluations]), np.array([result.is_success()]))
+
+
+def cost_and_gradient(
+    objective: LeastSquaresObjective, X_start: FloatArray, increment: FloatArray
+) -> tuple[float, FloatArray]:
+    """The cost at X_start (3, 4) moved by an increment (6,), and its gradient by that increment (6,)."""
+    equations = objective.normal_equations(retract(X_start, increment)[None])
+    gradient = equations.gradient[0].copy()
+    # exp(w + dw) = exp(w) exp(J_r dw), and the objective's gradient is by the right-hand factor.
+    right_jacobian = np.linalg.inv(inverse_right_jacobian(increment[None, :3])[0])
+    gradient[:3] = right_jacobian.T @ gradient[:3]
+    return float(equations.cost[0]), gradient
