@@ -1,0 +1,73 @@
+"""Filling convex bodies with spheres: cheap distance and occlusion queries against a hand.
+
+Every sphere lies within its body, so a point inside a sphere is inside the body; what lies between the spheres is lost.
+"""
+
+import math
+
+import numpy as np
+from scipy.spatial import ConvexHull
+
+from tactopose_drake.core.validation import FloatArray
+
+Spheres = tuple[FloatArray, FloatArray]  # centres (n, 3) and radii (n,), m
+
+# Grid cells across the thinnest side of a convex body, in the search for the largest inscribed spheres.
+_CELLS_ACROSS = 12
+# A sphere replaces the grid points in this share of its radius as candidates for further centres.
+_SHADOW = 0.7
+# Spheres smaller than this share of the largest are left out.
+_SMALLEST = 0.35
+
+
+def pack_capsule(radius: float, length: float) -> Spheres:
+    """Spheres of the capsule's radius along its axis z, at most a radius apart.
+
+    Args:
+        radius: of the capsule, m.
+        length: of its cylindrical part, m.
+    """
+    count = math.ceil(length / radius) + 1
+    centres = np.zeros((count, 3))
+    centres[:, 2] = np.linspace(-0.5, 0.5, count) * length if count > 1 else 0.0
+    return centres, np.full(count, radius)
+
+
+def pack_box(size: FloatArray) -> Spheres:
+    """Spheres of half the thickness, at most half a thickness apart along the other two sides.
+
+    Args:
+        size: side lengths, shape (3,), m.
+    """
+    radius = float(size.min()) / 2
+    axes = []
+    for side in size:
+        reach = side / 2 - radius
+        axes.append(np.linspace(-reach, reach, math.ceil(2 * reach / radius) + 1) if reach > 0 else np.zeros(1))
+    grid = np.meshgrid(*axes, indexing="ij")
+    centres = np.stack([axis.ravel() for axis in grid], axis=1)
+    return centres, np.full(len(centres), radius)
+
+
+def pack_convex(vertices: FloatArray) -> Spheres:
+    """The largest inscribed spheres of a convex hull, one after the other, each clear of the others' cores.
+
+    Args:
+        vertices: points whose hull is filled, shape (v, 3), m; not all in one plane.
+    """
+    halfspaces = ConvexHull(vertices).equations
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    step = float((high - low).min()) / _CELLS_ACROSS
+    axes = [np.linspace(a, b, math.ceil((b - a) / step) + 1) for a, b in zip(low, high, strict=True)]
+    candidates = np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")], axis=1)
+    radii = -(candidates @ halfspaces[:, :3].T + halfspaces[:, 3]).max(axis=1)
+    smallest = _SMALLEST * radii.max()
+
+    centres, chosen = [], []
+    while radii.max() > smallest:
+        best = int(np.argmax(radii))
+        centres.append(candidates[best])
+        chosen.append(radii[best])
+        distance = np.linalg.norm(candidates - candidates[best], axis=1)
+        radii = np.where(distance < _SHADOW * radii[best], 0.0, radii)
+    return np.array(centres), np.array(chosen)
