@@ -1,0 +1,110 @@
+"""A simulated vision source: the object's pose, the worse the more the hand hides."""
+
+import dataclasses
+
+import numpy as np
+from pydrake.common import RandomDistribution
+from pydrake.common.value import AbstractValue
+from pydrake.geometry import SceneGraphInspector
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import Frame, RigidBody
+from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
+
+from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.occlusion import hidden_share
+from tactopose_drake.core.validation import positive_number
+from tactopose_drake.core.vision import VisionModel, look
+from tactopose_drake.hand_geometry import BodySpheres
+from tactopose_drake.systems.ports import eval_input
+
+# Surface points that the camera looks for; the share's standard error is then below 3 %.
+_POINTS = 400
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class SimulatedVisionParams:
+    """How well and how often the object is seen."""
+
+    model: VisionModel = dataclasses.field(default_factory=VisionModel)
+    period: float = 0.5  # s between two frames
+
+    def validate(self) -> None:
+        """Raises InvalidInputError if a value is out of its range."""
+        self.model.validate()
+        positive_number("SimulatedVisionParams.period", self.period)
+
+
+class SimulatedVision(LeafSystem):
+    """Estimates the object's pose as a camera would: the true pose with an error that grows with occlusion.
+
+    .. pydrake_system::
+
+        name: SimulatedVision
+        input_ports:
+        - body_poses
+        - noise
+        output_ports:
+        - prior
+        - hidden_share
+
+    - body_poses: list of `RigidTransform` X_WB, the plant's port of that name; read at each frame.
+    - noise: random input, six standard normal numbers (`AddRandomInputs` connects it): the directions of the error.
+    - prior: `PosePrior` X_PO in the palm frame; changes at each frame, first at t = 0; None before.
+    - hidden_share: size 1, the share of the object's camera side that the hand hides, 0 to 1; changes with `prior`.
+    """
+
+    def __init__(
+        self,
+        plant: MultibodyPlant,
+        inspector: SceneGraphInspector,
+        *,
+        object_body: RigidBody,
+        object_model: ObjectModel,
+        palm_frame: Frame,
+        X_WC: RigidTransform,
+        params: SimulatedVisionParams,
+    ) -> None:
+        """Takes numbers from a finalized plant; keeps no reference to it.
+
+        Args:
+            plant: finalized plant that holds the hand and the object.
+            inspector: of the SceneGraph that holds their geometry (`scene_graph.model_inspector()`).
+            object_body: the object; its body frame is the frame O of the model's mesh.
+            object_model: the object's surface.
+            palm_frame: P; the hand is its model instance.
+            X_WC: pose of the camera in the world; it looks everywhere.
+            params: size of the error and frame rate.
+        """
+        super().__init__()
+        params.validate()
+        self._model = params.model
+        self._spheres = BodySpheres.from_inspector(plant, inspector, palm_frame.model_instance())
+        self._object, self._palm = int(object_body.index()), int(palm_frame.body().index())
+        self._X_BP = palm_frame.GetFixedPoseInBodyFrame()
+        self._X_CW = X_WC.inverse()
+        chosen = np.linspace(0, len(object_model.samples.points) - 1, _POINTS).astype(int)
+        self._p_OQ, self._n_OQ = object_model.samples.points[chosen], object_model.samples.normals[chosen]
+
+        self._body_poses = self.DeclareAbstractInputPort("body_poses", AbstractValue.Make([RigidTransform()]))
+        self._noise = self.DeclareVectorInputPort("noise", 6, RandomDistribution.kGaussian)
+        self._prior = self.DeclareAbstractState(AbstractValue.Make(None))
+        self._hidden = self.DeclareDiscreteState(np.zeros(1))
+        self.DeclarePeriodicUnrestrictedUpdateEvent(params.period, 0.0, self._take_frame)
+        self.DeclareStateOutputPort("prior", self._prior)
+        self.DeclareStateOutputPort("hidden_share", self._hidden)
+
+    def _take_frame(self, context: Context, state: State) -> EventStatus:
+        X_WB = eval_input(self._body_poses, context, list)
+        X_CO = self._X_CW @ X_WB[self._object]
+        hidden = hidden_share(
+            X_CO.multiply(self._p_OQ.T).T,
+            X_CO.rotation().multiply(self._n_OQ.T).T,
+            self._X_CW.multiply(self._spheres.positions(X_WB).T).T,
+            self._spheres.radius,
+        )
+        X_PO = (X_WB[self._palm] @ self._X_BP).inverse() @ X_WB[self._object]
+        prior = look(X_PO.GetAsMatrix34(), hidden, self._noise.Eval(context), self._model)
+        state.get_mutable_abstract_state(self._prior).set_value(prior)
+        state.get_mutable_discrete_state(self._hidden).SetFromVector([hidden])
+        return EventStatus.Succeeded()
