@@ -1,0 +1,261 @@
+"""Writes shadow_like.sdf: a five-finger right hand with the published figures of the Shadow Dexterous Hand.
+
+Run `python models/hands/shadow_like/generate.py` after changing a figure; the output depends on this file alone.
+Frames: z along the straight fingers, x towards the thumb's side, -y out of the palm; every link's origin lies on the joint
+that moves it. The sources of the figures are in README.md.
+"""
+
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from pydrake.math import RollPitchYaw, RotationMatrix
+from pydrake.multibody.tree import UnitInertia
+
+TIP_RADIUS = 0.009  # m, of the hemisphere and of the cylinder below it
+TIP_LENGTH = 0.014  # m, from the sensor's measuring frame to the hemisphere's centre
+# Pressure at full compression, Pa. A sphere pressed by d into a flat carries pi E d^2, so 5 N press 0.2 mm deep: little
+# enough for the rigid contact model to hold.
+TIP_MODULUS = 4.0e7
+# Chords of this length leave the sphere by 0.06 mm at most.
+TIP_RESOLUTION = 0.002  # m
+LINK_MODULUS = 1.0e7  # Pa
+FRICTION = 0.9  # rubber on a dry, hard object
+
+GREY, DARK, RUBBER = "0.62 0.64 0.67 1", "0.16 0.17 0.19 1", "0.28 0.30 0.34 1"
+
+
+@dataclass(kw_only=True)
+class Solid:
+    """A primitive in its link's frame; capsules and cylinders stand along z from `center`."""
+
+    kind: str  # capsule, cylinder, box, sphere
+    size: tuple[float, ...]  # m: (radius, length), (x, y, z) or (radius,)
+    center: tuple[float, float, float] = (0.0, 0.0, 0.0)  # m
+    rpy: tuple[float, float, float] = (0.0, 0.0, 0.0)  # rad
+    color: str = GREY
+    collides: bool = True
+
+    def geometry(self) -> str:
+        if self.kind == "box":
+            return f"<box><size>{numbers(*self.size)}</size></box>"
+        if self.kind == "sphere":
+            return f"<sphere><radius>{numbers(*self.size)}</radius></sphere>"
+        radius, length = self.size
+        return f"<{self.kind}><radius>{numbers(radius)}</radius><length>{numbers(length)}</length></{self.kind}>"
+
+    def unit_inertia(self) -> UnitInertia:
+        if self.kind == "box":
+            return UnitInertia.SolidBox(*self.size)
+        if self.kind == "sphere":
+            return UnitInertia.SolidSphere(*self.size)
+        make = UnitInertia.SolidCapsule if self.kind == "capsule" else UnitInertia.SolidCylinder
+        return make(*self.size, np.array([0.0, 0.0, 1.0]))
+
+
+@dataclass(kw_only=True)
+class Link:
+    """A link, and the joint that moves it."""
+
+    name: str
+    mass: float  # kg, spread evenly over the first solid
+    solids: list[Solid]
+    parent: str = ""
+    position: tuple[float, float, float] = (0.0, 0.0, 0.0)  # m, in the parent
+    rpy: tuple[float, float, float] = (0.0, 0.0, 0.0)  # rad, in the parent
+    joint: str = ""
+    axis: tuple[float, float, float] = (1.0, 0.0, 0.0)
+    limits_deg: tuple[float, float] = (0.0, 0.0)
+    effort: float = 2.0  # N m
+    damping: float = 0.03  # N m s/rad
+    rotor_inertia: float = 2.0e-4  # kg m^2, as it acts on the joint
+    mimic: str = ""  # the joint that moves this one along, one to one; then it has no actuator
+    extra: list[str] = field(default_factory=list)  # frames and joints that hang on this link
+
+
+def numbers(*values: float) -> str:
+    return " ".join(f"{0.0 if abs(v) < 1e-12 else v:.9g}" for v in values)
+
+
+def pose(position: tuple[float, ...], rpy: tuple[float, ...] = (0.0, 0.0, 0.0), relative_to: str = "") -> str:
+    where = f' relative_to="{relative_to}"' if relative_to else ""
+    return f"<pose{where}>{numbers(*position, *rpy)}</pose>"
+
+
+def phalanx(length: float, radius: float, *, color: str = GREY) -> list[Solid]:
+    """A bone between two hinges, with the hinge's pin (along x) at its base."""
+    center = (0.0, 0.0, length / 2)
+    pin = Solid(
+        kind="cylinder", size=(radius * 0.75, radius * 2.1), rpy=(0, math.pi / 2, 0), color=DARK, collides=False
+    )
+    return [Solid(kind="capsule", size=(radius, length - 2 * radius * 0.75), center=center, color=color), pin]
+
+
+def fingertip(finger: str, distal: str, height: float) -> list[str]:
+    """The sensor's frame on the distal link, the weld whose reaction it measures, and the fingertip beyond it."""
+    tip = Solid(kind="capsule", size=(TIP_RADIUS, TIP_LENGTH), center=(0, 0, TIP_LENGTH / 2), color=RUBBER)
+    frame = f'<frame name="{finger}_sensor" attached_to="{distal}">{pose((0, 0, height))}</frame>'
+    joint = f'<joint name="{finger}_tip_weld" type="fixed"><parent>{finger}_sensor</parent><child>{finger}_tip</child></joint>'
+    link = Link(name=f"{finger}_tip", mass=0.006, solids=[tip], parent=f"{finger}_sensor")
+    return [frame, link_text(link, modulus=TIP_MODULUS, resolution=TIP_RESOLUTION), joint]
+
+
+def finger_links(
+    finger: str, prefix: str, base: str, position: tuple[float, float, float], spread: float
+) -> list[Link]:
+    """Knuckle (J4), proximal (J3), middle (J2) and distal phalanx (J1, moved along with J2)."""
+    knuckle = Solid(kind="cylinder", size=(0.0085, 0.014), rpy=(math.pi / 2, 0, 0), color=DARK)
+    # The distal phalanx is slimmer than the fingertip, so that the fingertip touches first.
+    distal = Solid(kind="capsule", size=(0.0072, 0.007), center=(0, 0, 0.005))
+    return [
+        Link(
+            name=f"{finger}_knuckle", mass=0.008, solids=[knuckle], parent=base, position=position,
+            joint=f"{prefix}J4", axis=(0, spread, 0), limits_deg=(-20, 20),
+        ),
+        Link(
+            name=f"{finger}_proximal", mass=0.030, solids=phalanx(0.045, 0.0085), parent=f"{finger}_knuckle",
+            joint=f"{prefix}J3", limits_deg=(-15, 90),
+        ),
+        Link(
+            name=f"{finger}_middle", mass=0.017, solids=phalanx(0.025, 0.0078), parent=f"{finger}_proximal",
+            position=(0, 0, 0.045), joint=f"{prefix}J2", limits_deg=(0, 90),
+        ),
+        Link(
+            name=f"{finger}_distal", mass=0.012, solids=[distal, phalanx(0.01, 0.0075)[1]], parent=f"{finger}_middle",
+            position=(0, 0, 0.025), joint=f"{prefix}J1", limits_deg=(0, 90), mimic=f"{prefix}J2",
+            extra=fingertip(finger, f"{finger}_distal", 0.012),
+        ),
+    ]  # fmt: skip
+
+
+def hand_links() -> list[Link]:
+    forearm = Solid(kind="cylinder", size=(0.038, 0.15), center=(0, 0, -0.088), color=DARK)
+    cuff = Solid(kind="cylinder", size=(0.045, 0.03), center=(0, 0, -0.15), color=GREY)
+    palm = [
+        Solid(kind="box", size=(0.062, 0.022, 0.080), center=(0.012, 0.0, 0.048)),
+        Solid(kind="box", size=(0.072, 0.022, 0.022), center=(0.0, 0.0, 0.006)),
+        Solid(kind="capsule", size=(0.011, 0.05), center=(0.011, 0, 0.086), rpy=(0, math.pi / 2, 0), color=DARK),
+    ]
+    metacarpal = [
+        Solid(kind="box", size=(0.019, 0.020, 0.056), center=(0.0, 0.0, 0.032)),
+        Solid(kind="cylinder", size=(0.008, 0.018), rpy=(math.pi / 2, 0, 0), color=DARK, collides=False),
+    ]
+    thumb_base = Solid(kind="sphere", size=(0.013,), color=DARK)
+    thumb_hub = Solid(kind="sphere", size=(0.0105,), color=DARK)
+    thumb_distal = Solid(kind="capsule", size=(0.0075, 0.008), center=(0, 0, 0.0055))
+    wrist_damping = {"effort": 10.0, "damping": 0.5, "rotor_inertia": 2.0e-3}
+    return [
+        Link(name="forearm", mass=3.0, solids=[forearm, cuff]),
+        Link(
+            name="wrist", mass=0.1, parent="forearm", joint="WRJ2", axis=(0, 1, 0), limits_deg=(-30, 10),
+            solids=[Solid(kind="cylinder", size=(0.016, 0.05), rpy=(0, math.pi / 2, 0), color=DARK)], **wrist_damping,
+        ),
+        Link(
+            name="palm", mass=0.3, solids=palm, parent="wrist", position=(0, 0, 0.034), joint="WRJ1",
+            limits_deg=(-45, 35), **wrist_damping,
+        ),
+        *finger_links("first", "FF", "palm", (0.033, 0, 0.095), -1),
+        *finger_links("middle", "MF", "palm", (0.011, 0, 0.099), -1),
+        *finger_links("ring", "RF", "palm", (-0.011, 0, 0.095), 1),
+        Link(
+            name="little_metacarpal", mass=0.030, solids=metacarpal, parent="palm", position=(-0.033, 0, 0.02071),
+            joint="LFJ5", axis=(math.sin(math.radians(35)), 0, math.cos(math.radians(35))), limits_deg=(0, 45),
+        ),
+        *finger_links("little", "LF", "little_metacarpal", (0, 0, 0.06579), 1),
+        Link(
+            name="thumb_base", mass=0.010, solids=[thumb_base], parent="palm", position=(0.034, -0.00858, 0.029),
+            rpy=(0, math.pi / 4, 0), joint="THJ5", axis=(0, 0, -1), limits_deg=(-60, 60),
+        ),
+        Link(
+            name="thumb_proximal", mass=0.040, solids=phalanx(0.038, 0.0105), parent="thumb_base", joint="THJ4",
+            limits_deg=(0, 70),
+        ),
+        Link(
+            name="thumb_hub", mass=0.005, solids=[thumb_hub], parent="thumb_proximal", position=(0, 0, 0.038),
+            joint="THJ3", limits_deg=(-12, 12),
+        ),
+        Link(
+            name="thumb_middle", mass=0.020, solids=phalanx(0.032, 0.009), parent="thumb_hub", joint="THJ2",
+            axis=(0, -1, 0), limits_deg=(-40, 40),
+        ),
+        Link(
+            name="thumb_distal", mass=0.012, solids=[thumb_distal], parent="thumb_middle", position=(0, 0, 0.032),
+            rpy=(0, 0, -math.pi / 2), joint="THJ1", limits_deg=(-15, 90),
+            extra=fingertip("thumb", "thumb_distal", 0.0135),
+        ),
+    ]  # fmt: skip
+
+
+def inertial_text(link: Link) -> str:
+    solid = link.solids[0]
+    R = RotationMatrix(RollPitchYaw(list(solid.rpy)))
+    moments = link.mass * solid.unit_inertia().ReExpress(R).CopyToFullMatrix3()
+    terms = zip(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), moments[np.triu_indices(3)], strict=True)
+    inertia = "".join(f"<{name}>{numbers(value)}</{name}>" for name, value in terms)
+    return f"<inertial>{pose(solid.center)}<mass>{numbers(link.mass)}</mass><inertia>{inertia}</inertia></inertial>"
+
+
+def link_text(link: Link, *, modulus: float = LINK_MODULUS, resolution: float = 0.006) -> str:
+    lines = [f'<link name="{link.name}">']
+    if link.parent:
+        lines.append(pose(link.position, link.rpy, link.parent))
+    lines.append(inertial_text(link))
+    for i, solid in enumerate(link.solids):
+        place = pose(solid.center, solid.rpy)
+        look = f"<material><diffuse>{solid.color}</diffuse></material>"
+        lines.append(f'<visual name="visual_{i}">{place}<geometry>{solid.geometry()}</geometry>{look}</visual>')
+        if solid.collides:
+            proximity = (
+                "<drake:proximity_properties><drake:compliant_hydroelastic/>"
+                f"<drake:hydroelastic_modulus>{numbers(modulus)}</drake:hydroelastic_modulus>"
+                f"<drake:mesh_resolution_hint>{numbers(resolution)}</drake:mesh_resolution_hint>"
+                f"<drake:mu_static>{numbers(FRICTION)}</drake:mu_static>"
+                f"<drake:mu_dynamic>{numbers(FRICTION)}</drake:mu_dynamic></drake:proximity_properties>"
+            )
+            lines.append(
+                f'<collision name="collision_{i}">{place}<geometry>{solid.geometry()}</geometry>{proximity}</collision>'
+            )
+    lines.append("</link>")
+    return "\n".join(lines)
+
+
+def joint_text(link: Link) -> str:
+    lower, upper = (math.radians(angle) for angle in link.limits_deg)
+    # An effort limit of zero tells Drake that a joint has no actuator.
+    effort = 0.0 if link.mimic else link.effort
+    mimic = f'<drake:mimic joint="{link.mimic}" multiplier="1" offset="0"/>' if link.mimic else ""
+    rotor = "" if link.mimic else f"<drake:rotor_inertia>{numbers(link.rotor_inertia)}</drake:rotor_inertia>"
+    limit = f"<limit><lower>{numbers(lower)}</lower><upper>{numbers(upper)}</upper><effort>{numbers(effort)}</effort></limit>"
+    dynamics = f"<dynamics><damping>{numbers(link.damping)}</damping></dynamics>"
+    return (
+        f'<joint name="{link.joint}" type="revolute"><parent>{link.parent}</parent><child>{link.name}</child>\n'
+        f"<axis><xyz>{numbers(*link.axis)}</xyz>{limit}{dynamics}</axis>{mimic}{rotor}</joint>"
+    )
+
+
+def model_text() -> str:
+    links = hand_links()
+    parts = []
+    for link in links:
+        parts += [link_text(link), *link.extra]
+        if link.joint:
+            parts.append(joint_text(link))
+    tips = [f"{finger}_tip" for finger in ("first", "middle", "ring", "little", "thumb")]
+    members = "\n".join(f"<drake:member>{name}</drake:member>" for name in [*(link.name for link in links), *tips])
+    # Neighbouring links overlap at their joints, so contact within the hand is not modelled.
+    group = (
+        f'<drake:collision_filter_group name="hand">\n{members}\n'
+        "<drake:ignored_collision_filter_group>hand</drake:ignored_collision_filter_group>\n"
+        "</drake:collision_filter_group>"
+    )
+    body = "\n".join([*parts, group])
+    return (
+        '<?xml version="1.0"?>\n<!-- Written by generate.py; change the figures there. -->\n'
+        '<sdf version="1.11" xmlns:drake="http://drake.mit.edu">\n'
+        f'<model name="shadow_like">\n{body}\n</model>\n</sdf>\n'
+    )
+
+
+if __name__ == "__main__":
+    Path(__file__).with_name("shadow_like.sdf").write_text(model_text(), encoding="utf-8")
