@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -15,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from tactopose_drake.core.mesh_repair import MeshRepairWarning, load_mesh, repair_mesh
 from tactopose_drake.core.signed_distance import DistanceGrid, build_grid
 from tactopose_drake.core.surface_samples import SurfaceSamples, sample_surface
-from tactopose_drake.core.symmetry import RotationalSymmetry
+from tactopose_drake.core.symmetry import RotationalSymmetry, detect_symmetries, symmetry_group
 from tactopose_drake.core.validation import FloatArray, finite_array, positive_number
 
 DENSITY = 1000.0
@@ -36,6 +37,7 @@ class ObjectModel:
     center_of_mass: FloatArray
     inertia: FloatArray
     symmetries: tuple[RotationalSymmetry, ...]
+    symmetry_poses: FloatArray
     size: float
     repairs: tuple[str, ...]
     content_hash: str
@@ -47,7 +49,7 @@ class ObjectModel:
         *,
         mass: float | None = None,
         center_of_mass: ArrayLike | None = None,
-        symmetry: Literal["auto", "none"] = "auto",
+        symmetry: Literal["auto", "none"] | Sequence[RotationalSymmetry] = "auto",
         cache: bool = True,
         samples: int = 3000,
         spacing: float | None = None,
@@ -71,18 +73,31 @@ class ObjectModel:
         digest = hashlib.blake2b(digest_size=16)
         digest.update(mesh.vertices.tobytes())
         digest.update(mesh.faces.tobytes())
+        grid = build_grid(mesh.vertices, mesh.faces, spacing=spacing, max_bytes=max_grid_bytes)
+        surface = sample_surface(mesh.vertices, mesh.faces, samples)
+        size = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
+        symmetries: tuple[RotationalSymmetry, ...]
+        if symmetry == "auto":
+            symmetries = detect_symmetries(
+                surface, grid, np.array(properties.center_mass), np.array(properties.inertia), size
+            )
+        else:
+            symmetries = () if symmetry == "none" else tuple(symmetry)
+        symmetry_poses = symmetry_group(symmetries)
+        symmetry_poses.setflags(write=False)
         return cls(
             name=name,
             vertices=mesh.vertices,
             faces=mesh.faces,
-            grid=build_grid(mesh.vertices, mesh.faces, spacing=spacing, max_bytes=max_grid_bytes),
-            samples=sample_surface(mesh.vertices, mesh.faces, samples),
+            grid=grid,
+            samples=surface,
             volume=volume,
             mass=DENSITY * volume if mass is None else mass,
             center_of_mass=center,
             inertia=inertia,
-            symmetries=(),
-            size=float(np.linalg.norm(np.ptp(mesh.vertices, axis=0))),
+            symmetries=symmetries,
+            symmetry_poses=symmetry_poses,
+            size=size,
             repairs=mesh.repairs,
             content_hash=digest.hexdigest(),
         )
