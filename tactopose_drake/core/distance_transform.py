@@ -34,7 +34,7 @@ def pack_triangles(triangles: FloatArray) -> FloatArray:
 
 
 @njit(cache=True, inline="always")
-def _closest_weights(t, x, y, z):  # type: ignore[no-untyped-def]
+def closest_weights(t, x, y, z):  # type: ignore[no-untyped-def]
     """Weights (v, w) of the closest point a + v ab + w ac of a packed triangle. [E05] section 5.1.5."""
     px, py, pz = x - t[0], y - t[1], z - t[2]
     d1 = t[3] * px + t[4] * py + t[5] * pz
@@ -62,13 +62,11 @@ def _closest_weights(t, x, y, z):  # type: ignore[no-untyped-def]
     return vb * scale, vc * scale
 
 
-@njit(cache=True)
-def _distance(t, x, y, z):  # type: ignore[no-untyped-def]
-    v, w = _closest_weights(t, x, y, z)
-    dx = x - t[0] - v * t[3] - w * t[6]
-    dy = y - t[1] - v * t[4] - w * t[7]
-    dz = z - t[2] - v * t[5] - w * t[8]
-    return np.sqrt(dx * dx + dy * dy + dz * dz)
+@njit(cache=True, inline="always")
+def _offset(t, x, y, z):  # type: ignore[no-untyped-def]
+    """The vector from the closest point of a packed triangle to a point."""
+    v, w = closest_weights(t, x, y, z)
+    return x - t[0] - v * t[3] - w * t[6], y - t[1] - v * t[4] - w * t[7], z - t[2] - v * t[5] - w * t[8]
 
 
 @njit(cache=True)
@@ -89,7 +87,8 @@ def _fill_band(packed, origin, spacing, band, nearest, distance):  # type: ignor
                     z = origin[2] + k * spacing
                     height = abs(above + t[14] * z)
                     if height <= band and height < distance[i, j, k]:
-                        d = _distance(t, x, y, z)
+                        dx, dy, dz = _offset(t, x, y, z)
+                        d = np.sqrt(dx * dx + dy * dy + dz * dz)
                         if d < distance[i, j, k]:
                             distance[i, j, k] = d
                             nearest[i, j, k] = f
@@ -106,43 +105,53 @@ def _node_range(a, ab, ac, origin, spacing, band, count):  # type: ignore[no-unt
 
 
 @njit(cache=True)
-def _sweep(packed, origin, spacing, nearest, distance):  # type: ignore[no-untyped-def]
-    """Carries the nearest faces over the grid, once in each of the eight diagonal directions."""
+def _sweep(packed, origin, spacing, band, nearest, distance):  # type: ignore[no-untyped-def]
+    """Carries the nearest faces beyond the band, once in each of the eight diagonal directions.
+
+    The outermost layer of nodes is padding: infinitely far, and never written.
+    """
     nx, ny, nz = nearest.shape
+    all_nearest, all_distance = nearest.reshape(-1), distance.reshape(-1)
+    back, step = np.empty(7, dtype=np.int64), np.empty(7)
     for octant in range(8):
-        si = 1 - 2 * (octant & 1)
-        sj = 1 - (octant & 2)
-        sk = 1 - ((octant & 4) >> 1)
-        for ii in range(nx):
+        si, sj, sk = 1 - 2 * (octant & 1), 1 - (octant & 2), 1 - ((octant & 4) >> 1)
+        for n in range(7):
+            a, b, c = (n + 1) & 1, ((n + 1) >> 1) & 1, (n + 1) >> 2
+            back[n] = (a * si * ny + b * sj) * nz + c * sk
+            step[n] = np.sqrt(a + b + c) * spacing
+        for ii in range(1, nx - 1):
             i = ii if si > 0 else nx - 1 - ii
             x = origin[0] + i * spacing
-            for jj in range(ny):
+            for jj in range(1, ny - 1):
                 j = jj if sj > 0 else ny - 1 - jj
                 y = origin[1] + j * spacing
-                for kk in range(nz):
+                for kk in range(1, nz - 1):
                     k = kk if sk > 0 else nz - 1 - kk
+                    here = np.uint64((i * ny + j) * nz + k)
+                    best = all_distance[here]
+                    if best <= band:
+                        continue
                     z = origin[2] + k * spacing
-                    best, face = distance[i, j, k], nearest[i, j, k]
-                    for neighbour in range(1, 8):
-                        a, b, c = neighbour & 1, (neighbour >> 1) & 1, neighbour >> 2
-                        if (a and ii == 0) or (b and jj == 0) or (c and kk == 0):
+                    face = all_nearest[here]
+                    tried = face
+                    for n in range(7):
+                        there = np.uint64((i * ny + j) * nz + k - back[n])
+                        candidate = all_nearest[there]
+                        # A face is at least the neighbour's distance to its own nearest, minus the step, away.
+                        if candidate == face or candidate == tried or all_distance[there] - step[n] >= best:
                             continue
-                        f = nearest[i - a * si, j - b * sj, k - c * sk]
-                        if f == face or f < 0:
-                            continue
-                        # The candidate face is at least the neighbour's distance minus the step away.
-                        if distance[i - a * si, j - b * sj, k - c * sk] - 1.7321 * spacing >= best:
-                            continue
-                        d = _distance(packed[f], x, y, z)
-                        if d < best:
-                            best, face = d, f
-                    distance[i, j, k], nearest[i, j, k] = best, face
+                        tried = candidate
+                        dx, dy, dz = _offset(packed[candidate], x, y, z)
+                        square = dx * dx + dy * dy + dz * dz
+                        if square < best * best:
+                            best, face = np.sqrt(square), candidate
+                    all_distance[here], all_nearest[here] = best, face
 
 
 def nearest_faces(
     packed: FloatArray, origin: FloatArray, spacing: float, shape: tuple[int, int, int]
-) -> tuple[NDArray[np.int32], FloatArray]:
-    """The nearest face of every node, shape `shape`, and the unsigned distance to it, m.
+) -> NDArray[np.int32]:
+    """The nearest face of every node, shape `shape`: exact within `BAND` of the surface, close to it elsewhere.
 
     Args:
         packed: the triangles, from `pack_triangles`.
@@ -150,11 +159,14 @@ def nearest_faces(
         spacing: distance between nodes, m.
         shape: number of nodes along x, y and z.
     """
-    nearest = np.full(shape, -1, dtype=np.int32)
-    distance = np.full(shape, np.inf)
-    _fill_band(packed, origin, spacing, BAND * spacing, nearest, distance)
-    _sweep(packed, origin, spacing, nearest, distance)
-    return nearest, distance
+    nx, ny, nz = shape
+    nearest = np.full((nx + 2, ny + 2, nz + 2), -1, dtype=np.int32)
+    distance = np.full(nearest.shape, np.inf)
+    band = BAND * spacing
+    inner = (slice(1, -1),) * 3
+    _fill_band(packed, origin, spacing, band, nearest[inner], distance[inner])
+    _sweep(packed, origin - spacing, spacing, band, nearest, distance)
+    return nearest[inner]
 
 
 @njit(cache=True)
@@ -236,10 +248,7 @@ def signed_field(packed, nearest, winding, origin, spacing):  # type: ignore[no-
             for k in range(nz):
                 z = origin[2] + k * spacing
                 t = packed[nearest[i, j, k]]
-                v, w = _closest_weights(t, x, y, z)
-                dx = x - t[0] - v * t[3] - w * t[6]
-                dy = y - t[1] - v * t[4] - w * t[7]
-                dz = z - t[2] - v * t[5] - w * t[8]
+                dx, dy, dz = _offset(t, x, y, z)
                 d = np.sqrt(dx * dx + dy * dy + dz * dz)
                 sign = -1.0 if winding[i, j, k] >= 1 else 1.0
                 values[i, j, k, 0] = sign * d

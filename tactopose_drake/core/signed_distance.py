@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tactopose_drake.core import distance_transform
+from tactopose_drake.core.smooth_normals import smooth_normals
 from tactopose_drake.core.validation import FloatArray, positive_number
 from tactopose_drake.errors import InvalidInputError
 
@@ -19,14 +20,14 @@ BYTES_PER_NODE = 16
 
 @dataclass(frozen=True, eq=False)
 class DistanceGrid:
-    """Signed distance and its gradient at the nodes of a cubic grid, in the object's frame O.
+    """Signed distance and the surface's normal at the nodes of a cubic grid, in the object's frame O.
 
     Between nodes all four channels are interpolated trilinearly. Outside the grid a point is moved to the nearest point
     of the grid; its distance is that point's distance plus the length of the move, its normal is that point's normal.
 
     Attributes:
         values: shape (nx, ny, nz, 4), float32, C-contiguous, read-only; last axis: signed distance in m (negative
-            inside), then the unit gradient of the distance (the outward direction).
+            inside), then the outward normal of the smooth surface at the closest point (see `smooth_normals`).
         origin: position of node (0, 0, 0), shape (3,), m.
         spacing: distance between nodes, m.
     """
@@ -121,11 +122,12 @@ def build_grid(
         )
     origin = 0.5 * (lower + upper) - 0.5 * h * (np.array(shape) - 1)
     packed = distance_transform.pack_triangles(vertices[faces])
-    nearest, _ = distance_transform.nearest_faces(packed, origin, h, shape)
+    nearest = distance_transform.nearest_faces(packed, origin, h, shape)
     # The columns stand a ten-millionth of a cell beside the nodes, so that they meet no vertex of a regular mesh.
     beside = origin + h * np.array([1.3e-7, 2.7e-7, 0.0])
     winding, _ = distance_transform.winding_numbers(vertices, faces, beside, h, shape)
     values = distance_transform.signed_field(packed, nearest, winding, origin, h)
+    smooth_normals(values, vertices, faces, packed, nearest, origin, h)
     values.setflags(write=False)
     origin.setflags(write=False)
     return DistanceGrid(values, origin, float(h))

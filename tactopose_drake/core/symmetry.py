@@ -106,7 +106,7 @@ def _closure(group: FloatArray, generators: FloatArray) -> FloatArray:
         group = np.concatenate([group, new])
         if len(group) > _LARGEST_GROUP:
             raise InvalidInputError(
-                f"symmetry: the axes generate more than {_LARGEST_GROUP} rotations; allowed are those of one finite group."
+                f"symmetry: the axes generate more than {_LARGEST_GROUP} rotations; allowed are those of one group."
             )
     return group
 
