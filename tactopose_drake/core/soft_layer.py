@@ -1,0 +1,47 @@
+"""The soft rubber layer on a fingertip.
+
+Source: [L15] H. Liu et al., Finger contact sensing and the application in dexterous hand manipulation, 2015, in the
+linear form.
+"""
+
+import dataclasses
+
+from tactopose_drake.core.validation import positive_number
+from tactopose_drake.errors import InvalidInputError
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class SoftLayer:
+    """A layer that a contact presses in along the normal by d = normal force / stiffness.
+
+    The fingertip's surface is the outside of the undeformed layer; at a contact the surface that carries the force lies
+    d further in, with the same normal, so p = q - d n for a point q of the undeformed surface. Shear is neglected.
+    The linear law holds for small deformations; one as deep as the layer is thick, or as the surface's radius of
+    curvature (where the offset surface folds over), makes a contact invalid.
+
+    Attributes:
+        thickness: m, > 0.
+        stiffness: normal force over deformation, N/m, > 0: the slope of the curve measured by pressing the fingertip
+            on a flat plate. A patch of area A pressed evenly gives E A / thickness with Young's modulus E.
+
+    Raises:
+        InvalidInputError: a thickness or stiffness that is not positive.
+    """
+
+    thickness: float
+    stiffness: float
+
+    def __post_init__(self) -> None:
+        positive_number("thickness", self.thickness)
+        positive_number("stiffness", self.stiffness)
+
+    def check_fits(self, half_width: float) -> None:
+        """Checks that the layer leaves a core of a fingertip of that least half-width, m.
+
+        Raises:
+            InvalidInputError: if it does not.
+        """
+        if self.thickness >= half_width:
+            raise InvalidInputError(
+                f"thickness: is {self.thickness:g} m; allowed are numbers < {half_width:g} m, the surface's half-width."
+            )

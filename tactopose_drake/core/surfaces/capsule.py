@@ -1,0 +1,53 @@
+"""A fingertip of a cylinder with a hemispherical end: the common shape."""
+
+import dataclasses
+import math
+
+import numpy as np
+
+from tactopose_drake.core import contact_kernels
+from tactopose_drake.core.surfaces.surface import Surface, random_directions
+from tactopose_drake.core.validation import FloatArray, positive_number
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Capsule(Surface):
+    """A hemisphere on the +z end of a cylinder about F's z axis; on both ends if `two_ended`.
+
+    F's origin is the middle of the cylindrical part, as in Drake's `Capsule`, so the hemisphere's centre is at
+    z = +length/2. The side, -length/2 <= z <= length/2, and the hemisphere can be touched. The flat base of a capsule
+    with one end is where the finger goes on: it is not part of the surface, and S(p) is that of a cylinder which goes
+    on without end towards -z. A length of 0 leaves the hemisphere alone (a sphere if `two_ended`).
+
+    Attributes:
+        radius: m, > 0.
+        length: length of the cylindrical part, m, >= 0.
+        two_ended: whether a second hemisphere closes the -z end.
+
+    Raises:
+        InvalidInputError: a radius that is not positive, a length below zero, or an X_SF that is not a pose.
+    """
+
+    radius: float
+    length: float
+    two_ended: bool = False
+    kind = contact_kernels.ROD
+
+    def _shape(self) -> tuple[float, ...]:
+        r, half = positive_number("radius", self.radius), 0.5 * positive_number("length", self.length, allow_zero=True)
+        lo, z_min = (-half, -math.inf) if self.two_ended else (-math.inf, -half)
+        return r, lo, half, 0.0, 0.0, z_min, math.inf, r + half
+
+    def _sample(self, generator: np.random.Generator, count: int) -> FloatArray:
+        points = self.radius * random_directions(generator, count)
+        if not self.two_ended:
+            points[:, 2] = np.abs(points[:, 2])
+        # The share of the side in the area: a hemisphere has that of a cylinder of length `radius`.
+        ends = self.radius * (2.0 if self.two_ended else 1.0)
+        on_side = generator.random(count) * (self.length + ends) < self.length
+        angle = generator.uniform(-math.pi, math.pi, count)
+        side = np.stack([self.radius * np.cos(angle), self.radius * np.sin(angle), np.zeros(count)], axis=1)
+        side[:, 2] = generator.uniform(-0.5, 0.5, count) * self.length
+        end = np.where(points[:, 2] < 0.0, -0.5, 0.5) * self.length
+        points[:, 2] += end
+        return np.where(on_side[:, None], side, points)

@@ -1,0 +1,39 @@
+"""A cylindrical fingertip."""
+
+import dataclasses
+import math
+
+import numpy as np
+
+from tactopose_drake.core import contact_kernels
+from tactopose_drake.core.surfaces.surface import Surface
+from tactopose_drake.core.validation import FloatArray, positive_number
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Cylinder(Surface):
+    """The side of a cylinder about F's z axis, centred on F's origin.
+
+    Its side can be touched, -length/2 <= z <= length/2; its flat ends are not part of the surface. S(p) is that of the
+    endless cylinder.
+
+    Attributes:
+        radius: m, > 0.
+        length: m, > 0.
+
+    Raises:
+        InvalidInputError: a radius or length that is not positive, or an X_SF that is not a pose.
+    """
+
+    radius: float
+    length: float
+    kind = contact_kernels.ROD
+
+    def _shape(self) -> tuple[float, ...]:
+        r, half = positive_number("radius", self.radius), 0.5 * positive_number("length", self.length)
+        return r, -math.inf, math.inf, 0.0, 0.0, -half, half, math.hypot(r, half)
+
+    def _sample(self, generator: np.random.Generator, count: int) -> FloatArray:
+        angle = generator.uniform(-math.pi, math.pi, count)
+        z = generator.uniform(-0.5, 0.5, count) * self.length
+        return np.stack([self.radius * np.cos(angle), self.radius * np.sin(angle), z], axis=1)

@@ -1,0 +1,32 @@
+"""A spherical fingertip."""
+
+import dataclasses
+import math
+
+import numpy as np
+
+from tactopose_drake.core import contact_kernels
+from tactopose_drake.core.surfaces.surface import Surface, random_directions
+from tactopose_drake.core.validation import FloatArray, positive_number
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Sphere(Surface):
+    """A sphere about F's origin. All of it can be touched.
+
+    Attributes:
+        radius: m, > 0.
+
+    Raises:
+        InvalidInputError: a radius that is not positive, or an X_SF that is not a pose.
+    """
+
+    radius: float
+    kind = contact_kernels.SMOOTH
+
+    def _shape(self) -> tuple[float, ...]:
+        r = positive_number("radius", self.radius)
+        return r, r, r, 1.0, 1.0, -math.inf, math.inf, r
+
+    def _sample(self, generator: np.random.Generator, count: int) -> FloatArray:
+        return self.radius * random_directions(generator, count)
