@@ -1,8 +1,8 @@
 """Writes shadow_like.sdf: a five-finger right hand with the published figures of the Shadow Dexterous Hand.
 
 Run `python models/hands/shadow_like/generate.py` after changing a figure; the output depends on this file alone.
-Frames: z along the straight fingers, x towards the thumb's side, -y out of the palm; every link's origin lies on the joint
-that moves it. The sources of the figures are in README.md.
+Frames: z along the straight fingers, x towards the thumb's side, -y out of the palm; every link's origin lies on the
+joint that moves it. The sources of the figures are in README.md.
 """
 
 import math
@@ -96,7 +96,8 @@ def fingertip(finger: str, distal: str, height: float) -> list[str]:
     """The sensor's frame on the distal link, the weld whose reaction it measures, and the fingertip beyond it."""
     tip = Solid(kind="capsule", size=(TIP_RADIUS, TIP_LENGTH), center=(0, 0, TIP_LENGTH / 2), color=RUBBER)
     frame = f'<frame name="{finger}_sensor" attached_to="{distal}">{pose((0, 0, height))}</frame>'
-    joint = f'<joint name="{finger}_tip_weld" type="fixed"><parent>{finger}_sensor</parent><child>{finger}_tip</child></joint>'
+    ends = f"<parent>{finger}_sensor</parent><child>{finger}_tip</child>"
+    joint = f'<joint name="{finger}_tip_weld" type="fixed">{ends}</joint>'
     link = Link(name=f"{finger}_tip", mass=0.006, solids=[tip], parent=f"{finger}_sensor")
     return [frame, link_text(link, modulus=TIP_MODULUS, resolution=TIP_RESOLUTION), joint]
 
@@ -226,11 +227,11 @@ def joint_text(link: Link) -> str:
     effort = 0.0 if link.mimic else link.effort
     mimic = f'<drake:mimic joint="{link.mimic}" multiplier="1" offset="0"/>' if link.mimic else ""
     rotor = "" if link.mimic else f"<drake:rotor_inertia>{numbers(link.rotor_inertia)}</drake:rotor_inertia>"
-    limit = f"<limit><lower>{numbers(lower)}</lower><upper>{numbers(upper)}</upper><effort>{numbers(effort)}</effort></limit>"
+    bounds = f"<lower>{numbers(lower)}</lower><upper>{numbers(upper)}</upper><effort>{numbers(effort)}</effort>"
     dynamics = f"<dynamics><damping>{numbers(link.damping)}</damping></dynamics>"
     return (
         f'<joint name="{link.joint}" type="revolute"><parent>{link.parent}</parent><child>{link.name}</child>\n'
-        f"<axis><xyz>{numbers(*link.axis)}</xyz>{limit}{dynamics}</axis>{mimic}{rotor}</joint>"
+        f"<axis><xyz>{numbers(*link.axis)}</xyz><limit>{bounds}</limit>{dynamics}</axis>{mimic}{rotor}</joint>"
     )
 
 

@@ -1,0 +1,275 @@
+"""What the package needs to know of a hand, and how it gets into a plant."""
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from pydrake.common.schema import Transform
+from pydrake.math import RigidTransform
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import Frame, ModelInstanceIndex, RevoluteJoint, WeldJoint
+
+from tactopose_drake.core.serial_chain import SerialChain
+from tactopose_drake.core.surfaces import Capsule, Ellipsoid, Sphere, Surface
+from tactopose_drake.core.validation import positive_number
+from tactopose_drake.errors import InvalidInputError, UnknownNameError
+from tactopose_drake.resources import model_path, resource_root
+from tactopose_drake.typed_yaml import load_typed_yaml
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class SphereSurface:
+    """A spherical fingertip, `!SphereSurface` in YAML."""
+
+    radius: float = 0.009  # m
+    X_SF: Transform = dataclasses.field(default_factory=Transform)  # its centre's frame in the sensor's frame
+
+    def make(self) -> Surface:
+        """The surface that the contact solver takes."""
+        return Sphere(self.radius, X_SF=self.X_SF.GetDeterministicValue())
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class EllipsoidSurface:
+    """An ellipsoidal fingertip, `!EllipsoidSurface` in YAML."""
+
+    semi_axes: list[float] = dataclasses.field(default_factory=lambda: [0.009, 0.009, 0.009])  # m
+    X_SF: Transform = dataclasses.field(default_factory=Transform)  # its centre's frame in the sensor's frame
+
+    def make(self) -> Surface:
+        """The surface that the contact solver takes."""
+        a, b, c = self.semi_axes
+        return Ellipsoid((a, b, c), X_SF=self.X_SF.GetDeterministicValue())
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class CapsuleSurface:
+    """A hemisphere on a cylinder along z of F, `!CapsuleSurface` in YAML; F's origin is the cylinder's middle."""
+
+    radius: float = 0.009  # m
+    length: float = 0.014  # of the cylindrical part, m
+    X_SF: Transform = dataclasses.field(default_factory=Transform)  # in the sensor's frame
+
+    def make(self) -> Surface:
+        """The surface that the contact solver takes."""
+        return Capsule(self.radius, self.length, X_SF=self.X_SF.GetDeterministicValue())
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class Coupling:
+    """A joint without an actuator of its own: q_joint = ratio * q_follows."""
+
+    joint: str = ""
+    follows: str = ""
+    ratio: float = 1.0
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class FingerConfig:
+    """One finger: the joints that move it, its sensor and its fingertip."""
+
+    name: str = ""
+    joints: list[str] = dataclasses.field(default_factory=list)  # actuated, from the palm outwards
+    couplings: list[Coupling] = dataclasses.field(default_factory=list)  # the model itself must hold them
+    sensor_frame: str = ""  # S, the frame that the wrench is measured about and in
+    weld: str = ""  # fixed joint between finger (parent) and fingertip (child), whose reaction the sensor measures
+    surface: SphereSurface | EllipsoidSurface | CapsuleSurface = dataclasses.field(default_factory=SphereSurface)
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class HandConfig:
+    """A hand's model file and the names in it."""
+
+    model: str = ""  # URL or path of an SDF or URDF file
+    base_link: str = ""  # the link that carries the hand
+    palm_frame: str = ""  # P, a frame or link of the model
+    fingers: list[FingerConfig] = dataclasses.field(default_factory=list)
+
+    def validate(self) -> None:
+        """Raises InvalidInputError if a name is missing or double, or a surface has impossible dimensions."""
+        for name, value in (("model", self.model), ("base_link", self.base_link), ("palm_frame", self.palm_frame)):
+            if not value:
+                raise InvalidInputError(f"HandConfig.{name}: is empty; allowed is a name in the hand's model.")
+        names = [finger.name for finger in self.fingers]
+        if not names or "" in names or len(set(names)) < len(names):
+            raise InvalidInputError(f"HandConfig.fingers: have the names {names}; allowed are different names.")
+        for finger in self.fingers:
+            if not finger.joints:
+                raise InvalidInputError(
+                    f"HandConfig.fingers[{finger.name}].joints: is empty; allowed is a joint or more."
+                )
+            for coupling in finger.couplings:
+                positive_number(f"coupling of {coupling.joint!r}: ratio", abs(coupling.ratio))
+                if coupling.follows not in finger.joints:
+                    raise UnknownNameError(f"coupling of {coupling.joint!r}: follows", coupling.follows, finger.joints)
+            finger.surface.make()
+
+    def finger(self, name: str) -> FingerConfig:
+        """The finger of that name.
+
+        Raises:
+            UnknownNameError: if there is none.
+        """
+        for finger in self.fingers:
+            if finger.name == name:
+                return finger
+        raise UnknownNameError("finger", name, [finger.name for finger in self.fingers])
+
+
+@dataclasses.dataclass(frozen=True)
+class Hand:
+    """A hand in a plant: where the names of its configuration have led."""
+
+    config: HandConfig
+    model_instance: ModelInstanceIndex
+    palm_frame: Frame
+    sensor_frames: Mapping[str, Frame]
+    welds: Mapping[str, WeldJoint]
+    surfaces: Mapping[str, Surface]
+
+    @property
+    def fingers(self) -> tuple[str, ...]:
+        """The fingers' names, in the order of the configuration."""
+        return tuple(self.sensor_frames)
+
+
+def load_hand_config(name_or_path: str | Path) -> HandConfig:
+    """Reads a `*.hand.yaml`: one of the package's hands by name, or any file by path.
+
+    Raises:
+        InvalidFileError: if the file cannot be read or does not fit `HandConfig`.
+        InvalidInputError: if a value is out of its range.
+    """
+    shipped = model_path("hands", str(name_or_path), f"{name_or_path}.hand.yaml")
+    config = load_typed_yaml(HandConfig, shipped if shipped.is_file() else Path(name_or_path))
+    config.validate()
+    return config
+
+
+def add_hand(plant: MultibodyPlant, config: HandConfig, X_WBase: RigidTransform | None = None) -> Hand:
+    """Parses a hand into a plant that is not finalized yet.
+
+    Args:
+        plant: receives the hand. Coupled joints need a discrete plant with a SAP-family contact approximation, which
+            is Drake's default.
+        config: which hand.
+        X_WBase: where to weld the hand's base link; None leaves it free, for the caller to weld on an arm.
+
+    Raises:
+        UnknownNameError: if the model lacks a name of the configuration.
+    """
+    config.validate()
+    parser = make_parser(plant)
+    (model_instance,) = parser.AddModels(url=config.model) if "://" in config.model else parser.AddModels(config.model)
+    hand = find_hand(plant, config, model_instance)
+    if X_WBase is not None:
+        plant.WeldFrames(plant.world_frame(), plant.GetFrameByName(config.base_link, model_instance), X_WBase)
+    return hand
+
+
+def find_hand(plant: MultibodyPlant, config: HandConfig, model_instance: ModelInstanceIndex) -> Hand:
+    """Looks up a hand that is already in a plant.
+
+    Raises:
+        UnknownNameError: if the model lacks a name of the configuration.
+    """
+    frames = {plant.get_frame(index).name(): plant.get_frame(index) for index in plant.GetFrameIndices(model_instance)}
+    joints = {plant.get_joint(index).name(): plant.get_joint(index) for index in plant.GetJointIndices(model_instance)}
+    for finger in config.fingers:
+        needed = [finger.weld, *finger.joints, *(coupling.joint for coupling in finger.couplings)]
+        for name in needed:
+            if name not in joints:
+                raise UnknownNameError(f"joint of finger {finger.name!r}", name, sorted(joints))
+    for name in [config.palm_frame, *(finger.sensor_frame for finger in config.fingers)]:
+        if name not in frames:
+            raise UnknownNameError("frame of the hand", name, sorted(frames))
+    return Hand(
+        config,
+        model_instance,
+        frames[config.palm_frame],
+        {finger.name: frames[finger.sensor_frame] for finger in config.fingers},
+        {finger.name: joints[finger.weld] for finger in config.fingers},
+        {finger.name: finger.surface.make() for finger in config.fingers},
+    )
+
+
+def make_parser(plant: MultibodyPlant) -> Parser:
+    """A parser that resolves `package://tactopose_drake/...`."""
+    parser = Parser(plant)
+    parser.package_map().Add("tactopose_drake", str(resource_root()))
+    return parser
+
+
+def make_hand_plant(config: HandConfig) -> tuple[MultibodyPlant, Hand]:
+    """A finalized plant of the hand alone, its base welded to the world: for kinematics from joint positions."""
+    plant = MultibodyPlant(time_step=0.001)
+    hand = add_hand(plant, config, RigidTransform())
+    plant.Finalize()
+    return plant, hand
+
+
+def finger_chain(plant: MultibodyPlant, hand: Hand, finger: str) -> SerialChain:
+    """The kinematics of one finger from palm to sensor, for whole batches of positions.
+
+    Args:
+        plant: finalized plant that holds the hand.
+        hand: the hand in it.
+        finger: its name.
+
+    Raises:
+        InvalidInputError: if a joint between palm and sensor is neither revolute nor fixed, or is not among the
+            finger's joints.
+    """
+    config = hand.config.finger(finger)
+    joint_of_child = {
+        plant.get_joint(index).child_body().index(): plant.get_joint(index)
+        for index in plant.GetJointIndices(hand.model_instance)
+    }
+    follows = {coupling.joint: coupling for coupling in config.couplings}
+    sensor_frame, body = hand.sensor_frames[finger], hand.sensor_frames[finger].body()
+    X_last: RigidTransform = sensor_frame.GetFixedPoseInBodyFrame()
+    joints: list[RevoluteJoint] = []
+    X_parents: list[RigidTransform] = []
+    X_children: list[RigidTransform] = []
+    coupling: list[list[float]] = []
+    while body.index() != hand.palm_frame.body().index():
+        joint = joint_of_child[body.index()]
+        X_parent = joint.frame_on_parent().GetFixedPoseInBodyFrame()
+        X_child = joint.frame_on_child().GetFixedPoseInBodyFrame().inverse()
+        if isinstance(joint, WeldJoint):
+            # A fixed joint adds to the constant pose of whatever comes after it.
+            offset = X_parent @ joint.X_FM() @ X_child
+            if X_parents:
+                X_parents[-1] = offset @ X_parents[-1]
+            else:
+                X_last = offset @ X_last
+        elif isinstance(joint, RevoluteJoint):
+            leader = follows[joint.name()].follows if joint.name() in follows else joint.name()
+            if leader not in config.joints:
+                raise InvalidInputError(
+                    f"finger {finger!r}: joint {joint.name()!r} is none of its joints {config.joints}."
+                )
+            ratio = follows[joint.name()].ratio if joint.name() in follows else 1.0
+            joints.append(joint)
+            X_parents.append(X_parent)
+            X_children.append(X_child)
+            coupling.append([ratio * (name == leader) for name in config.joints])
+        else:
+            raise InvalidInputError(
+                f"joint {joint.name()!r}: is {joint.type_name()}; allowed on a finger are revolute and fixed joints."
+            )
+        body = joint.parent_body()
+    X_parents[-1] = hand.palm_frame.GetFixedPoseInBodyFrame().inverse() @ X_parents[-1]
+    actuated = [plant.GetJointByName(name, hand.model_instance) for name in config.joints]
+    return SerialChain(
+        np.array([X.GetAsMatrix34() for X in reversed(X_parents)]),
+        np.array([joint.revolute_axis() for joint in reversed(joints)]),
+        np.array([X.GetAsMatrix34() for X in reversed(X_children)]),
+        np.array(coupling[::-1]),
+        X_last.GetAsMatrix34(),
+        np.array([joint.position_lower_limits()[0] for joint in actuated]),
+        np.array([joint.position_upper_limits()[0] for joint in actuated]),
+        tuple(joint.child_body().name() for joint in reversed(joints)),
+    )
