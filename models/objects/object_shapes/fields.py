@@ -14,6 +14,11 @@ Array = NDArray[np.float64]
 Field = Callable[[Array], Array]
 
 
+def length(v: Array) -> Array:
+    """The lengths of the vectors on the last axis; several times as fast as numpy's norm for three components."""
+    return np.sqrt(v[..., 0] * v[..., 0] + v[..., 1] * v[..., 1] + v[..., 2] * v[..., 2])
+
+
 def smooth_union(a: Array, b: Array, width: float) -> Array:
     """The union of two fields, filleted over about `width` m."""
     h = np.maximum(width - np.abs(a - b), 0.0) / width
@@ -28,8 +33,8 @@ def smooth_cut(a: Array, b: Array, width: float) -> Array:
 def ellipsoid(p: Array, center: ArrayLike, semi_axes: ArrayLike) -> Array:
     """An ellipsoid, to first order in the distance."""
     q = (p - np.asarray(center)) / np.asarray(semi_axes)
-    scaled = np.linalg.norm(q, axis=-1)
-    slope = np.linalg.norm(q / np.asarray(semi_axes), axis=-1)
+    scaled = length(q)
+    slope = length(q / np.asarray(semi_axes))
     return scaled * (scaled - 1.0) / np.maximum(slope, 1e-9)
 
 
@@ -38,7 +43,7 @@ def capsule(p: Array, a: ArrayLike, b: ArrayLike, radius_a: float, radius_b: flo
     a, along = np.asarray(a, dtype=float), np.subtract(b, a)
     share = np.clip((p - a) @ along / (along @ along), 0.0, 1.0)
     radius = radius_a + share * ((radius_a if radius_b is None else radius_b) - radius_a)
-    return np.linalg.norm(p - a - share[..., None] * along, axis=-1) - radius
+    return length(p - a - share[..., None] * along) - radius
 
 
 def tube(p: Array, points: Sequence[ArrayLike], radius: float) -> Array:
@@ -52,12 +57,14 @@ def box(p: Array, center: ArrayLike, half_size: ArrayLike, radius: float, rotati
     if rotation is not None:
         q = q @ np.asarray(rotation)
     q = np.abs(q) - (np.asarray(half_size) - radius)
-    return np.linalg.norm(np.maximum(q, 0.0), axis=-1) + np.minimum(q.max(axis=-1), 0.0) - radius
+    return (
+        length(np.maximum(q, 0.0)) + np.minimum(np.maximum(np.maximum(q[..., 0], q[..., 1]), q[..., 2]), 0.0) - radius
+    )
 
 
 def disc(p: Array, radius: float, low: float, high: float, rounding: float) -> Array:
     """An upright cylinder on the z axis from z = low to high, with rounded edges."""
-    r = np.linalg.norm(p[..., :2], axis=-1) - (radius - rounding)
+    r = np.hypot(p[..., 0], p[..., 1]) - (radius - rounding)
     z = np.abs(p[..., 2] - (low + high) / 2) - ((high - low) / 2 - rounding)
     outside = np.hypot(np.maximum(r, 0.0), np.maximum(z, 0.0))
     return outside + np.minimum(np.maximum(r, z), 0.0) - rounding

@@ -1,4 +1,4 @@
-"""Objects with a handle, sculpted as distance fields. They stand on z = 0; lengths in m."""
+"""A mug with a handle, sculpted as a distance field. It stands on z = 0; lengths in m."""
 
 import numpy as np
 import trimesh
@@ -19,5 +19,5 @@ def _mug_field(p: Array) -> Array:
 
 
 def mug() -> trimesh.Trimesh:
-    """A coffee mug, hollow, its handle in the plane y = 0 towards +x; the handle's ends do not mirror each other."""
-    return sculpt(_mug_field, [[-0.044, -0.044, -0.003], [0.08, 0.044, 0.099]], 0.0015, 5e-5)
+    """A coffee mug, hollow, its handle in the plane y = 0 towards +x."""
+    return sculpt(_mug_field, [[-0.044, -0.044, -0.003], [0.08, 0.044, 0.099]], 0.0015, 8e-5, (0.0012, 0.006))
