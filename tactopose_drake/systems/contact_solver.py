@@ -1,0 +1,81 @@
+"""Intrinsic contact sensing of all fingertips, as a system."""
+
+import dataclasses
+from collections.abc import Mapping
+
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import Context, LeafSystem
+
+from tactopose_drake.core.intrinsic_contact import MIN_FORCE, solve_contacts
+from tactopose_drake.core.soft_layer import SoftLayer
+from tactopose_drake.core.surfaces import Surface
+from tactopose_drake.core.validation import positive_number
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class ContactSolverParams:
+    """Which wrenches count as a contact."""
+
+    min_force: float = MIN_FORCE  # force below which a finger is not in contact, N
+    friction_coefficient: float | None = None  # the largest that can occur; not checked without
+
+    def validate(self) -> None:
+        """Raises InvalidInputError if a value is out of its range."""
+        positive_number("ContactSolverParams.min_force", self.min_force, allow_zero=True)
+        if self.friction_coefficient is not None:
+            positive_number("ContactSolverParams.friction_coefficient", self.friction_coefficient)
+
+
+class ContactSolver(LeafSystem):
+    """Finds where and how each fingertip is touched, from its wrench alone.
+
+    .. pydrake_system::
+
+        name: ContactSolver
+        input_ports:
+        - wrench_<finger>
+        output_ports:
+        - contact_solutions
+
+    - wrench_<finger>: one per finger, F_S = [m_x, m_y, m_z, f_x, f_y, f_z] that the environment exerts on the
+      fingertip, about the origin of S, in S, N m and N. NaN where the sensor has no reading.
+    - contact_solutions: dict of `ContactSolution` in S by finger, all fingers; changes with the wrenches. A finger
+      without a reading or a contact has `valid` False and the reason.
+    """
+
+    def __init__(
+        self, surfaces: Mapping[str, Surface], params: ContactSolverParams | None = None, layer: SoftLayer | None = None
+    ) -> None:
+        """Declares one input port per finger.
+
+        Args:
+            surfaces: the surface of each fingertip, placed in its S, by finger.
+            params: thresholds.
+            layer: soft layer on every fingertip; rigid without.
+        """
+        super().__init__()
+        self._params = ContactSolverParams() if params is None else params
+        self._params.validate()
+        self._surfaces, self._layer = dict(surfaces), layer
+        self._wrenches = {finger: self.DeclareVectorInputPort(f"wrench_{finger}", 6) for finger in self._surfaces}
+        self.DeclareAbstractOutputPort(
+            "contact_solutions",
+            lambda: AbstractValue.Make({}),
+            self._calc_solutions,
+            prerequisites_of_calc={port.ticket() for port in self._wrenches.values()},
+        )
+
+    def _calc_solutions(self, context: Context, output: AbstractValue) -> None:
+        output.set_value(
+            {
+                # Batched, because there a wrench that is not finite is an answer and not an error.
+                finger: solve_contacts(
+                    port.Eval(context)[None],
+                    self._surfaces[finger],
+                    layer=self._layer,
+                    min_force=self._params.min_force,
+                    friction_coefficient=self._params.friction_coefficient,
+                )[0]
+                for finger, port in self._wrenches.items()
+            }
+        )

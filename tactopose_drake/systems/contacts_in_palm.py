@@ -1,0 +1,156 @@
+"""The move of contacts from the fingertips into the palm frame."""
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from pydrake.common.value import AbstractValue
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import Frame
+from pydrake.systems.framework import Context, LeafSystem, ValueProducer
+
+from tactopose_drake.core.contacts import Contacts
+from tactopose_drake.core.intrinsic_contact import ContactSolution
+from tactopose_drake.core.validation import positive_number
+from tactopose_drake.systems.ports import eval_input
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class ContactsInPalmParams:
+    """How far the contacts can be trusted, sensors and kinematics together."""
+
+    sigma_position: float = 0.0009  # standard deviation of each coordinate, m
+    sigma_normal_deg: float = 5.0  # standard deviation of the normal about each axis, deg
+
+    def validate(self) -> None:
+        """Raises InvalidInputError if a value is not positive."""
+        for field in dataclasses.fields(self):
+            positive_number(f"ContactsInPalmParams.{field.name}", getattr(self, field.name))
+
+
+@dataclasses.dataclass(frozen=True)
+class _Touch:
+    """What the three output ports show."""
+
+    contacts: Contacts
+    fingers_in_contact: tuple[str, ...]
+    status: str
+
+
+@dataclasses.dataclass
+class _Kinematics:
+    """Scratch of the forward kinematics; lives in a cache entry."""
+
+    plant_context: Context
+    X_PS: dict[str, RigidTransform]
+
+
+class ContactsInPalm(LeafSystem):
+    """Moves each fingertip's contact into the palm frame, by the measured joint positions.
+
+    .. pydrake_system::
+
+        name: ContactsInPalm
+        input_ports:
+        - joint_positions
+        - contact_solutions
+        output_ports:
+        - contacts
+        - fingers_in_contact
+        - status
+
+    - joint_positions: measured positions of the hand's joints, shape (nq,) of the hand's own plant, rad.
+    - contact_solutions: dict of `ContactSolution` by finger.
+    - contacts: `Contacts` in P of the fingers whose solution is valid, with normals and forces; changes with either
+      input. Normals point out of the object, against the fingertip's own.
+    - fingers_in_contact: tuple of the fingers' names, in the order of the rows of `contacts`.
+    - status: str, "ok", or each finger that gives no contact and why.
+    """
+
+    def __init__(
+        self,
+        plant: MultibodyPlant,
+        sensor_frames: Mapping[str, Frame],
+        palm_frame: Frame,
+        params: ContactsInPalmParams | None = None,
+    ) -> None:
+        """Keeps a reference to the plant.
+
+        Args:
+            plant: finalized plant of the hand alone, for kinematics; not the simulator's.
+            sensor_frames: the frame S of each finger's contact solution, by finger.
+            palm_frame: P.
+            params: standard deviations.
+        """
+        super().__init__()
+        self._params = ContactsInPalmParams() if params is None else params
+        self._params.validate()
+        self._plant, self._sensor_frames, self._palm_frame = plant, dict(sensor_frames), palm_frame
+        self._positions = self.DeclareVectorInputPort("joint_positions", plant.num_positions())
+        self._solutions = self.DeclareAbstractInputPort("contact_solutions", AbstractValue.Make({}))
+        self._kinematics = self.DeclareCacheEntry(
+            "poses of the sensors in the palm",
+            ValueProducer(allocate=self._allocate_kinematics, calc=self._calc_kinematics),
+            {self._positions.ticket()},
+        )
+        self._touch = self.DeclareCacheEntry(
+            "contacts in the palm",
+            ValueProducer(allocate=lambda: AbstractValue.Make(None), calc=self._calc_touch),
+            {self._kinematics.ticket(), self._solutions.ticket()},
+        )
+        for name, model in (("contacts", Contacts.empty()), ("fingers_in_contact", ()), ("status", "")):
+            self._declare_output(name, AbstractValue.Make(model))
+
+    def _declare_output(self, name: str, model: AbstractValue) -> None:
+        def calc(context: Context, output: AbstractValue) -> None:
+            output.set_value(getattr(self._touch.Eval(context), name))
+
+        self.DeclareAbstractOutputPort(name, model.Clone, calc, prerequisites_of_calc={self._touch.ticket()})
+
+    def _allocate_kinematics(self) -> AbstractValue:
+        return AbstractValue.Make(_Kinematics(self._plant.CreateDefaultContext(), {}))
+
+    def _calc_kinematics(self, context: Context, cached: AbstractValue) -> None:
+        kinematics = cached.get_mutable_value()
+        self._plant.SetPositions(kinematics.plant_context, self._positions.Eval(context))
+        for finger, frame in self._sensor_frames.items():
+            kinematics.X_PS[finger] = self._plant.CalcRelativeTransform(
+                kinematics.plant_context, self._palm_frame, frame
+            )
+
+    def _calc_touch(self, context: Context, cached: AbstractValue) -> None:
+        solutions = eval_input(self._solutions, context, dict)
+        if not np.all(np.isfinite(self._positions.Eval(context))):
+            cached.set_value(_Touch(Contacts.empty(), (), "no contacts: a joint position is not finite"))
+            return
+        X_PS = self._kinematics.Eval(context).X_PS
+        fingers = tuple(finger for finger in X_PS if finger in solutions and solutions[finger].valid)
+        rows = [_move(X_PS[finger], solutions[finger]) for finger in fingers]
+        p_PC, n_PC, f_PC = np.array(rows).reshape(-1, 3, 3).transpose(1, 0, 2)
+        contacts = Contacts(
+            p_PC,
+            n_PC,
+            f_PC,
+            sigma_position=self._params.sigma_position,
+            sigma_normal=math.radians(self._params.sigma_normal_deg),
+        )
+        cached.set_value(_Touch(contacts, fingers, _status(X_PS, solutions)))
+
+
+def _move(X_PS: RigidTransform, solution: ContactSolution) -> tuple[Any, Any, Any]:
+    """Position, the object's outward normal and the force on the fingertip, in P."""
+    R_PS = X_PS.rotation()
+    force_S = solution.normal_force + solution.friction_force
+    return X_PS @ solution.p_SC, -(R_PS @ solution.n_S), R_PS @ force_S
+
+
+def _status(fingers: Mapping[str, Any], solutions: Mapping[str, ContactSolution]) -> str:
+    reasons = {
+        finger: solutions[finger].reason if finger in solutions else "no solution"
+        for finger in fingers
+        if finger not in solutions or not solutions[finger].valid
+    }
+    return "; ".join(f"{finger}: {reason}" for finger, reason in reasons.items()) or "ok"
