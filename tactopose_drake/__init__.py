@@ -1,1 +1,29 @@
 """Touch-based pose estimation of grasped objects, as systems for Drake."""
+
+from tactopose_drake.core.contacts import Contacts
+from tactopose_drake.core.intrinsic_contact import ContactSolution, solve_contact, solve_contacts
+from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.prior import PosePrior
+from tactopose_drake.core.surfaces import Capsule, Cylinder, Ellipsoid, Sphere, Superquadric
+from tactopose_drake.errors import TactoposeError
+from tactopose_drake.estimation import PoseEstimate, PoseHypothesis, estimate_pose
+from tactopose_drake.hand_geometry import HandGeometry
+
+__all__ = [
+    "Capsule",
+    "ContactSolution",
+    "Contacts",
+    "Cylinder",
+    "Ellipsoid",
+    "HandGeometry",
+    "ObjectModel",
+    "PoseEstimate",
+    "PoseHypothesis",
+    "PosePrior",
+    "Sphere",
+    "Superquadric",
+    "TactoposeError",
+    "estimate_pose",
+    "solve_contact",
+    "solve_contacts",
+]

@@ -12,7 +12,7 @@ from tactopose_drake.core.searches.base import SearchResult
 from tactopose_drake.core.validation import FloatArray
 
 # Two poses are one mode when they lie within this many standard deviations of each other.
-_SAME_MODE = 1.5
+_SAME_MODE = 3.0
 # The touch determines a direction when it fixes the surface to better than this share of the object's size.
 _FREE_SHARE = 0.1
 
@@ -67,7 +67,7 @@ def find_modes(
         X_PO=found.X_PO[index],
         cost=found.cost[index],
         probability=weight / weight.sum(),
-        covariance=np.linalg.inv(information[index]),
+        covariance=np.asarray(np.linalg.inv(information[index]), dtype=np.float64),
         free_directions=tuple(free_directions(touch_information[index], size)),
     )
 

@@ -13,6 +13,8 @@ from tactopose_drake.core.validation import FloatArray
 
 # Where interpolated normals nearly cancel (the middle of a thin wall) their direction means little: this bounds it.
 _SOFT_LENGTH = 0.05
+# Bounds the derivative of the square root in the residual that normalises the normals' likelihood.
+_SOFT_ROOT = 1e-4
 
 
 @njit(cache=True, inline="always")
@@ -20,7 +22,7 @@ def _cell(q, origin, inverse_spacing, limit):  # type: ignore[no-untyped-def]
     """The node below q along one axis, the fraction beyond it, and how far outside of the grid q is, in cells."""
     u = (q - origin) * inverse_spacing
     outside = 0.0
-    if u < 0.0:
+    if not u >= 0.0:  # True for NaN too, which must not become an index.
         outside = u
         u = 0.0
     elif u > limit:
@@ -121,48 +123,70 @@ def contact_costs(values, origin, inverse_spacing, p, n, weight_p, weight_n, X, 
             total += r * r
             if weight_n[i] > 0.0:
                 _rotate_to_object(X[b], n[i], m)
-                square = field[1] ** 2 + field[2] ** 2 + field[3] ** 2
-                scale = np.sqrt((1.0 + _SOFT_LENGTH**2) / (square + _SOFT_LENGTH**2))
+                weight, spread = _normal_weight(field, weight_n[i])
+                square = 0.0
                 for a in range(3):
-                    r = (scale * field[a + 1] - m[a]) * weight_n[i]
-                    total += r * r
+                    square += (field[a + 1] - m[a]) ** 2
+                total += weight * weight * square + 2.0 * np.log(spread) + _SOFT_ROOT
         cost[b] = 0.5 * total
+
+
+@njit(cache=True, inline="always")
+def _normal_weight(field, weight_n):  # type: ignore[no-untyped-def]
+    """One over the standard deviation of the normal's difference, and its variance over the sensor's alone.
+
+    The mean of unit vectors is as short as they are spread: over two directions, their variance is (1 - |n|^2) / 2.
+    """
+    square = field[1] ** 2 + field[2] ** 2 + field[3] ** 2
+    spread = 1.0 + 0.5 * max(0.0, 1.0 - square) * weight_n * weight_n
+    return weight_n / np.sqrt(spread), spread
 
 
 @njit(cache=True)
 def _contact_rows(  # type: ignore[no-untyped-def]
     values, origin, inverse_spacing, p, n, weight_p, weight_n, X, residual, J, n_smooth
 ):
-    """The four residuals of one contact at one pose, their Jacobian (4, 6), and the surface normal in O."""
+    """The five residuals of one contact at one pose, their Jacobian (5, 6), and the surface normal in O.
+
+    They are the distance, the difference of the normals, and the root of twice the log of the normal's standard
+    deviation, squared, which makes the sum of squares a likelihood: a crease explains any normal, but none well.
+    """
     q, m, field, slope = np.empty(3), np.empty(3), np.empty(4), np.empty((4, 3))
     _to_object(X, p, q)
     _look_up_with_derivative(values, origin, inverse_spacing, q[0], q[1], q[2], field, slope)
     square = field[1] ** 2 + field[2] ** 2 + field[3] ** 2
-    scale = np.sqrt((1.0 + _SOFT_LENGTH**2) / (square + _SOFT_LENGTH**2))
+    scale = 1.0 / np.sqrt(square + _SOFT_LENGTH**2)
     for a in range(3):
         n_smooth[a] = scale * field[a + 1]
     residual[0] = field[0] * weight_p
     _chain(slope[0], q, X, weight_p, J[0])
     if weight_n > 0.0:
         _rotate_to_object(X, n, m)
-        shrink = 1.0 / (square + _SOFT_LENGTH**2)
-        row = np.empty(3)
+        weight, spread = _normal_weight(field, weight_n)
+        along, row = np.empty(3), np.empty(3)  # along: derivative of half the squared length
+        for c in range(3):
+            along[c] = field[1] * slope[1, c] + field[2] * slope[2, c] + field[3] * slope[3, c]
+            if square >= 1.0:
+                along[c] = 0.0
         for a in range(3):
-            residual[a + 1] = (n_smooth[a] - m[a]) * weight_n
-        for a in range(3):
+            difference = field[a + 1] - m[a]
+            residual[a + 1] = difference * weight
             for c in range(3):
-                along = field[1] * slope[1, c] + field[2] * slope[2, c] + field[3] * slope[3, c]
-                row[c] = scale * (slope[a + 1, c] - field[a + 1] * along * shrink)
-            _chain(row, q, X, weight_n, J[a + 1])
+                row[c] = slope[a + 1, c] + 0.5 * difference * weight * weight * along[c]
+            _chain(row, q, X, weight, J[a + 1])
         # The measured normal turns with the increment too: d(R^T n) = [m]x w.
-        J[1, 1] += m[2] * weight_n
-        J[1, 2] -= m[1] * weight_n
-        J[2, 0] -= m[2] * weight_n
-        J[2, 2] += m[0] * weight_n
-        J[3, 0] += m[1] * weight_n
-        J[3, 1] -= m[0] * weight_n
+        J[1, 1] += m[2] * weight
+        J[1, 2] -= m[1] * weight
+        J[2, 0] -= m[2] * weight
+        J[2, 2] += m[0] * weight
+        J[3, 0] += m[1] * weight
+        J[3, 1] -= m[0] * weight
+        residual[4] = np.sqrt(2.0 * np.log(spread) + _SOFT_ROOT)
+        for c in range(3):
+            row[c] = -along[c] * weight * weight / residual[4]
+        _chain(row, q, X, 1.0, J[4])
     else:
-        for a in range(1, 4):
+        for a in range(1, 5):
             residual[a] = 0.0
             for c in range(6):
                 J[a, c] = 0.0
@@ -182,7 +206,7 @@ def _chain(row, q, X, weight, J):  # type: ignore[no-untyped-def]
 def contact_residuals(  # type: ignore[no-untyped-def]
     values, origin, inverse_spacing, p, n, weight_p, weight_n, X, residuals, jacobian
 ):
-    """Residuals (B, k, 4) of distance and normal, and their Jacobian (B, k, 4, 6) by the increment."""
+    """Residuals (B, k, 5), see `_contact_rows`, and their Jacobian (B, k, 5, 6) by the increment."""
     n_smooth = np.empty(3)
     for b in range(X.shape[0]):
         for i in range(p.shape[0]):
@@ -207,10 +231,11 @@ def contact_normal_equations(  # type: ignore[no-untyped-def]
 ):
     """Cost (B,), exact gradient (B, 6) and Gauss-Newton Hessian (B, 6, 6) of the contact residuals.
 
-    The Hessian takes the derivative of the distance along the smooth normal. The exact one follows each facet of the
-    mesh, and would claim that the facets of a tessellated cylinder determine its spin.
+    The Hessian takes the derivative of the distance along the smooth normal: the exact one follows each facet of the
+    mesh, and would claim that the facets of a tessellated cylinder determine its spin. It leaves the log term out,
+    which is largest in the middle of a crease and so has no curvature to offer.
     """
-    r, J, n_smooth, q, smooth = np.empty(4), np.empty((4, 6)), np.empty(3), np.empty(3), np.empty(6)
+    r, J, n_smooth, q, smooth = np.empty(5), np.empty((5, 6)), np.empty(3), np.empty(3), np.empty(6)
     for b in range(X.shape[0]):
         total = 0.0
         g, H = gradient[b], hessian[b]
@@ -220,10 +245,10 @@ def contact_normal_equations(  # type: ignore[no-untyped-def]
                 H[a, c] = 0.0
         for i in range(p.shape[0]):
             _contact_rows(values, origin, inverse_spacing, p[i], n[i], weight_p[i], weight_n[i], X[b], r, J, n_smooth)
-            for c in range(4):
+            for c in range(5):
                 total += r[c] * r[c]
             for a in range(6):
-                g[a] += J[0, a] * r[0] + J[1, a] * r[1] + J[2, a] * r[2] + J[3, a] * r[3]
+                g[a] += J[0, a] * r[0] + J[1, a] * r[1] + J[2, a] * r[2] + J[3, a] * r[3] + J[4, a] * r[4]
             _to_object(X[b], p[i], q)
             _chain(n_smooth, q, X[b], weight_p[i], smooth)
             for a in range(6):
@@ -322,6 +347,70 @@ def _increment(X, Y, S, out):  # type: ignore[no-untyped-def]
         sign = 1.0 if out[0] * x + out[1] * y + out[2] * z >= 0.0 else -1.0
         for i in range(3):
             out[i] *= sign * angle / np.sqrt(norm)
+
+
+@njit(cache=True)
+def prior_costs(X_prior, weights, X, cost):  # type: ignore[no-untyped-def]
+    """Half the squared whitened increment from the prior's pose (3, 4) to each pose, into cost (B,)."""
+    u, identity = np.empty(6), np.eye(3, 4)
+    for b in range(X.shape[0]):
+        _increment(X_prior, X[b], identity, u)
+        total = 0.0
+        for i in range(6):
+            total += (u[i] * weights[i]) ** 2
+        cost[b] = 0.5 * total
+
+
+@njit(cache=True)
+def prior_residuals(X_prior, weights, X, residuals, jacobian):  # type: ignore[no-untyped-def]
+    """Whitened increments (B, 6) from the prior's pose, and their derivatives by the increment (B, 6, 6).
+
+    The derivative of the rotation vector is the inverse right Jacobian of SO(3): J. Sola et al., A micro Lie theory for
+    state estimation, 2018, eq. 144.
+    """
+    u, identity = np.empty(6), np.eye(3, 4)
+    for b in range(X.shape[0]):
+        _increment(X_prior, X[b], identity, u)
+        x, y, z = u[0], u[1], u[2]
+        angle2 = x * x + y * y + z * z
+        if angle2 < 1e-6:
+            c = 1.0 / 12.0 + angle2 / 720.0
+        else:
+            angle = np.sqrt(angle2)
+            c = 1.0 / angle2 - np.cos(0.5 * angle) / (2.0 * angle * np.sin(0.5 * angle))
+        J = jacobian[b]
+        J[:, :] = 0.0
+        J[0, 0], J[0, 1], J[0, 2] = 1.0 - c * (y * y + z * z), c * x * y - 0.5 * z, c * x * z + 0.5 * y
+        J[1, 0], J[1, 1], J[1, 2] = c * x * y + 0.5 * z, 1.0 - c * (x * x + z * z), c * y * z - 0.5 * x
+        J[2, 0], J[2, 1], J[2, 2] = c * x * z - 0.5 * y, c * y * z + 0.5 * x, 1.0 - c * (x * x + y * y)
+        for i in range(6):
+            residuals[b, i] = u[i] * weights[i]
+            if i >= 3:
+                J[i, i] = 1.0
+            for j in range(6):
+                J[i, j] *= weights[i]
+
+
+@njit(cache=True)
+def form_normal_equations(residuals, jacobian, cost, gradient, hessian):  # type: ignore[no-untyped-def]
+    """Cost (B,), gradient (B, n) and Gauss-Newton Hessian (B, n, n) from residuals (B, m) and a Jacobian (B, m, n)."""
+    count, m, n = jacobian.shape
+    for b in range(count):
+        total = 0.0
+        gradient[b] = 0.0
+        hessian[b] = 0.0
+        for k in range(m):
+            r = residuals[b, k]
+            total += r * r
+            for i in range(n):
+                J = jacobian[b, k, i]
+                gradient[b, i] += J * r
+                for j in range(i + 1):
+                    hessian[b, i, j] += J * jacobian[b, k, j]
+        for i in range(n):
+            for j in range(i):
+                hessian[b, j, i] = hessian[b, i, j]
+        cost[b] = 0.5 * total
 
 
 @njit(cache=True)

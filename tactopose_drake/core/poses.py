@@ -64,6 +64,19 @@ def exp_so3(w: FloatArray) -> FloatArray:
     return R
 
 
+def right_jacobian(w: FloatArray) -> FloatArray:
+    """The derivative of log(exp(w)^-1 exp(w + e)) by e at e = 0, shape (..., 3, 3), for (..., 3). [S18] eq. 143."""
+    angle2 = np.sum(w * w, axis=-1)
+    angle = np.sqrt(angle2)
+    small = angle < 1e-3
+    safe = np.where(small, 1.0, angle)
+    a = np.where(small, 0.5 - angle2 / 24.0, (1.0 - np.cos(safe)) / safe**2)
+    b = np.where(small, 1.0 / 6.0 - angle2 / 120.0, (safe - np.sin(safe)) / safe**3)
+    W = skew(w)
+    J: FloatArray = np.eye(3) - a[..., None, None] * W + b[..., None, None] * (W @ W)
+    return J
+
+
 def log_so3(R: FloatArray) -> FloatArray:
     """Rotation vectors (..., 3), rad, of angle at most pi, from rotation matrices (..., 3, 3)."""
     q = quaternion_from_matrix(R)

@@ -16,8 +16,7 @@ from pydrake.solvers import (
 )
 
 from tactopose_drake.core.objectives.base import LeastSquaresObjective
-from tactopose_drake.core.objectives.pose_prior import inverse_right_jacobian
-from tactopose_drake.core.poses import retract
+from tactopose_drake.core.poses import retract, right_jacobian
 from tactopose_drake.core.searches.base import PoseSpace, SearchResult
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
@@ -30,12 +29,25 @@ class _Solver:
     iteration_limit: str
 
 
+# SNOPT's exit "the current point cannot be improved": how it ends at a minimum on a kink.
+_SNOPT_CANNOT_IMPROVE = 41
+
 _SOLVERS = {
     "nlopt_slsqp": _Solver(NloptSolver, {"algorithm": "LD_SLSQP", "xtol_rel": 1e-10, "xtol_abs": 1e-10}, "max_eval"),
-    "nlopt_lbfgs": _Solver(NloptSolver, {"algorithm": "LD_LBFGS", "xtol_rel": 1e-10, "xtol_abs": 1e-10}, "max_eval"),
+    # NLopt's own L-BFGS is not built into Drake (its code is under the LGPL); IPOPT's Hessian below is an L-BFGS one.
+    "nlopt_ccsaq": _Solver(NloptSolver, {"algorithm": "LD_CCSAQ", "xtol_rel": 1e-10, "xtol_abs": 1e-10}, "max_eval"),
     "snopt": _Solver(SnoptSolver, {"Major optimality tolerance": 1e-8}, "Major iterations limit"),
     "ipopt": _Solver(
-        IpoptSolver, {"tol": 1e-8, "hessian_approximation": "limited-memory", "print_level": 0}, "max_iter"
+        IpoptSolver,
+        {
+            "hessian_approximation": "limited-memory",
+            "tol": 1e-8,
+            # The interpolated cost has kinks between cells; a minimum on a kink is known by a cost that stalls.
+            "acceptable_tol": 1e10,
+            "acceptable_obj_change_tol": 1e-6,
+            "acceptable_iter": 10,
+        },
+        "max_iter",
     ),
 }
 
@@ -49,7 +61,7 @@ class PoseProgram:
     hands Drake its exact gradient; a large increment keeps it exact through the right Jacobian of SO(3).
 
     Attributes:
-        solver: "nlopt_slsqp", "nlopt_lbfgs", "snopt" or "ipopt".
+        solver: "nlopt_slsqp", "nlopt_ccsaq", "snopt" or "ipopt".
         length: the lever that makes rotations and translations comparable, m; half the object's size.
         max_iterations: of the solver (evaluations, for NLopt).
     """
@@ -89,7 +101,9 @@ class PoseProgram:
             options.SetOption(solver.solver_id(), name, option)
         result = solver.Solve(program, np.zeros(6), options)
         X_PO = retract(space.center, result.GetSolution(y) * units)[None]
-        return SearchResult(X_PO, objective.cost(X_PO), np.array([evaluations]), np.array([result.is_success()]))
+        at_kink = self.solver == "snopt" and result.get_solver_details().info == _SNOPT_CANNOT_IMPROVE
+        converged = result.is_success() or at_kink
+        return SearchResult(X_PO, objective.cost(X_PO), np.array([evaluations]), np.array([converged]))
 
 
 def cost_and_gradient(
@@ -99,6 +113,5 @@ def cost_and_gradient(
     equations = objective.normal_equations(retract(X_start, increment)[None])
     gradient = equations.gradient[0].copy()
     # exp(w + dw) = exp(w) exp(J_r dw), and the objective's gradient is by the right-hand factor.
-    right_jacobian = np.linalg.inv(inverse_right_jacobian(increment[None, :3])[0])
-    gradient[:3] = right_jacobian.T @ gradient[:3]
+    gradient[:3] = right_jacobian(increment[:3]).T @ gradient[:3]
     return float(equations.cost[0]), gradient

@@ -5,6 +5,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from tactopose_drake.core import kernels
 from tactopose_drake.core.validation import FloatArray
 
 
@@ -48,9 +49,10 @@ class LeastSquaresObjective(Objective, Protocol):
 
 def form_normal_equations(residuals: FloatArray, jacobian: FloatArray) -> NormalEquations:
     """Normal equations from residuals (B, m) and any Jacobian (B, m, n)."""
-    transposed = np.swapaxes(jacobian, -1, -2)
-    gradient = (transposed @ residuals[..., None])[..., 0]
-    return NormalEquations(0.5 * np.sum(residuals**2, axis=-1), gradient, transposed @ jacobian)
+    count, _, n = jacobian.shape
+    equations = NormalEquations(np.empty(count), np.empty((count, n)), np.empty((count, n, n)))
+    kernels.form_normal_equations(residuals, jacobian, *equations)
+    return equations
 
 
 class SumObjective:

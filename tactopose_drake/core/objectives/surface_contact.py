@@ -38,13 +38,13 @@ class SurfaceContact:
         return cost
 
     def residuals(self, X_PO: FloatArray) -> FloatArray:
-        """Residuals (B, 4 k), or (B, k) without normals, of poses (B, 3, 4)."""
+        """Residuals (B, 5 k), or (B, k) without normals, of poses (B, 3, 4)."""
         return self.residuals_and_jacobian(X_PO)[0]
 
     def residuals_and_jacobian(self, X_PO: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Residuals (B, m) and their exact derivatives by the increment (B, m, 6)."""
-        count, rows = len(X_PO), 4 if self._has_normals else 1
-        residuals, jacobian = np.empty((count, self._count, 4)), np.empty((count, self._count, 4, 6))
+        count, rows = len(X_PO), 5 if self._has_normals else 1
+        residuals, jacobian = np.empty((count, self._count, 5)), np.empty((count, self._count, 5, 6))
         kernels.contact_residuals(*self._arguments, X_PO, residuals, jacobian)
         m = rows * self._count
         return residuals[:, :, :rows].reshape(count, m), jacobian[:, :, :rows].reshape(count, m, 6)

@@ -4,8 +4,8 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from tactopose_drake.core import kernels
 from tactopose_drake.core.objectives.base import LeastSquaresObjective
-from tactopose_drake.core.poses import retract
 from tactopose_drake.core.prior import PosePrior
 from tactopose_drake.core.validation import FloatArray
 
@@ -57,7 +57,10 @@ class PriorSpace:
 
     def sample(self, generator: np.random.Generator, count: int) -> FloatArray:
         """Random poses, shape (count, 3, 4)."""
-        return retract(self._prior.X_PO, generator.normal(size=(count, 6)) * self._prior.sigmas)
+        X_PO = np.empty((count, 3, 4))
+        increments = generator.normal(size=(count, 6)) * self._prior.sigmas
+        kernels.retract(np.broadcast_to(self._prior.X_PO, X_PO.shape), increments, X_PO)
+        return X_PO
 
 
 class Search(Protocol):

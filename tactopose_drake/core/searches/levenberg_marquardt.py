@@ -9,7 +9,7 @@ from collections.abc import Callable
 import numpy as np
 
 from tactopose_drake.core import kernels
-from tactopose_drake.core.objectives.base import LeastSquaresObjective
+from tactopose_drake.core.objectives.base import LeastSquaresObjective, NormalEquations
 from tactopose_drake.core.searches.base import PoseSpace, SearchResult
 from tactopose_drake.core.searches.parameters import IncrementParameters, Parameters
 from tactopose_drake.core.validation import FloatArray
@@ -38,8 +38,8 @@ class LevenbergMarquardt:
 
     Attributes:
         max_iterations: steps tried for each pose.
-        tolerance: a pose has converged when an accepted step lowers its cost by less than this fraction (or by less
-            than 1e-9), or when rejected steps have driven the damping beyond `max_damping`.
+        tolerance: a pose has converged when an accepted step lowers its cost by less than this, or by less than this
+            fraction of it, or when rejected steps have driven the damping beyond `max_damping`.
         initial_damping, max_damping: lambda of [B16] eq. 2.30.
         parameters: what is moved: six increments, or the thesis' quaternion and translation.
         solver: how the damped equations are solved.
@@ -61,27 +61,31 @@ class LevenbergMarquardt:
     def refine(self, objective: LeastSquaresObjective, X_start: FloatArray) -> SearchResult:
         """Minimises from each of the poses (B, 3, 4); returns them by rising cost."""
         X_start = np.ascontiguousarray(X_start)
-        count = len(X_start)
-        state = self.parameters.start(X_start).copy()
-        cost, gradient, hessian = self.parameters.normal_equations(objective, state, X_start)
-        damping = np.full(count, self.initial_damping)
-        iterations, converged = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.bool_)
-        active = np.arange(count)
-        for _ in range(self.max_iterations):
-            step = self.solver(hessian[active], gradient[active], damping[active])
-            moved = self.parameters.move(state[active], step)
+        here = self.parameters.start(X_start).copy()
+        state, cost = here.copy(), np.empty(len(here))
+        iterations, converged = np.zeros(len(here), dtype=np.int64), np.zeros(len(here), dtype=np.bool_)
+        # The working arrays hold the poses that still move; `active` says which ones these are.
+        active, damping = np.arange(len(here)), np.full(len(here), self.initial_damping)
+        equations = self.parameters.normal_equations(objective, here, X_start)
+        for iteration in range(1, self.max_iterations + 1):
+            step = self.solver(equations.hessian, equations.gradient, damping)
+            moved = self.parameters.move(here, step)
             there = self.parameters.normal_equations(objective, moved, X_start[active])
-            iterations[active] += 1
-            decrease = cost[active] - there.cost
+            decrease = equations.cost - there.cost
             better = decrease > 0.0
-            accepted = active[better]
-            small = better & (decrease <= self.tolerance * cost[active] + 1e-9)
-            state[accepted], cost[accepted] = moved[better], there.cost[better]
-            gradient[accepted], hessian[accepted] = there.gradient[better], there.hessian[better]
-            damping[active] *= np.where(better, 0.1, 10.0)
-            done = small | (damping[active] > self.max_damping)
-            converged[active[done]] = True
-            active = active[~done]
-            if not len(active):
-                break
+            damping *= np.where(better, 0.1, 10.0)
+            done = damping > self.max_damping
+            done |= better & (decrease <= self.tolerance * there.cost + self.tolerance)
+            for old, new in zip((here, *equations), (moved, *there), strict=True):
+                np.copyto(old, new, where=better.reshape(-1, *[1] * (old.ndim - 1)))
+            if done.any() or iteration == self.max_iterations:
+                ended = done if iteration < self.max_iterations else np.ones(len(here), dtype=np.bool_)
+                index = active[ended]
+                state[index], cost[index] = here[ended], equations.cost[ended]
+                iterations[index], converged[index] = iteration, done[ended]
+                going = ~ended
+                active, here, damping = active[going], here[going], damping[going]
+                equations = NormalEquations(*(array[going] for array in equations))
+                if not len(active):
+                    break
         return SearchResult(self.parameters.poses(state, X_start), cost, iterations, converged).ranked()

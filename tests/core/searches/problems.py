@@ -1,0 +1,32 @@
+"""Problems with known answers for every search."""
+
+import numpy as np
+import trimesh
+
+from tactopose_drake.core.objectives.base import SumObjective
+from tactopose_drake.core.objectives.pose_prior import PriorObjective
+from tactopose_drake.core.objectives.surface_contact import SurfaceContact
+from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.poses import make_poses, random_rotations, retract
+from tactopose_drake.core.prior import PosePrior
+from tactopose_drake.core.synthetic_touch import touch_surface
+
+
+def make_blob() -> ObjectModel:
+    """A smooth body without symmetry, about 10 cm long."""
+    mesh = trimesh.creation.icosphere(subdivisions=5, radius=1.0)
+    x, y, z = mesh.vertices.T
+    mesh.vertices *= (0.04 * (1 + 0.2 * x + 0.15 * x * y + 0.1 * z**3))[:, None] * np.array([0.7, 1.0, 1.3])
+    return ObjectModel.from_mesh(mesh, symmetry="none")
+
+
+def make_touch(
+    model: ObjectModel, seed: int, offset_translation: float = 0.01, offset_rotation: float = 0.1
+) -> tuple[SumObjective, PosePrior, np.ndarray]:
+    """Six exact contacts, a prior that is off by the given amounts, and the true pose (3, 4)."""
+    generator = np.random.default_rng(seed)
+    X_PO = make_poses(random_rotations(generator, 1), generator.normal(size=(1, 3)) * 0.05)[0]
+    contacts = touch_surface(model, X_PO, 6, generator)
+    w, v = (u / np.linalg.norm(u) for u in generator.normal(size=(2, 3)))
+    prior = PosePrior(retract(X_PO, np.concatenate([offset_rotation * w, offset_translation * v])))
+    return SumObjective([SurfaceContact(model.grid, contacts), PriorObjective(prior)]), prior, X_PO

@@ -1,0 +1,124 @@
+import numpy as np
+import pytest
+
+from tactopose_drake.core.objectives.base import LeastSquaresObjective, NormalEquations, form_normal_equations
+from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.poses import increments_between, rotation_angles
+from tactopose_drake.core.searches.base import PriorSpace, Search
+from tactopose_drake.core.searches.gradient_descent import GradientDescent
+from tactopose_drake.core.searches.levenberg_marquardt import (
+    LevenbergMarquardt,
+    cholesky_steps,
+    pseudo_inverse_steps,
+)
+from tactopose_drake.core.searches.multi_start import MultiStart
+from tactopose_drake.core.searches.parameters import QuaternionParameters
+from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.programs.pose_program import PoseProgram
+from tests.core.searches.problems import make_blob, make_touch
+
+SEARCHES: dict[str, Search] = {
+    "lm": LevenbergMarquardt(tolerance=1e-12),
+    "lm, pseudo-inverse": LevenbergMarquardt(tolerance=1e-12, solver=pseudo_inverse_steps),
+    "lm, quaternion": LevenbergMarquardt(
+        tolerance=1e-12, parameters=QuaternionParameters(), solver=pseudo_inverse_steps
+    ),
+    "gradient descent": GradientDescent(tolerance=1e-12),
+    "gradient descent, quaternion": GradientDescent(tolerance=1e-12, parameters=QuaternionParameters()),
+    "nlopt_slsqp": PoseProgram(solver="nlopt_slsqp"),
+    "nlopt_ccsaq": PoseProgram(solver="nlopt_ccsaq"),
+    "snopt": PoseProgram(solver="snopt"),
+    "ipopt": PoseProgram(solver="ipopt"),
+    "multi-start": MultiStart(fine=LevenbergMarquardt(tolerance=1e-12)),
+}
+
+
+@pytest.fixture(scope="module")
+def blob() -> ObjectModel:
+    return make_blob()
+
+
+@pytest.mark.parametrize("name", SEARCHES)
+@pytest.mark.parametrize("seed", [1, 2])
+def test_all_searches_reach_the_same_minimum(blob: ObjectModel, name: str, seed: int) -> None:
+    objective, prior, X_true = make_touch(blob, seed)
+    reference = LevenbergMarquardt(tolerance=1e-14, max_iterations=1000).refine(objective, X_true[None])
+    found = SEARCHES[name].minimize(objective, PriorSpace(prior), np.random.default_rng(0))
+    assert found.cost[0] == pytest.approx(reference.cost[0], abs=0.05)
+    # Well within a standard deviation.
+    hessian = objective.normal_equations(reference.X_PO).hessian[0]
+    increment = increments_between(found.X_PO[0], reference.X_PO[0])
+    assert np.sqrt(increment @ hessian @ increment) < 0.3
+    assert found.converged[0]
+
+
+def test_the_minimum_is_near_the_truth(blob: ObjectModel) -> None:
+    objective, prior, X_true = make_touch(blob, 3, offset_translation=0.033, offset_rotation=np.radians(16))
+    best = MultiStart().minimize(objective, PriorSpace(prior), np.random.default_rng(0)).X_PO[0]
+    assert np.linalg.norm(best[:, 3] - X_true[:, 3]) < 0.005
+    assert rotation_angles(best[:, :3], X_true[:, :3]) < np.radians(6)
+
+
+def test_poses_come_ranked_and_agree_with_their_costs(blob: ObjectModel) -> None:
+    objective, prior, _ = make_touch(blob, 4)
+    found = MultiStart(samples=200, starts=20, kept=10).minimize(objective, PriorSpace(prior), np.random.default_rng(0))
+    assert len(found.cost) == 10
+    assert np.all(np.diff(found.cost) >= 0)
+    np.testing.assert_allclose(objective.cost(found.X_PO), found.cost, rtol=1e-6)
+
+
+def test_the_same_seed_gives_the_same_poses(blob: ObjectModel) -> None:
+    objective, prior, _ = make_touch(blob, 5)
+    first, again = (MultiStart().minimize(objective, PriorSpace(prior), np.random.default_rng(7)) for _ in range(2))
+    np.testing.assert_array_equal(first.X_PO, again.X_PO)
+
+
+def test_a_batch_is_refined_as_its_poses_one_by_one(blob: ObjectModel) -> None:
+    objective, prior, _ = make_touch(blob, 6)
+    X_start = PriorSpace(prior).sample(np.random.default_rng(1), 5)
+    search = LevenbergMarquardt(max_iterations=8)
+    together = search.refine(objective, X_start)
+    alone = [search.refine(objective, X[None]) for X in X_start]
+    np.testing.assert_allclose(together.cost, sorted(float(one.cost[0]) for one in alone), rtol=1e-12)
+    assert sorted(together.iterations) == sorted(int(one.iterations[0]) for one in alone)
+
+
+def test_the_limit_of_iterations_is_kept_and_said(blob: ObjectModel) -> None:
+    objective, prior, _ = make_touch(blob, 1, offset_translation=0.03)
+    for search in (LevenbergMarquardt(max_iterations=2), GradientDescent(max_iterations=2)):
+        found = search.minimize(objective, PriorSpace(prior), np.random.default_rng(0))
+        assert found.iterations[0] == 2
+        assert not found.converged[0]
+
+
+class _Singular:
+    """A cost that only the first increment changes: everything else is undetermined."""
+
+    def cost(self, X_PO: FloatArray) -> FloatArray:
+        return self.normal_equations(X_PO).cost
+
+    def residuals(self, X_PO: FloatArray) -> FloatArray:
+        return self.residuals_and_jacobian(X_PO)[0]
+
+    def residuals_and_jacobian(self, X_PO: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return X_PO[:, :1, 3] - 0.5, np.tile(np.eye(6)[None, 3:4], (len(X_PO), 1, 1))
+
+    def normal_equations(self, X_PO: FloatArray) -> NormalEquations:
+        return form_normal_equations(*self.residuals_and_jacobian(X_PO))
+
+
+@pytest.mark.parametrize("solver", [cholesky_steps, pseudo_inverse_steps])
+def test_undetermined_directions_stay_where_they_were(solver: object) -> None:
+    objective: LeastSquaresObjective = _Singular()
+    X_start = np.eye(3, 4)[None] + np.array([[[0, 0, 0, 0.1], [0, 0, 0, 0.2], [0, 0, 0, 0.3]]])
+    found = LevenbergMarquardt(solver=solver, tolerance=1e-14).refine(objective, X_start)  # type: ignore[arg-type]
+    np.testing.assert_allclose(found.X_PO[0], np.array([[1, 0, 0, 0.5], [0, 1, 0, 0.2], [0, 0, 1, 0.3]]), atol=1e-6)
+
+
+def test_both_solvers_take_the_same_steps() -> None:
+    generator = np.random.default_rng(0)
+    root = generator.normal(size=(4, 6, 6))
+    hessian, gradient, damping = root @ np.swapaxes(root, 1, 2), generator.normal(size=(4, 6)), np.full(4, 0.1)
+    np.testing.assert_allclose(
+        cholesky_steps(hessian, gradient, damping), pseudo_inverse_steps(hessian, gradient, damping), rtol=1e-8
+    )

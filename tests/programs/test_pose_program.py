@@ -1,0 +1,36 @@
+import numpy as np
+import pytest
+
+from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.errors import InvalidInputError, UnknownNameError
+from tactopose_drake.programs.pose_program import PoseProgram, cost_and_gradient
+from tests.core.searches.problems import make_blob, make_touch
+
+
+@pytest.fixture(scope="module")
+def blob() -> ObjectModel:
+    return make_blob()
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-8, 0.2, 1.0])
+def test_the_gradient_is_exact_for_large_increments_too(blob: ObjectModel, angle: float) -> None:
+    objective, prior, _ = make_touch(blob, 1)
+    increment = np.array([0.6 * angle, -0.8 * angle, 0.0, 0.003, -0.002, 0.001])
+    _, gradient = cost_and_gradient(objective, prior.X_PO, increment)
+    step = 1e-8 * np.eye(6)
+    difference = [
+        (
+            cost_and_gradient(objective, prior.X_PO, increment + h)[0]
+            - cost_and_gradient(objective, prior.X_PO, increment - h)[0]
+        )
+        / 2e-8
+        for h in step
+    ]
+    np.testing.assert_allclose(gradient, difference, rtol=1e-3, atol=1e-3 * np.abs(gradient).max())
+
+
+def test_bad_parameters_are_named() -> None:
+    with pytest.raises(UnknownNameError, match="solver: 'gurobi' is unknown; valid names: nlopt_slsqp, nlopt_ccsaq"):
+        PoseProgram(solver="gurobi")
+    with pytest.raises(InvalidInputError, match="length: is 0"):
+        PoseProgram(length=0.0)
