@@ -144,27 +144,28 @@ def _normal_weight(field, weight_n):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _contact_rows(  # type: ignore[no-untyped-def]
-    values, origin, inverse_spacing, p, n, weight_p, weight_n, X, residual, J, n_smooth
+    values, origin, inverse_spacing, p, n, weight_p, weight_n, X, residual, J, smooth, work
 ):
-    """The five residuals of one contact at one pose, their Jacobian (5, 6), and the surface normal in O.
+    """The five residuals of one contact at one pose, their Jacobian (5, 6), and the smooth distance's derivative (6,).
 
-    They are the distance, the difference of the normals, and the root of twice the log of the normal's standard
-    deviation, squared, which makes the sum of squares a likelihood: a crease explains any normal, but none well.
+    The residuals are the distance, the difference of the normals, and the root of twice the log of the normal's
+    variance, which makes the sum of squares a likelihood: a crease explains any normal, but none well.
     """
-    q, m, field, slope = np.empty(3), np.empty(3), np.empty(4), np.empty((4, 3))
+    # Views of the caller's scratch array (9, 4): an allocation here would cost as much as the arithmetic.
+    q, m, along, row, field, slope = work[0], work[1], work[2], work[3], work[4], work[5:9]
     _to_object(X, p, q)
     _look_up_with_derivative(values, origin, inverse_spacing, q[0], q[1], q[2], field, slope)
     square = field[1] ** 2 + field[2] ** 2 + field[3] ** 2
     scale = 1.0 / np.sqrt(square + _SOFT_LENGTH**2)
     for a in range(3):
-        n_smooth[a] = scale * field[a + 1]
+        row[a] = scale * field[a + 1]
+    _chain(row, q, X, weight_p, smooth)
     residual[0] = field[0] * weight_p
     _chain(slope[0], q, X, weight_p, J[0])
     if weight_n > 0.0:
         _rotate_to_object(X, n, m)
         weight, spread = _normal_weight(field, weight_n)
-        along, row = np.empty(3), np.empty(3)  # along: derivative of half the squared length
-        for c in range(3):
+        for c in range(3):  # The derivative of half the squared length.
             along[c] = field[1] * slope[1, c] + field[2] * slope[2, c] + field[3] * slope[3, c]
             if square >= 1.0:
                 along[c] = 0.0
@@ -207,7 +208,7 @@ def contact_residuals(  # type: ignore[no-untyped-def]
     values, origin, inverse_spacing, p, n, weight_p, weight_n, X, residuals, jacobian
 ):
     """Residuals (B, k, 5), see `_contact_rows`, and their Jacobian (B, k, 5, 6) by the increment."""
-    n_smooth = np.empty(3)
+    smooth, work = np.empty(6), np.empty((9, 4))
     for b in range(X.shape[0]):
         for i in range(p.shape[0]):
             _contact_rows(
@@ -221,7 +222,8 @@ def contact_residuals(  # type: ignore[no-untyped-def]
                 X[b],
                 residuals[b, i],
                 jacobian[b, i],
-                n_smooth,
+                smooth,
+                work,
             )
 
 
@@ -235,7 +237,7 @@ def contact_normal_equations(  # type: ignore[no-untyped-def]
     mesh, and would claim that the facets of a tessellated cylinder determine its spin. It leaves the log term out,
     which is largest in the middle of a crease and so has no curvature to offer.
     """
-    r, J, n_smooth, q, smooth = np.empty(5), np.empty((5, 6)), np.empty(3), np.empty(3), np.empty(6)
+    r, J, smooth, work = np.empty(5), np.empty((5, 6)), np.empty(6), np.empty((9, 4))
     for b in range(X.shape[0]):
         total = 0.0
         g, H = gradient[b], hessian[b]
@@ -244,13 +246,13 @@ def contact_normal_equations(  # type: ignore[no-untyped-def]
             for c in range(6):
                 H[a, c] = 0.0
         for i in range(p.shape[0]):
-            _contact_rows(values, origin, inverse_spacing, p[i], n[i], weight_p[i], weight_n[i], X[b], r, J, n_smooth)
+            _contact_rows(
+                values, origin, inverse_spacing, p[i], n[i], weight_p[i], weight_n[i], X[b], r, J, smooth, work
+            )
             for c in range(5):
                 total += r[c] * r[c]
             for a in range(6):
                 g[a] += J[0, a] * r[0] + J[1, a] * r[1] + J[2, a] * r[2] + J[3, a] * r[3] + J[4, a] * r[4]
-            _to_object(X[b], p[i], q)
-            _chain(n_smooth, q, X[b], weight_p[i], smooth)
             for a in range(6):
                 for c in range(a + 1):
                     H[a, c] += smooth[a] * smooth[c] + J[1, a] * J[1, c] + J[2, a] * J[2, c] + J[3, a] * J[3, c]

@@ -22,13 +22,15 @@ class MultiStart:
         fine: the polish.
     """
 
-    samples: int = 1000
-    starts: int = 100
-    kept: int = 24
+    samples: int = 400
+    starts: int = 64
+    kept: int = 12
     coarse: LevenbergMarquardt = dataclasses.field(
         default_factory=lambda: LevenbergMarquardt(max_iterations=5, initial_damping=1e-2)
     )
-    fine: LevenbergMarquardt = dataclasses.field(default_factory=lambda: LevenbergMarquardt(max_iterations=25))
+    fine: LevenbergMarquardt = dataclasses.field(
+        default_factory=lambda: LevenbergMarquardt(max_iterations=20, tolerance=1e-3)
+    )
 
     def minimize(
         self, objective: LeastSquaresObjective, space: PoseSpace, generator: np.random.Generator
