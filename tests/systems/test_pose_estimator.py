@@ -1,0 +1,169 @@
+import math
+
+import numpy as np
+import pytest
+import trimesh
+from pydrake.common.value import AbstractValue
+from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context
+
+from tactopose_drake.core.contacts import Contacts
+from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.poses import retract
+from tactopose_drake.core.prior import PosePrior
+from tactopose_drake.errors import InvalidInputError, PortTypeError, UnknownNameError
+from tactopose_drake.systems.pose_estimator import PoseEstimator, PoseEstimatorParams
+
+X_PO = RigidTransform(RollPitchYaw(0.4, -0.2, 1.0), [0.02, -0.03, 0.1])
+PRIOR = PosePrior(
+    retract(X_PO.GetAsMatrix34(), np.array([0.1, -0.05, 0.08, 0.01, -0.008, 0.006])), 0.02, math.radians(8)
+)
+# On five sides of the box; two on the largest: the pose is determined.
+p_OC = np.array([[0.03, 0.01, 0.0], [-0.03, -0.01, 0.03], [0.0, 0.05, 0.02], [0.01, -0.05, -0.04], [0.01, 0.02, 0.07]])
+n_OC = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1.0]])
+
+
+@pytest.fixture(scope="module")
+def box() -> ObjectModel:
+    return ObjectModel.from_mesh(trimesh.creation.box((0.06, 0.10, 0.14)), cache=False)
+
+
+def touch(count: int = 5) -> Contacts:
+    return Contacts(X_PO.multiply(p_OC[:count].T).T, X_PO.rotation().multiply(n_OC[:count].T).T)
+
+
+class Bench:
+    """An estimator with fixed inputs, and a simulator that steps it once per call."""
+
+    def __init__(self, model: ObjectModel, method: str = "pair_search") -> None:
+        self.estimator = PoseEstimator(model, PoseEstimatorParams(period=0.1, method=method))
+        self.estimator.set_name("estimator")
+        self.simulator = Simulator(self.estimator)
+        self.context: Context = self.simulator.get_mutable_context()
+
+    def fix(self, **inputs: object) -> None:
+        for name, value in inputs.items():
+            self.estimator.GetInputPort(name).FixValue(self.context, AbstractValue.Make(value))
+
+    def step(self) -> tuple[RigidTransform, object, str]:
+        self.simulator.AdvanceTo(self.context.get_time() + 0.1)
+        return self.read()
+
+    def read(self) -> tuple[RigidTransform, object, str]:
+        return tuple(
+            self.estimator.GetOutputPort(name).Eval(self.context) for name in ("object_pose", "hypotheses", "status")
+        )
+
+
+def error(pose: RigidTransform) -> tuple[float, float]:
+    """Of an estimate against the truth, m and rad."""
+    X = X_PO.inverse() @ pose
+    return float(np.linalg.norm(X.translation())), X.rotation().ToAngleAxis().angle()
+
+
+def test_the_touch_corrects_the_prior(box: ObjectModel) -> None:
+    bench = Bench(box)
+    bench.fix(contacts=touch(), prior=PRIOR)
+    pose, hypotheses, status = bench.step()
+    before, after = error(RigidTransform(PRIOR.X_PO)), error(pose)
+    assert status == "ok"
+    assert pose.IsExactlyEqualTo(hypotheses.best.X_PO)
+    assert after[0] < 0.3 * before[0]
+    assert after[1] < 0.3 * before[1]
+
+
+def test_too_few_contacts_hold_the_last_pose_and_say_so(box: ObjectModel) -> None:
+    bench = Bench(box)
+    bench.fix(contacts=touch(), prior=PRIOR)
+    estimated, hypotheses, _ = bench.step()
+    elsewhere = PosePrior(RigidTransform([1.0, 1.0, 1.0]))
+    for count in (1, 0):
+        bench.fix(contacts=touch(count), prior=elsewhere)
+        pose, still, status = bench.step()
+        assert pose.IsExactlyEqualTo(estimated)
+        assert [h.cost for h in still.hypotheses] == [h.cost for h in hypotheses.hypotheses]
+        assert status == f"held: {count} contacts, 2 needed"
+    bench.fix(contacts=touch(), prior=PRIOR)
+    assert bench.step()[2] == "ok"
+
+
+def test_a_touch_that_no_pose_explains_holds_the_last_pose_and_says_so(box: ObjectModel) -> None:
+    bench = Bench(box)
+    bench.fix(contacts=touch(), prior=PRIOR)
+    estimated = bench.step()[0]
+    impossible = Contacts(np.array([[0.0, 0, 0], [0.5, 0, 0]]), np.array([[1.0, 0, 0], [1.0, 0, 0]]))
+    bench.fix(contacts=impossible)
+    pose, hypotheses, status = bench.step()
+    assert pose.IsExactlyEqualTo(estimated)
+    assert hypotheses.status == "no_solution"
+    assert status == "held: no pose explains the touch"
+
+
+def test_before_the_first_touch_the_pose_is_the_priors(box: ObjectModel) -> None:
+    bench = Bench(box)
+    assert bench.read()[1:] == (None, "held: no estimate yet")
+    bench.fix(contacts=Contacts.empty(), prior=None)
+    assert bench.step()[0].IsExactlyEqualTo(RigidTransform())
+    bench.fix(prior=PRIOR)
+    pose, hypotheses, _ = bench.step()
+    np.testing.assert_array_equal(pose.GetAsMatrix34(), PRIOR.X_PO)
+    assert hypotheses is None
+
+
+def test_a_prior_that_is_connected_but_not_there_yet_is_waited_for(box: ObjectModel) -> None:
+    bench = Bench(box)
+    bench.fix(contacts=touch(), prior=None)
+    assert bench.step()[2] == "held: no prior yet"
+
+
+def test_a_local_method_without_a_prior_is_refused(box: ObjectModel) -> None:
+    bench = Bench(box, method="levenberg_marquardt")
+    bench.fix(contacts=touch())
+    with pytest.raises(InvalidInputError, match="prior"):
+        bench.step()
+
+
+def test_an_unknown_method_is_named_with_the_valid_ones(box: ObjectModel) -> None:
+    bench = Bench(box, method="guess")
+    bench.fix(contacts=touch(), prior=PRIOR)
+    with pytest.raises(UnknownNameError, match="'guess' is unknown; valid names: pair_search"):
+        bench.step()
+
+
+def test_the_same_touch_gives_the_same_pose(box: ObjectModel) -> None:
+    poses = []
+    for _ in range(2):
+        bench = Bench(box)
+        bench.fix(contacts=touch(), prior=PRIOR)
+        poses.append(bench.step()[0])
+    assert poses[0].IsExactlyEqualTo(poses[1])
+
+
+def test_the_pose_turns_with_the_touch(box: ObjectModel) -> None:
+    """The same touch, seen from a palm that is elsewhere, gives the same pose, seen from there."""
+    X_QP = RigidTransform(RollPitchYaw(0.3, 0.9, -0.5), [0.2, 0.1, -0.3])
+    bench = Bench(box)
+    bench.fix(contacts=touch(), prior=PRIOR)
+    pose = bench.step()[0]
+    contacts = touch()
+    moved = Contacts(X_QP.multiply(contacts.p_PC.T).T, X_QP.rotation().multiply(contacts.n_PC.T).T)
+    bench = Bench(box)
+    bench.fix(contacts=moved, prior=PosePrior(X_QP @ RigidTransform(PRIOR.X_PO), 0.02, math.radians(8)))
+    assert (X_QP @ pose).IsNearlyEqualTo(bench.step()[0], 1e-4)
+
+
+@pytest.mark.parametrize("inputs", [{"contacts": {"not": 1}}, {"contacts": Contacts.empty(), "prior": {"not": 1}}])
+def test_a_value_of_another_type_is_refused_by_the_name_of_the_port(
+    box: ObjectModel, inputs: dict[str, object]
+) -> None:
+    bench = Bench(box)
+    bench.fix(**inputs)
+    with pytest.raises(PortTypeError, match=f"input port '{list(inputs)[-1]}' of system 'estimator': holds a dict"):
+        bench.step()
+
+
+@pytest.mark.parametrize(("name", "value"), [("period", 0.0), ("min_contacts", 0), ("max_hypotheses", 0)])
+def test_a_bad_parameter_is_named(name: str, value: float) -> None:
+    with pytest.raises(InvalidInputError, match=f"{name}: is 0"):
+        PoseEstimatorParams(**{name: value}).validate()
