@@ -1,0 +1,133 @@
+"""The shapes of a hand as coloured triangles, for pictures."""
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Self
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+from pydrake.geometry import (
+    Box,
+    Capsule,
+    Convex,
+    Cylinder,
+    Ellipsoid,
+    IllustrationProperties,
+    Mesh,
+    Role,
+    SceneGraphInspector,
+    Shape,
+    Sphere,
+)
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import Frame, ModelInstanceIndex
+from pydrake.systems.framework import Context
+
+from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.errors import InvalidInputError
+
+_GREY = (0.62, 0.64, 0.67)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Triangles:
+    """A coloured triangle mesh in some frame F.
+
+    Attributes:
+        vertices: shape (v, 3), m.
+        faces: vertex indices, shape (f, 3).
+        colour: red, green, blue of each vertex, shape (v, 3), 0 to 1.
+    """
+
+    vertices: FloatArray
+    faces: NDArray[np.int32]
+    colour: FloatArray
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class BodyMeshes:
+    """Triangle meshes that are fixed on bodies of a plant.
+
+    Attributes:
+        body: index of each mesh's body B in the plant.
+        meshes: each in its B.
+    """
+
+    body: tuple[int, ...]
+    meshes: tuple[Triangles, ...]
+
+    @classmethod
+    def from_inspector(
+        cls, plant: MultibodyPlant, inspector: SceneGraphInspector, model_instance: ModelInstanceIndex
+    ) -> Self:
+        """The shapes of one model instance: what is shown, or what collides where nothing is shown."""
+        body, meshes = [], []
+        for index in plant.GetBodyIndices(model_instance):
+            frame = plant.GetBodyFrameIdOrThrow(index)
+            shown = inspector.GetGeometries(frame, Role.kIllustration)
+            for geometry in shown or inspector.GetGeometries(frame, Role.kProximity):
+                mesh = _mesh(inspector.GetShape(geometry))
+                if mesh is not None:
+                    vertices = inspector.GetPoseInFrame(geometry).multiply(np.array(mesh.vertices).T).T
+                    colour = np.tile(_diffuse(inspector.GetIllustrationProperties(geometry)), (len(vertices), 1))
+                    body.append(int(index))
+                    meshes.append(Triangles(vertices, np.array(mesh.faces, dtype=np.int32), colour))
+        return cls(tuple(body), tuple(meshes))
+
+    @classmethod
+    def in_palm(cls, plant: MultibodyPlant, context: Context, palm_frame: Frame) -> Triangles:
+        """The palm's model instance, where the context's joints put it, in P.
+
+        Raises:
+            InvalidInputError: if the plant is not connected to a SceneGraph.
+        """
+        query_port = plant.get_geometry_query_input_port()
+        if not query_port.HasValue(context):
+            raise InvalidInputError(
+                "context: its plant is not connected to a SceneGraph, which holds the hand's shapes."
+            )
+        meshes = cls.from_inspector(plant, query_port.Eval(context).inspector(), palm_frame.model_instance())
+        X_PW = palm_frame.CalcPoseInWorld(context).inverse()
+        X_WB = plant.get_body_poses_output_port().Eval(context)
+        return meshes.merged([X_PW @ X for X in X_WB])
+
+    def merged(self, X_FB: Sequence[RigidTransform]) -> Triangles:
+        """All meshes as one, in F, for the poses of all bodies in F."""
+        vertices, faces, colour = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.int32)], [np.zeros((0, 3))]
+        start = 0
+        for body, mesh in zip(self.body, self.meshes, strict=True):
+            vertices.append(X_FB[body].multiply(mesh.vertices.T).T)
+            faces.append(mesh.faces + np.int32(start))
+            colour.append(mesh.colour)
+            start += len(mesh.vertices)
+        return Triangles(np.concatenate(vertices), np.concatenate(faces), np.concatenate(colour))
+
+
+def _diffuse(properties: IllustrationProperties | None) -> tuple[float, float, float]:
+    if properties is None or not properties.HasProperty("phong", "diffuse"):
+        return _GREY
+    rgba = properties.GetProperty("phong", "diffuse")
+    return rgba.r(), rgba.g(), rgba.b()
+
+
+def _mesh(shape: Shape) -> trimesh.Trimesh | None:
+    """The shape's surface in its own frame; None for one without an end."""
+    mesh: trimesh.Trimesh | None = None
+    if isinstance(shape, Sphere):
+        mesh = trimesh.creation.icosphere(subdivisions=3, radius=shape.radius())
+    elif isinstance(shape, Capsule):
+        mesh = trimesh.creation.capsule(height=shape.length(), radius=shape.radius(), count=[24, 24])
+        mesh.apply_translation([0.0, 0.0, -mesh.bounds.mean(axis=0)[2]])
+    elif isinstance(shape, Cylinder):
+        mesh = trimesh.creation.cylinder(radius=shape.radius(), height=shape.length(), sections=48)
+    elif isinstance(shape, Box):
+        mesh = trimesh.creation.box(shape.size())
+    elif isinstance(shape, Ellipsoid):
+        mesh = trimesh.creation.icosphere(subdivisions=3)
+        mesh.apply_scale([shape.a(), shape.b(), shape.c()])
+    elif isinstance(shape, Mesh | Convex):
+        hull = shape.GetConvexHull()
+        mesh = trimesh.convex.convex_hull(np.array([hull.vertex(i) for i in range(hull.num_vertices())]))
+    return mesh

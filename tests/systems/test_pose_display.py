@@ -1,0 +1,113 @@
+import numpy as np
+import pytest
+import trimesh
+from pydrake.common.value import AbstractValue
+from pydrake.geometry import Meshcat
+from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import FixedOffsetFrame, SpatialInertia
+from pydrake.systems.analysis import Simulator
+
+from tactopose_drake.core.contacts import Contacts
+from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.prior import PosePrior
+from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.systems.pose_display import PoseDisplay, PoseDisplayParams
+from tests.recording_meshcat import RecordingMeshcat
+
+X_PO = RigidTransform(RollPitchYaw(0.3, 0.2, 0.1), [0.01, 0.02, 0.1])
+X_WPalm = RigidTransform(RollPitchYaw(1.3, -0.2, 0.7), [1.0, 2.0, 3.0])
+X_PalmP = RigidTransform(RollPitchYaw(0.0, 0.5, 0.0), [0.0, 0.0, 0.05])
+TOUCH = Contacts([[0.03, 0, 0], [-0.03, 0, 0]], [[1, 0, 0], [-1, 0, 0]], [[2, 0, 0], [-1, 0, 0.2]])
+
+
+@pytest.fixture(scope="module")
+def model() -> ObjectModel:
+    return ObjectModel.from_mesh(trimesh.creation.box((0.06, 0.08, 0.1)), cache=False)
+
+
+def run(display: PoseDisplay, duration: float = 0.001, **inputs: object) -> None:
+    simulator = Simulator(display)
+    for name, value in inputs.items():
+        display.GetInputPort(name).FixValue(simulator.get_mutable_context(), AbstractValue.Make(value))
+    simulator.Initialize()
+    simulator.AdvanceTo(duration)
+
+
+def test_prior_and_estimate_are_where_they_say(model: ObjectModel) -> None:
+    meshcat = RecordingMeshcat()
+    prior = PosePrior(RigidTransform([0.0, 0.0, 0.2]))
+    run(PoseDisplay(meshcat, model), contacts=TOUCH, prior=prior, object_pose=X_PO)
+    assert meshcat.pose("/tactopose/estimate").IsNearlyEqualTo(X_PO, 1e-12)
+    np.testing.assert_allclose(meshcat.pose("/tactopose/prior").GetAsMatrix34(), prior.X_PO)
+    assert meshcat.visible("/tactopose/prior")
+
+
+def test_everything_moves_with_the_palm(model: ObjectModel) -> None:
+    plant = MultibodyPlant(0.0)
+    plant.AddRigidBody("stand", SpatialInertia.SolidSphereWithMass(1.0, 0.1))
+    palm = plant.AddRigidBody("palm", SpatialInertia.SolidSphereWithMass(1.0, 0.1))
+    palm_frame = plant.AddFrame(FixedOffsetFrame("palm_frame", palm.body_frame(), X_PalmP))
+    plant.Finalize()
+    meshcat = RecordingMeshcat()
+    body_poses = [RigidTransform(), RigidTransform([9.0, 9.0, 9.0]), X_WPalm]
+    display = PoseDisplay(meshcat, model, palm_frame)
+    run(display, contacts=TOUCH, object_pose=X_PO, body_poses=body_poses)
+    assert meshcat.pose("/tactopose/estimate").IsNearlyEqualTo(X_WPalm @ X_PalmP @ X_PO, 1e-12)
+    p_WC = meshcat.pose("/tactopose/touch/0/point").translation()
+    np.testing.assert_allclose(p_WC, X_WPalm @ X_PalmP @ TOUCH.p_PC[0])
+
+
+@pytest.mark.parametrize("inputs", [{}, {"prior": None}])
+def test_without_a_prior_none_is_shown(model: ObjectModel, inputs: dict[str, object]) -> None:
+    meshcat = RecordingMeshcat()
+    run(PoseDisplay(meshcat, model), contacts=TOUCH, object_pose=X_PO, **inputs)
+    assert not meshcat.visible("/tactopose/prior")
+    assert meshcat.visible("/tactopose/estimate")
+
+
+def test_only_the_contacts_there_are_are_shown(model: ObjectModel) -> None:
+    meshcat = RecordingMeshcat()
+    run(PoseDisplay(meshcat, model, params=PoseDisplayParams(max_contacts=4)), contacts=TOUCH, object_pose=X_PO)
+    assert [meshcat.visible(f"/tactopose/touch/{row}/point") for row in range(4)] == [True, True, False, False]
+    assert "/tactopose/touch/4/point" not in meshcat.objects
+
+
+def test_more_contacts_than_can_be_shown_are_no_failure(model: ObjectModel) -> None:
+    meshcat = RecordingMeshcat()
+    run(PoseDisplay(meshcat, model, params=PoseDisplayParams(max_contacts=1)), contacts=TOUCH, object_pose=X_PO)
+    assert meshcat.visible("/tactopose/touch/0/point")
+    assert "/tactopose/touch/1/point" not in meshcat.objects
+
+
+def test_a_second_simulation_starts_afresh(model: ObjectModel) -> None:
+    meshcat = RecordingMeshcat()
+    run(PoseDisplay(meshcat, model, params=PoseDisplayParams(max_contacts=9)), contacts=TOUCH, object_pose=X_PO)
+    run(PoseDisplay(meshcat, model, params=PoseDisplayParams(max_contacts=1)), contacts=TOUCH, object_pose=X_PO)
+    assert "/tactopose/touch/8/point" not in meshcat.objects
+
+
+def test_the_motion_is_recorded_at_the_simulations_time(model: ObjectModel) -> None:
+    meshcat = RecordingMeshcat()
+    params = PoseDisplayParams(period=0.25)
+    run(PoseDisplay(meshcat, model, params=params), duration=0.6, contacts=TOUCH, object_pose=X_PO)
+    assert {time for time in meshcat.times if time is not None} == {0.0, 0.25, 0.5}
+
+
+def test_meshcat_itself_takes_and_records_all_of_it(model: ObjectModel) -> None:
+    meshcat = Meshcat()
+    meshcat.StartRecording()
+    display = PoseDisplay(meshcat, model)
+    run(display, duration=0.1, contacts=TOUCH, prior=PosePrior(X_PO), object_pose=X_PO)
+    meshcat.PublishRecording()
+    for part in ("prior", "estimate", "touch/1/point", "touch/1/normal/cone", "touch/1/force/shaft"):
+        assert meshcat.HasPath(f"/tactopose/{part}")
+    assert "set_animation" in meshcat.StaticHtml()
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("period", 0.0), ("max_contacts", -1), ("friction_coefficient", 0.0), ("estimate_opacity", 1.5)]
+)
+def test_a_bad_parameter_is_named(name: str, value: float) -> None:
+    with pytest.raises(InvalidInputError, match=f"{name}: is {value:g}"):
+        PoseDisplayParams(**{name: value}).validate()
