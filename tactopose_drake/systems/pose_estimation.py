@@ -1,0 +1,103 @@
+"""From wrenches and joint positions to the object's pose: one diagram to put into another."""
+
+import dataclasses
+
+from pydrake.systems.framework import Diagram, DiagramBuilder
+
+from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.hand import HandConfig, make_hand_plant
+from tactopose_drake.systems.contact_solver import ContactSolver, ContactSolverParams
+from tactopose_drake.systems.contacts_in_palm import ContactsInPalm, ContactsInPalmParams
+from tactopose_drake.systems.pose_estimator import PoseEstimator, PoseEstimatorParams
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class PoseEstimationParams:
+    """The parameters of each part."""
+
+    solver: ContactSolverParams = dataclasses.field(default_factory=ContactSolverParams)
+    contacts: ContactsInPalmParams = dataclasses.field(default_factory=ContactsInPalmParams)
+    estimator: PoseEstimatorParams = dataclasses.field(default_factory=PoseEstimatorParams)
+
+    def validate(self) -> None:
+        """Raises InvalidInputError if a value is out of its range."""
+        for part in (self.solver, self.contacts, self.estimator):
+            part.validate()
+
+
+def AddPoseEstimation(
+    builder: DiagramBuilder,
+    hand: HandConfig,
+    model: ObjectModel,
+    params: PoseEstimationParams | None = None,
+    name: str = "pose_estimation",
+) -> Diagram:
+    """Adds the estimation of a held object's pose to a diagram under construction.
+
+    .. pydrake_system::
+
+        name: pose_estimation
+        input_ports:
+        - wrench_<finger>
+        - joint_positions
+        - prior
+        output_ports:
+        - object_pose
+        - hypotheses
+        - status
+        - contacts
+        - fingers_in_contact
+        - contact_status
+        - contact_solutions
+
+    - wrench_<finger>: one per finger of the hand, F_S on the fingertip about its sensor's origin, as a sensor measures
+      it: [m_x, m_y, m_z, f_x, f_y, f_z], N m and N; NaN where there is no reading.
+    - joint_positions: measured positions of the hand's joints, in the order of a plant of the hand alone, rad.
+    - prior: `PosePrior` X_PO; may stay unconnected where the method needs none.
+    - object_pose, hypotheses, status: of `PoseEstimator`.
+    - contacts, fingers_in_contact, contact_status: of `ContactsInPalm` (its `status`).
+    - contact_solutions: of `ContactSolver`.
+
+    Args:
+        builder: receives the diagram.
+        hand: the hand's names, fingertips and model; its kinematics are computed in a plant of its own.
+        model: the object.
+        params: parameters of each part.
+        name: of the diagram in the other.
+
+    Returns:
+        The diagram; its ports are to be connected by name.
+    """
+    return builder.AddNamedSystem(name, MakePoseEstimation(hand, model, params))
+
+
+def MakePoseEstimation(hand: HandConfig, model: ObjectModel, params: PoseEstimationParams | None = None) -> Diagram:
+    """The diagram that `AddPoseEstimation` adds, by itself."""
+    params = PoseEstimationParams() if params is None else params
+    params.validate()
+    plant, parts = make_hand_plant(hand)
+    builder = DiagramBuilder()
+    solver = builder.AddNamedSystem("contact_solver", ContactSolver(parts.surfaces, params.solver))
+    contacts = builder.AddNamedSystem(
+        "contacts_in_palm", ContactsInPalm(plant, parts.sensor_frames, parts.palm_frame, params.contacts)
+    )
+    estimator = builder.AddNamedSystem("pose_estimator", PoseEstimator(model, params.estimator))
+    builder.Connect(solver.GetOutputPort("contact_solutions"), contacts.GetInputPort("contact_solutions"))
+    builder.Connect(contacts.GetOutputPort("contacts"), estimator.GetInputPort("contacts"))
+
+    for finger in parts.fingers:
+        builder.ExportInput(solver.GetInputPort(f"wrench_{finger}"), f"wrench_{finger}")
+    builder.ExportInput(contacts.GetInputPort("joint_positions"), "joint_positions")
+    builder.ExportInput(estimator.GetInputPort("prior"), "prior")
+    for port in ("object_pose", "hypotheses", "status"):
+        builder.ExportOutput(estimator.GetOutputPort(port), port)
+    for port, exported in (
+        ("contacts", "contacts"),
+        ("fingers_in_contact", "fingers_in_contact"),
+        ("status", "contact_status"),
+    ):
+        builder.ExportOutput(contacts.GetOutputPort(port), exported)
+    builder.ExportOutput(solver.GetOutputPort("contact_solutions"), "contact_solutions")
+    diagram = builder.Build()
+    diagram.set_name("pose_estimation")
+    return diagram

@@ -1,0 +1,113 @@
+import math
+
+import numpy as np
+import pytest
+import trimesh
+from pydrake.common.value import AbstractValue
+from pydrake.math import RigidTransform
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder
+
+from tactopose_drake.core.contacts import Contacts
+from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.prior import PosePrior
+from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.estimation import estimate_pose
+from tactopose_drake.hand import HandConfig, load_hand_config, make_hand_plant
+from tactopose_drake.systems.pose_estimation import AddPoseEstimation, MakePoseEstimation, PoseEstimationParams
+from tactopose_drake.systems.pose_estimator import PoseEstimatorParams
+
+n_S = np.array([0.6, 0.0, 0.8])
+f_S = np.array([-1.1, 0.2, -1.7])
+
+
+@pytest.fixture(scope="module")
+def hand() -> HandConfig:
+    return load_hand_config("shadow_like")
+
+
+@pytest.fixture(scope="module")
+def model() -> ObjectModel:
+    return ObjectModel.from_mesh(trimesh.creation.icosphere(subdivisions=3, radius=0.04), cache=False)
+
+
+def positions(hand: HandConfig) -> np.ndarray:
+    plant, _ = make_hand_plant(hand)
+    return np.linspace(0.05, 0.6, plant.num_positions())
+
+
+def expected_contacts(hand: HandConfig, fingers: tuple[str, ...]) -> Contacts:
+    """The point of each fingertip that looks along n_S, moved into the palm by hand."""
+    plant, parts = make_hand_plant(hand)
+    context = plant.CreateDefaultContext()
+    plant.SetPositions(context, positions(hand))
+    X_PW = parts.palm_frame.CalcPoseInWorld(context).inverse()
+    rows = []
+    for finger in fingers:
+        X_PS = X_PW @ parts.sensor_frames[finger].CalcPoseInWorld(context)
+        rows.append((X_PS @ touched_point(hand, finger), -(X_PS.rotation() @ n_S), X_PS.rotation() @ f_S))
+    p_PC, n_PC, f_PC = np.array(rows).transpose(1, 0, 2)
+    return Contacts(p_PC, n_PC, f_PC)
+
+
+def touched_point(hand: HandConfig, finger: str) -> np.ndarray:
+    surface = hand.finger(finger).surface
+    X_SF = surface.X_SF.GetDeterministicValue()
+    return X_SF @ np.array([0, 0, surface.length / 2]) + surface.radius * n_S
+
+
+def wrench(hand: HandConfig, finger: str) -> np.ndarray:
+    return np.concatenate([np.cross(touched_point(hand, finger), f_S), f_S])
+
+
+def connect(diagram: Diagram, context: Context, hand: HandConfig, fingers: tuple[str, ...]) -> None:
+    for finger in (config.name for config in hand.fingers):
+        value = wrench(hand, finger) if finger in fingers else np.full(6, np.nan)
+        diagram.GetInputPort(f"wrench_{finger}").FixValue(context, value)
+    diagram.GetInputPort("joint_positions").FixValue(context, positions(hand))
+
+
+def test_the_ports_are_those_that_are_promised(hand: HandConfig, model: ObjectModel) -> None:
+    builder = DiagramBuilder()
+    diagram = AddPoseEstimation(builder, hand, model, name="touch")
+    assert diagram.get_name() == "touch"
+    inputs = {diagram.get_input_port(i).get_name() for i in range(diagram.num_input_ports())}
+    outputs = {diagram.get_output_port(i).get_name() for i in range(diagram.num_output_ports())}
+    assert inputs == {f"wrench_{finger.name}" for finger in hand.fingers} | {"joint_positions", "prior"}
+    assert outputs >= {"object_pose", "hypotheses", "status", "contacts"}
+
+
+def test_the_diagram_does_what_its_parts_do_by_hand(hand: HandConfig, model: ObjectModel) -> None:
+    fingers = ("first", "ring", "thumb")
+    expected = expected_contacts(hand, fingers)
+    prior = PosePrior(RigidTransform(expected.p_PC.mean(axis=0)), 0.02, math.radians(10))
+    diagram = MakePoseEstimation(hand, model, PoseEstimationParams(estimator=PoseEstimatorParams(period=0.1, seed=3)))
+    simulator = Simulator(diagram)
+    context = simulator.get_mutable_context()
+    connect(diagram, context, hand, fingers)
+    diagram.GetInputPort("prior").FixValue(context, AbstractValue.Make(prior))
+    simulator.AdvanceTo(0.01)
+
+    contacts = diagram.GetOutputPort("contacts").Eval(context)
+    assert diagram.GetOutputPort("fingers_in_contact").Eval(context) == fingers
+    for name in ("p_PC", "n_PC", "f_PC"):
+        np.testing.assert_allclose(getattr(contacts, name), getattr(expected, name), atol=1e-9)
+    by_hand = estimate_pose(model, contacts, prior=prior, seed=3, max_hypotheses=PoseEstimatorParams().max_hypotheses)
+    estimate = diagram.GetOutputPort("hypotheses").Eval(context)
+    assert estimate.best.X_PO.IsNearlyEqualTo(by_hand.best.X_PO, 1e-9)
+    assert estimate.status == by_hand.status
+    assert "middle: the wrench is not finite" in diagram.GetOutputPort("contact_status").Eval(context)
+
+
+def test_without_a_reading_the_diagram_says_so(hand: HandConfig, model: ObjectModel) -> None:
+    diagram = MakePoseEstimation(hand, model)
+    simulator = Simulator(diagram)
+    connect(diagram, simulator.get_mutable_context(), hand, ())
+    simulator.AdvanceTo(0.01)
+    assert diagram.GetOutputPort("status").Eval(simulator.get_context()) == "held: 0 contacts, 2 needed"
+
+
+def test_a_bad_parameter_of_any_part_is_named(hand: HandConfig, model: ObjectModel) -> None:
+    params = PoseEstimationParams(estimator=PoseEstimatorParams(period=-1.0))
+    with pytest.raises(InvalidInputError, match=r"PoseEstimatorParams\.period: is -1"):
+        MakePoseEstimation(hand, model, params)
