@@ -31,7 +31,7 @@ _IMPLAUSIBLE = 1e-6
 # The share of the mass that the best hypothesis must carry to be called the answer.
 _MOST_OF_THE_MASS = 0.5
 
-_METHODS: dict[str, Callable[[ObjectModel], Search]] = {
+METHODS: dict[str, Callable[[ObjectModel], Search]] = {
     "pair_search": lambda model: MultiStart(),
     "levenberg_marquardt": lambda model: LevenbergMarquardt(),
     "gradient_descent": lambda model: GradientDescent(length=model.size / 2),
@@ -105,8 +105,8 @@ def estimate_pose(
         InvalidInputError: no prior, or `max_hypotheses` below 1.
     """
     started = time.perf_counter()
-    if method not in _METHODS:
-        raise UnknownNameError("method", method, _METHODS)
+    if method not in METHODS:
+        raise UnknownNameError("method", method, METHODS)
     if len(contacts) < 1:
         raise TooFewContactsError("contacts: there are 0; the estimate needs at least 1.")
     if max_hypotheses < 1:
@@ -116,7 +116,7 @@ def estimate_pose(
 
     touch = SurfaceContact(model.grid, contacts)
     objective: LeastSquaresObjective = SumObjective([touch, PriorObjective(prior)])
-    found = _METHODS[method](model).minimize(objective, PriorSpace(prior), np.random.default_rng(seed))
+    found = METHODS[method](model).minimize(objective, PriorSpace(prior), np.random.default_rng(seed))
     touched = touch.normal_equations(found.X_PO)
     modes = find_modes(
         found,

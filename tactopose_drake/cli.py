@@ -1,0 +1,113 @@
+"""The command line, `tactopose`.
+
+Exit status: 0 an estimate was made; 2 unusable input, with one line on stderr that says what and where; 1 anything
+else.
+"""
+
+import logging
+import sys
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import click
+from pydrake.geometry import Meshcat
+from pydrake.math import RigidTransform
+from rich.console import Console
+
+from tactopose_drake.core.mesh_repair import MeshRepairWarning
+from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.estimation import METHODS, estimate_pose
+from tactopose_drake.files import load_contacts, load_prior, save_result
+from tactopose_drake.reports import free_line, hypotheses_table, status_line
+from tactopose_drake.scene import Scene
+from tactopose_drake.visualization import draw_scene, save_html
+
+_UNUSABLE_INPUT = 2
+_console = Console()
+_errors = Console(stderr=True, soft_wrap=True, highlight=False)
+
+_path = click.Path(path_type=Path)
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="tactopose_drake")
+def cli() -> None:
+    """Knows where a grasped object is, from touch."""
+
+
+@cli.command()
+@click.option("--object", "mesh", type=_path, required=True, help="Mesh of the object, in metres.")
+@click.option("--contacts", "contacts_file", type=_path, required=True, help="contacts.yaml: the touch.")
+@click.option("--prior", "prior_file", type=_path, help="prior.yaml: what is known of the pose without touch.")
+@click.option("--method", type=click.Choice(list(METHODS)), default="pair_search", show_default=True, help="Search.")
+@click.option("--seed", default=0, show_default=True, help="Of the search's random numbers.")
+@click.option("--out", type=_path, help="Writes result.json here.")
+@click.option("--html", type=_path, help="Writes the scene here, as a web page to turn and zoom.")
+def estimate(
+    mesh: Path,
+    contacts_file: Path,
+    prior_file: Path | None,
+    method: str,
+    seed: int,
+    out: Path | None,
+    html: Path | None,
+) -> None:
+    """Estimates the pose of an object from contacts."""
+    contacts = load_contacts(contacts_file)
+    prior = None if prior_file is None else load_prior(prior_file)
+    for path in (out, html):
+        if path is not None and not path.absolute().parent.is_dir():
+            raise InvalidInputError(f"{path}: the folder {path.absolute().parent} does not exist.")
+    with _progress(f"reading {mesh}"):
+        model = ObjectModel.from_mesh(mesh)
+    with _progress("searching (the first run on a machine compiles its kernels, about 20 s)"):
+        found = estimate_pose(model, contacts, prior=prior, method=method, seed=seed)
+    _console.print(hypotheses_table(found, model))
+    _console.print(free_line(found.best))
+    _console.print(status_line(found))
+    if out is not None:
+        save_result(out, found)
+    if html is not None:
+        scene = Scene(
+            model=model,
+            contacts=contacts,
+            prior=None if prior is None else RigidTransform(prior.X_PO),
+            estimate=found.best.X_PO,
+        )
+        meshcat = Meshcat()
+        draw_scene(meshcat, scene)
+        save_html(html, meshcat)
+
+
+@contextmanager
+def _progress(message: str) -> Iterator[None]:
+    """Shows what takes its time, on a terminal; and what was repaired on the way."""
+    with warnings.catch_warnings(record=True) as caught, _errors.status(message):
+        warnings.simplefilter("always", MeshRepairWarning)
+        yield
+    for warning in caught:
+        if issubclass(warning.category, MeshRepairWarning):
+            _errors.print(f"warning: {warning.message}", style="yellow", markup=False)
+
+
+def main() -> None:
+    """The entry point of `tactopose`."""
+    logging.getLogger("drake").setLevel(logging.WARNING)
+    try:
+        cli.main(standalone_mode=False)
+    except click.exceptions.Exit as stop:
+        sys.exit(stop.exit_code)
+    except click.ClickException as error:
+        _fail(error.format_message())
+    except InvalidInputError as error:
+        _fail(str(error))
+    except (KeyboardInterrupt, click.Abort):
+        sys.exit(1)
+
+
+def _fail(message: str) -> None:
+    _errors.print("error: " + " ".join(message.split()), style="red", markup=False)
+    sys.exit(_UNUSABLE_INPUT)

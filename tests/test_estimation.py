@@ -1,0 +1,225 @@
+import math
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import trimesh
+from pydrake.math import RigidTransform
+
+import tactopose_drake as tp
+from tactopose_drake.core.hypotheses import determined_part
+from tactopose_drake.core.poses import (
+    exp_so3,
+    increments_between,
+    make_poses,
+    random_rotations,
+    retract,
+    rotation_angles,
+    transform_points,
+)
+from tactopose_drake.core.synthetic_touch import touch_surface
+from tactopose_drake.resources import model_path
+from tests.core.searches.problems import make_blob
+
+LOCAL_METHODS = ["levenberg_marquardt", "gradient_descent", "mathematical_program"]
+
+
+@pytest.fixture(scope="module")
+def blob() -> tp.ObjectModel:
+    return make_blob()
+
+
+@pytest.fixture(scope="module")
+def can() -> tp.ObjectModel:
+    return tp.ObjectModel.from_mesh(trimesh.creation.cylinder(radius=0.033, height=0.115, sections=64))
+
+
+@pytest.fixture(scope="module")
+def box() -> tp.ObjectModel:
+    return tp.ObjectModel.from_mesh(trimesh.creation.box((0.06, 0.09, 0.14)).subdivide().subdivide())
+
+
+def random_pose(seed: int) -> np.ndarray:
+    generator = np.random.default_rng(seed)
+    return make_poses(random_rotations(generator, 1), generator.normal(size=(1, 3)) * 0.05)[0]
+
+
+def displaced(X_PO: np.ndarray, seed: int, translation: float = 0.033, degrees: float = 16.0) -> np.ndarray:
+    w, v = (u / np.linalg.norm(u) for u in np.random.default_rng(seed).normal(size=(2, 3)))
+    return retract(X_PO, np.concatenate([math.radians(degrees) * w, translation * v]))
+
+
+def error(estimate: tp.PoseEstimate, X_PO: np.ndarray) -> np.ndarray:
+    return increments_between(estimate.best.X_PO.GetAsMatrix34(), X_PO)
+
+
+def test_a_doubtful_prior_is_corrected() -> None:
+    bottle = tp.ObjectModel.from_mesh(model_path("objects", "spray_bottle.obj"))
+    near = 0
+    for seed in range(20):
+        X_PO = random_pose(seed)
+        contacts = touch_surface(bottle, X_PO, 5, np.random.default_rng(seed))
+        estimate = tp.estimate_pose(bottle, contacts, prior=tp.PosePrior(displaced(X_PO, seed)))
+        off = error(estimate, X_PO)
+        near += np.linalg.norm(off[3:]) < 0.01 and np.linalg.norm(off[:3]) < math.radians(10)
+    assert near >= 19
+
+
+@pytest.mark.parametrize("method", LOCAL_METHODS)
+def test_local_methods_correct_a_near_prior(blob: tp.ObjectModel, method: str) -> None:
+    X_PO = random_pose(1)
+    contacts = touch_surface(blob, X_PO, 6, np.random.default_rng(1))
+    estimate = tp.estimate_pose(
+        blob, contacts, prior=tp.PosePrior(displaced(X_PO, 2, translation=0.01, degrees=5.0)), method=method
+    )
+    assert len(estimate.hypotheses) == 1
+    assert np.linalg.norm(error(estimate, X_PO)[3:]) < 0.005
+    assert np.linalg.norm(error(estimate, X_PO)[:3]) < math.radians(6)
+
+
+def test_touches_without_normals_count_by_distance(blob: tp.ObjectModel) -> None:
+    X_PO = random_pose(4)
+    touched = touch_surface(blob, X_PO, 8, np.random.default_rng(4))
+    contacts = tp.Contacts(touched.p_PC)
+    estimate = tp.estimate_pose(blob, contacts, prior=tp.PosePrior(displaced(X_PO, 4, 0.01, 5.0)))
+    q = (contacts.p_PC - estimate.best.X_PO.translation()) @ estimate.best.X_PO.rotation().matrix()
+    assert np.abs(blob.grid.distance(q)).max() < 0.003
+
+
+def test_moving_the_palm_frame_moves_the_estimate(blob: tp.ObjectModel) -> None:
+    X_PO, X_QP = random_pose(5), random_pose(6)
+    contacts = touch_surface(blob, X_PO, 5, np.random.default_rng(5))
+    assert contacts.n_PC is not None
+    prior = tp.PosePrior(displaced(X_PO, 5))
+    moved = tp.Contacts(transform_points(X_QP, contacts.p_PC), contacts.n_PC @ X_QP[:, :3].T)
+    X_QO_prior = RigidTransform(X_QP).multiply(RigidTransform(prior.X_PO))
+    one = tp.estimate_pose(blob, contacts, prior=prior)
+    other = tp.estimate_pose(blob, moved, prior=tp.PosePrior(X_QO_prior))
+    expected = RigidTransform(X_QP).multiply(one.best.X_PO)
+    assert expected.IsNearlyEqualTo(other.best.X_PO, 5e-3)
+    assert one.best.cost == pytest.approx(other.best.cost, abs=0.3)
+
+
+def test_the_result_is_what_is_documented(blob: tp.ObjectModel) -> None:
+    X_PO = random_pose(7)
+    contacts = touch_surface(blob, X_PO, 5, np.random.default_rng(7))
+    estimate = tp.estimate_pose(blob, contacts, prior=tp.PosePrior(displaced(X_PO, 7)), max_hypotheses=5)
+    assert 1 <= len(estimate.hypotheses) <= 5
+    assert sum(h.probability for h in estimate.hypotheses) == pytest.approx(1.0)
+    assert estimate.best is estimate.hypotheses[0]
+    assert all(
+        a.probability >= b.probability for a, b in zip(estimate.hypotheses, estimate.hypotheses[1:], strict=False)
+    )
+    assert estimate.status in ("ok", "ambiguous")
+    assert estimate.duration > 0
+    assert isinstance(estimate.best.X_PO, RigidTransform)
+    assert np.linalg.eigvalsh(estimate.best.covariance).min() > 0
+    again = tp.estimate_pose(blob, contacts, prior=tp.PosePrior(displaced(X_PO, 7)), max_hypotheses=5)
+    np.testing.assert_array_equal(again.best.X_PO.GetAsMatrix34(), estimate.best.X_PO.GetAsMatrix34())
+
+
+def test_the_covariance_covers_the_error(blob: tp.ObjectModel) -> None:
+    squares = []
+    for seed in range(40):
+        X_PO = random_pose(seed)
+        contacts = touch_surface(blob, X_PO, 10, np.random.default_rng(seed))
+        estimate = tp.estimate_pose(blob, contacts, prior=tp.PosePrior(displaced(X_PO, seed, 0.005, 3.0)))
+        off = error(estimate, X_PO)
+        squares.append(off @ np.linalg.solve(estimate.best.covariance, off))
+    # Six degrees of freedom: the mean of 40 is 6 +- 0.55; a factor of two either way is a wrong covariance.
+    assert 3.0 < np.median(squares) < 12.0
+
+
+def side_contacts(radius: float, angles: list[float], heights: list[float]) -> tp.Contacts:
+    n_PC = np.array([[math.cos(a), math.sin(a), 0.0] for a in angles])
+    return tp.Contacts(radius * n_PC + np.array([[0.0, 0.0, z] for z in heights]), n_PC)
+
+
+def test_the_spin_and_slide_of_a_can_are_free(can: tp.ObjectModel) -> None:
+    contacts = side_contacts(0.033, [0.0, 1.3, 2.9, 4.4], [0.02, -0.02, 0.01, -0.01])
+    estimate = tp.estimate_pose(can, contacts, prior=tp.PosePrior(displaced(np.eye(3, 4), 1, 0.01, 5.0)))
+    free = estimate.best.free_directions
+    assert free.shape == (2, 6)
+    np.testing.assert_allclose(free @ free.T, np.eye(2), atol=1e-9)
+    # The spin about the can's axis, and the slide along it, lie in their span.
+    for direction in (np.eye(6)[2], np.concatenate([np.zeros(3), estimate.best.X_PO.rotation().matrix()[:, 2]])):
+        assert np.linalg.norm(determined_part(direction, free, can.size)) < 0.15
+
+
+def test_the_slides_along_a_boxs_faces_are_free(box: tp.ObjectModel) -> None:
+    # Two fingers on each of the faces +x and -x.
+    p_PC = np.array([[0.03, 0.01, 0.02], [0.03, -0.02, -0.03], [-0.03, 0.02, 0.01], [-0.03, -0.01, -0.02]])
+    n_PC = np.sign(p_PC[:, :1]) * np.eye(3)[:1]
+    estimate = tp.estimate_pose(box, tp.Contacts(p_PC, n_PC), prior=tp.PosePrior(displaced(np.eye(3, 4), 2, 0.01, 5.0)))
+    free = estimate.best.free_directions
+    assert free.shape == (3, 6)
+    R_PO = estimate.best.X_PO.rotation().matrix()
+    for direction in (
+        np.eye(6)[0],
+        np.concatenate([np.zeros(3), R_PO[:, 1]]),
+        np.concatenate([np.zeros(3), R_PO[:, 2]]),
+    ):
+        assert np.linalg.norm(determined_part(direction, free, box.size)) < 0.15
+
+
+def test_nothing_is_free_where_the_pose_is_determined(blob: tp.ObjectModel) -> None:
+    X_PO = random_pose(8)
+    contacts = touch_surface(blob, X_PO, 12, np.random.default_rng(8))
+    estimate = tp.estimate_pose(blob, contacts, prior=tp.PosePrior(displaced(X_PO, 8, 0.005, 3.0)))
+    assert estimate.best.free_directions.shape == (0, 6)
+
+
+def test_contacts_that_no_pose_explains_have_no_solution(blob: tp.ObjectModel) -> None:
+    contacts = tp.Contacts([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], np.eye(3))
+    estimate = tp.estimate_pose(blob, contacts, prior=tp.PosePrior(RigidTransform()))
+    assert estimate.status == "no_solution"
+
+
+def test_one_contact_is_enough_for_a_prior(blob: tp.ObjectModel) -> None:
+    X_PO = random_pose(9)
+    contacts = touch_surface(blob, X_PO, 1, np.random.default_rng(9))
+    estimate = tp.estimate_pose(blob, contacts, prior=tp.PosePrior(displaced(X_PO, 9, 0.005, 3.0)))
+    assert len(estimate.best.free_directions) >= 3
+    assert rotation_angles(estimate.best.X_PO.rotation().matrix(), X_PO[:, :3]) < math.radians(20)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"method": "guess"}, "method: 'guess' is unknown; valid names: pair_search, levenberg_marquardt"),
+        ({"contacts": tp.Contacts.empty()}, "contacts: there are 0; the estimate needs at least 1"),
+        ({"max_hypotheses": 0}, "max_hypotheses: is 0"),
+        ({"prior": None}, "prior: is None"),
+    ],
+)
+def test_bad_arguments_are_named_before_any_work(blob: tp.ObjectModel, change: dict[str, object], message: str) -> None:
+    arguments: dict[str, object] = {"contacts": tp.Contacts([[0, 0, 0]]), "prior": tp.PosePrior(np.eye(4)), **change}
+    with pytest.raises(tp.TactoposeError, match=message):
+        tp.estimate_pose(blob, **arguments)  # type: ignore[arg-type]
+
+
+def test_the_core_needs_no_pydrake() -> None:
+    code = """
+import importlib, pathlib, sys, types
+root = pathlib.Path(sys.argv[1])
+package = types.ModuleType("tactopose_drake")
+package.__path__ = [str(root)]
+sys.modules["tactopose_drake"] = package
+sys.modules["pydrake"] = None
+names = ["tactopose_drake." + ".".join(p.relative_to(root).with_suffix("").parts) for p in root.glob("core/**/*.py")]
+for name in names:
+    importlib.import_module(name.removesuffix(".__init__"))
+print(len(names))
+"""
+    root = str(tp.__path__[0])
+    done = subprocess.run([sys.executable, "-c", code, root], capture_output=True, text=True, check=True)
+    assert int(done.stdout) > 20
+
+
+def test_a_rotated_prior_is_no_obstacle(blob: tp.ObjectModel) -> None:
+    # A half turn, where quaternion signs and rotation vectors jump.
+    X_PO = make_poses(exp_so3(np.array([0.0, math.pi, 0.0])), np.zeros(3))
+    contacts = touch_surface(blob, X_PO, 6, np.random.default_rng(10))
+    estimate = tp.estimate_pose(blob, contacts, prior=tp.PosePrior(displaced(X_PO, 10, 0.01, 5.0)))
+    assert np.linalg.norm(error(estimate, X_PO)[3:]) < 0.005
