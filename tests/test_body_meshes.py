@@ -6,15 +6,17 @@ from pydrake.multibody.plant import AddMultibodyPlant, CoulombFriction, Multibod
 from pydrake.multibody.tree import RevoluteJoint, SpatialInertia
 from pydrake.systems.framework import Context, DiagramBuilder
 
-from tactopose_drake.body_meshes import BodyMeshes
+from tactopose_drake.body_meshes import BodyMeshes, Triangles
 from tactopose_drake.errors import InvalidInputError
 
 X_BG = RigidTransform(RollPitchYaw(0.4, -0.2, 0.9), [0.01, 0.02, -0.03])
 CORNERS = np.array([[0.0, 0.02, 0.0, 0.0], [0.0, 0.0, 0.02, 0.0], [0.0, 0.0, 0.0, 0.02]])
 
 
-def make_hand(shape: Shape, *, shown: bool = True, angle: float = 0.0) -> tuple[MultibodyPlant, Context]:
-    """A palm and a finger on a hinge; a shape on the finger, and a ball on the palm that only collides."""
+def make_hand(
+    shape: Shape, *, shown: bool = True, angle: float = 0.0, ball: float | None = None
+) -> tuple[MultibodyPlant, Context]:
+    """A palm and a finger on a hinge; a shape on the finger, and perhaps a ball on the palm."""
     builder = DiagramBuilder()
     plant, _ = AddMultibodyPlant(MultibodyPlantConfig(time_step=1e-3), builder)
     inertia = SpatialInertia.SolidSphereWithMass(0.1, 0.02)
@@ -25,6 +27,8 @@ def make_hand(shape: Shape, *, shown: bool = True, angle: float = 0.0) -> tuple[
     plant.RegisterCollisionGeometry(finger, X_BG, shape, "shape", friction)
     if shown:
         plant.RegisterVisualGeometry(finger, X_BG, shape, "shape", np.array([0.1, 0.2, 0.3, 1.0]))
+    if ball is not None:
+        plant.RegisterVisualGeometry(palm, RigidTransform(), Sphere(ball), "ball", np.ones(4))
     plant.Finalize()
     context = plant.GetMyMutableContextFromRoot(builder.Build().CreateDefaultContext())
     hinge.set_angle(context, angle)
@@ -48,6 +52,12 @@ def area(shape: Shape) -> float:
     return 4 * np.pi * ((ab + ac + bc) / 3) ** (1 / p)
 
 
+def surface_area(triangles: Triangles) -> float:
+    corners = triangles.vertices[triangles.faces]
+    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return float(np.linalg.norm(cross, axis=1).sum() / 2)
+
+
 @pytest.mark.parametrize(
     "shape",
     [
@@ -69,9 +79,7 @@ def test_the_mesh_is_the_shapes_surface_where_the_joints_put_it(shape: Shape) ->
     for vertex in p_WV[:: max(1, len(p_WV) // 30)]:
         (distance,) = (d.distance for d in query.ComputeSignedDistanceToPoint(vertex))
         assert abs(distance) < 2e-4
-    corners = triangles.vertices[triangles.faces]
-    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    assert np.linalg.norm(cross, axis=1).sum() / 2 == pytest.approx(area(shape), rel=0.02)
+    assert surface_area(triangles) == pytest.approx(area(shape), rel=0.02)
     np.testing.assert_allclose(triangles.colour, np.tile([0.1, 0.2, 0.3], (len(p_WV), 1)), atol=1e-6)
 
 
@@ -79,6 +87,12 @@ def test_what_is_not_shown_is_drawn_as_it_collides() -> None:
     plant, context = make_hand(Sphere(0.01), shown=False)
     triangles = BodyMeshes.in_palm(plant, context, plant.GetFrameByName("palm"))
     np.testing.assert_allclose(np.ptp(triangles.vertices, axis=0), 0.02, rtol=0.02)
+
+
+def test_two_meshes_are_both_there() -> None:
+    plant, context = make_hand(Box(0.02, 0.04, 0.03), ball=0.01)
+    triangles = BodyMeshes.in_palm(plant, context, plant.GetFrameByName("palm"))
+    assert surface_area(triangles) == pytest.approx(area(Box(0.02, 0.04, 0.03)) + area(Sphere(0.01)), rel=0.02)
 
 
 def test_a_shape_without_end_is_left_out() -> None:

@@ -81,6 +81,16 @@ def test_the_view_is_not_from_behind_the_hand(model: ObjectModel, side: tuple[fl
     assert view @ towards < 0.5
 
 
+def test_a_hand_within_the_object_is_not_seen(model: ObjectModel, tmp_path: Path) -> None:
+    box = trimesh.creation.box((0.05, 0.07, 0.09))
+    hand = Triangles(np.array(box.vertices), np.array(box.faces, dtype=np.int32), np.full((8, 3), 0.6))
+    scenes = [
+        Scene(model=model, contacts=Contacts.empty(), estimate=RigidTransform(), hand=shown) for shown in (None, hand)
+    ]
+    bare, inside = (draw(tmp_path / "picture.png", scene)[:-90] for scene in scenes)  # but for the legend
+    np.testing.assert_array_equal(bare, inside)
+
+
 def test_a_hand_over_the_object_lets_it_shine_through(model: ObjectModel, tmp_path: Path) -> None:
     box = trimesh.creation.box((0.1, 0.12, 0.14))
     hand = Triangles(np.array(box.vertices), np.array(box.faces, dtype=np.int32), np.full((8, 3), 0.6))

@@ -20,12 +20,11 @@ def test_bias_and_noise_add_with_their_own_scale() -> None:
     np.testing.assert_allclose(measurement.F_S - LOAD, [0.501, 0.498, 0.506, 0.3, 1.1, -0.4], atol=1e-12)
 
 
-def test_readings_are_the_nearest_multiples_of_the_resolution() -> None:
+@pytest.mark.parametrize("counts", [0.3, 0.7, -0.3, -0.7, 100.6])
+def test_readings_are_the_nearest_multiples_of_the_resolution(counts: float) -> None:
     resolution = [1 / 64e3] * 3 + [1 / 320] * 3
-    F_S = measure(LOAD + 1e-3, np.zeros(6), ForceTorqueModel(resolution=resolution)).F_S
-    counts = F_S / resolution
-    np.testing.assert_allclose(counts, np.round(counts), atol=1e-9)
-    assert np.all(np.abs(F_S - LOAD - 1e-3) <= np.array(resolution) / 2 + 1e-15)
+    F_S = measure(counts * np.array(resolution), np.zeros(6), ForceTorqueModel(resolution=resolution)).F_S
+    np.testing.assert_allclose(F_S / resolution, np.full(6, round(counts)), atol=1e-9)
 
 
 def test_a_load_beyond_the_range_is_held_at_its_end_and_named() -> None:

@@ -26,6 +26,10 @@ def test_a_sphere_behind_the_object_hides_nothing() -> None:
     assert hidden_share(*ball((0, 0, 1), 0.05), np.array([[0, 0, 1.4]]), np.array([0.2])) == 0.0
 
 
+def test_the_far_side_of_the_object_does_not_count() -> None:
+    assert hidden_share(*ball((0, 0, 1), 0.05), np.array([[0, 0, 1.25]]), np.array([0.23])) == 0.0
+
+
 def test_a_sphere_behind_the_camera_hides_nothing() -> None:
     assert hidden_share(*ball((0, 0, 1), 0.05), np.array([[0, 0, -0.4]]), np.array([0.2])) == 0.0
 

@@ -6,7 +6,7 @@ import trimesh
 from pydrake.geometry import Sphere
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.plant import AddMultibodyPlant, CoulombFriction, MultibodyPlant, MultibodyPlantConfig
-from pydrake.multibody.tree import SpatialInertia
+from pydrake.multibody.tree import FixedOffsetFrame, SpatialInertia
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.primitives import AddRandomInputs
@@ -19,6 +19,7 @@ from tactopose_drake.systems.random_sources import seed_random_sources
 from tactopose_drake.systems.simulated_vision import SimulatedVision, SimulatedVisionParams
 
 X_WPalm = RigidTransform(RollPitchYaw(0.2, 0.1, 0.5), [0.1, 0.1, 0.1])
+X_PalmP = RigidTransform(RollPitchYaw(0.0, 0.7, 0.0), [0.0, 0.02, 0.05])
 X_WO = RigidTransform(RollPitchYaw(0.5, -0.3, 1.2), [0.0, 0.05, 0.5])
 X_WC = RigidTransform([0.0, 0.05, 2.0])  # straight above the object
 MODEL = VisionModel(translation_clear=0.004, translation_hidden=0.05, rotation_clear_deg=1.0, rotation_hidden_deg=21.0)
@@ -38,6 +39,7 @@ def make_station(
     inertia = SpatialInertia.SolidSphereWithMass(0.1, 0.02)
     palm = plant.AddRigidBody("palm", plant.AddModelInstance("hand"), inertia)
     thing = plant.AddRigidBody("object", plant.AddModelInstance("object"), inertia)
+    palm_frame = plant.AddFrame(FixedOffsetFrame("palm_frame", palm.body_frame(), X_PalmP))
     plant.WeldFrames(plant.world_frame(), palm.body_frame(), X_WPalm)
     plant.WeldFrames(plant.world_frame(), thing.body_frame(), X_WO)
     X_PalmG = X_WPalm.inverse() @ RigidTransform(p_WFinger)
@@ -50,7 +52,7 @@ def make_station(
             scene_graph.model_inspector(),
             object_body=thing,
             object_model=object_model,
-            palm_frame=palm.body_frame(),
+            palm_frame=palm_frame,
             X_WC=X_WC,
             params=SimulatedVisionParams(model=MODEL, period=0.1),
         ),
@@ -75,7 +77,7 @@ def test_the_error_is_that_of_the_hidden_share(object_model: ObjectModel, p_WFin
     context = look_once(diagram, vision)
     assert vision.GetOutputPort("hidden_share").Eval(context)[0] == pytest.approx(hidden, abs=0.02)
     prior = vision.GetOutputPort("prior").Eval(context)
-    error = increments_between((X_WPalm.inverse() @ X_WO).GetAsMatrix34(), prior.X_PO)
+    error = increments_between(((X_WPalm @ X_PalmP).inverse() @ X_WO).GetAsMatrix34(), prior.X_PO)
     assert np.linalg.norm(error[3:]) == pytest.approx(0.05 if hidden else 0.004, rel=0.05)
     assert np.linalg.norm(error[:3]) == pytest.approx(math.radians(21 if hidden else 1), rel=0.05)
 
