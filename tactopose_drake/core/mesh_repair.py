@@ -1,19 +1,30 @@
-"""From a mesh file or object to a closed, consistently oriented mesh in metres: loaded, checked, repaired."""
+"""From raw triangles to a closed, consistently oriented mesh in metres: checked, repaired, every repair stated."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
-import trimesh
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
+from tactopose_drake.core import mesh_bodies, mesh_topology
+from tactopose_drake.core.mesh_bodies import counted
+from tactopose_drake.core.mesh_holes import close_holes
+from tactopose_drake.core.mesh_loading import RawMesh
+from tactopose_drake.core.mesh_topology import IntArray
 from tactopose_drake.core.validation import FloatArray
-from tactopose_drake.errors import InvalidFileError, InvalidMeshError, MeshUnitsError
+from tactopose_drake.errors import InvalidMeshError, MeshUnitsError
 
 LARGEST_SIZE = 3.0
 SMALLEST_SIZE = 0.002
+
+_MERGE_DISTANCE = 1e-7  # duplicates of one vertex, as a share of the size
+_WELD_DISTANCES = (1e-5, 1e-4)  # cracks that are closed where that makes the mesh closed, as shares of the size
+_FLAT_FACE = 1e-14  # area as a share of the squared size
+_FLAT_BODY = 1e-6  # volume over area as a share of the size
 
 
 class MeshRepairWarning(UserWarning):
@@ -35,43 +46,156 @@ class RepairedMesh:
     repairs: tuple[str, ...]
 
 
-def load_mesh(source: str | Path | trimesh.Trimesh | trimesh.Scene) -> tuple[str, FloatArray, NDArray[np.int64]]:
-    """The name, vertices (v, 3) and faces (f, 3) of a mesh file, mesh or scene (its meshes joined)."""
-    if isinstance(source, trimesh.Scene):
-        mesh = source.to_mesh()
-        return "mesh", np.array(mesh.vertices, dtype=np.float64), np.array(mesh.faces, dtype=np.int64)
-    if isinstance(source, trimesh.Trimesh):
-        return "mesh", np.array(source.vertices, dtype=np.float64), np.array(source.faces, dtype=np.int64)
-    path = Path(source)
-    if not path.is_file():
-        raise InvalidFileError(f"{path}: there is no such file.")
+def repair_mesh(raw: RawMesh, name: str) -> RepairedMesh:
+    """Checks a mesh, and repairs what can be repaired without guessing at the shape.
+
+    Repaired with a statement: faces without area, repeated faces, faces that show the wrong side, inside-out bodies,
+    edges where bodies touch, cracks, holes small enough to tell inside from outside, debris, overlapping bodies.
+    Duplicate vertices are merged silently. Separate bodies are kept as one rigid object, with a statement; inside-out
+    shells within a body are its cavities.
+
+    Args:
+        raw: the triangles.
+        name: what error messages call the mesh.
+
+    Raises:
+        InvalidMeshError: if there are no faces, a vertex is not finite, the mesh is not manifold, has no volume, or is
+            so open that inside cannot be told from outside.
+        MeshUnitsError: if its size is not that of an object in metres.
+    """
+    repairs: list[str] = []
     try:
-        mesh = trimesh.load_mesh(path, process=False)
-    except Exception as error:
-        raise InvalidFileError(f"{path}: cannot be read as a mesh ({error}).") from error
-    return path.stem, np.array(mesh.vertices, dtype=np.float64), np.array(mesh.faces, dtype=np.int64)
+        size = _check(raw)
+        vertices, faces = _connect(raw.vertices, raw.faces, size, repairs)
+        vertices, faces = close_holes(vertices, faces, size, repairs)
+        vertices, faces = mesh_bodies.arrange(vertices, faces, repairs)
+        vertices, faces = _compact(vertices, _without_flat_faces(vertices, faces, size, repairs))
+        crosses = mesh_bodies.cross_products(vertices, faces)
+        if mesh_bodies.volumes(vertices, faces)[0] <= _FLAT_BODY * size * 0.5 * np.linalg.norm(crosses, axis=1).sum():
+            raise InvalidMeshError("is flat: it encloses no volume.")
+    except (InvalidMeshError, MeshUnitsError) as error:
+        raise type(error)(f"{name}: {error}") from None
+    return RepairedMesh(vertices, faces.astype(np.int32), tuple(repairs))
 
 
-def repair_mesh(vertices: FloatArray, faces: NDArray[np.int64], name: str = "mesh") -> RepairedMesh:
-    """Checks a mesh and repairs what can be repaired."""
-    if not len(faces):
-        raise InvalidMeshError(f"{name}: has no faces.")
-    if not np.all(np.isfinite(vertices[faces])):
-        raise InvalidMeshError(f"{name}: has a vertex that is not a finite number.")
-    size = float(np.linalg.norm(np.ptp(vertices[faces].reshape(-1, 3), axis=0)))
+def _check(raw: RawMesh) -> float:
+    """The size of a mesh that has faces, sound indices, finite vertices and the size of an object in metres."""
+    if not len(raw.faces):
+        raise InvalidMeshError("has no faces.")
+    bad = np.flatnonzero(np.any((raw.faces < 0) | (raw.faces >= len(raw.vertices)), axis=1))
+    if len(bad):
+        raise InvalidMeshError(
+            f"face {bad[0]} is {raw.faces[bad[0]].tolist()}; allowed are vertex numbers below {len(raw.vertices)}."
+        )
+    used = np.unique(raw.faces)
+    bad = used[np.any(~np.isfinite(raw.vertices[used]), axis=1)]
+    if len(bad):
+        raise InvalidMeshError(f"vertex {bad[0]} is {raw.vertices[bad[0]].tolist()}; allowed are finite numbers.")
+    extents = np.ptp(raw.vertices[used], axis=0)
+    size = float(np.linalg.norm(extents))
+    if size == 0.0:
+        raise InvalidMeshError("is a single point; allowed are meshes with a volume.")
     if not SMALLEST_SIZE <= size <= LARGEST_SIZE:
-        raise MeshUnitsError(f"{name}: has a bounding box diagonal of {size:g} m.")
-    mesh = trimesh.Trimesh(vertices, faces, process=False)
-    mesh.merge_vertices(merge_tex=True, merge_norm=True)
-    mesh.update_faces(mesh.area_faces > 1e-14 * size**2)
-    mesh.remove_unreferenced_vertices()
-    if not mesh.is_watertight:
-        raise InvalidMeshError(f"{name}: is open.")
-    repairs = []
-    if not mesh.is_winding_consistent:
-        trimesh.repair.fix_winding(mesh)  # type: ignore[no-untyped-call]
-        repairs.append("faces turned to agree with their neighbours")
-    if mesh.volume < 0:
-        mesh.invert()
-        repairs.append("inside-out: all faces flipped")
-    return RepairedMesh(np.array(mesh.vertices), np.array(mesh.faces, dtype=np.int32), tuple(repairs))
+        measures = " x ".join(f"{extent:.3g}" for extent in extents)
+        cure = "by 0.001 if it is in millimetres" if size > LARGEST_SIZE else "by 1000 if it was scaled down twice"
+        raise MeshUnitsError(
+            f"measures {measures} m, diagonal {size:.3g} m; allowed are diagonals of {SMALLEST_SIZE:g} to "
+            f"{LARGEST_SIZE:g} m. Scale it {cure}."
+        )
+    return size
+
+
+def _connect(vertices: FloatArray, faces: IntArray, size: float, repairs: list[str]) -> tuple[FloatArray, IntArray]:
+    """Merges duplicate vertices and makes the mesh manifold; wider cracks are welded if that closes the mesh."""
+    vertices, faces = _merge(vertices, faces, _MERGE_DISTANCE * size)
+    stated: list[str] = []
+    connected = _make_manifold(vertices, faces, stated)
+    if len(mesh_topology.link_faces(connected[1]).open):
+        for share in _WELD_DISTANCES:
+            welded_stated: list[str] = []
+            try:
+                welded = _make_manifold(*_weld(vertices, faces, share * size), welded_stated)
+            except InvalidMeshError:
+                continue
+            if not len(mesh_topology.link_faces(welded[1]).open):
+                repairs += [*welded_stated, f"welded cracks up to {1e6 * share * size:.2g} um wide"]
+                return welded
+    repairs += stated
+    return connected
+
+
+def _merge(vertices: FloatArray, faces: IntArray, distance: float) -> tuple[FloatArray, IntArray]:
+    """Makes vertices one that round to the same multiple of `distance`; drops the unused."""
+    used = np.unique(faces)
+    cell = np.round((vertices[used] - vertices[used].min(axis=0)) / distance).astype(np.int64)
+    order = np.lexsort(cell.T)
+    new = np.concatenate([[True], np.any(np.diff(cell[order], axis=0) != 0, axis=1)])
+    index = np.empty(len(used), dtype=np.int64)
+    index[order] = np.cumsum(new) - 1
+    everywhere = np.zeros(len(vertices), dtype=np.int64)
+    everywhere[used] = index
+    return vertices[used[order[new]]], everywhere[faces]
+
+
+def _weld(vertices: FloatArray, faces: IntArray, distance: float) -> tuple[FloatArray, IntArray]:
+    """Makes vertices one that are within `distance` of each other, or linked by a chain of such."""
+    pairs = cKDTree(vertices).query_pairs(distance, output_type="ndarray")
+    graph = coo_array((np.ones(len(pairs), dtype=bool), (pairs[:, 0], pairs[:, 1])), shape=(len(vertices),) * 2)
+    _, label = connected_components(graph, directed=False)
+    first = np.unique(label, return_index=True)[1]
+    return vertices[first], label.astype(np.int64)[faces]
+
+
+def _make_manifold(vertices: FloatArray, faces: IntArray, repairs: list[str]) -> tuple[FloatArray, IntArray]:
+    """Removes collapsed and repeated faces, makes neighbours agree on their side, and separates bodies that touch."""
+    collapsed = np.any(faces == np.roll(faces, 1, axis=1), axis=1)
+    if collapsed.any():
+        repairs.append(f"removed {counted(collapsed, 'face', 'faces')} with two corners in one place")
+        faces = faces[~collapsed]
+        if not len(faces):
+            raise InvalidMeshError("has no faces but degenerate ones.")
+    faces = _without_repeated_faces(faces, repairs)
+    links = mesh_topology.link_faces(faces)
+    faces, turned = mesh_topology.agree_on_sides(faces, links.pairs)
+    if turned:
+        repairs.append(f"turned {turned} faces that showed the wrong side")
+        links = mesh_topology.link_faces(faces)
+    pairs = links.pairs
+    if links.crowded:
+        resolved = [mesh_topology.pair_around_edge(vertices, faces, crowd) for crowd in links.crowded]
+        pairs = np.concatenate([pairs, *resolved])
+        repairs.append(f"separated the bodies that touch along {len(resolved)} edges")
+    faces, old = mesh_topology.split_vertices(faces, pairs)
+    return vertices[old], faces
+
+
+def _without_repeated_faces(faces: IntArray, repairs: list[str]) -> IntArray:
+    """Drops faces that repeat an earlier one on the same side; a sheet that is all double keeps one side."""
+    first_corner = np.argmin(faces, axis=1)
+    rolled = np.take_along_axis(faces, (first_corner[:, None] + np.arange(3)) % 3, axis=1)
+    _, kept = np.unique(rolled, axis=0, return_index=True)
+    faces = faces[np.sort(kept)]
+    dropped = len(rolled) - len(faces)
+    doubled, count = np.unique(np.sort(faces, axis=1), axis=0, return_counts=True)
+    if len(faces) == 2 * len(doubled) and np.all(count == 2):
+        _, kept = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
+        dropped += len(faces) - len(kept)
+        faces = faces[np.sort(kept)]
+    if dropped:
+        repairs.append(f"removed {dropped} repeated faces")
+    return faces
+
+
+def _without_flat_faces(vertices: FloatArray, faces: IntArray, size: float, repairs: list[str]) -> IntArray:
+    """Drops faces without area. They were needed until here, where they joined their neighbours."""
+    flat = 0.5 * np.linalg.norm(mesh_bodies.cross_products(vertices, faces), axis=1) <= _FLAT_FACE * size**2
+    if flat.any():
+        repairs.append(f"removed {counted(flat, 'face', 'faces')} without area")
+    sound: IntArray = faces[~flat]
+    return sound
+
+
+def _compact(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
+    """Drops unused vertices."""
+    used, index = np.unique(faces, return_inverse=True)
+    return vertices[used], index.reshape(-1, 3).astype(np.int64)

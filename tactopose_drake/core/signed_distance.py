@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tactopose_drake.core import distance_transform
+from tactopose_drake.core import distance_transform, mesh_bodies
 from tactopose_drake.core.smooth_normals import smooth_normals
 from tactopose_drake.core.validation import FloatArray, positive_number
 from tactopose_drake.errors import InvalidInputError
@@ -16,6 +16,8 @@ DEFAULT_NODES = 2_000_000
 MARGIN_CELLS = 3
 MARGIN_SHARE = 0.05
 BYTES_PER_NODE = 16
+LEAST_NODES = 10_000
+WALL_CELLS = 2.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,8 +100,8 @@ def build_grid(
 ) -> DistanceGrid:
     """The signed distance grid of a closed mesh; a point is inside where the winding number is at least one.
 
-    Without a `spacing`, about two million nodes are laid over the bounding box and its margin (fewer if `max_bytes`
-    says so).
+    Without a `spacing`, about two million nodes are laid over the bounding box and its margin; more where the walls
+    are so thin that two and a half cells do not fit into them, but never more than `max_bytes` allow.
 
     Args:
         vertices: shape (v, 3), m.
@@ -112,25 +114,51 @@ def build_grid(
     """
     lower, upper = vertices.min(axis=0), vertices.max(axis=0)
     max_nodes = max_bytes // BYTES_PER_NODE
-    h = _default_spacing(lower, upper, max_nodes) if spacing is None else positive_number("spacing", spacing)
-    shape = _grid_shape(lower, upper, h)
-    if np.prod(shape, dtype=np.float64) > max_nodes:
-        least = _default_spacing(lower, upper, max_nodes, target=max_nodes)
+    if max_nodes < LEAST_NODES:
         raise InvalidInputError(
-            f"spacing: is {h:g} m, which needs {shape[0]} x {shape[1]} x {shape[2]} nodes; allowed with "
-            f"max_grid_bytes = {max_bytes} is {least:.3g} m and more."
+            f"max_grid_bytes: is {max_bytes}; allowed are numbers >= {LEAST_NODES * BYTES_PER_NODE}."
         )
+    finest = _spacing_for(lower, upper, max_nodes)
+    if spacing is None:
+        h = max(finest, min(_spacing_for(lower, upper, DEFAULT_NODES), _wall_thickness(vertices, faces) / WALL_CELLS))
+    else:
+        h = positive_number("spacing", spacing)
+        if h < finest:
+            raise InvalidInputError(
+                f"spacing: is {h:g} m; allowed with max_grid_bytes = {max_bytes} are numbers >= {finest:.3g} m."
+            )
+    shape = _grid_shape(lower, upper, h)
     origin = 0.5 * (lower + upper) - 0.5 * h * (np.array(shape) - 1)
     packed = distance_transform.pack_triangles(vertices[faces])
     nearest = distance_transform.nearest_faces(packed, origin, h, shape)
-    # The columns stand a ten-millionth of a cell beside the nodes, so that they meet no vertex of a regular mesh.
-    beside = origin + h * np.array([1.3e-7, 2.7e-7, 0.0])
-    winding, _ = distance_transform.winding_numbers(vertices, faces, beside, h, shape)
+    winding = _winding(vertices, faces, origin, h, shape)
     values = distance_transform.signed_field(packed, nearest, winding, origin, h)
-    smooth_normals(values, vertices, faces, packed, nearest, origin, h)
     values.setflags(write=False)
     origin.setflags(write=False)
     return DistanceGrid(values, origin, float(h))
+
+
+def _winding(
+    vertices: FloatArray, faces: NDArray[np.int32], origin: FloatArray, h: float, shape: tuple[int, int, int]
+) -> NDArray[np.int16]:
+    """The nodes' winding numbers, counted along columns that stand a millionth of a cell or less beside them.
+
+    Beside them, because the nodes' own columns meet vertices of regular meshes. Should rounding let a column miss a
+    crossing all the same, which its remainder shows, the columns are moved.
+    """
+    for shift in (1.3e-7, -2.9e-7, 5.3e-7, -7.1e-7):
+        beside = origin + h * shift * np.array([1.0, 2.1, 0.0])
+        winding, rest = distance_transform.winding_numbers(vertices, faces, beside, h, shape)
+        if not rest.any():
+            break
+    counts: NDArray[np.int16] = winding
+    return counts
+
+
+def _wall_thickness(vertices: FloatArray, faces: NDArray[np.int32]) -> float:
+    """Twice the volume over the area: the thickness of a shell, two thirds of a ball's radius."""
+    area = 0.5 * float(np.linalg.norm(mesh_bodies.cross_products(vertices, faces), axis=1).sum())
+    return 2.0 * float(mesh_bodies.volumes(vertices, faces)[0]) / area
 
 
 def _grid_shape(lower: FloatArray, upper: FloatArray, h: float) -> tuple[int, int, int]:
@@ -139,11 +167,10 @@ def _grid_shape(lower: FloatArray, upper: FloatArray, h: float) -> tuple[int, in
     return nx, ny, nz
 
 
-def _default_spacing(lower: FloatArray, upper: FloatArray, max_nodes: int, target: int = DEFAULT_NODES) -> float:
-    """The spacing at which the grid has `target` nodes, or `max_nodes` if that is fewer."""
-    wanted = min(target, max_nodes)
+def _spacing_for(lower: FloatArray, upper: FloatArray, nodes: int) -> float:
+    """The spacing at which the grid has at most this many nodes."""
     extent = upper - lower + 2 * MARGIN_SHARE * float(np.linalg.norm(upper - lower))
-    h = float(np.cbrt(np.prod(extent) / wanted))
-    while np.prod(_grid_shape(lower, upper, h), dtype=np.float64) > wanted:
+    h = float(np.cbrt(np.prod(extent) / nodes))
+    while np.prod(_grid_shape(lower, upper, h), dtype=np.float64) > nodes:
         h *= 1.002
     return h

@@ -1,0 +1,175 @@
+"""The closed bodies of a mesh: which are turned inside out, which are cavities, debris, or overlap."""
+
+from __future__ import annotations
+
+import manifold3d
+import numpy as np
+from numpy.typing import NDArray
+
+from tactopose_drake.core import mesh_topology
+from tactopose_drake.core.mesh_topology import IntArray
+from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.errors import InvalidMeshError
+
+_DEBRIS_SHARE = 1e-3
+_SAME_VOLUME = 1e-6
+
+
+def counted(which: NDArray[np.bool_], singular: str, plural: str) -> str:
+    """How many are marked, with their name."""
+    count = int(which.sum())
+    return f"{count} {singular if count == 1 else plural}"
+
+
+def cross_products(vertices: FloatArray, faces: IntArray) -> FloatArray:
+    """Outward normals of the faces, of length twice the area, shape (f, 3), m^2."""
+    a, b, c = vertices[faces[:, 0]], vertices[faces[:, 1]], vertices[faces[:, 2]]
+    cross: FloatArray = np.cross(b - a, c - a)
+    return cross
+
+
+def volumes(vertices: FloatArray, faces: IntArray, body: IntArray | None = None) -> FloatArray:
+    """Signed volume of each body, shape (bodies,), m^3; of all faces together, shape (1,), without labels."""
+    corners = vertices[faces] - vertices[faces[0, 0]]
+    signed = np.einsum("fi,fi->f", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6.0
+    label = np.zeros(len(faces), dtype=np.int64) if body is None else body
+    return np.bincount(label, weights=signed).astype(np.float64)
+
+
+def arrange(vertices: FloatArray, faces: IntArray, repairs: list[str]) -> tuple[FloatArray, IntArray]:
+    """Makes of closed bodies one solid whose winding number is one inside and zero outside.
+
+    Bodies of less than 0.1 % of the volume are dropped, bodies turned inside out are flipped unless they are cavities
+    (inside-out shells within a body), overlapping ones are united. Each step but the cavities is stated.
+
+    Args:
+        vertices: shape (v, 3), m.
+        faces: closed, linked faces showing the same side, shape (f, 3).
+        repairs: statements are appended to it.
+
+    Raises:
+        InvalidMeshError: if there is no volume, or overlapping bodies cannot be united.
+    """
+    body = mesh_topology.body_labels(faces)
+    volume = volumes(vertices, faces, body)
+    if not np.any(volume):
+        raise InvalidMeshError("is flat: it encloses no volume.")
+    debris = np.abs(volume) < _DEBRIS_SHARE * np.abs(volume).sum()
+    if debris.any():
+        repairs.append(
+            f"dropped {counted(debris, 'separate piece', 'separate pieces')} of less than 0.1 % of the volume"
+        )
+        faces = faces[~debris[body]]
+        body = mesh_topology.body_labels(faces)
+        volume = volumes(vertices, faces, body)
+    parents = _enclosing_bodies(vertices, faces, body)
+    inverted = _inverted(volume, parents)
+    if inverted.any():
+        repairs.append(
+            "the mesh was inside out and was flipped"
+            if inverted.all()
+            else f"{inverted.sum()} inside-out bodies flipped"
+        )
+        faces = np.where(inverted[body][:, None], faces[:, ::-1], faces)
+        volume = np.where(inverted, -volume, volume)
+    solids = np.flatnonzero(volume > 0)
+    if len(solids) > 1:
+        united = _unite(vertices, faces, body, volume, parents)
+        if united is not None:
+            repairs.append(f"united {len(solids)} overlapping bodies")
+            return united
+        repairs.append(f"kept {len(solids)} separate bodies as one rigid object")
+    return vertices, faces
+
+
+def _inverted(volume: FloatArray, parents: list[IntArray]) -> NDArray[np.bool_]:
+    """Which bodies are inside out: outermost ones and those within a cavity should be positive.
+
+    A mesh that is wholly inside out is flipped as a whole, so that its cavities stay cavities.
+    """
+    whole = volume.sum() < 0
+    sign = np.where(whole, -volume, volume)
+    depth = np.array([len(enclosing) for enclosing in parents])
+    flip = (sign < 0) & (depth % 2 == 0)
+    result: NDArray[np.bool_] = flip ^ whole
+    return result
+
+
+def _enclosing_bodies(vertices: FloatArray, faces: IntArray, body: IntArray) -> list[IntArray]:
+    """For each body, the bodies that enclose a point of it, by winding number."""
+    count = int(body.max()) + 1
+    if count == 1:
+        return [np.empty(0, dtype=np.int64)]
+    lower, upper = _boxes(vertices, faces, body)
+    enclosing = []
+    for inner in range(count):
+        boxes = np.all((lower < lower[inner]) & (upper > upper[inner]), axis=1)
+        point = vertices[faces[body == inner][0]].mean(axis=0)
+        found = [
+            outer
+            for outer in np.flatnonzero(boxes)
+            if abs(_winding_number(point, vertices, faces[body == outer])) > 0.5
+        ]
+        enclosing.append(np.array(found, dtype=np.int64))
+    return enclosing
+
+
+def _boxes(vertices: FloatArray, faces: IntArray, body: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Lower and upper corners of the bodies' bounding boxes, each of shape (bodies, 3), m."""
+    count = int(body.max()) + 1
+    lower, upper = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
+    for corner in range(3):
+        np.minimum.at(lower, body, vertices[faces[:, corner]])
+        np.maximum.at(upper, body, vertices[faces[:, corner]])
+    return lower, upper
+
+
+def _winding_number(point: FloatArray, vertices: FloatArray, faces: IntArray) -> float:
+    """How often a closed surface winds around a point: the sum of its faces' solid angles over 4 pi."""
+    a, b, c = np.moveaxis(vertices[faces] - point, 1, 0)
+    la, lb, lc = (np.linalg.norm(corner, axis=1) for corner in (a, b, c))
+    triple = np.einsum("fi,fi->f", a, np.cross(b, c))
+    dots = la * lb * lc + np.sum(a * b, axis=1) * lc + np.sum(b * c, axis=1) * la + np.sum(c * a, axis=1) * lb
+    return float(np.arctan2(triple, dots).sum() / (2 * np.pi))
+
+
+def _unite(
+    vertices: FloatArray, faces: IntArray, body: IntArray, volume: FloatArray, parents: list[IntArray]
+) -> tuple[FloatArray, IntArray] | None:
+    """The union of the solids, each without its cavities; None if they are separate already."""
+    solids = np.flatnonzero(volume > 0)
+    lower, upper = _boxes(vertices, faces, body)
+    apart = np.any((lower[solids, None] >= upper[solids]) | (upper[solids, None] <= lower[solids]), axis=2)
+    if np.all(apart | np.eye(len(solids), dtype=bool)):
+        return None
+    # A cavity belongs to the smallest solid around it.
+    owner = {
+        cavity: min((outer for outer in parents[cavity] if volume[outer] > 0), key=lambda outer: volume[outer])
+        for cavity in np.flatnonzero(volume < 0)
+    }
+    parts = [
+        _manifold(vertices, faces[np.isin(body, [solid, *(c for c, o in owner.items() if o == solid)])])
+        for solid in solids
+    ]
+    union = manifold3d.Manifold.batch_boolean(parts, manifold3d.OpType.Add)
+    if union.status() != manifold3d.Error.NoError or union.is_empty():
+        raise InvalidMeshError(f"has overlapping bodies that cannot be united ({union.status().name}).")
+    if abs(union.volume() - volume.sum()) <= _SAME_VOLUME * volume.sum():
+        return None
+    mesh = union.to_mesh64()
+    return np.array(mesh.vert_properties[:, :3]), np.array(mesh.tri_verts).astype(np.int64)
+
+
+def _manifold(vertices: FloatArray, faces: IntArray) -> manifold3d.Manifold:
+    """A solid for boolean operations.
+
+    Raises:
+        InvalidMeshError: if it is refused.
+    """
+    used, index = np.unique(faces, return_inverse=True)
+    solid = manifold3d.Manifold(
+        manifold3d.Mesh64(np.ascontiguousarray(vertices[used]), index.reshape(faces.shape).astype(np.uint64))
+    )
+    if solid.status() != manifold3d.Error.NoError:
+        raise InvalidMeshError(f"has overlapping bodies, one of which cannot be united ({solid.status().name}).")
+    return solid

@@ -1,0 +1,121 @@
+"""Holes of open meshes: found, measured, and closed where inside can be told from outside without the lid."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tactopose_drake.core import mesh_bodies, mesh_topology
+from tactopose_drake.core.distance_transform import winding_numbers
+from tactopose_drake.core.mesh_bodies import counted
+from tactopose_drake.core.mesh_topology import IntArray
+from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.errors import InvalidMeshError
+
+_AGREEMENT = 0.98
+_VOTING_NODES = 200_000
+_DEBRIS_SHARE = 1e-3
+_NO_AREA = 1e-9  # as a share of the squared size
+_STATED_HOLES = 5
+
+
+def close_holes(vertices: FloatArray, faces: IntArray, size: float, repairs: list[str]) -> tuple[FloatArray, IntArray]:
+    """Closes every hole by a fan of faces around the middle of its rim; open pieces without volume are dropped.
+
+    Raises:
+        InvalidMeshError: if nothing encloses a volume, or inside cannot be told from outside.
+    """
+    if not len(mesh_topology.link_faces(faces).open):
+        return vertices, faces
+    faces = _without_open_debris(vertices, faces, repairs)
+    loops, closed_vertices, closed_faces = _put_lids(vertices, faces)
+    if not loops:
+        return vertices, faces
+    lid_of = closed_faces[len(faces) :, 2] - len(vertices)
+    lid_area = 0.5 * np.linalg.norm(mesh_bodies.cross_products(closed_vertices, closed_faces[len(faces) :]), axis=1)
+    wide = np.bincount(lid_of, weights=lid_area) > _NO_AREA * size**2
+    if not wide.all():
+        repairs.append(f"closed {counted(~wide, 'crack', 'cracks')} without area, where an edge meets a vertex midway")
+    if wide.any():
+        holes = _describe(vertices, [loop for loop, is_wide in zip(loops, wide, strict=True) if is_wide])
+        agreement = _agreement(closed_vertices, faces, closed_faces, size)
+        if agreement < _AGREEMENT:
+            raise InvalidMeshError(
+                f"is open, and inside cannot be told from outside: views from six sides agree on "
+                f"{100 * agreement:.0f} % of the surface; allowed are {100 * _AGREEMENT:.0f} % and more. {holes}."
+            )
+        repairs.append(f"closed the open mesh. {holes}")
+    return closed_vertices, closed_faces
+
+
+def _put_lids(vertices: FloatArray, faces: IntArray) -> tuple[list[IntArray], FloatArray, IntArray]:
+    """The rims of all holes, and the vertices and faces with a fan on each: its middle follows the old vertices."""
+    loops = mesh_topology.boundary_loops(faces, mesh_topology.link_faces(faces).open)
+    middles = [vertices[loop].mean(axis=0, keepdims=True) for loop in loops]
+    lids = [
+        np.stack([np.roll(loop, -1), loop, np.full(len(loop), len(vertices) + n)], axis=1)
+        for n, loop in enumerate(loops)
+    ]
+    return loops, np.concatenate([vertices, *middles]), np.concatenate([faces, *lids])
+
+
+def _without_open_debris(vertices: FloatArray, faces: IntArray, repairs: list[str]) -> IntArray:
+    """Drops open pieces that enclose less than 0.1 % of the volume even with lids on."""
+    _, closed_vertices, closed_faces = _put_lids(vertices, faces)
+    body = mesh_topology.body_labels(closed_faces)
+    volume = np.abs(mesh_bodies.volumes(closed_vertices, closed_faces, body))
+    debris = np.zeros(len(volume), dtype=bool)
+    debris[body[len(faces) :]] = True
+    debris &= volume <= _DEBRIS_SHARE * volume.sum()
+    if debris.all():
+        raise InvalidMeshError(f"is flat or loose: none of its {len(volume)} pieces encloses a volume.")
+    if debris.any():
+        repairs.append(f"dropped {counted(debris, 'open piece', 'open pieces')} around less than 0.1 % of the volume")
+    return faces[~debris[body[: len(faces)]]]
+
+
+def _describe(vertices: FloatArray, loops: list[IntArray]) -> str:
+    """Where the largest holes are, and how big."""
+    middles = [vertices[loop].mean(axis=0) for loop in loops]
+    across = [
+        2 * float(np.linalg.norm(vertices[loop] - middle, axis=1).max())
+        for loop, middle in zip(loops, middles, strict=True)
+    ]
+    largest = np.argsort(across)[::-1][:_STATED_HOLES]
+    places = "; ".join(
+        f"at {np.round(middles[n], 4).tolist()} m, {1e3 * across[n]:.3g} mm across, rim of {len(loops[n])} edges"
+        for n in largest
+    )
+    more = f"; and {len(loops) - len(largest)} smaller" if len(loops) > len(largest) else ""
+    return f"Holes: {places}{more}"
+
+
+def _agreement(vertices: FloatArray, faces: IntArray, closed_faces: IntArray, size: float) -> float:
+    """The share of nodes near the surface at which five of the six axis directions agree on inside or outside.
+
+    Each direction counts signed crossings from its far end. A hole misleads the columns that pass through it, from one
+    end; with its opposite open too, from both.
+    """
+    lower, upper = vertices.min(axis=0), vertices.max(axis=0)
+    extent = upper - lower + 0.04 * size
+    spacing = float(np.cbrt(np.prod(extent) / _VOTING_NODES))
+    nx, ny, nz = (int(n) for n in np.ceil(extent / spacing) + 1)
+    # Columns that stand a little beside the vertices of any regular mesh.
+    origin = lower - 0.02 * size + spacing * np.array([1.3e-4, 2.7e-4, 1.9e-4])
+    body = mesh_topology.body_labels(closed_faces)
+    inverted = mesh_bodies.volumes(vertices, closed_faces, body)[body[: len(faces)]] < 0
+    outward = np.where(inverted[:, None], faces[:, ::-1], faces).astype(np.int32)
+    votes = np.zeros((nx, ny, nz), dtype=np.int64)
+    near = np.zeros((nx, ny, nz), dtype=bool)
+    for axis in range(3):
+        turn = [(axis + 1) % 3, (axis + 2) % 3, axis]
+        shape = ((nx, ny, nz)[turn[0]], (nx, ny, nz)[turn[1]], (nx, ny, nz)[turn[2]])
+        winding, rest = winding_numbers(np.ascontiguousarray(vertices[:, turn]), outward, origin[turn], spacing, shape)
+        back = np.argsort(turn)
+        from_below = (winding >= 1).transpose(back)
+        from_above = (winding - rest[..., None] >= 1).transpose(back)
+        votes += from_below
+        votes += from_above
+        crossing = np.diff(winding, axis=2) != 0
+        near |= np.pad(crossing, [(0, 0), (0, 0), (0, 1)]).transpose(back)
+        near |= np.pad(crossing, [(0, 0), (0, 0), (1, 0)]).transpose(back)
+    return float(np.mean((votes >= 5) | (votes <= 1), where=near)) if near.any() else 0.0

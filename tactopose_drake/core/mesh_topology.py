@@ -1,0 +1,162 @@
+"""How the faces of a triangle mesh hang together: across which edges, in which bodies, around which holes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import breadth_first_order, connected_components
+
+from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.errors import InvalidMeshError
+
+IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class FaceLinks:
+    """Which half edges of which faces meet. Half edge 3 f + c runs from corner c of face f to the next corner.
+
+    Attributes:
+        pairs: half edges that meet, shape (m, 2).
+        open: half edges that meet no other, shape (b,).
+        crowded: groups of half edges of one edge that more than two faces share.
+    """
+
+    pairs: IntArray
+    open: IntArray
+    crowded: tuple[IntArray, ...]
+
+
+def half_edges(faces: IntArray) -> tuple[IntArray, IntArray]:
+    """Start and end vertices of all half edges, each of shape (3 f,)."""
+    return faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
+
+
+def link_faces(faces: IntArray) -> FaceLinks:
+    """Matches half edges by their two vertices, whatever their direction."""
+    start, end = half_edges(faces)
+    code = np.minimum(start, end) * (int(faces.max()) + 1) + np.maximum(start, end)
+    order = np.argsort(code, kind="stable")
+    first = np.flatnonzero(np.diff(code[order], prepend=-1))
+    count = np.diff(first, append=len(order))
+    two = first[count == 2]
+    crowded = tuple(order[i : i + n] for i, n in zip(first[count > 2], count[count > 2], strict=True))
+    return FaceLinks(np.stack([order[two], order[two + 1]], axis=1), order[first[count == 1]], crowded)
+
+
+def agree_on_sides(faces: IntArray, pairs: IntArray) -> tuple[IntArray, int]:
+    """Turns faces until linked faces show the same side, and says how many it turned: the fewer of each body.
+
+    Raises:
+        InvalidMeshError: if that is impossible, as on a Moebius strip.
+    """
+    start, _ = half_edges(faces)
+    clash = start[pairs[:, 0]] == start[pairs[:, 1]]
+    if not clash.any():
+        return faces, 0
+    count = len(faces)
+    rows, columns = pairs[:, 0] // 3, pairs[:, 1] // 3
+    graph = coo_array((np.ones(len(pairs)), (rows, columns)), shape=(count, count)).tocsr()
+    clashes = {(int(a), int(b)) for a, b in zip(rows[clash], columns[clash], strict=True)}
+    bodies, body = connected_components(graph, directed=False)
+    turned = np.zeros(count, dtype=bool)
+    roots = np.unique(body, return_index=True)[1]
+    for root in np.unique(body[rows[clash]]):
+        visited, predecessors = breadth_first_order(graph, roots[root], directed=False)
+        for face in visited[1:]:
+            before = predecessors[face]
+            turned[face] = turned[before] ^ ((before, face) in clashes or (face, before) in clashes)
+    majority = np.bincount(body, weights=turned, minlength=bodies) * 2 > np.bincount(body, minlength=bodies)
+    turned ^= majority[body]
+    if np.any(clash != (turned[rows] != turned[columns])):
+        raise InvalidMeshError("has only one side, like a Moebius strip; allowed are meshes with an inside.")
+    return np.where(turned[:, None], faces[:, ::-1], faces), int(turned.sum())
+
+
+def pair_around_edge(vertices: FloatArray, faces: IntArray, crowd: IntArray) -> IntArray:
+    """Pairs the half edges of an edge that several bodies share, so that each pair bounds one wedge of solid.
+
+    Seen along the edge, solid lies clockwise of a face that runs with the edge and anticlockwise of one that runs
+    against it. So, sorted by angle, each face against the edge is paired with the next one, which must run with it.
+
+    Args:
+        vertices: shape (v, 3), m.
+        faces: vertex indices, shape (f, 3).
+        crowd: the edge's half edges, shape (n,).
+
+    Raises:
+        InvalidMeshError: if the faces do not alternate.
+    """
+    start, end = half_edges(faces)
+    a, b = int(min(start[crowd[0]], end[crowd[0]])), int(max(start[crowd[0]], end[crowd[0]]))
+    along = start[crowd] == a
+    place = np.round(0.5 * (vertices[a] + vertices[b]), 4).tolist()
+    error = InvalidMeshError(
+        f"is not manifold: {len(crowd)} faces share the edge at {place} m and enclose no bodies; "
+        "allowed are edges of two faces, or of bodies that touch."
+    )
+    if along.sum() * 2 != len(crowd):
+        raise error
+    edge = vertices[b] - vertices[a]
+    edge /= max(float(np.linalg.norm(edge)), 1e-300)
+    arm = vertices[faces[crowd // 3, (crowd + 2) % 3]] - vertices[a]
+    arm -= np.outer(arm @ edge, edge)
+    first = int(np.argmin(along))
+    across = np.cross(edge, arm[first])
+    angle = np.round(np.mod(np.arctan2(arm @ across, arm @ arm[first]), 2 * np.pi), 6)
+    # Where two faces coincide, the wedge that ends there comes before the one that begins.
+    angle[(angle >= 6.283185) | ((angle == 0.0) & along)] = 2 * np.pi
+    angle[first] = 0.0
+    order = np.lexsort((~along, angle))
+    if np.any(along[order[0::2]]) or not np.all(along[order[1::2]]):
+        raise error
+    return crowd[np.stack([order[0::2], order[1::2]], axis=1)]
+
+
+def split_vertices(faces: IntArray, pairs: IntArray) -> tuple[IntArray, IntArray]:
+    """Gives every fan of linked faces around a vertex a vertex of its own.
+
+    Args:
+        faces: vertex indices, shape (f, 3), linked faces showing the same side.
+        pairs: half edges that meet, shape (m, 2).
+
+    Returns:
+        The faces with new vertex indices (f, 3), and each new vertex's old index (v,).
+    """
+    start, _ = half_edges(faces)
+    count = len(start)
+    after = pairs - pairs % 3 + (pairs + 1) % 3  # the half edge that begins where this one ends
+    rows = np.concatenate([pairs[:, 0], after[:, 0]])
+    columns = np.concatenate([after[:, 1], pairs[:, 1]])
+    graph = coo_array((np.ones(len(rows), dtype=bool), (rows, columns)), shape=(count, count))
+    vertices, corner = connected_components(graph, directed=False)
+    old = np.empty(vertices, dtype=np.int64)
+    old[corner] = start
+    return corner.astype(np.int64).reshape(-1, 3), old
+
+
+def body_labels(faces: IntArray) -> IntArray:
+    """The body that each face belongs to, numbered from 0, shape (f,): faces that share a vertex are of one body."""
+    start, end = half_edges(faces)
+    count = int(faces.max()) + 1
+    graph = coo_array((np.ones(len(start), dtype=bool), (start, end)), shape=(count, count))
+    label = connected_components(graph, directed=False)[1][faces[:, 0]]
+    return np.unique(label, return_inverse=True)[1].astype(np.int64)
+
+
+def boundary_loops(faces: IntArray, open_half_edges: IntArray) -> list[IntArray]:
+    """The rims of a mesh's holes as closed chains of vertices; every vertex is on one rim at most."""
+    start, end = half_edges(faces)
+    following = dict(zip(start[open_half_edges].tolist(), end[open_half_edges].tolist(), strict=True))
+    loops = []
+    while following:
+        vertex = next(iter(following))
+        loop = []
+        while vertex in following:
+            loop.append(vertex)
+            vertex = following.pop(vertex)
+        loops.append(np.array(loop, dtype=np.int64))
+    return loops

@@ -1,0 +1,128 @@
+"""Arrays kept on disk between runs, by content.
+
+One file holds one set of arrays as a single numpy record without pickled objects, so that it is mapped into memory
+instead of read. It is written beside its place and moved there in one step, so readers and other writers never see
+half of it. A sum over the content, stored in front, shows damage; a damaged file is as good as a missing one. A folder
+that cannot be written to is no error either: the model is then built anew each time.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import platformdirs
+from numpy.typing import NDArray
+
+FOLDER_VARIABLE = "TACTOPOSE_CACHE_DIR"
+FORMAT_VERSION = 1
+"""To be raised when the arrays' meaning, or what builds them, changes."""
+
+LARGEST_FOLDER = 4 * 2**30
+"""The least recently used files are removed beyond this size, bytes."""
+
+_ALIGNMENT = 64
+_CHECK = "check"
+
+Arrays = dict[str, NDArray[Any]]
+
+
+def cache_folder() -> Path:
+    """Where the files are: `TACTOPOSE_CACHE_DIR` if that is set, otherwise the user's cache folder."""
+    chosen = os.environ.get(FOLDER_VARIABLE)
+    return Path(chosen).expanduser() if chosen else platformdirs.user_cache_path("tactopose_drake") / "models"
+
+
+def content_key(*parts: bytes | NDArray[Any] | str) -> str:
+    """The hash of the format version and the parts' contents, 32 hexadecimal digits."""
+    digest = hashlib.blake2b(digest_size=16)
+    for part in (f"format {FORMAT_VERSION}", *parts):
+        content = part.encode() if isinstance(part, str) else part if isinstance(part, bytes) else part.tobytes()
+        digest.update(len(content).to_bytes(8, "little"))
+        digest.update(content)
+    return digest.hexdigest()
+
+
+def load(key: str) -> Arrays | None:
+    """The arrays stored under a key, read-only, mapped from the file; None if there are none, or damaged ones."""
+    path = _path(key)
+    try:
+        record = np.load(path, mmap_mode="r", allow_pickle=False)
+    except (OSError, ValueError, EOFError):
+        return None
+    names = record.dtype.names
+    if record.shape != (1,) or not names or names[0] != _CHECK or record[_CHECK][0] != _checksum(record):
+        return None
+    with contextlib.suppress(OSError):
+        os.utime(path)
+    return {name: record[name][0].view(np.ndarray) for name in names[1:]}
+
+
+def store(key: str, arrays: Mapping[str, NDArray[Any]]) -> None:
+    """Keeps arrays under a key; does nothing where the folder cannot be written to."""
+    record = _record(arrays)
+    folder = cache_folder()
+    temporary = None
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=folder, prefix=key, suffix=".tmp", delete=False) as file:
+            temporary = file.name
+            np.save(file, record, allow_pickle=False)
+        os.replace(temporary, _path(key))
+        _remove_oldest(folder)
+    except OSError:
+        if temporary is not None:
+            Path(temporary).unlink(missing_ok=True)
+
+
+def _path(key: str) -> Path:
+    return cache_folder() / f"{key}.npy"
+
+
+def _record(arrays: Mapping[str, NDArray[Any]]) -> NDArray[np.void]:
+    """One record of all arrays, each aligned, the checksum first."""
+    fields: dict[str, NDArray[Any]] = {_CHECK: np.zeros((), dtype=np.uint64), **arrays}
+    sizes = [-(-array.nbytes // _ALIGNMENT) * _ALIGNMENT for array in fields.values()]
+    dtype = np.dtype(
+        {
+            "names": list(fields),
+            "formats": [(array.dtype, array.shape) for array in fields.values()],
+            "offsets": np.cumsum([0, *sizes[:-1]]).tolist(),
+            "itemsize": sum(sizes),
+        }
+    )
+    record = np.zeros(1, dtype=dtype)
+    for name, array in arrays.items():
+        record[name][0] = array
+    record[_CHECK][0] = _checksum(record)
+    return record
+
+
+def _checksum(record: NDArray[np.void]) -> np.uint64:
+    """Sum and exclusive or of the content behind the checksum's own block, as 64-bit words."""
+    words = record.view(np.ndarray).view(np.uint8)[_ALIGNMENT:].view(np.uint64)
+    total: np.uint64 = (
+        np.bitwise_xor.reduce(words) ^ (words.sum(dtype=np.uint64) << np.uint64(1)) ^ np.uint64(len(words))
+    )
+    return total
+
+
+def _remove_oldest(folder: Path) -> None:
+    """Removes the least recently used files until the folder is within its bound."""
+    files = []
+    for path in folder.glob("*.npy"):
+        with contextlib.suppress(OSError):  # another process may have removed it
+            status = path.stat()
+            files.append((status.st_mtime, status.st_size, path))
+    total = sum(size for _, size, _ in files)
+    for _, size, path in sorted(files)[:-1]:
+        if total <= LARGEST_FOLDER:
+            break
+        path.unlink(missing_ok=True)
+        total -= size
