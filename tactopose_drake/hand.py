@@ -13,7 +13,7 @@ from pydrake.multibody.tree import Frame, ModelInstanceIndex, RevoluteJoint, Wel
 
 from tactopose_drake.core.serial_chain import SerialChain
 from tactopose_drake.core.surfaces import Capsule, Ellipsoid, Sphere, Surface
-from tactopose_drake.core.validation import positive_number
+from tactopose_drake.core.validation import finite_array, positive_number
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
 from tactopose_drake.resources import model_path, resource_root
 from tactopose_drake.typed_yaml import load_typed_yaml
@@ -86,6 +86,9 @@ class HandConfig:
     base_link: str = ""  # the link that carries the hand
     palm_frame: str = ""  # P, a frame or link of the model
     fingers: list[FingerConfig] = dataclasses.field(default_factory=list)
+    rest_positions: dict[str, float] = dataclasses.field(default_factory=dict)  # of joints whose rest is not at 0, rad
+    grip_low: list[float] = dataclasses.field(default_factory=list)  # lower corner of where it holds things, m, in P
+    grip_high: list[float] = dataclasses.field(default_factory=list)  # upper corner; both only for planned grasps
 
     def validate(self) -> None:
         """Raises InvalidInputError if a name is missing or double, or a surface has impossible dimensions."""
@@ -105,6 +108,9 @@ class HandConfig:
                 if coupling.follows not in finger.joints:
                     raise UnknownNameError(f"coupling of {coupling.joint!r}: follows", coupling.follows, finger.joints)
             finger.surface.make()
+        for name, corner in (("grip_low", self.grip_low), ("grip_high", self.grip_high)):
+            if corner:
+                finite_array(f"HandConfig.{name}", corner, (3,))
 
     def finger(self, name: str) -> FingerConfig:
         """The finger of that name.

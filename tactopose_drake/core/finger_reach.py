@@ -1,0 +1,198 @@
+"""Where one finger can touch an object that is in a given pose in the palm."""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactopose_drake.core import poses
+from tactopose_drake.core.serial_chain import SerialChain
+from tactopose_drake.core.signed_distance import DistanceGrid
+from tactopose_drake.core.validation import FloatArray, positive_number
+
+# Steps of the search for exact contact, and how exact it gets.
+_STEPS = 4
+_CONTACT_TOLERANCE = 1e-4  # m
+# Shares of the way from open to closed at which the finger must be clear of the object.
+_APPROACH = (0.5, 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class FingerGeometry:
+    """A finger's kinematics and shape.
+
+    Attributes:
+        chain: kinematics from palm to sensor.
+        p_ST: centre of the fingertip's round end in the sensor's frame, shape (3,), m.
+        tip_radius: m.
+        body: which body of the chain each sphere is fixed on, shape (s,).
+        p_BH: centres of spheres that fill the finger without its tip, in their bodies, shape (s, 3), m.
+        radius: their radii, shape (s,), m.
+    """
+
+    chain: SerialChain
+    p_ST: FloatArray
+    tip_radius: float
+    body: NDArray[np.intp]
+    p_BH: FloatArray
+    radius: FloatArray
+
+    def spheres(self, q: FloatArray) -> FloatArray:
+        """Centres in P, shape (B, s, 3), for positions q (B, m), rad."""
+        X_PB = self.chain.body_poses(q)[:, self.body]
+        centres: FloatArray = np.einsum("bsij,sj->bsi", X_PB[..., :3], self.p_BH) + X_PB[..., 3]
+        return centres
+
+    def tip(self, q: FloatArray, height: float = 1.0) -> FloatArray:
+        """Points in P on the line from the sensor's origin (height 0) to the round end's centre (1), shape (B, 3)."""
+        X_PS = self.chain.sensor_poses(q)
+        return X_PS[:, :, :3] @ (height * self.p_ST) + X_PS[:, :, 3]
+
+
+@dataclass(frozen=True, eq=False)
+class Touches:
+    """Ways for one finger to touch; n of them.
+
+    Attributes:
+        q: joint positions in contact, shape (n, m), rad.
+        closing: change of joint command that presses with 1 N along the object's normal, shape (n, m), rad/N.
+        q_open: joint positions with the finger lifted off, shape (n, m), rad.
+        p_PC: contact points, shape (n, 3), m.
+        n_PC: the object's outward normals, shape (n, 3).
+        cost: how far each is from a clean touch, shape (n,); 0 is best.
+        body_points: points on the finger's axis in P, to keep fingers apart, shape (n, b, 3), m.
+    """
+
+    q: FloatArray
+    closing: FloatArray
+    q_open: FloatArray
+    p_PC: FloatArray
+    n_PC: FloatArray
+    cost: FloatArray
+    body_points: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    def take(self, index: NDArray[np.intp]) -> "Touches":
+        """Some of them."""
+        return Touches(*(getattr(self, name)[index] for name in Touches.__dataclass_fields__))
+
+
+@dataclass(kw_only=True, slots=True)
+class ReachParams:
+    """What counts as a clean touch."""
+
+    stiffness: float = 5.0  # of each joint under the grasp controller, N m/rad
+    lift: float = 0.015  # distance of the open fingertip from the object, m
+    clearance: float = 0.002  # least distance of the rest of the finger from the object, m
+    least_alignment: float = 0.75  # cosine between the normal and the way the closing fingertip goes
+    least_facing: float = 0.12  # cosine between the finger's axis and the direction to the contact: 0 at its side
+    most_facing: float = 0.97  # 1 at its very end
+    limit_margin: float = 0.03  # distance from the joint limits in contact, rad
+
+    def validate(self) -> None:
+        """Raises InvalidInputError if a value is not positive."""
+        for field in fields(self):
+            positive_number(f"ReachParams.{field.name}", getattr(self, field.name))
+
+
+class FingerReach:
+    """Samples of a finger's workspace, made once; asked for touches on any object in any pose."""
+
+    def __init__(
+        self, geometry: FingerGeometry, params: ReachParams, generator: np.random.Generator, samples: int = 3000
+    ) -> None:
+        """Samples the workspace.
+
+        Args:
+            geometry: the finger.
+            params: see there.
+            generator: source of the samples.
+            samples: how many joint positions.
+        """
+        chain = geometry.chain
+        lower, upper = chain.lower + params.limit_margin, chain.upper - params.limit_margin
+        self.geometry, self._params = geometry, params
+        self._q = generator.uniform(lower, upper, (samples, len(lower)))
+        self._p_PT, J = chain.point_jacobians(self._q, geometry.p_ST)
+        self._axis = poses.compose(chain.body_poses(self._q)[:, -1], chain.X_last_sensor)[:, :, :3] @ _unit(
+            geometry.p_ST
+        )
+        self._compliance = J @ np.swapaxes(J, 1, 2) / params.stiffness
+
+    def touches(self, grid: DistanceGrid, X_PO: FloatArray, generator: np.random.Generator, count: int) -> Touches:
+        """Up to `count` touches, by rising cost.
+
+        Args:
+            grid: the object's signed distance.
+            X_PO: the object's pose, shape (3, 4).
+            generator: chooses among the samples near the surface.
+            count: the largest number wanted.
+        """
+        params, radius = self._params, self.geometry.tip_radius
+        distance, normal = _distance(grid, X_PO, self._p_PT)
+        alignment = _alignment(self._compliance, normal)
+        near = (np.abs(distance - radius) < 0.006) & (alignment > params.least_alignment)
+        near &= np.einsum("ni,ni->n", self._axis, -normal) > params.least_facing - 0.2
+        index = np.flatnonzero(near)
+        if len(index) > 6 * count:
+            index = generator.choice(index, 6 * count, replace=False)
+        touches = self._refine(grid, X_PO, self._q[index])
+        return touches.take(np.argsort(touches.cost, kind="stable")[:count])
+
+    def _refine(self, grid: DistanceGrid, X_PO: FloatArray, q: FloatArray) -> Touches:
+        """Moves the fingertip onto the surface, and keeps what is clean."""
+        geometry, params, chain = self.geometry, self._params, self.geometry.chain
+        for _ in range(_STEPS):
+            p_PT, J = chain.point_jacobians(q, geometry.p_ST)
+            distance, normal = _distance(grid, X_PO, p_PT)
+            row = np.einsum("ni,nim->nm", normal, J)
+            gain = (geometry.tip_radius - distance) / np.sum(row * row, axis=1)
+            q = np.clip(q + gain[:, None] * row, chain.lower + params.limit_margin, chain.upper - params.limit_margin)
+        p_PT, J = chain.point_jacobians(q, geometry.p_ST)
+        distance, normal = _distance(grid, X_PO, p_PT)
+        compliance = J @ np.swapaxes(J, 1, 2) / params.stiffness
+        alignment = _alignment(compliance, normal)
+        axis = _unit(p_PT - geometry.tip(q, 0.0))
+        facing = np.einsum("ni,ni->n", axis, -normal)
+        closing = -np.einsum("nim,ni->nm", J, normal) / params.stiffness
+        lift = params.lift / np.einsum("ni,nij,nj->n", normal, compliance, normal)
+        q_open = np.clip(q - lift[:, None] * closing, chain.lower, chain.upper)
+        keep = np.abs(distance - geometry.tip_radius) < _CONTACT_TOLERANCE
+        keep &= (alignment > params.least_alignment) & (facing > params.least_facing) & (facing < params.most_facing)
+        for height in (0.0, 0.5):
+            side, _ = _distance(grid, X_PO, geometry.tip(q, height))
+            keep &= side > geometry.tip_radius + 0.0005
+        lifted, _ = _distance(grid, X_PO, geometry.tip(q_open))
+        keep &= lifted > geometry.tip_radius + 0.4 * params.lift
+        for share in (0.0, *_APPROACH):
+            spheres = geometry.spheres(q + share * (q_open - q))
+            clear, _ = _distance(grid, X_PO, spheres)
+            keep &= np.all(clear > geometry.radius + params.clearance, axis=1)
+        # A fingertip meets best with its shoulder, not with its very end or its side.
+        cost = 6.0 * (1.0 - alignment) + 2.0 * np.abs(facing - 0.6)
+        body_points = np.concatenate(
+            [geometry.tip(q, height)[:, None] for height in (1.0, 0.0)] + [chain.body_poses(q)[:, -2:, :, 3]], axis=1
+        )
+        p_PC = p_PT - geometry.tip_radius * normal
+        return Touches(q, closing, q_open, p_PC, normal, cost, body_points).take(np.flatnonzero(keep))
+
+
+def _distance(grid: DistanceGrid, X_PO: FloatArray, p_PQ: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Signed distances (...) and normals in P (..., 3) of the object at points (..., 3) in P."""
+    R_PO = X_PO[:, :3]
+    distance, n_O = grid.distance_and_normal((p_PQ - X_PO[:, 3]) @ R_PO)
+    return distance, n_O @ R_PO.T
+
+
+def _alignment(compliance: FloatArray, normal: FloatArray) -> FloatArray:
+    """Cosine between the normal and the motion that a push along it causes, shape (n,)."""
+    motion = np.einsum("nij,nj->ni", compliance, normal)
+    cosine: FloatArray = np.einsum("ni,ni->n", motion, normal) / np.linalg.norm(motion, axis=1)
+    return cosine
+
+
+def _unit(v: FloatArray) -> FloatArray:
+    unit: FloatArray = v / np.linalg.norm(v, axis=-1, keepdims=True)
+    return unit

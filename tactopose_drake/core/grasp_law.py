@@ -1,0 +1,78 @@
+"""The law by which fingers close on an object until each carries its set force, and then hold.
+
+Each finger has one number, its push, N. Below zero the commanded joint positions lie between the open posture and the
+posture of first touch; above, they go on past it, so that the joints' springs press the fingertip with about `push` N
+against whatever is there. The push grows until the measured force reaches the set force.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactopose_drake.core.validation import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class ClosingMotion:
+    """How one finger closes.
+
+    Attributes:
+        q_open: joint positions before, shape (m,), rad.
+        q_touch: about where it meets the object, shape (m,), rad.
+        closing: change of the commanded positions for one newton more, shape (m,), rad/N.
+        set_force: force that the fingertip is to carry, N.
+    """
+
+    q_open: FloatArray
+    q_touch: FloatArray
+    closing: FloatArray
+    set_force: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class GraspLaw:
+    """Gains of the law."""
+
+    approach_push: float = 4.0  # push from open to touch, N
+    push_rate: float = 8.0  # largest change of push, N/s
+    carry_share: float = 0.1  # a finger carries its set force when within this share of it
+    slack_share: float = 0.7  # when holding, a finger that has less than this share presses on
+    most_push_share: float = 3.0  # a finger stops when its push is this many times the set force
+
+
+def commanded_positions(motion: ClosingMotion, push: float, law: GraspLaw) -> FloatArray:
+    """Joint positions to command, shape (m,), rad."""
+    if push >= 0.0:
+        return motion.q_touch + push * motion.closing
+    share = min(-push / law.approach_push, 1.0)
+    return motion.q_touch + share * (motion.q_open - motion.q_touch)
+
+
+def update_push(push: float, force: float, set_force: float, holding: bool, period: float, law: GraspLaw) -> float:
+    """The push of the next period, N.
+
+    Args:
+        push: now, N.
+        force: measured magnitude of the fingertip's force, N; NaN where there is no reading yet.
+        set_force: N.
+        holding: whether all fingers have closed; the grasp is then left alone, but for fingers that go slack. Driving
+            each force on to its set value would push the released object about, since the sum of the measured forces
+            never balances exactly.
+        period: s.
+        law: gains.
+    """
+    force = 0.0 if np.isnan(force) else force
+    lack = (set_force - force) / set_force
+    if holding and lack < 1.0 - law.slack_share:
+        return push
+    # The last tenth is approached slowly, so that the measured force does not overshoot.
+    rate = law.push_rate * float(np.clip(2.0 * lack, -1.0, 1.0))
+    return min(push + period * rate, law.most_push_share * set_force)
+
+
+def joint_torques(
+    q: FloatArray, v: FloatArray, q_commanded: FloatArray, stiffness: FloatArray, damping: FloatArray
+) -> FloatArray:
+    """Joint torques of springs and dampers, shape (n,), N m, all per joint."""
+    torques: FloatArray = stiffness * (q_commanded - q) - damping * v
+    return torques

@@ -1,0 +1,161 @@
+"""Runs a scenario until the hand holds the object by itself, or says why it does not."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.geometry import Meshcat
+from pydrake.math import RigidTransform
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context
+
+from tactopose_drake.contact_truth import ContactTruth, contact_truth
+from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.scenario import Scenario
+from tactopose_drake.station import Station, make_station, plan_scenario
+
+
+@dataclass(frozen=True, eq=False)
+class GraspResult:
+    """How a simulated grasp went.
+
+    Attributes:
+        stable: whether the object stays in the hand, still and carried by enough fingertips.
+        reason: "ok", or why it is not stable.
+        station: the diagram.
+        simulator: at the end of the run; its context holds all ports' values.
+        truth: the simulator's own contacts at the end.
+        X_PO: true pose of the object at the end.
+        release_time: when the object was let go, s; None if never.
+        slip: how far the object's origin moved in the palm after its release, m.
+        speed: of the object's origin in the palm at the end, m/s.
+        failed_attempts: why each grasp that was tried before this one failed.
+        wall_time: of the simulation of this attempt, s.
+    """
+
+    stable: bool
+    reason: str
+    station: Station
+    simulator: Simulator
+    truth: ContactTruth
+    X_PO: RigidTransform
+    release_time: float | None
+    slip: float
+    speed: float
+    failed_attempts: tuple[str, ...]
+    wall_time: float
+
+    @property
+    def context(self) -> Context:
+        """The root context at the end of the run."""
+        return self.simulator.get_context()
+
+
+def simulate_grasp(
+    scenario: Scenario,
+    *,
+    model: ObjectModel | None = None,
+    meshcat: Meshcat | None = None,
+    on_progress: Callable[[str], None] | None = None,
+) -> GraspResult:
+    """Plans and simulates a scenario's grasp; where it fails, the next best, in a fixed order.
+
+    Args:
+        scenario: what to simulate.
+        model: of the scenario's object, if it is at hand already.
+        meshcat: where to show and record it.
+        on_progress: is told what begins.
+
+    Returns:
+        The first stable grasp, or the last one tried.
+
+    Raises:
+        InvalidInputError: if the scenario cannot be built, or the hand finds no way to hold the object.
+    """
+    tell = on_progress or (lambda message: None)
+    model = ObjectModel.from_mesh(scenario.object_mesh()) if model is None else model
+    tell("planning a grasp")
+    plans = plan_scenario(scenario, model)[: scenario.check.attempts]
+    failed: list[str] = []
+    for plan in plans:
+        tell(f"simulating a grasp by {len(plan.fingers)} fingers")
+        if meshcat is not None:
+            meshcat.Delete()
+            meshcat.DeleteRecording()
+        result = run_grasp(make_station(scenario, plan, model=model, meshcat=meshcat), tuple(failed), meshcat)
+        if result.stable:
+            break
+        failed.append(result.reason)
+    return result
+
+
+def run_grasp(station: Station, failed_attempts: tuple[str, ...] = (), meshcat: Meshcat | None = None) -> GraspResult:
+    """Simulates one grasp from the open hand to the end of the hold, and judges it.
+
+    Args:
+        station: the diagram, not simulated yet.
+        failed_attempts: handed on to the result.
+        meshcat: the station's display, if it is to record.
+    """
+    started = time.perf_counter()
+    simulator = Simulator(station.diagram)
+    context = simulator.get_mutable_context()
+    station.start(context)
+    simulator.set_monitor(station.release_when_held)
+    simulator.Initialize()
+    if meshcat is not None:
+        meshcat.StartRecording()
+    plant_context = station.plant.GetMyContextFromRoot(context)
+    check, step = station.scenario.check, 0.02
+    release_time, X_PO_release = None, station.object_pose(context)
+    while context.get_time() < station.scenario.duration - 1e-9:
+        simulator.AdvanceTo(context.get_time() + step)
+        if release_time is None:
+            X_PO_release = station.object_pose(context)
+            if not station.object_joint.is_locked(plant_context):
+                release_time = context.get_time()
+        elif context.get_time() >= release_time + check.hold_time:
+            break
+    if meshcat is not None:
+        meshcat.StopRecording()
+        meshcat.PublishRecording()
+    truth = contact_truth(station.plant, plant_context, station.hand, station.object_body)
+    X_PO = station.object_pose(context)
+    slip = float(np.linalg.norm(X_PO.translation() - X_PO_release.translation()))
+    V_PO = station.object_body.body_frame().CalcSpatialVelocity(
+        plant_context, station.hand.palm_frame, station.hand.palm_frame
+    )
+    speed, spin = float(np.linalg.norm(V_PO.translational())), float(np.linalg.norm(V_PO.rotational()))
+    reason = _judge(station, release_time, truth, slip, speed, spin)
+    return GraspResult(
+        reason == "ok",
+        reason,
+        station,
+        simulator,
+        truth,
+        X_PO,
+        release_time,
+        slip,
+        speed,
+        failed_attempts,
+        time.perf_counter() - started,
+    )
+
+
+def _judge(
+    station: Station, release_time: float | None, truth: ContactTruth, slip: float, speed: float, spin: float
+) -> str:
+    check = station.scenario.check
+    if release_time is None:
+        return "the fingers did not close in time"
+    if slip > check.most_slip:
+        return f"the object slipped by {1e3 * slip:.1f} mm"
+    carrying = [finger for finger, tip in truth.tips.items() if np.linalg.norm(tip.f_PC) >= check.least_force]
+    if len(carrying) < check.least_fingers:
+        return f"only {len(carrying)} fingertips carry the object"
+    if truth.other_contacts:
+        return f"the object also touches {', '.join(truth.other_contacts)}"
+    if speed > check.most_speed or spin > check.most_angular_speed:
+        return f"the object still moves at {1e3 * speed:.2f} mm/s and {spin:.3f} rad/s"
+    return "ok"

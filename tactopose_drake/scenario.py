@@ -1,0 +1,109 @@
+"""A simulated grasp as data: which hand, which object, where, and how each part behaves."""
+
+import dataclasses
+from pathlib import Path
+
+from pydrake.common.schema import Rotation, Transform
+from pydrake.multibody.plant import MultibodyPlantConfig
+
+from tactopose_drake.core.finger_reach import ReachParams
+from tactopose_drake.core.grasp_planner import PlannerParams
+from tactopose_drake.core.validation import positive_number
+from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.resources import model_path, resource_root
+from tactopose_drake.systems.grasp_controller import GraspControllerParams
+from tactopose_drake.systems.pose_estimation import PoseEstimationParams
+from tactopose_drake.systems.simulated_vision import SimulatedVisionParams
+from tactopose_drake.typed_yaml import load_typed_yaml
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class SensorConfig:
+    """The force-torque sensors in the fingers."""
+
+    calibration: str = "SI-12-0.12"  # of the ATI Nano17
+    period: float = 0.004  # s between two samples
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class GraspCheck:
+    """When a simulated grasp counts as stable."""
+
+    hold_time: float = 0.8  # from the object's release to the judgement, s
+    least_fingers: int = 3  # fingertips that carry at least `least_force`
+    least_force: float = 1.0  # N
+    most_speed: float = 0.001  # of the object's origin in the palm, m/s
+    most_angular_speed: float = 0.02  # rad/s
+    most_slip: float = 0.015  # motion of the object's origin in the palm since its release, m
+    attempts: int = 5  # planned grasps that are tried, best first
+
+
+def _default_plant() -> MultibodyPlantConfig:
+    # Reactions and contacts can then be read without taking a step.
+    return MultibodyPlantConfig(time_step=0.002, contact_model="hydroelastic", use_sampled_output_ports=False)
+
+
+def _palm_to_the_side() -> Transform:
+    # Fingers along x of the world, thumb side up: the way one holds a glass.
+    return Transform(rotation=Rotation(value=Rotation.Rpy(deg=[180.0, -90.0, 0.0])))
+
+
+def _camera() -> Transform:
+    return Transform(translation=[0.35, 0.55, 0.25])
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class Scenario:
+    """Everything that `make_station` needs; only data."""
+
+    hand: str = "shadow_like"  # a hand of the package by name, or a *.hand.yaml by path
+    object: str = "wine_glass"  # an object of the package by name, or an SDF by path; its mesh lies beside it as OBJ
+    seed: int = 0  # of the grasp and of all noise
+    duration: float = 4.0  # longest simulated time, s
+    plant: MultibodyPlantConfig = dataclasses.field(default_factory=_default_plant)
+    X_WBase: Transform = dataclasses.field(default_factory=_palm_to_the_side)  # where the hand's base is welded
+    X_WC: Transform = dataclasses.field(default_factory=_camera)  # the vision source's camera
+    reach: ReachParams = dataclasses.field(default_factory=ReachParams)
+    planner: PlannerParams = dataclasses.field(default_factory=PlannerParams)
+    controller: GraspControllerParams = dataclasses.field(default_factory=GraspControllerParams)
+    check: GraspCheck = dataclasses.field(default_factory=GraspCheck)
+    sensor: SensorConfig = dataclasses.field(default_factory=SensorConfig)
+    vision: SimulatedVisionParams = dataclasses.field(default_factory=SimulatedVisionParams)
+    estimation: PoseEstimationParams = dataclasses.field(default_factory=PoseEstimationParams)
+
+    def validate(self) -> None:
+        """Raises InvalidInputError if a value is out of its range, or a file is missing."""
+        if self.seed < 0:
+            raise InvalidInputError(f"Scenario.seed: is {self.seed}; allowed are integers >= 0.")
+        positive_number("Scenario.duration", self.duration)
+        positive_number("Scenario.plant.time_step", self.plant.time_step)
+        positive_number("Scenario.sensor.period", self.sensor.period)
+        for field in dataclasses.fields(self.check):
+            positive_number(f"Scenario.check.{field.name}", getattr(self.check, field.name))
+        for part in (self.reach, self.planner, self.controller, self.vision, self.estimation):
+            part.validate()
+        for path in (self.object_sdf(), self.object_mesh()):
+            if not path.is_file():
+                known = ", ".join(sorted(shipped.stem for shipped in model_path("objects").glob("*.sdf")))
+                raise InvalidInputError(f"Scenario.object: {path} does not exist; the package's objects are {known}.")
+
+    def object_sdf(self) -> Path:
+        """The object's model for the simulator."""
+        return Path(self.object) if Path(self.object).suffix else model_path("objects", f"{self.object}.sdf")
+
+    def object_mesh(self) -> Path:
+        """The object's mesh for the estimator."""
+        return self.object_sdf().with_suffix(".obj")
+
+
+def load_scenario(name_or_path: str | Path) -> Scenario:
+    """Reads a `*.scenario.yaml`: one of the package's diagrams by name, or any file by path.
+
+    Raises:
+        InvalidFileError: if the file cannot be read or does not fit `Scenario`.
+        InvalidInputError: if a value is out of its range.
+    """
+    shipped = resource_root() / "diagrams" / f"{name_or_path}.scenario.yaml"
+    scenario = load_typed_yaml(Scenario, shipped if shipped.is_file() else Path(name_or_path))
+    scenario.validate()
+    return scenario

@@ -1,0 +1,196 @@
+"""A grasp controller: closes the fingers until each carries its set force, then holds."""
+
+import dataclasses
+from collections.abc import Mapping
+
+import numpy as np
+from pydrake.common.value import AbstractValue
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, EventStatus, LeafSystem
+
+from tactopose_drake.core.grasp_law import ClosingMotion, GraspLaw, commanded_positions, joint_torques, update_push
+from tactopose_drake.core.validation import FloatArray, positive_number
+from tactopose_drake.errors import UnknownNameError
+from tactopose_drake.hand import Hand
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class GraspControllerParams:
+    """Gains and times of the grasp controller."""
+
+    finger_stiffness: float = 5.0  # of each joint that moves a fingertip, N m/rad
+    finger_damping: float = 0.02  # N m s/rad
+    other_stiffness: float = 80.0  # of the wrist and whatever else moves no fingertip alone, N m/rad
+    other_damping: float = 1.0  # N m s/rad
+    push_rate: float = 8.0  # how fast a finger's push grows, N/s
+    settle_time: float = 0.06  # how long all fingers must carry their set force before they hold, s
+    closing_time: float = 2.5  # after which the fingers hold whatever they have, s
+    period: float = 0.004  # of the force loop, s
+
+    def validate(self) -> None:
+        """Raises InvalidInputError if a value is not positive."""
+        for field in dataclasses.fields(self):
+            positive_number(f"GraspControllerParams.{field.name}", getattr(self, field.name))
+
+
+class GraspController(LeafSystem):
+    """Brings the hand from an open posture to a grasp by joint torques, from its own senses alone.
+
+    .. pydrake_system::
+
+        name: GraspController
+        input_ports:
+        - hand_state
+        - wrench_<finger> (one for each finger that closes)
+        output_ports:
+        - actuation
+        - holding
+        - status
+
+    - hand_state: measured positions and velocities of the hand's joints, shape (nq + nv,), rad and rad/s.
+    - wrench_<finger>: F_S, shape (6,), N m and N; NaN counts as no force.
+    - actuation: torques, shape (na,), N m, in the order of the hand's actuators; changes with `hand_state`.
+    - holding: shape (1,), 1 once all fingers carry their set force (or closing took too long), 0 before.
+    - status: str, "closing", "holding", or "holding; not carrying: " and the fingers that never reached their force.
+    """
+
+    def __init__(
+        self,
+        plant: MultibodyPlant,
+        hand: Hand,
+        motions: Mapping[str, ClosingMotion],
+        q_rest: FloatArray,
+        params: GraspControllerParams | None = None,
+    ) -> None:
+        """Takes numbers from a finalized plant; keeps no reference to it.
+
+        Args:
+            plant: finalized plant that holds the hand.
+            hand: the hand in it.
+            motions: how each finger that takes part closes, by finger.
+            q_rest: where all other joints stay, shape (nq,) of the hand, rad.
+            params: gains and times.
+
+        Raises:
+            UnknownNameError: if a motion's finger is not one of the hand's.
+        """
+        super().__init__()
+        self._params = GraspControllerParams() if params is None else params
+        self._params.validate()
+        for finger in motions:
+            if finger not in hand.fingers:
+                raise UnknownNameError("motions: finger", finger, hand.fingers)
+        self._motions = dict(motions)
+        self._law = GraspLaw(push_rate=self._params.push_rate)
+        self._q_rest = np.array(q_rest, dtype=np.float64)
+        first_q, first_v, _ = hand_layout(plant, hand)
+        nq, nv = plant.num_positions(hand.model_instance), plant.num_velocities(hand.model_instance)
+        joints = actuated_joints(plant, hand)
+        self._joint_of_actuator = np.array(
+            [plant.GetJointByName(n, hand.model_instance).position_start() for n in joints]
+        )
+        self._joint_of_actuator -= first_q
+        self._velocity_of_actuator = np.array(
+            [plant.GetJointByName(n, hand.model_instance).velocity_start() - first_v for n in joints]
+        )
+        self._joints_of_finger = {
+            finger: np.array(
+                [
+                    plant.GetJointByName(name, hand.model_instance).position_start() - first_q
+                    for name in hand.config.finger(finger).joints
+                ]
+            )
+            for finger in hand.fingers
+        }
+        of_fingers = {name for finger in hand.config.fingers for name in finger.joints}
+        on_finger = np.array([name in of_fingers for name in joints])
+        self._stiffness = np.where(on_finger, self._params.finger_stiffness, self._params.other_stiffness)
+        self._damping = np.where(on_finger, self._params.finger_damping, self._params.other_damping)
+
+        self._nq = nq
+        self._state_port = self.DeclareVectorInputPort("hand_state", nq + nv)
+        self._wrenches = {finger: self.DeclareVectorInputPort(f"wrench_{finger}", 6) for finger in motions}
+        # Pushes, then since when all fingers carry their set force (s; NaN: they do not), then whether holding.
+        start = np.append(np.full(len(motions), -self._law.approach_push), [np.nan, 0.0])
+        state = self.DeclareDiscreteState(start)
+        self.DeclarePeriodicDiscreteUpdateEvent(self._params.period, 0.0, self._update)
+        self.DeclareVectorOutputPort(
+            "actuation",
+            len(joints),
+            self._calc_actuation,
+            prerequisites_of_calc={self._state_port.ticket(), self.discrete_state_ticket(state)},
+        )
+        self.DeclareVectorOutputPort(
+            "holding", 1, self._calc_holding, prerequisites_of_calc={self.discrete_state_ticket(state)}
+        )
+        wrench_tickets = {port.ticket() for port in self._wrenches.values()}
+        self.DeclareAbstractOutputPort(
+            "status",
+            lambda: AbstractValue.Make(""),
+            self._calc_status,
+            prerequisites_of_calc={self.discrete_state_ticket(state), *wrench_tickets},
+        )
+
+    def commanded(self, pushes: FloatArray) -> FloatArray:
+        """Commanded positions of all joints of the hand, shape (nq,), rad, for one push a finger, N."""
+        q = self._q_rest.copy()
+        for (finger, motion), push in zip(self._motions.items(), pushes, strict=True):
+            q[self._joints_of_finger[finger]] = commanded_positions(motion, float(push), self._law)
+        return q
+
+    def _force(self, context: Context, finger: str) -> float:
+        return float(np.linalg.norm(self._wrenches[finger].Eval(context)[3:]))
+
+    def _carries(self, force: float, motion: ClosingMotion) -> bool:
+        return force > (1.0 - self._law.carry_share) * motion.set_force
+
+    def _update(self, context: Context, discrete_state: DiscreteValues) -> EventStatus:
+        value = context.get_discrete_state_vector().value()
+        pushes, since, holding = value[:-2].copy(), value[-2], bool(value[-1])
+        forces = [self._force(context, finger) for finger in self._motions]
+        for i, (motion, force) in enumerate(zip(self._motions.values(), forces, strict=True)):
+            pushes[i] = update_push(pushes[i], force, motion.set_force, holding, self._params.period, self._law)
+        time = context.get_time()
+        carried = all(self._carries(f, motion) for f, motion in zip(forces, self._motions.values(), strict=True))
+        since = (time if np.isnan(since) else since) if carried else np.nan
+        holding = holding or time - since >= self._params.settle_time or time >= self._params.closing_time
+        discrete_state.set_value(np.append(pushes, [since, holding]))
+        return EventStatus.Succeeded()
+
+    def _calc_actuation(self, context: Context, output: BasicVector) -> None:
+        state = self._state_port.Eval(context)
+        q, v = state[self._joint_of_actuator], state[self._nq + self._velocity_of_actuator]
+        q_commanded = self.commanded(context.get_discrete_state_vector().value()[:-2])[self._joint_of_actuator]
+        output.SetFromVector(joint_torques(q, v, q_commanded, self._stiffness, self._damping))
+
+    def _calc_holding(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(context.get_discrete_state_vector().value()[-1:])
+
+    def _calc_status(self, context: Context, output: AbstractValue) -> None:
+        if not context.get_discrete_state_vector().value()[-1]:
+            output.set_value("closing")
+            return
+        slack = [
+            finger
+            for finger, motion in self._motions.items()
+            if not self._force(context, finger) >= self._law.slack_share * motion.set_force
+        ]
+        output.set_value("holding" + (f"; not carrying: {', '.join(slack)}" if slack else ""))
+
+
+def actuated_joints(plant: MultibodyPlant, hand: Hand) -> list[str]:
+    """Names of the joints that the hand's actuators drive, in the order of the actuation port."""
+    return [
+        plant.get_joint_actuator(index).joint().name() for index in plant.GetJointActuatorIndices(hand.model_instance)
+    ]
+
+
+def hand_layout(plant: MultibodyPlant, hand: Hand) -> tuple[int, int, list[str]]:
+    """First position and velocity index of the hand's joints in the plant, and the moving joints' names."""
+    joints = [plant.get_joint(index) for index in plant.GetJointIndices(hand.model_instance)]
+    moving = [joint for joint in joints if joint.num_positions() > 0]
+    return (
+        min(joint.position_start() for joint in moving),
+        min(joint.velocity_start() for joint in moving),
+        [joint.name() for joint in moving],
+    )
