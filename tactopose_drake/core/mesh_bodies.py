@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactopose_drake.core import mesh_topology
-from tactopose_drake.core.mesh_topology import IntArray
+from tactopose_drake.core.mesh_topology import AnyIntArray, IntArray
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidMeshError
 
@@ -21,14 +21,14 @@ def counted(which: NDArray[np.bool_], singular: str, plural: str) -> str:
     return f"{count} {singular if count == 1 else plural}"
 
 
-def cross_products(vertices: FloatArray, faces: IntArray) -> FloatArray:
+def cross_products(vertices: FloatArray, faces: AnyIntArray) -> FloatArray:
     """Outward normals of the faces, of length twice the area, shape (f, 3), m^2."""
     a, b, c = vertices[faces[:, 0]], vertices[faces[:, 1]], vertices[faces[:, 2]]
     cross: FloatArray = np.cross(b - a, c - a)
     return cross
 
 
-def volumes(vertices: FloatArray, faces: IntArray, body: IntArray | None = None) -> FloatArray:
+def volumes(vertices: FloatArray, faces: AnyIntArray, body: IntArray | None = None) -> FloatArray:
     """Signed volume of each body, shape (bodies,), m^3; of all faces together, shape (1,), without labels."""
     corners = vertices[faces] - vertices[faces[0, 0]]
     signed = np.einsum("fi,fi->f", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6.0

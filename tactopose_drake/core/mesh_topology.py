@@ -13,6 +13,7 @@ from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidMeshError
 
 IntArray = NDArray[np.int64]
+AnyIntArray = NDArray[np.int32] | IntArray
 
 
 @dataclass(frozen=True, eq=False)

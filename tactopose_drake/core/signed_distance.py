@@ -133,6 +133,7 @@ def build_grid(
     nearest = distance_transform.nearest_faces(packed, origin, h, shape)
     winding = _winding(vertices, faces, origin, h, shape)
     values = distance_transform.signed_field(packed, nearest, winding, origin, h)
+    smooth_normals(values, vertices, faces, packed, nearest, origin, h)
     values.setflags(write=False)
     origin.setflags(write=False)
     return DistanceGrid(values, origin, float(h))
