@@ -22,8 +22,11 @@ RESULT_SIZE = 18  # p, n, normal force, friction force, local torque (three each
 
 # On a plane of symmetry a superquadric's curvature is 0 or infinite; a coordinate this far from it, relative to the
 # size, is the nearest that powers are taken of, so both stay finite.
-_TINY = 1e-9
+_TINY = 1e-12
 _MAX_ITERATIONS = 60
+_MIN_FRACTION = 1e-4  # of a Newton step, below which the line search gives up
+_MIN_STRIDE = 4e-3  # of the way from the closed form to the surface, below which following it gives up
+_EXTRA = 0.2  # lever arm of the moment that keeps f.m off zero on that way, relative to the extent
 _EDGE = 1e-9  # rounding error allowed at the edge of the admissible part, relative to the extent
 # Friction over normal force (84 degrees) at which a wrench counts as passing the surface by: the equations also have a
 # contact for a line far off, one that would hang on almost nothing but friction and local torque.
@@ -53,14 +56,13 @@ def _superquadric(shape, x, y, z, g, H):  # type: ignore[no-untyped-def]
     )
     k = (p2 - 1.0) * r ** (p1 - 2.0)
     r_XX, r_XY, r_YY = k * X ** (p2 - 2.0) * Y**p2, -k * r_X * r_Y, k * X**p2 * Y ** (p2 - 2.0)
-    sx, sy, sz = math.copysign(1.0 / shape[0], x), math.copysign(1.0 / shape[1], y), math.copysign(1.0 / shape[2], z)
+    # S is even in each coordinate, so on a plane of symmetry the derivatives that are odd in it are zero
+    sx, sy, sz = np.sign(x) / shape[0], np.sign(y) / shape[1], np.sign(z) / shape[2]
     u, v, w = N_r * r_X * sx, N_r * r_Y * sy, N_Z * sz
-    # max() above also lifts a component that is exactly zero, where the gradient of a symmetric function is zero
-    u, v, w = (u if x != 0.0 else 0.0), (v if y != 0.0 else 0.0), (w if z != 0.0 else 0.0)
     g[0], g[1], g[2] = 2.0 * N * u, 2.0 * N * v, 2.0 * N * w
-    H[0, 0] = 2.0 * (u * u + (N_rr * r_X * r_X + r_XX) * sx * sx)
-    H[1, 1] = 2.0 * (v * v + (N_rr * r_Y * r_Y + r_YY) * sy * sy)
-    H[2, 2] = 2.0 * (w * w + N_ZZ * sz * sz)
+    H[0, 0] = 2.0 * (u * u + (N_rr * r_X * r_X + r_XX) / shape[0] ** 2)
+    H[1, 1] = 2.0 * (v * v + (N_rr * r_Y * r_Y + r_YY) / shape[1] ** 2)
+    H[2, 2] = 2.0 * (w * w + N_ZZ / shape[2] ** 2)
     H[0, 1] = H[1, 0] = 2.0 * (u * v + (N_rr * r_X * r_Y + r_XY) * sx * sy)
     H[0, 2] = H[2, 0] = 2.0 * (u * w + N_rZ * r_X * sx * sz)
     H[1, 2] = H[2, 1] = 2.0 * (v * w + N_rZ * r_Y * sy * sz)
@@ -243,7 +245,7 @@ def _newton(kind, shape, m, f, compliance, q, work):  # type: ignore[no-untyped-
     """
     g, H, here, there, trial = work
     tolerance = 1e-13 * (shape[7] + abs(m[0]) + abs(m[1]) + abs(m[2]))
-    square, bound, step1, step2, fraction, iterations = np.inf, np.inf, 0.0, 0.0, 1.0, -1
+    square, bound, step1, step2, length, fraction, iterations = np.inf, np.inf, 0.0, 0.0, np.inf, 1.0, -1
     trial[:] = q
     while iterations < _MAX_ITERATIONS:
         linearize(kind, shape, m, f, compliance, trial, g, H, there)
@@ -257,17 +259,24 @@ def _newton(kind, shape, m, f, compliance, q, work):  # type: ignore[no-untyped-
             det = here[2] * here[5] - here[3] * here[4]
             step1 = (here[3] * here[1] - here[5] * here[0]) / det
             step2 = (here[4] * here[0] - here[2] * here[1]) / det
-            fraction = min(1.0, shape[7] / math.sqrt(step1 * step1 + step2 * step2))
-        elif iterations >= 0 and fraction > 1e-8:
+            length = math.sqrt(step1 * step1 + step2 * step2)
+            fraction = min(1.0, shape[7] / length)
+        elif iterations >= 0 and fraction > _MIN_FRACTION:
             fraction *= 0.5
         else:
-            # at the limit of rounding no step can descend: a residual of that size is a solution
-            return iterations if square <= 1e4 * tolerance * tolerance else -1
+            break
         bound = square * (1.0 - 1e-4 * fraction)
         for i in range(3):
             trial[i] = q[i] + fraction * (step1 * here[11 + i] + step2 * here[14 + i])
         project(kind, shape, trial)
-    return -1
+    # At the limit of rounding, or on a crease, where the normal turns within it, no step descends: the point is found
+    # if the next step is too short to matter.
+    return iterations if length < 1e-9 * shape[7] else -1
+
+
+@njit(cache=True)
+def _add(m, factor, f):  # type: ignore[no-untyped-def]
+    return m[0] + factor * f[0], m[1] + factor * f[1], m[2] + factor * f[2]
 
 
 @njit(cache=True, error_model="numpy")
@@ -275,24 +284,27 @@ def _locate(kind, shape, m, f, compliance, iterate, q, between, start, work):  #
     """The contact q that pushes, in closed form where there is one; iterations, negative if there is no contact.
 
     Where Newton's method fails from the point that faces the force, it follows the contact from the closed form, while
-    exponents go from 1, and compliance from 0, to their values: the one pushing contact moves continuously with the
-    shape as long as f.m != 0, so short enough strides never lose it.
+    exponents go from 1, and compliance from 0, to their values. The one pushing contact moves continuously with the
+    shape as long as f.m != 0, so short enough strides never lose it; a moment along f that fades away on the way keeps
+    f.m off zero.
     """
     exact = kind == ROD or (shape[3] == 1.0 and shape[4] == 1.0)
     if exact and compliance == 0.0 and not iterate:
         return 0 if _closed_form(kind, shape, m, f, q) else -1
+    extra = math.copysign(_EXTRA * shape[7], m[0] * f[0] + m[1] * f[1] + m[2] * f[2])
     following = not _facing_point(kind, shape, f, start)
-    if following and not _closed_form(kind, shape, m, f, start):
+    if following and not _closed_form(kind, shape, _add(m, extra, f), f, start):
         return -1
     between[:] = shape
     done, stride, iterations = 0.0, 1.0, 0
-    while stride > 1e-3 and iterations < 10 * _MAX_ITERATIONS:
+    while stride > _MIN_STRIDE and iterations < 10 * _MAX_ITERATIONS:
         goal = min(1.0, done + stride)
         if kind == SMOOTH:
             between[3], between[4] = 1.0 + goal * (shape[3] - 1.0), 1.0 + goal * (shape[4] - 1.0)
+        moment = _add(m, (1.0 - goal) * extra, f)
         q[:] = start
         project(kind, between, q)
-        count = _newton(kind, between, m, f, goal * compliance, q, work)
+        count = _newton(kind, between, moment, f, goal * compliance, q, work)
         iterations += max(count, 1)
         if count >= 0 and goal == 1.0:
             return iterations
@@ -303,7 +315,7 @@ def _locate(kind, shape, m, f, compliance, iterate, q, between, start, work):  #
             stride *= 0.5
         else:
             following = True
-            if not _closed_form(kind, shape, m, f, start):
+            if not _closed_form(kind, shape, _add(m, extra, f), f, start):
                 return -1
     return -1
 
@@ -345,12 +357,18 @@ def _solve(kind, shape, X, F, limits, iterate, out, work, points):  # type: igno
     q, start, between = points
     count = _locate(kind, shape, m, f, compliance, iterate, q, between, start, work)
     if count < 0 or not _admissible(shape, q):
-        found = count >= 0
-        # a pull is a push of the opposite wrench; a closed surface has no part where only pulls would fit
+        push = 0.0
+        if count >= 0:
+            linearize(kind, shape, m, f, compliance, q, work[0], work[1], work[2])
+            push = -work[2][6]
+        # A pull is a push of the opposite wrench. Off the edge both may explain this one: the pull is named if it needs
+        # far less friction. On a closed surface there is always a push.
         pull_m, pull_f = (-m[0], -m[1], -m[2]), (-f[0], -f[1], -f[2])
         if kind == ROD and _rod_contact(shape, pull_m, pull_f, q) and _admissible(shape, q):
-            return TENSION
-        return OUTSIDE if found else MISSES
+            linearize(kind, shape, pull_m, pull_f, 0.0, q, work[0], work[1], work[2])
+            if -work[2][6] > 2.0 * push:
+                return TENSION
+        return OUTSIDE if count >= 0 else MISSES
     linearize(kind, shape, m, f, compliance, q, work[0], work[1], work[2])
     state = work[2]
     fn, torque = state[6], state[7]

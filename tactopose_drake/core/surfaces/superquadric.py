@@ -23,7 +23,7 @@ class Superquadric(Surface):
 
     Attributes:
         semi_axes: a, b, c along F's axes, m, > 0.
-        exponents: e1 and e2, each from 0.1 to 1.9.
+        exponents: e1 and e2, each from 0.1 to 1.5.
 
     Raises:
         InvalidInputError: semi-axes or exponents out of these ranges, or an X_SF that is not a pose.
@@ -36,8 +36,8 @@ class Superquadric(Surface):
     def _shape(self) -> tuple[float, ...]:
         axes = three_lengths("semi_axes", self.semi_axes)
         e1, e2 = finite_array("exponents", self.exponents, (2,)).tolist()
-        if not (0.1 <= e1 <= 1.9 and 0.1 <= e2 <= 1.9):
-            raise InvalidInputError(f"exponents: are {e1:g} and {e2:g}; allowed are numbers from 0.1 to 1.9.")
+        if not (0.1 <= e1 <= 1.5 and 0.1 <= e2 <= 1.5):
+            raise InvalidInputError(f"exponents: are {e1:g} and {e2:g}; allowed are numbers from 0.1 to 1.5.")
         return *axes, e1, e2, -math.inf, math.inf, math.hypot(*axes)
 
     def _sample(self, generator: np.random.Generator, count: int) -> FloatArray:
