@@ -38,8 +38,8 @@ class LevenbergMarquardt:
 
     Attributes:
         max_iterations: steps tried for each pose.
-        tolerance: a pose has converged when an accepted step lowers its cost by less than this, or by less than this
-            fraction of it, or when rejected steps have driven the damping beyond `max_damping`.
+        tolerance: a pose has converged when a step lowers its cost, or promises to, by less than this and this fraction
+            of it; or when rejected steps have driven the damping beyond `max_damping`.
         initial_damping, max_damping: lambda of [B16] eq. 2.30.
         parameters: what is moved: six increments, or the thesis' quaternion and translation.
         solver: how the damped equations are solved.
@@ -74,8 +74,10 @@ class LevenbergMarquardt:
             decrease = equations.cost - there.cost
             better = decrease > 0.0
             damping *= np.where(better, 0.1, 10.0)
-            done = damping > self.max_damping
-            done |= better & (decrease <= self.tolerance * there.cost + self.tolerance)
+            # The decrease that the local model promises, half of -g s: at a kink it is small, whatever the step does.
+            promised = -0.5 * np.einsum("bi,bi->b", equations.gradient, step)
+            least = self.tolerance * (equations.cost + 1.0)
+            done = (damping > self.max_damping) | (promised < least) | (better & (decrease < least))
             for old, new in zip((here, *equations), (moved, *there), strict=True):
                 np.copyto(old, new, where=better.reshape(-1, *[1] * (old.ndim - 1)))
             if done.any() or iteration == self.max_iterations:

@@ -22,14 +22,14 @@ class MultiStart:
         fine: the polish.
     """
 
-    samples: int = 400
-    starts: int = 64
+    samples: int = 320
+    starts: int = 56
     kept: int = 12
     coarse: LevenbergMarquardt = dataclasses.field(
         default_factory=lambda: LevenbergMarquardt(max_iterations=5, initial_damping=1e-2)
     )
     fine: LevenbergMarquardt = dataclasses.field(
-        default_factory=lambda: LevenbergMarquardt(max_iterations=20, tolerance=1e-3)
+        default_factory=lambda: LevenbergMarquardt(max_iterations=15, tolerance=1e-3)
     )
 
     def minimize(
