@@ -129,9 +129,10 @@ def detect_symmetries(
     """The axes about which the object may be turned without a change, highest order first, continuous before all.
 
     A turn counts if the 95th percentile of the turned samples' distances is at most `tolerance` times the size (and
-    5 % of the samples' mean distance from the axis), the largest three times that, and the median angle between the
-    normals 5 degrees (7.5 for a continuous axis, so a prism of 24 sides and more counts as a cylinder). A cylinder's
-    flips, about any axis across the first, are represented by one of order two; a sphere by three continuous axes.
+    5 % of the samples' mean distance from the longest axis), the largest three times that, and the median angle between
+    the normals 5 degrees (7.5 for a continuous axis; the grid's normals are smooth across edges below 30 degrees, so a
+    prism of 16 sides and more counts as a cylinder). A cylinder's flips, about any axis across the first, are
+    represented by one of order two; a sphere by three continuous axes.
 
     Args:
         samples: points on the surface, in O.
@@ -141,9 +142,9 @@ def detect_symmetries(
         size: diagonal of the bounding box, m.
         tolerance: see above.
     """
-    judge = _Judge(samples, grid, centroid, size, tolerance)
     moments, directions = np.linalg.eigh(inertia)
     principal = directions.T
+    judge = _Judge(samples, grid, centroid, principal[0], tolerance * size)
     gaps = np.array([moments[2] - moments[1], moments[2] - moments[0], moments[1] - moments[0]]) / moments[2]
     alike = gaps < _EQUAL_MOMENTS
     if alike.all() and all(judge.turns_freely(axis) for axis in _sphere_directions(6)):
@@ -225,7 +226,12 @@ class _Judge:
     """Says how well an object covers itself when turned about an axis through its centroid."""
 
     def __init__(
-        self, samples: SurfaceSamples, grid: DistanceGrid, centroid: FloatArray, size: float, tolerance: float
+        self,
+        samples: SurfaceSamples,
+        grid: DistanceGrid,
+        centroid: FloatArray,
+        longest_axis: FloatArray,
+        tolerance: float,
     ) -> None:
         fine, coarse = max(1, len(samples) // 1000), max(1, len(samples) // 150)
         self._grid, self._centroid = grid, centroid
@@ -233,7 +239,9 @@ class _Judge:
         # The grid's normals on both sides: rounding of the edges by the interpolation then cancels.
         self._normals = grid.distance_and_normal(samples.points[::fine])[1]
         self._few = samples.points[::coarse] - centroid
-        self._limit = tolerance * size
+        radius = float(np.linalg.norm(np.cross(self._points, longest_axis), axis=1).mean())
+        self._limit = min(tolerance, _RADIUS_SHARE * radius)
+        self._outlier_limit = _OUTLIER_FACTOR * tolerance
 
     def turns_freely(self, axis: FloatArray) -> bool:
         """Whether the axis is one of continuous symmetry."""
@@ -241,16 +249,14 @@ class _Judge:
 
     def holds(self, axis: FloatArray, angles: FloatArray, normal_angle: float = _NORMAL_ANGLE) -> bool:
         """Whether the turns about the axis by all these angles leave the object unchanged, within the tolerance."""
-        radius = float(np.linalg.norm(np.cross(self._points, axis), axis=1).mean())
-        limit = min(self._limit, _RADIUS_SHARE * radius)
         for angle in angles:
             R = exp_so3(angle * axis)
             distance, normal = self._grid.distance_and_normal(self._points @ R.T + self._centroid)
             distance = np.abs(distance)
             cosine = np.clip(np.sum(normal * (self._normals @ R.T), axis=1), -1.0, 1.0)
             if (
-                np.percentile(distance, 95) > limit
-                or distance.max() > _OUTLIER_FACTOR * self._limit
+                np.percentile(distance, 95) > self._limit
+                or distance.max() > self._outlier_limit
                 or np.median(np.arccos(cosine)) > normal_angle
             ):
                 return False
