@@ -8,21 +8,25 @@ import numpy as np
 from tactopose_drake.core.poses import retract
 from tactopose_drake.core.prior import PosePrior
 from tactopose_drake.core.validation import FloatArray, finite_array, positive_number
+from tactopose_drake.errors import InvalidInputError
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class VisionModel:
-    """The size of the error as a linear function of the object's hidden share."""
+    """The size of the error: it grows linearly with the object's hidden share, until the view is lost."""
 
     translation_clear: float = 0.005  # error when nothing is hidden, m
-    translation_hidden: float = 0.06  # error when everything is hidden, m
+    translation_hidden: float = 0.036  # error when the view is lost, m
     rotation_clear_deg: float = 2.0  # likewise, deg
-    rotation_hidden_deg: float = 30.0  # deg
+    rotation_hidden_deg: float = 18.0  # deg
+    lost_share: float = 0.25  # the hidden share at which the view is lost, up to 1
 
     def validate(self) -> None:
         """Raises InvalidInputError if an error is not positive; a prior needs a sigma."""
         for field in dataclasses.fields(self):
             positive_number(f"VisionModel.{field.name}", getattr(self, field.name))
+        if self.lost_share > 1.0:
+            raise InvalidInputError(f"VisionModel.lost_share: is {self.lost_share:g}; allowed are numbers up to 1.")
 
 
 def look(X_PO: FloatArray, hidden: float, normal_noise: FloatArray, model: VisionModel) -> PosePrior:
@@ -37,8 +41,9 @@ def look(X_PO: FloatArray, hidden: float, normal_noise: FloatArray, model: Visio
         normal_noise: standard normal numbers, shape (6,): directions of the rotation (in O) and the translation (in P).
         model: size of the error, valid.
     """
-    translation = (1.0 - hidden) * model.translation_clear + hidden * model.translation_hidden
-    rotation = math.radians((1.0 - hidden) * model.rotation_clear_deg + hidden * model.rotation_hidden_deg)
+    lost = min(hidden / model.lost_share, 1.0)
+    translation = (1.0 - lost) * model.translation_clear + lost * model.translation_hidden
+    rotation = math.radians((1.0 - lost) * model.rotation_clear_deg + lost * model.rotation_hidden_deg)
     increment = np.concatenate([rotation * _unit(normal_noise[:3]), translation * _unit(normal_noise[3:])])
     return PosePrior(
         retract(finite_array("X_PO", X_PO, (3, 4)), increment),

@@ -8,7 +8,9 @@ from tactopose_drake.core.vision import VisionModel, look
 from tactopose_drake.errors import InvalidInputError
 
 X_PO = make_poses(exp_so3(np.array([0.2, -1.1, 0.4])), np.array([0.02, -0.01, 0.1]))
-MODEL = VisionModel(translation_clear=0.004, translation_hidden=0.05, rotation_clear_deg=1.0, rotation_hidden_deg=21.0)
+MODEL = VisionModel(
+    translation_clear=0.004, translation_hidden=0.05, rotation_clear_deg=1.0, rotation_hidden_deg=21.0, lost_share=1.0
+)
 
 
 @pytest.mark.parametrize(
@@ -19,6 +21,15 @@ def test_the_error_grows_with_the_hidden_share(hidden: float, translation: float
         error = increments_between(X_PO, look(X_PO, hidden, noise, MODEL).X_PO)
         assert np.linalg.norm(error[:3]) == pytest.approx(math.radians(degrees))
         assert np.linalg.norm(error[3:]) == pytest.approx(translation)
+
+
+def test_beyond_the_lost_share_the_error_grows_no_more() -> None:
+    model = VisionModel(translation_clear=0.004, translation_hidden=0.05, lost_share=0.25)
+    noise = np.random.default_rng(0).normal(size=6)
+    sizes = [np.linalg.norm(look(X_PO, hidden, noise, model).X_PO[:, 3] - X_PO[:, 3]) for hidden in (0.125, 0.25, 0.8)]
+    assert sizes == pytest.approx([0.027, 0.05, 0.05])
+    with pytest.raises(InvalidInputError, match="lost_share: is 1.5"):
+        VisionModel(lost_share=1.5).validate()
 
 
 def test_the_prior_states_the_errors_standard_deviation() -> None:

@@ -22,7 +22,9 @@ X_WPalm = RigidTransform(RollPitchYaw(0.2, 0.1, 0.5), [0.1, 0.1, 0.1])
 X_PalmP = RigidTransform(RollPitchYaw(0.0, 0.7, 0.0), [0.0, 0.02, 0.05])
 X_WO = RigidTransform(RollPitchYaw(0.5, -0.3, 1.2), [0.0, 0.05, 0.5])
 X_WC = RigidTransform([0.0, 0.05, 2.0])  # straight above the object
-MODEL = VisionModel(translation_clear=0.004, translation_hidden=0.05, rotation_clear_deg=1.0, rotation_hidden_deg=21.0)
+MODEL = VisionModel(
+    translation_clear=0.004, translation_hidden=0.05, rotation_clear_deg=1.0, rotation_hidden_deg=21.0, lost_share=1.0
+)
 
 
 @pytest.fixture(scope="module")
