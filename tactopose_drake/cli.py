@@ -5,8 +5,10 @@ else.
 """
 
 import logging
+import os
 import sys
 import warnings
+import webbrowser
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,10 +20,12 @@ from rich.console import Console
 
 from tactopose_drake.core.mesh_repair import MeshRepairWarning
 from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.demo import GraspFailedError, run_demo, save_demo
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation import METHODS, estimate_pose
 from tactopose_drake.files import load_contacts, load_prior, save_result
-from tactopose_drake.reports import free_line, hypotheses_table, status_line
+from tactopose_drake.reports import fingers_table, free_line, hypotheses_table, poses_table, status_line
+from tactopose_drake.scenario import load_scenario
 from tactopose_drake.scene import Scene
 from tactopose_drake.visualization import draw_scene, save_html
 
@@ -29,6 +33,8 @@ _UNUSABLE_INPUT = 2
 _console = Console()
 _errors = Console(stderr=True, soft_wrap=True, highlight=False)
 
+# The demo's scenarios by the hand's name on the command line.
+_DEMO_SCENARIOS = {"shadow": "shadow_like"}
 _path = click.Path(path_type=Path)
 
 
@@ -82,6 +88,49 @@ def estimate(
         save_html(html, meshcat)
 
 
+@cli.command()
+@click.option("--hand", type=click.Choice(list(_DEMO_SCENARIOS)), default="shadow", show_default=True, help="Hand.")
+@click.option("--object", "name", default="wine_glass", show_default=True, help="One of the shipped objects.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the grasp and all noise.")
+@click.option("--out", type=_path, default=Path("tactopose_demo"), show_default=True, help="Folder for the results.")
+@click.option("--meshcat", "keep", is_flag=True, help="Shows the run live in Meshcat, until you press Enter.")
+@click.option("--no-open", is_flag=True, help="Does not open the web page at the end.")
+def demo(hand: str, name: str, seed: int, out: Path, keep: bool, no_open: bool) -> None:
+    """Closes a simulated hand on an object and corrects the camera's doubtful pose by touch."""
+    scenario = load_scenario(_DEMO_SCENARIOS[hand])
+    scenario.object, scenario.seed = name, seed
+    scenario.validate()
+    if out.exists() and not out.is_dir():
+        raise InvalidInputError(f"{out}: is a file; allowed is a folder, which may be new.")
+    meshcat = Meshcat()
+    if keep:
+        _console.print(f"Meshcat shows the run at {meshcat.web_url()}")
+    with _errors.status("reading the object") as status:
+        result = run_demo(scenario, meshcat=meshcat, on_progress=status.update)
+        status.update("writing the results")
+        paths = save_demo(result, out, meshcat)
+    for reason in result.grasp.failed_attempts:
+        _console.print(f"A grasp failed ({reason}); the next one was taken.")
+    _console.print(
+        f"{len(result.fingers)} fingertips hold the {name.replace('_', ' ')}; "
+        f"the hand hides {result.hidden_share:.0%} of it from the camera."
+    )
+    for table in (fingers_table(result.fingers), poses_table((result.vision, result.touch))):
+        _console.print(table)
+    _console.print(free_line(result.estimate.best))
+    _console.print(status_line(result.estimate))
+    _console.print("Written: " + ", ".join(str(path) for path in paths))
+    page = paths[-1].absolute()
+    if not no_open and sys.stdout.isatty() and _has_display():
+        webbrowser.open(page.as_uri())
+    if keep:
+        click.pause("Press Enter to end.")
+
+
+def _has_display() -> bool:
+    return sys.platform in ("darwin", "win32") or any(name in os.environ for name in ("DISPLAY", "WAYLAND_DISPLAY"))
+
+
 @contextmanager
 def _progress(message: str) -> Iterator[None]:
     """Shows what takes its time, on a terminal; and what was repaired on the way."""
@@ -104,10 +153,12 @@ def main() -> None:
         _fail(error.format_message())
     except InvalidInputError as error:
         _fail(str(error))
+    except GraspFailedError as error:
+        _fail(str(error), status=1)
     except (KeyboardInterrupt, click.Abort):
         sys.exit(1)
 
 
-def _fail(message: str) -> None:
+def _fail(message: str, status: int = _UNUSABLE_INPUT) -> None:
     _errors.print("error: " + " ".join(message.split()), style="red", markup=False)
-    sys.exit(_UNUSABLE_INPUT)
+    sys.exit(status)

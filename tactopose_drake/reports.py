@@ -1,5 +1,7 @@
 """Estimates as people read them: tables and lines for the terminal."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from rich import box
 from rich.table import Table
@@ -7,6 +9,7 @@ from rich.table import Table
 from tactopose_drake.core.hypotheses import determined_part
 from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.demo import FingerReport, PoseReport
 from tactopose_drake.estimation import PoseEstimate, PoseHypothesis
 
 _MOST_ROWS = 8
@@ -47,6 +50,43 @@ def status_line(estimate: PoseEstimate) -> str:
         "no_solution": "no pose explains the touch within its noise; the best one found is shown",
     }[estimate.status]
     return f"{estimate.status}: {meaning} ({1e3 * estimate.duration:.1f} ms)"
+
+
+def fingers_table(fingers: Sequence[FingerReport]) -> Table:
+    """Contacts from the wrenches, against the simulator's own."""
+    table = Table(title="Contacts from the fingertips' wrenches, against the simulator's own", box=box.SIMPLE_HEAD)
+    table.add_column("finger")
+    for heading in ("force, N", "point error, mm", "normal error, deg"):
+        table.add_column(heading, justify="right")
+    for finger in fingers:
+        table.add_row(
+            finger.finger,
+            f"{finger.force:.2f}",
+            "no contact there" if finger.position_error is None else f"{1e3 * finger.position_error:.2f}",
+            "" if finger.normal_error is None else f"{np.degrees(finger.normal_error):.2f}",
+        )
+    return table
+
+
+def poses_table(poses: Sequence[PoseReport]) -> Table:
+    """The object's pose by vision and by touch, against the truth."""
+    table = Table(title="The object's pose, against the truth", box=box.SIMPLE_HEAD)
+    table.add_column("error")
+    for pose in poses:
+        table.add_column(pose.name, justify="right")
+    rows = [
+        ("position, mm", [1e3 * pose.translation for pose in poses]),
+        ("angle, deg", [np.degrees(pose.rotation) for pose in poses]),
+        ("position where determined, mm", [1e3 * pose.determined_translation for pose in poses]),
+        ("angle where determined, deg", [np.degrees(pose.determined_rotation) for pose in poses]),
+        ("contacts to surface (MDTS), mm", [1e3 * pose.MDTS for pose in poses]),
+        ("normals to surface (MATN), deg", [np.degrees(pose.MATN) for pose in poses]),
+        ("touched points (RME), mm", [1e3 * pose.RME for pose in poses]),
+        ("touched normals (MAE), deg", [np.degrees(pose.MAE) for pose in poses]),
+    ]
+    for name, values in rows:
+        table.add_row(name, *(f"{value:.2f}" for value in values))
+    return table
 
 
 def determined_sigmas(hypothesis: PoseHypothesis, size: float) -> tuple[float, float]:
