@@ -24,7 +24,7 @@ from tactopose_drake.grasp_simulation import GraspResult, simulate_grasp
 from tactopose_drake.picture import save_picture
 from tactopose_drake.scenario import Scenario
 from tactopose_drake.scene import Scene
-from tactopose_drake.visualization import save_html
+from tactopose_drake.visualization import aim_camera, save_html
 
 
 class GraspFailedError(TactoposeError, RuntimeError):
@@ -134,7 +134,7 @@ def run_demo(
         estimate=estimate.best.X_PO,
         truth=grasp.X_PO,
         hand=_hand_surface(grasp),
-        up_P=_up_in_palm(grasp),
+        up_P=_palm_pose(grasp).rotation().inverse() @ np.array([0.0, 0.0, 1.0]),
     )
     return DemoResult(
         grasp=grasp,
@@ -154,6 +154,7 @@ def save_demo(result: DemoResult, folder: Path, meshcat: Meshcat | None = None) 
     save_result(paths[0], result.estimate)
     save_picture(paths[1], result.scene)
     if meshcat is not None:
+        aim_camera(meshcat, result.scene, _palm_pose(result.grasp))
         paths.append(folder / "scene.html")
         save_html(paths[2], meshcat)
     return tuple(paths)
@@ -200,8 +201,6 @@ def _hand_surface(grasp: GraspResult) -> Triangles:
     return BodyMeshes.in_palm(station.plant, context, station.hand.palm_frame)
 
 
-def _up_in_palm(grasp: GraspResult) -> FloatArray:
+def _palm_pose(grasp: GraspResult) -> RigidTransform:
     station = grasp.station
-    context = station.plant.GetMyContextFromRoot(grasp.context)
-    up: FloatArray = station.hand.palm_frame.CalcPoseInWorld(context).rotation().inverse() @ np.array([0.0, 0.0, 1.0])
-    return up
+    return station.hand.palm_frame.CalcPoseInWorld(station.plant.GetMyContextFromRoot(grasp.context))

@@ -145,10 +145,16 @@ def draw_scene(meshcat: Meshcat, scene: Scene, *, path: str = "/tactopose", fric
         )
     add_touch(meshcat, f"{path}/touch", len(scene.contacts), friction=friction)
     move_touch(meshcat, f"{path}/touch", scene.contacts, len(scene.contacts))
+    aim_camera(meshcat, scene, RigidTransform(R_WP, np.zeros(3)))
+
+
+def aim_camera(meshcat: Meshcat, scene: Scene, X_WP: RigidTransform) -> None:
+    """Points Meshcat's camera at a scene from where its picture is taken, the palm being at X_WP in Meshcat's world."""
     points = points_of_interest(scene)
     if len(points):
         low, high = points.min(axis=0), points.max(axis=0)
-        set_stage(meshcat, R_WP @ (0.5 * (low + high)), float(np.linalg.norm(high - low)), R_WP @ choose_view(scene))
+        direction = X_WP.rotation() @ choose_view(scene)
+        set_stage(meshcat, X_WP @ (0.5 * (low + high)), float(np.linalg.norm(high - low)), direction)
 
 
 def set_stage(meshcat: Meshcat, target: FloatArray, size: float, direction: FloatArray) -> None:
