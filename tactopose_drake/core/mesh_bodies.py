@@ -15,9 +15,8 @@ _DEBRIS_SHARE = 1e-3
 _SAME_VOLUME = 1e-6
 
 
-def counted(which: NDArray[np.bool_], singular: str, plural: str) -> str:
-    """How many are marked, with their name."""
-    count = int(which.sum())
+def counted(count: int, singular: str, plural: str) -> str:
+    """A number of things, with their name."""
     return f"{count} {singular if count == 1 else plural}"
 
 
@@ -57,7 +56,7 @@ def arrange(vertices: FloatArray, faces: IntArray, repairs: list[str]) -> tuple[
     debris = np.abs(volume) < _DEBRIS_SHARE * np.abs(volume).sum()
     if debris.any():
         repairs.append(
-            f"dropped {counted(debris, 'separate piece', 'separate pieces')} of less than 0.1 % of the volume"
+            f"dropped {counted(debris.sum(), 'separate piece', 'separate pieces')} of less than 0.1 % of the volume"
         )
         faces = faces[~debris[body]]
         body = mesh_topology.body_labels(faces)
@@ -65,11 +64,8 @@ def arrange(vertices: FloatArray, faces: IntArray, repairs: list[str]) -> tuple[
     parents = _enclosing_bodies(vertices, faces, body)
     inverted = _inverted(volume, parents)
     if inverted.any():
-        repairs.append(
-            "the mesh was inside out and was flipped"
-            if inverted.all()
-            else f"{inverted.sum()} inside-out bodies flipped"
-        )
+        bodies = "the mesh" if inverted.all() else counted(inverted.sum(), "body", "bodies")
+        repairs.append(f"flipped {bodies}, turned inside out")
         faces = np.where(inverted[body][:, None], faces[:, ::-1], faces)
         volume = np.where(inverted, -volume, volume)
     solids = np.flatnonzero(volume > 0)

@@ -34,7 +34,9 @@ def close_holes(vertices: FloatArray, faces: IntArray, size: float, repairs: lis
     lid_area = 0.5 * np.linalg.norm(mesh_bodies.cross_products(closed_vertices, closed_faces[len(faces) :]), axis=1)
     wide = np.bincount(lid_of, weights=lid_area) > _NO_AREA * size**2
     if not wide.all():
-        repairs.append(f"closed {counted(~wide, 'crack', 'cracks')} without area, where an edge meets a vertex midway")
+        repairs.append(
+            f"closed {counted((~wide).sum(), 'crack', 'cracks')} without area, where an edge meets a vertex midway"
+        )
     if wide.any():
         holes = _describe(vertices, [loop for loop, is_wide in zip(loops, wide, strict=True) if is_wide])
         agreement = _agreement(closed_vertices, faces, closed_faces, size)
@@ -69,7 +71,9 @@ def _without_open_debris(vertices: FloatArray, faces: IntArray, repairs: list[st
     if debris.all():
         raise InvalidMeshError(f"is flat or loose: none of its {len(volume)} pieces encloses a volume.")
     if debris.any():
-        repairs.append(f"dropped {counted(debris, 'open piece', 'open pieces')} around less than 0.1 % of the volume")
+        repairs.append(
+            f"dropped {counted(debris.sum(), 'open piece', 'open pieces')} around less than 0.1 % of the volume"
+        )
     return faces[~debris[body[: len(faces)]]]
 
 

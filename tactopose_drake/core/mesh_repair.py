@@ -150,7 +150,7 @@ def _make_manifold(vertices: FloatArray, faces: IntArray, repairs: list[str]) ->
     """Removes collapsed and repeated faces, makes neighbours agree on their side, and separates bodies that touch."""
     collapsed = np.any(faces == np.roll(faces, 1, axis=1), axis=1)
     if collapsed.any():
-        repairs.append(f"removed {counted(collapsed, 'face', 'faces')} with two corners in one place")
+        repairs.append(f"removed {counted(collapsed.sum(), 'face', 'faces')} with two corners in one place")
         faces = faces[~collapsed]
         if not len(faces):
             raise InvalidMeshError("has no faces but degenerate ones.")
@@ -158,13 +158,13 @@ def _make_manifold(vertices: FloatArray, faces: IntArray, repairs: list[str]) ->
     links = mesh_topology.link_faces(faces)
     faces, turned = mesh_topology.agree_on_sides(faces, links.pairs)
     if turned:
-        repairs.append(f"turned {turned} faces that showed the wrong side")
+        repairs.append(f"turned {counted(turned, 'face', 'faces')} to show the same side as the others")
         links = mesh_topology.link_faces(faces)
     pairs = links.pairs
     if links.crowded:
         resolved = [mesh_topology.pair_around_edge(vertices, faces, crowd) for crowd in links.crowded]
         pairs = np.concatenate([pairs, *resolved])
-        repairs.append(f"separated the bodies that touch along {len(resolved)} edges")
+        repairs.append(f"separated bodies that touch along {counted(len(resolved), 'edge', 'edges')}")
     faces, old = mesh_topology.split_vertices(faces, pairs)
     return vertices[old], faces
 
@@ -182,7 +182,7 @@ def _without_repeated_faces(faces: IntArray, repairs: list[str]) -> IntArray:
         dropped += len(faces) - len(kept)
         faces = faces[np.sort(kept)]
     if dropped:
-        repairs.append(f"removed {dropped} repeated faces")
+        repairs.append(f"removed {counted(dropped, 'repeated face', 'repeated faces')}")
     return faces
 
 
@@ -190,7 +190,7 @@ def _without_flat_faces(vertices: FloatArray, faces: IntArray, size: float, repa
     """Drops faces without area. They were needed until here, where they joined their neighbours."""
     flat = 0.5 * np.linalg.norm(mesh_bodies.cross_products(vertices, faces), axis=1) <= _FLAT_FACE * size**2
     if flat.any():
-        repairs.append(f"removed {counted(flat, 'face', 'faces')} without area")
+        repairs.append(f"removed {counted(flat.sum(), 'face', 'faces')} without area")
     sound: IntArray = faces[~flat]
     return sound
 

@@ -1,0 +1,62 @@
+"""Meshes that several tests share, sound and broken, in metres."""
+
+import numpy as np
+import trimesh
+from numpy.typing import ArrayLike, NDArray
+
+from tactopose_drake.core.mesh_loading import RawMesh
+
+SIZE = 0.06
+create = trimesh.creation
+
+
+def raw(mesh: trimesh.Trimesh) -> RawMesh:
+    return RawMesh(np.array(mesh.vertices), np.array(mesh.faces, dtype=np.int64))
+
+
+def arrays(mesh: trimesh.Trimesh) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+    return np.array(mesh.vertices), np.array(mesh.faces, dtype=np.int32)
+
+
+def cube(side: float = SIZE, at: ArrayLike = (0.0, 0.0, 0.0)) -> trimesh.Trimesh:
+    return create.box((side, side, side), transform=trimesh.transformations.translation_matrix(at))
+
+
+def ball(radius: float = 0.04, subdivisions: int = 3) -> trimesh.Trimesh:
+    return create.icosphere(subdivisions, radius)
+
+
+def joined(*meshes: trimesh.Trimesh) -> trimesh.Trimesh:
+    vertices, faces, offset = [], [], 0
+    for mesh in meshes:
+        vertices.append(mesh.vertices)
+        faces.append(mesh.faces + offset)
+        offset += len(mesh.vertices)
+    return trimesh.Trimesh(np.concatenate(vertices), np.concatenate(faces), process=False)
+
+
+def inside_out(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    return trimesh.Trimesh(mesh.vertices, mesh.faces[:, ::-1], process=False)
+
+
+def without(mesh: trimesh.Trimesh, faces: NDArray[np.bool_]) -> trimesh.Trimesh:
+    return trimesh.Trimesh(mesh.vertices, mesh.faces[~faces], process=False)
+
+
+def random_pose(generator: np.random.Generator, reach: float = 0.1) -> NDArray[np.float64]:
+    """A homogeneous matrix (4, 4)."""
+    X = trimesh.transformations.random_rotation_matrix(generator.random(3))
+    X[:3, 3] = generator.uniform(-reach, reach, 3)
+    return np.array(X)
+
+
+def shape_poor_in_symmetry() -> trimesh.Trimesh:
+    """Three overlapping boxes united: closed, concave, sharp, without symmetry."""
+    return trimesh.boolean.union(
+        [
+            create.box((0.1, 0.04, 0.03)),
+            create.box((0.03, 0.07, 0.05), transform=trimesh.transformations.translation_matrix((0.03, 0.03, 0.02))),
+            create.box((0.02, 0.02, 0.09), transform=trimesh.transformations.translation_matrix((-0.035, -0.01, 0.03))),
+        ],
+        engine="manifold",
+    )

@@ -1,0 +1,79 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from tactopose_drake.core.mesh_loading import load_mesh, mesh_file, mesh_name
+from tactopose_drake.errors import InvalidFileError, InvalidInputError, UnknownNameError
+from tests.core.meshes import ball, cube
+
+
+@pytest.mark.parametrize("ending", ["obj", "stl", "ply", "off", "glb", "dae", "3mf"])
+def test_formats_of_trimesh_are_read(tmp_path: Path, ending: str) -> None:
+    mesh = ball()
+    path = tmp_path / f"thing.{ending}"
+    mesh.export(path)
+    loaded = load_mesh(path)
+    assert len(loaded.faces) == len(mesh.faces)
+    np.testing.assert_allclose(loaded.vertices[loaded.faces].min(axis=(0, 1)), mesh.bounds[0], atol=1e-6)
+    assert mesh_name(path) == "thing"
+
+
+def test_scenes_are_joined_with_their_parts_in_place() -> None:
+    scene = trimesh.Scene()
+    for x in (0.0, 0.1):
+        scene.add_geometry(cube(0.02), transform=trimesh.transformations.translation_matrix((x, 0, 0)))
+    loaded = load_mesh(scene)
+    assert loaded.faces.shape == (24, 3)
+    np.testing.assert_allclose(loaded.vertices.max(axis=0), [0.11, 0.01, 0.01])
+
+
+def test_a_mesh_is_copied() -> None:
+    mesh = cube()
+    loaded = load_mesh(mesh)
+    loaded.vertices[:] = 0.0
+    assert mesh.extents.max() > 0.05
+
+
+def test_a_path_may_be_text_and_of_any_case(tmp_path: Path) -> None:
+    path = tmp_path / "THING.STL"
+    path.write_bytes(trimesh.exchange.stl.export_stl(cube()))
+    assert load_mesh(str(path)).faces.shape == (12, 3)
+
+
+@pytest.mark.parametrize("name", ["missing.obj", "."])
+def test_missing_files_are_named(tmp_path: Path, name: str) -> None:
+    with pytest.raises(InvalidFileError, match=rf"{tmp_path}.*: there is no such file"):
+        mesh_file(tmp_path / name)
+
+
+def test_unknown_formats_are_named_with_those_known(tmp_path: Path) -> None:
+    path = tmp_path / "mesh.docx"
+    path.touch()
+    with pytest.raises(
+        UnknownNameError, match=r"mesh.docx: mesh format: '.docx' is unknown; valid names: .*\.obj.*\.stl"
+    ):
+        load_mesh(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("index.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n"),
+        ("index.off", "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 7\n"),
+        ("broken.glb", "glTF"),
+        ("broken.3mf", "PK"),
+        ("broken.ply", "ply\nformat ascii 1.0\nelement vertex nine\n"),
+    ],
+)
+def test_broken_files_are_named_with_the_reason(tmp_path: Path, name: str, content: str) -> None:
+    path = tmp_path / name
+    path.write_text(content)
+    with pytest.raises(InvalidFileError, match=rf"{name}: cannot be read as a mesh \(\w+: .+\)\."):
+        load_mesh(path)
+
+
+def test_other_types_are_refused() -> None:
+    with pytest.raises(InvalidInputError, match=r"mesh: is a int; allowed are a file's path"):
+        load_mesh(7)  # type: ignore[arg-type]

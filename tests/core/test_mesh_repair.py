@@ -1,0 +1,167 @@
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tactopose_drake.core.mesh_loading import RawMesh, load_mesh
+from tactopose_drake.core.mesh_repair import RepairedMesh, repair_mesh
+from tactopose_drake.errors import InvalidMeshError, MeshUnitsError
+from tactopose_drake.resources import model_path
+from tests.core.meshes import ball, create, cube, inside_out, joined, random_pose, raw, without
+
+CUBE, BALL = cube(), ball()
+
+
+def repaired(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, tuple[str, ...]]:
+    result = repair_mesh(raw(mesh), "thing")
+    assert result.faces.dtype == np.int32
+    return trimesh.Trimesh(result.vertices, result.faces, process=False), result.repairs
+
+
+def soup(mesh: trimesh.Trimesh, noise: float = 0.0) -> trimesh.Trimesh:
+    """Every triangle with vertices of its own."""
+    corners = np.array(mesh.triangles).reshape(-1, 3)
+    corners += noise * np.random.default_rng(0).uniform(-1, 1, corners.shape)
+    return trimesh.Trimesh(corners, np.arange(len(corners)).reshape(-1, 3), process=False)
+
+
+def with_faces(mesh: trimesh.Trimesh, faces: object) -> trimesh.Trimesh:
+    return trimesh.Trimesh(mesh.vertices, faces, process=False)
+
+
+def with_a_flat_face() -> trimesh.Trimesh:
+    """A cube with a vertex on an edge of one face only, the gap filled by a triangle without area."""
+    a, b, c = CUBE.faces[0].tolist()
+    vertices = np.vstack([CUBE.vertices, CUBE.vertices[[a, b]].mean(axis=0)])
+    return trimesh.Trimesh(vertices, [*CUBE.faces[1:].tolist(), [a, 8, c], [8, b, c], [a, b, 8]], process=False)
+
+
+def every_seventh_turned(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    faces = np.array(mesh.faces)
+    faces[::7] = faces[::7, ::-1]
+    return with_faces(mesh, faces)
+
+
+REPAIRABLE = {
+    "sound": (BALL, ()),
+    "duplicate_vertices": (soup(BALL), ()),
+    "unused_vertices": (trimesh.Trimesh(np.vstack([[np.nan] * 3, BALL.vertices]), BALL.faces + 1, process=False), ()),
+    "cracked": (soup(BALL, 1e-7), (r"welded cracks up to 1.4 um wide",)),
+    "collapsed_faces": (
+        with_faces(BALL, np.vstack([BALL.faces, [[5, 5, 9], [1, 1, 1]]])),
+        ("removed 2 faces with two corners in one place",),
+    ),
+    "flat_faces": (with_a_flat_face(), ("removed 1 face without area",)),
+    "repeated_faces": (with_faces(BALL, np.vstack([BALL.faces, BALL.faces[:5]])), ("removed 5 repeated faces",)),
+    "double_sided": (
+        with_faces(BALL, np.vstack([BALL.faces, BALL.faces[:, ::-1]])),
+        (f"removed {len(BALL.faces)} repeated faces",),
+    ),
+    "inside_out": (inside_out(BALL), ("flipped the mesh, turned inside out",)),
+    "mixed_sides": (every_seventh_turned(BALL), (r"turned \d+ faces to show the same side as the others",)),
+    "open": (without(BALL, BALL.triangles_center[:, 2] > 0.037), ("closed the open mesh. Holes: at",)),
+    "touching": (
+        joined(cube(), cube(at=(0.06, 0.06, 0.0))),
+        ("separated bodies that touch along 1 edge$", "kept 2 separate bodies as one rigid object"),
+    ),
+    "overlapping": (joined(cube(), cube(at=(0.03, 0.02, 0.01))), ("united 2 overlapping bodies",)),
+    "debris": (joined(BALL, cube(0.002, (0.1, 0, 0))), ("dropped 1 separate piece of less than 0.1 %",)),
+}
+
+
+@pytest.mark.parametrize(("mesh", "expected"), REPAIRABLE.values(), ids=REPAIRABLE)
+def test_broken_meshes_are_repaired_and_say_so(mesh: trimesh.Trimesh, expected: tuple[str, ...]) -> None:
+    solid, repairs = repaired(mesh)
+    assert len(repairs) == len(expected)
+    for repair, wanted in zip(repairs, expected, strict=True):
+        assert re.match(wanted, repair)
+    assert solid.is_watertight or "without area" in expected[0]
+    assert solid.volume > 0
+    assert np.all(solid.area_faces > 0)
+
+
+@pytest.mark.parametrize("name", ["duplicate_vertices", "cracked", "collapsed_faces", "repeated_faces", "double_sided"])
+def test_repaired_balls_are_the_ball_again(name: str) -> None:
+    solid, _ = repaired(REPAIRABLE[name][0])
+    assert len(solid.vertices) == len(BALL.vertices)
+    assert len(solid.faces) == len(BALL.faces)
+    np.testing.assert_allclose(solid.volume, BALL.volume, rtol=1e-5)
+
+
+def turned_band() -> trimesh.Trimesh:
+    angle = np.linspace(0, 2 * np.pi, 40, endpoint=False)
+    rims = []
+    for side in (-0.01, 0.01):
+        radius = 0.04 + side * np.cos(angle / 2)
+        rims.append(np.stack([radius * np.cos(angle), radius * np.sin(angle), side * np.sin(angle / 2)], axis=1))
+    faces = [[k, k + 40, k + 1] for k in range(39)] + [[k + 1, k + 40, k + 41] for k in range(39)]
+    return trimesh.Trimesh(np.concatenate(rims), [*faces, [39, 79, 40], [40, 79, 0]], process=False)
+
+
+def with_a_fin() -> trimesh.Trimesh:
+    vertices = np.vstack([CUBE.vertices, [[0.1, 0.1, 0.1]]])
+    return trimesh.Trimesh(vertices, [*CUBE.faces.tolist(), [*CUBE.faces[0][:2].tolist(), 8]], process=False)
+
+
+def with_a_nan() -> trimesh.Trimesh:
+    vertices = np.array(CUBE.vertices)
+    vertices[3, 1] = np.nan
+    return trimesh.Trimesh(vertices, CUBE.faces, process=False)
+
+
+REFUSED = {
+    "empty": (trimesh.Trimesh(), "thing: has no faces"),
+    "nan": (with_a_nan(), r"thing: vertex 3 is \[.*nan.*\]; allowed are finite numbers"),
+    "index": (with_faces(CUBE, [[0, 1, 99]]), r"thing: face 0 is \[0, 1, 99\]; allowed are vertex numbers below 8"),
+    "point": (trimesh.Trimesh(np.zeros((3, 3)), [[0, 1, 2]], process=False), "thing: is a single point"),
+    "collapsed": (with_faces(CUBE, [[0, 0, 1], [1, 2, 2]]), "thing: has no faces but degenerate ones"),
+    "flat": (create.box((0.1, 0.1, 1e-9)), "thing: is flat"),
+    "sheet": (without(CUBE, CUBE.face_normals[:, 2] < 0.9), "thing: is flat or loose"),
+    "pipe": (without(CUBE, np.abs(CUBE.face_normals[:, 2]) > 0.9), "thing: is open, and inside cannot be told"),
+    "fin": (with_a_fin(), r"thing: is not manifold: 3 faces share the edge at \[.*\] m"),
+    "one_sided": (turned_band(), "thing: has only one side"),
+}
+
+
+@pytest.mark.parametrize(("mesh", "message"), REFUSED.values(), ids=REFUSED)
+def test_hopeless_meshes_are_refused(mesh: trimesh.Trimesh, message: str) -> None:
+    with pytest.raises(InvalidMeshError, match=message):
+        repair_mesh(raw(mesh), "thing")
+
+
+@pytest.mark.parametrize(
+    ("scale", "message"),
+    [
+        (1000.0, r"measures 60 x 60 x 60 m, diagonal 104 m; allowed are diagonals of 0.002 to 3 m. Scale it by 0.001"),
+        (0.01, r"measures 0.0006 x .*, diagonal 0.00104 m; .* Scale it by 1000"),
+    ],
+)
+def test_other_units_are_named(scale: float, message: str) -> None:
+    with pytest.raises(MeshUnitsError, match=message):
+        repair_mesh(RawMesh(np.array(CUBE.vertices) * scale, np.array(CUBE.faces)), "thing")
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=10)
+def test_repairs_do_not_depend_on_pose_or_order(seed: int) -> None:
+    generator = np.random.default_rng(seed)
+    mesh = joined(
+        cube(), inside_out(cube(0.01)), cube(at=(0.05, 0.02, 0.01)), ball(0.02).apply_translation((0.2, 0, 0))
+    )
+    still, stated = repaired(mesh)
+    shuffled = soup(with_faces(mesh, generator.permutation(mesh.faces))).apply_transform(random_pose(generator))
+    moved, stated_moved = repaired(shuffled)
+    assert stated == stated_moved
+    np.testing.assert_allclose(moved.volume, still.volume, rtol=1e-9)
+    np.testing.assert_allclose(moved.area, still.area, rtol=1e-6)
+
+
+@pytest.mark.parametrize("path", sorted(model_path("objects").glob("*.obj")), ids=lambda path: path.stem)
+def test_shipped_objects_need_no_repair(path: Path) -> None:
+    result = repair_mesh(load_mesh(path), path.stem)
+    assert isinstance(result, RepairedMesh)
+    assert result.repairs == ()
