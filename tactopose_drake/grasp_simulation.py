@@ -115,7 +115,7 @@ def run_grasp(station: Station, failed_attempts: tuple[str, ...] = (), meshcat: 
             X_PO_release = station.object_pose(context)
             if not station.object_joint.is_locked(plant_context):
                 release_time = context.get_time()
-        elif context.get_time() >= release_time + check.hold_time:
+        elif context.get_time() >= release_time + check.hold_time and _is_still(station, plant_context):
             break
     if meshcat is not None:
         meshcat.StopRecording()
@@ -123,11 +123,8 @@ def run_grasp(station: Station, failed_attempts: tuple[str, ...] = (), meshcat: 
     truth = contact_truth(station.plant, plant_context, station.hand, station.object_body)
     X_PO = station.object_pose(context)
     slip = float(np.linalg.norm(X_PO.translation() - X_PO_release.translation()))
-    V_PO = station.object_body.body_frame().CalcSpatialVelocity(
-        plant_context, station.hand.palm_frame, station.hand.palm_frame
-    )
-    speed, spin = float(np.linalg.norm(V_PO.translational())), float(np.linalg.norm(V_PO.rotational()))
-    reason = _judge(station, release_time, truth, slip, speed, spin)
+    speed, _ = _motion(station, plant_context)
+    reason = _judge(station, plant_context, release_time, truth, slip)
     return GraspResult(
         reason == "ok",
         reason,
@@ -143,8 +140,20 @@ def run_grasp(station: Station, failed_attempts: tuple[str, ...] = (), meshcat: 
     )
 
 
+def _motion(station: Station, plant_context: Context) -> tuple[float, float]:
+    """Speed, m/s, and angular speed, rad/s, of the object in the palm."""
+    palm = station.hand.palm_frame
+    V_PO = station.object_body.body_frame().CalcSpatialVelocity(plant_context, palm, palm)
+    return float(np.linalg.norm(V_PO.translational())), float(np.linalg.norm(V_PO.rotational()))
+
+
+def _is_still(station: Station, plant_context: Context) -> bool:
+    speed, spin = _motion(station, plant_context)
+    return speed <= station.scenario.check.most_speed and spin <= station.scenario.check.most_angular_speed
+
+
 def _judge(
-    station: Station, release_time: float | None, truth: ContactTruth, slip: float, speed: float, spin: float
+    station: Station, plant_context: Context, release_time: float | None, truth: ContactTruth, slip: float
 ) -> str:
     check = station.scenario.check
     if release_time is None:
@@ -156,6 +165,7 @@ def _judge(
         return f"only {len(carrying)} fingertips carry the object"
     if truth.other_contacts:
         return f"the object also touches {', '.join(truth.other_contacts)}"
-    if speed > check.most_speed or spin > check.most_angular_speed:
+    if not _is_still(station, plant_context):
+        speed, spin = _motion(station, plant_context)
         return f"the object still moves at {1e3 * speed:.2f} mm/s and {spin:.3f} rad/s"
     return "ok"

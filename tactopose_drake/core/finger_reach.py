@@ -14,7 +14,11 @@ from tactopose_drake.core.validation import FloatArray, positive_number
 _STEPS = 4
 _CONTACT_TOLERANCE = 1e-4  # m
 # Shares of the way from open to closed at which the finger must be clear of the object.
-_APPROACH = (0.5, 1.0)
+_APPROACH = (0.0, 0.5, 1.0)
+# Distance at which a touch's surroundings are looked at, m, and what they must or should be like there.
+_NEARBY = 0.003
+_OPENNESS = 0.8  # gain in distance for each metre further out
+_FREE_TURN = 0.2  # rad
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,8 +49,7 @@ class FingerGeometry:
 
     def tip(self, q: FloatArray, height: float = 1.0) -> FloatArray:
         """Points in P on the line from the sensor's origin (height 0) to the round end's centre (1), shape (B, 3)."""
-        X_PS = self.chain.sensor_poses(q)
-        return X_PS[:, :, :3] @ (height * self.p_ST) + X_PS[:, :, 3]
+        return poses.transform_points(self.chain.sensor_poses(q), height * self.p_ST[None])[:, 0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,29 +157,45 @@ class FingerReach:
         distance, normal = _distance(grid, X_PO, p_PT)
         compliance = J @ np.swapaxes(J, 1, 2) / params.stiffness
         alignment = _alignment(compliance, normal)
-        axis = _unit(p_PT - geometry.tip(q, 0.0))
-        facing = np.einsum("ni,ni->n", axis, -normal)
+        p_PS = geometry.tip(q, 0.0)
+        facing = np.einsum("ni,ni->n", _unit(p_PT - p_PS), -normal)
         closing = -np.einsum("nim,ni->nm", J, normal) / params.stiffness
         lift = params.lift / np.einsum("ni,nij,nj->n", normal, compliance, normal)
         q_open = np.clip(q - lift[:, None] * closing, chain.lower, chain.upper)
         keep = np.abs(distance - geometry.tip_radius) < _CONTACT_TOLERANCE
         keep &= (alignment > params.least_alignment) & (facing > params.least_facing) & (facing < params.most_facing)
-        for height in (0.0, 0.5):
-            side, _ = _distance(grid, X_PO, geometry.tip(q, height))
-            keep &= side > geometry.tip_radius + 0.0005
-        lifted, _ = _distance(grid, X_PO, geometry.tip(q_open))
-        keep &= lifted > geometry.tip_radius + 0.4 * params.lift
-        for share in (0.0, *_APPROACH):
-            spheres = geometry.spheres(q + share * (q_open - q))
-            clear, _ = _distance(grid, X_PO, spheres)
+        around, turn = _surroundings(grid, X_PO, p_PT, normal)
+        keep &= around > geometry.tip_radius + _OPENNESS * _NEARBY
+        side, _ = _distance(grid, X_PO, np.stack([p_PS, 0.5 * (p_PS + p_PT)], axis=1))
+        keep &= np.all(side > geometry.tip_radius + 0.0005, axis=1)
+        keep &= _distance(grid, X_PO, geometry.tip(q_open))[0] > geometry.tip_radius + 0.4 * params.lift
+        for share in _APPROACH:
+            clear, _ = _distance(grid, X_PO, geometry.spheres(q + share * (q_open - q)))
             keep &= np.all(clear > geometry.radius + params.clearance, axis=1)
-        # A fingertip meets best with its shoulder, not with its very end or its side.
-        cost = 6.0 * (1.0 - alignment) + 2.0 * np.abs(facing - 0.6)
-        body_points = np.concatenate(
-            [geometry.tip(q, height)[:, None] for height in (1.0, 0.0)] + [chain.body_poses(q)[:, -2:, :, 3]], axis=1
-        )
+        # A fingertip meets best with its shoulder, not with its very end or its side, and not on an edge.
+        cost = 6.0 * (1.0 - alignment) + 2.0 * np.abs(facing - 0.6) + 8.0 * np.clip(turn - _FREE_TURN, 0.0, None)
+        body_points = np.concatenate([p_PT[:, None], p_PS[:, None], chain.body_poses(q)[:, -2:, :, 3]], axis=1)
         p_PC = p_PT - geometry.tip_radius * normal
         return Touches(q, closing, q_open, p_PC, normal, cost, body_points).take(np.flatnonzero(keep))
+
+
+def _surroundings(
+    grid: DistanceGrid, X_PO: FloatArray, p_PT: FloatArray, normal: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """How the object looks from around a fingertip's centre.
+
+    Returns:
+        The distance from a little further out, shape (n,), m: short of the sum where the fingertip sits in a corner and
+        touches two places. And the largest turn of the normal a little to the side, shape (n,), rad: large on an edge.
+    """
+    outside, _ = _distance(grid, X_PO, p_PT + _NEARBY * normal)
+    helper = np.eye(3)[np.argmin(np.abs(normal), axis=1)]
+    t1 = _unit(np.cross(normal, helper))
+    t2 = np.cross(normal, t1)
+    beside = p_PT[:, None] + _NEARBY * np.stack([t1, -t1, t2, -t2], axis=1)
+    _, normals = _distance(grid, X_PO, beside)
+    least = np.einsum("nki,ni->nk", normals, normal).min(axis=1)
+    return outside, np.arccos(np.clip(least, -1.0, 1.0))
 
 
 def _distance(grid: DistanceGrid, X_PO: FloatArray, p_PQ: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -20,12 +20,12 @@ class GraspControllerParams:
 
     finger_stiffness: float = 5.0  # of each joint that moves a fingertip, N m/rad
     finger_damping: float = 0.02  # N m s/rad
-    other_stiffness: float = 80.0  # of the wrist and whatever else moves no fingertip alone, N m/rad
-    other_damping: float = 1.0  # N m s/rad
+    other_stiffness: float = 300.0  # of the wrist and whatever else moves no fingertip alone, N m/rad
+    other_damping: float = 0.5  # N m s/rad
     push_rate: float = 8.0  # how fast a finger's push grows, N/s
     settle_time: float = 0.06  # how long all fingers must carry their set force before they hold, s
     closing_time: float = 2.5  # after which the fingers hold whatever they have, s
-    period: float = 0.004  # of the force loop, s
+    period: float = 0.008  # of the force loop, s
 
     def validate(self) -> None:
         """Raises InvalidInputError if a value is not positive."""

@@ -145,7 +145,7 @@ def hand_links() -> list[Link]:
     thumb_base = Solid(kind="sphere", size=(0.013,), color=DARK)
     thumb_hub = Solid(kind="sphere", size=(0.0105,), color=DARK)
     thumb_distal = Solid(kind="capsule", size=(0.0075, 0.008), center=(0, 0, 0.0055))
-    wrist_damping = {"effort": 10.0, "damping": 0.5, "rotor_inertia": 2.0e-3}
+    wrist_damping = {"effort": 10.0, "damping": 4.0, "rotor_inertia": 4.0e-3}
     return [
         Link(name="forearm", mass=3.0, solids=[forearm, cuff]),
         Link(
