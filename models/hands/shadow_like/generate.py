@@ -138,6 +138,8 @@ def hand_links() -> list[Link]:
         Solid(kind="box", size=(0.072, 0.022, 0.022), center=(0.0, 0.0, 0.006)),
         Solid(kind="capsule", size=(0.011, 0.05), center=(0.011, 0, 0.086), rpy=(0, math.pi / 2, 0), color=DARK),
     ]
+    hinge = Solid(kind="cylinder", size=(0.016, 0.05), rpy=(0, math.pi / 2, 0), color=DARK)
+    neck = Solid(kind="cylinder", size=(0.015, 0.034), center=(0, 0, 0.017), color=DARK, collides=False)
     metacarpal = [
         Solid(kind="box", size=(0.019, 0.020, 0.056), center=(0.0, 0.0, 0.032)),
         Solid(kind="cylinder", size=(0.008, 0.018), rpy=(math.pi / 2, 0, 0), color=DARK, collides=False),
@@ -145,16 +147,16 @@ def hand_links() -> list[Link]:
     thumb_base = Solid(kind="sphere", size=(0.013,), color=DARK)
     thumb_hub = Solid(kind="sphere", size=(0.0105,), color=DARK)
     thumb_distal = Solid(kind="capsule", size=(0.0075, 0.008), center=(0, 0, 0.0055))
-    wrist_damping = {"effort": 10.0, "damping": 4.0, "rotor_inertia": 4.0e-3}
+    wrist = {"effort": 10.0, "damping": 4.0, "rotor_inertia": 4.0e-3}
     return [
         Link(name="forearm", mass=3.0, solids=[forearm, cuff]),
         Link(
             name="wrist", mass=0.1, parent="forearm", joint="WRJ2", axis=(0, 1, 0), limits_deg=(-30, 10),
-            solids=[Solid(kind="cylinder", size=(0.016, 0.05), rpy=(0, math.pi / 2, 0), color=DARK)], **wrist_damping,
+            solids=[hinge, neck], **wrist,
         ),
         Link(
             name="palm", mass=0.3, solids=palm, parent="wrist", position=(0, 0, 0.034), joint="WRJ1",
-            limits_deg=(-45, 35), **wrist_damping,
+            limits_deg=(-45, 35), **wrist,
         ),
         *finger_links("first", "FF", "palm", (0.033, 0, 0.095), -1),
         *finger_links("middle", "MF", "palm", (0.011, 0, 0.099), -1),
