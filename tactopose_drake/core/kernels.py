@@ -146,20 +146,24 @@ def _normal_weight(field, weight_n):  # type: ignore[no-untyped-def]
 def _contact_rows(  # type: ignore[no-untyped-def]
     values, origin, inverse_spacing, p, n, weight_p, weight_n, X, residual, J, smooth, work
 ):
-    """The five residuals of one contact at one pose, their Jacobian (5, 6), and the smooth distance's derivative (6,).
+    """The five residuals of one contact at one pose, their Jacobian (5, 6), and the rows (4, 6) that carry information.
 
     The residuals are the distance, the difference of the normals, and the root of twice the log of the normal's
     variance, which makes the sum of squares a likelihood: a crease explains any normal, but none well.
+
+    What the contact says of the pose is in the derivative of the distance along the mean normal, and of that normal's
+    direction. The exact derivatives follow each facet, and each change of the mean normal's length; they would claim
+    that the facets of a tessellated cylinder determine its spin.
     """
-    # Views of the caller's scratch array (9, 4): an allocation here would cost as much as the arithmetic.
-    q, m, along, row, field, slope = work[0], work[1], work[2], work[3], work[4], work[5:9]
+    # Views of the caller's scratch array (10, 4): an allocation here would cost as much as the arithmetic.
+    q, m, along, row, field, slope, mean = work[0], work[1], work[2], work[3], work[4], work[5:9], work[9]
     _to_object(X, p, q)
     _look_up_with_derivative(values, origin, inverse_spacing, q[0], q[1], q[2], field, slope)
     square = field[1] ** 2 + field[2] ** 2 + field[3] ** 2
     scale = 1.0 / np.sqrt(square + _SOFT_LENGTH**2)
     for a in range(3):
-        row[a] = scale * field[a + 1]
-    _chain(row, q, X, weight_p, smooth)
+        mean[a] = scale * field[a + 1]
+    _chain(mean, q, X, weight_p, smooth[0])
     residual[0] = field[0] * weight_p
     _chain(slope[0], q, X, weight_p, J[0])
     if weight_n > 0.0:
@@ -175,13 +179,11 @@ def _contact_rows(  # type: ignore[no-untyped-def]
             for c in range(3):
                 row[c] = slope[a + 1, c] + 0.5 * difference * weight * weight * along[c]
             _chain(row, q, X, weight, J[a + 1])
-        # The measured normal turns with the increment too: d(R^T n) = [m]x w.
-        J[1, 1] += m[2] * weight
-        J[1, 2] -= m[1] * weight
-        J[2, 0] -= m[2] * weight
-        J[2, 2] += m[0] * weight
-        J[3, 0] += m[1] * weight
-        J[3, 1] -= m[0] * weight
+            for c in range(3):
+                row[c] = scale * (slope[a + 1, c] - mean[a] * scale * along[c])
+            _chain(row, q, X, weight, smooth[a + 1])
+        _turn(m, weight, J)
+        _turn(m, weight, smooth)
         residual[4] = np.sqrt(2.0 * np.log(spread) + _SOFT_ROOT)
         for c in range(3):
             row[c] = -along[c] * weight * weight / residual[4]
@@ -191,6 +193,9 @@ def _contact_rows(  # type: ignore[no-untyped-def]
             residual[a] = 0.0
             for c in range(6):
                 J[a, c] = 0.0
+        for a in range(1, 4):
+            for c in range(6):
+                smooth[a, c] = 0.0
 
 
 @njit(cache=True, inline="always")
@@ -203,12 +208,23 @@ def _chain(row, q, X, weight, J):  # type: ignore[no-untyped-def]
         J[3 + a] = -weight * (X[a, 0] * row[0] + X[a, 1] * row[1] + X[a, 2] * row[2])
 
 
+@njit(cache=True, inline="always")
+def _turn(m, weight, J):  # type: ignore[no-untyped-def]
+    """Adds to rows 1 to 3 that the measured normal turns with the increment too: d(R^T n) = [m]x w."""
+    J[1, 1] += m[2] * weight
+    J[1, 2] -= m[1] * weight
+    J[2, 0] -= m[2] * weight
+    J[2, 2] += m[0] * weight
+    J[3, 0] += m[1] * weight
+    J[3, 1] -= m[0] * weight
+
+
 @njit(cache=True)
 def contact_residuals(  # type: ignore[no-untyped-def]
     values, origin, inverse_spacing, p, n, weight_p, weight_n, X, residuals, jacobian
 ):
     """Residuals (B, k, 5), see `_contact_rows`, and their Jacobian (B, k, 5, 6) by the increment."""
-    smooth, work = np.empty(6), np.empty((9, 4))
+    smooth, work = np.empty((4, 6)), np.empty((10, 4))
     for b in range(X.shape[0]):
         for i in range(p.shape[0]):
             _contact_rows(
@@ -233,11 +249,9 @@ def contact_normal_equations(  # type: ignore[no-untyped-def]
 ):
     """Cost (B,), exact gradient (B, 6) and Gauss-Newton Hessian (B, 6, 6) of the contact residuals.
 
-    The Hessian takes the derivative of the distance along the smooth normal: the exact one follows each facet of the
-    mesh, and would claim that the facets of a tessellated cylinder determine its spin. It leaves the log term out,
-    which is largest in the middle of a crease and so has no curvature to offer.
+    The Hessian is of the rows that carry information, see `_contact_rows`.
     """
-    r, J, smooth, work = np.empty(5), np.empty((5, 6)), np.empty(6), np.empty((9, 4))
+    r, J, smooth, work = np.empty(5), np.empty((5, 6)), np.empty((4, 6)), np.empty((10, 4))
     for b in range(X.shape[0]):
         total = 0.0
         g, H = gradient[b], hessian[b]
@@ -255,7 +269,8 @@ def contact_normal_equations(  # type: ignore[no-untyped-def]
                 g[a] += J[0, a] * r[0] + J[1, a] * r[1] + J[2, a] * r[2] + J[3, a] * r[3] + J[4, a] * r[4]
             for a in range(6):
                 for c in range(a + 1):
-                    H[a, c] += smooth[a] * smooth[c] + J[1, a] * J[1, c] + J[2, a] * J[2, c] + J[3, a] * J[3, c]
+                    for k in range(4):
+                        H[a, c] += smooth[k, a] * smooth[k, c]
         for a in range(6):
             for c in range(a):
                 H[c, a] = H[a, c]
