@@ -208,10 +208,10 @@ def winding_numbers(vertices, faces, origin, spacing, shape):  # type: ignore[no
                 ea = _side(b, c, vb < vc, x, y)
                 eb = _side(c, a, vc < va, x, y)
                 ec = _side(a, b, va < vb, x, y)
-                if (ea >= 0.0) != (eb >= 0.0) or (ea >= 0.0) != (ec >= 0.0):
+                if (ea > 0.0) != (eb > 0.0) or (ea > 0.0) != (ec > 0.0):
                     continue
                 z = (ea * a[2] + eb * b[2] + ec * c[2]) / (ea + eb + ec)
-                step = -1 if ea >= 0.0 else 1  # upwards through a face that looks up leaves the solid
+                step = -1 if ea > 0.0 else 1  # upwards through a face that looks up leaves the solid
                 rest[i, j] += step
                 k = max(0, int(np.ceil((z - origin[2]) / spacing)))
                 if k < nz:
@@ -225,10 +225,12 @@ def winding_numbers(vertices, faces, origin, spacing, shape):  # type: ignore[no
 
 @njit(cache=True, inline="always")
 def _side(p, q, in_order, x, y):  # type: ignore[no-untyped-def]
-    """Which side of the line p q the point (x, y) is on; bitwise opposite when p and q change places."""
+    """Which side of the line p q the point (x, y) is on; never zero, and bitwise opposite for q p."""
     if in_order:
-        return (q[0] - p[0]) * (y - p[1]) - (q[1] - p[1]) * (x - p[0])
-    return -((p[0] - q[0]) * (y - q[1]) - (p[1] - q[1]) * (x - q[0]))
+        side = (q[0] - p[0]) * (y - p[1]) - (q[1] - p[1]) * (x - p[0])
+        return side if side != 0.0 else 1e-300
+    side = (p[0] - q[0]) * (y - q[1]) - (p[1] - q[1]) * (x - q[0])
+    return -side if side != 0.0 else -1e-300
 
 
 @njit(cache=True)

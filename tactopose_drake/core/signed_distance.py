@@ -19,6 +19,8 @@ BYTES_PER_NODE = 16
 LEAST_NODES = 10_000
 WALL_CELLS = 2.5
 
+_LOST = 1e-3  # length below which a mean of normals has no direction
+
 
 @dataclass(frozen=True, eq=False)
 class DistanceGrid:
@@ -57,19 +59,19 @@ class DistanceGrid:
     def distance_and_normal(self, p_OQ: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Signed distances (...), m, and unit normals (..., 3) in O, of points p_OQ in O, shape (..., 3), m.
 
-        Where the gradients of a cell cancel (between two sides of the object, at its centre), the normal is that of the
-        nearest node.
+        Where the normals of a cell cancel (between two sides of the object, at its centre), the nearest node's counts,
+        and where that is lost too, the z axis.
         """
         fields = self._interpolate(p_OQ, channels=4)
-        gradient = fields[..., 1:]
-        length = np.linalg.norm(gradient, axis=-1)
-        lost = length < 1e-3
+        normal = fields[..., 1:]
+        lost = np.linalg.norm(normal, axis=-1) < _LOST
         if np.any(lost):
             points = np.asarray(p_OQ, dtype=np.float64)[lost]
             node = np.rint((np.clip(points, self.origin, self.upper) - self.origin) / self.spacing).astype(np.intp)
-            gradient[lost] = self.values[node[:, 0], node[:, 1], node[:, 2], 1:]
-            length = np.linalg.norm(gradient, axis=-1)
-        return fields[..., 0], gradient / length[..., None]
+            nearest = self.values[node[:, 0], node[:, 1], node[:, 2], 1:]
+            usable = np.linalg.norm(nearest, axis=-1, keepdims=True) >= _LOST
+            normal[lost] = np.where(usable, nearest, [0.0, 0.0, 1.0])
+        return fields[..., 0], normal / np.linalg.norm(normal, axis=-1, keepdims=True)
 
     def _interpolate(self, p_OQ: ArrayLike, channels: int) -> FloatArray:
         """The first `channels` fields at points (..., 3), shape (..., channels); the distance extended outside."""

@@ -57,7 +57,7 @@ def test_distances_are_exact_near_the_surface_and_close_everywhere(shape: trimes
     assert band.sum() > 200
     np.testing.assert_allclose(found[band], exact[band], atol=1e-12)
     assert np.max(found - exact) < 0.1 * spacing
-    assert np.mean(found - exact > 1e-9) < 0.03
+    assert np.mean(found - exact > 1e-9) < 0.01
 
 
 @every_shape
@@ -74,6 +74,7 @@ def test_field_is_distance_with_sign_and_its_unit_gradient(shape: trimesh.Trimes
     feet = nodes_of(grid) - values[..., :1] * values[..., 1:]
     at_surface = brute_force(packed, feet.reshape(-1, 3)[::37])
     assert at_surface.max() < 1e-7
+    np.testing.assert_array_equal(values[..., 0] < 0, (winding >= 1) & (values[..., 0] != 0))
 
 
 @every_shape
@@ -123,6 +124,18 @@ def test_columns_through_edges_and_vertices_cross_the_surface_once() -> None:
     assert set(np.unique(winding)) == {0, 1}
     inner = winding[3:18, 3:18, 3:18]
     assert inner.all()
+
+
+def test_columns_that_graze_an_edge_cross_the_surface_once() -> None:
+    # Points of a line that are rounded are on either side of it: both faces of an edge must agree on which.
+    vertices, faces = arrays(ball(subdivisions=3).apply_transform(random_pose(np.random.default_rng(8))))
+    generator = np.random.default_rng(0)
+    for start, end in vertices[faces[:400, :2]]:
+        origin = start + generator.random() * (end - start)
+        origin[2] = vertices[:, 2].min() - 0.01
+        winding, rest = distance_transform.winding_numbers(vertices, faces, origin, 0.01, (1, 1, 12))
+        assert rest[0, 0] == 0
+        assert set(np.unique(winding)) <= {0, 1}
 
 
 def test_open_meshes_leave_a_remainder_in_the_columns_through_the_hole() -> None:

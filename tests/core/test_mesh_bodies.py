@@ -3,9 +3,10 @@ import pytest
 import trimesh
 
 from tactopose_drake.core import mesh_bodies, mesh_topology
-from tests.core.meshes import ball, cube, inside_out, joined
+from tests.core.meshes import ball, create, cube, inside_out, joined
 
 BIG, SMALL = 0.06, 0.02
+RING = create.torus(0.05, 0.02)
 
 
 def arranged(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, list[str]]:
@@ -48,6 +49,11 @@ CASES = {
         ["united 2 overlapping bodies"],
     ),
     "apart": (joined(cube(BIG), cube(BIG, (0.1, 0, 0))), 2 * BIG**3, ["kept 2 separate bodies as one rigid object"]),
+    "inside_out_in_a_ring": (
+        joined(RING, inside_out(cube(SMALL))),
+        RING.volume + SMALL**3,
+        ["flipped 1 body, turned inside out", "kept 2 separate bodies as one rigid object"],
+    ),
     "one_of_two_inside_out": (
         joined(cube(BIG), inside_out(cube(0.04, (0.1, 0, 0)))),
         BIG**3 + 0.04**3,

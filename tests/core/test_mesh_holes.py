@@ -53,7 +53,9 @@ OPEN = {
 
 
 @pytest.mark.parametrize("mesh", OPEN.values(), ids=OPEN)
-def test_what_may_be_a_pipe_is_refused_with_its_holes(mesh: trimesh.Trimesh) -> None:
+@pytest.mark.parametrize("turned", [False, True])
+def test_what_may_be_a_pipe_is_refused_with_its_holes(mesh: trimesh.Trimesh, turned: bool) -> None:
+    mesh = inside_out(mesh) if turned else mesh
     with pytest.raises(
         InvalidMeshError, match=r"is open, .* agree on \d+ % of the surface; .* Holes: at \[.* mm across"
     ):
