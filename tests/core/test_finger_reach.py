@@ -1,0 +1,102 @@
+import numpy as np
+import pytest
+import trimesh
+
+from tactopose_drake.core.finger_reach import FingerGeometry, FingerReach, ReachParams
+from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.serial_chain import SerialChain
+from tactopose_drake.errors import InvalidInputError
+
+RADIUS = 0.009
+BALL = 0.03
+
+
+def translation(x: float, y: float, z: float) -> np.ndarray:
+    return np.hstack([np.eye(3), [[x], [y], [z]]])
+
+
+@pytest.fixture(scope="module")
+def ball() -> ObjectModel:
+    return ObjectModel.from_mesh(trimesh.creation.icosphere(subdivisions=4, radius=BALL), spacing=0.001, cache=False)
+
+
+@pytest.fixture(scope="module")
+def finger() -> FingerGeometry:
+    """Abduction and two flexions about x, like a finger's; zero is straight up along z, it closes towards -y."""
+    chain = SerialChain(
+        np.stack([translation(0, 0, 0), translation(0, 0, 0), translation(0, 0, 0.045)]),
+        np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]),
+        np.stack([np.eye(3, 4)] * 3),
+        np.eye(3),
+        translation(0, 0, 0.03),
+        np.array([-0.4, -0.3, 0.0]),
+        np.array([0.4, 1.6, 1.6]),
+        ("knuckle", "proximal", "distal"),
+    )
+    bones = np.array([[0.0, 0.0, 0.015], [0.0, 0.0, 0.03], [0.0, 0.0, 0.005]])
+    return FingerGeometry(chain, np.array([0.0, 0.0, 0.014]), RADIUS, np.array([1, 1, 2]), bones, np.full(3, 0.007))
+
+
+@pytest.fixture(scope="module")
+def reach(finger) -> FingerReach:
+    return FingerReach(finger, ReachParams(), np.random.default_rng(0))
+
+
+X_PO = translation(0.005, -0.075, 0.04)
+
+
+@pytest.fixture(scope="module")
+def touches(reach, ball):
+    return reach.touches(ball.grid, X_PO, np.random.default_rng(1), 20)
+
+
+def test_touches_lie_on_the_object_with_its_normals(touches):
+    assert len(touches) >= 5
+    from_center = touches.p_PC - X_PO[:, 3]
+    np.testing.assert_allclose(np.linalg.norm(from_center, axis=1), BALL, atol=4e-4)
+    cosines = np.einsum("ni,ni->n", from_center / BALL, touches.n_PC)
+    assert cosines.min() > np.cos(np.radians(3))
+
+
+def test_fingertip_is_tangent_and_the_finger_clear(touches, finger):
+    gap = np.linalg.norm(finger.tip(touches.q) - X_PO[:, 3], axis=1) - BALL
+    np.testing.assert_allclose(gap, RADIUS, atol=4e-4)
+    bones = np.linalg.norm(finger.spheres(touches.q) - X_PO[:, 3], axis=2) - BALL - finger.radius
+    assert bones.min() > ReachParams().clearance - 5e-4
+
+
+def test_closing_presses_inwards_with_the_stated_force(touches, finger):
+    params = ReachParams()
+    for i in range(len(touches)):
+        _, J = finger.chain.point_jacobians(touches.q[i : i + 1], finger.p_ST)
+        # The springs' torques at one newton of push are those of one newton against the normal.
+        np.testing.assert_allclose(params.stiffness * touches.closing[i], -J[0].T @ touches.n_PC[i], atol=0.02)
+        assert touches.n_PC[i] @ J[0] @ touches.closing[i] < 0
+
+
+def test_opening_lifts_the_fingertip(touches, finger):
+    gap = np.linalg.norm(finger.tip(touches.q_open) - X_PO[:, 3], axis=1) - BALL - RADIUS
+    assert gap.min() > 0.4 * ReachParams().lift - 5e-4
+
+
+def test_touches_come_by_rising_cost(touches):
+    assert np.all(np.diff(touches.cost) >= 0)
+
+
+def test_joint_limits_are_kept(touches, finger):
+    for q in (touches.q, touches.q_open):
+        assert np.all(q >= finger.chain.lower - 1e-12)
+        assert np.all(q <= finger.chain.upper + 1e-12)
+
+
+def test_nothing_to_touch_far_away(reach, ball):
+    assert len(reach.touches(ball.grid, translation(0.0, -0.4, 0.0), np.random.default_rng(1), 20)) == 0
+
+
+def test_no_touch_from_within_a_swallowed_finger(reach, ball):
+    assert len(reach.touches(ball.grid, translation(0.0, 0.0, 0.04), np.random.default_rng(1), 20)) == 0
+
+
+def test_bad_parameter_is_named():
+    with pytest.raises(InvalidInputError, match=r"ReachParams\.lift: is -1"):
+        ReachParams(lift=-1.0).validate()

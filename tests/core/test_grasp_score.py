@@ -1,0 +1,58 @@
+import numpy as np
+import pytest
+
+from tactopose_drake.core.grasp_score import ScoreParams, balance, score_grasp
+from tactopose_drake.core.poses import random_rotations
+
+PARAMS = ScoreParams(friction=0.5, normal_force=3.0, least_force=1.0, most_force=8.0)
+LOAD = np.array([0.0, 0.0, -1.0])
+
+
+def ring(count: int, radius: float = 0.03) -> tuple[np.ndarray, np.ndarray]:
+    """Contacts around a circle, pressing inwards."""
+    angle = np.arange(count) * 2 * np.pi / count
+    n = np.stack([np.cos(angle), np.sin(angle), np.zeros(count)], axis=1)
+    return radius * n, n
+
+
+def test_opposed_fingers_carry_equal_forces():
+    p, n = ring(4)
+    force, imbalance = balance(p, n, LOAD, 0.5, 3.0)
+    np.testing.assert_allclose(force, 3.0, rtol=0.02)
+    assert imbalance < 0.01
+
+
+def test_one_thumb_carries_as_much_as_two_fingers():
+    n = np.array([[1.0, 0, 0], [-1.0, 0, 0], [-1.0, 0, 0]])
+    p = 0.03 * n + [[0, 0, 0], [0, 0.02, 0], [0, -0.02, 0]]
+    force, _ = balance(p, n, LOAD, 0.5, 3.0)
+    assert force[0] == pytest.approx(force[1] + force[2], rel=0.05)
+
+
+def test_fingers_on_one_side_balance_nothing():
+    n = np.tile([1.0, 0.0, 0.0], (4, 1))
+    p = 0.03 * n + 0.02 * np.array([[0, 1, 1], [0, -1, 1], [0, 1, -1], [0, -1, -1]])
+    assert not score_grasp(p, n, 0.0, LOAD, PARAMS).balanced
+
+
+def test_rotating_everything_changes_nothing():
+    generator = np.random.default_rng(5)
+    p, n = ring(5)
+    p = p + 0.01 * generator.normal(size=p.shape)
+    R = random_rotations(generator, 1)[0]
+    here, there = score_grasp(p, n, 0.3, LOAD, PARAMS), score_grasp(p @ R.T, n @ R.T, 0.3, R @ LOAD, PARAMS)
+    # The cones' edges start elsewhere, so the forces agree only as well as a hexagon is round.
+    assert here.value == pytest.approx(there.value, abs=0.3)
+    np.testing.assert_allclose(here.force, there.force, atol=0.3)
+
+
+def test_touches_from_all_sides_score_higher_than_from_two():
+    p, n = ring(4)
+    flat = np.array([[1.0, 0, 0], [1.0, 0, 0], [-1.0, 0, 0], [-1.0, 0, 0]])
+    q = 0.03 * flat + 0.01 * np.array([[0, 1, 0], [0, -1, 0], [0, 1, 0], [0, -1, 0]])
+    assert score_grasp(p, n, 0.0, LOAD, PARAMS).value > score_grasp(q, flat, 0.0, LOAD, PARAMS).value
+
+
+def test_cost_counts_against_a_grasp():
+    p, n = ring(4)
+    assert score_grasp(p, n, 1.0, LOAD, PARAMS).value == pytest.approx(score_grasp(p, n, 0.0, LOAD, PARAMS).value - 1.0)
