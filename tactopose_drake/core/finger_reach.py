@@ -15,11 +15,13 @@ _STEPS = 4
 _CONTACT_TOLERANCE = 1e-4  # m
 # Shares of the way from open to closed at which the finger must be clear of the object.
 _APPROACH = (0.0, 0.5, 1.0)
-# Distance at which a touch's surroundings are looked at, m, and what they must be like there: the gain in distance for
-# each metre further out, and the turn of the normal to the side, rad (a 9 mm fingertip on an edge rounded by 3 mm).
-_NEARBY = 0.003
+# What a touch's surroundings must be like. A little further out, the distance grows by at least this share of the way:
+# it does not where the fingertip sits in a corner and touches two places.
+_OUTWARDS = 0.003  # m
 _OPENNESS = 0.8
-_MOST_TURN = 0.25
+# A little to the side, the normal turns less than this: it turns more on an edge rounded by less than 4 mm.
+_SIDEWAYS = 0.002  # m
+_MOST_TURN = 0.5  # rad
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,8 +167,8 @@ class FingerReach:
         q_open = np.clip(q - lift[:, None] * closing, chain.lower, chain.upper)
         keep = np.abs(distance - geometry.tip_radius) < _CONTACT_TOLERANCE
         keep &= (alignment > params.least_alignment) & (facing > params.least_facing) & (facing < params.most_facing)
-        around, turn = _surroundings(grid, X_PO, p_PT, normal)
-        keep &= (around > geometry.tip_radius + _OPENNESS * _NEARBY) & (turn < _MOST_TURN)
+        p_PC = p_PT - geometry.tip_radius * normal
+        keep &= _is_open(grid, X_PO, p_PT, normal, geometry.tip_radius) & _is_smooth(grid, X_PO, p_PC, normal)
         side, _ = _distance(grid, X_PO, np.stack([p_PS, 0.5 * (p_PS + p_PT)], axis=1))
         keep &= np.all(side > geometry.tip_radius + 0.0005, axis=1)
         keep &= _distance(grid, X_PO, geometry.tip(q_open))[0] > geometry.tip_radius + 0.4 * params.lift
@@ -176,27 +178,24 @@ class FingerReach:
         # A fingertip meets best with its shoulder, not with its very end or its side.
         cost = 6.0 * (1.0 - alignment) + 2.0 * np.abs(facing - 0.6)
         body_points = np.concatenate([p_PT[:, None], p_PS[:, None], chain.body_poses(q)[:, -2:, :, 3]], axis=1)
-        p_PC = p_PT - geometry.tip_radius * normal
         return Touches(q, closing, q_open, p_PC, normal, cost, body_points).take(np.flatnonzero(keep))
 
 
-def _surroundings(
-    grid: DistanceGrid, X_PO: FloatArray, p_PT: FloatArray, normal: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """How the object looks from around a fingertip's centre.
+def _is_open(
+    grid: DistanceGrid, X_PO: FloatArray, p_PT: FloatArray, normal: FloatArray, tip_radius: float
+) -> NDArray[np.bool_]:
+    """Whether fingertips about p_PT touch one place only, shape (n,)."""
+    outside, _ = _distance(grid, X_PO, p_PT + _OUTWARDS * normal)
+    return np.asarray(outside > tip_radius + _OPENNESS * _OUTWARDS)
 
-    Returns:
-        The distance from a little further out, shape (n,), m: short of the sum where the fingertip sits in a corner and
-        touches two places. And the largest turn of the normal a little to the side, shape (n,), rad: large on an edge.
-    """
-    outside, _ = _distance(grid, X_PO, p_PT + _NEARBY * normal)
-    helper = np.eye(3)[np.argmin(np.abs(normal), axis=1)]
-    t1 = _unit(np.cross(normal, helper))
+
+def _is_smooth(grid: DistanceGrid, X_PO: FloatArray, p_PC: FloatArray, normal: FloatArray) -> NDArray[np.bool_]:
+    """Whether the object has no edge at points p_PC of its surface, shape (n,)."""
+    t1 = _unit(np.cross(normal, np.eye(3)[np.argmin(np.abs(normal), axis=1)]))
     t2 = np.cross(normal, t1)
-    beside = p_PT[:, None] + _NEARBY * np.stack([t1, -t1, t2, -t2], axis=1)
+    beside = p_PC[:, None] + _SIDEWAYS * np.stack([t1, -t1, t2, -t2], axis=1)
     _, normals = _distance(grid, X_PO, beside)
-    least = np.einsum("nki,ni->nk", normals, normal).min(axis=1)
-    return outside, np.arccos(np.clip(least, -1.0, 1.0))
+    return np.asarray(np.einsum("nki,ni->nk", normals, normal).min(axis=1) > np.cos(_MOST_TURN))
 
 
 def _distance(grid: DistanceGrid, X_PO: FloatArray, p_PQ: FloatArray) -> tuple[FloatArray, FloatArray]:

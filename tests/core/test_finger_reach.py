@@ -83,6 +83,16 @@ def test_touches_come_by_rising_cost(touches):
     assert np.all(np.diff(touches.cost) >= 0)
 
 
+def test_sharp_edges_are_left_alone(reach):
+    box = ObjectModel.from_mesh(trimesh.creation.box((0.05, 0.05, 0.05)), spacing=0.001, cache=False)
+    found = reach.touches(box.grid, X_PO, np.random.default_rng(1), 20)
+    assert len(found) >= 3
+    # Every touch lies on a face, at least a millimetre from the next face.
+    p_OC = np.sort(np.abs(found.p_PC - X_PO[:, 3]), axis=1)
+    np.testing.assert_allclose(p_OC[:, 2], 0.025, atol=3e-4)
+    assert p_OC[:, 1].max() < 0.024
+
+
 def test_joint_limits_are_kept(touches, finger):
     for q in (touches.q, touches.q_open):
         assert np.all(q >= finger.chain.lower - 1e-12)
