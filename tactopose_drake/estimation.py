@@ -10,16 +10,18 @@ from pydrake.math import RigidTransform
 from scipy.special import chdtri
 
 from tactopose_drake.core.contacts import Contacts
+from tactopose_drake.core.free_spin import turn_toward
 from tactopose_drake.core.hypotheses import Modes, find_modes
 from tactopose_drake.core.objectives.base import LeastSquaresObjective, SumObjective
 from tactopose_drake.core.objectives.pose_prior import PriorObjective
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.prior import PosePrior
-from tactopose_drake.core.searches.base import PriorSpace, Search
+from tactopose_drake.core.searches.base import PoseSpace, PriorSpace, Search
 from tactopose_drake.core.searches.gradient_descent import GradientDescent
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
-from tactopose_drake.core.searches.multi_start import MultiStart
+from tactopose_drake.core.searches.pair_search import PairSearch
+from tactopose_drake.core.searches.touch_space import TouchSpace
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError, TooFewContactsError, UnknownNameError
 from tactopose_drake.programs.pose_program import PoseProgram
@@ -31,12 +33,17 @@ _IMPLAUSIBLE = 1e-6
 # The share of the mass that the best hypothesis must carry to be called the answer.
 _MOST_OF_THE_MASS = 0.5
 
-METHODS: dict[str, Callable[[ObjectModel], Search]] = {
-    "pair_search": lambda model: MultiStart(),
-    "levenberg_marquardt": lambda model: LevenbergMarquardt(),
-    "gradient_descent": lambda model: GradientDescent(length=model.size / 2),
-    "mathematical_program": lambda model: PoseProgram(length=model.size / 2),
+# Without a prior, fewer contacts leave whole families of poses, whichever mode carries most of the mass.
+_FEWEST_FOR_A_POSE = 3
+
+METHODS: dict[str, Callable[[ObjectModel, Contacts], Search]] = {
+    "pair_search": lambda model, contacts: PairSearch(model=model, contacts=contacts),
+    "levenberg_marquardt": lambda model, contacts: LevenbergMarquardt(),
+    "gradient_descent": lambda model, contacts: GradientDescent(length=model.size / 2),
+    "mathematical_program": lambda model, contacts: PoseProgram(length=model.size / 2),
 }
+GLOBAL_METHODS = frozenset({"pair_search"})
+"""The methods that need no prior."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -65,8 +72,9 @@ class PoseEstimate:
 
     Attributes:
         hypotheses: by falling probability; never empty.
-        status: "ok"; "ambiguous" when the best hypothesis carries less than half of the mass; "no_solution" when even
-            the best one does not explain the touch within its noise.
+        status: "ok"; "ambiguous" when the best hypothesis carries less than half of the mass, or when fewer than three
+            contacts stand against no prior; "no_solution" when even the best one does not explain the touch within its
+            noise.
         duration: s.
     """
 
@@ -94,15 +102,15 @@ def estimate_pose(
     Args:
         model: the object.
         contacts: the touch, in the palm frame; at least one contact.
-        prior: what is known without it.
-        method: the search.
+        prior: what is known without it; None where the object may be anywhere that the contacts touch it.
+        method: the search. Those of `GLOBAL_METHODS` need no prior; the others start from it.
         seed: of the search's random numbers.
         max_hypotheses: how many hypotheses are kept at the most.
 
     Raises:
         TooFewContactsError: no contact.
         UnknownNameError: a method that does not exist.
-        InvalidInputError: no prior, or `max_hypotheses` below 1.
+        InvalidInputError: no prior for a method that starts from one, or `max_hypotheses` below 1.
     """
     started = time.perf_counter()
     if method not in METHODS:
@@ -111,22 +119,23 @@ def estimate_pose(
         raise TooFewContactsError("contacts: there are 0; the estimate needs at least 1.")
     if max_hypotheses < 1:
         raise InvalidInputError(f"max_hypotheses: is {max_hypotheses}; allowed are numbers >= 1.")
-    if prior is None:
-        raise InvalidInputError(f"prior: is None; the method {method!r} starts from one.")
+    if prior is None and method not in GLOBAL_METHODS:
+        raise InvalidInputError(
+            f"prior: is None; the method {method!r} starts from one. Without: {', '.join(sorted(GLOBAL_METHODS))}."
+        )
 
     touch = SurfaceContact(model.grid, contacts)
-    objective: LeastSquaresObjective = SumObjective([touch, PriorObjective(prior)])
-    found = METHODS[method](model).minimize(objective, PriorSpace(prior), np.random.default_rng(seed))
+    objective: LeastSquaresObjective = touch
+    space: PoseSpace = TouchSpace(model, contacts)
+    if prior is not None:
+        objective, space = SumObjective([touch, PriorObjective(prior)]), PriorSpace(prior)
+    found = METHODS[method](model, contacts).minimize(objective, space, np.random.default_rng(seed))
+    if prior is None:
+        turned = turn_toward(found.X_PO, found.X_PO[0], model.symmetries)
+        found = found._replace(X_PO=turned, cost=objective.cost(turned)).ranked()
     touched = touch.normal_equations(found.X_PO)
-    modes = find_modes(
-        found,
-        touched.hessian,
-        np.diag(1.0 / prior.sigmas**2),
-        model.symmetry_poses,
-        model.size,
-        max_hypotheses,
-    )
-    status = _status(modes, touch, contacts)
+    modes = find_modes(found, touched.hessian, space.information, model.symmetry_poses, model.size, max_hypotheses)
+    status = _status(modes, touch, contacts, prior)
     return PoseEstimate(_hypotheses(modes), status, time.perf_counter() - started)
 
 
@@ -139,8 +148,10 @@ def _hypotheses(modes: Modes) -> tuple[PoseHypothesis, ...]:
     )
 
 
-def _status(modes: Modes, touch: SurfaceContact, contacts: Contacts) -> Status:
+def _status(modes: Modes, touch: SurfaceContact, contacts: Contacts, prior: PosePrior | None) -> Status:
     degrees_of_freedom = len(contacts) * (1 if contacts.n_PC is None else 3)
     if 2.0 * float(touch.cost(modes.X_PO[:1])[0]) > chdtri(degrees_of_freedom, _IMPLAUSIBLE):
         return "no_solution"
+    if prior is None and len(contacts) < _FEWEST_FOR_A_POSE:
+        return "ambiguous"
     return "ok" if modes.probability[0] >= _MOST_OF_THE_MASS else "ambiguous"

@@ -9,6 +9,7 @@ from pydrake.math import RigidTransform
 
 import tactopose_drake as tp
 from tactopose_drake.core.hypotheses import determined_part
+from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.poses import (
     exp_so3,
     increments_between,
@@ -18,6 +19,7 @@ from tactopose_drake.core.poses import (
     rotation_angles,
     transform_points,
 )
+from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
 from tactopose_drake.core.synthetic_touch import touch_surface
 from tactopose_drake.resources import model_path
 from tests.core.searches.problems import make_blob
@@ -40,6 +42,11 @@ def box() -> tp.ObjectModel:
     return tp.ObjectModel.from_mesh(trimesh.creation.box((0.06, 0.09, 0.14)).subdivide().subdivide())
 
 
+@pytest.fixture(scope="module")
+def bottle() -> tp.ObjectModel:
+    return tp.ObjectModel.from_mesh(model_path("objects", "spray_bottle.obj"))
+
+
 def random_pose(seed: int) -> np.ndarray:
     generator = np.random.default_rng(seed)
     return make_poses(random_rotations(generator, 1), generator.normal(size=(1, 3)) * 0.05)[0]
@@ -54,8 +61,7 @@ def error(estimate: tp.PoseEstimate, X_PO: np.ndarray) -> np.ndarray:
     return increments_between(estimate.best.X_PO.GetAsMatrix34(), X_PO)
 
 
-def test_a_doubtful_prior_is_corrected() -> None:
-    bottle = tp.ObjectModel.from_mesh(model_path("objects", "spray_bottle.obj"))
+def test_a_doubtful_prior_is_corrected(bottle: tp.ObjectModel) -> None:
     near = 0
     for seed in range(20):
         X_PO = random_pose(seed)
@@ -64,6 +70,70 @@ def test_a_doubtful_prior_is_corrected() -> None:
         off = error(estimate, X_PO)
         near += np.linalg.norm(off[3:]) < 0.01 and np.linalg.norm(off[:3]) < math.radians(10)
     assert near >= 19
+
+
+@pytest.mark.parametrize("count", [3, 5])
+def test_no_prior_is_needed(bottle: tp.ObjectModel, count: int) -> None:
+    for seed in range(10):
+        X_PO = random_pose(seed)
+        contacts = touch_surface(bottle, X_PO, count, np.random.default_rng(seed))
+        estimate = tp.estimate_pose(bottle, contacts)
+        assert estimate.status in ("ok", "ambiguous")
+        truth = LevenbergMarquardt().refine(SurfaceContact(bottle.grid, contacts), X_PO[None])
+        assert min(h.cost for h in estimate.hypotheses) <= truth.cost[0] + 0.5
+
+
+def test_ten_contacts_without_a_prior_find_the_pose(bottle: tp.ObjectModel) -> None:
+    for seed in range(10):
+        X_PO = random_pose(seed)
+        estimate = tp.estimate_pose(bottle, touch_surface(bottle, X_PO, 10, np.random.default_rng(seed)))
+        off = error(estimate, X_PO)
+        assert np.linalg.norm(off[3:]) < 0.01
+        assert np.linalg.norm(off[:3]) < math.radians(10)
+
+
+def test_two_contacts_without_a_prior_are_ambiguous(bottle: tp.ObjectModel) -> None:
+    contacts = touch_surface(bottle, random_pose(1), 2, np.random.default_rng(1))
+    estimate = tp.estimate_pose(bottle, contacts)
+    assert estimate.status == "ambiguous"
+    assert estimate.best.cost < 5.0
+
+
+@pytest.mark.parametrize("has_normals", [True, False])
+@pytest.mark.parametrize("count", [1, 2, 5, 50])
+def test_a_sphere_is_found_from_any_touch(count: int, has_normals: bool) -> None:
+    ball = tp.ObjectModel.from_mesh(trimesh.creation.icosphere(subdivisions=4, radius=0.03))
+    generator = np.random.default_rng(count)
+    n_PC = generator.normal(size=(count, 3))
+    n_PC /= np.linalg.norm(n_PC, axis=1, keepdims=True)
+    estimate = tp.estimate_pose(ball, tp.Contacts([0.1, 0.2, 0.3] + 0.03 * n_PC, n_PC if has_normals else None))
+    assert estimate.status == ("ambiguous" if count < 3 else "ok")
+    if count >= 5:
+        np.testing.assert_allclose(estimate.best.X_PO.translation(), [0.1, 0.2, 0.3], atol=1e-3)
+    q = np.linalg.norm(0.03 * n_PC + [0.1, 0.2, 0.3] - estimate.best.X_PO.translation(), axis=1)
+    np.testing.assert_allclose(q, 0.03, atol=2e-3)
+
+
+def test_opposite_fingers_on_a_box_explain_themselves(box: tp.ObjectModel) -> None:
+    p_PC = np.array([[0.03, 0.0, 0.0], [-0.03, 0.0, 0.0]])
+    estimate = tp.estimate_pose(box, tp.Contacts(p_PC, np.sign(p_PC[:, :1]) * np.eye(3)[:1]))
+    assert estimate.status == "ambiguous"
+    assert estimate.best.cost < 0.5
+    assert len(estimate.best.free_directions) == 3
+
+
+def test_contacts_without_normals_need_no_prior_either(bottle: tp.ObjectModel) -> None:
+    for seed in range(5):
+        touched = touch_surface(bottle, random_pose(seed), 12, np.random.default_rng(seed))
+        contacts = tp.Contacts(touched.p_PC)
+        estimate = tp.estimate_pose(bottle, contacts)
+        truth = LevenbergMarquardt().refine(SurfaceContact(bottle.grid, contacts), random_pose(seed)[None])
+        assert min(h.cost for h in estimate.hypotheses) <= truth.cost[0] + 0.5
+
+
+def test_contacts_metres_apart_have_no_solution(bottle: tp.ObjectModel) -> None:
+    contacts = tp.Contacts([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], np.eye(3))
+    assert tp.estimate_pose(bottle, contacts).status == "no_solution"
 
 
 @pytest.mark.parametrize("method", LOCAL_METHODS)
@@ -190,7 +260,7 @@ def test_one_contact_is_enough_for_a_prior(blob: tp.ObjectModel) -> None:
         ({"method": "guess"}, "method: 'guess' is unknown; valid names: pair_search, levenberg_marquardt"),
         ({"contacts": tp.Contacts.empty()}, "contacts: there are 0; the estimate needs at least 1"),
         ({"max_hypotheses": 0}, "max_hypotheses: is 0"),
-        ({"prior": None}, "prior: is None"),
+        ({"prior": None, "method": "levenberg_marquardt"}, "prior: is None; the method 'levenberg_marquardt' starts"),
     ],
 )
 def test_bad_arguments_are_named_before_any_work(blob: tp.ObjectModel, change: dict[str, object], message: str) -> None:

@@ -6,6 +6,7 @@ import json
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
@@ -14,14 +15,20 @@ import trimesh
 from numpy.typing import ArrayLike, NDArray
 
 from tactopose_drake.core import model_cache
+from tactopose_drake.core.coarse_field import CoarseField, coarsen
+from tactopose_drake.core.mesh_bodies import cross_products
 from tactopose_drake.core.mesh_loading import MeshSource, RawMesh, load_mesh, mesh_file, mesh_name
 from tactopose_drake.core.mesh_repair import MeshRepairWarning, repair_mesh
 from tactopose_drake.core.model_cache import Arrays
+from tactopose_drake.core.pair_features import PairFeatures, build_pair_features
+from tactopose_drake.core.poses import compose
 from tactopose_drake.core.signed_distance import DistanceGrid, build_grid
 from tactopose_drake.core.surface_samples import SurfaceSamples, sample_surface
 from tactopose_drake.core.symmetry import TOLERANCE, RotationalSymmetry, detect_symmetries, symmetry_group
 from tactopose_drake.core.validation import FloatArray, finite_array, positive_number
 from tactopose_drake.errors import InvalidFileError, InvalidInputError, UnknownNameError
+
+_CONTINUOUS_TURNS = 12
 
 DENSITY = 1000.0
 """Assumed density where no mass is given, kg/m^3."""
@@ -67,6 +74,30 @@ class ObjectModel:
     size: float
     repairs: tuple[str, ...]
     content_hash: str
+
+    @cached_property
+    def area(self) -> float:
+        """Of the surface, m^2."""
+        return 0.5 * float(np.linalg.norm(cross_products(self.vertices, self.faces), axis=1).sum())
+
+    @cached_property
+    def pair_features(self) -> PairFeatures:
+        """Pairs of surface samples by what two contacts tell of them; made when first needed, in about 0.2 s."""
+        return build_pair_features(self.samples, self.area, self._symmetry_turns())
+
+    @cached_property
+    def coarse_field(self) -> CoarseField:
+        """The grid in few bytes; made when first needed, in a few milliseconds."""
+        return coarsen(self.grid)
+
+    def _symmetry_turns(self) -> FloatArray:
+        """The finite symmetries, joined with some turns about each continuous axis, shape (g, 3, 4)."""
+        turns = self.symmetry_poses
+        for symmetry in self.symmetries:
+            if symmetry.is_continuous:
+                steps = RotationalSymmetry(symmetry.axis, symmetry.point, _CONTINUOUS_TURNS).poses()
+                turns = compose(turns[:, None], steps[None]).reshape(-1, 3, 4)
+        return turns
 
     @classmethod
     def from_mesh(

@@ -9,6 +9,9 @@ from tactopose_drake.core.objectives.base import LeastSquaresObjective
 from tactopose_drake.core.prior import PosePrior
 from tactopose_drake.core.validation import FloatArray
 
+# The root of the 99.9 % point of chi-square with three degrees of freedom.
+_REACH = 4.03
+
 
 class SearchResult(NamedTuple):
     """Poses by rising cost.
@@ -39,6 +42,16 @@ class PoseSpace(Protocol):
         """The pose that a local search starts from, shape (3, 4)."""
         ...
 
+    @property
+    def information(self) -> FloatArray:
+        """The inverse covariance of the space's poses as increments from the centre, shape (6, 6)."""
+        ...
+
+    @property
+    def reach(self) -> tuple[float, float]:
+        """How far from the centre poses are worth a look: rotation, rad, and translation, m."""
+        ...
+
     def sample(self, generator: np.random.Generator, count: int) -> FloatArray:
         """Random poses of the space, shape (count, 3, 4)."""
         ...
@@ -54,6 +67,16 @@ class PriorSpace:
     def center(self) -> FloatArray:
         """The prior's pose, shape (3, 4)."""
         return self._prior.X_PO
+
+    @property
+    def information(self) -> FloatArray:
+        """The prior's inverse covariance, shape (6, 6)."""
+        return np.diag(1.0 / self._prior.sigmas**2)
+
+    @property
+    def reach(self) -> tuple[float, float]:
+        """The radii that hold all but a thousandth of the prior: rotation, rad, and translation, m."""
+        return _REACH * self._prior.sigma_rotation, _REACH * self._prior.sigma_translation
 
     def sample(self, generator: np.random.Generator, count: int) -> FloatArray:
         """Random poses, shape (count, 3, 4)."""

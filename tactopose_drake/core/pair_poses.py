@@ -1,0 +1,221 @@
+"""The poses that lay two contacts on two surface samples, judged by all contacts.
+
+Two points fix a pose but for its spin about the line between them. Normals fix the spin too: the best one in the least
+squares sense turns the samples' normals, seen along the line, onto the contacts' [K76]. Where there are no normals, or
+both lie along the line, the spin is free, and turns of a full circle are tried.
+
+Source: [K76] W. Kabsch, A solution for the best rotation to relate two sets of vectors, Acta Cryst. A32, 1976.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from tactopose_drake.core.coarse_field import CoarseField, coarse_cost
+from tactopose_drake.core.pair_features import PairFeatures
+from tactopose_drake.core.validation import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class ContactPair:
+    """Two contacts, and the surface samples that they may lie on.
+
+    Attributes:
+        first, second: the contacts' indices.
+        matches: indices of pairs of samples, shape (matches,).
+        spins: how many turns about the line between the contacts each match stands for; 1: the one that fits the
+            normals best.
+    """
+
+    first: int
+    second: int
+    matches: NDArray[np.int32]
+    spins: int
+
+    @property
+    def count(self) -> int:
+        """The number of its poses."""
+        return len(self.matches) * self.spins
+
+
+def judge_pair(
+    pair: ContactPair,
+    features: PairFeatures,
+    field: CoarseField,
+    table: FloatArray,
+    limit: float,
+    center: FloatArray,
+    reach: tuple[float, float],
+) -> NDArray[np.float32]:
+    """Coarse costs (matches * spins,) of a pair's poses; infinite beyond the limit, and out of reach.
+
+    Args:
+        pair: the contacts and their matches.
+        features: the object's pairs of samples.
+        field: the object's coarse field.
+        table: all contacts, from `coarse_field.contact_table`.
+        limit: the largest cost of interest.
+        center: the middle of the poses that count, shape (3, 4).
+        reach: the largest rotation from there, rad, and the largest translation, m.
+    """
+    cost = np.empty((len(pair.matches), pair.spins), dtype=np.float32)
+    _judge(
+        features.points,
+        features.normals,
+        features.pairs,
+        pair.matches,
+        _contact_frame(table[pair.first], table[pair.second]),
+        pair.spins,
+        field.values,
+        field.shape,
+        field.origin,
+        1.0 / field.spacing,
+        field.spacing / field.step,
+        table,
+        limit,
+        center,
+        1.0 + 2.0 * np.cos(reach[0]) if reach[0] < np.pi else -np.inf,
+        reach[1] ** 2,
+        cost,
+    )
+    return cost.ravel()
+
+
+def pair_poses(pair: ContactPair, features: PairFeatures, table: FloatArray, chosen: NDArray[np.intp]) -> FloatArray:
+    """The poses (chosen, 3, 4) of the chosen ones among those that `judge_pair` judges."""
+    X_PO = np.empty((len(chosen), 3, 4))
+    frame = _contact_frame(table[pair.first], table[pair.second])
+    _make(features.points, features.normals, features.pairs, pair.matches, frame, pair.spins, chosen, X_PO)
+    return X_PO
+
+
+def distinct_poses(X_PO: FloatArray, length: float, angle: float) -> NDArray[np.bool_]:
+    """Marks, of poses (B, 3, 4), the first in each cell of this size, m and about rad; shape (B,)."""
+    distinct = np.empty(len(X_PO), dtype=np.bool_)
+    _mark_first_in_cell(X_PO, 1.0 / length, 1.0 / angle, distinct)
+    return distinct
+
+
+def _contact_frame(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Rows: the point between two contacts; axes, x from the first to the second; y and z of each normal, (6, 3)."""
+    x = (b[:3] - a[:3]) / np.linalg.norm(b[:3] - a[:3])
+    y = np.cross(x, np.eye(3)[np.argmin(np.abs(x))])
+    y /= np.linalg.norm(y)
+    z = np.cross(x, y)
+    return np.stack([0.5 * (a[:3] + b[:3]), x, y, z, [a[3:6] @ y, a[3:6] @ z, 0.0], [b[3:6] @ y, b[3:6] @ z, 0.0]])
+
+
+@njit(cache=True, inline="always")
+def _sample_axes(points, i, j, axes, middle):  # type: ignore[no-untyped-def]
+    """Axes (rows) at two samples, x from one to the other, any y and z; and the point between them."""
+    for a in range(3):
+        axes[0, a] = points[j, a] - points[i, a]
+        middle[a] = 0.5 * (points[i, a] + points[j, a])
+    scale = 1.0 / np.sqrt(axes[0, 0] ** 2 + axes[0, 1] ** 2 + axes[0, 2] ** 2)
+    x, y, z = axes[0, 0] * scale, axes[0, 1] * scale, axes[0, 2] * scale
+    axes[0, 0], axes[0, 1], axes[0, 2] = x, y, z
+    if abs(x) < 0.6:
+        scale = 1.0 / np.sqrt(y * y + z * z)
+        axes[1, 0], axes[1, 1], axes[1, 2] = 0.0, z * scale, -y * scale
+    else:
+        scale = 1.0 / np.sqrt(x * x + y * y)
+        axes[1, 0], axes[1, 1], axes[1, 2] = y * scale, -x * scale, 0.0
+    axes[2, 0] = y * axes[1, 2] - z * axes[1, 1]
+    axes[2, 1] = z * axes[1, 0] - x * axes[1, 2]
+    axes[2, 2] = x * axes[1, 1] - y * axes[1, 0]
+
+
+@njit(cache=True, inline="always")
+def _pair_pose(points, normals, i, j, axes, middle, frame, spin, spins, X):  # type: ignore[no-untyped-def]
+    """The pose of one match and spin, into X (3, 4)."""
+    if spins == 1:
+        cosine, sine = 1e-30, 0.0  # Normals along the line leave the spin at zero.
+        for k, row in ((i, 4), (j, 5)):
+            n = normals[k]
+            y = n[0] * axes[1, 0] + n[1] * axes[1, 1] + n[2] * axes[1, 2]
+            z = n[0] * axes[2, 0] + n[1] * axes[2, 1] + n[2] * axes[2, 2]
+            cosine += y * frame[row, 0] + z * frame[row, 1]
+            sine += y * frame[row, 1] - z * frame[row, 0]
+        scale = 1.0 / np.sqrt(cosine * cosine + sine * sine)
+        cosine, sine = cosine * scale, sine * scale
+    else:
+        angle = 2.0 * np.pi * spin / spins
+        cosine, sine = np.cos(angle), np.sin(angle)
+    for a in range(3):
+        x = frame[1, a]
+        y, z = cosine * frame[2, a] + sine * frame[3, a], cosine * frame[3, a] - sine * frame[2, a]
+        X[a, 3] = frame[0, a]
+        for b in range(3):
+            X[a, b] = x * axes[0, b] + y * axes[1, b] + z * axes[2, b]
+            X[a, 3] -= X[a, b] * middle[b]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _judge(  # type: ignore[no-untyped-def]
+    points,
+    normals,
+    pairs,
+    matches,
+    frame,
+    spins,
+    values,
+    shape,
+    origin,
+    inverse_spacing,
+    steps,
+    table,
+    limit,
+    center,
+    least_trace,
+    farthest,
+    cost,
+):
+    axes, middle, X = np.empty((3, 3)), np.empty(3), np.empty((3, 4))
+    for row in range(matches.shape[0]):
+        i, j = pairs[matches[row], 0], pairs[matches[row], 1]
+        _sample_axes(points, i, j, axes, middle)
+        for spin in range(spins):
+            _pair_pose(points, normals, i, j, axes, middle, frame, spin, spins, X)
+            cost[row, spin] = np.inf
+            distance, trace = 0.0, 0.0
+            for a in range(3):
+                distance += (X[a, 3] - center[a, 3]) ** 2
+                for b in range(3):
+                    trace += X[a, b] * center[a, b]
+            if distance <= farthest and trace >= least_trace:
+                total = coarse_cost(values, shape, origin, inverse_spacing, steps, table, X, limit)
+                if total <= limit:
+                    cost[row, spin] = total
+
+
+@njit(cache=True)
+def _make(points, normals, pairs, matches, frame, spins, chosen, X):  # type: ignore[no-untyped-def]
+    axes, middle = np.empty((3, 3)), np.empty(3)
+    for row in range(chosen.shape[0]):
+        match, spin = chosen[row] // spins, chosen[row] % spins
+        i, j = pairs[matches[match], 0], pairs[matches[match], 1]
+        _sample_axes(points, i, j, axes, middle)
+        _pair_pose(points, normals, i, j, axes, middle, frame, spin, spins, X[row])
+
+
+@njit(cache=True)
+def _mark_first_in_cell(X, per_length, per_angle, distinct):  # type: ignore[no-untyped-def]
+    """By a table of hashes: cells that share all 64 bits are taken for one."""
+    size = 16
+    while size < 4 * X.shape[0]:
+        size *= 2
+    table = np.zeros(size, dtype=np.uint64)
+    for b in range(X.shape[0]):
+        key = np.uint64(14695981039346656037)
+        for a in range(3):
+            for c in range(1, 4):  # Two columns of the rotation say the third.
+                cell = np.int64(np.floor(X[b, a, c] * (per_length if c == 3 else per_angle)))
+                key = (key ^ np.uint64(cell)) * np.uint64(1099511628211)
+        key |= np.uint64(1)
+        place = np.int64(key >> np.uint64(32)) & (size - 1)
+        while table[place] != 0 and table[place] != key:
+            place = (place + 1) & (size - 1)
+        distinct[b] = table[place] == 0
+        table[place] = key

@@ -1,0 +1,100 @@
+"""Our global search: contacts taken two at a time say where the object may be, all of them say where it is.
+
+Where two contacts may lie on the object is looked up in its pair features, and gives poses in their thousands. Those
+are judged by all contacts on the object's coarse field; the best, as far as they are distinct, start the refinement.
+
+Where two contacts say nothing (there is but one; they nearly coincide; the object is too small for any two), random
+poses that touch the object start it; and where there is a prior, random poses under it start it too.
+"""
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactopose_drake.core.coarse_field import contact_table
+from tactopose_drake.core.contact_pairs import PairChoice
+from tactopose_drake.core.contacts import Contacts
+from tactopose_drake.core.objectives.base import LeastSquaresObjective
+from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.pair_poses import distinct_poses, judge_pair, pair_poses
+from tactopose_drake.core.searches.base import PoseSpace, SearchResult
+from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
+from tactopose_drake.core.searches.multi_start import MultiStart
+from tactopose_drake.core.validation import FloatArray
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PairSearch:
+    """Poses from pairs of contacts, refined in rounds of fewer and fewer.
+
+    Attributes:
+        model: the object.
+        contacts: the touch that poses are proposed from. What is minimised is the objective's business.
+        choice: how pairs are matched and chosen.
+        candidates: so many of their poses, at most, go to the refinement.
+        fewest: where fewer come, so many random poses join them.
+        starts: so many are left after the first steps.
+        kept: so many are refined to convergence.
+        near_prior: the refinement where there is a prior.
+        first, second, last: the refinement where there is none.
+    """
+
+    model: ObjectModel
+    contacts: Contacts
+    choice: PairChoice = dataclasses.field(default_factory=PairChoice)
+    candidates: int = 1500
+    fewest: int = 400
+    starts: int = 400
+    kept: int = 60
+    near_prior: MultiStart = dataclasses.field(default_factory=MultiStart)
+    first: LevenbergMarquardt = dataclasses.field(
+        default_factory=lambda: LevenbergMarquardt(max_iterations=2, initial_damping=1e-2)
+    )
+    second: LevenbergMarquardt = dataclasses.field(
+        default_factory=lambda: LevenbergMarquardt(max_iterations=4, initial_damping=1e-2)
+    )
+    last: LevenbergMarquardt = dataclasses.field(
+        default_factory=lambda: LevenbergMarquardt(max_iterations=15, tolerance=1e-3)
+    )
+
+    def minimize(
+        self, objective: LeastSquaresObjective, space: PoseSpace, generator: np.random.Generator
+    ) -> SearchResult:
+        """The minima that the candidates lead to, by rising cost."""
+        X_PO = self.propose(space, generator)
+        if np.isfinite(space.reach[1]):
+            samples = space.sample(generator, self.near_prior.samples - 1)
+            near = X_PO[: self.near_prior.samples]
+            return self.near_prior.refine(objective, np.concatenate([space.center[None], samples, near]))
+        if len(X_PO) < self.fewest:
+            X_PO = np.concatenate([X_PO, space.sample(generator, self.fewest)])
+        first = self.first.refine(objective, X_PO).ranked(self.starts)
+        second = self.second.refine(objective, first.X_PO).ranked(self.kept)
+        return self.last.refine(objective, second.X_PO)
+
+    def propose(self, space: PoseSpace, generator: np.random.Generator) -> FloatArray:
+        """Distinct poses within the space's reach that lay two contacts on the surface and suit all, best first."""
+        features, field = self.model.pair_features, self.model.coarse_field
+        offset, bend = self.choice.offset * features.spacing, self.choice.bend
+        table = contact_table(field, self.contacts, offset, bend)
+        pairs = self.choice.choose(features, self.contacts, generator)
+        if not pairs:
+            return np.empty((0, 3, 4))
+        costs: list[NDArray[np.float32]] = []
+        limit = np.inf
+        for pair in pairs:
+            costs.append(judge_pair(pair, features, field, table, limit, space.center, space.reach))
+            cost = np.concatenate(costs)
+            if len(cost) > self.candidates:
+                limit = float(np.partition(cost, self.candidates)[self.candidates])
+        best = np.flatnonzero(cost < limit)
+        ends = np.cumsum([pair.count for pair in pairs])
+        shares = np.split(best, np.searchsorted(best, ends[:-1]))
+        X_PO = np.concatenate(
+            [
+                pair_poses(pair, features, table, share - (end - pair.count))
+                for pair, share, end in zip(pairs, shares, ends, strict=True)
+            ]
+        )[np.argsort(cost[best], kind="stable")]
+        return X_PO[distinct_poses(X_PO, offset, bend)]

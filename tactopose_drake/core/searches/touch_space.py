@@ -1,0 +1,46 @@
+"""The poses that are possible when nothing but the touch is known."""
+
+import numpy as np
+
+from tactopose_drake.core.contacts import Contacts
+from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.poses import make_poses, random_rotations
+from tactopose_drake.core.validation import FloatArray
+
+# The mean square of each coordinate of the rotation vector of a uniformly random rotation: (pi^2 / 3 + 2) / 3.
+_ROTATION_VARIANCE = (np.pi**2 / 3.0 + 2.0) / 3.0
+
+
+class TouchSpace:
+    """All rotations, with the translations at which a contact lies on the surface."""
+
+    def __init__(self, model: ObjectModel, contacts: Contacts) -> None:
+        self._p_PC, self._surface = contacts.p_PC, model.samples
+        # A pose with the identity's rotation and the centres of touch and surface on each other.
+        self._center = np.column_stack([np.eye(3), self._p_PC.mean(axis=0) - self._surface.points.mean(axis=0)])
+
+    @property
+    def center(self) -> FloatArray:
+        """The object as its mesh stands, about the contacts' centre, shape (3, 4)."""
+        return self._center
+
+    @property
+    def information(self) -> FloatArray:
+        """That of a Gaussian as wide as the space, shape (6, 6).
+
+        The contacts' centre may lie on any of the surface's samples, in any direction of P.
+        """
+        variance = float(np.trace(np.cov(self._surface.points, rowvar=False))) / 3.0
+        return np.diag(1.0 / np.repeat([_ROTATION_VARIANCE, variance], 3))
+
+    @property
+    def reach(self) -> tuple[float, float]:
+        """Any rotation, rad, any translation, m."""
+        return np.pi, np.inf
+
+    def sample(self, generator: np.random.Generator, count: int) -> FloatArray:
+        """Random rotations that put a random contact on a random surface sample, shape (count, 3, 4)."""
+        R_PO = random_rotations(generator, count)
+        contact = self._p_PC[generator.integers(len(self._p_PC), size=count)]
+        point = self._surface.points[generator.integers(len(self._surface), size=count)]
+        return make_poses(R_PO, contact - np.einsum("bij,bj->bi", R_PO, point))
