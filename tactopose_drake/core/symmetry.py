@@ -26,9 +26,8 @@ HIGHEST_ORDER = 12
 TOLERANCE = 0.005
 """Default tolerance: the 95th percentile of the turned samples' distances, as a share of the object's size."""
 
-_RADIUS_SHARE = (
-    0.05  # the same percentile, as a share of the mean distance from the axis: a thin hexagon is no cylinder
-)
+# The same as a share of the mean distance from the longest axis: a hexagonal rod is no cylinder.
+_RADIUS_SHARE = 0.05
 _OUTLIER_FACTOR = 3.0  # the largest distance, in tolerances: a small handle breaks the symmetry
 _NORMAL_ANGLE = np.radians(5.0)
 _CONTINUOUS_NORMAL_ANGLE = np.radians(7.5)  # half the angle between the sides of a prism of 24
