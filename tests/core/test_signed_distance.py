@@ -56,7 +56,7 @@ def test_no_two_distances_differ_by_more_than_the_way_between(seed: int) -> None
     for grid in (BALL, CUBE):
         a, b = generator.integers(0, grid.shape, (2, 500, 3))
         change = grid.values[tuple(a.T)][:, 0] - grid.values[tuple(b.T)][:, 0]
-        assert np.all(np.abs(change) <= grid.spacing * (np.linalg.norm(a - b, axis=1) + 0.02))
+        assert np.all(np.abs(change) <= grid.spacing * (np.linalg.norm(a - b, axis=1) + 0.1))
         # Between nodes the interpolation may be steeper, where the gradient jumps at a ridge.
         p = points_within(grid, seed)
         q = p + generator.normal(size=p.shape) * grid.spacing
