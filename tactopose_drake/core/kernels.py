@@ -16,6 +16,8 @@ _SOFT_LENGTH = 0.05
 # Bounds the derivative of the square root in the residual that normalises the normals' likelihood.
 _SOFT_ROOT = 1e-4
 
+_U4 = np.uintp(4)
+
 
 @njit(cache=True, inline="always")
 def _cell(q, origin, inverse_spacing, limit):  # type: ignore[no-untyped-def]
@@ -110,7 +112,7 @@ def look_up(values, origin, inverse_spacing, points, out):  # type: ignore[no-un
         _look_up(values, origin, inverse_spacing, points[i, 0], points[i, 1], points[i, 2], out[i])
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def contact_costs(values, origin, inverse_spacing, p, n, weight_p, weight_n, X, cost):  # type: ignore[no-untyped-def]
     """Half the sum of squares of the contact residuals of each pose, into cost (B,)."""
     q, m, field = np.empty(3), np.empty(3), np.empty(4)
@@ -243,38 +245,154 @@ def contact_residuals(  # type: ignore[no-untyped-def]
             )
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
+def _interpolate(flat, at, sx, sy, fx, fy, fz):  # type: ignore[no-untyped-def]
+    """One channel of the flattened grid in the cell whose first node is at `at`, and its slopes per cell.
+
+    sx and sy are the strides to the next node along x and y; along z it is 4.
+    """
+    v000, v001, v010, v011 = flat[at], flat[at + _U4], flat[at + sy], flat[at + sy + _U4]
+    at += sx
+    v100, v101, v110, v111 = flat[at], flat[at + _U4], flat[at + sy], flat[at + sy + _U4]
+    z00, z01, z10, z11 = v001 - v000, v011 - v010, v101 - v100, v111 - v110
+    v00, v01, v10, v11 = v000 + fz * z00, v010 + fz * z01, v100 + fz * z10, v110 + fz * z11
+    y0, y1 = v01 - v00, v11 - v10
+    v0, v1 = v00 + fy * y0, v10 + fy * y1
+    z0, z1 = z00 + fy * (z01 - z00), z10 + fy * (z11 - z10)
+    return v0 + fx * (v1 - v0), v1 - v0, y0 + fx * (y1 - y0), z0 + fx * (z1 - z0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
 def contact_normal_equations(  # type: ignore[no-untyped-def]
     values, origin, inverse_spacing, p, n, weight_p, weight_n, X, cost, gradient, hessian
 ):
     """Cost (B,), exact gradient (B, 6) and Gauss-Newton Hessian (B, 6, 6) of the contact residuals.
 
-    The Hessian is of the rows that carry information, see `_contact_rows`.
+    The Hessian is of the rows that carry information, see `_contact_rows`. This says the same in another order, three
+    times as fast: increments (w, R^T v), so all in O, until a pose is done; the gradient's rows are added up before
+    their one chain rule; and the grid is read by unsigned offsets, which need no check for negative ones.
     """
-    r, J, smooth, work = np.empty(5), np.empty((5, 6)), np.empty((4, 6)), np.empty((10, 4))
+    flat = values.reshape(-1)
+    nx, ny, nz = values.shape[0], values.shape[1], values.shape[2]
+    sy, sx = np.uintp(4 * nz), np.uintp(4 * nz * ny)
+    field, slope, m, J = np.empty(4), np.empty((4, 3)), np.empty(3), np.empty((4, 6))
+    g, H, row, along = np.empty(6), np.empty((6, 6)), np.empty(3), np.empty(3)
+    q = np.empty(3)
     for b in range(X.shape[0]):
         total = 0.0
-        g, H = gradient[b], hessian[b]
         for a in range(6):
             g[a] = 0.0
-            for c in range(6):
+            for c in range(a + 1):
                 H[a, c] = 0.0
         for i in range(p.shape[0]):
-            _contact_rows(
-                values, origin, inverse_spacing, p[i], n[i], weight_p[i], weight_n[i], X[b], r, J, smooth, work
-            )
-            for c in range(5):
-                total += r[c] * r[c]
-            for a in range(6):
-                g[a] += J[0, a] * r[0] + J[1, a] * r[1] + J[2, a] * r[2] + J[3, a] * r[3] + J[4, a] * r[4]
+            _to_object(X[b], p[i], q)
+            ix, fx, ox = _cell(q[0], origin[0], inverse_spacing, nx - 1.0)
+            iy, fy, oy = _cell(q[1], origin[1], inverse_spacing, ny - 1.0)
+            iz, fz, oz = _cell(q[2], origin[2], inverse_spacing, nz - 1.0)
+            at = np.uintp(4 * ((ix * ny + iy) * nz + iz))
+            for k in range(4):
+                field[k], dx, dy, dz = _interpolate(flat, at + np.uintp(k), sx, sy, fx, fy, fz)
+                slope[k, 0], slope[k, 1], slope[k, 2] = dx * inverse_spacing, dy * inverse_spacing, dz * inverse_spacing
+            if ox != 0.0 or oy != 0.0 or oz != 0.0:
+                _extend(field, slope, ox, oy, oz, inverse_spacing)
+
+            square = field[1] * field[1] + field[2] * field[2] + field[3] * field[3]
+            scale = 1.0 / np.sqrt(square + _SOFT_LENGTH**2)
+            residual = field[0] * weight_p[i]
+            total += residual * residual
+            for a in range(3):
+                along[a] = scale * weight_p[i] * field[a + 1]
+                row[a] = residual * weight_p[i] * slope[0, a]
+            _cross_row(along, q, J[0])
+            if weight_n[i] > 0.0:
+                _rotate_to_object(X[b], n[i], m)
+                weight, spread = _normal_weight(field, weight_n[i])
+                for a in range(3):  # The derivative of half the squared length.
+                    along[a] = field[1] * slope[1, a] + field[2] * slope[2, a] + field[3] * slope[3, a]
+                    if square >= 1.0:
+                        along[a] = 0.0
+                    # The log term's part of the gradient.
+                    row[a] -= along[a] * weight * weight
+                for k in range(1, 4):
+                    residual = (field[k] - m[k - 1]) * weight
+                    total += residual * residual
+                    bend = 0.5 * residual * weight
+                    turn = scale * scale * field[k]
+                    x, y, z = slope[k, 0], slope[k, 1], slope[k, 2]
+                    residual *= weight
+                    row[0] += residual * (x + bend * along[0])
+                    row[1] += residual * (y + bend * along[1])
+                    row[2] += residual * (z + bend * along[2])
+                    unit = weight * scale
+                    slope[k, 0] = unit * (x - turn * along[0])
+                    slope[k, 1] = unit * (y - turn * along[1])
+                    slope[k, 2] = unit * (z - turn * along[2])
+                    _cross_row(slope[k], q, J[k])
+                _turn(m, weight, J)
+                weight *= weight
+                g[0] += weight * (m[1] * field[3] - m[2] * field[2])
+                g[1] += weight * (m[2] * field[1] - m[0] * field[3])
+                g[2] += weight * (m[0] * field[2] - m[1] * field[1])
+                total += 2.0 * np.log(spread) + _SOFT_ROOT
+            else:
+                for k in range(1, 4):
+                    for a in range(6):
+                        J[k, a] = 0.0
+            g[0] += row[1] * q[2] - row[2] * q[1]
+            g[1] += row[2] * q[0] - row[0] * q[2]
+            g[2] += row[0] * q[1] - row[1] * q[0]
+            for a in range(3):
+                g[3 + a] -= row[a]
             for a in range(6):
                 for c in range(a + 1):
-                    for k in range(4):
-                        H[a, c] += smooth[k, a] * smooth[k, c]
-        for a in range(6):
-            for c in range(a):
-                H[c, a] = H[a, c]
+                    H[a, c] += J[0, a] * J[0, c] + J[1, a] * J[1, c] + J[2, a] * J[2, c] + J[3, a] * J[3, c]
         cost[b] = 0.5 * total
+        _turn_translations(X[b], g, H, gradient[b], hessian[b])
+
+
+@njit(cache=True, inline="always")
+def _extend(field, slope, ox, oy, oz, inverse_spacing):  # type: ignore[no-untyped-def]
+    """Outside of the grid, by (ox, oy, oz) cells, the field is its nearest point's, and the way there is added."""
+    way = np.sqrt(ox * ox + oy * oy + oz * oz)
+    field[0] += way / inverse_spacing
+    for k in range(4):
+        if ox != 0.0:
+            slope[k, 0] = 0.0
+        if oy != 0.0:
+            slope[k, 1] = 0.0
+        if oz != 0.0:
+            slope[k, 2] = 0.0
+    slope[0, 0] += ox / way
+    slope[0, 1] += oy / way
+    slope[0, 2] += oz / way
+
+
+@njit(cache=True, inline="always")
+def _cross_row(row, q, J):  # type: ignore[no-untyped-def]
+    """As `_chain`, by the increment (w, R^T v): dq = [q]x w - R^T v."""
+    J[0], J[1], J[2] = row[1] * q[2] - row[2] * q[1], row[2] * q[0] - row[0] * q[2], row[0] * q[1] - row[1] * q[0]
+    J[3], J[4], J[5] = -row[0], -row[1], -row[2]
+
+
+@njit(cache=True, inline="always")
+def _turn_translations(X, g, H, gradient, hessian):  # type: ignore[no-untyped-def]
+    """Gradient and Hessian by (w, v) from those by (w, R^T v), of which H is the lower triangle."""
+    for a in range(3):
+        gradient[a] = g[a]
+        gradient[3 + a] = X[a, 0] * g[3] + X[a, 1] * g[4] + X[a, 2] * g[5]
+        for c in range(a + 1):
+            hessian[a, c] = hessian[c, a] = H[a, c]
+            H[3 + c, 3 + a] = H[3 + a, 3 + c]
+        for c in range(3):
+            mixed = X[a, 0] * H[3, c] + X[a, 1] * H[4, c] + X[a, 2] * H[5, c]
+            hessian[3 + a, c] = hessian[c, 3 + a] = mixed
+    for a in range(3):
+        x = X[a, 0] * H[3, 3] + X[a, 1] * H[4, 3] + X[a, 2] * H[5, 3]
+        y = X[a, 0] * H[3, 4] + X[a, 1] * H[4, 4] + X[a, 2] * H[5, 4]
+        z = X[a, 0] * H[3, 5] + X[a, 1] * H[4, 5] + X[a, 2] * H[5, 5]
+        for c in range(a + 1):
+            both = x * X[c, 0] + y * X[c, 1] + z * X[c, 2]
+            hessian[3 + a, 3 + c] = hessian[3 + c, 3 + a] = both
 
 
 @njit(cache=True)
