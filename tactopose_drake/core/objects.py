@@ -24,7 +24,8 @@ from tactopose_drake.core.pair_features import PairFeatures, build_pair_features
 from tactopose_drake.core.poses import compose
 from tactopose_drake.core.signed_distance import DistanceGrid, build_grid
 from tactopose_drake.core.surface_samples import SurfaceSamples, sample_surface
-from tactopose_drake.core.symmetry import TOLERANCE, RotationalSymmetry, detect_symmetries, symmetry_group
+from tactopose_drake.core.symmetry import RotationalSymmetry, symmetry_group
+from tactopose_drake.core.symmetry_detection import TOLERANCE, detect_symmetries
 from tactopose_drake.core.validation import FloatArray, finite_array, positive_number
 from tactopose_drake.errors import InvalidFileError, InvalidInputError, UnknownNameError
 

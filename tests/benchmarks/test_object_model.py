@@ -20,7 +20,7 @@ from tactopose_drake.core.mesh_repair import repair_mesh
 from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.signed_distance import build_grid
 from tactopose_drake.core.surface_samples import sample_surface
-from tactopose_drake.core.symmetry import detect_symmetries
+from tactopose_drake.core.symmetry_detection import detect_symmetries
 from tactopose_drake.resources import model_path
 from tests.core.meshes import arrays, create
 
