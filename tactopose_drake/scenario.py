@@ -50,8 +50,8 @@ def _palm_to_the_side() -> Transform:
 
 
 def _camera() -> Transform:
-    # Behind the hand, which then hides about half of the object.
-    return Transform(translation=[0.12, -0.6, 0.1])
+    # At the elbow: it looks along the forearm, and the hand hides half of the object from it.
+    return Transform(translation=[-0.3, -0.1, 0.0])
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
