@@ -50,8 +50,8 @@ def _palm_to_the_side() -> Transform:
 
 
 def _camera() -> Transform:
-    # At the elbow: it looks along the forearm, and the hand hides half of the object from it.
-    return Transform(translation=[-0.3, -0.1, 0.0])
+    # Behind and below the hand, which then hides a third of the object or more.
+    return Transform(translation=[0.1, -0.3, -0.15])
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
