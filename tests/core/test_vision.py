@@ -28,7 +28,7 @@ def test_beyond_the_lost_share_the_error_grows_no_more() -> None:
     noise = np.random.default_rng(0).normal(size=6)
     sizes = [np.linalg.norm(look(X_PO, hidden, noise, model).X_PO[:, 3] - X_PO[:, 3]) for hidden in (0.125, 0.25, 0.8)]
     assert sizes == pytest.approx([0.027, 0.05, 0.05])
-    with pytest.raises(InvalidInputError, match="lost_share: is 1.5"):
+    with pytest.raises(InvalidInputError, match=r"lost_share: is 1\.5"):
         VisionModel(lost_share=1.5).validate()
 
 

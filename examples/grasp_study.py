@@ -1,0 +1,94 @@
+"""Simulated grasps of several objects with several seeds: how well touch corrects vision.
+
+python examples/grasp_study.py --objects bust mug --seeds 3
+"""
+
+import argparse
+import time
+
+import numpy as np
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
+from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.demo import DemoResult, GraspFailedError, run_demo
+from tactopose_drake.reports import direction_names
+from tactopose_drake.scenario import load_scenario
+
+OBJECTS = ("bust", "mug", "spray_bottle", "tea_box", "wine_glass")
+
+
+def study(objects: list[str], first_seed: int, seeds: int) -> tuple[dict[tuple[str, int], DemoResult], list[str]]:
+    """Runs each object with each seed; returns the results, and why the others failed."""
+    results: dict[tuple[str, int], DemoResult] = {}
+    failures: list[str] = []
+    for name in objects:
+        scenario = load_scenario("shadow_like")
+        scenario.object = name
+        model = ObjectModel.from_mesh(scenario.object_mesh())
+        for seed in track(range(first_seed, first_seed + seeds), description=name):
+            scenario.seed = seed
+            try:
+                results[name, seed] = run_demo(scenario, model=model)
+            except GraspFailedError as error:
+                failures.append(str(error))
+    return results, failures
+
+
+def corrected(result: DemoResult) -> bool:
+    """Whether both errors fell in the directions that the touch determines."""
+    before, after = result.vision, result.touch
+    return (
+        after.determined_translation < before.determined_translation
+        and after.determined_rotation < before.determined_rotation
+    )
+
+
+def main() -> None:
+    """Prints a line for each grasp, and the summary."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--objects", nargs="+", default=list(OBJECTS))
+    parser.add_argument("--first-seed", type=int, default=0)
+    parser.add_argument("--seeds", type=int, default=10)
+    arguments = parser.parse_args()
+    console, started = Console(), time.perf_counter()
+    results, failures = study(arguments.objects, arguments.first_seed, arguments.seeds)
+    if not results:
+        raise SystemExit("; ".join(failures))
+
+    table = Table(title="Errors where the touch determines the pose: vision, then touch")
+    for heading in ("object", "seed", "mm", "deg", "MDTS, mm", "MATN, deg", "not determined"):
+        table.add_column(heading)
+    for (name, seed), result in results.items():
+        before, after = result.vision, result.touch
+        table.add_row(
+            name,
+            str(seed),
+            f"{1e3 * before.determined_translation:.1f} {1e3 * after.determined_translation:.1f}",
+            f"{np.degrees(before.determined_rotation):.1f} {np.degrees(after.determined_rotation):.1f}",
+            f"{1e3 * after.MDTS:.2f}",
+            f"{np.degrees(after.MATN):.1f}",
+            "; ".join(direction_names(result.estimate.best)),
+        )
+    console.print(table)
+    points = [f.position_error for r in results.values() for f in r.fingers if f.position_error is not None]
+    touches = [result.touch for result in results.values()]
+    console.print(
+        f"{len(results)} grasps in {time.perf_counter() - started:.0f} s, {len(failures)} failed to hold.\n"
+        f"Vision: at least {1e3 * min(r.vision.translation for r in results.values()):.1f} mm and "
+        f"{np.degrees(min(r.vision.rotation for r in results.values())):.1f} deg off.\n"
+        f"Contact points: median error {1e3 * np.median(points):.2f} mm of {len(points)}.\n"
+        f"Mean distance to the surface: at most {1e3 * max(t.MDTS for t in touches):.2f} mm; "
+        f"mean angle to the normal: at most {np.degrees(max(t.MATN for t in touches)):.1f} deg, "
+        f"median {np.degrees(np.median([t.MATN for t in touches])):.1f} deg.\n"
+        f"Both errors fell in {np.mean([corrected(r) for r in results.values()]):.0%}; their median there is "
+        f"{1e3 * np.median([t.determined_translation for t in touches]):.1f} mm and "
+        f"{np.degrees(np.median([t.determined_rotation for t in touches])):.1f} deg."
+    )
+    for failure in failures:
+        console.print(failure)
+
+
+if __name__ == "__main__":
+    main()
