@@ -1,0 +1,120 @@
+"""Draws the diagrams of the documentation: the pose estimation by itself, and the simulated station around it.
+
+`diagram.GetGraphvizString()` shows a diagram whole. These pictures are for reading: what there is once for each finger
+is drawn once, as `<finger>`; what nothing is connected to is left out, and so are sources of noise and the scene graph.
+"""
+
+import re
+import sys
+from collections.abc import Sequence
+from html import escape
+from itertools import zip_longest
+from pathlib import Path
+
+from pydrake.systems.framework import Diagram, InputPortIndex, OutputPortIndex, System
+
+from tactopose_drake.resources import resource_root
+from tactopose_drake.scenario import load_scenario
+from tactopose_drake.station import make_station
+
+LEFT_OUT = ("RandomSource", "SceneGraph")
+STYLE = """rankdir=LR; ranksep=0.6; nodesep=0.12; bgcolor=white;
+node [shape=plain, fontname="Arial,Helvetica,sans-serif", fontsize=13]; edge [arrowsize=0.7, color="#5b6470"];"""
+INPUT, OUTPUT = "#1f5fa8", "#2e7d32"  # colours of what goes into the diagram, and what comes out
+
+# A tail and a head, each a system and a port of it; the system of the diagram's own ports is "".
+Edge = tuple[str, str, str, str]
+
+
+def connections(diagram: Diagram) -> list[Edge]:
+    """All connections between systems that are not left out, and those of the diagram's own ports."""
+    edges: list[tuple[System | None, str, System | None, str]] = []
+    for (head, i), (tail, o) in diagram.connection_map().items():
+        edges.append((tail, tail.get_output_port(o).get_name(), head, head.get_input_port(i).get_name()))
+    for index in range(diagram.num_input_ports()):
+        name = diagram.get_input_port(index).get_name()
+        for head, i in diagram.GetInputPortLocators(InputPortIndex(index)):
+            edges.append((None, name, head, head.get_input_port(i).get_name()))
+    for index in range(diagram.num_output_ports()):
+        tail, o = diagram.get_output_port_locator(OutputPortIndex(index))
+        edges.append((tail, tail.get_output_port(o).get_name(), None, diagram.get_output_port(index).get_name()))
+    return [
+        (tail.get_name() if tail else "", out, head.get_name() if head else "", into)
+        for tail, out, head, into in edges
+        if not {kind(system) for system in (tail, head) if system} & set(LEFT_OUT)
+    ]
+
+
+def kind(system: System) -> str:
+    """The name of a system's class."""
+    return re.sub(r"<.*", "", system.GetSystemType()).split("::")[-1].split(".")[-1]
+
+
+def to_dot(diagram: Diagram, fingers: Sequence[str]) -> str:
+    """A diagram in the language of Graphviz.
+
+    Args:
+        diagram: what to draw.
+        fingers: the endings of names that are drawn once.
+    """
+
+    def once(name: str) -> str:
+        return re.sub(rf"(?<=_)({'|'.join(fingers)})$", "<finger>", name)
+
+    edges = {tuple(once(name) for name in edge) for edge in connections(diagram)}
+    lines = [STYLE]
+    for system in {once(system.get_name()): system for system in diagram.GetSystems()}.values():
+        name = once(system.get_name())
+        inputs = [once(system.get_input_port(i).get_name()) for i in range(system.num_input_ports())]
+        outputs = [once(system.get_output_port(i).get_name()) for i in range(system.num_output_ports())]
+        used_in = [port for port in dict.fromkeys(inputs) if any(edge[2:] == (name, port) for edge in edges)]
+        used_out = [port for port in dict.fromkeys(outputs) if any(edge[:2] == (name, port) for edge in edges)]
+        if used_in or used_out:
+            lines.append(f'"{name}" [label={box(name, kind(system), used_in, used_out)}];')
+    for tail, out, head, into in sorted(edges):
+        if not tail:
+            lines.append(f'"in {out}" [label=<{escape(out)}>, fontcolor="{INPUT}"];')
+        if not head:
+            lines.append(f'"out {into}" [label=<{escape(into)}>, fontcolor="{OUTPUT}"];')
+        start = f'"{tail}":"out {out}":e' if tail else f'"in {out}":e'
+        end = f'"{head}":"in {into}":w' if head else f'"out {into}":w'
+        colour = "" if tail and head else f' [color="{OUTPUT if tail else INPUT}"]'
+        lines.append(f"{start} -> {end}{colour};")
+    return "digraph {\n" + "\n".join(lines) + "\n}\n"
+
+
+def box(name: str, title: str, inputs: Sequence[str], outputs: Sequence[str]) -> str:
+    """The label of a system: its class, its name, and its ports."""
+
+    def cell(port: str, side: str, align: str) -> str:
+        return f'<TD ALIGN="{align}" PORT="{side} {escape(port)}">{escape(port)}</TD>' if port else "<TD></TD>"
+
+    rows = [
+        f"<TR>{cell(into, 'in', 'LEFT')}<TD> </TD>{cell(out, 'out', 'RIGHT')}</TR>"
+        for into, out in zip_longest(inputs, outputs, fillvalue="")
+    ]
+    heading = f'<B>{title}</B><BR/><FONT POINT-SIZE="11" COLOR="#5b6470">{escape(name)}</FONT>'
+    return (
+        '<<TABLE BORDER="1" CELLBORDER="0" CELLSPACING="0" CELLPADDING="4" STYLE="ROUNDED" COLOR="#8a929c"'
+        f' BGCOLOR="#f6f7f9"><TR><TD COLSPAN="3">{heading}</TD></TR><HR/>{"".join(rows)}</TABLE>>'
+    )
+
+
+def main() -> None:
+    """Writes both pictures into docs/pictures, or the folder that is named."""
+    try:
+        from pygraphviz import AGraph
+    except ImportError:
+        sys.exit("draw_diagrams.py: pygraphviz is missing; `pip install pygraphviz` brings Graphviz with it.")
+    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else resource_root() / "docs" / "pictures"
+    scenario = load_scenario("shadow_like")
+    station = make_station(scenario)
+    pictures = {"pose_estimation": station.diagram.GetSubsystemByName("pose_estimation"), "station": station.diagram}
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, diagram in pictures.items():
+        picture = AGraph(to_dot(diagram, station.hand.fingers)).draw(format="svg", prog="dot")
+        (folder / f"{name}.svg").write_bytes(picture)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,55 @@
+import re
+import runpy
+import sys
+from pathlib import Path
+
+import pytest
+
+from tactopose_drake.resources import resource_root
+
+SCRIPT = Path(__file__).parents[2] / "examples" / "draw_diagrams.py"
+
+
+@pytest.fixture(scope="module")
+def drawn(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder that the script has drawn into."""
+    folder = tmp_path_factory.mktemp("drawn") / "pictures"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", [str(SCRIPT), str(folder)])
+        runpy.run_path(str(SCRIPT), run_name="__main__")
+    return folder
+
+
+def words(picture: Path) -> list[str]:
+    return sorted(re.findall(r"<text[^>]*>([^<]*)</text>", picture.read_text()))
+
+
+def arrows(picture: Path) -> list[str]:
+    return sorted(re.findall(r"<title>([^<]*&#45;&gt;[^<]*)</title>", picture.read_text()))
+
+
+@pytest.mark.parametrize("name", ["pose_estimation.svg", "station.svg"])
+def test_the_pictures_in_the_documentation_are_up_to_date(drawn: Path, name: str) -> None:
+    committed = resource_root() / "docs" / "pictures" / name
+    assert words(drawn / name) == words(committed)
+    assert arrows(drawn / name) == arrows(committed)
+
+
+def test_the_pictures_show_what_goes_in_and_comes_out(drawn: Path) -> None:
+    shown = words(drawn / "pose_estimation.svg")
+    # Once as a port of a system, once as a port of the diagram.
+    for port in ("wrench_&lt;finger&gt;", "joint_positions", "prior", "object_pose", "hypotheses"):
+        assert shown.count(port) == 2, port
+
+
+def test_the_pictures_leave_out_noise_and_the_scene_graph(drawn: Path) -> None:
+    shown = words(drawn / "station.svg")
+    assert "MultibodyPlant" in shown
+    assert not {"RandomSource", "SceneGraph", "noise", "query"} & set(shown)
+
+
+def test_without_pygraphviz_it_says_what_to_install() -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(sys.modules, "pygraphviz", None)
+        with pytest.raises(SystemExit, match="pip install pygraphviz"):
+            runpy.run_path(str(SCRIPT), run_name="__main__")
