@@ -3,6 +3,7 @@
 import dataclasses
 import itertools
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,16 @@ from tactopose_drake.core.contacts import Contacts
 from tactopose_drake.core.pair_features import PairFeatures, pair_feature
 from tactopose_drake.core.pair_poses import ContactPair
 from tactopose_drake.core.validation import FloatArray
+
+
+class _Query(NamedTuple):
+    """Two contacts' feature, its standard deviations, and the turns that each match stands for."""
+
+    first: int
+    second: int
+    feature: FloatArray
+    sigma: FloatArray
+    spins: int
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -33,32 +44,36 @@ class PairChoice:
     contacts: int = 6
     pairs: int = 10
     spins: int = 24
-    poses: int = 20000
+    poses: int = 10000
 
     def choose(self, features: PairFeatures, contacts: Contacts, generator: np.random.Generator) -> list[ContactPair]:
         """The pairs of contacts, the most telling first; none where no two contacts match any samples."""
         offset = self.offset * features.spacing
-        found = []
-        for a, b in itertools.combinations(spread_out(contacts.p_PC, self.contacts), 2):
-            pair = self._match(features, contacts, int(a), int(b), offset)
-            if pair is not None and pair.count:
-                found.append(pair)
-        found.sort(key=lambda pair: pair.count)
+        indices = itertools.combinations(spread_out(contacts.p_PC, self.contacts).tolist(), 2)
+        queries = [self._query(features, contacts, a, b, offset) for a, b in indices]
+        bounded = [
+            (features.match_bound(query.feature, query.sigma, self.reach) * query.spins, query)
+            for query in queries
+            if query is not None
+        ]
+        bounded.sort(key=lambda bound_and_query: bound_and_query[0])
         chosen: list[ContactPair] = []
         room = self.poses
-        for pair in found[: self.pairs]:
-            most = room // pair.spins
-            if most == 0:
+        for _, query in bounded:
+            most = room // query.spins
+            if most == 0 or len(chosen) == self.pairs:
                 break
-            if len(pair.matches) > most:
+            matches = features.matches(query.feature, query.sigma, self.reach)
+            if len(matches) > most:
                 # Of more matches than there is room for, some at random.
-                pair = dataclasses.replace(pair, matches=generator.choice(pair.matches, most, replace=False))
-            chosen.append(pair)
-            room -= pair.count
+                matches = generator.choice(matches, most, replace=False)
+            if len(matches):
+                chosen.append(ContactPair(query.first, query.second, matches, query.spins))
+                room -= chosen[-1].count
         return chosen
 
-    def _match(self, features: PairFeatures, contacts: Contacts, a: int, b: int, offset: float) -> ContactPair | None:
-        """The samples that contacts a and b may lie on; None where the two say nothing, as they nearly coincide."""
+    def _query(self, features: PairFeatures, contacts: Contacts, a: int, b: int, offset: float) -> _Query | None:
+        """What is looked up for contacts a and b; None where the two say nothing, or are too far apart."""
         p_a, p_b = contacts.p_PC[a], contacts.p_PC[b]
         distance = float(np.linalg.norm(p_b - p_a))
         sigmas = np.asarray(contacts.sigma_position)[[a, b]]
@@ -66,8 +81,8 @@ class PairChoice:
         if distance < 3.0 * math.hypot(*sigmas) or distance > features.length + 3.0 * sigma_distance:
             return None
         if contacts.n_PC is None:
-            feature, sigma = np.array([distance, 0.0, 0.0, 0.0]), np.array([sigma_distance, np.inf, np.inf, np.inf])
-            return ContactPair(a, b, features.matches(feature, sigma, self.reach), self.spins)
+            unknown = np.array([sigma_distance, np.inf, np.inf, np.inf])
+            return _Query(a, b, np.array([distance, 0.0, 0.0, 0.0]), unknown, self.spins)
         feature = pair_feature(p_a, contacts.n_PC[a], p_b, contacts.n_PC[b])
         turn_a, turn_b = np.asarray(contacts.sigma_normal)[[a, b]]
         tilt = math.sqrt(2.0) * math.hypot(*sigmas, offset) / distance
@@ -81,8 +96,7 @@ class PairChoice:
         )
         # The normals' parts across the line, which say the spin, against their errors.
         across = math.hypot(math.sin(feature[1]), math.sin(feature[2]))
-        spins = 1 if across > 2.0 * sigma[3] else self.spins
-        return ContactPair(a, b, features.matches(feature, sigma, self.reach), spins)
+        return _Query(a, b, feature, sigma, 1 if across > 2.0 * sigma[3] else self.spins)
 
 
 def spread_out(points: FloatArray, count: int) -> NDArray[np.intp]:

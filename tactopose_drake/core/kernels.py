@@ -395,7 +395,7 @@ def _turn_translations(X, g, H, gradient, hessian):  # type: ignore[no-untyped-d
             hessian[3 + a, 3 + c] = hessian[3 + c, 3 + a] = both
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def damped_steps(hessian, gradient, damping, step):  # type: ignore[no-untyped-def]
     """Steps -(H + damping diag H)^-1 g of each problem, into step (B, m), by Cholesky; m is any size.
 
@@ -428,7 +428,43 @@ def damped_steps(hessian, gradient, damping, step):  # type: ignore[no-untyped-d
             step[b, i] = s / L[i, i]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
+def accept_steps(  # type: ignore[no-untyped-def]
+    state,
+    cost,
+    gradient,
+    hessian,
+    new_state,
+    new_cost,
+    new_gradient,
+    new_hessian,
+    step,
+    damping,
+    tolerance,
+    limit,
+    done,
+):
+    """Levenberg-Marquardt's judgement of each problem's step: moves it if the cost falls, and changes the damping.
+
+    A problem is done when its cost falls, or the local model promises (half of -g s) that it falls, by less than the
+    tolerance times cost + 1; or when the damping exceeds its limit.
+    """
+    for b in range(cost.shape[0]):
+        least = tolerance * (cost[b] + 1.0)
+        promised = 0.0
+        for i in range(step.shape[1]):
+            promised -= 0.5 * gradient[b, i] * step[b, i]
+        decrease = cost[b] - new_cost[b]
+        done[b] = promised < least or 0.0 < decrease < least
+        if decrease > 0.0:
+            damping[b] *= 0.1
+            state[b], cost[b], gradient[b], hessian[b] = new_state[b], new_cost[b], new_gradient[b], new_hessian[b]
+        else:
+            damping[b] *= 10.0
+            done[b] = done[b] or damping[b] > limit
+
+
+@njit(cache=True, nogil=True)
 def retract(X, increment, out):  # type: ignore[no-untyped-def]
     """The compiled `poses.retract`: R exp(w), p + v for poses (B, 3, 4) and increments (B, 6)."""
     E = np.empty((3, 3))

@@ -98,21 +98,12 @@ def distinct_poses(X_PO: FloatArray, length: float, angle: float) -> NDArray[np.
     return distinct
 
 
-def _contact_frame(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Rows: the point between two contacts; axes, x from the first to the second; y and z of each normal, (6, 3)."""
-    x = (b[:3] - a[:3]) / np.linalg.norm(b[:3] - a[:3])
-    y = np.cross(x, np.eye(3)[np.argmin(np.abs(x))])
-    y /= np.linalg.norm(y)
-    z = np.cross(x, y)
-    return np.stack([0.5 * (a[:3] + b[:3]), x, y, z, [a[3:6] @ y, a[3:6] @ z, 0.0], [b[3:6] @ y, b[3:6] @ z, 0.0]])
-
-
 @njit(cache=True, inline="always")
-def _sample_axes(points, i, j, axes, middle):  # type: ignore[no-untyped-def]
-    """Axes (rows) at two samples, x from one to the other, any y and z; and the point between them."""
+def _axes(p, q, axes, middle):  # type: ignore[no-untyped-def]
+    """Axes (rows) at two points, x from one to the other, any y and z; and the point between them."""
     for a in range(3):
-        axes[0, a] = points[j, a] - points[i, a]
-        middle[a] = 0.5 * (points[i, a] + points[j, a])
+        axes[0, a] = q[a] - p[a]
+        middle[a] = 0.5 * (p[a] + q[a])
     scale = 1.0 / np.sqrt(axes[0, 0] ** 2 + axes[0, 1] ** 2 + axes[0, 2] ** 2)
     x, y, z = axes[0, 0] * scale, axes[0, 1] * scale, axes[0, 2] * scale
     axes[0, 0], axes[0, 1], axes[0, 2] = x, y, z
@@ -125,6 +116,18 @@ def _sample_axes(points, i, j, axes, middle):  # type: ignore[no-untyped-def]
     axes[2, 0] = y * axes[1, 2] - z * axes[1, 1]
     axes[2, 1] = z * axes[1, 0] - x * axes[1, 2]
     axes[2, 2] = x * axes[1, 1] - y * axes[1, 0]
+
+
+@njit(cache=True)
+def _contact_frame(a, b):  # type: ignore[no-untyped-def]
+    """Rows: the point between two contacts; axes, x from the first to the second; y and z of each normal, (6, 3)."""
+    frame = np.zeros((6, 3))
+    _axes(a[:3], b[:3], frame[1:4], frame[0])
+    for row, contact in ((4, a), (5, b)):
+        for axis in range(2):
+            for c in range(3):
+                frame[row, axis] += contact[3 + c] * frame[2 + axis, c]
+    return frame
 
 
 @njit(cache=True, inline="always")
@@ -152,7 +155,7 @@ def _pair_pose(points, normals, i, j, axes, middle, frame, spin, spins, X):  # t
             X[a, 3] -= X[a, b] * middle[b]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
 def _judge(  # type: ignore[no-untyped-def]
     points,
     normals,
@@ -175,7 +178,7 @@ def _judge(  # type: ignore[no-untyped-def]
     axes, middle, X = np.empty((3, 3)), np.empty(3), np.empty((3, 4))
     for row in range(matches.shape[0]):
         i, j = pairs[matches[row], 0], pairs[matches[row], 1]
-        _sample_axes(points, i, j, axes, middle)
+        _axes(points[i], points[j], axes, middle)
         for spin in range(spins):
             _pair_pose(points, normals, i, j, axes, middle, frame, spin, spins, X)
             cost[row, spin] = np.inf
@@ -196,7 +199,7 @@ def _make(points, normals, pairs, matches, frame, spins, chosen, X):  # type: ig
     for row in range(chosen.shape[0]):
         match, spin = chosen[row] // spins, chosen[row] % spins
         i, j = pairs[matches[match], 0], pairs[matches[match], 1]
-        _sample_axes(points, i, j, axes, middle)
+        _axes(points[i], points[j], axes, middle)
         _pair_pose(points, normals, i, j, axes, middle, frame, spin, spins, X[row])
 
 

@@ -65,28 +65,31 @@ class LevenbergMarquardt:
         state, cost = here.copy(), np.empty(len(here))
         iterations, converged = np.zeros(len(here), dtype=np.int64), np.zeros(len(here), dtype=np.bool_)
         # The working arrays hold the poses that still move; `active` says which ones these are.
-        active, damping = np.arange(len(here)), np.full(len(here), self.initial_damping)
+        active, start, damping = np.arange(len(here)), X_start, np.full(len(here), self.initial_damping)
         equations = self.parameters.normal_equations(objective, here, X_start)
         for iteration in range(1, self.max_iterations + 1):
             step = self.solver(equations.hessian, equations.gradient, damping)
             moved = self.parameters.move(here, step)
-            there = self.parameters.normal_equations(objective, moved, X_start[active])
-            decrease = equations.cost - there.cost
-            better = decrease > 0.0
-            damping *= np.where(better, 0.1, 10.0)
-            # The decrease that the local model promises, half of -g s: at a kink it is small, whatever the step does.
-            promised = -0.5 * np.einsum("bi,bi->b", equations.gradient, step)
-            least = self.tolerance * (equations.cost + 1.0)
-            done = (damping > self.max_damping) | (promised < least) | (better & (decrease < least))
-            for old, new in zip((here, *equations), (moved, *there), strict=True):
-                np.copyto(old, new, where=better.reshape(-1, *[1] * (old.ndim - 1)))
+            there = self.parameters.normal_equations(objective, moved, start)
+            done = np.empty(len(here), dtype=np.bool_)
+            kernels.accept_steps(
+                here.reshape(len(here), -1),
+                *equations,
+                moved.reshape(len(here), -1),
+                *there,
+                step,
+                damping,
+                self.tolerance,
+                self.max_damping,
+                done,
+            )
             if done.any() or iteration == self.max_iterations:
                 ended = done if iteration < self.max_iterations else np.ones(len(here), dtype=np.bool_)
                 index = active[ended]
                 state[index], cost[index] = here[ended], equations.cost[ended]
                 iterations[index], converged[index] = iteration, done[ended]
                 going = ~ended
-                active, here, damping = active[going], here[going], damping[going]
+                active, start, here, damping = active[going], start[going], here[going], damping[going]
                 equations = NormalEquations(*(array[going] for array in equations))
                 if not len(active):
                     break

@@ -33,7 +33,7 @@ class PairSearch:
         contacts: the touch that poses are proposed from. What is minimised is the objective's business.
         choice: how pairs are matched and chosen.
         candidates: so many of their poses, at most, go to the refinement.
-        fewest: where fewer come, so many random poses join them.
+        fewest: where fewer come, as many random poses as `candidates` join them.
         starts: so many are left after the first steps.
         kept: so many are refined to convergence.
         near_prior: the refinement where there is a prior.
@@ -43,9 +43,9 @@ class PairSearch:
     model: ObjectModel
     contacts: Contacts
     choice: PairChoice = dataclasses.field(default_factory=PairChoice)
-    candidates: int = 1500
-    fewest: int = 400
-    starts: int = 400
+    candidates: int = 500
+    fewest: int = 20
+    starts: int = 150
     kept: int = 60
     near_prior: MultiStart = dataclasses.field(default_factory=MultiStart)
     first: LevenbergMarquardt = dataclasses.field(
@@ -68,16 +68,21 @@ class PairSearch:
             near = X_PO[: self.near_prior.samples]
             return self.near_prior.refine(objective, np.concatenate([space.center[None], samples, near]))
         if len(X_PO) < self.fewest:
-            X_PO = np.concatenate([X_PO, space.sample(generator, self.fewest)])
-        first = self.first.refine(objective, X_PO).ranked(self.starts)
-        second = self.second.refine(objective, first.X_PO).ranked(self.kept)
-        return self.last.refine(objective, second.X_PO)
+            X_PO = np.concatenate([X_PO, space.sample(generator, self.candidates)])
+        first = self._distinct(self.first.refine(objective, X_PO), self.starts)
+        second = self._distinct(self.second.refine(objective, first), self.kept)
+        return self.last.refine(objective, second)
+
+    def _distinct(self, found: SearchResult, count: int) -> FloatArray:
+        """The best poses (count, 3, 4), or fewer, of those that are further apart than the samples blur them."""
+        length, angle = 0.5 * self.choice.offset * self.model.pair_features.spacing, 0.5 * self.choice.bend
+        return found.X_PO[distinct_poses(found.X_PO, length, angle)][:count]
 
     def propose(self, space: PoseSpace, generator: np.random.Generator) -> FloatArray:
         """Distinct poses within the space's reach that lay two contacts on the surface and suit all, best first."""
         features, field = self.model.pair_features, self.model.coarse_field
         offset, bend = self.choice.offset * features.spacing, self.choice.bend
-        table = contact_table(field, self.contacts, offset, bend)
+        table = contact_table(field, self.contacts, offset, 2.0 * bend)
         pairs = self.choice.choose(features, self.contacts, generator)
         if not pairs:
             return np.empty((0, 3, 4))
