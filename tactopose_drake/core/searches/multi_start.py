@@ -44,5 +44,6 @@ class MultiStart:
         cost = objective.cost(X_candidates)
         if len(cost) > self.starts:
             X_candidates = X_candidates[np.argpartition(cost, self.starts)[: self.starts]]
-        coarse = self.coarse.refine(objective, X_candidates).ranked(self.kept)
-        return self.fine.refine(objective, coarse.X_PO)
+        coarse = self.coarse.refine(objective, X_candidates)
+        fine = self.fine.refine(objective, coarse.ranked(self.kept).X_PO)
+        return fine._replace(iterations=fine.iterations + coarse.iterations.max())

@@ -91,6 +91,13 @@ def test_the_limit_of_iterations_is_kept_and_said(blob: ObjectModel) -> None:
         assert not found.converged[0]
 
 
+def test_a_multi_start_counts_the_iterations_of_all_rounds(blob: ObjectModel) -> None:
+    objective, prior, _ = make_touch(blob, 7)
+    coarse, fine = (LevenbergMarquardt(max_iterations=count, tolerance=0.0) for count in (3, 1))
+    found = MultiStart(coarse=coarse, fine=fine).minimize(objective, PriorSpace(prior), np.random.default_rng(0))
+    assert set(found.iterations) == {4}
+
+
 class _Singular:
     """A cost that only the first increment changes: everything else is undetermined."""
 
