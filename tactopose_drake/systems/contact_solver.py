@@ -3,6 +3,7 @@
 import dataclasses
 from collections.abc import Mapping
 
+import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import Context, LeafSystem
 
@@ -10,6 +11,8 @@ from tactopose_drake.core.intrinsic_contact import MIN_FORCE, solve_contacts
 from tactopose_drake.core.soft_layer import SoftLayer
 from tactopose_drake.core.surfaces import Surface
 from tactopose_drake.core.validation import positive_number
+
+_NO_READING = np.full((1, 6), np.nan)
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -38,7 +41,8 @@ class ContactSolver(LeafSystem):
         - contact_solutions
 
     - wrench_<finger>: one per finger, F_S = [m_x, m_y, m_z, f_x, f_y, f_z] that the environment exerts on the
-      fingertip, about the origin of S, in S, N m and N. NaN where the sensor has no reading.
+      fingertip, about the origin of S, in S, N m and N. NaN where the sensor has no reading; may stay unconnected
+      where a finger has no sensor, which counts as no reading.
     - contact_solutions: dict of `ContactSolution` in S by finger, all fingers; changes with the wrenches. A finger
       without a reading or a contact has `valid` False and the reason.
     """
@@ -70,7 +74,7 @@ class ContactSolver(LeafSystem):
             {
                 # Batched, because there a wrench that is not finite is an answer and not an error.
                 finger: solve_contacts(
-                    port.Eval(context)[None],
+                    port.Eval(context)[None] if port.HasValue(context) else _NO_READING,
                     self._surfaces[finger],
                     layer=self._layer,
                     min_force=self._params.min_force,

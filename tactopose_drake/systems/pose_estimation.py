@@ -51,7 +51,8 @@ def AddPoseEstimation(
         - contact_solutions
 
     - wrench_<finger>: one per finger of the hand, F_S on the fingertip about its sensor's origin, as a sensor measures
-      it: [m_x, m_y, m_z, f_x, f_y, f_z], N m and N; NaN where there is no reading.
+      it: [m_x, m_y, m_z, f_x, f_y, f_z], N m and N; NaN where there is no reading. May stay
+      unconnected for a finger without a sensor.
     - joint_positions: measured positions of the hand's joints, in the order of a plant of the hand alone, rad.
     - prior: `PosePrior` X_PO; may stay unconnected where the method needs none.
     - object_pose, hypotheses, status: of `PoseEstimator`.

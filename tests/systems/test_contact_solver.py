@@ -45,6 +45,14 @@ def test_a_finger_without_a_reading_is_invalid_and_says_so() -> None:
     assert solutions["thumb"].valid
 
 
+def test_a_finger_without_a_sensor_is_one_without_a_reading() -> None:
+    good = push(np.array([0, 0, 0.029]), np.array([0, 0, -1.0]))
+    solutions = solve({"thumb": good})
+    assert not solutions["first"].valid
+    assert "not finite" in solutions["first"].reason
+    assert solutions["thumb"].valid
+
+
 def test_the_solution_follows_the_wrench_and_does_not_linger() -> None:
     solver = ContactSolver(SURFACES)
     context = solver.CreateDefaultContext()
