@@ -10,7 +10,8 @@ from tactopose_drake.core.grasp_planner import HandReach, Spheres
 from tactopose_drake.core.surfaces import Capsule, Surface
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
-from tactopose_drake.hand import Hand, HandConfig, add_hand, finger_chain
+from tactopose_drake.finger_chain import finger_chain
+from tactopose_drake.hand import Hand, HandConfig, add_hand
 from tactopose_drake.hand_geometry import BodySpheres
 
 # Samples of a finger's workspace for each of its joints.

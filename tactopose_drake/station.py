@@ -10,12 +10,12 @@ from pydrake.multibody.tree import Joint, RigidBody
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus
 from pydrake.systems.primitives import AddRandomInputs, Demultiplexer
 
-from tactopose_drake.core.grasp_planner import GraspPlan, plan_grasps
+from tactopose_drake.core.grasp_planner import GraspPlan
 from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.validation import FloatArray
-from tactopose_drake.errors import InvalidInputError
-from tactopose_drake.hand import Hand, add_hand, load_hand_config, make_hand_plant, make_parser
-from tactopose_drake.hand_reach import make_hand_reach, rest_positions
+from tactopose_drake.grasp_planning import plan_scenario
+from tactopose_drake.hand import Hand, add_hand, load_hand_config, make_parser
+from tactopose_drake.hand_reach import rest_positions
 from tactopose_drake.scenario import Scenario
 from tactopose_drake.systems.force_torque_sensor import ForceTorqueSensor, load_force_torque_model
 from tactopose_drake.systems.grasp_controller import GraspController, hand_layout
@@ -90,32 +90,6 @@ class Station:
 def planned_pose(plan: GraspPlan) -> RigidTransform:
     """X_PO of a plan."""
     return RigidTransform(RotationMatrix(plan.X_PO[:, :3]), plan.X_PO[:, 3])
-
-
-def plan_scenario(scenario: Scenario, model: ObjectModel | None = None) -> list[GraspPlan]:
-    """The grasps of a scenario's hand on its object, by falling score; the scenario's seed decides.
-
-    Raises:
-        InvalidInputError: if the hand finds no way to hold the object.
-    """
-    scenario.validate()
-    config = load_hand_config(scenario.hand)
-    model = ObjectModel.from_mesh(scenario.object_mesh()) if model is None else model
-    plant, hand = make_hand_plant(config)
-    context = plant.CreateDefaultContext()
-    X_BaseP = plant.CalcRelativeTransform(
-        context, plant.GetFrameByName(config.base_link, hand.model_instance), hand.palm_frame
-    )
-    R_WP = scenario.X_WBase.GetDeterministicValue().rotation() @ X_BaseP.rotation()
-    load_P = R_WP.inverse() @ (_object_mass(scenario) * plant.gravity_field().gravity_vector())
-    reach = make_hand_reach(config, scenario.reach)
-    plans = plan_grasps(model, reach, load_P, scenario.planner, np.random.default_rng(scenario.seed))
-    if not plans:
-        raise InvalidInputError(
-            f"Scenario.object: the hand {scenario.hand!r} finds no way to hold {scenario.object!r} "
-            f"in {scenario.planner.most_poses} poses; allowed are objects that fit between its fingers."
-        )
-    return plans
 
 
 def make_station(
@@ -254,11 +228,3 @@ def _rest(plant: MultibodyPlant, hand: Hand) -> FloatArray:
         for name, position in zip(finger.joints, rest_positions(hand.config, finger.name), strict=True):
             q[plant.GetJointByName(name, hand.model_instance).position_start() - first] = position
     return q
-
-
-def _object_mass(scenario: Scenario) -> float:
-    """Mass of the object, kg, from its SDF."""
-    plant = MultibodyPlant(time_step=0.0)
-    (instance,) = make_parser(plant).AddModels(str(scenario.object_sdf()))
-    plant.Finalize()
-    return float(plant.CalcTotalMass(plant.CreateDefaultContext(), [instance]))

@@ -12,7 +12,8 @@ from pydrake.systems.framework import DiagramBuilder
 
 from tactopose_drake.core.surfaces import Capsule, Ellipsoid, Sphere
 from tactopose_drake.errors import InvalidFileError, InvalidInputError, UnknownNameError
-from tactopose_drake.hand import add_hand, find_hand, finger_chain, load_hand_config, make_hand_plant
+from tactopose_drake.finger_chain import finger_chain
+from tactopose_drake.hand import add_hand, find_hand, load_hand_config, make_hand_plant
 from tactopose_drake.resources import model_path
 
 FINGERS = ("first", "middle", "ring", "little", "thumb")
@@ -152,8 +153,10 @@ def test_hand_can_be_found_again(config):
 
 
 GRIPPER_SDF = """<sdf version="1.9"><model name="gripper"><link name="base"/>
+<link name="mount"><pose>0 0.03 0.02 0.3 0 0</pose></link>
+<joint name="mount_weld" type="fixed"><parent>base</parent><child>mount</child></joint>
 <link name="left"><pose>0 0.03 0.05 0 0 0</pose></link>
-<joint name="left_hinge" type="revolute"><parent>base</parent><child>left</child>
+<joint name="left_hinge" type="revolute"><parent>mount</parent><child>left</child>
 <axis><xyz>1 0 0</xyz><limit><lower>-1</lower><upper>1</upper></limit></axis></joint>
 <link name="left_tip"><pose relative_to="left">0 0 0.04 0 0 0</pose></link>
 <joint name="left_weld" type="fixed"><parent>left</parent><child>left_tip</child></joint>

@@ -50,6 +50,12 @@ def touches(reach, ball):
     return reach.touches(ball.grid, X_PO, np.random.default_rng(1), 20)
 
 
+def test_spheres_ride_on_their_bodies(finger):
+    straight, bent = finger.spheres(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, np.pi / 2]]))
+    np.testing.assert_allclose(straight, [[0, 0, 0.015], [0, 0, 0.03], [0, 0, 0.05]], atol=1e-12)
+    np.testing.assert_allclose(bent, [[0, 0, 0.015], [0, 0, 0.03], [0, -0.005, 0.045]], atol=1e-12)
+
+
 def test_touches_lie_on_the_object_with_its_normals(touches):
     assert len(touches) >= 5
     from_center = touches.p_PC - X_PO[:, 3]

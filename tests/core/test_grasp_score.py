@@ -22,6 +22,13 @@ def test_opposed_fingers_carry_equal_forces():
     assert imbalance < 0.01
 
 
+def test_a_heavy_load_asks_for_the_normal_force_that_friction_needs():
+    p, n = ring(4)
+    force, _ = balance(p, n, np.array([0.0, 0.0, -20.0]), 0.5, 3.0)
+    # 20 N by friction alone; the hexagon in the friction's circle reaches 87 % of its radius at the least.
+    assert 0.99 * 20.0 / 0.5 < force.sum() < 20.0 / (0.5 * 0.86)
+
+
 def test_one_thumb_carries_as_much_as_two_fingers():
     n = np.array([[1.0, 0, 0], [-1.0, 0, 0], [-1.0, 0, 0]])
     p = 0.03 * n + [[0, 0, 0], [0, 0.02, 0], [0, -0.02, 0]]
