@@ -3,7 +3,7 @@
     python examples/thesis/table_3_1.py --trials 100 --seed 0 --out out
 
 Prints the table beside the thesis' numbers, and writes it as Markdown (table_3_1.md) together with the scatter plots of
-figures 3.12 to 3.19 (figures_3_12_to_3_19.png). With 100 trials it takes about two minutes.
+figures 3.12 to 3.19 (figures_3_12_to_3_19.png). With 100 trials it takes about a minute.
 
 What the thesis says is done as it says: seven parameters (quaternion and translation) that move the contacts, forward
 differences, each contact against its 50 nearest points of a point cloud, at most 200 iterations, Levenberg-Marquardt
@@ -16,7 +16,7 @@ accuracies and the step of its gradient descent: here a search also stops where 
 the searches of the thesis start. Its row without normals is the counterpart of w_n = 0.
 
 No touch tells how far the cylinder has spun about its axis, so its MAE keeps at least the spin of the displacement:
-about 5.2 deg here, whatever the method.
+about 5 deg here, whatever the method.
 
 Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016, chapter 3.
 """
@@ -292,8 +292,8 @@ def markdown(results: Results, seed: int) -> str:
         f"# Table 3.1, {trials} trials, seed {seed}",
         "",
         "Means over the trials; in brackets the thesis' numbers, of its own trials, objects and machine. All methods "
-        "start from the displaced pose; `tp.estimate_pose` also knows the spread of the displacements. A cylinder's spin "
-        "about its axis is in no touch: its MAE keeps that of the displacement.",
+        "start from the displaced pose; `tp.estimate_pose` also knows the spread of the displacements. No touch tells a "
+        "cylinder's spin about its axis: its MAE keeps that of the displacement.",
         "",
         "| method | uses | shape | " + " | ".join(COLUMNS) + " |",
         "|---|---|---|" + "---:|" * len(COLUMNS),
