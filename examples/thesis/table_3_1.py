@@ -292,8 +292,8 @@ def markdown(results: Results, seed: int) -> str:
         f"# Table 3.1, {trials} trials, seed {seed}",
         "",
         "Means over the trials; in brackets the thesis' numbers, of its own trials, objects and machine. All methods "
-        "start from the displaced pose; `tp.estimate_pose` also knows the spread of the displacements. No touch tells a "
-        "cylinder's spin about its axis: its MAE keeps that of the displacement.",
+        "start from the displaced pose; `tp.estimate_pose` also knows the spread of the displacements. No touch tells "
+        "a cylinder's spin about its axis: its MAE keeps that of the displacement.",
         "",
         "| method | uses | shape | " + " | ".join(COLUMNS) + " |",
         "|---|---|---|" + "---:|" * len(COLUMNS),
@@ -317,7 +317,7 @@ def plot(results: dict[Row, Array], path: Path) -> None:
             better = y < x
             axis.plot(x[better], y[better], "b.", x[~better], y[~better], "rx")
             axis.axline((0, 0), slope=1, color="0.7", linewidth=0.8)
-            axis.set(xlabel=f"initial {name}", ylabel=f"final {name}", title=" ".join(row))
+            axis.set(xlabel=f"initial {name}", ylabel=f"final {name}", title="\n".join(row))
     FigureCanvasAgg(figure).print_png(path)
 
 
