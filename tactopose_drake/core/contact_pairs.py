@@ -35,7 +35,7 @@ class PairChoice:
         contacts: of so many, as far apart as possible, all pairs are looked up.
         pairs: so many are used.
         spins: turns that are tried of a match that leaves the spin open.
-        poses: about so many come out, at most.
+        poses: so many come out, at most; a quarter of them, at most, from one pair.
     """
 
     offset: float = 0.5
@@ -51,16 +51,16 @@ class PairChoice:
         offset = self.offset * features.spacing
         indices = itertools.combinations(spread_out(contacts.p_PC, self.contacts).tolist(), 2)
         queries = [self._query(features, contacts, a, b, offset) for a, b in indices]
-        bounded = [
-            (features.match_bound(query.feature, query.sigma, self.reach) * query.spins, query)
+        guessed = [
+            (features.guess_match_count(query.feature, query.sigma, self.reach) * query.spins, query)
             for query in queries
             if query is not None
         ]
-        bounded.sort(key=lambda bound_and_query: bound_and_query[0])
+        guessed.sort(key=lambda guess_and_query: guess_and_query[0])
         chosen: list[ContactPair] = []
         room = self.poses
-        for _, query in bounded:
-            most = room // query.spins
+        for _, query in guessed:
+            most = min(room, self.poses // 4) // query.spins
             if most == 0 or len(chosen) == self.pairs:
                 break
             matches = features.matches(query.feature, query.sigma, self.reach)

@@ -57,6 +57,14 @@ def test_matches_are_those_that_a_search_of_all_pairs_finds(blob: ObjectModel, s
                 assert ((i, j) in found) == (off < 2.0)
 
 
+def test_a_guess_of_the_number_of_matches_is_about_right(blob: ObjectModel) -> None:
+    features = blob.pair_features
+    for sigma in (np.array([0.004, 0.2, 0.15, 0.3]), np.array([0.003, np.inf, np.inf, np.inf])):
+        wanted = pair_feature(features.points[3], features.normals[3], features.points[700], features.normals[700])
+        count = len(features.matches(wanted, sigma, 2.0))
+        assert features.guess_match_count(wanted, sigma, 2.0) == pytest.approx(count, rel=0.3)
+
+
 def test_of_pairs_that_a_symmetry_turns_into_each_other_one_is_kept(box: ObjectModel) -> None:
     assert len(box.symmetry_poses) == 4
     points = box.samples.points

@@ -47,7 +47,9 @@ class PairSearch:
     fewest: int = 20
     starts: int = 150
     kept: int = 60
-    near_prior: MultiStart = dataclasses.field(default_factory=MultiStart)
+    near_choice: PairChoice = dataclasses.field(default_factory=lambda: PairChoice(contacts=4, pairs=3, poses=3000))
+    near_candidates: int = 100
+    near_prior: MultiStart = dataclasses.field(default_factory=lambda: MultiStart(samples=200))
     first: LevenbergMarquardt = dataclasses.field(
         default_factory=lambda: LevenbergMarquardt(max_iterations=2, initial_damping=1e-2)
     )
@@ -55,18 +57,18 @@ class PairSearch:
         default_factory=lambda: LevenbergMarquardt(max_iterations=4, initial_damping=1e-2)
     )
     last: LevenbergMarquardt = dataclasses.field(
-        default_factory=lambda: LevenbergMarquardt(max_iterations=15, tolerance=1e-3)
+        default_factory=lambda: LevenbergMarquardt(max_iterations=30, tolerance=1e-3)
     )
 
     def minimize(
         self, objective: LeastSquaresObjective, space: PoseSpace, generator: np.random.Generator
     ) -> SearchResult:
         """The minima that the candidates lead to, by rising cost."""
-        X_PO = self.propose(space, generator)
         if np.isfinite(space.reach[1]):
             samples = space.sample(generator, self.near_prior.samples - 1)
-            near = X_PO[: self.near_prior.samples]
+            near = self.propose(self.near_choice, self.near_candidates, space, generator)
             return self.near_prior.refine(objective, np.concatenate([space.center[None], samples, near]))
+        X_PO = self.propose(self.choice, self.candidates, space, generator)
         if len(X_PO) < self.fewest:
             X_PO = np.concatenate([X_PO, space.sample(generator, self.candidates)])
         first = self._distinct(self.first.refine(objective, X_PO), self.starts)
@@ -78,12 +80,12 @@ class PairSearch:
         length, angle = 0.5 * self.choice.offset * self.model.pair_features.spacing, 0.5 * self.choice.bend
         return found.X_PO[distinct_poses(found.X_PO, length, angle)][:count]
 
-    def propose(self, space: PoseSpace, generator: np.random.Generator) -> FloatArray:
+    def propose(self, choice: PairChoice, count: int, space: PoseSpace, generator: np.random.Generator) -> FloatArray:
         """Distinct poses within the space's reach that lay two contacts on the surface and suit all, best first."""
         features, field = self.model.pair_features, self.model.coarse_field
-        offset, bend = self.choice.offset * features.spacing, self.choice.bend
+        offset, bend = choice.offset * features.spacing, choice.bend
         table = contact_table(field, self.contacts, offset, 2.0 * bend)
-        pairs = self.choice.choose(features, self.contacts, generator)
+        pairs = choice.choose(features, self.contacts, generator)
         if not pairs:
             return np.empty((0, 3, 4))
         costs: list[NDArray[np.float32]] = []
@@ -91,8 +93,8 @@ class PairSearch:
         for pair in pairs:
             costs.append(judge_pair(pair, features, field, table, limit, space.center, space.reach))
             cost = np.concatenate(costs)
-            if len(cost) > self.candidates:
-                limit = float(np.partition(cost, self.candidates)[self.candidates])
+            if len(cost) > count:
+                limit = float(np.partition(cost, count)[count])
         best = np.flatnonzero(cost < limit)
         ends = np.cumsum([pair.count for pair in pairs])
         shares = np.split(best, np.searchsorted(best, ends[:-1]))

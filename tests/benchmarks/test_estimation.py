@@ -1,0 +1,76 @@
+"""Milliseconds of an estimate from five contacts, near a prior and without one, and how often it finds the pose.
+
+`pytest -n 0 -s tests/benchmarks/test_estimation.py` prints them; --benchmark-json keeps them as extra_info.
+"""
+
+import itertools
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+import tactopose_drake as tp
+from tactopose_drake.core.free_spin import turn_toward
+from tactopose_drake.core.objectives.surface_contact import SurfaceContact
+from tactopose_drake.core.poses import compose, increments_between, make_poses, random_rotations, retract
+from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
+from tactopose_drake.core.synthetic_touch import touch_surface
+from tactopose_drake.resources import model_path
+
+TRIALS = 100
+OBJECTS = ["bust", "mug", "spray_bottle", "tea_box", "wine_glass"]
+
+
+@pytest.fixture(scope="module", params=OBJECTS)
+def model(request: pytest.FixtureRequest) -> tp.ObjectModel:
+    return tp.ObjectModel.from_mesh(model_path("objects", f"{request.param}.obj"))
+
+
+def make_trials(model: tp.ObjectModel) -> list[tuple[tp.Contacts, tp.PosePrior, np.ndarray]]:
+    """Touches, priors 33 mm and 16 degrees off, and the true poses."""
+    trials = []
+    for seed in range(TRIALS):
+        generator = np.random.default_rng(seed)
+        X_PO = make_poses(random_rotations(generator, 1), 0.05 * generator.normal(size=(1, 3)))[0]
+        contacts = touch_surface(model, X_PO, 5, generator)
+        w, v = (u / np.linalg.norm(u) for u in generator.normal(size=(2, 3)))
+        prior = tp.PosePrior(retract(X_PO, np.concatenate([math.radians(16.0) * w, 0.033 * v])))
+        trials.append((contacts, prior, X_PO))
+    return trials
+
+
+def report(benchmark: Any, what: str, share: float, meaning: str) -> None:
+    benchmark.extra_info["share"] = share
+    print(f"\n{what}: {1e3 * benchmark.stats.stats.median:.2f} ms, {share:.0%} {meaning}")  # noqa: T201
+
+
+def test_correction(benchmark: Any, model: tp.ObjectModel) -> None:
+    trials = make_trials(model)
+    endless = itertools.cycle(trials)
+
+    def correct() -> tp.PoseEstimate:
+        contacts, prior, _ = next(endless)
+        return tp.estimate_pose(model, contacts, prior=prior)
+
+    benchmark.pedantic(correct, rounds=TRIALS, warmup_rounds=3)
+    near = 0
+    for contacts, prior, X_PO in trials:
+        best = tp.estimate_pose(model, contacts, prior=prior).best.X_PO.GetAsMatrix34()
+        alike = turn_toward(compose(best[None], model.symmetry_poses), X_PO, model.symmetries)
+        off = increments_between(alike, X_PO[None])
+        turned, moved = np.linalg.norm(off[:, :3], axis=1), np.linalg.norm(off[:, 3:], axis=1)
+        near += bool(np.any((turned < math.radians(10.0)) & (moved < 0.01)))
+    report(benchmark, f"{model.name}, correction", near / TRIALS, "within 10 mm and 10 degrees")
+
+
+def test_global(benchmark: Any, model: tp.ObjectModel) -> None:
+    trials = make_trials(model)
+    endless = itertools.cycle(trials)
+    benchmark.pedantic(lambda: tp.estimate_pose(model, next(endless)[0]), rounds=TRIALS, warmup_rounds=3)
+    complete = 0
+    for contacts, _, X_PO in trials:
+        truth = LevenbergMarquardt().refine(SurfaceContact(model.grid, contacts), X_PO[None])
+        least = min(hypothesis.cost for hypothesis in tp.estimate_pose(model, contacts).hypotheses)
+        complete += least <= truth.cost[0] + 0.5
+    report(benchmark, f"{model.name}, global", complete / TRIALS, "at least as good as the refined truth")

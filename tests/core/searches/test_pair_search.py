@@ -1,0 +1,135 @@
+import math
+
+import numpy as np
+import pytest
+import trimesh
+
+from tactopose_drake.core.contacts import Contacts
+from tactopose_drake.core.objectives.base import SumObjective
+from tactopose_drake.core.objectives.pose_prior import PriorObjective
+from tactopose_drake.core.objectives.surface_contact import SurfaceContact
+from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.poses import make_poses, random_rotations, retract, rotation_angles, transform_points
+from tactopose_drake.core.prior import PosePrior
+from tactopose_drake.core.searches.base import PriorSpace, SearchResult
+from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
+from tactopose_drake.core.searches.pair_search import PairSearch
+from tactopose_drake.core.searches.touch_space import TouchSpace
+from tactopose_drake.core.synthetic_touch import touch_surface
+from tactopose_drake.resources import model_path
+from tests.core.searches.problems import make_blob
+
+
+@pytest.fixture(scope="module")
+def blob() -> ObjectModel:
+    return make_blob()
+
+
+def random_pose(generator: np.random.Generator) -> np.ndarray:
+    return make_poses(random_rotations(generator, 1), 0.05 * generator.normal(size=(1, 3)))[0]
+
+
+def search(model: ObjectModel, contacts: Contacts, seed: int = 0) -> SearchResult:
+    objective = SurfaceContact(model.grid, contacts)
+    space = TouchSpace(model, contacts)
+    return PairSearch(model=model, contacts=contacts).minimize(objective, space, np.random.default_rng(seed))
+
+
+@pytest.mark.parametrize("noise", [1.0, 2.0])
+@pytest.mark.parametrize("count", [3, 5, 10])
+@pytest.mark.parametrize("name", ["mug", "bust", "tea_box", "wine_glass", "pencil"])
+def test_no_pose_known_is_better_than_the_best_found(name: str, count: int, noise: float) -> None:
+    model = ObjectModel.from_mesh(model_path("objects", f"{name}.obj"))
+    for seed in range(5):
+        generator = np.random.default_rng(seed)
+        X_PO = random_pose(generator)
+        contacts = touch_surface(
+            model, X_PO, count, generator, sigma_position=0.0009 * noise, sigma_normal=math.radians(5.0) * noise
+        )
+        truth = LevenbergMarquardt().refine(SurfaceContact(model.grid, contacts), X_PO[None])
+        assert search(model, contacts).cost[0] <= truth.cost[0] + 0.5
+
+
+def test_the_costs_are_those_of_the_poses_and_rise(blob: ObjectModel) -> None:
+    contacts = touch_surface(blob, np.eye(3, 4), 5, np.random.default_rng(0))
+    found = search(blob, contacts)
+    np.testing.assert_allclose(found.cost, SurfaceContact(blob.grid, contacts).cost(found.X_PO), rtol=1e-9)
+    assert np.all(np.diff(found.cost) >= 0)
+
+
+def test_the_same_seed_gives_the_same_poses(blob: ObjectModel) -> None:
+    contacts = touch_surface(blob, np.eye(3, 4), 4, np.random.default_rng(0))
+    np.testing.assert_array_equal(search(blob, contacts, 3).X_PO, search(blob, contacts, 3).X_PO)
+
+
+def test_the_order_of_the_contacts_does_not_matter(blob: ObjectModel) -> None:
+    contacts = touch_surface(blob, np.eye(3, 4), 6, np.random.default_rng(2))
+    assert contacts.n_PC is not None
+    swapped = Contacts(contacts.p_PC[::-1], contacts.n_PC[::-1])
+    assert search(blob, contacts).cost[0] == pytest.approx(search(blob, swapped).cost[0], abs=0.1)
+
+
+def test_another_objective_decides_between_the_proposed_poses() -> None:
+    # The same touch on a box, which fits four ways; a wish for one of them, which only the objective knows.
+    box = ObjectModel.from_mesh(trimesh.creation.box((0.06, 0.09, 0.14)).subdivide().subdivide(), symmetry="none")
+    generator = np.random.default_rng(0)
+    for _ in range(4):
+        X_PO = random_pose(generator)
+        contacts = touch_surface(box, X_PO, 8, generator)
+        wish = PriorObjective(PosePrior(X_PO, sigma_translation=0.1, sigma_rotation=0.5))
+        objective = SumObjective([SurfaceContact(box.grid, contacts), wish])
+        found = PairSearch(model=box, contacts=contacts).minimize(objective, TouchSpace(box, contacts), generator)
+        assert rotation_angles(found.X_PO[0, :, :3], X_PO[:, :3]) < math.radians(8)
+
+
+def test_a_prior_keeps_the_proposed_poses_within_its_reach(blob: ObjectModel) -> None:
+    generator = np.random.default_rng(0)
+    X_PO = random_pose(generator)
+    contacts = touch_surface(blob, X_PO, 5, generator)
+    space = PriorSpace(PosePrior(X_PO, sigma_translation=0.002, sigma_rotation=0.1))
+    pairs = PairSearch(model=blob, contacts=contacts)
+    near = pairs.propose(pairs.choice, 500, space, generator)
+    assert len(near) > 0
+    assert np.all(rotation_angles(near[:, :, :3], X_PO[:, :3]) <= space.reach[0])
+    assert np.all(np.linalg.norm(near[:, :, 3] - X_PO[:, 3], axis=1) <= space.reach[1])
+    anywhere = pairs.propose(pairs.choice, 500, TouchSpace(blob, contacts), generator)
+    assert np.linalg.norm(anywhere[:, :, 3] - X_PO[:, 3], axis=1).max() > 2 * space.reach[1]
+
+
+def test_with_a_prior_its_own_samples_are_tried_too(blob: ObjectModel) -> None:
+    # One contact makes no pair.
+    generator = np.random.default_rng(1)
+    X_PO = random_pose(generator)
+    contacts = touch_surface(blob, X_PO, 1, generator)
+    prior = PosePrior(retract(X_PO, np.array([0.1, 0.0, 0.1, 0.01, 0.0, 0.0])))
+    objective = SumObjective([SurfaceContact(blob.grid, contacts), PriorObjective(prior)])
+    found = PairSearch(model=blob, contacts=contacts).minimize(objective, PriorSpace(prior), generator)
+    assert found.cost[0] < 1.0
+
+
+@pytest.mark.parametrize("has_normals", [True, False])
+@pytest.mark.parametrize("count", [1, 2, 3, 50])
+def test_every_number_of_contacts_is_brought_to_the_surface(blob: ObjectModel, count: int, has_normals: bool) -> None:
+    generator = np.random.default_rng(count)
+    X_PO = random_pose(generator)
+    touched = touch_surface(blob, X_PO, count, generator)
+    contacts = touched if has_normals else Contacts(touched.p_PC)
+    best = search(blob, contacts).X_PO[0]
+    q = (contacts.p_PC - best[:, 3]) @ best[:, :3]
+    assert np.abs(blob.grid.distance(q)).max() < 0.004
+
+
+def test_random_poses_touch_the_object(blob: ObjectModel) -> None:
+    contacts = touch_surface(blob, np.eye(3, 4), 3, np.random.default_rng(0))
+    space = TouchSpace(blob, contacts)
+    X_PO = space.sample(np.random.default_rng(0), 200)
+    q = np.einsum("bkj,bji->bki", contacts.p_PC - X_PO[:, None, :, 3], X_PO[:, :, :3])
+    assert np.abs(blob.grid.distance(q)).min(axis=1).max() < 0.002
+    # The object's middle lies as far from the touched contact as the information says.
+    touched = contacts.p_PC[np.abs(blob.grid.distance(q)).argmin(axis=1)]
+    middle = transform_points(X_PO, blob.samples.points).mean(axis=1)
+    square = np.sum((middle - touched) ** 2, axis=1).mean()
+    assert square == pytest.approx(np.sum(1 / np.diag(space.information)[3:]), rel=0.1)
+    np.testing.assert_allclose(
+        transform_points(space.center, blob.samples.points).mean(axis=0), contacts.p_PC.mean(axis=0)
+    )
