@@ -15,7 +15,7 @@ from pydrake.multibody.tree import UnitInertia
 
 TIP_RADIUS = 0.009  # m, of the hemisphere and of the cylinder below it
 TIP_LENGTH = 0.014  # m, from the sensor's measuring frame to the hemisphere's centre
-# Pressure at full compression, Pa. A sphere pressed by d into a flat carries pi E d^2, so 5 N press 0.2 mm deep (0.3 mm,
+# Pressure at full compression, Pa. A sphere pressed by d onto a flat carries pi E d^2, so 5 N press in 0.2 mm (0.3 mm,
 # as the mesh of the simulator lies within the sphere): little enough for the rigid contact model to hold.
 TIP_MODULUS = 4.0e7
 # Chords of this length leave the sphere by 0.06 mm at most.
