@@ -1,9 +1,10 @@
 import numpy as np
 import pytest
 
-from tactopose_drake.core.coarse_field import CoarseField, coarse_cost, coarsen, contact_table
+from tactopose_drake.core.coarse_field import CoarseField, coarsen, contact_table
 from tactopose_drake.core.contacts import Contacts
 from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.pair_poses import coarse_cost
 from tactopose_drake.core.synthetic_touch import random_surface_points
 from tests.core.searches.problems import make_blob
 

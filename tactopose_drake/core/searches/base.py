@@ -34,6 +34,11 @@ class SearchResult(NamedTuple):
         return SearchResult(self.X_PO[order], self.cost[order], self.iterations[order], self.converged[order])
 
 
+def join_results(*results: SearchResult) -> SearchResult:
+    """The poses of several results, one after the other."""
+    return SearchResult(*(np.concatenate(columns) for columns in zip(*results, strict=True)))
+
+
 class PoseSpace(Protocol):
     """Where a search looks."""
 

@@ -18,7 +18,7 @@ from tactopose_drake.core.contacts import Contacts
 from tactopose_drake.core.objectives.base import LeastSquaresObjective
 from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.pair_poses import distinct_poses, judge_pair, pair_poses
-from tactopose_drake.core.searches.base import PoseSpace, SearchResult
+from tactopose_drake.core.searches.base import PoseSpace, SearchResult, join_results
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
 from tactopose_drake.core.searches.multi_start import MultiStart
 from tactopose_drake.core.validation import FloatArray
@@ -37,7 +37,8 @@ class PairSearch:
         starts: so many are left after the first steps.
         kept: so many are refined to convergence.
         near_prior: the refinement where there is a prior.
-        first, second, last: the refinement where there is none.
+        polished: so many of those, the best, are refined until they hardly move.
+        first, second, last, polish: the refinement where there is none.
     """
 
     model: ObjectModel
@@ -47,6 +48,7 @@ class PairSearch:
     fewest: int = 20
     starts: int = 150
     kept: int = 60
+    polished: int = 6
     near_choice: PairChoice = dataclasses.field(default_factory=lambda: PairChoice(contacts=4, pairs=3, poses=3000))
     near_candidates: int = 100
     near_prior: MultiStart = dataclasses.field(default_factory=lambda: MultiStart(samples=200))
@@ -57,7 +59,10 @@ class PairSearch:
         default_factory=lambda: LevenbergMarquardt(max_iterations=4, initial_damping=1e-2)
     )
     last: LevenbergMarquardt = dataclasses.field(
-        default_factory=lambda: LevenbergMarquardt(max_iterations=30, tolerance=1e-3)
+        default_factory=lambda: LevenbergMarquardt(max_iterations=15, tolerance=1e-3)
+    )
+    polish: LevenbergMarquardt = dataclasses.field(
+        default_factory=lambda: LevenbergMarquardt(max_iterations=40, tolerance=1e-5)
     )
 
     def minimize(
@@ -73,7 +78,9 @@ class PairSearch:
             X_PO = np.concatenate([X_PO, space.sample(generator, self.candidates)])
         first = self._distinct(self.first.refine(objective, X_PO), self.starts)
         second = self._distinct(self.second.refine(objective, first), self.kept)
-        return self.last.refine(objective, second)
+        last = self.last.refine(objective, second)
+        polished = self.polish.refine(objective, self._distinct(last, self.polished))
+        return join_results(last, polished).ranked(self.kept)
 
     def _distinct(self, found: SearchResult, count: int) -> FloatArray:
         """The best poses (count, 3, 4), or fewer, of those that are further apart than the samples blur them."""
@@ -89,12 +96,15 @@ class PairSearch:
         if not pairs:
             return np.empty((0, 3, 4))
         costs: list[NDArray[np.float32]] = []
-        limit = np.inf
+        lowest, limit = np.empty(0, dtype=np.float32), np.inf
         for pair in pairs:
             costs.append(judge_pair(pair, features, field, table, limit, space.center, space.reach))
-            cost = np.concatenate(costs)
-            if len(cost) > count:
-                limit = float(np.partition(cost, count)[count])
+            lowest = np.concatenate([lowest, costs[-1][costs[-1] < limit]])
+            if len(lowest) > count:
+                # The first that is too many: of the pairs to come only better poses are of interest.
+                lowest = np.partition(lowest, count)[: count + 1]
+                limit = float(lowest[count])
+        cost = np.concatenate(costs)
         best = np.flatnonzero(cost < limit)
         ends = np.cumsum([pair.count for pair in pairs])
         shares = np.split(best, np.searchsorted(best, ends[:-1]))
