@@ -125,9 +125,11 @@ def estimate_pose(
         )
 
     touch = SurfaceContact(model.grid, contacts)
-    objective: LeastSquaresObjective = touch
-    space: PoseSpace = TouchSpace(model, contacts)
-    if prior is not None:
+    objective: LeastSquaresObjective
+    space: PoseSpace
+    if prior is None:
+        objective, space = touch, TouchSpace(model, contacts)
+    else:
         objective, space = SumObjective([touch, PriorObjective(prior)]), PriorSpace(prior)
     found = METHODS[method](model, contacts).minimize(objective, space, np.random.default_rng(seed))
     if prior is None:

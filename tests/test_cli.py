@@ -69,6 +69,19 @@ def test_estimate_finds_the_pose(folder: Path, capsys: pytest.CaptureFixture[str
     assert "Not determined by the touch" in printed
 
 
+def test_estimate_needs_no_prior(folder: Path) -> None:
+    arguments = ["--object", folder / "bottle.obj", "--contacts", folder / "contacts.yaml"]
+    assert run("estimate", *arguments, "--out", folder / "global.json") == 0
+    result = json.loads((folder / "global.json").read_text())
+    assert result["status"] in ("ok", "ambiguous")
+    found = [
+        increments_between(make_poses(rotation(np.array(h["quaternion_wxyz"])), np.array(h["translation"])), X_PO)
+        for h in result["hypotheses"]
+    ]
+    assert min(np.linalg.norm(off[3:]) for off in found) < 0.01
+    assert run("estimate", *arguments, "--method", "levenberg_marquardt") == 2
+
+
 def test_estimate_works_without_normals(folder: Path) -> None:
     arguments = ["--object", folder / "bottle.obj", "--contacts", folder / "points.yaml"]
     status = run("estimate", *arguments, "--prior", folder / "near.yaml", "--out", folder / "points.json")
