@@ -53,7 +53,7 @@ class PairSearch:
     near_candidates: int = 100
     near_prior: MultiStart = dataclasses.field(default_factory=lambda: MultiStart(samples=200))
     first: LevenbergMarquardt = dataclasses.field(
-        default_factory=lambda: LevenbergMarquardt(max_iterations=2, initial_damping=1e-2)
+        default_factory=lambda: LevenbergMarquardt(max_iterations=1, initial_damping=1e-2)
     )
     second: LevenbergMarquardt = dataclasses.field(
         default_factory=lambda: LevenbergMarquardt(max_iterations=4, initial_damping=1e-2)
