@@ -18,15 +18,15 @@ from pydrake.geometry import Meshcat
 from pydrake.math import RigidTransform
 from rich.console import Console
 
-from tactopose_drake.core.mesh_repair import MeshRepairWarning
+from tactopose_drake.core.mesh.repair import MeshRepairWarning
 from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.demo import GraspFailedError, run_demo, save_demo
+from tactopose_drake.display.scene import Scene
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation import METHODS, estimate_pose
 from tactopose_drake.files import load_contacts, load_prior, save_result
 from tactopose_drake.reports import fingers_table, free_line, hypotheses_table, poses_table, status_line
 from tactopose_drake.scenario import load_scenario
-from tactopose_drake.scene import Scene
 from tactopose_drake.visualization import draw_scene, save_html
 
 _UNUSABLE_INPUT = 2

@@ -8,8 +8,6 @@ import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.math import RigidTransform
 
-from tactopose_drake.body_meshes import BodyMeshes, Triangles
-from tactopose_drake.contact_truth import TipContact
 from tactopose_drake.core.contacts import Contacts
 from tactopose_drake.core.hypotheses import determined_part
 from tactopose_drake.core.metrics import touch_errors, truth_errors
@@ -17,13 +15,15 @@ from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.poses import increments_between
 from tactopose_drake.core.prior import PosePrior
 from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.display.body_meshes import BodyMeshes, Triangles
+from tactopose_drake.display.picture import save_picture
+from tactopose_drake.display.scene import Scene
 from tactopose_drake.errors import TactoposeError
 from tactopose_drake.estimation import PoseEstimate
 from tactopose_drake.files import save_result
-from tactopose_drake.grasp_simulation import GraspResult, simulate_grasp
-from tactopose_drake.picture import save_picture
+from tactopose_drake.grasping.contact_truth import TipContact
+from tactopose_drake.grasping.grasp_simulation import GraspResult, simulate_grasp
 from tactopose_drake.scenario import Scenario
-from tactopose_drake.scene import Scene
 from tactopose_drake.visualization import aim_camera, save_html
 
 

@@ -6,8 +6,8 @@ from pathlib import Path
 from pydrake.common.schema import Rotation, Transform
 from pydrake.multibody.plant import MultibodyPlantConfig
 
-from tactopose_drake.core.finger_reach import ReachParams
-from tactopose_drake.core.grasp_planner import PlannerParams
+from tactopose_drake.core.grasping.finger_reach import ReachParams
+from tactopose_drake.core.grasping.grasp_planner import PlannerParams
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.resources import model_path, resource_root

@@ -10,12 +10,12 @@ from pydrake.multibody.tree import Joint, RigidBody
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus
 from pydrake.systems.primitives import AddRandomInputs, Demultiplexer
 
-from tactopose_drake.core.grasp_planner import GraspPlan
+from tactopose_drake.core.grasping.grasp_planner import GraspPlan
 from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.validation import FloatArray
-from tactopose_drake.grasp_planning import plan_scenario
+from tactopose_drake.grasping.grasp_planning import plan_scenario
+from tactopose_drake.grasping.hand_reach import rest_positions
 from tactopose_drake.hand import Hand, add_hand, load_hand_config, make_parser
-from tactopose_drake.hand_reach import rest_positions
 from tactopose_drake.scenario import Scenario
 from tactopose_drake.systems.force_torque_sensor import ForceTorqueSensor, load_force_torque_model
 from tactopose_drake.systems.grasp_controller import GraspController, hand_layout

@@ -13,7 +13,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 from tactopose_drake.core.contacts import Contacts
 from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.validation import FloatArray
-from tactopose_drake.scene import (
+from tactopose_drake.display.scene import (
     CONTACT_COLOUR,
     ESTIMATE_COLOUR,
     FORCE_COLOUR,
@@ -23,7 +23,7 @@ from tactopose_drake.scene import (
     Scene,
     arrow_lengths,
 )
-from tactopose_drake.viewpoint import choose_view, points_of_interest
+from tactopose_drake.display.viewpoint import choose_view, points_of_interest
 
 Role = Literal["prior", "estimate", "truth"]
 

@@ -12,7 +12,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 from tactopose_drake.core.surfaces import Capsule, Ellipsoid, Sphere
 from tactopose_drake.errors import InvalidFileError, InvalidInputError, UnknownNameError
-from tactopose_drake.finger_chain import finger_chain
+from tactopose_drake.grasping.finger_chain import finger_chain
 from tactopose_drake.hand import add_hand, find_hand, load_hand_config, make_hand_plant
 from tactopose_drake.resources import model_path
 

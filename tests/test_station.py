@@ -8,10 +8,10 @@ from pydrake.systems.analysis import Simulator
 from tactopose_drake.core.contacts import Contacts
 from tactopose_drake.core.prior import PosePrior
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
-from tactopose_drake.grasp_planning import plan_scenario
-from tactopose_drake.grasp_simulation import run_grasp, simulate_grasp
+from tactopose_drake.grasping.grasp_planning import plan_scenario
+from tactopose_drake.grasping.grasp_simulation import run_grasp, simulate_grasp
+from tactopose_drake.grasping.hand_reach import make_hand_reach
 from tactopose_drake.hand import load_hand_config
-from tactopose_drake.hand_reach import make_hand_reach
 from tactopose_drake.resources import resource_root
 from tactopose_drake.scenario import Scenario, load_scenario
 from tactopose_drake.station import make_station

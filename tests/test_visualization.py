@@ -6,10 +6,10 @@ import trimesh
 from pydrake.geometry import Meshcat
 from pydrake.math import RigidTransform, RollPitchYaw
 
-from tactopose_drake.body_meshes import Triangles
 from tactopose_drake.core.contacts import Contacts
 from tactopose_drake.core.objects import ObjectModel
-from tactopose_drake.scene import LONGEST_ARROW, Scene, arrow_lengths
+from tactopose_drake.display.body_meshes import Triangles
+from tactopose_drake.display.scene import LONGEST_ARROW, Scene, arrow_lengths
 from tactopose_drake.visualization import add_touch, draw_scene, move_touch, save_html
 from tests.recording_meshcat import RecordingMeshcat
 

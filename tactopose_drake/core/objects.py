@@ -16,9 +16,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from tactopose_drake.core import model_cache
 from tactopose_drake.core.coarse_field import CoarseField, coarsen
-from tactopose_drake.core.mesh_bodies import cross_products
-from tactopose_drake.core.mesh_loading import MeshSource, RawMesh, load_mesh, mesh_file, mesh_name
-from tactopose_drake.core.mesh_repair import MeshRepairWarning, repair_mesh
+from tactopose_drake.core.mesh.bodies import cross_products
+from tactopose_drake.core.mesh.loading import MeshSource, RawMesh, load_mesh, mesh_file, mesh_name
+from tactopose_drake.core.mesh.repair import MeshRepairWarning, repair_mesh
 from tactopose_drake.core.model_cache import Arrays
 from tactopose_drake.core.pair_features import PairFeatures, build_pair_features
 from tactopose_drake.core.poses import compose

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tactopose_drake.core import distance_transform, mesh_bodies
+from tactopose_drake.core import distance_transform
+from tactopose_drake.core.mesh import bodies as mesh_bodies
 from tactopose_drake.core.smooth_normals import smooth_normals
 from tactopose_drake.core.validation import FloatArray, positive_number
 from tactopose_drake.errors import InvalidInputError

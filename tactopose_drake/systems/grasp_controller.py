@@ -8,7 +8,13 @@ from pydrake.common.value import AbstractValue
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, EventStatus, LeafSystem
 
-from tactopose_drake.core.grasp_law import ClosingMotion, GraspLaw, commanded_positions, joint_torques, update_push
+from tactopose_drake.core.grasping.grasp_law import (
+    ClosingMotion,
+    GraspLaw,
+    commanded_positions,
+    joint_torques,
+    update_push,
+)
 from tactopose_drake.core.validation import FloatArray, positive_number
 from tactopose_drake.errors import UnknownNameError
 from tactopose_drake.hand import Hand

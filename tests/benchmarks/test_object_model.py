@@ -15,8 +15,8 @@ import pytest
 import trimesh
 
 from tactopose_drake.core import model_cache
-from tactopose_drake.core.mesh_loading import RawMesh
-from tactopose_drake.core.mesh_repair import repair_mesh
+from tactopose_drake.core.mesh.loading import RawMesh
+from tactopose_drake.core.mesh.repair import repair_mesh
 from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.signed_distance import build_grid
 from tactopose_drake.core.surface_samples import sample_surface

@@ -4,7 +4,7 @@ import numpy as np
 import trimesh
 from numpy.typing import ArrayLike, NDArray
 
-from tactopose_drake.core.mesh_loading import RawMesh
+from tactopose_drake.core.mesh.loading import RawMesh
 
 SIZE = 0.06
 create = trimesh.creation

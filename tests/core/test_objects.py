@@ -11,7 +11,7 @@ import pytest
 import trimesh
 
 from tactopose_drake.core import model_cache, objects
-from tactopose_drake.core.mesh_repair import MeshRepairWarning
+from tactopose_drake.core.mesh.repair import MeshRepairWarning
 from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.symmetry import RotationalSymmetry
 from tactopose_drake.errors import (

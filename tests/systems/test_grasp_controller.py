@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from tactopose_drake.core.grasp_law import ClosingMotion
+from tactopose_drake.core.grasping.grasp_law import ClosingMotion
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
 from tactopose_drake.hand import load_hand_config, make_hand_plant
 from tactopose_drake.systems.grasp_controller import GraspController, GraspControllerParams, actuated_joints

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from tactopose_drake.core.mesh_holes import close_holes
+from tactopose_drake.core.mesh.holes import close_holes
 from tactopose_drake.errors import InvalidMeshError
 from tests.core.meshes import ball, create, cube, inside_out, joined, without
 

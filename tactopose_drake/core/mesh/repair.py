@@ -10,11 +10,12 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from tactopose_drake.core import mesh_bodies, mesh_topology
-from tactopose_drake.core.mesh_bodies import counted
-from tactopose_drake.core.mesh_holes import close_holes
-from tactopose_drake.core.mesh_loading import RawMesh
-from tactopose_drake.core.mesh_topology import IntArray
+from tactopose_drake.core.mesh import bodies as mesh_bodies
+from tactopose_drake.core.mesh import topology as mesh_topology
+from tactopose_drake.core.mesh.bodies import counted
+from tactopose_drake.core.mesh.holes import close_holes
+from tactopose_drake.core.mesh.loading import RawMesh
+from tactopose_drake.core.mesh.topology import IntArray
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidMeshError, MeshUnitsError
 

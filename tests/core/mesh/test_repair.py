@@ -7,8 +7,8 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tactopose_drake.core.mesh_loading import RawMesh, load_mesh
-from tactopose_drake.core.mesh_repair import RepairedMesh, repair_mesh
+from tactopose_drake.core.mesh.loading import RawMesh, load_mesh
+from tactopose_drake.core.mesh.repair import RepairedMesh, repair_mesh
 from tactopose_drake.errors import InvalidMeshError, MeshUnitsError
 from tactopose_drake.resources import model_path
 from tests.core.meshes import ball, create, cube, inside_out, joined, random_pose, raw, without

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from tactopose_drake.core.mesh_loading import load_mesh, mesh_file, mesh_name
+from tactopose_drake.core.mesh.loading import load_mesh, mesh_file, mesh_name
 from tactopose_drake.errors import InvalidFileError, InvalidInputError, UnknownNameError
 from tests.core.meshes import ball, cube
 

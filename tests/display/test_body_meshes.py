@@ -6,7 +6,7 @@ from pydrake.multibody.plant import AddMultibodyPlant, CoulombFriction, Multibod
 from pydrake.multibody.tree import RevoluteJoint, SpatialInertia
 from pydrake.systems.framework import Context, DiagramBuilder
 
-from tactopose_drake.body_meshes import BodyMeshes, Triangles
+from tactopose_drake.display.body_meshes import BodyMeshes, Triangles
 from tactopose_drake.errors import InvalidInputError
 
 X_BG = RigidTransform(RollPitchYaw(0.4, -0.2, 0.9), [0.01, 0.02, -0.03])

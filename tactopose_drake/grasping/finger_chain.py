@@ -5,7 +5,7 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import RevoluteJoint, WeldJoint
 
-from tactopose_drake.core.serial_chain import SerialChain
+from tactopose_drake.core.grasping.serial_chain import SerialChain
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand import Hand
 

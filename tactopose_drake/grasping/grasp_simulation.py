@@ -10,9 +10,9 @@ from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context
 
-from tactopose_drake.contact_truth import ContactTruth, contact_truth
 from tactopose_drake.core.objects import ObjectModel
-from tactopose_drake.grasp_planning import plan_scenario
+from tactopose_drake.grasping.contact_truth import ContactTruth, contact_truth
+from tactopose_drake.grasping.grasp_planning import plan_scenario
 from tactopose_drake.scenario import Scenario
 from tactopose_drake.station import Station, make_station
 

@@ -5,10 +5,10 @@ import dataclasses
 import numpy as np
 from pydrake.math import RigidTransform
 
-from tactopose_drake.body_meshes import Triangles
 from tactopose_drake.core.contacts import Contacts
 from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.display.body_meshes import Triangles
 
 Colour = tuple[float, float, float]
 

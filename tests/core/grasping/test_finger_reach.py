@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 import trimesh
 
-from tactopose_drake.core.finger_reach import FingerGeometry, FingerReach, ReachParams
+from tactopose_drake.core.grasping.finger_reach import FingerGeometry, FingerReach, ReachParams
+from tactopose_drake.core.grasping.serial_chain import SerialChain
 from tactopose_drake.core.objects import ObjectModel
-from tactopose_drake.core.serial_chain import SerialChain
 from tactopose_drake.errors import InvalidInputError
 
 RADIUS = 0.009

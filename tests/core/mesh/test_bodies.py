@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from tactopose_drake.core import mesh_bodies, mesh_topology
+from tactopose_drake.core.mesh import bodies as mesh_bodies
+from tactopose_drake.core.mesh import topology as mesh_topology
 from tests.core.meshes import ball, create, cube, inside_out, joined
 
 BIG, SMALL = 0.06, 0.02

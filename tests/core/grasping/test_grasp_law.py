@@ -1,7 +1,13 @@
 import numpy as np
 import pytest
 
-from tactopose_drake.core.grasp_law import ClosingMotion, GraspLaw, commanded_positions, joint_torques, update_push
+from tactopose_drake.core.grasping.grasp_law import (
+    ClosingMotion,
+    GraspLaw,
+    commanded_positions,
+    joint_torques,
+    update_push,
+)
 
 LAW = GraspLaw()
 PERIOD = 0.01

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from tactopose_drake.core.grasp_score import ScoreParams, balance, score_grasp
+from tactopose_drake.core.grasping.grasp_score import ScoreParams, balance, score_grasp
 from tactopose_drake.core.poses import random_rotations
 
 PARAMS = ScoreParams(friction=0.5, normal_force=3.0, least_force=1.0, most_force=8.0)

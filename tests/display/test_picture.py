@@ -6,12 +6,12 @@ import trimesh
 from matplotlib.image import imread
 from pydrake.math import RigidTransform
 
-from tactopose_drake.body_meshes import Triangles
 from tactopose_drake.core.contacts import Contacts
 from tactopose_drake.core.objects import ObjectModel
-from tactopose_drake.picture import save_picture
-from tactopose_drake.scene import CONTACT_COLOUR, ESTIMATE_COLOUR, PRIOR_COLOUR, TRUTH_COLOUR, Colour, Scene
-from tactopose_drake.viewpoint import choose_view
+from tactopose_drake.display.body_meshes import Triangles
+from tactopose_drake.display.picture import save_picture
+from tactopose_drake.display.scene import CONTACT_COLOUR, ESTIMATE_COLOUR, PRIOR_COLOUR, TRUTH_COLOUR, Colour, Scene
+from tactopose_drake.display.viewpoint import choose_view
 
 TOUCH = Contacts(
     [[0.03, 0, 0], [-0.03, 0, 0], [0, 0, 0.05]],

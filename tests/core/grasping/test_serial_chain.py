@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tactopose_drake.core import poses
-from tactopose_drake.core.serial_chain import SerialChain
+from tactopose_drake.core.grasping.serial_chain import SerialChain
 
 
 def make_chain(generator: np.random.Generator, joints: int = 4, actuated: int = 3) -> SerialChain:

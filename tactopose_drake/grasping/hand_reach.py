@@ -5,12 +5,12 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder
 
-from tactopose_drake.core.finger_reach import FingerGeometry, FingerReach, ReachParams
-from tactopose_drake.core.grasp_planner import HandReach, Spheres
+from tactopose_drake.core.grasping.finger_reach import FingerGeometry, FingerReach, ReachParams
+from tactopose_drake.core.grasping.grasp_planner import HandReach, Spheres
 from tactopose_drake.core.surfaces import Capsule, Surface
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
-from tactopose_drake.finger_chain import finger_chain
+from tactopose_drake.grasping.finger_chain import finger_chain
 from tactopose_drake.hand import Hand, HandConfig, add_hand
 from tactopose_drake.hand_geometry import BodySpheres
 

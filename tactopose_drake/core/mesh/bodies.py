@@ -6,8 +6,8 @@ import manifold3d
 import numpy as np
 from numpy.typing import NDArray
 
-from tactopose_drake.core import mesh_topology
-from tactopose_drake.core.mesh_topology import AnyIntArray, IntArray
+from tactopose_drake.core.mesh import topology as mesh_topology
+from tactopose_drake.core.mesh.topology import AnyIntArray, IntArray
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidMeshError
 

@@ -14,7 +14,7 @@ from scipy.ndimage import binary_dilation, binary_erosion
 
 from tactopose_drake.core.rasterizer import Camera, Layer, Surface, render
 from tactopose_drake.core.validation import FloatArray
-from tactopose_drake.scene import (
+from tactopose_drake.display.scene import (
     CONTACT_COLOUR,
     ESTIMATE_COLOUR,
     PRIOR_COLOUR,
@@ -23,7 +23,7 @@ from tactopose_drake.scene import (
     Scene,
     arrow_lengths,
 )
-from tactopose_drake.viewpoint import choose_view, points_of_interest
+from tactopose_drake.display.viewpoint import choose_view, points_of_interest
 
 Image = NDArray[np.float32]
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from tactopose_drake.core import mesh_topology
+from tactopose_drake.core.mesh import topology as mesh_topology
 from tactopose_drake.errors import InvalidMeshError
 from tests.core.meshes import ball, create, cube, joined, without
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactopose_drake.core import poses
-from tactopose_drake.core.serial_chain import SerialChain
+from tactopose_drake.core.grasping.serial_chain import SerialChain
 from tactopose_drake.core.signed_distance import DistanceGrid
 from tactopose_drake.core.validation import FloatArray, positive_number
 

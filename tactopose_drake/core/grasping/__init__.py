@@ -1,0 +1,1 @@
+"""How a hand can hold an object: the reach of fingers, the choice of a grasp, and the law that closes it."""

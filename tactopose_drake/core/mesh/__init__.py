@@ -1,0 +1,1 @@
+"""From a file to a closed, oriented triangle mesh, with every repair stated."""
