@@ -9,8 +9,6 @@ Source: [B16] J. Bimbo, thesis, 2016, eqs. 3.3 and 3.5, whitened by the sensors'
 import numpy as np
 from numba import njit
 
-from tactopose_drake.core.validation import FloatArray
-
 # Where interpolated normals nearly cancel (the middle of a thin wall) their direction means little: this bounds it.
 _SOFT_LENGTH = 0.05
 # Bounds the derivative of the square root in the residual that normalises the normals' likelihood.
@@ -103,13 +101,6 @@ def _rotate_to_object(X, n, m):  # type: ignore[no-untyped-def]
     """m = R^T n for one pose X (3, 4)."""
     for a in range(3):
         m[a] = X[0, a] * n[0] + X[1, a] * n[1] + X[2, a] * n[2]
-
-
-@njit(cache=True)
-def look_up(values, origin, inverse_spacing, points, out):  # type: ignore[no-untyped-def]
-    """Distance and interpolated (not normalised) normal at points (n, 3), into out (n, 4)."""
-    for i in range(points.shape[0]):
-        _look_up(values, origin, inverse_spacing, points[i, 0], points[i, 1], points[i, 2], out[i])
 
 
 @njit(cache=True, nogil=True)
@@ -609,10 +600,3 @@ def mark_distinct(X, information, symmetries, threshold, distinct):  # type: ign
                     break
             if not distinct[b]:
                 break
-
-
-def look_up_points(values: FloatArray, origin: FloatArray, spacing: float, points: FloatArray) -> FloatArray:
-    """Distance and interpolated normal at points (n, 3) of the grid's frame, shape (n, 4)."""
-    out = np.empty((len(points), 4))
-    look_up(values, origin, 1.0 / spacing, points, out)
-    return out
