@@ -17,7 +17,7 @@ from pydrake.solvers import (
 
 from tactopose_drake.core.objectives.base import LeastSquaresObjective
 from tactopose_drake.core.poses import retract, right_jacobian
-from tactopose_drake.core.searches.base import PoseSpace, SearchResult
+from tactopose_drake.core.searches.base import PoseSpace, SearchResult, StopSignal, never
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
 
@@ -77,7 +77,11 @@ class PoseProgram:
             raise InvalidInputError(f"length: is {self.length:g}; allowed are numbers > 0.")
 
     def minimize(
-        self, objective: LeastSquaresObjective, space: PoseSpace, generator: np.random.Generator
+        self,
+        objective: LeastSquaresObjective,
+        space: PoseSpace,
+        generator: np.random.Generator,
+        should_stop: StopSignal = never,
     ) -> SearchResult:
         """Minimises from the centre of the space; one pose."""
         units = np.repeat([0.01 / self.length, 0.01], 3)

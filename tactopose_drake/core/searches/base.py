@@ -1,5 +1,6 @@
 """What a search is: it minimises any objective over a space of poses and returns ranked poses."""
 
+from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -8,6 +9,15 @@ from tactopose_drake.core import kernels
 from tactopose_drake.core.objectives.base import LeastSquaresObjective
 from tactopose_drake.core.prior import PosePrior
 from tactopose_drake.core.validation import FloatArray
+
+StopSignal = Callable[[], bool]
+"""Asked between the rounds of a search; once it is true, the search returns the best that it has."""
+
+
+def never() -> bool:
+    """The stop signal of a search that may take its time."""
+    return False
+
 
 # The root of the 99.9 % point of chi-square with three degrees of freedom.
 _REACH = 4.03
@@ -95,7 +105,11 @@ class Search(Protocol):
     """Minimises an objective; knows nothing of what it measures."""
 
     def minimize(
-        self, objective: LeastSquaresObjective, space: PoseSpace, generator: np.random.Generator
+        self,
+        objective: LeastSquaresObjective,
+        space: PoseSpace,
+        generator: np.random.Generator,
+        should_stop: StopSignal = never,
     ) -> SearchResult:
-        """Returns poses of the space that (locally) minimise the objective, by rising cost."""
+        """Returns poses of the space that (locally) minimise the objective, by rising cost; at least one."""
         ...

@@ -8,7 +8,7 @@ import dataclasses
 import numpy as np
 
 from tactopose_drake.core.objectives.base import LeastSquaresObjective
-from tactopose_drake.core.searches.base import PoseSpace, SearchResult
+from tactopose_drake.core.searches.base import PoseSpace, SearchResult, StopSignal, never
 from tactopose_drake.core.searches.parameters import IncrementParameters, Parameters
 from tactopose_drake.core.validation import FloatArray
 
@@ -33,12 +33,18 @@ class GradientDescent:
     parameters: Parameters = dataclasses.field(default_factory=IncrementParameters)
 
     def minimize(
-        self, objective: LeastSquaresObjective, space: PoseSpace, generator: np.random.Generator
+        self,
+        objective: LeastSquaresObjective,
+        space: PoseSpace,
+        generator: np.random.Generator,
+        should_stop: StopSignal = never,
     ) -> SearchResult:
         """Minimises from the centre of the space."""
-        return self.refine(objective, space.center[None])
+        return self.refine(objective, space.center[None], should_stop)
 
-    def refine(self, objective: LeastSquaresObjective, X_start: FloatArray) -> SearchResult:
+    def refine(
+        self, objective: LeastSquaresObjective, X_start: FloatArray, should_stop: StopSignal = never
+    ) -> SearchResult:
         """Minimises from each of the poses (B, 3, 4); returns them by rising cost."""
         scales = self.parameters.scales(self.length)
         count = len(X_start)
@@ -64,6 +70,6 @@ class GradientDescent:
             done = small | stuck
             converged[active[done]] = True
             active = active[~done]
-            if not len(active):
+            if not len(active) or should_stop():
                 break
         return SearchResult(self.parameters.poses(state, X_start), cost, iterations, converged).ranked()

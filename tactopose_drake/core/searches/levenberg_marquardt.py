@@ -10,7 +10,7 @@ import numpy as np
 
 from tactopose_drake.core import kernels
 from tactopose_drake.core.objectives.base import LeastSquaresObjective, NormalEquations
-from tactopose_drake.core.searches.base import PoseSpace, SearchResult
+from tactopose_drake.core.searches.base import PoseSpace, SearchResult, StopSignal, never
 from tactopose_drake.core.searches.parameters import IncrementParameters, Parameters
 from tactopose_drake.core.validation import FloatArray
 
@@ -53,12 +53,18 @@ class LevenbergMarquardt:
     solver: Solver = cholesky_steps
 
     def minimize(
-        self, objective: LeastSquaresObjective, space: PoseSpace, generator: np.random.Generator
+        self,
+        objective: LeastSquaresObjective,
+        space: PoseSpace,
+        generator: np.random.Generator,
+        should_stop: StopSignal = never,
     ) -> SearchResult:
         """Minimises from the centre of the space."""
-        return self.refine(objective, space.center[None])
+        return self.refine(objective, space.center[None], should_stop)
 
-    def refine(self, objective: LeastSquaresObjective, X_start: FloatArray) -> SearchResult:
+    def refine(
+        self, objective: LeastSquaresObjective, X_start: FloatArray, should_stop: StopSignal = never
+    ) -> SearchResult:
         """Minimises from each of the poses (B, 3, 4); returns them by rising cost."""
         X_start = np.ascontiguousarray(X_start)
         here = self.parameters.start(X_start).copy()
@@ -83,8 +89,9 @@ class LevenbergMarquardt:
                 self.max_damping,
                 done,
             )
-            if done.any() or iteration == self.max_iterations:
-                ended = done if iteration < self.max_iterations else np.ones(len(here), dtype=np.bool_)
+            last = iteration == self.max_iterations or should_stop()
+            if last or done.any():
+                ended = np.ones(len(here), dtype=np.bool_) if last else done
                 index = active[ended]
                 state[index], cost[index] = here[ended], equations.cost[ended]
                 iterations[index], converged[index] = iteration, done[ended]

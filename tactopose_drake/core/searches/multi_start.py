@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 
 from tactopose_drake.core.objectives.base import LeastSquaresObjective
-from tactopose_drake.core.searches.base import PoseSpace, SearchResult
+from tactopose_drake.core.searches.base import PoseSpace, SearchResult, StopSignal, never
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
 from tactopose_drake.core.validation import FloatArray
 
@@ -33,17 +33,23 @@ class MultiStart:
     )
 
     def minimize(
-        self, objective: LeastSquaresObjective, space: PoseSpace, generator: np.random.Generator
+        self,
+        objective: LeastSquaresObjective,
+        space: PoseSpace,
+        generator: np.random.Generator,
+        should_stop: StopSignal = never,
     ) -> SearchResult:
         """The distinct and the repeated minima that the starts lead to, by rising cost."""
         X_PO = np.concatenate([space.center[None], space.sample(generator, self.samples - 1)])
-        return self.refine(objective, X_PO)
+        return self.refine(objective, X_PO, should_stop)
 
-    def refine(self, objective: LeastSquaresObjective, X_candidates: FloatArray) -> SearchResult:
+    def refine(
+        self, objective: LeastSquaresObjective, X_candidates: FloatArray, should_stop: StopSignal = never
+    ) -> SearchResult:
         """Scores the candidates (B, 3, 4) and refines the best of them."""
         cost = objective.cost(X_candidates)
         if len(cost) > self.starts:
             X_candidates = X_candidates[np.argpartition(cost, self.starts)[: self.starts]]
-        coarse = self.coarse.refine(objective, X_candidates)
-        fine = self.fine.refine(objective, coarse.ranked(self.kept).X_PO)
+        coarse = self.coarse.refine(objective, X_candidates, should_stop)
+        fine = self.fine.refine(objective, coarse.ranked(self.kept).X_PO, should_stop)
         return fine._replace(iterations=fine.iterations + coarse.iterations.max())

@@ -18,7 +18,7 @@ from tactopose_drake.core.contacts import Contacts
 from tactopose_drake.core.objectives.base import LeastSquaresObjective
 from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.pair_poses import distinct_poses, judge_pair, pair_poses
-from tactopose_drake.core.searches.base import PoseSpace, SearchResult, join_results
+from tactopose_drake.core.searches.base import PoseSpace, SearchResult, StopSignal, join_results, never
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
 from tactopose_drake.core.searches.multi_start import MultiStart
 from tactopose_drake.core.validation import FloatArray
@@ -66,20 +66,24 @@ class PairSearch:
     )
 
     def minimize(
-        self, objective: LeastSquaresObjective, space: PoseSpace, generator: np.random.Generator
+        self,
+        objective: LeastSquaresObjective,
+        space: PoseSpace,
+        generator: np.random.Generator,
+        should_stop: StopSignal = never,
     ) -> SearchResult:
         """The minima that the candidates lead to, by rising cost."""
-        if np.isfinite(space.reach[1]):
+        if space.reach[0] < np.pi:
             samples = space.sample(generator, self.near_prior.samples - 1)
             near = self.propose(self.near_choice, self.near_candidates, space, generator)
-            return self.near_prior.refine(objective, np.concatenate([space.center[None], samples, near]))
+            return self.near_prior.refine(objective, np.concatenate([space.center[None], samples, near]), should_stop)
         X_PO = self.propose(self.choice, self.candidates, space, generator)
         if len(X_PO) < self.fewest:
             X_PO = np.concatenate([X_PO, space.sample(generator, self.candidates)])
-        first = self._distinct(self.first.refine(objective, X_PO), self.starts)
-        second = self._distinct(self.second.refine(objective, first), self.kept)
-        last = self.last.refine(objective, second)
-        polished = self.polish.refine(objective, self._distinct(last, self.polished))
+        first = self._distinct(self.first.refine(objective, X_PO, should_stop), self.starts)
+        second = self._distinct(self.second.refine(objective, first, should_stop), self.kept)
+        last = self.last.refine(objective, second, should_stop)
+        polished = self.polish.refine(objective, self._distinct(last, self.polished), should_stop)
         return join_results(last, polished).ranked(self.kept)
 
     def _distinct(self, found: SearchResult, count: int) -> FloatArray:

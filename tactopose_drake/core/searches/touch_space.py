@@ -17,7 +17,12 @@ class TouchSpace:
     def __init__(self, model: ObjectModel, contacts: Contacts) -> None:
         self._p_PC, self._surface = contacts.p_PC, model.samples
         # A pose with the identity's rotation and the centres of touch and surface on each other.
-        self._center = np.column_stack([np.eye(3), self._p_PC.mean(axis=0) - self._surface.points.mean(axis=0)])
+        middle_P, middle_O = self._p_PC.mean(axis=0), self._surface.points.mean(axis=0)
+        self._center = np.column_stack([np.eye(3), middle_P - middle_O])
+        # The way from there to p_PC - R q, for any contact, any rotation and any point q of the surface.
+        spread = np.linalg.norm(self._p_PC - middle_P, axis=1).max()
+        arm = np.linalg.norm(self._surface.points, axis=1).max()
+        self._reach = float(spread + arm + np.linalg.norm(middle_O))
 
     @property
     def center(self) -> FloatArray:
@@ -35,8 +40,8 @@ class TouchSpace:
 
     @property
     def reach(self) -> tuple[float, float]:
-        """Any rotation, rad, any translation, m."""
-        return np.pi, np.inf
+        """Any rotation, rad; the translations, m, at which the touch and the surface can still meet."""
+        return np.pi, self._reach
 
     def sample(self, generator: np.random.Generator, count: int) -> FloatArray:
         """Random rotations that put a random contact on a random surface sample, shape (count, 3, 4)."""
