@@ -1,4 +1,4 @@
-"""One representative of all the poses that differ by a turn about an object's continuous axis of symmetry."""
+"""One representative of all the poses that an object's symmetries make of one."""
 
 from collections.abc import Sequence
 
@@ -27,3 +27,21 @@ def turn_toward(X_PO: FloatArray, X_reference: FloatArray, symmetries: Sequence[
         R = exp_so3(np.arctan2(sine, cosine)[:, None] * a)
         X_PO = compose(X_PO, make_poses(R, symmetry.point - R @ symmetry.point))
     return X_PO
+
+
+def nearest_images(
+    X_PO: FloatArray, X_reference: FloatArray, turns: FloatArray, symmetries: Sequence[RotationalSymmetry]
+) -> FloatArray:
+    """Of the poses that look as X_PO (B, 3, 4) do, those whose rotations are nearest to the reference's.
+
+    Args:
+        X_PO: poses, shape (B, 3, 4).
+        X_reference: shape (3, 4).
+        turns: the object's symmetries as poses X_OO', the identity first, shape (g, 3, 4); some of each continuous one.
+        symmetries: the same by their axes; the turns about the continuous ones are made exact.
+    """
+    if len(turns) > 1:
+        wanted = (X_reference[:, :3] @ np.swapaxes(turns[:, :, :3], 1, 2)).reshape(-1, 9)
+        best = np.argmax(X_PO[:, :, :3].reshape(-1, 9) @ wanted.T, axis=1)
+        X_PO = compose(X_PO, turns[best])
+    return turn_toward(X_PO, X_reference, symmetries)

@@ -84,14 +84,15 @@ class ObjectModel:
     @cached_property
     def pair_features(self) -> PairFeatures:
         """Pairs of surface samples by what two contacts tell of them; made when first needed, in about 0.2 s."""
-        return build_pair_features(self.samples, self.area, self._symmetry_turns())
+        return build_pair_features(self.samples, self.area, self.symmetry_turns)
 
     @cached_property
     def coarse_field(self) -> CoarseField:
         """The grid in few bytes; made when first needed, in a few milliseconds."""
         return coarsen(self.grid)
 
-    def _symmetry_turns(self) -> FloatArray:
+    @cached_property
+    def symmetry_turns(self) -> FloatArray:
         """The finite symmetries, joined with some turns about each continuous axis, shape (g, 3, 4)."""
         turns = self.symmetry_poses
         for symmetry in self.symmetries:

@@ -48,8 +48,11 @@ def judge_pair(
     limit: float,
     center: FloatArray,
     reach: tuple[float, float],
+    turns: FloatArray,
 ) -> NDArray[np.float32]:
     """Coarse costs (matches * spins,) of a pair's poses; infinite beyond the limit, and out of reach.
+
+    A pose is in reach when one of its images is, which the object's symmetries make: of those only one is looked up.
 
     Args:
         pair: the contacts and their matches.
@@ -59,6 +62,7 @@ def judge_pair(
         limit: the largest cost of interest.
         center: the middle of the poses that count, shape (3, 4).
         reach: the largest rotation from there, rad, and the largest translation, m.
+        turns: the object's symmetries as poses X_OO', shape (g, 3, 4).
     """
     cost = np.empty((len(pair.matches), pair.spins), dtype=np.float32)
     _judge(
@@ -75,7 +79,9 @@ def judge_pair(
         field.spacing / field.step,
         table,
         limit,
-        center,
+        np.ascontiguousarray(center[:, :3] @ np.swapaxes(turns[:, :, :3], 1, 2)),
+        np.ascontiguousarray(turns[:, :, 3]),
+        center[:, 3],
         1.0 + 2.0 * np.cos(reach[0]) if reach[0] < np.pi else -np.inf,
         reach[1] ** 2,
         cost,
@@ -187,6 +193,25 @@ def coarse_cost(values, shape, origin, inverse_spacing, steps, table, X, limit):
     return total
 
 
+@njit(cache=True, inline="always")
+def _is_near(X, rotations, origins, center, least_trace, farthest):  # type: ignore[no-untyped-def]
+    """Whether an image of the pose X, by one of g symmetries, is near enough to the centre.
+
+    Its rotation there is compared with X's by `rotations` (g, 3, 3), its origin is X's point `origins` (g, 3).
+    """
+    for s in range(rotations.shape[0]):
+        distance, trace = 0.0, 0.0
+        for a in range(3):
+            way = X[a, 3] - center[a]
+            for b in range(3):
+                way += X[a, b] * origins[s, b]
+                trace += X[a, b] * rotations[s, a, b]
+            distance += way * way
+        if distance <= farthest and trace >= least_trace:
+            return True
+    return False
+
+
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
 def _judge(  # type: ignore[no-untyped-def]
     points,
@@ -202,6 +227,8 @@ def _judge(  # type: ignore[no-untyped-def]
     steps,
     table,
     limit,
+    rotations,
+    origins,
     center,
     least_trace,
     farthest,
@@ -214,12 +241,7 @@ def _judge(  # type: ignore[no-untyped-def]
         for spin in range(spins):
             _pair_pose(points, normals, i, j, axes, middle, frame, spin, spins, X)
             cost[row, spin] = np.inf
-            distance, trace = 0.0, 0.0
-            for a in range(3):
-                distance += (X[a, 3] - center[a, 3]) ** 2
-                for b in range(3):
-                    trace += X[a, b] * center[a, b]
-            if distance <= farthest and trace >= least_trace:
+            if _is_near(X, rotations, origins, center, least_trace, farthest):
                 total = coarse_cost(values, shape, origin, inverse_spacing, steps, table, X, limit)
                 if total <= limit:
                     cost[row, spin] = total

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from tactopose_drake.core.free_spin import turn_toward
-from tactopose_drake.core.poses import exp_so3, make_poses, random_rotations, rotation_angles, transform_points
-from tactopose_drake.core.symmetry import RotationalSymmetry
+from tactopose_drake.core.free_spin import nearest_images, turn_toward
+from tactopose_drake.core.poses import compose, exp_so3, make_poses, random_rotations, rotation_angles, transform_points
+from tactopose_drake.core.symmetry import RotationalSymmetry, symmetry_group
 
 POINT = np.array([0.02, -0.01, 0.03])
 
@@ -53,3 +53,25 @@ def test_small_and_half_turns_are_no_exception(angle: float) -> None:
     R = exp_so3(np.array([[0.0, 0.0, angle]]))
     X = make_poses(R, (POINT - R @ POINT))
     np.testing.assert_allclose(turn_toward(X, np.eye(3, 4), [axis([0.0, 0.0, 1.0])])[0], np.eye(3, 4), atol=1e-8)
+
+
+def test_the_nearest_image_looks_the_same_and_no_image_is_nearer() -> None:
+    X, reference = poses(40), poses(1)[0]
+    turns = symmetry_group([axis([0.0, 0.0, 1.0], order=6), axis([1.0, 0.0, 0.0], order=2)])
+    found = nearest_images(X, reference, turns, [])
+    images = compose(X[:, None], turns)
+    assert np.all(np.abs(images - found[:, None]).max(axis=(2, 3)).min(axis=1) < 1e-9)
+    angles = rotation_angles(images[..., :3], reference[:, :3])
+    np.testing.assert_allclose(rotation_angles(found[:, :, :3], reference[:, :3]), angles.min(axis=1), atol=1e-6)
+    assert np.any(angles.argmin(axis=1) != 0)
+
+
+def test_the_nearest_image_of_a_body_of_revolution_that_may_be_flipped() -> None:
+    X = poses(1)[0]
+    symmetries = [axis([0.0, 0.0, 1.0]), axis([1.0, 0.0, 0.0], order=2)]
+    turns = compose(
+        symmetry_group(symmetries)[:, None], RotationalSymmetry(symmetries[0].axis, POINT, 12).poses()
+    ).reshape(-1, 3, 4)
+    R = exp_so3(np.array([0.0, 0.0, 1.0])) @ exp_so3(np.array([np.pi, 0.0, 0.0]))
+    image = compose(X, make_poses(R, POINT - R @ POINT))
+    np.testing.assert_allclose(nearest_images(image[None], X, turns, symmetries)[0], X, atol=1e-9)

@@ -5,10 +5,11 @@ from tactopose_drake.core.coarse_field import contact_table
 from tactopose_drake.core.contacts import Contacts
 from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.pair_poses import ContactPair, distinct_poses, judge_pair, pair_poses
-from tactopose_drake.core.poses import make_poses, random_rotations, rotation_angles, transform_points
+from tactopose_drake.core.poses import compose, make_poses, random_rotations, rotation_angles, transform_points
+from tactopose_drake.core.symmetry import RotationalSymmetry
 from tests.core.searches.problems import make_blob
 
-EVERYWHERE = (np.eye(3, 4), (np.pi, np.inf))
+EVERYWHERE = (np.eye(3, 4), (np.pi, np.inf), np.eye(3, 4)[None])
 
 
 @pytest.fixture(scope="module")
@@ -73,13 +74,30 @@ def test_poses_beyond_the_limit_or_out_of_reach_are_left_out(blob: ObjectModel) 
     limited = judge_pair(pair, features, field, table, 80.0, *EVERYWHERE)
     np.testing.assert_array_equal(limited, np.where(every <= 80.0, every, np.inf))
     assert 0 < np.isfinite(limited).sum() < len(limited)
-    near = judge_pair(pair, features, field, table, np.inf, X_PO, (1.0, 0.05))
+    near = judge_pair(pair, features, field, table, np.inf, X_PO, (1.0, 0.05), np.eye(3, 4)[None])
     X_all = pair_poses(pair, features, table, np.arange(len(every)))
     within = (rotation_angles(X_all[:, :, :3], X_PO[:, :3]) <= 1.0) & (
         np.linalg.norm(X_all[:, :, 3] - X_PO[:, 3], axis=1) <= 0.05
     )
     assert 0 < within.sum() < len(within)
     np.testing.assert_array_equal(np.isfinite(near), within)
+
+
+def test_a_pose_is_in_reach_when_a_symmetry_brings_it_there(blob: ObjectModel) -> None:
+    X_PO = pose(3)
+    contacts = touch_samples(blob, X_PO, [10, 500, 700])
+    table = contact_table(blob.coarse_field, contacts, 0.004, 0.2)
+    features, field = blob.pair_features, blob.coarse_field
+    pair = ContactPair(0, 1, np.arange(0, len(features.pairs), 997, dtype=np.int32), 1)
+    # A turn of a third about an axis that does not meet O's origin.
+    turns = RotationalSymmetry(np.array([0.6, 0.0, 0.8]), np.array([0.03, 0.05, 0.0]), 3).poses()
+    near = judge_pair(pair, features, field, table, np.inf, X_PO, (0.8, 0.1), turns)
+    images = compose(pair_poses(pair, features, table, np.arange(pair.count))[:, None], turns)
+    within = (rotation_angles(images[..., :3], X_PO[:, :3]) <= 0.8) & (
+        np.linalg.norm(images[..., 3] - X_PO[:, 3], axis=-1) <= 0.1
+    )
+    assert within[:, 1:].any(axis=1).sum() > within[:, 0].sum() / 2
+    np.testing.assert_array_equal(np.isfinite(near), within.any(axis=1))
 
 
 def test_of_poses_close_together_the_first_is_kept() -> None:

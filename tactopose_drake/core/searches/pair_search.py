@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from tactopose_drake.core.coarse_field import contact_table
 from tactopose_drake.core.contact_pairs import PairChoice
 from tactopose_drake.core.contacts import Contacts
+from tactopose_drake.core.free_spin import nearest_images
 from tactopose_drake.core.objectives.base import LeastSquaresObjective
 from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.pair_poses import distinct_poses, judge_pair, pair_poses
@@ -99,10 +100,13 @@ class PairSearch:
         pairs = choice.choose(features, self.contacts, generator)
         if not pairs:
             return np.empty((0, 3, 4))
+        turns, reach = self.model.symmetry_turns, space.reach
+        if np.sum([symmetry.is_continuous for symmetry in self.model.symmetries]) > 1:
+            turns, reach = turns[:1], (np.pi, reach[1])  # A sphere's rotation is always within reach.
         costs: list[NDArray[np.float32]] = []
         lowest, limit = np.empty(0, dtype=np.float32), np.inf
         for pair in pairs:
-            costs.append(judge_pair(pair, features, field, table, limit, space.center, space.reach))
+            costs.append(judge_pair(pair, features, field, table, limit, space.center, reach, turns))
             lowest = np.concatenate([lowest, costs[-1][costs[-1] < limit]])
             if len(lowest) > count:
                 # The first that is too many: of the pairs to come only better poses are of interest.
@@ -118,4 +122,6 @@ class PairSearch:
                 for pair, share, end in zip(pairs, shares, ends, strict=True)
             ]
         )[np.argsort(cost[best], kind="stable")]
+        if space.reach[0] < np.pi:
+            X_PO = nearest_images(X_PO, space.center, self.model.symmetry_turns, self.model.symmetries)
         return X_PO[distinct_poses(X_PO, offset, bend)]

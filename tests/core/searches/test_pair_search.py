@@ -96,6 +96,21 @@ def test_a_prior_keeps_the_proposed_poses_within_its_reach(blob: ObjectModel) ->
     assert np.linalg.norm(anywhere[:, :, 3] - X_PO[:, 3], axis=1).max() > 2 * space.reach[1]
 
 
+@pytest.mark.parametrize("name", ["cube", "pencil", "wine_glass"])
+def test_of_a_symmetric_object_the_images_near_the_prior_are_proposed(name: str) -> None:
+    model = ObjectModel.from_mesh(model_path("objects", f"{name}.obj"))
+    for seed in range(10):
+        generator = np.random.default_rng(seed)
+        X_PO = random_pose(generator)
+        contacts = touch_surface(model, X_PO, 5, generator)
+        space = PriorSpace(PosePrior(X_PO, sigma_translation=0.02, sigma_rotation=0.15))
+        pairs = PairSearch(model=model, contacts=contacts)
+        near = pairs.propose(pairs.near_choice, 100, space, generator)
+        assert rotation_angles(near[:, :, :3], X_PO[:, :3]).min() < 0.2
+        # Continuous symmetries are turned all the way to the prior, finite ones to within half a turn of theirs.
+        assert rotation_angles(near[:, :, :3], X_PO[:, :3]).max() <= space.reach[0] + 1e-9
+
+
 def test_with_a_prior_its_own_samples_are_tried_too(blob: ObjectModel) -> None:
     # One contact makes no pair.
     generator = np.random.default_rng(1)
