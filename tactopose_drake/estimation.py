@@ -1,6 +1,7 @@
 """The one call: from contacts to ranked hypotheses of the object's pose."""
 
 import dataclasses
+import math
 import time
 from collections.abc import Callable
 from typing import Literal
@@ -10,19 +11,18 @@ from pydrake.math import RigidTransform
 from scipy.special import chdtri
 
 from tactopose_drake.core.contacts import Contacts
+from tactopose_drake.core.evidence import Evidence
 from tactopose_drake.core.free_spin import turn_toward
 from tactopose_drake.core.hypotheses import Modes, find_modes
-from tactopose_drake.core.objectives.base import LeastSquaresObjective, SumObjective
-from tactopose_drake.core.objectives.pose_prior import PriorObjective
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.pose_problem import make_problem
 from tactopose_drake.core.prior import PosePrior
-from tactopose_drake.core.searches.base import PoseSpace, PriorSpace, Search
+from tactopose_drake.core.searches.base import Search
 from tactopose_drake.core.searches.gradient_descent import GradientDescent
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
 from tactopose_drake.core.searches.pair_search import PairSearch
-from tactopose_drake.core.searches.touch_space import TouchSpace
-from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.core.validation import FloatArray, positive_number
 from tactopose_drake.errors import InvalidInputError, TooFewContactsError, UnknownNameError
 from tactopose_drake.programs.pose_program import PoseProgram
 
@@ -36,11 +36,11 @@ _MOST_OF_THE_MASS = 0.5
 # Without a prior, fewer contacts leave whole families of poses, whichever mode carries most of the mass.
 _FEWEST_FOR_A_POSE = 3
 
-METHODS: dict[str, Callable[[ObjectModel, Contacts], Search]] = {
-    "pair_search": lambda model, contacts: PairSearch(model=model, contacts=contacts),
-    "levenberg_marquardt": lambda model, contacts: LevenbergMarquardt(),
-    "gradient_descent": lambda model, contacts: GradientDescent(length=model.size / 2),
-    "mathematical_program": lambda model, contacts: PoseProgram(length=model.size / 2),
+METHODS: dict[str, Callable[[ObjectModel, Evidence], Search]] = {
+    "pair_search": lambda model, evidence: PairSearch(model=model, contacts=evidence.contacts),
+    "levenberg_marquardt": lambda model, evidence: LevenbergMarquardt(),
+    "gradient_descent": lambda model, evidence: GradientDescent(length=model.size / 2),
+    "mathematical_program": lambda model, evidence: PoseProgram(length=model.size / 2),
 }
 GLOBAL_METHODS = frozenset({"pair_search"})
 """The methods that need no prior."""
@@ -76,11 +76,13 @@ class PoseEstimate:
             contacts stand against no prior; "no_solution" when even the best one does not explain the touch within its
             noise.
         duration: s.
+        finished: whether the search ended by itself, rather than at the time limit.
     """
 
     hypotheses: tuple[PoseHypothesis, ...]
     status: Status
     duration: float
+    finished: bool = True
 
     @property
     def best(self) -> PoseHypothesis:
@@ -96,6 +98,7 @@ def estimate_pose(
     method: str = "pair_search",
     seed: int = 0,
     max_hypotheses: int = 64,
+    time_limit: float | None = None,
 ) -> PoseEstimate:
     """Finds the poses of an object that explain a touch.
 
@@ -106,13 +109,16 @@ def estimate_pose(
         method: the search. Those of `GLOBAL_METHODS` need no prior; the others start from it.
         seed: of the search's random numbers.
         max_hypotheses: how many hypotheses are kept at the most.
+        time_limit: after so long, s, the search ends with the best that it has; None for as long as it takes. It is
+            asked between rounds, and at least one is made.
 
     Raises:
         TooFewContactsError: no contact.
         UnknownNameError: a method that does not exist.
-        InvalidInputError: no prior for a method that starts from one, or `max_hypotheses` below 1.
+        InvalidInputError: no prior for a method that starts from one, `max_hypotheses` below 1, or a time limit that is
+            not above 0.
     """
-    started = time.perf_counter()
+    deadline = _Deadline(math.inf if time_limit is None else positive_number("time_limit", time_limit))
     if method not in METHODS:
         raise UnknownNameError("method", method, METHODS)
     if len(contacts) < 1:
@@ -124,21 +130,39 @@ def estimate_pose(
             f"prior: is None; the method {method!r} starts from one. Without: {', '.join(sorted(GLOBAL_METHODS))}."
         )
 
-    touch = SurfaceContact(model.grid, contacts)
-    objective: LeastSquaresObjective
-    space: PoseSpace
-    if prior is None:
-        objective, space = touch, TouchSpace(model, contacts)
-    else:
-        objective, space = SumObjective([touch, PriorObjective(prior)]), PriorSpace(prior)
-    found = METHODS[method](model, contacts).minimize(objective, space, np.random.default_rng(seed))
+    evidence = Evidence(contacts, prior)
+    problem = make_problem(model, evidence)
+    search = METHODS[method](model, evidence)
+    found = search.minimize(problem.objective, problem.space, np.random.default_rng(seed), deadline)
     if prior is None:
         turned = turn_toward(found.X_PO, found.X_PO[0], model.symmetries)
-        found = found._replace(X_PO=turned, cost=objective.cost(turned)).ranked()
-    touched = touch.normal_equations(found.X_PO)
-    modes = find_modes(found, touched.hessian, space.information, model.symmetry_poses, model.size, max_hypotheses)
-    status = _status(modes, touch, contacts, prior)
-    return PoseEstimate(_hypotheses(modes), status, time.perf_counter() - started)
+        found = found._replace(X_PO=turned, cost=problem.objective.cost(turned)).ranked()
+    modes = find_modes(
+        found,
+        problem.likelihood.normal_equations(found.X_PO).hessian,
+        problem.space.information,
+        model.symmetry_poses,
+        model.size,
+        max_hypotheses,
+    )
+    status = _status(modes, problem.touch, contacts, prior)
+    return PoseEstimate(_hypotheses(modes), status, deadline.elapsed(), not deadline.passed)
+
+
+class _Deadline:
+    """The stop signal of a time limit, s from now; it remembers whether it said stop."""
+
+    def __init__(self, limit: float) -> None:
+        self._started, self._limit = time.perf_counter(), limit
+        self.passed = False
+
+    def __call__(self) -> bool:
+        self.passed = self.elapsed() >= self._limit
+        return self.passed
+
+    def elapsed(self) -> float:
+        """Since it was made, s."""
+        return time.perf_counter() - self._started
 
 
 def _hypotheses(modes: Modes) -> tuple[PoseHypothesis, ...]:

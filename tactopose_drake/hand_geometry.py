@@ -12,8 +12,9 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, ModelInstanceIndex
 from pydrake.systems.framework import Context
 
+from tactopose_drake.core.hand_spheres import HandSpheres
 from tactopose_drake.core.sphere_packing import Spheres, pack_box, pack_capsule, pack_convex
-from tactopose_drake.core.validation import FloatArray, finite_array
+from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
 
 # Points of the unit circle and sphere that stand for a cylinder and an ellipsoid.
@@ -21,32 +22,8 @@ _CIRCLE = np.stack([np.cos(np.arange(24) * np.pi / 12), np.sin(np.arange(24) * n
 _LATITUDES = np.linspace(-np.pi / 2, np.pi / 2, 13)
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class HandGeometry:
-    """Spheres that fill the hand at one instant.
-
-    Attributes:
-        p_PH: centres in the palm frame, shape (h, 3), m.
-        radius: radii, shape (h,), m.
-
-    Raises:
-        InvalidInputError: a number that is not finite, a shape that does not fit, or a radius that is not positive.
-    """
-
-    p_PH: FloatArray
-    radius: FloatArray
-
-    def __post_init__(self) -> None:
-        p_PH = np.array(finite_array("p_PH", self.p_PH, (None, 3)))
-        radius = np.array(finite_array("radius", self.radius, (len(p_PH),)))
-        if np.any(radius <= 0):
-            raise InvalidInputError(f"radius: holds {radius.min():g}; allowed are numbers > 0.")
-        for name, value in (("p_PH", p_PH), ("radius", radius)):
-            value.setflags(write=False)
-            object.__setattr__(self, name, value)
-
-    def __len__(self) -> int:
-        return len(self.radius)
+class HandGeometry(HandSpheres):
+    """Spheres that fill the hand at one instant, given or made from a plant."""
 
     @classmethod
     def from_plant(cls, plant: MultibodyPlant, context: Context, palm_frame: Frame) -> Self:

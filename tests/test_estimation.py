@@ -254,12 +254,25 @@ def test_one_contact_is_enough_for_a_prior(blob: tp.ObjectModel) -> None:
     assert rotation_angles(estimate.best.X_PO.rotation().matrix(), X_PO[:, :3]) < math.radians(20)
 
 
+def test_a_time_limit_cuts_the_search_short(bottle: tp.ObjectModel) -> None:
+    contacts = touch_surface(bottle, random_pose(3), 5, np.random.default_rng(3))
+    cut = tp.estimate_pose(bottle, contacts, time_limit=1e-9)
+    assert not cut.finished
+    assert len(cut.hypotheses) >= 1
+    whole = tp.estimate_pose(bottle, contacts, time_limit=60.0)
+    assert whole.finished
+    assert min(h.cost for h in whole.hypotheses) <= min(h.cost for h in cut.hypotheses)
+    assert tp.estimate_pose(bottle, contacts).finished
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
         ({"method": "guess"}, "method: 'guess' is unknown; valid names: pair_search, levenberg_marquardt"),
         ({"contacts": tp.Contacts.empty()}, "contacts: there are 0; the estimate needs at least 1"),
         ({"max_hypotheses": 0}, "max_hypotheses: is 0"),
+        ({"time_limit": 0.0}, "time_limit: is 0; allowed are numbers > 0"),
+        ({"time_limit": math.nan}, "time_limit: is nan"),
         ({"prior": None, "method": "levenberg_marquardt"}, "prior: is None; the method 'levenberg_marquardt' starts"),
     ],
 )

@@ -42,11 +42,10 @@ from rich.table import Table
 from scipy.spatial.distance import cdist
 
 import tactopose_drake as tp
+from tactopose_drake.core.evidence import Evidence
 from tactopose_drake.core.metrics import touch_errors, truth_errors
-from tactopose_drake.core.objectives.base import SumObjective
 from tactopose_drake.core.objectives.point_cloud_contact import PointCloudContact
-from tactopose_drake.core.objectives.pose_prior import PriorObjective
-from tactopose_drake.core.objectives.surface_contact import SurfaceContact
+from tactopose_drake.core.pose_problem import make_problem
 from tactopose_drake.core.poses import identity_poses, retract
 from tactopose_drake.core.searches.base import PriorSpace, Search
 from tactopose_drake.core.searches.gradient_descent import GradientDescent
@@ -183,9 +182,9 @@ def count_iterations(model: tp.ObjectModel, contacts: tp.Contacts, prior: tp.Pos
 
     Many poses step side by side; this counts as one, as it is one after the other that takes iterations.
     """
-    objective = SumObjective([SurfaceContact(model.grid, contacts), PriorObjective(prior)])
-    search = METHODS["pair_search"](model, contacts)
-    return float(search.minimize(objective, PriorSpace(prior), np.random.default_rng(0)).iterations[0])
+    evidence = Evidence(contacts, prior)
+    problem, search = make_problem(model, evidence), METHODS["pair_search"](model, evidence)
+    return float(search.minimize(problem.objective, problem.space, np.random.default_rng(0)).iterations[0])
 
 
 def make_solvers() -> dict[Row, Solver]:
