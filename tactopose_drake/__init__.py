@@ -3,6 +3,7 @@
 from tactopose_drake.core.contacts import Contacts
 from tactopose_drake.core.intrinsic_contact import ContactSolution, solve_contact, solve_contacts
 from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.patches import Patch, describe_patch
 from tactopose_drake.core.prior import PosePrior
 from tactopose_drake.core.surfaces import Capsule, Cylinder, Ellipsoid, Sphere, Superquadric
 from tactopose_drake.errors import TactoposeError
@@ -17,12 +18,14 @@ __all__ = [
     "Ellipsoid",
     "HandGeometry",
     "ObjectModel",
+    "Patch",
     "PoseEstimate",
     "PoseHypothesis",
     "PosePrior",
     "Sphere",
     "Superquadric",
     "TactoposeError",
+    "describe_patch",
     "estimate_pose",
     "solve_contact",
     "solve_contacts",

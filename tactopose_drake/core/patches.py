@@ -1,0 +1,213 @@
+"""The patch that a tactile array feels, in a few numbers: where it is, how it lies, how far it reaches each way.
+
+Each pressed cell says where the object's surface is: as deep in the pad's soft layer as its pressure tells. The patch
+is the principal components of those points.
+
+Source: [B16] J. Bimbo, thesis, 2016, sections 5.2.1 to 5.2.3.
+"""
+
+import dataclasses
+import math
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tactopose_drake.core.validation import FloatArray, finite_array, positive_number, unit_vectors
+from tactopose_drake.errors import InvalidInputError
+
+PatchStatus = Literal["area", "narrow", "row", "point", "no_contact"]
+
+# A pad is flat, and active cells are in a row, when they reach less than this share of their length across it.
+_FLAT_SHARE = 0.03
+# Without normals, a flat pad's side is told by the z axis; it must stand at least so far out of the pad's plane (sine).
+_LEAST_RISE = 0.1
+# The third eigenvector is the surface's normal when it lies within 45 degrees of the pad's.
+_ACROSS = math.sqrt(0.5)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Patch:
+    """What one pad feels at one instant, in the palm frame P (or any frame that its cells are given in).
+
+    What is not known is NaN. `status` says how much is known:
+
+    - "area": everything. The third eigenvector is the outward normal of the object's surface.
+    - "narrow": the principal components, but the third is more than 45 degrees from the pad's normal: the depths
+      differ by more than the patch is wide, so none of the components can be taken for the surface's normal.
+    - "row": the active cells are two, or lie in one line. The first eigenvector and eigenvalue are known; how the
+      surface is tilted about that line is not.
+    - "point": one active cell. The centroid is known.
+    - "no_contact": no active cell, but each live cell says that the object is not there.
+
+    Attributes:
+        p_PT: the pad's cells, on the undeformed pad, shape (n, 3), m.
+        n_PT: outward unit normals of the pad there, out of the finger, shape (n, 3).
+        pressure: shape (n,), Pa; NaN where the cell is dead.
+        alpha: depth of the object's surface in the pad over the pressure, m/Pa.
+        threshold: a cell is active above this pressure, Pa.
+        saturation: a cell at this pressure or above may feel any that is higher, Pa; infinite where there is no limit.
+        status: what is known.
+        centroid: mean of the active cells' points, shape (3,), m. [B16] eq. 5.11.
+        covariance: of those points, shape (3, 3), m^2; NaN for fewer than two.
+        eigenvectors: the columns are the principal axes by falling variance, a right-handed frame, shape (3, 3). The
+            third points along the object's outward normal, into the pad; the first from the pad's first cell towards
+            its last; the second completes the frame.
+        eigenvalues: variances along the axes, falling, shape (3,), m^2.
+    """
+
+    p_PT: FloatArray
+    n_PT: FloatArray
+    pressure: FloatArray
+    alpha: float
+    threshold: float
+    saturation: float
+    status: PatchStatus
+    centroid: FloatArray
+    covariance: FloatArray
+    eigenvectors: FloatArray
+    eigenvalues: FloatArray
+
+    @property
+    def active(self) -> NDArray[np.bool_]:
+        """Cells that feel the object, shape (n,)."""
+        return self.pressure > self.threshold
+
+    @property
+    def saturated(self) -> NDArray[np.bool_]:
+        """Active cells whose depth is at least what the pressure says, shape (n,)."""
+        return self.pressure >= self.saturation
+
+    @property
+    def dead(self) -> NDArray[np.bool_]:
+        """Cells that say nothing, shape (n,)."""
+        return np.isnan(self.pressure)
+
+    @property
+    def points(self) -> FloatArray:
+        """Where the object's surface is under each cell, shape (n, 3), m; NaN where the cell is dead.
+
+        [B16] eq. 5.1, before the mean is taken off.
+        """
+        return self.p_PT - (self.alpha * self.pressure)[:, None] * self.n_PT
+
+
+def describe_patch(
+    p_PT: ArrayLike,
+    pressure: ArrayLike,
+    *,
+    alpha: float,
+    n_PT: ArrayLike | None = None,
+    threshold: float = 0.0,
+    saturation: float | None = None,
+) -> Patch:
+    """Describes a frame of a tactile array by its principal components. [B16] eqs. 5.1 to 5.3.
+
+    Args:
+        p_PT: positions of the pad's cells, on the undeformed pad, shape (n, 3), m.
+        pressure: of each cell, shape (n,), Pa, >= 0; NaN marks a dead cell.
+        alpha: depth of the object's surface in the pad over the pressure, m/Pa; for a soft layer on a stiff core its
+            thickness over its modulus. Negative only without `n_PT`.
+        n_PT: outward unit normals of the pad at the cells, out of the finger, shape (n, 3). Without, the pad must be
+            flat, and as in [B16] eq. 5.1 the pressure counts along its z axis, the normal of its plane on the side of
+            the z axis of the cells' frame: a positive alpha says that it points into the pad, a negative, out of it.
+        threshold: a cell is active above this pressure, Pa.
+        saturation: the highest pressure a cell can tell, Pa; None: there is no such limit.
+
+    Raises:
+        InvalidInputError: no cell, no live cell, a shape that does not fit, a position or normal that is not finite, a
+            pressure below zero or infinite, an alpha, threshold or saturation out of range, or normals missing where
+            the pad is curved or parallel to the z axis.
+    """
+    p_PT = finite_array("p_PT", p_PT, (None, 3)).copy()
+    if len(p_PT) == 0:
+        raise InvalidInputError("p_PT: has no cells; a pad has at least 1.")
+    pressure = _pressures(pressure, len(p_PT))
+    alpha = float(finite_array("alpha", alpha, ()))
+    if n_PT is None:
+        n_PT = np.tile(-math.copysign(1.0, alpha) * _flat_normal(p_PT), (len(p_PT), 1))
+    elif alpha < 0:
+        raise InvalidInputError(f"alpha: is {alpha:g}; allowed with n_PT are numbers >= 0.")
+    else:
+        n_PT = unit_vectors("n_PT", n_PT, p_PT.shape)
+    threshold = positive_number("threshold", threshold, allow_zero=True)
+    saturation = math.inf if saturation is None else positive_number("saturation", saturation)
+    if saturation <= threshold:
+        raise InvalidInputError(f"saturation: is {saturation:g}; allowed are numbers > threshold = {threshold:g}.")
+
+    unknown = np.full((3, 3), np.nan)
+    patch = Patch(
+        p_PT, n_PT, pressure, abs(alpha), threshold, saturation, "no_contact", unknown[0], unknown, unknown, unknown[0]
+    )
+    patch = _with_components(patch)
+    for field in dataclasses.fields(patch):
+        value = getattr(patch, field.name)
+        if isinstance(value, np.ndarray):
+            value.setflags(write=False)
+    return patch
+
+
+def _pressures(value: ArrayLike, count: int) -> FloatArray:
+    """Checked pressures (n,), NaN where dead."""
+    try:
+        pressure = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InvalidInputError(f"pressure: not an array of numbers ({error}).") from None
+    dead = np.isnan(pressure)
+    finite_array("pressure", np.where(dead, 0.0, pressure), (count,))
+    if dead.all():
+        raise InvalidInputError("pressure: every cell is NaN; a pad has at least 1 live cell.")
+    if np.any(pressure < 0):
+        index = int(np.nanargmin(pressure))
+        raise InvalidInputError(f"pressure[{index}]: is {pressure[index]:g}; allowed are numbers >= 0, and NaN.")
+    return pressure
+
+
+def _flat_normal(p_PT: FloatArray) -> FloatArray:
+    """The normal of the plane of the cells (n, 3), of a row of cells, or of a single cell, that is nearest to z."""
+    _, extents, axes = np.linalg.svd(np.vstack([p_PT - p_PT.mean(axis=0), np.zeros((3, 3))]), full_matrices=False)
+    across = axes[extents <= _FLAT_SHARE * extents[0]]
+    if len(across) == 0:
+        raise InvalidInputError("n_PT: is None, but the cells are not in a plane; a curved pad needs its normals.")
+    normal: FloatArray = across.T @ across[:, 2]
+    rise = float(np.linalg.norm(normal))
+    if rise < _LEAST_RISE:
+        raise InvalidInputError("n_PT: is None, but the pad is parallel to the z axis, which cannot tell its side.")
+    return normal / rise
+
+
+def _with_components(patch: Patch) -> Patch:
+    """The patch with as much of its principal components as is known."""
+    points, cells = patch.points[patch.active], patch.p_PT[patch.active]
+    if len(points) == 0:
+        return patch
+    centroid = points.mean(axis=0)
+    inward = -patch.n_PT[patch.active].mean(axis=0)
+    inward /= max(float(np.linalg.norm(inward)), 1e-9)
+    flat = cells - cells.mean(axis=0)
+    extents = np.linalg.svd(flat - np.outer(flat @ inward, inward), compute_uv=False)
+    if extents[0] == 0:
+        return dataclasses.replace(patch, status="point", centroid=centroid)
+    covariance = np.cov(points.T)  # [B16] eq. 2.33
+    rising, axes = np.linalg.eigh(covariance)
+    eigenvalues, eigenvectors = np.maximum(rising[::-1], 0.0), axes[:, ::-1]
+    if eigenvectors[:, 0] @ (patch.p_PT[-1] - patch.p_PT[0]) < 0:
+        eigenvectors = eigenvectors * [-1.0, 1.0, 1.0]
+
+    status: PatchStatus
+    if len(points) == 2 or extents[1] <= _FLAT_SHARE * extents[0]:
+        status = "row"
+        eigenvalues = np.array([eigenvalues[0], np.nan, np.nan])
+        eigenvectors = np.where([True, False, False], eigenvectors, np.nan)
+    else:
+        third = eigenvectors[:, 2] * math.copysign(1.0, float(eigenvectors[:, 2] @ inward))
+        eigenvectors = np.stack([eigenvectors[:, 0], np.cross(third, eigenvectors[:, 0]), third], axis=1)
+        status = "area" if third @ inward >= _ACROSS else "narrow"
+    return dataclasses.replace(
+        patch,
+        status=status,
+        centroid=centroid,
+        covariance=covariance,
+        eigenvectors=eigenvectors,
+        eigenvalues=eigenvalues,
+    )
