@@ -1,0 +1,163 @@
+"""Simulated grasps to try pose estimation on: true contacts and object poses of the five-fingered hand.
+
+    python examples/thesis/grasp_library.py --count 100
+
+The thesis took its grasps from Gazebo; these are from the package's own simulation. For each seed the hand plans grasps
+by all five fingers, closes, and holds the object by itself; a grasp counts once each fingertip carries 1 N. Of the wine
+glass only grasps with the little finger on the stem are taken: in the thesis too "the small finger touches the glass
+stem, which was done in order to avoid that 'upside down' poses yield similar costs".
+
+A grasp takes about four seconds. Each is kept as a file of its own in the package's cache folder (or the one that is
+named), so that an interrupted run goes on where it stopped, and the next run only reads.
+
+Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016, section 4.3.1.
+"""
+
+import dataclasses
+import itertools
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import click
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.progress import track
+
+import tactopose_drake as tp
+from tactopose_drake.core.model_cache import cache_folder, content_key
+from tactopose_drake.grasping.grasp_planning import plan_scenario
+from tactopose_drake.grasping.grasp_simulation import GraspResult, run_grasp
+from tactopose_drake.scenario import Scenario, load_scenario
+from tactopose_drake.station import make_station
+
+Array = NDArray[np.float64]
+
+OBJECTS = ("bust", "wine_glass")
+FINGERS = ("thumb", "first", "middle", "ring", "little")
+# Where the stem of the wine glass is: above its foot, and nearer to its axis than the bowl begins.
+STEM_ABOVE, STEM_RADIUS = 0.015, 0.010  # m
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class SimulatedGrasp:
+    """What the simulator knows of one grasp, in the palm frame P.
+
+    Attributes:
+        X_PO: true pose of the object, shape (3, 4).
+        p_PC: centres of pressure of the fingertips, in the order of `FINGERS`, shape (5, 3), m.
+        n_PC: the object's outward normals there, shape (5, 3).
+        f_PC: forces on the fingertips, shape (5, 3), N.
+        p_PH: centres of the spheres that fill the hand, shape (h, 3), m.
+        radius: their radii, shape (h,), m.
+    """
+
+    X_PO: Array
+    p_PC: Array
+    n_PC: Array
+    f_PC: Array
+    p_PH: Array
+    radius: Array
+
+
+def make_library(name: str, count: int, folder: Path | None = None) -> list[SimulatedGrasp]:
+    """The first `count` grasps of an object, by rising seed; simulates those that are not in the folder yet.
+
+    Args:
+        name: one of the package's objects.
+        count: how many grasps.
+        folder: where the files are; None for the package's cache folder.
+    """
+    grasps = _grasps(name, cache_folder() / "grasps" if folder is None else folder)
+    described = track(grasps, f"grasps of the {name}", total=count, console=Console(stderr=True), transient=True)
+    return list(itertools.islice(described, count))
+
+
+def _grasps(name: str, folder: Path) -> Iterator[SimulatedGrasp]:
+    """The object's grasps, from the files or simulated."""
+    scenario = make_scenario(name)
+    mesh = scenario.object_mesh()
+    version = content_key(mesh.read_bytes())[:8]
+    model = tp.ObjectModel.from_mesh(mesh)
+    folder.mkdir(parents=True, exist_ok=True)
+    for seed in itertools.count():
+        path = folder / f"{name}_{version}_{seed}.npz"
+        if not path.is_file():
+            scenario.seed = seed
+            _save(path, simulate(scenario, model))
+        with np.load(path) as arrays:
+            if arrays.files:
+                yield SimulatedGrasp(**arrays)
+
+
+def _save(path: Path, grasp: SimulatedGrasp | None) -> None:
+    """Writes a grasp, or an empty file for a seed without one, in one step: no reader sees half a file."""
+    partial = path.with_suffix(".partial")
+    with partial.open("wb") as file:
+        np.savez(file, **({} if grasp is None else vars(grasp)))
+    os.replace(partial, path)
+
+
+def make_scenario(name: str) -> Scenario:
+    """The hand takes an object by all five fingers; no pose is estimated."""
+    scenario = load_scenario("shadow_like")
+    scenario.object = name
+    scenario.planner.least_fingers = len(FINGERS)
+    scenario.check.least_fingers = len(FINGERS)
+    scenario.estimation.estimator.period = 2.0 * scenario.duration  # Once at the start, when nothing touches.
+    return scenario
+
+
+def simulate(scenario: Scenario, model: tp.ObjectModel) -> SimulatedGrasp | None:
+    """The best grasp of the scenario's seed that holds and is wanted; None if none of its attempts does."""
+    plans = plan_scenario(scenario, model)
+    wanted = (plan for plan in plans if is_wanted(scenario.object, plan.X_PO, plan.fingers["little"].p_PC))
+    for plan in itertools.islice(wanted, scenario.check.attempts):
+        result = run_grasp(make_station(scenario, plan, model=model))
+        if result.stable:
+            grasp = _read(result)
+            if is_wanted(scenario.object, grasp.X_PO, grasp.p_PC[FINGERS.index("little")]):
+                return grasp
+    return None
+
+
+def is_wanted(name: str, X_PO: Array, p_PC_little: Array) -> bool:
+    """Whether the little finger, which touches at a point (3,), m, does so where it should."""
+    if name != "wine_glass":
+        return True
+    x, y, z = (p_PC_little - X_PO[:, 3]) @ X_PO[:, :3]
+    return bool(np.hypot(x, y) < STEM_RADIUS and z > STEM_ABOVE)
+
+
+def _read(result: GraspResult) -> SimulatedGrasp:
+    station, tips = result.station, [result.truth.tips[finger] for finger in FINGERS]
+    context = station.plant.GetMyContextFromRoot(result.context)
+    hand = tp.HandGeometry.from_plant(station.plant, context, station.hand.palm_frame)
+    return SimulatedGrasp(
+        X_PO=result.X_PO.GetAsMatrix34(),
+        p_PC=np.array([tip.p_PC for tip in tips]),
+        n_PC=np.array([tip.n_PC for tip in tips]),
+        f_PC=np.array([tip.f_PC for tip in tips]),
+        p_PH=hand.p_PH,
+        radius=hand.radius,
+    )
+
+
+@click.command(context_settings={"help_option_names": ["-h", "--help"]})
+@click.option("--count", type=click.IntRange(min=1), default=100, show_default=True, help="Grasps of each object.")
+@click.option("--folder", type=click.Path(path_type=Path), help="Keeps them here, not in the cache folder.")
+def main(count: int, folder: Path | None) -> None:
+    """Simulates grasps of the bust and of the wine glass."""
+    for name in OBJECTS:
+        grasps = make_library(name, count, folder)
+        model = tp.ObjectModel.from_mesh(make_scenario(name).object_mesh())
+        p_OC = np.concatenate([(grasp.p_PC - grasp.X_PO[:, 3]) @ grasp.X_PO[:, :3] for grasp in grasps])
+        off = 1e3 * np.abs(model.grid.distance(p_OC))
+        print(
+            f"{name}: {len(grasps)} grasps; contacts off the surface by {off.mean():.2f} mm, {off.max():.2f} at most."
+        )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,114 @@
+"""The figures of section 4.3.1 of the thesis, and 4.20, from the runs of its experiments.
+
+Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016, section 4.3.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from grasp_library import Array
+from grasp_trials import Errors
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from pose_experiments import FINGER_COUNTS, LEVELS, MAIN_CELL, OURS, THEIRS, Cell, Results, Runs
+
+NAMES = {OURS: "tp.estimate_pose", THEIRS: "the thesis' search"}
+PARTS = ("position error, mm", "orientation error, deg")
+
+
+def save_figures(results: Results, folder: Path) -> None:
+    """Mean errors and success rates; where there is a guess, also the histograms and initial against final error."""
+    name = results.experiment.name
+    _print(_mean_errors(results), folder / f"{name}_mean_errors.png")
+    _print(_success_rates(results), folder / f"{name}_success.png")
+    if results.experiment.guess:
+        _print(_histograms(results), folder / f"{name}_histograms.png")
+        _print(_initial_against_final(results), folder / f"{name}_initial_against_final.png")
+
+
+def _methods(results: Results) -> list[str]:
+    return [method for method in NAMES if (MAIN_CELL, method) in results.runs]
+
+
+def _units(errors: Errors) -> tuple[Array, Array]:
+    """Millimetres and degrees."""
+    return 1e3 * errors.translation, np.degrees(errors.rotation)
+
+
+def _mean_errors(results: Results) -> Figure:
+    """[B16] figures 4.9 and 4.12."""
+    figure = Figure(figsize=(11, 8), layout="constrained")
+    for axes, part, label in zip(figure.subplots(2, 1), (0, 1), PARTS, strict=True):
+        _bars(axes, results, lambda runs, part=part: float(_units(runs.errors)[part].mean()))
+        axes.set_ylabel(f"mean {label}")
+    figure.suptitle(results.experiment.title)
+    return figure
+
+
+def _success_rates(results: Results) -> Figure:
+    """[B16] figures 4.10 and 4.13."""
+    figure = Figure(figsize=(11, 4.5), layout="constrained")
+    axes = figure.subplots()
+    _bars(axes, results, lambda runs: 100.0 * float(runs.errors.success.mean()))
+    axes.set(ylabel="trials under 1 cm and 15°, %", ylim=(0, 100))
+    figure.suptitle(results.experiment.title)
+    return figure
+
+
+def _bars(axes: Axes, results: Results, height: Callable[[Runs], float]) -> None:
+    """A group of bars for each noise, a colour for each number of fingers; the thesis' search hatched."""
+    methods = _methods(results)
+    width = 0.85 / (len(methods) * len(FINGER_COUNTS))
+    for i, fingers in enumerate(FINGER_COUNTS):
+        for j, method in enumerate(methods):
+            heights = [height(results.runs[Cell(fingers, noise), method]) for noise in LEVELS]
+            offset = (len(methods) * i + j + 0.5) * width - 0.425
+            axes.bar(
+                np.arange(len(LEVELS)) + offset,
+                heights,
+                width,
+                color=f"C{i}",
+                alpha=1.0 if method == OURS else 0.5,
+                hatch="" if method == OURS else "//",
+                label=f"{fingers} fingers, {NAMES[method]}",
+            )
+    axes.set_xticks(range(len(LEVELS)), [str(noise) for noise in LEVELS])
+    axes.set_xlabel("noise of the contacts")
+    axes.legend(fontsize="small", ncols=len(FINGER_COUNTS), loc="lower center", bbox_to_anchor=(0.5, 1.0))
+
+
+def _histograms(results: Results) -> Figure:
+    """[B16] figure 4.8: initial errors above, final ones below, with five fingers and the thesis' noise."""
+    methods = _methods(results)
+    rows = [("initial", results.initial)]
+    rows += [(f"final, {NAMES[method]}", results.runs[MAIN_CELL, method].errors) for method in methods]
+    figure = Figure(figsize=(10, 3 * len(rows)), layout="constrained")
+    limits = [values.max() for values in _units(results.initial)]
+    for line, (name, errors) in zip(figure.subplots(len(rows), 2), rows, strict=True):
+        for axes, values, limit, label in zip(line, _units(errors), limits, PARTS, strict=True):
+            axes.hist(np.minimum(values, limit), bins=np.linspace(0.0, limit, 31))
+            axes.set(xlabel=label, title=f"{name}: mean {values.mean():.1f}, s.d. {values.std():.1f}")
+    return figure
+
+
+def _initial_against_final(results: Results) -> Figure:
+    """[B16] figure 4.20, which is of the same correction: below the line the error has fallen."""
+    methods = _methods(results)
+    figure = Figure(figsize=(5 * len(methods), 9), layout="constrained")
+    grid = figure.subplots(2, len(methods), squeeze=False)
+    for column, method in zip(grid.T, methods, strict=True):
+        final = results.runs[MAIN_CELL, method].errors
+        initial = Errors(*(values[: len(final.translation)] for values in results.initial))
+        for axes, x, y, label in zip(column, _units(initial), _units(final), PARTS, strict=True):
+            axes.plot(x, y, ".")
+            axes.axline((0, 0), slope=1, color="C2")
+            axes.set(
+                xlabel=f"initial {label}", ylabel=f"final {label}", title=f"{NAMES[method]}: {np.mean(y < x):.0%} fell"
+            )
+    return figure
+
+
+def _print(figure: Figure, path: Path) -> None:
+    FigureCanvasAgg(figure).print_png(path)
