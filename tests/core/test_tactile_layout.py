@@ -81,6 +81,13 @@ def test_a_single_cell() -> None:
     np.testing.assert_array_equal(wedges_of(layout, np.array([[0.9, 0.1, 0.0], [1.1, 0.5, 0.0]])), [1, 0])
 
 
+def test_neighbours_share_the_plane_between_them() -> None:
+    two = np.concatenate([SQUARE, SQUARE + np.array([1.0, 0, 0])])
+    ray = {corner: (0.1 * i, -0.05 * i, 1.0) for i, corner in enumerate(sorted({tuple(p) for p in two.reshape(-1, 3)}))}
+    layout = TactileLayout(two, np.array([[ray[tuple(p)] for p in cell] for cell in two]))
+    np.testing.assert_allclose(layout.planes[0, 1], -layout.planes[1, 3], atol=1e-12)
+
+
 @pytest.mark.parametrize(
     ("corners", "message"),
     [
