@@ -1,9 +1,11 @@
 """The one call: from contacts to ranked hypotheses of the object's pose."""
 
+from __future__ import annotations
+
 import dataclasses
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Literal
 
 import numpy as np
@@ -57,6 +59,7 @@ class PoseHypothesis:
         covariance: (6, 6) of the increment (w, v): R_PO = R_hat exp(w), p_PO = p_hat + v; rad, m (v in P).
         free_directions: increments that the touch does not determine, orthonormal rows (f, 6); f = 0 where the pose is
             determined. Along them the pose is the prior's, or arbitrary.
+        explains_touch: whether noise alone may leave the contacts' residuals as large as this pose does.
     """
 
     X_PO: RigidTransform
@@ -64,6 +67,7 @@ class PoseHypothesis:
     probability: float
     covariance: FloatArray
     free_directions: FloatArray
+    explains_touch: bool = True
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -88,6 +92,23 @@ class PoseEstimate:
     def best(self) -> PoseHypothesis:
         """The most probable hypothesis."""
         return self.hypotheses[0]
+
+    def keep(self, kept: Sequence[bool]) -> PoseEstimate:
+        """The estimate by some of the hypotheses alone, weighed among themselves.
+
+        Args:
+            kept: for each hypothesis whether it stays; at least one does.
+        """
+        chosen = [hypothesis for hypothesis, stays in zip(self.hypotheses, kept, strict=True) if stays]
+        if not chosen:
+            raise InvalidInputError("kept: keeps no hypothesis; the least is 1.")
+        mass = sum(hypothesis.probability for hypothesis in chosen)
+        hypotheses = tuple(
+            dataclasses.replace(hypothesis, probability=hypothesis.probability / mass if mass else 1.0 / len(chosen))
+            for hypothesis in chosen
+        )
+        undetermined = self.status == "ambiguous" and self.best.probability >= _MOST_OF_THE_MASS
+        return dataclasses.replace(self, hypotheses=hypotheses, status=_status(hypotheses, undetermined))
 
 
 def estimate_pose(
@@ -145,8 +166,9 @@ def estimate_pose(
         model.size,
         max_hypotheses,
     )
-    status = _status(modes, problem.touch, contacts, prior)
-    return PoseEstimate(_hypotheses(modes), status, deadline.elapsed(), not deadline.passed)
+    hypotheses = _hypotheses(modes, problem.touch, contacts)
+    undetermined = prior is None and len(contacts) < _FEWEST_FOR_A_POSE
+    return PoseEstimate(hypotheses, _status(hypotheses, undetermined), deadline.elapsed(), not deadline.passed)
 
 
 class _Deadline:
@@ -165,19 +187,27 @@ class _Deadline:
         return time.perf_counter() - self._started
 
 
-def _hypotheses(modes: Modes) -> tuple[PoseHypothesis, ...]:
+def _hypotheses(modes: Modes, touch: SurfaceContact, contacts: Contacts) -> tuple[PoseHypothesis, ...]:
+    degrees_of_freedom = len(contacts) * (1 if contacts.n_PC is None else 3)
+    explained = 2.0 * touch.cost(modes.X_PO) <= chdtri(degrees_of_freedom, _IMPLAUSIBLE)
     return tuple(
-        PoseHypothesis(RigidTransform(X_PO), float(cost), float(probability), covariance, free)
-        for X_PO, cost, probability, covariance, free in zip(
-            modes.X_PO, modes.cost, modes.probability, modes.covariance, modes.free_directions, strict=True
+        PoseHypothesis(RigidTransform(X_PO), float(cost), float(probability), covariance, free, bool(explains))
+        for X_PO, cost, probability, covariance, free, explains in zip(
+            modes.X_PO,
+            modes.cost,
+            modes.probability,
+            modes.covariance,
+            modes.free_directions,
+            explained,
+            strict=True,
         )
     )
 
 
-def _status(modes: Modes, touch: SurfaceContact, contacts: Contacts, prior: PosePrior | None) -> Status:
-    degrees_of_freedom = len(contacts) * (1 if contacts.n_PC is None else 3)
-    if 2.0 * float(touch.cost(modes.X_PO[:1])[0]) > chdtri(degrees_of_freedom, _IMPLAUSIBLE):
+def _status(hypotheses: Sequence[PoseHypothesis], undetermined: bool) -> Status:
+    """Of hypotheses by falling probability; `undetermined`: however they are weighed."""
+    if not hypotheses[0].explains_touch:
         return "no_solution"
-    if prior is None and len(contacts) < _FEWEST_FOR_A_POSE:
+    if undetermined or hypotheses[0].probability < _MOST_OF_THE_MASS:
         return "ambiguous"
-    return "ok" if modes.probability[0] >= _MOST_OF_THE_MASS else "ambiguous"
+    return "ok"
