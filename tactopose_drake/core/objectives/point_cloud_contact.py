@@ -7,20 +7,16 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from tactopose_drake.core.contacts import Contacts
-from tactopose_drake.core.objectives.base import NormalEquations, form_normal_equations
-from tactopose_drake.core.poses import retract
+from tactopose_drake.core.objectives.differenced import DifferencedObjective
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
 
-_FORWARD_STEP = 1e-6
 
-
-class PointCloudContact:
+class PointCloudContact(DifferencedObjective):
     """For each contact the least of ||q - s_i||^2 + w_n |1 - <u, n_i>| over the points near its first guess.
 
     The points near contact m are the cloud's `neighbours` nearest ones at the first guess of the pose ([B16] eq. 3.2,
-    the distance set so that each finger has a minimum number of points). w_n = 0 is [B16] eq. 3.3, else eq. 3.5. The
-    minimum over points is not smooth: its Jacobian is a forward difference ([B16] eq. 2.28).
+    the distance set so that each finger has a minimum number of points). w_n = 0 is [B16] eq. 3.3, else eq. 3.5.
     """
 
     def __init__(
@@ -55,11 +51,6 @@ class PointCloudContact:
         index = index.reshape(len(contacts), -1)
         self._points, self._normals = points[index], normals[index]  # (k, neighbours, 3)
 
-    def cost(self, X_PO: FloatArray) -> FloatArray:
-        """Costs (B,) of poses (B, 3, 4)."""
-        cost: FloatArray = 0.5 * np.sum(self.residuals(X_PO) ** 2, axis=-1)
-        return cost
-
     def residuals(self, X_PO: FloatArray) -> FloatArray:
         """G (B, k) of poses (B, 3, 4), m^2. [B16] eqs. 3.3 and 3.5."""
         R_PO = X_PO[:, :, :3]
@@ -70,14 +61,3 @@ class PointCloudContact:
             squares += self._normal_weight * np.abs(1.0 - np.einsum("bka,kna->bkn", u, self._normals))
         least: FloatArray = squares.min(axis=-1)
         return least
-
-    def residuals_and_jacobian(self, X_PO: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """G (B, k) and its forward differences by the increment (B, k, 6). [B16] eq. 2.28."""
-        here = self.residuals(X_PO)
-        moved = retract(X_PO[:, None], np.eye(6) * _FORWARD_STEP)  # (B, 6, 3, 4)
-        there = self.residuals(moved.reshape(-1, 3, 4)).reshape(len(X_PO), 6, -1)
-        return here, np.swapaxes(there - here[:, None], 1, 2) / _FORWARD_STEP
-
-    def normal_equations(self, X_PO: FloatArray) -> NormalEquations:
-        """Cost, gradient and Gauss-Newton Hessian at poses (B, 3, 4)."""
-        return form_normal_equations(*self.residuals_and_jacobian(X_PO))

@@ -1,0 +1,128 @@
+"""A point cloud sorted into cubic cells, so that the points near a place, and the nearest one, are found at once.
+
+The cells of a column along z lie one after another, so the points in any part of a column are one run of the array.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import cKDTree
+
+from tactopose_drake.core.validation import FloatArray, finite_array
+from tactopose_drake.errors import InvalidInputError
+
+# A cell is so many times as wide as the middle distance from a point to its nearest neighbour...
+_SPACINGS_A_CELL = 2.5
+# ... but there are no more of them than this.
+_MOST_CELLS = 200_000
+
+
+@dataclass(frozen=True, eq=False)
+class PointGrid:
+    """Points of an object in its frame O, by cells; made by `build_point_grid`; arrays are read-only.
+
+    Attributes:
+        points: in the order of their cells, shape (n, 3), m.
+        starts: index of the first point of each cell (x slowest, z fastest), and n at the end, shape (nx ny nz + 1,).
+        seeds: index of the point nearest to each cell's middle, shape (nx, ny, nz).
+        origin: lower corner of the first cell, shape (3,), m.
+        spacing: width of a cell, m.
+    """
+
+    points: FloatArray
+    starts: NDArray[np.int32]
+    seeds: NDArray[np.int32]
+    origin: FloatArray
+    spacing: float
+
+    @property
+    def arguments(self) -> tuple[FloatArray, NDArray[np.int32], NDArray[np.int32], FloatArray, float]:
+        """What kernels take."""
+        return self.points, self.starts, self.seeds, self.origin, self.spacing
+
+    def distance(self, p_OQ: ArrayLike) -> FloatArray:
+        """Distances, shape (n,), m, from points p_OQ, shape (n, 3), m, to the nearest point of the cloud."""
+        queries = finite_array("p_OQ", p_OQ, (None, 3))
+        squares = np.empty(len(queries))
+        _nearest_squares(*self.arguments, queries, squares)
+        return np.sqrt(squares)
+
+
+def build_point_grid(points: ArrayLike) -> PointGrid:
+    """Sorts points (n, 3), m, into cells.
+
+    Raises:
+        InvalidInputError: fewer than two points, or points that are not finite or all the same.
+    """
+    points = finite_array("points", points, (None, 3))
+    if len(points) < 2 or not np.any(np.ptp(points, axis=0) > 0):
+        count = f"{len(points)}{', all the same' if len(points) > 1 else ''}"
+        raise InvalidInputError(f"points: there are {count}; allowed are clouds of 2 different points or more.")
+    tree = cKDTree(points)
+    gaps = np.asarray(tree.query(points, k=2)[0])
+    lower, extent = points.min(axis=0), np.ptp(points, axis=0)
+    spacing = max(_SPACINGS_A_CELL * float(np.median(gaps[:, 1])), 1e-3 * float(extent.max()))
+    while np.prod(extent / spacing + 1.0) > _MOST_CELLS:
+        spacing *= 1.2
+    shape = (extent / spacing).astype(np.intp) + 1
+    cell = np.minimum(((points - lower) / spacing).astype(np.intp), shape - 1)
+    flat = (cell[:, 0] * shape[1] + cell[:, 1]) * shape[2] + cell[:, 2]
+    order = np.argsort(flat, kind="stable")
+    starts = np.searchsorted(flat[order], np.arange(np.prod(shape) + 1)).astype(np.int32)
+    middles = lower + spacing * (np.moveaxis(np.indices(shape), 0, -1) + 0.5)
+    rank = np.empty(len(points), dtype=np.int32)
+    rank[order] = np.arange(len(points))
+    seeds = rank[tree.query(middles)[1]]
+    arrays = (points[order], starts, seeds, lower)
+    for array in arrays:
+        array.setflags(write=False)
+    return PointGrid(*arrays, spacing)
+
+
+@njit(cache=True, inline="always")
+def slot_of(x, origin, inverse_spacing, count):  # type: ignore[no-untyped-def]
+    """The cell that x is in along one axis, or the nearest one."""
+    return int(min(max((x - origin) * inverse_spacing, 0.0), count - 1.0))
+
+
+@njit(cache=True, error_model="numpy")
+def nearest_square(points, starts, seeds, origin, spacing, x, y, z):  # type: ignore[no-untyped-def]
+    """The squared distance, m^2, from (x, y, z) to the nearest point.
+
+    The seed of the nearest cell bounds it; the columns that reach into the ball of that radius are gone through.
+    """
+    nx, ny, nz = seeds.shape
+    inverse = 1.0 / spacing
+    seed = seeds[
+        slot_of(x, origin[0], inverse, nx), slot_of(y, origin[1], inverse, ny), slot_of(z, origin[2], inverse, nz)
+    ]
+    best = (points[seed, 0] - x) ** 2 + (points[seed, 1] - y) ** 2 + (points[seed, 2] - z) ** 2
+    reach = np.sqrt(best)
+    for i in range(slot_of(x - reach, origin[0], inverse, nx), slot_of(x + reach, origin[0], inverse, nx) + 1):
+        edge = origin[0] + i * spacing
+        gap_x = max(edge - x, x - edge - spacing, 0.0)
+        if gap_x * gap_x >= best:
+            continue
+        half = np.sqrt(best - gap_x * gap_x)
+        for j in range(slot_of(y - half, origin[1], inverse, ny), slot_of(y + half, origin[1], inverse, ny) + 1):
+            edge = origin[1] + j * spacing
+            gap_y = max(edge - y, y - edge - spacing, 0.0)
+            rest = best - gap_x * gap_x - gap_y * gap_y
+            if rest <= 0.0:
+                continue
+            half = np.sqrt(rest)
+            column = (i * ny + j) * nz
+            first = starts[column + slot_of(z - half, origin[2], inverse, nz)]
+            for n in range(first, starts[column + slot_of(z + half, origin[2], inverse, nz) + 1]):
+                square = (points[n, 0] - x) ** 2 + (points[n, 1] - y) ** 2 + (points[n, 2] - z) ** 2
+                best = min(best, square)
+    return best
+
+
+@njit(cache=True)
+def _nearest_squares(points, starts, seeds, origin, spacing, queries, squares):  # type: ignore[no-untyped-def]
+    """`nearest_square` of each query (n, 3), into squares (n,)."""
+    for n in range(queries.shape[0]):
+        squares[n] = nearest_square(points, starts, seeds, origin, spacing, queries[n, 0], queries[n, 1], queries[n, 2])
