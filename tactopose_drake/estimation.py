@@ -23,6 +23,7 @@ from tactopose_drake.core.prior import PosePrior
 from tactopose_drake.core.searches.base import Search
 from tactopose_drake.core.searches.gradient_descent import GradientDescent
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
+from tactopose_drake.core.searches.monte_carlo import MonteCarlo
 from tactopose_drake.core.searches.pair_search import PairSearch
 from tactopose_drake.core.validation import FloatArray, positive_number
 from tactopose_drake.errors import InvalidInputError, TooFewContactsError, UnknownNameError
@@ -43,8 +44,9 @@ METHODS: dict[str, Callable[[ObjectModel, Evidence], Search]] = {
     "levenberg_marquardt": lambda model, evidence: LevenbergMarquardt(),
     "gradient_descent": lambda model, evidence: GradientDescent(length=model.size / 2),
     "mathematical_program": lambda model, evidence: PoseProgram(length=model.size / 2),
+    "monte_carlo": lambda model, evidence: MonteCarlo(scale=_expected_cost(evidence.contacts)),
 }
-GLOBAL_METHODS = frozenset({"pair_search"})
+GLOBAL_METHODS = frozenset({"pair_search", "monte_carlo"})
 """The methods that need no prior."""
 
 
@@ -187,9 +189,17 @@ class _Deadline:
         return time.perf_counter() - self._started
 
 
+def _expected_cost(contacts: Contacts) -> float:
+    """What noise alone makes the true pose cost, on average: half for each distance, and for a normal's two turns."""
+    return 0.5 * _degrees_of_freedom(contacts)
+
+
+def _degrees_of_freedom(contacts: Contacts) -> int:
+    return len(contacts) * (1 if contacts.n_PC is None else 3)
+
+
 def _hypotheses(modes: Modes, touch: SurfaceContact, contacts: Contacts) -> tuple[PoseHypothesis, ...]:
-    degrees_of_freedom = len(contacts) * (1 if contacts.n_PC is None else 3)
-    explained = 2.0 * touch.cost(modes.X_PO) <= chdtri(degrees_of_freedom, _IMPLAUSIBLE)
+    explained = 2.0 * touch.cost(modes.X_PO) <= chdtri(_degrees_of_freedom(contacts), _IMPLAUSIBLE)
     return tuple(
         PoseHypothesis(RigidTransform(X_PO), float(cost), float(probability), covariance, free, bool(explains))
         for X_PO, cost, probability, covariance, free, explains in zip(

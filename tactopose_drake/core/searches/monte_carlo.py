@@ -1,0 +1,176 @@
+"""The thesis' global search: an evolutionary Monte Carlo method that keeps every particle that it ever made.
+
+Source: [B16] J. Bimbo, thesis, 2016, section 4.2, and 6.4 for the batches.
+"""
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactopose_drake.core.objectives.base import LeastSquaresObjective
+from tactopose_drake.core.searches.base import PoseSpace, SearchResult, StopSignal, join_results, never
+from tactopose_drake.core.searches.initial_population import near_particles, scattered_particles
+from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
+from tactopose_drake.core.searches.roulette import breed, mark_different, place, weigh
+from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.errors import InvalidInputError
+
+# The confidence is looked at each time that so many particles have been made. [B16] section 4.2.6.
+_CHECKED_EVERY = 1000
+# The share of the particles, the last ones, that are kept with the best one.
+_KEPT_SHARE = 0.01
+# So many particles share one draw of random numbers, and one question whether to stop.
+_ROUND = 100
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class MonteCarloDesign:
+    """The design parameters of section 4.2, which the thesis names but does not print.
+
+    Attributes:
+        particles: n_p, how many are made at the most.
+        population: of these, how many are the initial ones.
+        power: p_p of [B16] eq. 4.9; the larger, the more the best particles are preferred.
+        noise: sigma_0 of eq. 4.12, a share of the searched space.
+        cooling: p_n of eq. 4.12.
+        confidence: of eq. 4.13; the search ends when its best particle has more.
+    """
+
+    particles: int
+    population: int
+    power: float
+    noise: float
+    cooling: float
+    confidence: float
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.population <= self.particles:
+            raise InvalidInputError(f"population: is {self.population}; allowed are 1 to {self.particles} (particles).")
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class MonteCarlo:
+    """Copies particles by their weight, adds noise that falls to zero, and keeps them all.
+
+    With `batch` 1 this is the thesis' search: one particle is copied, changed and judged at a time, and may be the
+    parent of the next one. With larger batches that many are copied and judged at once.
+
+    Its readings of the thesis: each of a particle's seven numbers gets noise of its own; the particle moves the object,
+    which is the inverse of what moves the contacts; opposite quaternions are the same.
+
+    Attributes:
+        scale: the cost of a good pose, in which costs count: the confidence is 100 / (1 + G / scale). For the cost of
+            [B16] eq. 4.1 that is eq. 4.13 with k (1 + w_n) / 100; for a likelihood, what noise alone would cost.
+        batch: particles that are made at once.
+        correction: the design where the space has a limited rotation: aggressive.
+        anywhere: the design where it has not: broad.
+        same_rotation: quaternions closer than this, and
+        same_translation: translations closer than this, m, make two poses the same.
+        is_possible: says of poses (B, 3, 4) which do not collide, (B,); the others are discarded, unless all are.
+        polish: the final refinement of the best pose. The others stay as they were found.
+    """
+
+    scale: float
+    batch: int = 1
+    correction: MonteCarloDesign = MonteCarloDesign(
+        particles=15_000, population=750, power=100.0, noise=0.4, cooling=2.0, confidence=50.0
+    )
+    anywhere: MonteCarloDesign = MonteCarloDesign(
+        particles=300_000, population=15_000, power=600.0, noise=0.3, cooling=2.0, confidence=50.0
+    )
+    same_rotation: float = 0.05
+    same_translation: float = 0.005
+    is_possible: Callable[[FloatArray], NDArray[np.bool_]] | None = None
+    polish: LevenbergMarquardt = dataclasses.field(default_factory=LevenbergMarquardt)
+
+    def __post_init__(self) -> None:
+        if self.batch < 1:
+            raise InvalidInputError(f"batch: is {self.batch}; allowed are numbers >= 1.")
+        if not self.scale > 0:
+            raise InvalidInputError(f"scale: is {self.scale:g}; allowed are numbers > 0.")
+
+    def minimize(
+        self,
+        objective: LeastSquaresObjective,
+        space: PoseSpace,
+        generator: np.random.Generator,
+        should_stop: StopSignal = never,
+    ) -> SearchResult:
+        """The best particle and the distinct ones of the last, by rising cost."""
+        particles, cost = self.evolve(objective, space, generator, should_stop)
+        last = np.arange(len(cost) - max(1, round(_KEPT_SHARE * len(cost))), len(cost))
+        index = np.union1d(last, [cost.argmin()])
+        index = index[np.argsort(cost[index], kind="stable")]
+        different = np.empty(len(index), dtype=np.bool_)
+        mark_different(particles[index], self.same_rotation, self.same_translation, different)
+        index = index[different]
+        X_PO = np.empty((len(index), 3, 4))
+        place(particles[index], space.center, X_PO)
+        if self.is_possible is not None:
+            possible = self.is_possible(X_PO)
+            possible[0] |= not possible.any()
+            index, X_PO = index[possible], X_PO[possible]
+        best = self.polish.refine(objective, X_PO[:1], should_stop)
+        rough = np.zeros(len(index) - 1, dtype=np.int64)
+        rest = SearchResult(X_PO[1:], cost[index[1:]], rough, rough > 0)
+        found = join_results(best, rest).ranked()
+        return found._replace(iterations=found.iterations + len(cost))
+
+    def evolve(
+        self,
+        objective: LeastSquaresObjective,
+        space: PoseSpace,
+        generator: np.random.Generator,
+        should_stop: StopSignal = never,
+    ) -> tuple[FloatArray, FloatArray]:
+        """All particles (n, 7) in the order in which they were made, see `roulette.py`, and their costs (n,)."""
+        is_near = space.reach[0] < np.pi
+        design = self.correction if is_near else self.anywhere
+        particles, cost = np.empty((design.particles, 7)), np.empty(design.particles)
+        weight, sums = np.empty(design.particles), np.empty(design.particles)
+        if is_near:
+            sigma = 1.0 / np.sqrt(np.diag(space.information))
+            size = np.repeat([0.5 * sigma[:3].mean(), sigma[3:].mean()], [4, 3])  # A quaternion counts half angles.
+            particles[: design.population] = near_particles(generator, design.population, size[0], size[-1])
+        else:
+            size = np.repeat([1.0, space.reach[1]], [4, 3])
+            particles[: design.population] = scattered_particles(generator, design.population, size[-1])
+
+        X = np.empty((self.batch, 3, 4))
+        count = 0
+        while count < design.particles:
+            is_initial = count < design.population
+            end = min(count + max(_ROUND, self.batch), design.population if is_initial else design.particles)
+            if not is_initial:
+                draws = generator.random(end - count)
+                sigma_j = noise_schedule(np.arange(count, end), design)
+                noise = generator.normal(size=(end - count, 7)) * sigma_j[:, None] * size
+            start, before = count, count // _CHECKED_EVERY
+            while count < end:
+                stop = min(count + self.batch, end)
+                X_made = X[: stop - count]
+                if is_initial:
+                    place(particles[count:stop], space.center, X_made)
+                else:
+                    here = slice(count - start, stop - start)
+                    breed(particles, weight, sums, count, draws[here], noise[here], space.center, X_made)
+                cost[count:stop] = objective.cost(X_made)
+                weigh(cost, self.scale, design.power, weight, sums, count, stop)
+                count = stop
+            if should_stop():
+                break
+            if count // _CHECKED_EVERY > before and self.confidence(cost[:count].min()) > design.confidence:
+                break
+        return particles[:count], cost[:count]
+
+    def confidence(self, cost: float) -> float:
+        """C, between 0 and 100. [B16] eq. 4.13."""
+        return 100.0 / (1.0 + cost / self.scale)
+
+
+def noise_schedule(j: NDArray[np.int64], design: MonteCarloDesign) -> FloatArray:
+    """sigma_j of the particles j. [B16] eq. 4.12."""
+    sigma: FloatArray = design.noise * (1.0 - j / design.particles) ** design.cooling
+    return sigma
