@@ -22,6 +22,7 @@ class Contacts:
         f_PC: forces on the fingertips, shape (k, 3), N, or None.
         sigma_position: standard deviation of each coordinate of p_PC, a number or shape (k,), m.
         sigma_normal: standard deviation of a small rotation of n_PC about each axis, a number or shape (k,), rad.
+        sigma_force: standard deviation of each component of f_PC, a number or shape (k,), N.
 
     Raises:
         InvalidInputError: a number that is not finite, a shape that does not fit, a normal whose length differs from 1
@@ -33,6 +34,7 @@ class Contacts:
     f_PC: FloatArray | None = None
     sigma_position: FloatArray | float = 0.0009
     sigma_normal: FloatArray | float = math.radians(5.0)
+    sigma_force: FloatArray | float = 0.05
 
     def __post_init__(self) -> None:
         p_PC = finite_array("p_PC", self.p_PC, (None, 3))
@@ -43,6 +45,7 @@ class Contacts:
             "f_PC": None if self.f_PC is None else finite_array("f_PC", self.f_PC, shape),
             "sigma_position": _sigmas("sigma_position", self.sigma_position, len(p_PC)),
             "sigma_normal": _sigmas("sigma_normal", self.sigma_normal, len(p_PC)),
+            "sigma_force": _sigmas("sigma_force", self.sigma_force, len(p_PC)),
         }
         for name, value in values.items():
             if value is not None:

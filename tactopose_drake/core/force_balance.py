@@ -1,0 +1,30 @@
+"""What makes the contact forces tell where the object is: that it is at rest under them and gravity."""
+
+import dataclasses
+
+from tactopose_drake.core.validation import FloatArray, finite_array, positive_number
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ForceBalance:
+    """The object is at rest, and nothing but gravity and the measured contacts acts on it.
+
+    True of an object that is held by sensing fingertips alone. A palm or a table that bears it too breaks the balance.
+
+    Attributes:
+        gravity_P: acceleration of gravity in the palm frame, shape (3,), m/s^2.
+        sigma_torque: standard deviation of each component of the torque that a soft fingertip passes on beside its
+            force, N m.
+
+    Raises:
+        InvalidInputError: a number that is not finite, or a sigma that is not positive.
+    """
+
+    gravity_P: FloatArray
+    sigma_torque: float = 0.001
+
+    def __post_init__(self) -> None:
+        gravity_P = finite_array("gravity_P", self.gravity_P, (3,)).copy()
+        gravity_P.setflags(write=False)
+        object.__setattr__(self, "gravity_P", gravity_P)
+        object.__setattr__(self, "sigma_torque", positive_number("sigma_torque", self.sigma_torque))

@@ -1,0 +1,64 @@
+"""Each contact force within the friction cone about the object's normal."""
+
+import math
+
+import numpy as np
+
+from tactopose_drake.core import evidence_kernels
+from tactopose_drake.core.contacts import Contacts
+from tactopose_drake.core.objectives.base import NormalEquations, form_normal_equations
+from tactopose_drake.core.signed_distance import DistanceGrid
+from tactopose_drake.core.validation import FloatArray
+
+
+class FrictionCone:
+    """How far each force is out of its cone: max(0, angle(f, n) - atan(friction)) / sigma, a residual a contact.
+
+    n is the object's outward normal where the contact is, at the pose; f is the force on the fingertip, which leans
+    from n by no more than the friction angle. sigma^2 = sigma_normal^2 + (sigma_force / |f|)^2 + the variance of the
+    normal across the grid's cell: on an edge of the object, more forces are possible.
+
+    The cost is the Chernoff bound of the probability that noise explains the angle, as that of `Penetration`.
+    """
+
+    def __init__(self, grid: DistanceGrid, contacts: Contacts, friction: float) -> None:
+        """Leaves out the contacts whose force is nothing but noise.
+
+        Args:
+            grid: of the object.
+            contacts: with forces.
+            friction: Coulomb's coefficient.
+        """
+        assert contacts.f_PC is not None
+        size = np.linalg.norm(contacts.f_PC, axis=1)
+        felt = size > contacts.sigma_force
+        size, sigma_force = size[felt], np.asarray(contacts.sigma_force)[felt]
+        self._arguments = (
+            grid.values,
+            grid.origin,
+            1.0 / grid.spacing,
+            contacts.p_PC[felt],
+            contacts.f_PC[felt] / size[:, None],
+            np.asarray(contacts.sigma_normal)[felt] ** 2 + (sigma_force / size) ** 2,
+            math.atan(friction),
+        )
+        self._count = len(size)
+
+    def cost(self, X_PO: FloatArray) -> FloatArray:
+        """Costs (B,) of poses (B, 3, 4)."""
+        cost: FloatArray = 0.5 * np.sum(self.residuals(X_PO) ** 2, axis=-1)
+        return cost
+
+    def residuals(self, X_PO: FloatArray) -> FloatArray:
+        """Residuals (B, k) of poses (B, 3, 4)."""
+        return self.residuals_and_jacobian(X_PO)[0]
+
+    def residuals_and_jacobian(self, X_PO: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Residuals (B, k) and their derivatives by the increment (B, k, 6)."""
+        residuals, jacobian = np.empty((len(X_PO), self._count)), np.empty((len(X_PO), self._count, 6))
+        evidence_kernels.friction_residuals(*self._arguments, X_PO, residuals, jacobian)
+        return residuals, jacobian
+
+    def normal_equations(self, X_PO: FloatArray) -> NormalEquations:
+        """Cost, gradient and Gauss-Newton Hessian at poses (B, 3, 4)."""
+        return form_normal_equations(*self.residuals_and_jacobian(X_PO))

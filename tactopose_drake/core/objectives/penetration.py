@@ -1,0 +1,79 @@
+"""What the object cannot do: lie where the hand is."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactopose_drake.core import evidence_kernels
+from tactopose_drake.core.hand_spheres import HandSpheres
+from tactopose_drake.core.objectives.base import NormalEquations
+from tactopose_drake.core.signed_distance import DistanceGrid
+from tactopose_drake.core.validation import FloatArray
+
+# Spheres whose centres are this near to each other, m, are misplaced together: about a finger's link.
+_NEIGHBOURHOOD = 0.02
+
+
+class Penetration:
+    """Overlap of the hand with the object, where it is deepest in each neighbourhood.
+
+    The spheres are parted into neighbourhoods of some centimetres. Each has one residual, max(0, d - allowed) / sigma,
+    with d = max_i (radius_i - phi(q_i)) how deep its deepest sphere is in the object, and q_i = R_PO^T (p_PH - p_PO).
+    So the many spheres that fill one place count once, however densely they are packed.
+
+    Two rigid bodies do not overlap, but the hand's surface is only known within a Gaussian error: that this explains an
+    overlap d has the probability Phi(-d / sigma), whose negative logarithm is at least d^2 / (2 sigma^2) (the Chernoff
+    bound). This bound is the cost; it is 0 where the hand merely touches, and never more than the evidence.
+    """
+
+    def __init__(self, grid: DistanceGrid, hand: HandSpheres, allowed: float = 0.0) -> None:
+        """Parts the spheres into neighbourhoods.
+
+        Args:
+            grid: of the object.
+            hand: the parts of the hand that the object keeps out of.
+            allowed: an overlap that is none, m: what soft skin gives way and fitting the contacts blurs.
+        """
+        largest_first = np.argsort(-hand.radius, kind="stable")
+        group, distance = np.empty(len(hand), dtype=np.int64), np.empty(len(hand))
+        leads = np.empty(len(hand), dtype=np.bool_)
+        evidence_kernels.gather_neighbourhoods(hand.p_PH, largest_first, _NEIGHBOURHOOD, group, distance, leads)
+        # Neighbourhood by neighbourhood, the leader first, the others by falling reach.
+        reach = distance + hand.radius
+        order = np.lexsort((-reach, ~leads, group))
+        reach, group = reach[order], group[order]
+        start = np.searchsorted(group, np.arange(group[-1] + 2))
+        reach[start[:-1]] = np.maximum.reduceat(reach, start[:-1])
+        self._grid = grid.values, grid.origin, 1.0 / grid.spacing
+        self._p_PH = hand.p_PH[order]
+        self._spheres = self._p_PH, hand.radius[order], reach, start
+        self._allowed, self._weight = allowed, 1.0 / hand.sigma
+
+    def cost(self, X_PO: FloatArray) -> FloatArray:
+        """Costs (B,) of poses (B, 3, 4)."""
+        cost: FloatArray = 0.5 * np.sum(self.residuals(X_PO) ** 2, axis=-1)
+        return cost
+
+    def residuals(self, X_PO: FloatArray) -> FloatArray:
+        """Residuals (B, g) of poses (B, 3, 4), one for each of g neighbourhoods."""
+        return self._weight * self._depths(X_PO)[0]
+
+    def residuals_and_jacobian(self, X_PO: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Residuals (B, g) and their derivatives by the increment (B, g, 6)."""
+        depths = self._depths(X_PO)
+        jacobian = np.empty((*depths[0].shape, 6))
+        evidence_kernels.penetration_jacobian(*self._grid, self._p_PH, self._weight, X_PO, *depths, jacobian)
+        return self._weight * depths[0], jacobian
+
+    def normal_equations(self, X_PO: FloatArray) -> NormalEquations:
+        """Cost, gradient and Gauss-Newton Hessian at poses (B, 3, 4)."""
+        depths, count = self._depths(X_PO), len(X_PO)
+        equations = NormalEquations(np.empty(count), np.empty((count, 6)), np.empty((count, 6, 6)))
+        evidence_kernels.penetration_normal_equations(*self._grid, self._p_PH, self._weight, X_PO, *depths, *equations)
+        return equations
+
+    def _depths(self, X_PO: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
+        """Of each neighbourhood at each pose, the overlap beyond what is allowed, m, and its deepest sphere; (B, g)."""
+        shape = len(X_PO), len(self._spheres[-1]) - 1
+        excess, deepest = np.empty(shape), np.empty(shape, dtype=np.int64)
+        evidence_kernels.penetration_depths(*self._grid, *self._spheres, self._allowed, X_PO, excess, deepest)
+        return excess, deepest
