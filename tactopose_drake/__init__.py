@@ -1,13 +1,15 @@
 """Touch-based pose estimation of grasped objects, as systems for Drake."""
 
 from tactopose_drake.core.contacts import Contacts
+from tactopose_drake.core.force_balance import ForceBalance
 from tactopose_drake.core.intrinsic_contact import ContactSolution, solve_contact, solve_contacts
 from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.patches import Patch, describe_patch
 from tactopose_drake.core.prior import PosePrior
 from tactopose_drake.core.surfaces import Capsule, Cylinder, Ellipsoid, Sphere, Superquadric
 from tactopose_drake.errors import TactoposeError
-from tactopose_drake.estimation import PoseEstimate, PoseHypothesis, estimate_pose
+from tactopose_drake.estimates import PoseEstimate, PoseHypothesis
+from tactopose_drake.estimation import estimate_pose
 from tactopose_drake.hand_geometry import HandGeometry
 
 __all__ = [
@@ -16,6 +18,7 @@ __all__ = [
     "Contacts",
     "Cylinder",
     "Ellipsoid",
+    "ForceBalance",
     "HandGeometry",
     "ObjectModel",
     "Patch",

@@ -19,7 +19,7 @@ from tactopose_drake.display.body_meshes import BodyMeshes, Triangles
 from tactopose_drake.display.picture import save_picture
 from tactopose_drake.display.scene import Scene
 from tactopose_drake.errors import TactoposeError
-from tactopose_drake.estimation import PoseEstimate
+from tactopose_drake.estimates import PoseEstimate
 from tactopose_drake.files import save_result
 from tactopose_drake.grasping.contact_truth import TipContact
 from tactopose_drake.grasping.grasp_simulation import GraspResult, simulate_grasp

@@ -1,12 +1,8 @@
 """The one call: from contacts to ranked hypotheses of the object's pose."""
 
-from __future__ import annotations
-
-import dataclasses
 import math
 import time
-from collections.abc import Callable, Sequence
-from typing import Literal
+from collections.abc import Callable
 
 import numpy as np
 from pydrake.math import RigidTransform
@@ -14,7 +10,9 @@ from scipy.special import chdtri
 
 from tactopose_drake.core.contacts import Contacts
 from tactopose_drake.core.evidence import Evidence
+from tactopose_drake.core.force_balance import ForceBalance
 from tactopose_drake.core.free_spin import turn_toward
+from tactopose_drake.core.hand_spheres import HandSpheres
 from tactopose_drake.core.hypotheses import Modes, find_modes
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.objects import ObjectModel
@@ -25,17 +23,13 @@ from tactopose_drake.core.searches.gradient_descent import GradientDescent
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
 from tactopose_drake.core.searches.monte_carlo import MonteCarlo
 from tactopose_drake.core.searches.pair_search import PairSearch
-from tactopose_drake.core.validation import FloatArray, positive_number
+from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import InvalidInputError, TooFewContactsError, UnknownNameError
+from tactopose_drake.estimates import PoseEstimate, PoseHypothesis, status_of
 from tactopose_drake.programs.pose_program import PoseProgram
-
-Status = Literal["ok", "ambiguous", "no_solution"]
 
 # A touch is explained when noise alone would leave residuals this large more often than once in a million.
 _IMPLAUSIBLE = 1e-6
-# The share of the mass that the best hypothesis must carry to be called the answer.
-_MOST_OF_THE_MASS = 0.5
-
 # Without a prior, fewer contacts leave whole families of poses, whichever mode carries most of the mass.
 _FEWEST_FOR_A_POSE = 3
 
@@ -50,74 +44,15 @@ GLOBAL_METHODS = frozenset({"pair_search", "monte_carlo"})
 """The methods that need no prior."""
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class PoseHypothesis:
-    """One pose that explains the touch.
-
-    Attributes:
-        X_PO: the object's pose in the palm frame.
-        cost: negative log likelihood up to a constant: half the sum of squared whitened residuals.
-        probability: posterior weight among the hypotheses.
-        covariance: (6, 6) of the increment (w, v): R_PO = R_hat exp(w), p_PO = p_hat + v; rad, m (v in P).
-        free_directions: increments that the touch does not determine, orthonormal rows (f, 6); f = 0 where the pose is
-            determined. Along them the pose is the prior's, or arbitrary.
-        explains_touch: whether noise alone may leave the contacts' residuals as large as this pose does.
-    """
-
-    X_PO: RigidTransform
-    cost: float
-    probability: float
-    covariance: FloatArray
-    free_directions: FloatArray
-    explains_touch: bool = True
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class PoseEstimate:
-    """The hypotheses that one touch leaves.
-
-    Attributes:
-        hypotheses: by falling probability; never empty.
-        status: "ok"; "ambiguous" when the best hypothesis carries less than half of the mass, or when fewer than three
-            contacts stand against no prior; "no_solution" when even the best one does not explain the touch within its
-            noise.
-        duration: s.
-        finished: whether the search ended by itself, rather than at the time limit.
-    """
-
-    hypotheses: tuple[PoseHypothesis, ...]
-    status: Status
-    duration: float
-    finished: bool = True
-
-    @property
-    def best(self) -> PoseHypothesis:
-        """The most probable hypothesis."""
-        return self.hypotheses[0]
-
-    def keep(self, kept: Sequence[bool]) -> PoseEstimate:
-        """The estimate by some of the hypotheses alone, weighed among themselves.
-
-        Args:
-            kept: for each hypothesis whether it stays; at least one does.
-        """
-        chosen = [hypothesis for hypothesis, stays in zip(self.hypotheses, kept, strict=True) if stays]
-        if not chosen:
-            raise InvalidInputError("kept: keeps no hypothesis; the least is 1.")
-        mass = sum(hypothesis.probability for hypothesis in chosen)
-        hypotheses = tuple(
-            dataclasses.replace(hypothesis, probability=hypothesis.probability / mass if mass else 1.0 / len(chosen))
-            for hypothesis in chosen
-        )
-        undetermined = self.status == "ambiguous" and self.best.probability >= _MOST_OF_THE_MASS
-        return dataclasses.replace(self, hypotheses=hypotheses, status=_status(hypotheses, undetermined))
-
-
 def estimate_pose(
     model: ObjectModel,
     contacts: Contacts,
     *,
     prior: PosePrior | None = None,
+    hand: HandSpheres | None = None,
+    untouched: HandSpheres | None = None,
+    balance: ForceBalance | None = None,
+    friction: float | None = None,
     method: str = "pair_search",
     seed: int = 0,
     max_hypotheses: int = 64,
@@ -129,6 +64,10 @@ def estimate_pose(
         model: the object.
         contacts: the touch, in the palm frame; at least one contact.
         prior: what is known without it; None where the object may be anywhere that the contacts touch it.
+        hand: the hand's volume, where the object is not.
+        untouched: parts of the hand that feel no contact: the object is not in them, nor presses into them.
+        balance: that the object is at rest under the contacts' forces and gravity alone.
+        friction: coefficient of friction; each force lies in its cone about the object's normal.
         method: the search. Those of `GLOBAL_METHODS` need no prior; the others start from it.
         seed: of the search's random numbers.
         max_hypotheses: how many hypotheses are kept at the most.
@@ -138,8 +77,9 @@ def estimate_pose(
     Raises:
         TooFewContactsError: no contact.
         UnknownNameError: a method that does not exist.
-        InvalidInputError: no prior for a method that starts from one, `max_hypotheses` below 1, or a time limit that is
-            not above 0.
+        InvalidInputError: no prior for a method that starts from one, a friction below 0, `max_hypotheses` below 1, or
+            a time limit that is not above 0; balance or friction without forces, or balance of an object whose mass is
+            not known or whose centre of mass is moved by its symmetries.
     """
     deadline = _Deadline(math.inf if time_limit is None else positive_number("time_limit", time_limit))
     if method not in METHODS:
@@ -153,7 +93,7 @@ def estimate_pose(
             f"prior: is None; the method {method!r} starts from one. Without: {', '.join(sorted(GLOBAL_METHODS))}."
         )
 
-    evidence = Evidence(contacts, prior)
+    evidence = Evidence(contacts, prior, hand, untouched, balance, friction)
     problem = make_problem(model, evidence)
     search = METHODS[method](model, evidence)
     found = search.minimize(problem.objective, problem.space, np.random.default_rng(seed), deadline)
@@ -170,7 +110,7 @@ def estimate_pose(
     )
     hypotheses = _hypotheses(modes, problem.touch, contacts)
     undetermined = prior is None and len(contacts) < _FEWEST_FOR_A_POSE
-    return PoseEstimate(hypotheses, _status(hypotheses, undetermined), deadline.elapsed(), not deadline.passed)
+    return PoseEstimate(hypotheses, status_of(hypotheses, undetermined), deadline.elapsed(), not deadline.passed)
 
 
 class _Deadline:
@@ -212,12 +152,3 @@ def _hypotheses(modes: Modes, touch: SurfaceContact, contacts: Contacts) -> tupl
             strict=True,
         )
     )
-
-
-def _status(hypotheses: Sequence[PoseHypothesis], undetermined: bool) -> Status:
-    """Of hypotheses by falling probability; `undetermined`: however they are weighed."""
-    if not hypotheses[0].explains_touch:
-        return "no_solution"
-    if undetermined or hypotheses[0].probability < _MOST_OF_THE_MASS:
-        return "ambiguous"
-    return "ok"

@@ -17,7 +17,7 @@ from tactopose_drake.core.poses import make_poses, matrix_from_quaternion
 from tactopose_drake.core.prior import PosePrior
 from tactopose_drake.core.validation import FloatArray, finite_array
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
-from tactopose_drake.estimation import PoseEstimate
+from tactopose_drake.estimates import PoseEstimate
 
 
 def load_contacts(path: Path) -> Contacts:

@@ -10,7 +10,7 @@ from tactopose_drake.core.hypotheses import determined_part
 from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.demo import FingerReport, PoseReport
-from tactopose_drake.estimation import PoseEstimate, PoseHypothesis
+from tactopose_drake.estimates import PoseEstimate, PoseHypothesis
 
 _MOST_ROWS = 8
 

@@ -7,7 +7,7 @@ import pytest
 from pydrake.math import RigidTransform, RollPitchYaw
 
 from tactopose_drake.errors import InvalidFileError
-from tactopose_drake.estimation import PoseEstimate, PoseHypothesis
+from tactopose_drake.estimates import PoseEstimate, PoseHypothesis
 from tactopose_drake.files import load_contacts, load_prior, save_result
 
 CONTACTS = """

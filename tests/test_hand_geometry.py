@@ -99,6 +99,7 @@ def test_a_context_without_a_scene_graph_is_refused() -> None:
     ("p_PH", "radius", "message"),
     [
         ([[0, 0, np.nan]], [1], r"p_PH\[0, 2\]: is nan"),
+        (np.zeros((0, 3)), [], "p_PH: holds no sphere; the least is 1"),
         ([[0, 0, 0]], [0], "radius: holds 0"),
         ([[0, 0, 0]], [1, 2], "radius: has shape"),
     ],

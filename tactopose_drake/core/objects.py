@@ -50,6 +50,7 @@ class ObjectModel:
         samples: points spread evenly over the surface, with normals.
         volume: m^3.
         mass: kg; that of water-like density (1000 kg/m^3) where none was given.
+        mass_is_known: whether one was given.
         center_of_mass: shape (3,), m; the volume's centroid where none was given.
         inertia: about the centre of mass, axes of O, shape (3, 3), kg m^2: that of the uniform body of this mass about
             its centroid, also where another centre of mass was given.
@@ -75,6 +76,7 @@ class ObjectModel:
     size: float
     repairs: tuple[str, ...]
     content_hash: str
+    mass_is_known: bool = False
 
     @cached_property
     def area(self) -> float:
@@ -173,6 +175,7 @@ class ObjectModel:
         for repair in repairs:
             warnings.warn(f"{name}: {repair}.", MeshRepairWarning, stacklevel=2)
         volume = float(arrays["volume"])
+        mass_is_known = mass is not None
         mass = DENSITY * volume if mass is None else mass
         inertia = arrays["inertia"] * (mass / (DENSITY * volume))
         center = arrays["centroid"] if center_of_mass is None else np.asarray(center_of_mass)
@@ -194,6 +197,7 @@ class ObjectModel:
             size=float(np.linalg.norm(np.ptp(arrays["vertices"], axis=0))),
             repairs=repairs,
             content_hash=arrays["content_hash"].tobytes().decode(),
+            mass_is_known=mass_is_known,
         )
         for array in (*arrays.values(), center, inertia, poses):
             array.setflags(write=False)

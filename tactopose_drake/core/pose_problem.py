@@ -2,13 +2,27 @@
 
 from typing import NamedTuple
 
+import numpy as np
+
 from tactopose_drake.core.evidence import Evidence
 from tactopose_drake.core.objectives.base import LeastSquaresObjective, SumObjective
+from tactopose_drake.core.objectives.friction_cone import FrictionCone
+from tactopose_drake.core.objectives.penetration import Penetration
 from tactopose_drake.core.objectives.pose_prior import PriorObjective
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
+from tactopose_drake.core.objectives.wrench_balance import WrenchBalance
 from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.poses import transform_points
 from tactopose_drake.core.searches.base import PoseSpace, PriorSpace
 from tactopose_drake.core.searches.touch_space import TouchSpace
+from tactopose_drake.errors import InvalidInputError
+
+# So many standard deviations of the hand's geometry the object may be in the hand for nothing: by about as much the
+# contacts, whose noise is of that size too, and the skin, which gives way, may leave it there.
+_TOUCHING = 2.0
+
+# Symmetries keep the centre of mass where it is within this share of the object's size.
+_SAME_CENTER = 1e-3
 
 
 class PoseProblem(NamedTuple):
@@ -28,9 +42,43 @@ class PoseProblem(NamedTuple):
 
 
 def make_problem(model: ObjectModel, evidence: Evidence) -> PoseProblem:
-    """Gathers the objectives that the evidence calls for."""
-    touch = SurfaceContact(model.grid, evidence.contacts)
-    if evidence.prior is None:
-        return PoseProblem(touch, touch, touch, TouchSpace(model, evidence.contacts))
-    objective = SumObjective([touch, PriorObjective(evidence.prior)])
-    return PoseProblem(touch, touch, objective, PriorSpace(evidence.prior))
+    """Gathers the objectives that the evidence calls for.
+
+    Raises:
+        InvalidInputError: balance of an object whose mass is not known, or whose symmetries move its centre of mass.
+    """
+    contacts, prior = evidence.contacts, evidence.prior
+    touch = SurfaceContact(model.grid, contacts)
+    terms: list[LeastSquaresObjective] = [touch]
+    if evidence.balance is not None:
+        _check_mass(model)
+        terms.append(WrenchBalance(contacts, evidence.balance, model.mass, model.center_of_mass))
+    if evidence.friction is not None:
+        terms.append(FrictionCone(model.grid, contacts, evidence.friction))
+    if evidence.hand is not None:
+        terms.append(Penetration(model.grid, evidence.hand, _TOUCHING * evidence.hand.sigma))
+    if evidence.untouched is not None:
+        terms.append(Penetration(model.grid, evidence.untouched))
+    likelihood = _sum(terms)
+    if prior is None:
+        return PoseProblem(touch, likelihood, likelihood, TouchSpace(model, contacts))
+    return PoseProblem(touch, likelihood, _sum([*terms, PriorObjective(prior)]), PriorSpace(prior))
+
+
+def _sum(terms: list[LeastSquaresObjective]) -> LeastSquaresObjective:
+    return terms[0] if len(terms) == 1 else SumObjective(terms)
+
+
+def _check_mass(model: ObjectModel) -> None:
+    """The forces' balance needs a true mass, and tells apart what the surface alone does not."""
+    if not model.mass_is_known:
+        raise InvalidInputError(
+            f"model: the mass of {model.name!r} is not known; balance needs it: `ObjectModel.from_mesh(mass=...)`."
+        )
+    images = transform_points(model.symmetry_turns, model.center_of_mass[None])
+    moved = float(np.linalg.norm(images - model.center_of_mass, axis=-1).max())
+    if moved > _SAME_CENTER * model.size:
+        raise InvalidInputError(
+            f"model: symmetries of {model.name!r} move its centre of mass by {1e3 * moved:.2g} mm; balance needs a "
+            "model without them: `ObjectModel.from_mesh(symmetry=...)`."
+        )

@@ -11,7 +11,8 @@ from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.prior import PosePrior
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import InvalidInputError
-from tactopose_drake.estimation import PoseEstimate, estimate_pose
+from tactopose_drake.estimates import PoseEstimate
+from tactopose_drake.estimation import estimate_pose
 from tactopose_drake.systems.ports import eval_input, eval_optional_input
 
 

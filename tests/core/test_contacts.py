@@ -47,6 +47,7 @@ def test_contacts_cannot_be_changed_from_outside() -> None:
         ({"p_PC": POINTS, "f_PC": NORMALS * math.nan}, r"f_PC\[0, 0\]: is nan"),
         ({"p_PC": POINTS, "sigma_position": 0.0}, "sigma_position: is 0; allowed are numbers > 0"),
         ({"p_PC": POINTS, "sigma_normal": [0.1, -0.1]}, "sigma_normal: is -0.1; allowed are numbers > 0"),
+        ({"p_PC": POINTS, "sigma_force": 0.0}, "sigma_force: is 0; allowed are numbers > 0"),
         ({"p_PC": POINTS, "sigma_normal": [0.1]}, r"sigma_normal: has shape \(1,\); allowed is \(2,\)"),
     ],
 )
