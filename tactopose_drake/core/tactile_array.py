@@ -111,7 +111,7 @@ def mean_pressure(layout: TactileLayout, fields: list[PressureField]) -> FloatAr
         Shape (m,), Pa; what turns away from a cell, or lies beyond every cell's edges, is not felt.
     """
     pressure: FloatArray = -np.einsum("mi,mi->m", forces_on_cells(layout, fields), layout.n_T) / layout.areas
-    return pressure
+    return np.maximum(pressure, 0.0)  # at a contact's rim, where it is zero, rounding may make it less
 
 
 def forces_on_cells(layout: TactileLayout, fields: list[PressureField]) -> FloatArray:
