@@ -42,13 +42,16 @@ def gather_neighbourhoods(p, order, width, group, distance, leads):  # type: ign
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def penetration_depths(  # type: ignore[no-untyped-def]
-    values, origin, inverse_spacing, p, radius, reach, start, allowed, X, excess, deepest
+    values, origin, inverse_spacing, p, radius, reach, start, allowed, X, excess, points, slopes
 ):
     """How deep each neighbourhood of spheres is in the object at each pose beyond what is allowed, excess (B, g) >= 0.
 
-    Neighbourhood g is start[g]:start[g + 1]; its deepest sphere goes to deepest (B, g). No sphere reaches further than
-    `reach` (h,) from the neighbourhood's first, so the distance of that one mostly settles it: by the grid's bounds,
-    by the node nearest to it, or in full. A neighbour is looked up only if it may be deeper than what was found.
+    Neighbourhood g is start[g]:start[g + 1]. Where it is in the object, the centre of its deepest sphere in O goes to
+    points (B, g, 3), and the derivative of the distance there to slopes (B, g, 3).
+
+    No sphere reaches further than `reach` (h,) from the neighbourhood's first, so the distance of that one mostly
+    settles it: by the grid's bounds, by the node nearest to it, or in full. A neighbour is looked up only if it may be
+    deeper than what was found.
 
     One body, without calls that are given arrays: their reference counts would cost more than the arithmetic.
     """
@@ -88,45 +91,36 @@ def penetration_depths(  # type: ignore[no-untyped-def]
                     continue
                 ix, iy, iz = min(int(ux), nx - 2), min(int(uy), ny - 2), min(int(uz), nz - 2)
                 at = (ix * ny + iy) * nz + iz
-                phi, _, _, _ = _interpolate(flat, np.uintp(4 * at), sx, sy, ux - ix, uy - iy, uz - iz)
+                phi, dx, dy, dz = _interpolate(flat, np.uintp(4 * at), sx, sy, ux - ix, uy - iy, uz - iz)
                 phi += outside
                 if i == first:
                     nearest = phi - spacing
                 if radius[i] - phi > depth:
                     depth = radius[i] - phi
-                    deepest[b, g] = i
+                    points[b, g, 0] = x0 + spacing * (ux + ox)
+                    points[b, g, 1] = y0 + spacing * (uy + oy)
+                    points[b, g, 2] = z0 + spacing * (uz + oz)
+                    # Beyond the grid the distance grows along the way there.
+                    slopes[b, g, 0] = dx * inverse_spacing if ox == 0.0 else ox * spacing / outside
+                    slopes[b, g, 1] = dy * inverse_spacing if oy == 0.0 else oy * spacing / outside
+                    slopes[b, g, 2] = dz * inverse_spacing if oz == 0.0 else oz * spacing / outside
             excess[b, g] = depth - allowed
 
 
-@njit(cache=True, inline="always")
-def _penetration_row(values, origin, inverse_spacing, p, weight, X, q, row, slope, J):  # type: ignore[no-untyped-def]
-    """The derivative by the increment of a sphere's depth times the weight, into J (6,)."""
-    _to_object(X, p, q)
-    _look_up_with_derivative(values, origin, inverse_spacing, q[0], q[1], q[2], row, slope)
-    _chain(slope[0], q, X, -weight, J)
-
-
 @njit(cache=True)
-def penetration_jacobian(  # type: ignore[no-untyped-def]
-    values, origin, inverse_spacing, p, weight, X, excess, deepest, jacobian
-):
+def penetration_jacobian(weight, X, excess, points, slopes, jacobian):  # type: ignore[no-untyped-def]
     """The derivatives (B, g, 6) of the residuals, weight times the excess, by the increment."""
-    q, row, slope = np.empty(3), np.empty(4), np.empty((4, 3))
     for b in range(X.shape[0]):
         for g in range(excess.shape[1]):
             jacobian[b, g] = 0.0
             if excess[b, g] > 0.0:
-                _penetration_row(
-                    values, origin, inverse_spacing, p[deepest[b, g]], weight, X[b], q, row, slope, jacobian[b, g]
-                )
+                _chain(slopes[b, g], points[b, g], X[b], -weight, jacobian[b, g])
 
 
 @njit(cache=True, nogil=True)
-def penetration_normal_equations(  # type: ignore[no-untyped-def]
-    values, origin, inverse_spacing, p, weight, X, excess, deepest, cost, gradient, hessian
-):
+def penetration_normal_equations(weight, X, excess, points, slopes, cost, gradient, hessian):  # type: ignore[no-untyped-def]
     """Cost (B,), gradient (B, 6) and Gauss-Newton Hessian (B, 6, 6): most neighbourhoods are clear and add nothing."""
-    q, row, slope, J = np.empty(3), np.empty(4), np.empty((4, 3)), np.empty(6)
+    J = np.empty(6)
     for b in range(X.shape[0]):
         cost[b] = 0.0
         gradient[b] = 0.0
@@ -135,7 +129,7 @@ def penetration_normal_equations(  # type: ignore[no-untyped-def]
             residual = weight * excess[b, g]
             if residual > 0.0:
                 cost[b] += 0.5 * residual * residual
-                _penetration_row(values, origin, inverse_spacing, p[deepest[b, g]], weight, X[b], q, row, slope, J)
+                _chain(slopes[b, g], points[b, g], X[b], -weight, J)
                 for a in range(6):
                     gradient[b, a] += residual * J[a]
                     for c in range(6):

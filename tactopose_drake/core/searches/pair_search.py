@@ -17,6 +17,7 @@ from tactopose_drake.core.contact_pairs import PairChoice
 from tactopose_drake.core.contacts import Contacts
 from tactopose_drake.core.free_spin import nearest_images
 from tactopose_drake.core.objectives.base import LeastSquaresObjective
+from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.pair_poses import distinct_poses, judge_pair, pair_poses
 from tactopose_drake.core.searches.base import PoseSpace, SearchResult, StopSignal, join_results, never
@@ -81,7 +82,9 @@ class PairSearch:
         X_PO = self.propose(self.choice, self.candidates, space, generator)
         if len(X_PO) < self.fewest:
             X_PO = np.concatenate([X_PO, space.sample(generator, self.candidates)])
-        first = self._distinct(self.first.refine(objective, X_PO, should_stop), self.starts)
+        # By the touch alone, as the proposals are: whatever else the objective knows has time until they are few.
+        touch = SurfaceContact(self.model.grid, self.contacts)
+        first = self._distinct(self.first.refine(touch, X_PO, should_stop), self.starts)
         second = self._distinct(self.second.refine(objective, first, should_stop), self.kept)
         last = self.last.refine(objective, second, should_stop)
         polished = self.polish.refine(objective, self._distinct(last, self.polished), should_stop)
