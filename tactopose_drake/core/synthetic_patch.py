@@ -16,7 +16,8 @@ _ALPHA = 1e-7
 """1 mm deep for 10 kPa."""
 
 _RAY_STEPS = 60
-_TRIES_A_PAD = 100
+_PLACES_A_PAD = 10
+_TRIES_A_PLACE = 4
 _FEWEST_CELLS = 3
 
 
@@ -46,7 +47,7 @@ def touch_with_pads(
     Args:
         model: the object.
         X_PO: its true pose, shape (3, 4).
-        count: number of pads; each is the farthest from the earlier ones of ten random places.
+        count: number of pads, >= 1; each is the farthest from the earlier ones of ten random places.
         generator: of the random numbers.
         depth: of a pad's middle in the surface, m.
         lean: standard deviation of the turn of a pad from the surface about each axis, rad.
@@ -58,11 +59,12 @@ def touch_with_pads(
         InvalidInputError: hardly a place on the object that three cells can be pressed on.
     """
     cells = flat_pad()
-    pads: list[tuple[FloatArray, FloatArray, FloatArray]] = []
-    for _ in range(count):
-        places = [_place_pad(model, cells, depth, lean, generator) for _ in range(10)]
-        gaps = [min((float(np.linalg.norm(p - q)) for q, _, _ in pads), default=0.0) for p, _, _ in places]
-        pads.append(places[int(np.argmax(gaps))])
+    places = _places(model, cells, depth, lean, _PLACES_A_PAD * count, generator)
+    pads = places[:1]
+    for i in range(1, count):
+        some = places[i::count]
+        gaps = [min(float(np.linalg.norm(p - q)) for q, _, _ in pads) for p, _, _ in some]
+        pads.append(some[int(np.argmax(gaps))])
     patches = []
     for p_OT, R_OT, depths in pads:
         R_PT = exp_so3(generator.normal(size=3) * sigma_rotation) @ X_PO[:, :3] @ R_OT
@@ -74,21 +76,25 @@ def touch_with_pads(
     return tuple(patches)
 
 
-def _place_pad(
-    model: ObjectModel, cells: FloatArray, depth: float, lean: float, generator: np.random.Generator
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """A pad's place p_OT (3,) and R_OT (3, 3), and the depths of the object at its cells (n,), m."""
-    for _ in range(_TRIES_A_PAD):
-        points, normals = random_surface_points(model, 1, generator)
-        z = exp_so3(generator.normal(size=3) * lean) @ -normals[0]
-        x = np.cross(z, generator.normal(size=3))
-        x /= np.linalg.norm(x)
-        R_OT = np.stack([x, np.cross(z, x), z], axis=1)
-        p_OT = points[0] - depth * normals[0]
-        depths = _depths(model.grid, cells @ R_OT.T + p_OT, -z, 4.0 * depth)
+def _places(
+    model: ObjectModel, cells: FloatArray, depth: float, lean: float, count: int, generator: np.random.Generator
+) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
+    """Pads' places p_OT (3,) and R_OT (3, 3), and the depths of the object at their cells (n,), m; `count` of them."""
+    tries = _TRIES_A_PLACE * count
+    points, normals = random_surface_points(model, tries, generator)
+    z = (exp_so3(generator.normal(size=(tries, 3)) * lean) @ -normals[..., None])[..., 0]
+    x = np.cross(z, generator.normal(size=(tries, 3)))
+    x /= np.linalg.norm(x, axis=1, keepdims=True)
+    R_OT = np.stack([x, np.cross(z, x), z], axis=-1)
+    p_OT = points - depth * normals
+    found: list[tuple[FloatArray, FloatArray, FloatArray]] = []
+    for p, R in zip(p_OT, R_OT, strict=True):
+        depths = _depths(model.grid, cells @ R.T + p, -R[:, 2], 4.0 * depth)
         if np.isfinite(depths).all() and np.count_nonzero(depths) >= _FEWEST_CELLS:
-            return p_OT, R_OT, depths
-    raise InvalidInputError(f"{model.name}: a pad found no place on it in {_TRIES_A_PAD} tries.")
+            found.append((p, R, depths))
+            if len(found) == count:
+                return found
+    raise InvalidInputError(f"{model.name}: pads found {len(found)} places on it in {tries} tries; {count} are needed.")
 
 
 def _depths(grid: DistanceGrid, p_OT: FloatArray, inward: FloatArray, limit: float) -> FloatArray:

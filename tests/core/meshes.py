@@ -50,6 +50,14 @@ def random_pose(generator: np.random.Generator, reach: float = 0.1) -> NDArray[n
     return np.array(X)
 
 
+def smooth_shape() -> trimesh.Trimesh:
+    """A smooth body without symmetry."""
+    mesh = create.icosphere(subdivisions=5, radius=1.0)
+    x, y, z = mesh.vertices.T
+    mesh.vertices *= (0.04 * (1 + 0.2 * x + 0.15 * x * y + 0.1 * z**3))[:, None]
+    return mesh
+
+
 def shape_poor_in_symmetry() -> trimesh.Trimesh:
     """Three overlapping boxes united: closed, concave, sharp, without symmetry."""
     return trimesh.boolean.union(

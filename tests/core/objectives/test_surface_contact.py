@@ -7,6 +7,7 @@ from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.poses import exp_so3, make_poses, random_rotations, retract, transform_points
 from tactopose_drake.core.synthetic_touch import touch_surface
+from tests.core.meshes import smooth_shape
 
 RADIUS = 0.04
 
@@ -18,11 +19,7 @@ def ball() -> ObjectModel:
 
 @pytest.fixture(scope="module")
 def blob() -> ObjectModel:
-    """A smooth body without symmetry."""
-    mesh = trimesh.creation.icosphere(subdivisions=5, radius=1.0)
-    x, y, z = mesh.vertices.T
-    mesh.vertices *= (0.04 * (1 + 0.2 * x + 0.15 * x * y + 0.1 * z**3))[:, None]
-    return ObjectModel.from_mesh(mesh)
+    return ObjectModel.from_mesh(smooth_shape())
 
 
 def random_poses(seed: int, count: int, spread: float = 0.01) -> np.ndarray:

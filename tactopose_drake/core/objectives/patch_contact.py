@@ -1,0 +1,153 @@
+"""Patches against the signed distance grid, cell by cell: the form that is fast, smooth and a likelihood."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from tactopose_drake.core import patch_kernels
+from tactopose_drake.core.contacts import Contacts
+from tactopose_drake.core.objectives.base import NormalEquations, SumObjective
+from tactopose_drake.core.objectives.surface_contact import SurfaceContact
+from tactopose_drake.core.patches import Patch
+from tactopose_drake.core.signed_distance import DistanceGrid
+from tactopose_drake.core.validation import FloatArray, positive_number
+
+# The standard deviation of a position that is to say nothing, m.
+_ANYWHERE = 1e3
+
+
+class PatchCells:
+    """What every cell of the pads says of the signed distance phi of the object.
+
+    A cell that feels the pressure p has the surface where it is pressed in: phi(q) = 0 at its point, alpha p below the
+    undeformed pad. A cell that feels none has at most the threshold's depth: phi(q) >= 0 there; a saturated one at
+    least the depth that it shows: phi(q) <= 0. A dead cell says nothing.
+
+    The noise: each depth is off by a Gaussian of sigma_depth and of a share of itself, independent of the others. All
+    cells of a pad are off together, because hand and mounting misplace it: along its normal by sigma_position, and by
+    small turns about the two axes across it by sigma_rotation. With a_i how these three, u, in standard deviations,
+    move cell i along its own normal, a pad's cost is the least over u of
+
+        1/2 |u|^2 + 1/2 sum_i ((phi(q_i) + a_i . u) / sigma_i)^2
+
+    over the cells that count: those pressed, and those that contradict their inequality. Where all cells are pressed
+    that is exactly the negative log of the likelihood with u integrated out, up to a constant; for an inequality it
+    bounds the negative log of the probability that noise explains it (Chernoff). Misplacements along the pad's surface
+    are left out.
+    """
+
+    def __init__(
+        self,
+        grid: DistanceGrid,
+        patches: Sequence[Patch],
+        *,
+        sigma_depth: float,
+        share: float,
+        sigma_position: float,
+        sigma_rotation: float,
+    ) -> None:
+        pads = [_pad_cells(patch, sigma_depth, share, sigma_position, sigma_rotation) for patch in patches]
+        points, sides, weights, arms = (
+            np.concatenate([empty, *(pad[i] for pad in pads)])
+            for i, empty in enumerate([np.empty((0, 3)), np.empty(0), np.empty(0), np.empty((0, 3))])
+        )
+        ends = np.cumsum([0, *(len(pad[1]) for pad in pads)])
+        self._arguments = (
+            (grid.values, grid.origin, 1.0 / grid.spacing),
+            (points, sides, weights, arms, ends),
+        )
+        self._rows = len(points) + 3 * len(pads)
+
+    def cost(self, X_PO: FloatArray) -> FloatArray:
+        """Costs (B,) of poses (B, 3, 4)."""
+        cost = np.empty(len(X_PO))
+        patch_kernels.patch_costs(*self._arguments, X_PO, cost)
+        return cost
+
+    def residuals(self, X_PO: FloatArray) -> FloatArray:
+        """Residuals (B, n + 3 k) of poses (B, 3, 4): of n live cells, then the misplacements of k pads."""
+        return self.residuals_and_jacobian(X_PO)[0]
+
+    def residuals_and_jacobian(self, X_PO: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Residuals (B, n + 3 k) and their exact derivatives by the increment (B, n + 3 k, 6)."""
+        residuals, jacobian = np.empty((len(X_PO), self._rows)), np.empty((len(X_PO), self._rows, 6))
+        patch_kernels.patch_residuals(*self._arguments, X_PO, residuals, jacobian)
+        return residuals, jacobian
+
+    def normal_equations(self, X_PO: FloatArray) -> NormalEquations:
+        """Cost, exact gradient, and the Gauss-Newton Hessian along the smooth normals, at poses (B, 3, 4)."""
+        count = len(X_PO)
+        equations = NormalEquations(np.empty(count), np.empty((count, 6)), np.empty((count, 6, 6)))
+        patch_kernels.patch_normal_equations(*self._arguments, X_PO, *equations)
+        return equations
+
+
+class PatchContact(SumObjective):
+    """What tactile pads say of the object: every cell of its distance, and each pad that feels it, that it faces it.
+
+    The distances alone do not tell the two sides of a thin wall apart. So the surface's normal at a patch's centroid is
+    expected where the pad's normal points into the finger, within the angles at which a pad may lean on a surface.
+    """
+
+    def __init__(
+        self,
+        grid: DistanceGrid,
+        patches: Sequence[Patch],
+        *,
+        sigma_depth: float = 0.0005,
+        share: float = 0.2,
+        sigma_position: float = 0.0009,
+        sigma_rotation: float = math.radians(5.0),
+        sigma_lean: float = math.radians(30.0),
+    ) -> None:
+        """Takes the patches in P.
+
+        Args:
+            grid: of the object.
+            patches: what the pads feel.
+            sigma_depth: standard deviation of the depth of the surface in a pad, of each cell, m.
+            share: standard deviation of a depth as a share of it: alpha, and the layer, are not quite so.
+            sigma_position: standard deviation of a pad's place along its normal, m.
+            sigma_rotation: standard deviation of a turn of a pad about each axis across its normal, rad.
+            sigma_lean: standard deviation of the turn of a touched surface from the pad about each axis, rad.
+
+        Raises:
+            InvalidInputError: a number out of range.
+        """
+        cells = PatchCells(
+            grid,
+            patches,
+            sigma_depth=positive_number("sigma_depth", sigma_depth),
+            share=positive_number("share", share, allow_zero=True),
+            sigma_position=positive_number("sigma_position", sigma_position, allow_zero=True),
+            sigma_rotation=positive_number("sigma_rotation", sigma_rotation, allow_zero=True),
+        )
+        felt = [patch for patch in patches if patch.status != "no_contact"]
+        normals = np.array([-patch.n_PT[patch.active].mean(axis=0) for patch in felt]).reshape(-1, 3)
+        faces = Contacts(
+            np.array([patch.centroid for patch in felt]).reshape(-1, 3),
+            normals / np.linalg.norm(normals, axis=1, keepdims=True),
+            sigma_position=_ANYWHERE,
+            sigma_normal=positive_number("sigma_lean", sigma_lean),
+        )
+        super().__init__([cells, SurfaceContact(grid, faces)])
+
+
+def _pad_cells(
+    patch: Patch, sigma_depth: float, share: float, sigma_position: float, sigma_rotation: float
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """The points (n, 3), sides (n,), weights (n,) and arms (n, 3) of a pad's live cells, see `patch_kernels`."""
+    depth = patch.alpha * np.maximum(patch.pressure, patch.threshold)
+    points = patch.p_PT - depth[:, None] * patch.n_PT
+    sides = np.where(patch.saturated, 1.0, np.where(patch.active, 0.0, -1.0))
+    weights = 1.0 / np.hypot(sigma_depth, share * depth)
+    normal = patch.n_PT.mean(axis=0)
+    across = np.linalg.svd(normal[None])[2][1:]  # (2, 3)
+    turns = np.cross(across[:, None], points - patch.p_PT.mean(axis=0))  # (2, n, 3)
+    shift = patch.n_PT @ normal / max(float(np.linalg.norm(normal)), 1e-9)
+    arms = np.column_stack(
+        [sigma_position * shift, *(sigma_rotation * np.sum(turn * patch.n_PT, axis=1) for turn in turns)]
+    )
+    live = ~patch.dead
+    return points[live], sides[live], weights[live], np.ascontiguousarray(arms[live])

@@ -1,0 +1,273 @@
+import math
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.optimize import minimize
+
+from tactopose_drake.core.contacts import Contacts
+from tactopose_drake.core.objectives.base import SumObjective
+from tactopose_drake.core.objectives.patch_contact import PatchCells, PatchContact
+from tactopose_drake.core.objectives.surface_contact import SurfaceContact
+from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.patches import Patch, describe_patch
+from tactopose_drake.core.poses import (
+    exp_so3,
+    increments_between,
+    inverse,
+    make_poses,
+    random_rotations,
+    retract,
+    transform_points,
+)
+from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
+from tactopose_drake.core.synthetic_patch import flat_pad, touch_with_pads
+from tactopose_drake.errors import InvalidInputError
+from tests.core.meshes import shape_poor_in_symmetry, smooth_shape
+
+NOISE = {"sigma_depth": 0.0004, "share": 0.15, "sigma_position": 0.0011, "sigma_rotation": 0.07}
+ALPHA = 1e-7
+IDENTITY = np.eye(3, 4)[None]
+OUT = np.tile([0.0, 0.0, 1.0], (24, 1))
+
+
+@pytest.fixture(scope="module")
+def blob() -> ObjectModel:
+    return ObjectModel.from_mesh(smooth_shape())
+
+
+@pytest.fixture(scope="module")
+def angular() -> ObjectModel:
+    return ObjectModel.from_mesh(shape_poor_in_symmetry())
+
+
+@pytest.fixture(scope="module")
+def slab() -> ObjectModel:
+    """Below z = 0, and wide."""
+    mesh = trimesh.creation.box((0.2, 0.2, 0.05))
+    mesh.apply_translation([0.0, 0.0, -0.025])
+    return ObjectModel.from_mesh(mesh)
+
+
+def random_pose(seed: int) -> np.ndarray:
+    generator = np.random.default_rng(seed)
+    return make_poses(random_rotations(generator, 1), generator.normal(size=(1, 3)) * 0.02)[0]
+
+
+def pads_on(model: ObjectModel, seed: int, count: int = 3) -> tuple[np.ndarray, list[Patch]]:
+    """A pose and pads that touch there, with some cells that feel nothing, some dead and some saturated."""
+    X_PO, generator = random_pose(seed), np.random.default_rng(seed)
+    patches = []
+    for patch in touch_with_pads(model, X_PO, count, generator, depth=0.0008):
+        pressure = patch.pressure.copy()
+        pressure[generator.integers(24, size=3)] = np.nan
+        limits = {"threshold": 1500.0, "saturation": float(np.nanquantile(pressure, 0.9)) + 1e3}
+        patches.append(describe_patch(patch.p_PT, pressure, alpha=patch.alpha, n_PT=patch.n_PT, **limits))
+    return X_PO, patches
+
+
+def moved_along_normals(patch: Patch, u: np.ndarray) -> np.ndarray:
+    """How far each cell's point moves along its normal when the pad is misplaced by u (3,) standard deviations."""
+    normal = patch.n_PT.mean(axis=0)
+    normal /= np.linalg.norm(normal)
+    first = np.cross(normal, [0.3, 0.5, -0.8])
+    first /= np.linalg.norm(first)
+    turn = NOISE["sigma_rotation"] * 1e-4 * (u[1] * first + u[2] * np.cross(normal, first))
+    depth = ALPHA * np.nan_to_num(np.maximum(patch.pressure, patch.threshold))
+    arm = patch.p_PT - depth[:, None] * patch.n_PT - patch.p_PT.mean(axis=0)
+    shift = arm @ exp_so3(turn).T - arm + NOISE["sigma_position"] * 1e-4 * u[0] * normal
+    along: np.ndarray = np.sum(shift * patch.n_PT, axis=1) / 1e-4
+    return along
+
+
+def cost_by_the_formula(model: ObjectModel, patch: Patch, X_PO: np.ndarray) -> float:
+    depth = ALPHA * np.nan_to_num(np.maximum(patch.pressure, patch.threshold))
+    sigma = np.hypot(NOISE["sigma_depth"], NOISE["share"] * depth)
+    phi = model.grid.distance(transform_points(inverse(X_PO), patch.p_PT - depth[:, None] * patch.n_PT))
+
+    def cost(u: np.ndarray) -> float:
+        d = phi + moved_along_normals(patch, u)
+        d = np.where(patch.saturated, np.maximum(d, 0.0), np.where(patch.active, d, np.minimum(d, 0.0)))
+        return 0.5 * float(u @ u + np.sum((d / sigma)[~patch.dead] ** 2))
+
+    return float(minimize(cost, np.zeros(3), method="BFGS", options={"gtol": 1e-6}).fun)
+
+
+def test_the_cost_is_the_formula(angular: ObjectModel) -> None:
+    X_PO, patches = pads_on(angular, 1)
+    poses = retract(X_PO[None], np.random.default_rng(1).normal(size=(8, 6)) * ([0.05] * 3 + [0.002] * 3))
+    kinds = np.concatenate([[p.active & ~p.saturated, p.saturated, p.dead, ~p.active & ~p.dead] for p in patches], 1)
+    assert np.all(kinds.sum(axis=1) > 0)
+    for patch in patches:
+        costs = PatchCells(angular.grid, [patch], **NOISE).cost(poses)
+        expected = [cost_by_the_formula(angular, patch, X) for X in poses]
+        np.testing.assert_allclose(costs, expected, rtol=1e-5)
+    together = PatchCells(angular.grid, patches, **NOISE).cost(poses)
+    apart = [PatchCells(angular.grid, [patch], **NOISE).cost(poses) for patch in patches]
+    np.testing.assert_allclose(together, np.sum(apart, axis=0), rtol=1e-12)
+
+
+def test_where_all_cells_are_pressed_the_misplacement_is_integrated_out(slab: ObjectModel) -> None:
+    cells = flat_pad() * 1.0
+    pressure = np.random.default_rng(2).uniform(5e3, 2e4, 24)
+    patch = describe_patch(cells, pressure, alpha=ALPHA, n_PT=-OUT)
+    X_PO = make_poses(exp_so3(np.array([[0.05, -0.1, 0.3]])), np.array([[0.0, 0.0, 0.001]]))
+    d = slab.grid.distance(transform_points(inverse(X_PO[0]), patch.points))
+    arms = np.stack([moved_along_normals(patch, u) for u in np.eye(3)], axis=1)
+    sigma = np.hypot(NOISE["sigma_depth"], NOISE["share"] * ALPHA * pressure)
+    covariance = np.diag(sigma**2) + arms @ arms.T
+    expected = 0.5 * d @ np.linalg.solve(covariance, d)
+    assert PatchCells(slab.grid, [patch], **NOISE).cost(X_PO)[0] == pytest.approx(expected, rel=1e-6)
+
+
+def test_cells_that_feel_nothing_saturated_and_dead_ones(slab: ObjectModel) -> None:
+    alone = NOISE | {"sigma_position": 0.0, "sigma_rotation": 0.0, "share": 0.0}
+
+    def cost(pressure: float, z: float, **limits: float) -> float:
+        """Of one cell at the height z over the slab; its neighbour is dead."""
+        cells = np.array([[0.0, 0.0, z], [0.0, 0.01, z]])
+        patch = describe_patch(cells, [pressure, math.nan], alpha=ALPHA, n_PT=-OUT[:2], **limits)
+        return float(PatchCells(slab.grid, [patch], **alone).cost(IDENTITY)[0])
+
+    two_sigma = 2 * NOISE["sigma_depth"]
+    np.testing.assert_allclose(cost(0.0, 0.003), 0.0)
+    np.testing.assert_allclose(cost(0.0, -two_sigma), 2.0, rtol=1e-3)
+    np.testing.assert_allclose(cost(0.0, -two_sigma, threshold=1e3), 0.5 * (2 - 0.25) ** 2, rtol=1e-3)
+    # 1 mm deep.
+    np.testing.assert_allclose(cost(1e4, -0.001 + two_sigma), 2.0, rtol=1e-3)
+    np.testing.assert_allclose(cost(1e4, -0.001 - two_sigma), 2.0, rtol=1e-3)
+    np.testing.assert_allclose(cost(1e4, -0.001 + two_sigma, saturation=1e4), 2.0, rtol=1e-3)
+    np.testing.assert_allclose(cost(1e4, -0.001 - two_sigma, saturation=1e4), 0.0)
+
+
+def test_the_cost_is_half_the_sum_of_squares(angular: ObjectModel) -> None:
+    X_PO, patches = pads_on(angular, 3)
+    objective = PatchContact(angular.grid, patches)
+    poses = retract(X_PO[None], np.random.default_rng(3).normal(size=(30, 6)) * 0.02)
+    half_squares = 0.5 * np.sum(objective.residuals(poses) ** 2, axis=1)
+    np.testing.assert_allclose(objective.cost(poses), half_squares, rtol=1e-9)
+    np.testing.assert_allclose(objective.normal_equations(poses).cost, half_squares, rtol=1e-9)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-8, 1.0, np.pi])
+def test_the_jacobian_is_the_central_difference(blob: ObjectModel, angle: float) -> None:
+    X_PO, patches = pads_on(blob, 4)
+    turn = make_poses(exp_so3(np.array([0.36, -0.48, 0.8]) * angle) @ X_PO[:, :3].T, np.zeros(3))
+    turned = [
+        describe_patch(
+            transform_points(turn, p.p_PT),
+            p.pressure,
+            alpha=p.alpha,
+            n_PT=p.n_PT @ turn[:, :3].T,
+            threshold=p.threshold,
+            saturation=p.saturation,
+        )
+        for p in patches
+    ]
+    objective = PatchContact(blob.grid, turned)
+    X_QO = make_poses(turn[:, :3] @ X_PO[:, :3], turn[:, :3] @ X_PO[:, 3])
+    pose = retract(X_QO[None], np.random.default_rng(4).normal(size=(1, 6)) * 0.01)
+    step = 1e-9 * np.eye(6)
+    there, back = objective.residuals(retract(pose, step)), objective.residuals(retract(pose, -step))
+    residuals, jacobian = objective.residuals_and_jacobian(pose)
+    assert np.count_nonzero(residuals) > 40
+    np.testing.assert_allclose(jacobian[0], (there - back).T / 2e-9, rtol=1e-3, atol=1e-2)
+
+
+def test_the_gradient_is_the_jacobian_times_the_residuals(angular: ObjectModel) -> None:
+    X_PO, patches = pads_on(angular, 5)
+    objective = PatchContact(angular.grid, patches)
+    poses = retract(X_PO[None], np.random.default_rng(5).normal(size=(20, 6)) * 0.02)
+    residuals, jacobian = objective.residuals_and_jacobian(poses)
+    expected = np.einsum("bmi,bm->bi", jacobian, residuals)
+    np.testing.assert_allclose(objective.normal_equations(poses).gradient, expected, rtol=1e-8, atol=1e-6)
+
+
+def test_the_hessian_is_gauss_newton(slab: ObjectModel, blob: ObjectModel) -> None:
+    # On a flat face the smooth normals are the exact ones.
+    pressure = np.where(np.arange(24) < 15, 8e3, 0.0)
+    flat = [
+        describe_patch(flat_pad() + np.array([x, y, -0.0006]), pressure, alpha=ALPHA, n_PT=-OUT)
+        for x, y in [(0.0, 0.0), (0.04, 0.01), (-0.02, 0.05)]
+    ]
+    X_PO, patches = pads_on(blob, 6)
+    tilted = make_poses(exp_so3(np.array([[0.02, -0.03, 0.3]])), np.zeros((1, 3)))
+    for model, pads, pose, tolerance in [(slab, flat, tilted, 0.004), (blob, patches, X_PO[None], 0.2)]:
+        objective = PatchCells(model.grid, pads, **NOISE)
+        _, jacobian = objective.residuals_and_jacobian(pose)
+        expected = jacobian[0].T @ jacobian[0]
+        scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected))) + 1e-6
+        assert np.abs((objective.normal_equations(pose).hessian[0] - expected) / scale).max() < tolerance
+
+
+def test_moving_the_palm_frame_moves_the_answer(blob: ObjectModel) -> None:
+    X_PO, X_QP = random_pose(7), random_pose(8)
+    patches = touch_with_pads(blob, X_PO, 3, np.random.default_rng(7))
+    moved = [
+        describe_patch(transform_points(X_QP, p.p_PT), p.pressure, alpha=p.alpha, n_PT=p.n_PT @ X_QP[:, :3].T)
+        for p in patches
+    ]
+    poses = retract(X_PO[None], np.random.default_rng(9).normal(size=(10, 6)) * 0.01)
+    X_QO = make_poses(X_QP[:, :3] @ poses[..., :3], transform_points(X_QP, poses[..., 3]))
+    costs = PatchContact(blob.grid, patches).cost(poses)
+    np.testing.assert_allclose(PatchContact(blob.grid, moved).cost(X_QO), costs, rtol=1e-6)
+    np.testing.assert_allclose(PatchContact(blob.grid, patches[::-1]).cost(poses), costs, rtol=1e-12)
+
+
+def test_a_pad_on_the_wrong_side_of_a_thin_wall_costs_more() -> None:
+    plate = ObjectModel.from_mesh(trimesh.creation.box((0.1, 0.1, 0.0015)))
+
+    def cost(z: float, out: float) -> float:
+        """Of a pad at the height z that faces up or down, pressed in by half a millimetre."""
+        pad = flat_pad() + np.array([0.0, 0.0, z])
+        patch = describe_patch(pad, np.full(24, 5e3), alpha=ALPHA, n_PT=out * OUT)
+        return float(PatchContact(plate.grid, [patch]).cost(IDENTITY)[0])
+
+    # The cells' points lie on the plate's upper side, then on its lower.
+    costs = [cost(0.00025, -1.0), cost(-0.00025, 1.0), cost(-0.00125, -1.0), cost(0.00125, 1.0)]
+    assert max(costs[:2]) < 1.0
+    assert min(costs[2:]) > max(costs[:2]) + 5.0
+
+
+def test_pads_that_feel_nothing_keep_the_object_out(slab: ObjectModel) -> None:
+    free = [
+        describe_patch(flat_pad() + np.array([0.0, 0.0, z]), np.zeros(24), alpha=ALPHA, n_PT=-OUT)
+        for z in (0.002, -0.01)
+    ]
+    assert PatchContact(slab.grid, free[:1]).cost(IDENTITY)[0] == 0.0
+    assert PatchContact(slab.grid, free[1:]).cost(IDENTITY)[0] > 40.0
+    assert PatchContact(slab.grid, free).residuals(IDENTITY).shape == (1, 2 * 24 + 2 * 3)
+    assert PatchContact(slab.grid, []).cost(IDENTITY)[0] == 0.0
+
+
+def test_patches_and_contacts_make_one_estimate(angular: ObjectModel) -> None:
+    X_PO, generator = random_pose(10), np.random.default_rng(10)
+    exact = {"sigma_position": 0.0, "sigma_rotation": 0.0, "sigma_depth": 0.0}
+    patches = touch_with_pads(angular, X_PO, 3, generator, **exact)
+    points, normals = angular.samples.points[[10, 900]], angular.samples.normals[[10, 900]]
+    contacts = Contacts(transform_points(X_PO, points), normals @ X_PO[:, :3].T)
+    touch = SumObjective([PatchContact(angular.grid, patches), SurfaceContact(angular.grid, contacts)])
+    start = retract(X_PO[None], generator.normal(size=(20, 6)) * ([0.1] * 3 + [0.005] * 3))
+    found = LevenbergMarquardt().refine(touch, start)
+    off = increments_between(found.X_PO[:1], X_PO[None])[0]
+    assert np.degrees(np.linalg.norm(off[:3])) < 1.0
+    assert np.linalg.norm(off[3:]) < 0.001
+
+
+def test_costs_are_log_likelihoods(blob: ObjectModel) -> None:
+    """With the noise that they assume, the truth costs on average half of six degrees of freedom more than the best."""
+    excess = []
+    for seed in range(40):
+        X_PO, generator = random_pose(seed), np.random.default_rng(seed)
+        patches = touch_with_pads(blob, X_PO, 4, generator, sigma_depth=0.0005)
+        objective = PatchContact(blob.grid, patches)
+        found = LevenbergMarquardt().refine(objective, X_PO[None])
+        excess.append(objective.cost(X_PO[None])[0] - found.cost[0])
+    assert np.mean(excess) == pytest.approx(3.0, abs=1.0)
+
+
+@pytest.mark.parametrize("option", ["sigma_depth", "share", "sigma_position", "sigma_rotation", "sigma_lean"])
+def test_bad_options_are_named(slab: ObjectModel, option: str) -> None:
+    patch = describe_patch(flat_pad(), np.ones(24), alpha=ALPHA)
+    with pytest.raises(InvalidInputError, match=f"{option}: is -1; allowed are numbers >"):
+        PatchContact(slab.grid, [patch], **{option: -1.0})  # type: ignore[arg-type]
