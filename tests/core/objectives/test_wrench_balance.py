@@ -6,8 +6,9 @@ import pytest
 from tactopose_drake.core.contacts import Contacts
 from tactopose_drake.core.force_balance import ForceBalance
 from tactopose_drake.core.objectives.wrench_balance import WrenchBalance
-from tactopose_drake.core.poses import compose, exp_so3, make_poses, random_rotations, retract, skew, transform_points
+from tactopose_drake.core.poses import exp_so3, make_poses, random_rotations, retract, transform_points
 from tactopose_drake.errors import InvalidInputError
+from tests.core.balanced_forces import balanced_forces
 from tests.core.objectives.laws import check_derivatives
 
 MASS = 0.4
@@ -21,11 +22,7 @@ def hold(seed: int, count: int = 4) -> tuple[Contacts, np.ndarray]:
     X_PO = make_poses(random_rotations(generator, 1), generator.normal(size=(1, 3)) * 0.05)[0]
     c = transform_points(X_PO, CENTER[None])[0]
     p_PC = c + generator.normal(size=(count, 3)) * 0.04
-    f_PC = generator.normal(size=(count, 3)) * 2.0
-    # What the fingertips exert on the object, -f, has to make up for its weight, about its centre of mass.
-    grasp = np.concatenate([np.hstack(list(skew(p_PC - c))), np.tile(np.eye(3), count)])
-    missing = grasp @ f_PC.ravel() - np.concatenate([np.zeros(3), MASS * BALANCE.gravity_P])
-    f_PC -= (np.linalg.pinv(grasp) @ missing).reshape(-1, 3)
+    f_PC = balanced_forces(generator.normal(size=(count, 3)) * 2.0, p_PC, c, MASS * BALANCE.gravity_P)
     return Contacts(p_PC, f_PC=f_PC), X_PO
 
 
@@ -49,12 +46,9 @@ def test_only_the_way_across_gravity_is_told() -> None:
     down = BALANCE.gravity_P / np.linalg.norm(BALANCE.gravity_P)
     across = np.cross(down, [0.0, 1.0, 0.0])
     lowered, moved = (retract(X_PO, np.concatenate([np.zeros(3), 0.03 * way])) for way in (down, across))
-    turned_about_center = compose(
-        make_poses(np.eye(3), transform_points(X_PO, CENTER[None])[0]),
-        make_poses(exp_so3(np.array([1.0, 2.0, 0.5])) @ X_PO[:, :3], -X_PO[:, :3] @ np.zeros(3)),
-    )
-    turned_about_center[:, 3] -= turned_about_center[:, :3] @ CENTER
-    cost = balance.cost(np.stack([lowered, turned_about_center, moved]))
+    R_PO = exp_so3(np.array([1.0, 2.0, 0.5])) @ X_PO[:, :3]
+    turned = make_poses(R_PO, transform_points(X_PO, CENTER[None])[0] - R_PO @ CENTER)
+    cost = balance.cost(np.stack([lowered, turned, moved]))
     np.testing.assert_allclose(cost[:2], 0.0, atol=1e-12)
     assert cost[2] > 10.0
 
