@@ -12,6 +12,7 @@ from tactopose_drake.core.contacts import Contacts
 from tactopose_drake.core.evidence import Evidence
 from tactopose_drake.core.force_balance import ForceBalance
 from tactopose_drake.core.free_spin import turn_toward
+from tactopose_drake.core.hand_clearance import HandClearance
 from tactopose_drake.core.hand_spheres import HandSpheres
 from tactopose_drake.core.hypotheses import Modes, find_modes
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
@@ -23,9 +24,12 @@ from tactopose_drake.core.searches.gradient_descent import GradientDescent
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
 from tactopose_drake.core.searches.monte_carlo import MonteCarlo
 from tactopose_drake.core.searches.pair_search import PairSearch
+from tactopose_drake.core.searches.scaling_series import ScalingSeries
+from tactopose_drake.core.searches.simulated_annealing import SimulatedAnnealing
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import InvalidInputError, TooFewContactsError, UnknownNameError
 from tactopose_drake.estimates import PoseEstimate, PoseHypothesis, status_of
+from tactopose_drake.programs.direct import Direct
 from tactopose_drake.programs.pose_program import PoseProgram
 
 # A touch is explained when noise alone would leave residuals this large more often than once in a million.
@@ -38,9 +42,12 @@ METHODS: dict[str, Callable[[ObjectModel, Evidence], Search]] = {
     "levenberg_marquardt": lambda model, evidence: LevenbergMarquardt(),
     "gradient_descent": lambda model, evidence: GradientDescent(length=model.size / 2),
     "mathematical_program": lambda model, evidence: PoseProgram(length=model.size / 2),
-    "monte_carlo": lambda model, evidence: MonteCarlo(scale=_expected_cost(evidence.contacts)),
+    "monte_carlo": lambda model, evidence: _monte_carlo(model, evidence),
+    "direct": lambda model, evidence: Direct(),
+    "simulated_annealing": lambda model, evidence: SimulatedAnnealing(),
+    "scaling_series": lambda model, evidence: ScalingSeries(),
 }
-GLOBAL_METHODS = frozenset({"pair_search", "monte_carlo"})
+GLOBAL_METHODS = frozenset({"pair_search", "monte_carlo", "direct", "simulated_annealing", "scaling_series"})
 """The methods that need no prior."""
 
 
@@ -129,9 +136,12 @@ class _Deadline:
         return time.perf_counter() - self._started
 
 
-def _expected_cost(contacts: Contacts) -> float:
-    """What noise alone makes the true pose cost, on average: half for each distance, and for a normal's two turns."""
-    return 0.5 * _degrees_of_freedom(contacts)
+def _monte_carlo(model: ObjectModel, evidence: Evidence) -> MonteCarlo:
+    """Its scale is what noise alone makes the true pose cost, on average: half of what the contacts measure."""
+    return MonteCarlo(
+        scale=0.5 * _degrees_of_freedom(evidence.contacts),
+        is_possible=None if evidence.hand is None else HandClearance(model.samples.points, evidence.hand),
+    )
 
 
 def _degrees_of_freedom(contacts: Contacts) -> int:

@@ -18,8 +18,13 @@ from pydrake.solvers import (
 from tactopose_drake.core.objectives.base import LeastSquaresObjective
 from tactopose_drake.core.poses import retract, right_jacobian
 from tactopose_drake.core.searches.base import PoseSpace, SearchResult, StopSignal, never
+from tactopose_drake.core.searches.candidates import CandidatePoses
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
+
+
+class StoppedError(RuntimeError):
+    """Ends a solver from within its cost: NLopt returns, SNOPT and IPOPT pass it on, or raise a RuntimeError for it."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -83,16 +88,21 @@ class PoseProgram:
         generator: np.random.Generator,
         should_stop: StopSignal = never,
     ) -> SearchResult:
-        """Minimises from the centre of the space; one pose."""
+        """Minimises from the centre of the space; one pose, the best that was seen when it is told to stop."""
         units = np.repeat([0.01 / self.length, 0.01], 3)
-        evaluations = 0
+        candidates = CandidatePoses(objective, space.center, units)
+        stopped = False
 
         def cost(y: np.ndarray[Any, Any]) -> Any:
-            nonlocal evaluations
-            evaluations += 1
+            nonlocal stopped
+            stopped = stopped or (len(candidates) > 0 and should_stop())
+            if stopped:
+                raise StoppedError
             if y.dtype != object:
-                return objective.cost(retract(space.center, y * units)[None])[0]
-            value, gradient = cost_and_gradient(objective, space.center, ExtractValue(y).ravel() * units)
+                return candidates.try_pose(y)
+            increment = ExtractValue(y).ravel()
+            value, gradient = cost_and_gradient(objective, space.center, increment * units)
+            candidates.remember(increment, value)
             return AutoDiffXd(value, (gradient * units) @ ExtractGradient(y))
 
         program = MathematicalProgram()
@@ -103,11 +113,18 @@ class PoseProgram:
         options = SolverOptions()
         for name, option in {**chosen.options, chosen.iteration_limit: self.max_iterations}.items():
             options.SetOption(solver.solver_id(), name, option)
-        result = solver.Solve(program, np.zeros(6), options)
-        X_PO = retract(space.center, result.GetSolution(y) * units)[None]
-        at_kink = self.solver == "snopt" and result.get_solver_details().info == _SNOPT_CANNOT_IMPROVE
-        converged = result.is_success() or at_kink
-        return SearchResult(X_PO, objective.cost(X_PO), np.array([evaluations]), np.array([converged]))
+        try:
+            result = solver.Solve(program, np.zeros(6), options)
+        except RuntimeError:
+            if not stopped:
+                raise
+        if stopped:
+            X_PO, converged = candidates.by_cost()[:1], False
+        else:
+            X_PO = candidates.pose(result.GetSolution(y))[None]
+            at_kink = self.solver == "snopt" and result.get_solver_details().info == _SNOPT_CANNOT_IMPROVE
+            converged = result.is_success() or at_kink
+        return SearchResult(X_PO, objective.cost(X_PO), np.array([len(candidates)]), np.array([converged]))
 
 
 def cost_and_gradient(

@@ -1,0 +1,65 @@
+"""Poses that a search has tried: the best of them, as far as they are distinct, start the final refinement."""
+
+import numpy as np
+
+from tactopose_drake.core import kernels
+from tactopose_drake.core.objectives.base import LeastSquaresObjective
+from tactopose_drake.core.pair_poses import distinct_poses
+from tactopose_drake.core.searches.base import SearchResult, StopSignal
+from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
+from tactopose_drake.core.validation import FloatArray
+
+# Of poses closer than this, m and rad, only the best is refined.
+_SAME_PLACE, _SAME_TURN = 0.01, 0.2
+
+
+class CandidatePoses:
+    """Costs of increments from a centre, one at a time, each remembered.
+
+    The increments come in units, so that one number changes the pose as much as another.
+    """
+
+    def __init__(self, objective: LeastSquaresObjective, center: FloatArray, units: FloatArray) -> None:
+        self._objective, self._center, self._units = objective, center, units
+        self._tried: list[FloatArray] = []
+        self._cost: list[float] = []
+
+    def __len__(self) -> int:
+        return len(self._cost)
+
+    def pose(self, y: FloatArray) -> FloatArray:
+        """The pose (3, 4) of an increment (6,)."""
+        X_PO: FloatArray = self._poses(y[None])[0]
+        return X_PO
+
+    def _poses(self, y: FloatArray) -> FloatArray:
+        X_PO = np.empty((len(y), 3, 4))
+        kernels.retract(np.broadcast_to(self._center, X_PO.shape), y * self._units, X_PO)
+        return X_PO
+
+    def try_pose(self, y: FloatArray) -> float:
+        """The cost of an increment (6,), which is remembered."""
+        cost = float(self._objective.cost(self.pose(y)[None])[0])
+        self.remember(y, cost)
+        return cost
+
+    def remember(self, y: FloatArray, cost: float) -> None:
+        """Remembers an increment (6,) whose cost is known."""
+        self._tried.append(np.array(y))
+        self._cost.append(cost)
+
+    def by_cost(self) -> FloatArray:
+        """The poses (n, 3, 4) by rising cost."""
+        order = np.argsort(self._cost, kind="stable")
+        return self._poses(np.array(self._tried)[order])
+
+
+def refine_best(
+    objective: LeastSquaresObjective,
+    X_PO: FloatArray,
+    count: int,
+    refinement: LevenbergMarquardt,
+    should_stop: StopSignal,
+) -> SearchResult:
+    """Refines the first `count` distinct ones of poses (n, 3, 4) by rising cost."""
+    return refinement.refine(objective, X_PO[distinct_poses(X_PO, _SAME_PLACE, _SAME_TURN)][:count], should_stop)

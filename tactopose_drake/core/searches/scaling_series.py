@@ -1,0 +1,126 @@
+"""Scaling series: regions of the space are refined while the likelihood is annealed.
+
+Source: [P11] A. Petrovskaya and O. Khatib, Global localization of objects via touch, IEEE Trans. Robotics, 2011.
+"""
+
+import dataclasses
+
+import numpy as np
+from numba import njit
+
+from tactopose_drake.core import kernels
+from tactopose_drake.core.objectives.base import LeastSquaresObjective
+from tactopose_drake.core.searches.base import PoseSpace, SearchResult, StopSignal, never
+from tactopose_drake.core.searches.candidates import refine_best
+from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
+from tactopose_drake.core.validation import FloatArray
+
+# Each round halves the volume of a neighbourhood in six dimensions.
+_ZOOM = 2.0 ** (-1.0 / 6.0)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ScalingSeries:
+    """Keeps a set of neighbourhoods that may hold the pose, covers them evenly with samples, and prunes.
+
+    A neighbourhood is the poses within a rotation and a translation of its middle. Round by round both radii shrink,
+    and the temperature with their square: what a radius costs stays comparable with noise. At temperature one the
+    series ends, and the best samples are refined.
+
+    Beyond [P11], neighbourhoods are bounded in number, and their middles stay among the samples.
+
+    Attributes:
+        peak_width: the neighbourhoods' translation in the last round, m; about the noise of a contact.
+        first: samples of the whole space.
+        per_region: samples of each neighbourhood; those in an earlier one are dropped.
+        share: samples are pruned whose annealed likelihood is below this share of the largest.
+        max_regions: of those, so many are kept, the best.
+        refined: so many of the best distinct poses are refined in the end.
+        refinement: how.
+    """
+
+    peak_width: float = 0.001
+    first: int = 5000
+    per_region: int = 6
+    share: float = 0.1
+    max_regions: int = 500
+    refined: int = 20
+    refinement: LevenbergMarquardt = dataclasses.field(default_factory=LevenbergMarquardt)
+
+    def minimize(
+        self,
+        objective: LeastSquaresObjective,
+        space: PoseSpace,
+        generator: np.random.Generator,
+        should_stop: StopSignal = never,
+    ) -> SearchResult:
+        """The minima that the best of the last samples lead to, by rising cost."""
+        radii = np.array(space.reach)
+        X_PO = space.sample(generator, self.first)
+        cost = objective.cost(X_PO)
+        order = np.argsort(cost, kind="stable")
+        X_PO, cost = X_PO[order], cost[order]
+        tried = len(X_PO)
+        rounds = max(0, int(6.0 * np.log2(radii[1] / self.peak_width)))
+        for left in range(rounds, -1, -1):
+            radii = radii * _ZOOM
+            temperature = _ZOOM ** (-2.0 * left)
+            kept = cost - cost[0] <= -np.log(self.share) * temperature
+            kept[self.max_regions :] = False
+            X_PO, cost = self._refine(objective, X_PO[kept], cost[kept], radii, generator)
+            tried += len(X_PO)
+            if should_stop():
+                break
+        found = refine_best(objective, X_PO, self.refined, self.refinement, should_stop)
+        return found._replace(iterations=found.iterations + tried)
+
+    def _refine(
+        self,
+        objective: LeastSquaresObjective,
+        X_region: FloatArray,
+        cost: FloatArray,
+        radii: FloatArray,
+        generator: np.random.Generator,
+    ) -> tuple[FloatArray, FloatArray]:
+        """The middles of neighbourhoods and even samples of them, by rising cost."""
+        count = len(X_region) * self.per_region
+        increments = np.concatenate([_in_ball(generator, count) * radius for radius in radii], axis=1)
+        samples = np.empty((count, 3, 4))
+        kernels.retract(np.repeat(X_region, self.per_region, axis=0), increments, samples)
+        alone = np.empty(count, dtype=np.bool_)
+        mark_first(X_region, samples, self.per_region, radii, alone)
+        samples = samples[alone]
+        both = np.concatenate([X_region, samples])
+        costs = np.concatenate([cost, objective.cost(samples)])
+        order = np.argsort(costs, kind="stable")
+        return both[order], costs[order]
+
+
+def _in_ball(generator: np.random.Generator, count: int) -> FloatArray:
+    """Uniformly random points of the unit ball, shape (count, 3)."""
+    direction = generator.normal(size=(count, 3))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    return direction * np.cbrt(generator.random((count, 1)))
+
+
+@njit(cache=True, nogil=True)
+def mark_first(X_region, samples, per_region, radii, first):  # type: ignore[no-untyped-def]
+    """Marks, of the samples of each region, those that no earlier region holds: the cover stays even."""
+    trace, way = 1.0 + 2.0 * np.cos(min(radii[0], np.pi)), radii[1]
+    for b in range(len(samples)):
+        Y = samples[b]
+        first[b] = True
+        for a in range(b // per_region):
+            X = X_region[a]
+            square = 0.0
+            for i in range(3):
+                square += (X[i, 3] - Y[i, 3]) ** 2
+            if square >= way * way:
+                continue
+            dot = 0.0
+            for i in range(3):
+                for j in range(3):
+                    dot += X[i, j] * Y[i, j]
+            if dot > trace:
+                first[b] = False
+                break
