@@ -82,9 +82,11 @@ class PairSearch:
         X_PO = self.propose(self.choice, self.candidates, space, generator)
         if len(X_PO) < self.fewest:
             X_PO = np.concatenate([X_PO, space.sample(generator, self.candidates)])
-        # By the touch alone, as the proposals are: whatever else the objective knows has time until they are few.
-        touch = SurfaceContact(self.model.grid, self.contacts)
-        first = self._distinct(self.first.refine(touch, X_PO, should_stop), self.starts)
+        # The first steps are by the touch alone, as the proposals are: other evidence is slow, and tells most once they
+        # touch. Then it has its say in which of them go on.
+        touching = self.first.refine(SurfaceContact(self.model.grid, self.contacts), X_PO, should_stop)
+        judged = touching._replace(cost=objective.cost(touching.X_PO)).ranked()
+        first = self._distinct(judged, self.starts)
         second = self._distinct(self.second.refine(objective, first, should_stop), self.kept)
         last = self.last.refine(objective, second, should_stop)
         polished = self.polish.refine(objective, self._distinct(last, self.polished), should_stop)
