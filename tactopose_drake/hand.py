@@ -66,14 +66,24 @@ class Coupling:
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class FingerConfig:
-    """One finger: the joints that move it, its sensor and its fingertip."""
+    """One finger: the joints that move it and, where it has a force-torque sensor, that and its fingertip."""
 
     name: str = ""
     joints: list[str] = dataclasses.field(default_factory=list)  # actuated, from the palm outwards
     couplings: list[Coupling] = dataclasses.field(default_factory=list)  # the model itself must hold them
-    sensor_frame: str = ""  # S, the frame that the wrench is measured about and in
+    sensor_frame: str = ""  # S, the frame that the wrench is measured about and in; empty: there is no sensor
     weld: str = ""  # fixed joint between finger (parent) and fingertip (child), whose reaction the sensor measures
     surface: SphereSurface | EllipsoidSurface | CapsuleSurface = dataclasses.field(default_factory=SphereSurface)
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class PadConfig:
+    """A tactile array and the soft pad that it lies in."""
+
+    name: str = ""
+    frame: str = ""  # T, the frame of the array's layout: a frame or link of the model, on the pad's own body
+    array: str = ""  # one of the package's tactile arrays by name, or a file by path
+    alpha: float = 0.0  # depth over pressure of the pad, m/Pa: its soft layer's thickness over its modulus
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -84,6 +94,7 @@ class HandConfig:
     base_link: str = ""  # the link that carries the hand
     palm_frame: str = ""  # P, a frame or link of the model
     fingers: list[FingerConfig] = dataclasses.field(default_factory=list)
+    pads: list[PadConfig] = dataclasses.field(default_factory=list)
     rest_positions: dict[str, float] = dataclasses.field(default_factory=dict)  # of joints whose rest is not at 0, rad
     grip_low: list[float] = dataclasses.field(default_factory=list)  # lower corner of where it holds things, m, in P
     grip_high: list[float] = dataclasses.field(default_factory=list)  # upper corner; both only for planned grasps
@@ -105,7 +116,17 @@ class HandConfig:
                 positive_number(f"coupling of {coupling.joint!r}: ratio", abs(coupling.ratio))
                 if coupling.follows not in finger.joints:
                     raise UnknownNameError(f"coupling of {coupling.joint!r}: follows", coupling.follows, finger.joints)
+            if bool(finger.sensor_frame) != bool(finger.weld):
+                raise InvalidInputError(
+                    f"HandConfig.fingers[{finger.name}]: has sensor_frame {finger.sensor_frame!r} and weld "
+                    f"{finger.weld!r}; allowed are both names or neither."
+                )
             finger.surface.make()
+        pads = [pad.name for pad in self.pads]
+        if "" in pads or len(set(pads)) < len(pads):
+            raise InvalidInputError(f"HandConfig.pads: have the names {pads}; allowed are different names.")
+        for pad in self.pads:
+            positive_number(f"HandConfig.pads[{pad.name}].alpha", pad.alpha)
         for name, corner in (("grip_low", self.grip_low), ("grip_high", self.grip_high)):
             if corner:
                 finite_array(f"HandConfig.{name}", corner, (3,))
@@ -124,7 +145,11 @@ class HandConfig:
 
 @dataclasses.dataclass(frozen=True)
 class Hand:
-    """A hand in a plant: where the names of its configuration have led."""
+    """A hand in a plant: where the names of its configuration have led.
+
+    `sensor_frames`, `welds` and `surfaces` are those of the fingers with a force-torque sensor, by finger; `pad_frames`
+    those of the tactile pads, by pad.
+    """
 
     config: HandConfig
     model_instance: ModelInstanceIndex
@@ -132,11 +157,12 @@ class Hand:
     sensor_frames: Mapping[str, Frame]
     welds: Mapping[str, WeldJoint]
     surfaces: Mapping[str, Surface]
+    pad_frames: Mapping[str, Frame]
 
     @property
     def fingers(self) -> tuple[str, ...]:
         """The fingers' names, in the order of the configuration."""
-        return tuple(self.sensor_frames)
+        return tuple(finger.name for finger in self.config.fingers)
 
 
 def load_hand_config(name_or_path: str | Path) -> HandConfig:
@@ -181,21 +207,25 @@ def find_hand(plant: MultibodyPlant, config: HandConfig, model_instance: ModelIn
     """
     frames = {plant.get_frame(index).name(): plant.get_frame(index) for index in plant.GetFrameIndices(model_instance)}
     joints = {plant.get_joint(index).name(): plant.get_joint(index) for index in plant.GetJointIndices(model_instance)}
+    sensing = [finger for finger in config.fingers if finger.sensor_frame]
     for finger in config.fingers:
-        needed = [finger.weld, *finger.joints, *(coupling.joint for coupling in finger.couplings)]
+        needed = [*finger.joints, *(coupling.joint for coupling in finger.couplings)]
+        needed += [finger.weld] if finger in sensing else []
         for name in needed:
             if name not in joints:
                 raise UnknownNameError(f"joint of finger {finger.name!r}", name, sorted(joints))
-    for name in [config.palm_frame, *(finger.sensor_frame for finger in config.fingers)]:
+    pads = {pad.name: pad.frame for pad in config.pads}
+    for name in [config.palm_frame, *(finger.sensor_frame for finger in sensing), *pads.values()]:
         if name not in frames:
             raise UnknownNameError("frame of the hand", name, sorted(frames))
     return Hand(
         config,
         model_instance,
         frames[config.palm_frame],
-        {finger.name: frames[finger.sensor_frame] for finger in config.fingers},
-        {finger.name: joints[finger.weld] for finger in config.fingers},
-        {finger.name: finger.surface.make() for finger in config.fingers},
+        {finger.name: frames[finger.sensor_frame] for finger in sensing},
+        {finger.name: joints[finger.weld] for finger in sensing},
+        {finger.name: finger.surface.make() for finger in sensing},
+        {name: frames[frame] for name, frame in pads.items()},
     )
 
 

@@ -147,7 +147,7 @@ def _add_grasp(builder: DiagramBuilder, scenario: Scenario, plant: MultibodyPlan
     for port, exported in (("actuation", "actuation"), ("holding", "holding"), ("status", "grasp_status")):
         builder.ExportOutput(controller.GetOutputPort(port), exported)
     sensor_model = load_force_torque_model(scenario.sensor.calibration)
-    for finger in hand.fingers:
+    for finger in hand.sensor_frames:
         sensor = builder.AddNamedSystem(
             f"sensor_{finger}",
             ForceTorqueSensor(
@@ -185,7 +185,7 @@ def _add_estimation(
     )
     builder.Connect(plant.get_body_poses_output_port(), vision.GetInputPort("body_poses"))
     estimation = AddPoseEstimation(builder, hand.config, model, scenario.estimation)
-    for finger in hand.fingers:
+    for finger in hand.sensor_frames:
         wrench = builder.GetSubsystemByName(f"sensor_{finger}").GetOutputPort("wrench")
         builder.Connect(wrench, estimation.GetInputPort(f"wrench_{finger}"))
     positions = builder.AddNamedSystem(

@@ -216,6 +216,41 @@ def test_bad_descriptors_are_refused(tmp_path):
         load_hand_config(path)
 
 
+def test_a_finger_may_have_no_sensor_and_a_hand_pads(tmp_path):
+    path = write_gripper(tmp_path)
+    text = path.read_text().replace("sensor_frame: left_tip, weld: left_weld, ", "")
+    path.write_text(text + "pads:\n- {name: tip, frame: left_tip, array: bh280_palm, alpha: 1.0e-8}\n")
+    _, hand = make_hand_plant(load_hand_config(path))
+    assert hand.fingers == ("left",)
+    assert not hand.sensor_frames
+    assert not hand.welds
+    assert not hand.surfaces
+    assert hand.pad_frames["tip"].name() == "left_tip"
+
+
+@pytest.mark.parametrize(
+    ("pads", "message"),
+    [
+        ("- {name: a, frame: left_tip, alpha: 0}", r"pads\[a\].alpha: is 0"),
+        ("- {name: a, frame: base, alpha: 1}\n- {name: a, frame: left, alpha: 1}", "pads: have the names"),
+        ("- {frame: left_tip, alpha: 1}", "pads: have the names"),
+        ("- {name: a, frame: thumb, alpha: 1}", "'thumb' is unknown; valid names: .*left_tip"),
+    ],
+)
+def test_impossible_pads_are_refused(tmp_path, pads, message):
+    path = write_gripper(tmp_path)
+    path.write_text(path.read_text() + f"pads:\n{pads}\n")
+    with pytest.raises(InvalidInputError, match=message):
+        make_hand_plant(load_hand_config(path))
+
+
+def test_half_a_sensor_is_refused(tmp_path):
+    path = write_gripper(tmp_path)
+    path.write_text(path.read_text().replace("weld: left_weld, ", ""))
+    with pytest.raises(InvalidInputError, match=r"fingers\[left\]: has sensor_frame 'left_tip' and weld ''"):
+        load_hand_config(path)
+
+
 def test_unknown_finger_is_named(config):
     with pytest.raises(UnknownNameError, match=r"'pinky' is unknown; valid names: first"):
         config.finger("pinky")

@@ -1,17 +1,19 @@
 """Writes shadow_like.sdf: a five-finger right hand with the published figures of the Shadow Dexterous Hand.
 
-Run `python models/hands/shadow_like/generate.py` after changing a figure; the output depends on this file alone.
+Run `python models/hands/shadow_like/generate.py` after changing a figure; the output depends on this file and on
+sdf_parts.py beside its folder.
 Frames: z along the straight fingers, x towards the thumb's side, -y out of the palm; every link's origin lies on the
 joint that moves it. The sources of the figures are in README.md.
 """
 
 import math
-from dataclasses import dataclass, field
+import sys
 from pathlib import Path
 
-import numpy as np
-from pydrake.math import RollPitchYaw, RotationMatrix
-from pydrake.multibody.tree import UnitInertia
+sys.path.append(str(Path(__file__).parents[1]))  # what the hands' generators share lies beside their folders
+
+import sdf_parts as sdf
+from sdf_parts import DARK, GREY, RUBBER, Link, Solid, link_text, pose, weld
 
 TIP_RADIUS = 0.009  # m, of the hemisphere and of the cylinder below it
 TIP_LENGTH = 0.014  # m, from the sensor's measuring frame to the hemisphere's centre
@@ -20,67 +22,6 @@ TIP_LENGTH = 0.014  # m, from the sensor's measuring frame to the hemisphere's c
 TIP_MODULUS = 4.0e7
 # Chords of this length leave the sphere by 0.06 mm at most.
 TIP_RESOLUTION = 0.002  # m
-LINK_MODULUS = 1.0e7  # Pa
-FRICTION = 0.9  # rubber on a dry, hard object
-
-GREY, DARK, RUBBER = "0.62 0.64 0.67 1", "0.16 0.17 0.19 1", "0.28 0.30 0.34 1"
-
-
-@dataclass(kw_only=True)
-class Solid:
-    """A primitive in its link's frame; capsules and cylinders stand along z from `center`."""
-
-    kind: str  # capsule, cylinder, box, sphere
-    size: tuple[float, ...]  # m: (radius, length), (x, y, z) or (radius,)
-    center: tuple[float, float, float] = (0.0, 0.0, 0.0)  # m
-    rpy: tuple[float, float, float] = (0.0, 0.0, 0.0)  # rad
-    color: str = GREY
-    collides: bool = True
-
-    def geometry(self) -> str:
-        if self.kind == "box":
-            return f"<box><size>{numbers(*self.size)}</size></box>"
-        if self.kind == "sphere":
-            return f"<sphere><radius>{numbers(*self.size)}</radius></sphere>"
-        radius, length = self.size
-        return f"<{self.kind}><radius>{numbers(radius)}</radius><length>{numbers(length)}</length></{self.kind}>"
-
-    def unit_inertia(self) -> UnitInertia:
-        if self.kind == "box":
-            return UnitInertia.SolidBox(*self.size)
-        if self.kind == "sphere":
-            return UnitInertia.SolidSphere(*self.size)
-        make = UnitInertia.SolidCapsule if self.kind == "capsule" else UnitInertia.SolidCylinder
-        return make(*self.size, np.array([0.0, 0.0, 1.0]))
-
-
-@dataclass(kw_only=True)
-class Link:
-    """A link, and the joint that moves it."""
-
-    name: str
-    mass: float  # kg, spread evenly over the first solid
-    solids: list[Solid]
-    parent: str = ""
-    position: tuple[float, float, float] = (0.0, 0.0, 0.0)  # m, in the parent
-    rpy: tuple[float, float, float] = (0.0, 0.0, 0.0)  # rad, in the parent
-    joint: str = ""
-    axis: tuple[float, float, float] = (1.0, 0.0, 0.0)
-    limits_deg: tuple[float, float] = (0.0, 0.0)
-    effort: float = 2.0  # N m
-    damping: float = 0.03  # N m s/rad
-    rotor_inertia: float = 2.0e-4  # kg m^2, as it acts on the joint
-    mimic: str = ""  # the joint that moves this one along, one to one; then it has no actuator
-    extra: list[str] = field(default_factory=list)  # frames and joints that hang on this link
-
-
-def numbers(*values: float) -> str:
-    return " ".join(f"{0.0 if abs(v) < 1e-12 else v:.9g}" for v in values)
-
-
-def pose(position: tuple[float, ...], rpy: tuple[float, ...] = (0.0, 0.0, 0.0), relative_to: str = "") -> str:
-    where = f' relative_to="{relative_to}"' if relative_to else ""
-    return f"<pose{where}>{numbers(*position, *rpy)}</pose>"
 
 
 def phalanx(length: float, radius: float, *, color: str = GREY) -> list[Solid]:
@@ -96,9 +37,8 @@ def fingertip(finger: str, distal: str, height: float) -> list[str]:
     """The sensor's frame on the distal link, the weld whose reaction it measures, and the fingertip beyond it."""
     tip = Solid(kind="capsule", size=(TIP_RADIUS, TIP_LENGTH), center=(0, 0, TIP_LENGTH / 2), color=RUBBER)
     frame = f'<frame name="{finger}_sensor" attached_to="{distal}">{pose((0, 0, height))}</frame>'
-    ends = f"<parent>{finger}_sensor</parent><child>{finger}_tip</child>"
-    joint = f'<joint name="{finger}_tip_weld" type="fixed">{ends}</joint>'
     link = Link(name=f"{finger}_tip", mass=0.006, solids=[tip], parent=f"{finger}_sensor")
+    joint = weld(f"{finger}_tip_weld", f"{finger}_sensor", f"{finger}_tip")
     return [frame, link_text(link, modulus=TIP_MODULUS, resolution=TIP_RESOLUTION), joint]
 
 
@@ -190,74 +130,9 @@ def hand_links() -> list[Link]:
     ]  # fmt: skip
 
 
-def inertial_text(link: Link) -> str:
-    solid = link.solids[0]
-    R = RotationMatrix(RollPitchYaw(list(solid.rpy)))
-    moments = link.mass * solid.unit_inertia().ReExpress(R).CopyToFullMatrix3()
-    terms = zip(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), moments[np.triu_indices(3)], strict=True)
-    inertia = "".join(f"<{name}>{numbers(value)}</{name}>" for name, value in terms)
-    return f"<inertial>{pose(solid.center)}<mass>{numbers(link.mass)}</mass><inertia>{inertia}</inertia></inertial>"
-
-
-def link_text(link: Link, *, modulus: float = LINK_MODULUS, resolution: float = 0.006) -> str:
-    lines = [f'<link name="{link.name}">']
-    if link.parent:
-        lines.append(pose(link.position, link.rpy, link.parent))
-    lines.append(inertial_text(link))
-    for i, solid in enumerate(link.solids):
-        place = pose(solid.center, solid.rpy)
-        look = f"<material><diffuse>{solid.color}</diffuse></material>"
-        lines.append(f'<visual name="visual_{i}">{place}<geometry>{solid.geometry()}</geometry>{look}</visual>')
-        if solid.collides:
-            proximity = (
-                "<drake:proximity_properties><drake:compliant_hydroelastic/>"
-                f"<drake:hydroelastic_modulus>{numbers(modulus)}</drake:hydroelastic_modulus>"
-                f"<drake:mesh_resolution_hint>{numbers(resolution)}</drake:mesh_resolution_hint>"
-                f"<drake:mu_static>{numbers(FRICTION)}</drake:mu_static>"
-                f"<drake:mu_dynamic>{numbers(FRICTION)}</drake:mu_dynamic></drake:proximity_properties>"
-            )
-            lines.append(
-                f'<collision name="collision_{i}">{place}<geometry>{solid.geometry()}</geometry>{proximity}</collision>'
-            )
-    lines.append("</link>")
-    return "\n".join(lines)
-
-
-def joint_text(link: Link) -> str:
-    lower, upper = (math.radians(angle) for angle in link.limits_deg)
-    # An effort limit of zero tells Drake that a joint has no actuator.
-    effort = 0.0 if link.mimic else link.effort
-    mimic = f'<drake:mimic joint="{link.mimic}" multiplier="1" offset="0"/>' if link.mimic else ""
-    rotor = "" if link.mimic else f"<drake:rotor_inertia>{numbers(link.rotor_inertia)}</drake:rotor_inertia>"
-    bounds = f"<lower>{numbers(lower)}</lower><upper>{numbers(upper)}</upper><effort>{numbers(effort)}</effort>"
-    dynamics = f"<dynamics><damping>{numbers(link.damping)}</damping></dynamics>"
-    return (
-        f'<joint name="{link.joint}" type="revolute"><parent>{link.parent}</parent><child>{link.name}</child>\n'
-        f"<axis><xyz>{numbers(*link.axis)}</xyz><limit>{bounds}</limit>{dynamics}</axis>{mimic}{rotor}</joint>"
-    )
-
-
 def model_text() -> str:
-    links = hand_links()
-    parts = []
-    for link in links:
-        parts += [link_text(link), *link.extra]
-        if link.joint:
-            parts.append(joint_text(link))
     tips = [f"{finger}_tip" for finger in ("first", "middle", "ring", "little", "thumb")]
-    members = "\n".join(f"<drake:member>{name}</drake:member>" for name in [*(link.name for link in links), *tips])
-    # Neighbouring links overlap at their joints, so contact within the hand is not modelled.
-    group = (
-        f'<drake:collision_filter_group name="hand">\n{members}\n'
-        "<drake:ignored_collision_filter_group>hand</drake:ignored_collision_filter_group>\n"
-        "</drake:collision_filter_group>"
-    )
-    body = "\n".join([*parts, group])
-    return (
-        '<?xml version="1.0"?>\n<!-- Written by generate.py; change the figures there. -->\n'
-        '<sdf version="1.11" xmlns:drake="http://drake.mit.edu">\n'
-        f'<model name="shadow_like">\n{body}\n</model>\n</sdf>\n'
-    )
+    return sdf.model_text("shadow_like", hand_links(), tips)
 
 
 if __name__ == "__main__":
