@@ -1,0 +1,149 @@
+"""From the pressures on a hand's tactile arrays to patches of the object's surface in the palm."""
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+from pydrake.common.value import AbstractValue
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.framework import Context, LeafSystem, ValueProducer
+
+from tactopose_drake.core.patches import Patch, describe_patch
+from tactopose_drake.core.validation import FloatArray, positive_number
+from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.hand import Hand
+from tactopose_drake.tactile_pads import TactilePad, load_tactile_pad
+
+NO_READING = "no reading"
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class PatchDescriptorParams:
+    """Which cells feel the object."""
+
+    threshold: float = 1000.0  # a cell is active above this pressure, Pa; well above the array's noise
+
+    def validate(self) -> None:
+        """Raises InvalidInputError if the threshold is negative."""
+        positive_number("PatchDescriptorParams.threshold", self.threshold, allow_zero=True)
+
+
+@dataclasses.dataclass
+class _Kinematics:
+    """Scratch of the forward kinematics; lives in a cache entry."""
+
+    plant_context: Context
+    X_PT: dict[str, RigidTransform]
+
+
+class PatchDescriptor(LeafSystem):
+    """Describes what each tactile pad of a hand feels, in the palm, by the measured joint positions.
+
+    .. pydrake_system::
+
+        name: PatchDescriptor
+        input_ports:
+        - joint_positions
+        - pressures_<pad>
+        output_ports:
+        - patches
+        - status
+
+    - joint_positions: measured positions of the hand's joints, shape (nq,) of the hand's own plant, rad.
+    - pressures_<pad>: one per pad, of its cells, Pa; NaN where a cell is dead or, all of them, where there is no
+      reading. May stay unconnected, which counts as no reading.
+    - patches: tuple of `Patch` in P of the pads with a reading, in the order of the hand's description; those that
+      nothing touches have the status "no_contact". Changes with any input.
+    - status: str, "ok", or each pad without a reading and why.
+    """
+
+    def __init__(self, plant: MultibodyPlant, hand: Hand, params: PatchDescriptorParams | None = None) -> None:
+        """Keeps a reference to the plant, and reads the arrays that the hand's description names.
+
+        Args:
+            plant: finalized plant of the hand alone, for kinematics; not the simulator's.
+            hand: the hand in it.
+            params: threshold.
+
+        Raises:
+            InvalidInputError: if the hand has no pads, an array's file is unusable, or a pad's threshold is beyond its
+                range.
+        """
+        super().__init__()
+        self._params = PatchDescriptorParams() if params is None else params
+        self._params.validate()
+        if not hand.pad_frames:
+            raise InvalidInputError("hand: has no tactile pads; allowed is a hand whose description names some.")
+        self._plant, self._hand = plant, hand
+        self._pads = {pad.name: load_tactile_pad(pad.array) for pad in hand.config.pads}
+        self._alpha = {pad.name: pad.alpha for pad in hand.config.pads}
+        for name, pad in self._pads.items():
+            if pad.model.range <= self._params.threshold:
+                raise InvalidInputError(
+                    f"PatchDescriptorParams.threshold: is {self._params.threshold:g} Pa; allowed on pad {name!r} are "
+                    f"numbers below its range, {pad.model.range:g} Pa."
+                )
+        self._positions = self.DeclareVectorInputPort("joint_positions", plant.num_positions())
+        self._pressures = {
+            name: self.DeclareVectorInputPort(f"pressures_{name}", len(pad.layout)) for name, pad in self._pads.items()
+        }
+        self._kinematics = self.DeclareCacheEntry(
+            "poses of the pads in the palm",
+            ValueProducer(allocate=self._allocate_kinematics, calc=self._calc_kinematics),
+            {self._positions.ticket()},
+        )
+        self._described = self.DeclareCacheEntry(
+            "patches by pad",
+            ValueProducer(allocate=lambda: AbstractValue.Make({}), calc=self._calc_described),
+            {self._kinematics.ticket(), *(port.ticket() for port in self._pressures.values())},
+        )
+        for name, empty, calc in (("patches", (), self._calc_patches), ("status", "", self._calc_status)):
+            self.DeclareAbstractOutputPort(
+                name, AbstractValue.Make(empty).Clone, calc, prerequisites_of_calc={self._described.ticket()}
+            )
+
+    def _allocate_kinematics(self) -> AbstractValue:
+        return AbstractValue.Make(_Kinematics(self._plant.CreateDefaultContext(), {}))
+
+    def _calc_kinematics(self, context: Context, cached: AbstractValue) -> None:
+        kinematics = cached.get_mutable_value()
+        self._plant.SetPositions(kinematics.plant_context, self._positions.Eval(context))
+        for name, frame in self._hand.pad_frames.items():
+            kinematics.X_PT[name] = self._plant.CalcRelativeTransform(
+                kinematics.plant_context, self._hand.palm_frame, frame
+            )
+
+    def _calc_described(self, context: Context, cached: AbstractValue) -> None:
+        """For each pad its patch, or why there is none."""
+        described: dict[str, Patch | str] = {}
+        known = bool(np.all(np.isfinite(self._positions.Eval(context))))
+        for name, port in self._pressures.items():
+            pressure = port.Eval(context) if port.HasValue(context) else np.full(port.size(), np.nan)
+            if not known:
+                described[name] = "a joint position is not finite"
+            elif np.all(np.isnan(pressure)):
+                described[name] = NO_READING
+            else:
+                described[name] = self._describe(name, self._kinematics.Eval(context).X_PT[name], pressure)
+        cached.set_value(described)
+
+    def _describe(self, name: str, X_PT: RigidTransform, pressure: FloatArray) -> Patch:
+        pad: TactilePad = self._pads[name]
+        return describe_patch(
+            X_PT.multiply(pad.layout.p_TC.T).T,
+            pressure,
+            alpha=self._alpha[name],
+            n_PT=pad.layout.n_T @ X_PT.rotation().matrix().T,
+            threshold=self._params.threshold,
+            saturation=pad.model.range,
+        )
+
+    def _calc_patches(self, context: Context, output: AbstractValue) -> None:
+        described: dict[str, Any] = self._described.Eval(context)
+        output.set_value(tuple(patch for patch in described.values() if isinstance(patch, Patch)))
+
+    def _calc_status(self, context: Context, output: AbstractValue) -> None:
+        described: dict[str, Any] = self._described.Eval(context)
+        reasons = (f"{name}: {reason}" for name, reason in described.items() if isinstance(reason, str))
+        output.set_value("; ".join(reasons) or "ok")

@@ -1,0 +1,160 @@
+from typing import Any
+
+import numpy as np
+import pytest
+from pydrake.geometry import AddContactMaterial, AddRigidHydroelasticProperties, Box, ProximityProperties
+from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.multibody.plant import AddMultibodyPlant, CoulombFriction, MultibodyPlant, MultibodyPlantConfig
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context, DiagramBuilder
+from pydrake.systems.primitives import AddRandomInputs
+
+from tactopose_drake.core.patches import Patch, describe_patch
+from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.hand import Hand, add_hand, load_hand_config, make_hand_plant
+from tactopose_drake.systems.patch_descriptor import PatchDescriptor, PatchDescriptorParams
+from tactopose_drake.systems.random_sources import seed_random_sources
+from tactopose_drake.systems.tactile_array import TactileArray
+from tactopose_drake.tactile_pads import load_tactile_pad
+
+PADS = ("finger_1", "finger_2", "finger_3", "palm")
+
+
+@pytest.fixture(scope="module")
+def hand_plant() -> tuple[MultibodyPlant, Hand]:
+    return make_hand_plant(load_hand_config("barrett_like"))
+
+
+def fixed(
+    hand_plant: tuple[MultibodyPlant, Hand], q: np.ndarray, pressures: dict[str, np.ndarray]
+) -> tuple[Any, Context]:
+    """The system with its inputs."""
+    system = PatchDescriptor(*hand_plant)
+    context = system.CreateDefaultContext()
+    system.GetInputPort("joint_positions").FixValue(context, q)
+    for name, pressure in pressures.items():
+        system.GetInputPort(f"pressures_{name}").FixValue(context, pressure)
+    return system, context
+
+
+def patches_of(system: PatchDescriptor, context: Context) -> tuple[Patch, ...]:
+    patches: tuple[Patch, ...] = system.GetOutputPort("patches").Eval(context)
+    return patches
+
+
+def some_pressures(seed: int = 0) -> dict[str, np.ndarray]:
+    generator = np.random.default_rng(seed)
+    return {name: np.where(generator.random(24) < 0.5, generator.uniform(2e3, 9e4, 24), 0.0) for name in PADS}
+
+
+def test_each_patch_is_that_of_its_cells_in_the_palm(hand_plant: tuple[MultibodyPlant, Hand]) -> None:
+    plant, hand = hand_plant
+    q = np.random.default_rng(2).uniform(0.0, 1.2, 8)
+    pressures = some_pressures()
+    system, context = fixed(hand_plant, q, pressures)
+    assert system.GetOutputPort("status").Eval(context) == "ok"
+    plant_context = plant.CreateDefaultContext()
+    plant.SetPositions(plant_context, q)
+    for name, config, patch in zip(PADS, hand.config.pads, patches_of(system, context), strict=True):
+        X_PT = plant.CalcRelativeTransform(plant_context, hand.palm_frame, hand.pad_frames[name])
+        layout = load_tactile_pad(config.array).layout
+        p_PT = np.array([X_PT @ p for p in layout.p_TC])
+        n_PT = np.array([X_PT.rotation() @ n for n in layout.n_T])
+        expected = describe_patch(p_PT, pressures[name], alpha=config.alpha, n_PT=n_PT, threshold=1000.0)
+        np.testing.assert_allclose(patch.p_PT, p_PT, atol=1e-12)
+        np.testing.assert_allclose(patch.covariance, expected.covariance, atol=1e-15)
+        np.testing.assert_allclose(patch.centroid, expected.centroid, atol=1e-12)
+        assert patch.saturation == pytest.approx(159960.9375)
+
+
+def test_a_moved_joint_moves_the_patches_of_its_finger_only(hand_plant: tuple[MultibodyPlant, Hand]) -> None:
+    plant, _ = hand_plant
+    q = np.full(8, 0.4)
+    system, context = fixed(hand_plant, q, some_pressures())
+    before = patches_of(system, context)
+    q[plant.GetJointByName("finger_3_proximal_joint").position_start()] += 0.1
+    system.GetInputPort("joint_positions").FixValue(context, q)
+    after = patches_of(system, context)
+    for name, old, new in zip(PADS, before, after, strict=True):
+        assert np.allclose(old.p_PT, new.p_PT) == (name != "finger_3")
+    np.testing.assert_allclose(before[2].eigenvalues, after[2].eigenvalues, rtol=1e-9)
+
+
+def test_a_pad_without_a_reading_gives_no_patch_and_nothing_old(hand_plant: tuple[MultibodyPlant, Hand]) -> None:
+    pressures = some_pressures()
+    system, context = fixed(hand_plant, np.zeros(8), pressures)
+    assert len(patches_of(system, context)) == 4
+    system.GetInputPort("pressures_finger_2").FixValue(context, np.full(24, np.nan))
+    assert len(patches_of(system, context)) == 3
+    assert system.GetOutputPort("status").Eval(context) == "finger_2: no reading"
+    system.GetInputPort("joint_positions").FixValue(context, np.full(8, np.nan))
+    assert patches_of(system, context) == ()
+    assert system.GetOutputPort("status").Eval(context).startswith("finger_1: a joint position is not finite; finger_2")
+
+
+def test_untouched_pads_and_dead_cells_are_said_and_unconnected_pads_are_none(
+    hand_plant: tuple[MultibodyPlant, Hand],
+) -> None:
+    pressure = np.full(24, 900.0)  # below the threshold
+    pressure[5] = np.nan
+    system, context = fixed(hand_plant, np.zeros(8), {"palm": pressure})
+    (patch,) = patches_of(system, context)
+    assert patch.status == "no_contact"
+    np.testing.assert_array_equal(np.flatnonzero(patch.dead), [5])
+    assert system.GetOutputPort("status").Eval(context) == "; ".join(f"{name}: no reading" for name in PADS[:3])
+
+
+def test_impossible_descriptors_are_refused(hand_plant: tuple[MultibodyPlant, Hand]) -> None:
+    with pytest.raises(InvalidInputError, match="threshold: is -1"):
+        PatchDescriptor(*hand_plant, PatchDescriptorParams(threshold=-1))
+    with pytest.raises(InvalidInputError, match=r"threshold: is 1e\+06 Pa; allowed on pad 'finger_1' are .* 159961 Pa"):
+        PatchDescriptor(*hand_plant, PatchDescriptorParams(threshold=1e6))
+    with pytest.raises(InvalidInputError, match="hand: has no tactile pads"):
+        PatchDescriptor(*make_hand_plant(load_hand_config("shadow_like")))
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.05, 0.1])
+def test_a_pressed_surface_is_found_where_it_is(hand_plant: tuple[MultibodyPlant, Hand], tilt: float) -> None:
+    """A finger presses a wide board with its shipped, noisy array."""
+    builder = DiagramBuilder()
+    plant, _ = AddMultibodyPlant(MultibodyPlantConfig(time_step=0.002, contact_model="hydroelastic"), builder)
+    hand = add_hand(plant, load_hand_config("barrett_like"), RigidTransform())
+    properties = ProximityProperties()
+    AddContactMaterial(dissipation=5.0, friction=CoulombFriction(0.9, 0.9), properties=properties)
+    AddRigidHydroelasticProperties(0.05, properties)
+    # On the straight part of the finger's pad when its proximal joint is at 0.6 rad; z is the pad's normal there.
+    kinematics, hand_alone = hand_plant
+    at_touch = kinematics.CreateDefaultContext()
+    for part, angle in (("proximal", 0.6), ("distal", 0.2)):
+        kinematics.GetJointByName(f"finger_3_{part}_joint").set_angle(at_touch, angle)
+    X_WT = hand_alone.pad_frames["finger_3"].CalcPoseInWorld(at_touch)
+    X_WFace = X_WT @ RigidTransform(RollPitchYaw(np.pi / 2, 0, 0), [0.037, -0.0095, 0])
+    X_WFace = X_WFace @ RigidTransform(RollPitchYaw(0, tilt, 0), np.zeros(3))
+    X_WBoard = X_WFace @ RigidTransform([0, 0, 0.005])
+    plant.RegisterCollisionGeometry(plant.world_body(), X_WBoard, Box(0.044, 0.1, 0.01), "board", properties)
+    plant.Finalize()
+    array = builder.AddNamedSystem(
+        "array", TactileArray(plant, hand.pad_frames["finger_3"], load_tactile_pad("bh280_finger"))
+    )
+    builder.Connect(plant.get_contact_results_output_port(), array.GetInputPort("contact_results"))
+    builder.Connect(plant.get_body_poses_output_port(), array.GetInputPort("body_poses"))
+    descriptor = builder.AddNamedSystem("descriptor", PatchDescriptor(*hand_plant))
+    builder.Connect(array.GetOutputPort("pressures"), descriptor.GetInputPort("pressures_finger_3"))
+    builder.ExportInput(descriptor.GetInputPort("joint_positions"), "joint_positions")
+    AddRandomInputs(0.025, builder)
+    diagram = builder.Build()
+    context = diagram.CreateDefaultContext()
+    seed_random_sources(diagram, context, 0)
+    plant_context = plant.GetMyMutableContextFromRoot(context)
+    actuation = np.zeros(4)
+    actuation[plant.GetJointActuatorByName("finger_3_proximal_joint").input_start()] = 0.8
+    plant.get_actuation_input_port().FixValue(plant_context, actuation)
+    diagram.GetInputPort("joint_positions").FixValue(context, np.zeros(8))
+    Simulator(diagram, context).AdvanceTo(0.5)
+    diagram.GetInputPort("joint_positions").FixValue(context, plant.GetPositions(plant_context))
+    (patch,) = descriptor.GetOutputPort("patches").Eval(descriptor.GetMyContextFromRoot(context))
+    p_FaceC = X_WFace.inverse() @ patch.centroid
+    n_Face = X_WFace.rotation().inverse() @ patch.eigenvectors[:, 2]
+    assert patch.status == "area"
+    assert abs(p_FaceC[2]) < 2e-4
+    assert np.degrees(np.arccos(-n_Face[2])) < 1.0
