@@ -8,7 +8,7 @@ is in the object. The two together give the depth for thin walls and for solid b
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -44,6 +44,7 @@ from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.poses import inverse, transform_points
 from tactopose_drake.core.validation import FloatArray, finite_array
 from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.estimates import PoseEstimate
 from tactopose_drake.hand import Hand, HandConfig, add_hand
 from tactopose_drake.hand_geometry import BodySpheres
 from tactopose_drake.shape_depth import ShapeDepth, shape_depth
@@ -185,6 +186,26 @@ class HandCollision:
 def check_collisions(hand: HandConfig, model: ObjectModel, q: ArrayLike, X_PO: ArrayLike) -> Collisions:
     """`HandCollision.check` for once; to check more than once, keep a `HandCollision`."""
     return HandCollision(hand, model).check(q, X_PO)
+
+
+def keep_clear(estimate: PoseEstimate, collisions: Collisions, tolerance: float) -> tuple[PoseEstimate, bool]:
+    """The estimate without the hypotheses that collide.
+
+    Where no other explains the touch, either the hand's shape, its joints or the touch is not what it seems; then all
+    stay, and the status is "ambiguous".
+
+    Args:
+        estimate: of the poses that were checked.
+        collisions: of its hypotheses.
+        tolerance: the depth that is no collision yet, m: soft skin gives way, and poses have errors.
+
+    Returns:
+        The estimate, and whether it is clear of the hand.
+    """
+    clear = [bool(depth <= tolerance) for depth in collisions.depth]
+    if any(is_clear and h.explains_touch for is_clear, h in zip(clear, estimate.hypotheses, strict=True)):
+        return estimate if all(clear) else estimate.keep(clear), True
+    return replace(estimate, status="ambiguous"), False
 
 
 def _deepest_vertex(surface: ContactSurface) -> FloatArray:

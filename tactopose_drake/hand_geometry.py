@@ -8,14 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.geometry import Box, Capsule, Convex, Cylinder, Ellipsoid, Mesh, Role, SceneGraphInspector, Shape, Sphere
 from pydrake.math import RigidTransform
-from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.multibody.tree import Frame, ModelInstanceIndex
-from pydrake.systems.framework import Context
+from pydrake.systems.framework import Context, DiagramBuilder
 
 from tactopose_drake.core.hand_spheres import HandSpheres
 from tactopose_drake.core.sphere_packing import Spheres, pack_box, pack_capsule, pack_convex
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.hand import HandConfig, add_hand
 
 # Points of the unit circle and sphere that stand for a cylinder and an ellipsoid.
 _CIRCLE = np.stack([np.cos(np.arange(24) * np.pi / 12), np.sin(np.arange(24) * np.pi / 12)], axis=1)
@@ -82,6 +83,14 @@ class BodySpheres:
                 centres.append(inspector.GetPoseInFrame(geometry).multiply(p_GH.T).T)
                 radii.append(radius)
         return cls(np.concatenate(body), np.concatenate(centres), np.concatenate(radii))
+
+    @classmethod
+    def of_hand(cls, config: HandConfig) -> Self:
+        """Fills a hand; the bodies are those of any plant that holds this hand alone."""
+        plant, scene_graph = AddMultibodyPlantSceneGraph(DiagramBuilder(), time_step=0.001)
+        hand = add_hand(plant, config, RigidTransform())
+        plant.Finalize()
+        return cls.from_inspector(plant, scene_graph.model_inspector(), hand.model_instance)
 
     def positions(self, X_WB: Sequence[RigidTransform]) -> FloatArray:
         """Centres in the world, shape (h, 3), m, for the poses of all bodies (the plant's port `body_poses`)."""

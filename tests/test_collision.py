@@ -8,10 +8,11 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
-from tactopose_drake.collision import HandCollision, check_collisions
+from tactopose_drake.collision import Collisions, HandCollision, check_collisions, keep_clear
 from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.poses import random_rotations
 from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.estimates import PoseEstimate, PoseHypothesis
 from tactopose_drake.hand import HandConfig, add_hand, load_hand_config
 from tactopose_drake.resources import model_path
 from tests.hands import write_hand
@@ -239,6 +240,33 @@ def test_bad_input_is_named(
 def test_a_hand_without_a_volume_is_refused(tmp_path: Path, plate: ObjectModel, geometry: str) -> None:
     with pytest.raises(InvalidInputError, match=r"hand: .*tiny\.sdf has no collision geometry"):
         HandCollision(write_hand(tmp_path, geometry), plate)
+
+
+def estimate_of(*explains: bool) -> PoseEstimate:
+    share = 1.0 / len(explains)
+    return PoseEstimate(
+        tuple(PoseHypothesis(RigidTransform(), 0.0, share, np.eye(6), np.zeros((0, 6)), e) for e in explains), "ok", 0.0
+    )
+
+
+@pytest.mark.parametrize(
+    ("depths", "explains", "left", "status", "is_clear"),
+    [
+        ((0.001, 0.0), (True, True), 2, "ok", True),
+        ((0.003, 0.002), (True, True), 1, "ok", True),
+        ((0.0, 0.003), (True, True), 1, "ok", True),
+        ((0.003, 0.004), (True, True), 2, "ambiguous", False),
+        # What is left must explain the touch, too.
+        ((0.003, 0.0), (True, False), 2, "ambiguous", False),
+    ],
+)
+def test_an_estimate_keeps_clear_of_the_hand_where_it_can(
+    depths: tuple[float, ...], explains: tuple[bool, ...], left: int, status: str, is_clear: bool
+) -> None:
+    collisions = Collisions(np.array(depths), (None,) * len(depths))
+    kept, told = keep_clear(estimate_of(*explains), collisions, 0.002)
+    assert (len(kept.hypotheses), kept.status, told) == (left, status, is_clear)
+    assert sum(h.probability for h in kept.hypotheses) == pytest.approx(1.0)
 
 
 def brute_force(

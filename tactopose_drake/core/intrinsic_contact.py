@@ -80,6 +80,11 @@ class ContactSolution:
     valid: bool
     reason: str
 
+    @property
+    def is_untouched(self) -> bool:
+        """Whether the sensor says that nothing touches the fingertip."""
+        return self.reason == _REASONS[contact_kernels.TOO_WEAK]
+
 
 @dataclasses.dataclass(frozen=True, eq=False, slots=True)
 class ContactSolutions:

@@ -33,10 +33,11 @@ class ContactsInPalmParams:
 
 @dataclasses.dataclass(frozen=True)
 class _Touch:
-    """What the three output ports show."""
+    """What the output ports show."""
 
     contacts: Contacts
     fingers_in_contact: tuple[str, ...]
+    fingers_untouched: tuple[str, ...]
     status: str
 
 
@@ -60,6 +61,7 @@ class ContactsInPalm(LeafSystem):
         output_ports:
         - contacts
         - fingers_in_contact
+        - fingers_untouched
         - status
 
     - joint_positions: measured positions of the hand's joints, shape (nq,) of the hand's own plant, rad.
@@ -67,6 +69,8 @@ class ContactsInPalm(LeafSystem):
     - contacts: `Contacts` in P of the fingers whose solution is valid, with normals and forces; changes with either
       input. Normals point out of the object, against the fingertip's own.
     - fingers_in_contact: tuple of the fingers' names, in the order of the rows of `contacts`.
+    - fingers_untouched: tuple of the names of the fingers whose sensor says that nothing touches them. A finger may be
+      in neither tuple: without a reading, or with a wrench that no single contact explains.
     - status: str, "ok", or each finger that gives no contact and why.
     """
 
@@ -101,8 +105,9 @@ class ContactsInPalm(LeafSystem):
             ValueProducer(allocate=lambda: AbstractValue.Make(None), calc=self._calc_touch),
             {self._kinematics.ticket(), self._solutions.ticket()},
         )
-        for name, model in (("contacts", Contacts.empty()), ("fingers_in_contact", ()), ("status", "")):
-            self._declare_output(name, AbstractValue.Make(model))
+        empty = _Touch(Contacts.empty(), (), (), "")
+        for name in (field.name for field in dataclasses.fields(_Touch)):
+            self._declare_output(name, AbstractValue.Make(getattr(empty, name)))
 
     def _declare_output(self, name: str, model: AbstractValue) -> None:
         def calc(context: Context, output: AbstractValue) -> None:
@@ -124,7 +129,7 @@ class ContactsInPalm(LeafSystem):
     def _calc_touch(self, context: Context, cached: AbstractValue) -> None:
         solutions = eval_input(self._solutions, context, dict)
         if not np.all(np.isfinite(self._positions.Eval(context))):
-            cached.set_value(_Touch(Contacts.empty(), (), "no contacts: a joint position is not finite"))
+            cached.set_value(_Touch(Contacts.empty(), (), (), "no contacts: a joint position is not finite"))
             return
         X_PS = self._kinematics.Eval(context).X_PS
         fingers = tuple(finger for finger in X_PS if finger in solutions and solutions[finger].valid)
@@ -137,7 +142,8 @@ class ContactsInPalm(LeafSystem):
             sigma_position=self._params.sigma_position,
             sigma_normal=math.radians(self._params.sigma_normal_deg),
         )
-        cached.set_value(_Touch(contacts, fingers, _status(X_PS, solutions)))
+        untouched = tuple(finger for finger in X_PS if finger in solutions and solutions[finger].is_untouched)
+        cached.set_value(_Touch(contacts, fingers, untouched, _status(X_PS, solutions)))
 
 
 def _move(X_PS: RigidTransform, solution: ContactSolution) -> tuple[Any, Any, Any]:

@@ -4,10 +4,13 @@ import dataclasses
 
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
+from tactopose_drake.collision import HandCollision
 from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.hand import HandConfig, make_hand_plant
+from tactopose_drake.hand_geometry import BodySpheres
 from tactopose_drake.systems.contact_solver import ContactSolver, ContactSolverParams
 from tactopose_drake.systems.contacts_in_palm import ContactsInPalm, ContactsInPalmParams
+from tactopose_drake.systems.hand_volume import HandVolume
 from tactopose_drake.systems.pose_estimator import PoseEstimator, PoseEstimatorParams
 
 
@@ -18,6 +21,8 @@ class PoseEstimationParams:
     solver: ContactSolverParams = dataclasses.field(default_factory=ContactSolverParams)
     contacts: ContactsInPalmParams = dataclasses.field(default_factory=ContactsInPalmParams)
     estimator: PoseEstimatorParams = dataclasses.field(default_factory=PoseEstimatorParams)
+    use_hand_volume: bool = True  # whether it is evidence that the object is not in the hand, nor at silent fingertips
+    check_collisions: bool = True  # whether hypotheses that collide with the hand are dropped
 
     def validate(self) -> None:
         """Raises InvalidInputError if a value is out of its range."""
@@ -82,13 +87,23 @@ def MakePoseEstimation(hand: HandConfig, model: ObjectModel, params: PoseEstimat
     contacts = builder.AddNamedSystem(
         "contacts_in_palm", ContactsInPalm(plant, parts.sensor_frames, parts.palm_frame, params.contacts)
     )
-    estimator = builder.AddNamedSystem("pose_estimator", PoseEstimator(model, params.estimator))
+    collision = HandCollision(hand, model) if params.check_collisions else None
+    estimator = builder.AddNamedSystem("pose_estimator", PoseEstimator(model, params.estimator, collision))
     builder.Connect(solver.GetOutputPort("contact_solutions"), contacts.GetInputPort("contact_solutions"))
     builder.Connect(contacts.GetOutputPort("contacts"), estimator.GetInputPort("contacts"))
+    posed_too = [] if collision is None else [estimator]
+    if params.use_hand_volume:
+        volume = builder.AddNamedSystem("hand_volume", HandVolume(plant, parts, BodySpheres.of_hand(hand)))
+        builder.Connect(contacts.GetOutputPort("fingers_untouched"), volume.GetInputPort("fingers_untouched"))
+        builder.Connect(volume.GetOutputPort("hand"), estimator.GetInputPort("hand"))
+        builder.Connect(volume.GetOutputPort("untouched"), estimator.GetInputPort("untouched"))
+        posed_too.append(volume)
 
-    for finger in parts.fingers:
+    for finger in parts.sensor_frames:
         builder.ExportInput(solver.GetInputPort(f"wrench_{finger}"), f"wrench_{finger}")
     builder.ExportInput(contacts.GetInputPort("joint_positions"), "joint_positions")
+    for system in posed_too:
+        builder.ConnectInput("joint_positions", system.GetInputPort("joint_positions"))
     builder.ExportInput(estimator.GetInputPort("prior"), "prior")
     for port in ("object_pose", "hypotheses", "status"):
         builder.ExportOutput(estimator.GetOutputPort(port), port)

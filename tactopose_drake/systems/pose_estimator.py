@@ -2,11 +2,14 @@
 
 import dataclasses
 
+import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
-from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
+from pydrake.systems.framework import Context, EventStatus, LeafSystem, State, ValueProducer
 
+from tactopose_drake.collision import HandCollision, keep_clear
 from tactopose_drake.core.contacts import Contacts
+from tactopose_drake.core.hand_spheres import HandSpheres
 from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.prior import PosePrior
 from tactopose_drake.core.validation import positive_number
@@ -25,10 +28,15 @@ class PoseEstimatorParams:
     min_contacts: int = 2  # fewer contacts leave the pose as it is
     max_hypotheses: int = 16  # kept at the most
     seed: int = 0  # of the search's random numbers, the same at each estimate
+    max_duration: float | None = None  # s after which the search ends with the best that it has; None: never
+    collision_tolerance: float = 0.002  # depth in the hand that is no collision yet, m: soft skin and the poses' errors
 
     def validate(self) -> None:
         """Raises InvalidInputError if a number is out of its range; an unknown method is named by `estimate_pose`."""
         positive_number("PoseEstimatorParams.period", self.period)
+        positive_number("PoseEstimatorParams.collision_tolerance", self.collision_tolerance, allow_zero=True)
+        if self.max_duration is not None:
+            positive_number("PoseEstimatorParams.max_duration", self.max_duration)
         for name in ("min_contacts", "max_hypotheses"):
             if getattr(self, name) < 1:
                 raise InvalidInputError(
@@ -45,26 +53,38 @@ class PoseEstimator(LeafSystem):
         input_ports:
         - contacts
         - prior
+        - hand
+        - untouched
+        - joint_positions
         output_ports:
         - object_pose
         - hypotheses
         - status
 
-    - contacts: `Contacts` in P; read at each period.
-    - prior: `PosePrior` X_PO, or None while there is none yet; read at each period. May stay unconnected where the
-      method needs no prior.
+    All inputs are read at each period.
+
+    - contacts: `Contacts` in P.
+    - prior: `PosePrior` X_PO, or None while there is none yet. May stay unconnected where the method needs no prior.
+    - hand: `HandSpheres` in P, where the object is not, or None; may stay unconnected.
+    - untouched: `HandSpheres` in P, the parts of the hand that feel no contact, or None; may stay unconnected.
+    - joint_positions: of the hand, shape (nq,), rad; there is such a port only where collisions are checked.
     - object_pose: `RigidTransform` X_PO, the most probable hypothesis; held between updates, and while the touch gives
       no better one. Before the first estimate the prior's, before the first prior the identity.
-    - hypotheses: `PoseEstimate`, the last one made; None before the first.
-    - status: str, "ok" or "ambiguous" for a pose of this period; else "held: " and why; changes with `object_pose`.
+    - hypotheses: `PoseEstimate`, the last one made; None before the first. Hypotheses that collide with the hand are
+      left out, and the others weighed among themselves; all stay where every one that explains the touch collides.
+    - status: str, "ok" or "ambiguous" for a pose of this period, maybe with ": " and a remark (the search was cut
+      short; every hypothesis collides); else "held: " and why. Changes with `object_pose`.
     """
 
-    def __init__(self, model: ObjectModel, params: PoseEstimatorParams | None = None) -> None:
-        """Keeps a reference to the model.
+    def __init__(
+        self, model: ObjectModel, params: PoseEstimatorParams | None = None, collision: HandCollision | None = None
+    ) -> None:
+        """Keeps references to the model and to what checks collisions.
 
         Args:
             model: the object.
             params: method and period.
+            collision: checks the hypotheses against the hand; they are not checked without.
         """
         super().__init__()
         self._params = PoseEstimatorParams() if params is None else params
@@ -72,6 +92,18 @@ class PoseEstimator(LeafSystem):
         self._model = model
         self._contacts = self.DeclareAbstractInputPort("contacts", AbstractValue.Make(Contacts.empty()))
         self._prior = self.DeclareAbstractInputPort("prior", AbstractValue.Make(None))
+        self._hand = self.DeclareAbstractInputPort("hand", AbstractValue.Make(None))
+        self._untouched = self.DeclareAbstractInputPort("untouched", AbstractValue.Make(None))
+        self._collision = collision
+        if collision is not None:
+            self._positions = self.DeclareVectorInputPort("joint_positions", collision.num_positions)
+            self._scratch = self.DeclareCacheEntry(
+                "scratch of the collision check",
+                ValueProducer(
+                    allocate=lambda: AbstractValue.Make(collision.make_scratch()), calc=lambda context, value: None
+                ),
+                {self.nothing_ticket()},
+            )
         self._pose = self.DeclareAbstractState(AbstractValue.Make(RigidTransform()))
         self._hypotheses = self.DeclareAbstractState(AbstractValue.Make(None))
         self._status = self.DeclareAbstractState(AbstractValue.Make("held: no estimate yet"))
@@ -90,24 +122,45 @@ class PoseEstimator(LeafSystem):
             return self._hold(state, f"{len(contacts)} contacts, {self._params.min_contacts} needed")
         if prior is None and self._prior.HasValue(context):
             return self._hold(state, "no prior yet")
-        estimate = self._estimate(contacts, prior)
+        estimate = self._estimate(context, contacts, prior)
+        is_clear = True
+        if self._collision is not None and estimate.status != "no_solution":
+            estimate, is_clear = self._keep_clear(context, estimate)
         state.get_mutable_abstract_state(self._hypotheses).set_value(estimate)
         if estimate.status == "no_solution":
             return self._hold(state, "no pose explains the touch")
         state.get_mutable_abstract_state(self._pose).set_value(estimate.best.X_PO)
-        state.get_mutable_abstract_state(self._status).set_value(str(estimate.status))
+        state.get_mutable_abstract_state(self._status).set_value(_status(estimate, is_clear))
         return EventStatus.Succeeded()
 
-    def _estimate(self, contacts: Contacts, prior: PosePrior | None) -> PoseEstimate:
+    def _estimate(self, context: Context, contacts: Contacts, prior: PosePrior | None) -> PoseEstimate:
         return estimate_pose(
             self._model,
             contacts,
             prior=prior,
+            hand=eval_optional_input(self._hand, context, HandSpheres),
+            untouched=eval_optional_input(self._untouched, context, HandSpheres),
             method=self._params.method,
             seed=self._params.seed,
             max_hypotheses=self._params.max_hypotheses,
+            time_limit=self._params.max_duration,
         )
+
+    def _keep_clear(self, context: Context, estimate: PoseEstimate) -> tuple[PoseEstimate, bool]:
+        """The estimate without colliding hypotheses, and whether any is left."""
+        assert self._collision is not None
+        tolerance = self._params.collision_tolerance
+        X_PO = np.array([hypothesis.X_PO.GetAsMatrix34() for hypothesis in estimate.hypotheses])
+        scratch = self._scratch.Eval(context)
+        collisions = self._collision.check(self._positions.Eval(context), X_PO, enough=tolerance, scratch=scratch)
+        return keep_clear(estimate, collisions, tolerance)
 
     def _hold(self, state: State, reason: str) -> EventStatus:
         state.get_mutable_abstract_state(self._status).set_value(f"held: {reason}")
         return EventStatus.Succeeded()
+
+
+def _status(estimate: PoseEstimate, is_clear: bool) -> str:
+    remarks = [] if estimate.finished else ["the search was cut short"]
+    remarks += [] if is_clear else ["every hypothesis collides with the hand"]
+    return f"{estimate.status}: {'; '.join(remarks)}" if remarks else estimate.status

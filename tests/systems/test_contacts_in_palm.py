@@ -93,6 +93,15 @@ def test_a_finger_that_touches_nothing_is_left_out_and_named() -> None:
     assert status == f"first: {NO_READING.reason}"
 
 
+def test_only_a_sensor_that_feels_nothing_makes_its_finger_untouched() -> None:
+    silent = solve_contacts(np.full((1, 6), 1e-4), SURFACE)[0]
+    unexplained = solve_contacts(np.array([[1.0, 0, 0, 0, 0, -1.0]]), SURFACE)[0]
+    assert not unexplained.valid
+    for solution, expected in ((silent, ("first",)), (NO_READING, ()), (unexplained, ()), (contact(1.0), ())):
+        system, context = make_system({"first": solution, "thumb": contact(2.0)})
+        assert system.GetOutputPort("fingers_untouched").Eval(context) == expected
+
+
 def test_no_contact_at_all_is_no_failure() -> None:
     contacts, fingers, status = read(*make_system({"first": NO_READING}))
     assert len(contacts) == 0

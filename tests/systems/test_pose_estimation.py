@@ -5,6 +5,7 @@ import pytest
 import trimesh
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
@@ -13,7 +14,8 @@ from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.prior import PosePrior
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation import estimate_pose
-from tactopose_drake.hand import HandConfig, load_hand_config, make_hand_plant
+from tactopose_drake.hand import HandConfig, add_hand, load_hand_config, make_hand_plant
+from tactopose_drake.hand_geometry import HandGeometry
 from tactopose_drake.systems.pose_estimation import AddPoseEstimation, MakePoseEstimation, PoseEstimationParams
 from tactopose_drake.systems.pose_estimator import PoseEstimatorParams
 
@@ -60,6 +62,16 @@ def wrench(hand: HandConfig, finger: str) -> np.ndarray:
     return np.concatenate([np.cross(touched_point(hand, finger), f_S), f_S])
 
 
+def hand_volume(hand: HandConfig) -> HandGeometry:
+    builder = DiagramBuilder()
+    plant, _ = AddMultibodyPlantSceneGraph(builder, time_step=0.001)
+    palm_frame = add_hand(plant, hand, RigidTransform()).palm_frame
+    plant.Finalize()
+    context = plant.GetMyMutableContextFromRoot(builder.Build().CreateDefaultContext())
+    plant.SetPositions(context, positions(hand))
+    return HandGeometry.from_plant(plant, context, palm_frame)
+
+
 def connect(diagram: Diagram, context: Context, hand: HandConfig, fingers: tuple[str, ...]) -> None:
     for finger in (config.name for config in hand.fingers):
         value = wrench(hand, finger) if finger in fingers else np.full(6, np.nan)
@@ -92,7 +104,14 @@ def test_the_diagram_does_what_its_parts_do_by_hand(hand: HandConfig, model: Obj
     assert diagram.GetOutputPort("fingers_in_contact").Eval(context) == fingers
     for name in ("p_PC", "n_PC", "f_PC"):
         np.testing.assert_allclose(getattr(contacts, name), getattr(expected, name), atol=1e-9)
-    by_hand = estimate_pose(model, contacts, prior=prior, seed=3, max_hypotheses=PoseEstimatorParams().max_hypotheses)
+    by_hand = estimate_pose(
+        model,
+        contacts,
+        prior=prior,
+        hand=hand_volume(hand),
+        seed=3,
+        max_hypotheses=PoseEstimatorParams().max_hypotheses,
+    )
     estimate = diagram.GetOutputPort("hypotheses").Eval(context)
     assert estimate.best.X_PO.IsNearlyEqualTo(by_hand.best.X_PO, 1e-9)
     assert estimate.status == by_hand.status
@@ -105,6 +124,30 @@ def test_without_a_reading_the_diagram_says_so(hand: HandConfig, model: ObjectMo
     connect(diagram, simulator.get_mutable_context(), hand, ())
     simulator.AdvanceTo(0.01)
     assert diagram.GetOutputPort("status").Eval(simulator.get_context()) == "held: 0 contacts, 2 needed"
+
+
+@pytest.mark.parametrize("use_hand_volume", [True, False])
+@pytest.mark.parametrize("check_collisions", [True, False])
+def test_the_hands_volume_and_the_collision_check_are_switched(
+    hand: HandConfig, model: ObjectModel, use_hand_volume: bool, check_collisions: bool
+) -> None:
+    params = PoseEstimationParams(use_hand_volume=use_hand_volume, check_collisions=check_collisions)
+    diagram = MakePoseEstimation(hand, model, params)
+    estimator = diagram.GetSubsystemByName("pose_estimator")
+    assert estimator.HasInputPort("joint_positions") == check_collisions
+    assert diagram.HasSubsystemNamed("hand_volume") == use_hand_volume
+    simulator = Simulator(diagram)
+    context = simulator.get_mutable_context()
+    connect(diagram, context, hand, ("first", "middle", "thumb"))
+    diagram.GetInputPort("wrench_ring").FixValue(context, np.zeros(6))
+    simulator.AdvanceTo(0.01)
+    own = estimator.GetMyContextFromRoot(context)
+    values = {name: estimator.GetInputPort(name) for name in ("hand", "untouched")}
+    assert {name: port.HasValue(own) for name, port in values.items()} == dict.fromkeys(values, use_hand_volume)
+    if use_hand_volume:
+        hand_spheres, untouched = (port.Eval(own) for port in values.values())
+        assert 0 < len(untouched) < len(hand_spheres) / 10
+    assert not diagram.GetOutputPort("status").Eval(context).startswith("held: no estimate")
 
 
 def test_a_bad_parameter_of_any_part_is_named(hand: HandConfig, model: ObjectModel) -> None:

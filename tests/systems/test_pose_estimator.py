@@ -8,12 +8,16 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context
 
+from tactopose_drake.collision import HandCollision
 from tactopose_drake.core.contacts import Contacts
 from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.poses import retract
 from tactopose_drake.core.prior import PosePrior
 from tactopose_drake.errors import InvalidInputError, PortTypeError, UnknownNameError
+from tactopose_drake.estimates import PoseEstimate
+from tactopose_drake.hand_geometry import HandGeometry
 from tactopose_drake.systems.pose_estimator import PoseEstimator, PoseEstimatorParams
+from tests.hands import write_hand
 
 X_PO = RigidTransform(RollPitchYaw(0.4, -0.2, 1.0), [0.02, -0.03, 0.1])
 PRIOR = PosePrior(
@@ -36,8 +40,8 @@ def touch(count: int = 5) -> Contacts:
 class Bench:
     """An estimator with fixed inputs, and a simulator that steps it once per call."""
 
-    def __init__(self, model: ObjectModel, method: str = "pair_search") -> None:
-        self.estimator = PoseEstimator(model, PoseEstimatorParams(period=0.1, method=method))
+    def __init__(self, model: ObjectModel, collision: HandCollision | None = None, **params: object) -> None:
+        self.estimator = PoseEstimator(model, PoseEstimatorParams(period=0.1, **params), collision)
         self.estimator.set_name("estimator")
         self.simulator = Simulator(self.estimator)
         self.context: Context = self.simulator.get_mutable_context()
@@ -140,6 +144,94 @@ def test_the_same_touch_gives_the_same_pose(box: ObjectModel) -> None:
     assert poses[0].IsExactlyEqualTo(poses[1])
 
 
+def test_another_seed_gives_another_search(box: ObjectModel) -> None:
+    """Seen in how the time limit cuts it: with so little time the start decides."""
+    poses = {}
+    for seed in (1, 1, 2):
+        bench = Bench(box, seed=seed, max_duration=1e-9)
+        bench.fix(contacts=touch(3), prior=PRIOR)
+        pose = bench.step()[0]
+        assert pose.IsExactlyEqualTo(poses.setdefault(seed, pose))
+    assert not poses[1].IsExactlyEqualTo(poses[2])
+
+
+def test_an_estimate_that_is_cut_short_says_so(box: ObjectModel) -> None:
+    bench = Bench(box, max_duration=1e-9)
+    bench.fix(contacts=touch(), prior=PRIOR)
+    _, hypotheses, status = bench.step()
+    assert not hypotheses.finished
+    assert status in ("ok: the search was cut short", "ambiguous: the search was cut short")
+
+
+@pytest.fixture(scope="module")
+def slab(tmp_path_factory: pytest.TempPathFactory, box: ObjectModel) -> HandCollision:
+    """A hand that is a wide slab below the box; moved by q along the box's z axis, its top is at z = q."""
+    p, rpy = X_PO @ [0, 0, -0.01], X_PO.rotation().ToRollPitchYaw().vector()
+    pose = " ".join(f"{number:.12f}" for number in (*p, *rpy))
+    folder = tmp_path_factory.mktemp("slab")
+    return HandCollision(write_hand(folder, "<box><size>0.5 0.5 0.02</size></box>", pose), box)
+
+
+def step_over_slab(slab: HandCollision, box: ObjectModel, top: float, **params: object) -> tuple[PoseEstimate, str]:
+    bench = Bench(box, slab, **params)
+    bench.fix(contacts=from_above())
+    bench.estimator.GetInputPort("joint_positions").FixValue(bench.context, [top])
+    pose, hypotheses, status = bench.step()
+    assert pose.IsExactlyEqualTo(hypotheses.best.X_PO)
+    return hypotheses, status
+
+
+def from_above() -> Contacts:
+    """Two touches on narrow sides and two on the top: the box stands upright, 0.14 high, or lies, 0.10 high."""
+    p = np.array([[0.03, 0.01, 0.04], [-0.03, -0.01, 0.05], [0.01, 0.02, 0.07], [-0.01, -0.02, 0.07]])
+    n = np.array([[1.0, 0, 0], [-1, 0, 0], [0, 0, 1], [0, 0, 1]])
+    return Contacts(X_PO.multiply(p.T).T, X_PO.rotation().multiply(n.T).T)
+
+
+def heights(estimate: PoseEstimate) -> list[float]:
+    """How far each hypothesis reaches down from the top."""
+    down = -X_PO.rotation().matrix()[:, 2]
+    extents = np.array([0.06, 0.10, 0.14])
+    return [float(np.abs(h.X_PO.rotation().matrix().T @ down) @ extents) for h in estimate.hypotheses]
+
+
+def test_hypotheses_that_collide_are_dropped(box: ObjectModel, slab: HandCollision) -> None:
+    """Upright the box reaches down to z = -0.07, lying to -0.03."""
+    estimate, status = step_over_slab(slab, box, -0.1)
+    assert sorted(heights(estimate)) == pytest.approx([0.10, 0.14], abs=1e-6)
+    assert status == estimate.status
+    estimate, status = step_over_slab(slab, box, -0.05)
+    assert heights(estimate) == pytest.approx([0.10], abs=1e-6)
+    assert estimate.best.probability == pytest.approx(1.0)
+    assert status == estimate.status == "ok"
+
+
+def test_the_tolerance_says_what_a_collision_is(box: ObjectModel, slab: HandCollision) -> None:
+    for tolerance, remaining in ((0.0007, 1), (0.0003, 2)):
+        estimate, status = step_over_slab(slab, box, -0.0295, collision_tolerance=tolerance)
+        assert len(estimate.hypotheses) == remaining
+        assert (status == "ok") == (remaining == 1)
+
+
+def test_where_every_hypothesis_collides_all_stay_and_the_status_says_so(box: ObjectModel, slab: HandCollision) -> None:
+    estimate, status = step_over_slab(slab, box, -0.01)
+    assert sorted(heights(estimate)) == pytest.approx([0.10, 0.14], abs=1e-6)
+    assert estimate.status == "ambiguous"
+    assert status == "ambiguous: every hypothesis collides with the hand"
+
+
+@pytest.mark.parametrize("port", ["hand", "untouched"])
+def test_the_hands_volume_is_evidence(box: ObjectModel, port: str) -> None:
+    bench = Bench(box)
+    bench.fix(contacts=from_above())
+    assert sorted(heights(bench.step()[1])) == pytest.approx([0.10, 0.14], abs=1e-6)
+    below = HandGeometry([X_PO @ [0.0, 0.0, -0.05]], [0.01])
+    bench.fix(**{port: below})
+    estimate = bench.step()[1]
+    lying = [h.probability for h, height in zip(estimate.hypotheses, heights(estimate), strict=True) if height < 0.11]
+    assert sum(lying) > 0.999
+
+
 def test_the_pose_turns_with_the_touch(box: ObjectModel) -> None:
     """The same touch, seen from a palm that is elsewhere, gives the same pose, seen from there."""
     X_QP = RigidTransform(RollPitchYaw(0.3, 0.9, -0.5), [0.2, 0.1, -0.3])
@@ -153,7 +245,15 @@ def test_the_pose_turns_with_the_touch(box: ObjectModel) -> None:
     assert (X_QP @ pose).IsNearlyEqualTo(bench.step()[0], 1e-4)
 
 
-@pytest.mark.parametrize("inputs", [{"contacts": {"not": 1}}, {"contacts": Contacts.empty(), "prior": {"not": 1}}])
+@pytest.mark.parametrize(
+    "inputs",
+    [
+        {"contacts": {"not": 1}},
+        {"contacts": Contacts.empty(), "prior": {"not": 1}},
+        {"contacts": touch(), "hand": {"not": 1}},
+        {"contacts": touch(), "untouched": {"not": 1}},
+    ],
+)
 def test_a_value_of_another_type_is_refused_by_the_name_of_the_port(
     box: ObjectModel, inputs: dict[str, object]
 ) -> None:
@@ -163,7 +263,16 @@ def test_a_value_of_another_type_is_refused_by_the_name_of_the_port(
         bench.step()
 
 
-@pytest.mark.parametrize(("name", "value"), [("period", 0.0), ("min_contacts", 0), ("max_hypotheses", 0)])
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("period", 0.0),
+        ("min_contacts", 0),
+        ("max_hypotheses", 0),
+        ("max_duration", 0.0),
+        ("collision_tolerance", -1.0),
+    ],
+)
 def test_a_bad_parameter_is_named(name: str, value: float) -> None:
-    with pytest.raises(InvalidInputError, match=f"{name}: is 0"):
+    with pytest.raises(InvalidInputError, match=f"{name}: is {value:g}"):
         PoseEstimatorParams(**{name: value}).validate()

@@ -1,0 +1,99 @@
+"""The hand's volume where its joints put it, as a system."""
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.common.value import AbstractValue
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.framework import Context, LeafSystem, ValueProducer
+
+from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.hand import Hand
+from tactopose_drake.hand_geometry import BodySpheres, HandGeometry
+from tactopose_drake.systems.ports import eval_optional_input
+
+
+@dataclasses.dataclass
+class _Kinematics:
+    """Scratch of the forward kinematics; lives in a cache entry. No centres while a joint position is not finite."""
+
+    plant_context: Context
+    p_PH: FloatArray | None
+
+
+class HandVolume(LeafSystem):
+    """Moves the spheres that fill the hand's links to where the measured joint positions put them.
+
+    .. pydrake_system::
+
+        name: HandVolume
+        input_ports:
+        - joint_positions
+        - fingers_untouched
+        output_ports:
+        - hand
+        - untouched
+
+    - joint_positions: measured positions of the hand's joints, shape (nq,) of the hand's own plant, rad.
+    - fingers_untouched: tuple of the names of the fingers that nothing touches; may stay unconnected.
+    - hand: `HandGeometry` in P of all links; None while a joint position is not finite.
+    - untouched: `HandGeometry` in P of the fingertips of those fingers; None where there are none.
+    """
+
+    def __init__(self, plant: MultibodyPlant, hand: Hand, spheres: BodySpheres) -> None:
+        """Keeps references to all three.
+
+        Args:
+            plant: finalized plant of the hand alone, for kinematics.
+            hand: the hand in it.
+            spheres: what fills its links.
+        """
+        super().__init__()
+        self._plant, self._palm_frame, self._spheres = plant, hand.palm_frame, spheres
+        tips = {finger: int(weld.child_body().index()) for finger, weld in hand.welds.items()}
+        self._on_tip = {finger: spheres.body == tip for finger, tip in tips.items()}
+        self._positions = self.DeclareVectorInputPort("joint_positions", plant.num_positions())
+        self._fingers_untouched = self.DeclareAbstractInputPort("fingers_untouched", AbstractValue.Make(()))
+        self._kinematics = self.DeclareCacheEntry(
+            "the spheres in the palm",
+            ValueProducer(allocate=self._allocate_kinematics, calc=self._calc_kinematics),
+            {self._positions.ticket()},
+        )
+        self.DeclareAbstractOutputPort(
+            "hand", lambda: AbstractValue.Make(None), self._calc_hand, {self._kinematics.ticket()}
+        )
+        self.DeclareAbstractOutputPort(
+            "untouched",
+            lambda: AbstractValue.Make(None),
+            self._calc_untouched,
+            {self._kinematics.ticket(), self._fingers_untouched.ticket()},
+        )
+
+    def _allocate_kinematics(self) -> AbstractValue:
+        return AbstractValue.Make(_Kinematics(self._plant.CreateDefaultContext(), None))
+
+    def _calc_kinematics(self, context: Context, cached: AbstractValue) -> None:
+        kinematics, q = cached.get_mutable_value(), self._positions.Eval(context)
+        if not np.all(np.isfinite(q)):
+            kinematics.p_PH = None
+            return
+        self._plant.SetPositions(kinematics.plant_context, q)
+        X_PW = self._palm_frame.CalcPoseInWorld(kinematics.plant_context).inverse()
+        X_WB = self._plant.get_body_poses_output_port().Eval(kinematics.plant_context)
+        kinematics.p_PH = X_PW.multiply(self._spheres.positions(X_WB).T).T
+
+    def _calc_hand(self, context: Context, output: AbstractValue) -> None:
+        output.set_value(self._geometry(context, np.ones(len(self._spheres.radius), dtype=np.bool_)))
+
+    def _calc_untouched(self, context: Context, output: AbstractValue) -> None:
+        fingers = eval_optional_input(self._fingers_untouched, context, tuple) or ()
+        chosen = np.zeros(len(self._spheres.radius), dtype=np.bool_)
+        for finger in fingers:
+            chosen |= self._on_tip[finger]
+        output.set_value(self._geometry(context, chosen))
+
+    def _geometry(self, context: Context, chosen: NDArray[np.bool_]) -> HandGeometry | None:
+        """The spheres that are chosen (h,); None where there are none."""
+        p_PH = self._kinematics.Eval(context).p_PH
+        return None if p_PH is None or not chosen.any() else HandGeometry(p_PH[chosen], self._spheres.radius[chosen])
