@@ -10,6 +10,12 @@ Each leaf is also the built-in error that it is a case of, so code that knows no
     |   +-- UnknownNameError               a name (method, surface, finger) that is not one of those that exist
     |   +-- InvalidFileError               a file that cannot be read, or whose content does not fit its format
     +-- PortTypeError (TypeError)          an input port that holds a value of another type, or nothing
+    +-- DriverError                        a sensor, or the bus that it is on
+        +-- BusError (OSError)             a CAN bus that cannot be opened, or that fails
+        +-- ProtocolError (ValueError)     a frame that does not fit its protocol, or holds a value out of range
+        +-- DeviceTimeoutError (TimeoutError)  a device that does not answer in time
+        +-- DeviceError (RuntimeError)     a device that answers, but cannot be used as it is
+        +-- EndOfLogError (EOFError)       a log that has been played to its end
 """
 
 from collections.abc import Iterable
@@ -48,3 +54,27 @@ class InvalidFileError(InvalidInputError):
 
 class PortTypeError(TactoposeError, TypeError):
     """An input port that is not connected, or that holds a value of another type."""
+
+
+class DriverError(TactoposeError):
+    """The root of the errors of sensors and their buses."""
+
+
+class BusError(DriverError, OSError):
+    """A CAN bus that cannot be opened, or that fails."""
+
+
+class ProtocolError(DriverError, ValueError):
+    """A frame that does not fit its protocol, or that holds a value out of range."""
+
+
+class DeviceTimeoutError(DriverError, TimeoutError):
+    """A device that does not answer in time."""
+
+
+class DeviceError(DriverError, RuntimeError):
+    """A device that answers, but cannot be used as it is."""
+
+
+class EndOfLogError(DriverError, EOFError):
+    """A log that has been played to its end; the message says whether it was cut off."""

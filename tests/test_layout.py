@@ -1,4 +1,4 @@
-"""Who may import whom: core <- programs <- systems <- station <- command line."""
+"""Who may import whom: core <- programs <- systems <- station <- command line; core <- drivers <- systems."""
 
 import ast
 import functools
@@ -60,7 +60,7 @@ def reached(module: str) -> set[str]:
 
 
 def test_the_files_were_found() -> None:
-    for name in ("core", "core.objectives.base", "programs", "systems", "station", "cli", "errors"):
+    for name in ("core", "core.objectives.base", "drivers.simulation", "programs", "systems", "station", "cli", "errors"):
         assert f"tactopose_drake.{name}" in FILES
     assert "pydrake.systems.framework" in imports("tactopose_drake.systems.pose_estimator")
 
@@ -75,6 +75,13 @@ def test_core_knows_neither_drake_nor_the_rest_of_the_package(module: str) -> No
 @pytest.mark.parametrize("module", room("programs"))
 def test_programs_know_only_core(module: str) -> None:
     assert own_imports(module) <= {*room("core", "programs", "errors")}
+
+
+@pytest.mark.parametrize("module", room("drivers"))
+def test_drivers_know_neither_drake_nor_the_systems(module: str) -> None:
+    foreign = {name.split(".")[0] for name in imports(module)} - sys.stdlib_module_names - {"tactopose_drake"}
+    assert foreign <= {"can", "numpy"}
+    assert own_imports(module) <= {*room("core.validation", "drivers", "errors")}
 
 
 @pytest.mark.parametrize("module", room("systems"))

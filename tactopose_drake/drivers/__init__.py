@@ -1,0 +1,1 @@
+"""Sensors on CAN buses, with python-can: drivers, simulated devices with the same protocols, recording, replay."""

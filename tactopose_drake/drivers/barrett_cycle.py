@@ -1,0 +1,161 @@
+"""One round of questions to Barrett's BH8-280 hand, and the sample that its answers make."""
+
+import dataclasses
+from collections.abc import Sequence
+
+import can
+import numpy as np
+
+from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.drivers import barrett_joints as joints
+from tactopose_drake.drivers import barrett_protocol as protocol
+from tactopose_drake.drivers import barrett_tactile as tactile
+from tactopose_drake.drivers.barrett_protocol import Property, Puck, ReplyGroup
+from tactopose_drake.drivers.device import OK
+from tactopose_drake.errors import ProtocolError
+
+FINGERS = (Puck.F1, Puck.F2, Puck.F3)
+ARRAYS = ("F1", "F2", "F3", "palm")  # the tactile arrays, in the order of their pucks
+Answer = tuple[Puck, str]  # a puck, and what it has been asked for: "position", "torque" or "pressures"
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class HandSample:
+    """What the hand said in one round. NaN where it said nothing, or nothing that can be.
+
+    Attributes:
+        time: when the last frame of the round came, s since the epoch.
+        joint_positions: in the order of `barrett_joints.JOINTS`, shape (7,), rad; counted from where the hand was
+            initialised, or else switched on.
+        pressures: of the 24 cells of each array, in the order of `ARRAYS`, shape (4, 24), Pa. A short reading gives the
+            ten highest cells, and NaN for the others.
+        fingertip_torques: about the outer joints of F1 to F3, shape (3,), N m.
+        status: "ok"; or what is missing, wrong or saturated, separated by "; ".
+    """
+
+    time: float
+    joint_positions: FloatArray
+    pressures: FloatArray
+    fingertip_torques: FloatArray
+    status: str
+
+
+class HandCycle:
+    """Collects the answers of one round.
+
+    Attributes:
+        missing: expected answers that are still to come; those that are wrong count as come.
+    """
+
+    def __init__(
+        self,
+        expected: set[Answer],
+        awaited: set[Answer],
+        strain_polynomials: Sequence[Sequence[float]],
+        joint_encoders: set[Puck],
+    ) -> None:
+        """Begins a round.
+
+        Args:
+            expected: answers that a sample without remarks has.
+            awaited: those of them without which the round is not complete.
+            strain_polynomials: of the gauges of F1 to F3.
+            joint_encoders: fingers that are known to have one; those that prove to are added.
+        """
+        self.missing = set(expected)
+        self._awaited = set(awaited)
+        self._polynomials, self._joint_encoders = strain_polynomials, joint_encoders
+        self._time = 0.0
+        self._positions = np.full(len(joints.JOINTS), np.nan)
+        self._pressures = np.full((len(ARRAYS), tactile.CELLS), np.nan)
+        self._torques = np.full(len(FINGERS), np.nan)
+        self._readings = {puck: tactile.FullReading() for puck in Puck}
+        self._errors: dict[Answer, str] = {}
+        self._overloads: list[str] = []
+
+    def collect(self, frame: can.Message) -> bool:
+        """Takes a frame; True when the round is complete."""
+        sender, group = protocol.split_reply(frame.arbitration_id)
+        if sender not in {*Puck}:
+            return False
+        puck = Puck(sender)
+        answer = puck, _MEANING[group]
+        try:
+            complete = self._decode(puck, group, bytes(frame.data))
+        except ProtocolError as error:
+            self._errors.setdefault(answer, str(error))
+            self._values(answer)[...] = np.nan
+            complete = True
+        if complete:
+            self._time = frame.timestamp
+            self.missing.discard(answer)
+            self._awaited.discard(answer)
+        return not self._awaited
+
+    def sample(self, time: float, remarks: Sequence[str]) -> HandSample:
+        """What was said.
+
+        Args:
+            time: of the sample, where nothing was said at all.
+            remarks: further ones, for the status.
+        """
+        missing = [f"{puck.name}: no {what}" for puck, what in sorted(self.missing)]
+        errors = [f"{puck.name}: {error}" for (puck, _), error in self._errors.items()]
+        status = "; ".join([*remarks, *missing, *errors, *self._overloads, *self._saturated()])
+        return HandSample(self._time or time, self._positions, self._pressures, self._torques, status or OK)
+
+    def _decode(self, puck: Puck, group: ReplyGroup, data: bytes) -> bool:
+        """Takes a reply; whether it completes an answer."""
+        values = self._values((puck, _MEANING[group]))
+        if group is ReplyGroup.POSITION:
+            motor, joint = protocol.decode_position(data)
+            if joint is not None:
+                self._joint_encoders.add(puck)
+            elif puck in self._joint_encoders:
+                raise ProtocolError("position: lacks the joint's encoder, which the puck has.")
+            values[...] = joints.finger_angles(motor, joint) if puck in FINGERS else joints.spread_angle(motor)
+        elif group is ReplyGroup.TACTILE_FULL:
+            raw = self._readings[puck].add(data)
+            if raw is None:
+                return False
+            values[...] = tactile.full_pressures(raw)
+        elif group is ReplyGroup.TACTILE_TOP:
+            values[...] = tactile.top_pressures(tactile.decode_top(data))
+        else:
+            name, strain = protocol.decode_value(data)
+            if name != Property.STRAIN:
+                return False
+            if puck in FINGERS:  # The reading of the spread's puck means nothing. [O]
+                values[...] = joints.fingertip_torque(strain, self._polynomials[puck - Puck.F1])
+                if not joints.STRAIN_LIMITS[0] <= strain <= joints.STRAIN_LIMITS[1]:
+                    self._overloads.append(f"{puck.name}: fingertip torque beyond its limit")
+        return True
+
+    def _values(self, answer: Answer) -> FloatArray:
+        """Where an answer's values belong; a view."""
+        puck, what = answer
+        row = puck - Puck.F1
+        if what == "pressures":
+            values: FloatArray = self._pressures[row]
+        elif what == "torque":
+            values = self._torques[row : row + 1]
+        else:
+            values = self._positions[row:6:3] if puck in FINGERS else self._positions[6:]
+        return values
+
+    def _saturated(self) -> list[str]:
+        full = tactile.full_pressures([tactile.RAW_MAX])[0]
+        remarks = []
+        for name, pressures in zip(ARRAYS, self._pressures, strict=True):
+            cells = np.flatnonzero(pressures == full)
+            if len(cells):
+                remarks.append(f"saturated: {name} " + ", ".join(str(cell) for cell in cells))
+        return remarks
+
+
+_MEANING = {
+    ReplyGroup.POSITION: "position",
+    ReplyGroup.ORDINARY: "torque",
+    ReplyGroup.TACTILE_FULL: "pressures",
+    ReplyGroup.TACTILE_TOP: "pressures",
+}

@@ -1,0 +1,226 @@
+"""What all drivers share: a conversation with the device, and its samples.
+
+A driver is written as one generator, its conversation: it yields an `Exchange` (frames to send, and what to do with the
+answers) or a `Pause`, and is resumed when that is over. It knows neither threads nor sockets nor the real time, so the
+same code runs on a bus, on a recorded log and in virtual time. The `DeviceBus` drives it.
+"""
+
+import collections
+import dataclasses
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Generator
+from typing import Generic, Protocol, Self, TypeVar
+
+import can
+
+from tactopose_drake.drivers.device_bus import DeviceBus
+from tactopose_drake.errors import DeviceError, DeviceTimeoutError, ProtocolError
+
+NO_SAMPLE = "no sample yet"
+OK = "ok"
+_UNREAD = 1024  # samples that wait to be read; the oldest are dropped
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Exchange:
+    """Frames to send, and the answers to wait for. The generator is resumed with True, or with False after a timeout.
+
+    Attributes:
+        frames: sent in this order.
+        collect: takes a received frame of the device; True: that was all. May raise `ProtocolError`, which is then
+            raised in the generator.
+        timeout: s.
+    """
+
+    frames: tuple[can.Message, ...]
+    collect: Callable[[can.Message], bool]
+    timeout: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Pause:
+    """Waits; frames that come in meanwhile are dropped. The generator is resumed with False.
+
+    Attributes:
+        duration: s.
+    """
+
+    duration: float
+
+
+Conversation = Generator[Exchange | Pause, bool, None]
+
+
+class Sampled(Protocol):
+    """What every sample has.
+
+    Attributes:
+        time: when its last frame came, s since the epoch.
+        status: "ok", or what is wrong with it.
+    """
+
+    @property
+    def time(self) -> float: ...
+
+    @property
+    def status(self) -> str: ...
+
+
+Sample = TypeVar("Sample", bound=Sampled)
+
+
+class Device(ABC, Generic[Sample]):
+    """A sensor on a bus. As a context manager it takes part in the bus's traffic.
+
+    Nothing is waited for on entry: a device that does not answer is asked again, less and less often, and `read` says
+    what is wrong with it.
+    """
+
+    # Between two attempts to talk to a device that does not answer, s: doubles from the first to the last.
+    backoff = (0.02, 1.0)
+
+    def __init__(self, bus: DeviceBus, name: str, *, requests: frozenset[int], replies: frozenset[int]) -> None:
+        """Keeps its arguments.
+
+        Args:
+            bus: where the device is.
+            name: for messages.
+            requests: identifiers of the frames that the driver sends.
+            replies: identifiers of the frames that the device sends.
+        """
+        self.bus, self.name, self.requests, self.replies = bus, name, requests, replies
+        self.due = 0.0  # when `poll` is to be called next, s since the epoch
+        self._now = 0.0
+        self._state = NO_SAMPLE
+        self._newest: Sample | None = None
+        self._unread: collections.deque[Sample] = collections.deque(maxlen=_UNREAD)
+        self._conversation: Conversation | None = None
+        self._step: Exchange | Pause = Pause(0.0)
+        self._begun = False
+        self._sent = 0  # frames of the present step that the log has shown, where one is followed
+        self._failures = 0
+
+    def __enter__(self) -> Self:
+        self.bus.attach(self)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.bus.detach(self)
+        if self._conversation is not None:
+            self._conversation.close()
+
+    def read(self, timeout: float = 1.0) -> Sample:
+        """The oldest sample that has not been read; waits for one where there is none. At most 1024 are kept.
+
+        Args:
+            timeout: s.
+
+        Raises:
+            DeviceTimeoutError: if none comes in time; the message says what the device's state is.
+            BusError: if the bus was closed.
+            EndOfLogError: if the bus replays a log that is at its end.
+        """
+        sample = self.bus.wait_for(self._next_unread, timeout)
+        if sample is None:
+            raise DeviceTimeoutError(f"{self.name}: gave no sample within {timeout:g} s; its state: {self.status}.")
+        return sample
+
+    @property
+    def newest(self) -> Sample | None:
+        """The newest sample, whether it has been read or not; None before the first."""
+        return self._newest
+
+    @property
+    def status(self) -> str:
+        """What the device is doing: the newest sample's status, or why there are no new ones."""
+        return self.bus.problem or self._state
+
+    # The rest is called by the bus, from one thread at a time.
+
+    def restart(self, time: float) -> None:
+        """Begins the conversation anew, as after a power-up."""
+        self._now = time
+        if self._conversation is not None:
+            self._conversation.close()
+        self._conversation = self._persevere()
+        self._take(next(self._conversation))
+
+    def handle(self, frame: can.Message, time: float) -> None:
+        """Takes a frame that belongs to the device."""
+        self._now = time
+        if self._begun and isinstance(self._step, Exchange):
+            assert self._conversation is not None
+            try:
+                complete = self._step.collect(frame)
+            except ProtocolError as error:
+                self._take(self._conversation.throw(error))
+            else:
+                if complete:
+                    self._take(self._conversation.send(True))
+
+    def poll(self, time: float) -> None:
+        """Goes on where a wait is over; to be called from `due` on."""
+        self._now = time
+        if not self._begun:
+            self._take(self._step)
+        elif time >= self.due:
+            assert self._conversation is not None
+            self._take(self._conversation.send(False))
+
+    def follow(self, request: can.Message, time: float) -> None:
+        """Takes a request that was sent when the log was made: whatever was waited for before, is over.
+
+        A request that the driver does not send (a command of then) is passed over.
+        """
+        self._now = time
+        assert self._conversation is not None
+        while self._begun and not self._shows_next(request):
+            self._take(self._conversation.send(False))
+        self._begun = self._begun or self._shows_next(request)
+
+    def _shows_next(self, request: can.Message) -> bool:
+        """Whether a recorded request is the next one of the present step."""
+        if isinstance(self._step, Pause) or self._sent == len(self._step.frames):
+            return False
+        mine = self._step.frames[self._sent]
+        same = mine.arbitration_id == request.arbitration_id and mine.data == request.data
+        self._sent += same
+        return same
+
+    def _take(self, step: Exchange | Pause) -> None:
+        """Begins a step, or keeps it for when the bus may be used again."""
+        self._step, self._begun, self._sent = step, False, 0
+        if isinstance(step, Pause):
+            self._begun, self.due = True, self._now + step.duration
+        elif self.bus.follows_log:
+            self._begun = not step.frames
+        elif self.bus.is_hushed(self, self._now):
+            self.due = self.bus.quiet_until
+        else:
+            self._begun, self.due = True, self._now + step.timeout
+            for frame in step.frames:
+                self.bus.send(frame, self._now)
+
+    def _persevere(self) -> Conversation:
+        """The conversation, again and again with growing pauses while it fails."""
+        while True:
+            try:
+                yield from self._converse()
+            except (DeviceTimeoutError, DeviceError, ProtocolError) as error:
+                self._state = str(error)
+            first, last = self.backoff
+            yield Pause(min(first * 2.0**self._failures, last))
+            self._failures = min(self._failures + 1, 16)
+
+    @abstractmethod
+    def _converse(self) -> Conversation:
+        """Greets the device and samples it; returns or raises where it has to be greeted again."""
+
+    def _publish(self, sample: Sample) -> None:
+        self._failures = 0
+        self._state = sample.status
+        self._newest = sample
+        self._unread.append(sample)
+
+    def _next_unread(self) -> Sample | None:
+        return self._unread.popleft() if self._unread else None

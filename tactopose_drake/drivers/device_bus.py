@@ -1,0 +1,322 @@
+"""A CAN bus and the devices on it.
+
+One thread does all: it receives, gives each frame to the device that it belongs to, and lets the devices send what is
+due. So no two threads ever use the bus, and a device needs no locks. (python-can's `Notifier` only receives: polling
+would need a second thread, and a lock around every send.) Without the thread, whoever waits for a sample does the same
+work; that is how logs are replayed and how tests run in virtual time.
+"""
+
+import threading
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, Self, TypeVar
+
+import can
+
+from tactopose_drake.drivers.clock import FIRST_EPOCH_STAMP, Clock
+from tactopose_drake.drivers.frames import ERROR_BUS_OFF, is_ordinary
+from tactopose_drake.errors import BusError, DriverError, EndOfLogError, InvalidInputError, UnknownNameError
+
+if TYPE_CHECKING:
+    from tactopose_drake.drivers.device import Device
+
+Found = TypeVar("Found")
+
+_LONGEST_WAIT = 0.02  # for a frame, s; how long closing may take
+_BACKOFF = (0.1, 2.0)  # s between two attempts to open a bus again: doubles from the first to the last
+
+
+class DeviceBus:
+    """A CAN bus that devices share; a context manager.
+
+    A bus that fails is opened again, with growing pauses, and its devices are started anew.
+
+    Attributes:
+        clock: what time stamps are compared with, and waits are made on.
+        follows_log: whether the bus replays what was recorded.
+        quiet_until: only one device may send before this time, s since the epoch.
+        error_frames: how many the controller has reported.
+    """
+
+    def __init__(
+        self,
+        open_bus: Callable[[], can.BusABC],
+        *,
+        clock: Clock = time,
+        threaded: bool = True,
+        follows_log: bool = False,
+    ) -> None:
+        """Prepares a bus; `__enter__` opens it.
+
+        Args:
+            open_bus: makes the bus, and makes it again after a failure.
+            clock: the real time, unless the bus has its own.
+            threaded: whether a thread does the work. Otherwise it is done inside `Device.read` and `pump`.
+            follows_log: whether the bus gives recorded frames, sent ones too. The devices then do what they did when
+                those were sent; they neither send, nor look at the clock.
+        """
+        self.clock, self.follows_log = clock, follows_log
+        self.quiet_until = 0.0
+        self.error_frames = 0
+        self._speaker: Device[Any] | None = None
+        self._open_bus, self._threaded = open_bus, threaded
+        self._bus: can.BusABC | None = None
+        self._devices: tuple[Device[Any], ...] = ()
+        self._askers: dict[int, Device[Any]] = {}  # by the identifiers of their requests
+        self._owners: dict[int, Device[Any]] = {}  # by those of their replies
+        self._listeners: list[Callable[[can.Message], None]] = []
+        self._changed = threading.Condition(threading.RLock())
+        self._stop = threading.Event()
+        self._thread: threading.Thread | None = None
+        self._end: BaseException | None = None  # what ended the thread
+        self._failure = ""
+        self._bus_off = False
+        self._retry_at, self._retries = 0.0, 0
+
+    @classmethod
+    def open(cls, interface: str, channel: str | int, **options: Any) -> Self:
+        """A bus by the name of python-can's interface.
+
+        Args:
+            interface: such as "socketcan", "pcan", "kvaser", "virtual", "udp_multicast".
+            channel: such as "can0"; what it may be depends on the interface.
+            options: the interface's own, such as `bitrate`.
+
+        Raises:
+            UnknownNameError: if python-can has no such interface.
+        """
+        if interface not in can.VALID_INTERFACES:
+            raise UnknownNameError("interface", interface, sorted(can.VALID_INTERFACES))
+        return cls(lambda: can.Bus(interface=interface, channel=channel, ignore_config=True, **options))
+
+    def __enter__(self) -> Self:
+        """Opens the bus.
+
+        Raises:
+            BusError: if it cannot be opened.
+        """
+        self._bus = self._try_to_open()
+        if self._bus is None:
+            raise BusError(f"bus: {self._failure}")
+        self._stop.clear()
+        if self._threaded:
+            self._thread = threading.Thread(target=self._work, name=f"devices on {self._bus}", daemon=True)
+            self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stop.set()
+        if self._thread is not None:
+            self._thread.join()
+            self._thread = None
+        if self._bus is not None:
+            self._bus.shutdown()
+            self._bus = None
+        with self._changed:
+            self._end = self._end or BusError("bus: is closed.")
+            self._changed.notify_all()
+
+    @property
+    def problem(self) -> str:
+        """Why nothing can come from the bus; empty where all is well."""
+        if isinstance(self._end, DriverError):
+            return str(self._end)
+        if self._end is not None:
+            return f"bus: its thread ended with {self._end!r}"
+        if self._failure:
+            return f"bus: {self._failure}"
+        return "bus: is off after too many errors" if self._bus_off else ""
+
+    def attach(self, device: "Device[Any]") -> None:
+        """Lets a device take part.
+
+        Raises:
+            InvalidInputError: if another device on the bus has the same identifiers.
+        """
+        with self._changed:
+            for identifier in device.replies & self._owners.keys():
+                other = self._owners[identifier]
+                raise InvalidInputError(
+                    f"{device.name}: has the identifier {identifier:#x}, which {other.name} on the same bus has too."
+                )
+            self._devices += (device,)
+            self._askers.update(dict.fromkeys(device.requests, device))
+            self._owners.update(dict.fromkeys(device.replies, device))
+            device.restart(self.clock.time())
+
+    def detach(self, device: "Device[Any]") -> None:
+        """Ends a device's part."""
+        with self._changed:
+            self._devices = tuple(other for other in self._devices if other is not device)
+            self._askers = {identifier: other for identifier, other in self._askers.items() if other is not device}
+            self._owners = {identifier: other for identifier, other in self._owners.items() if other is not device}
+
+    def listen(self, listener: Callable[[can.Message], None]) -> None:
+        """Has every frame that is received (`is_rx`) or sent from now on given to `listener` too, with its time."""
+        with self._changed:
+            self._listeners.append(listener)
+
+    def ignore(self, listener: Callable[[can.Message], None]) -> None:
+        """Ends what `listen` began."""
+        with self._changed:
+            self._listeners.remove(listener)
+
+    def wait_for(self, find: Callable[[], Found | None], timeout: float) -> Found | None:
+        """Calls `find` after each frame until it finds something.
+
+        Args:
+            find: called with the bus's lock held.
+            timeout: s.
+
+        Returns:
+            What was found; None after the timeout.
+
+        Raises:
+            BusError: if the bus was closed, or its thread has died.
+            EndOfLogError: if the bus replays a log that is at its end.
+        """
+        # On the bus's own clock only where the caller lets it run.
+        clock: Clock = time if self._threaded else self.clock
+        deadline = clock.time() + timeout
+        with self._changed:
+            while (found := find()) is None:
+                if self._end is not None:
+                    raise self._end if isinstance(self._end, DriverError) else BusError(self.problem) from self._end
+                left = deadline - clock.time()
+                if left <= 0:
+                    return None
+                if self._threaded:
+                    self._changed.wait(left)
+                else:
+                    self.pump(left)
+            return found
+
+    def run_until(self, time: float) -> None:
+        """Does the bus's work until its clock shows `time`, s since the epoch; not for a bus with a thread of its own.
+
+        Raises:
+            EndOfLogError: if the bus replays a log that ends before.
+        """
+        while (left := time - self.clock.time()) > 0:
+            self.pump(left)
+
+    def pump(self, timeout: float) -> None:
+        """One turn of the bus's work: waits for a frame, hands it on, lets the devices send what is due.
+
+        Args:
+            timeout: longest wait, s.
+        """
+        if self._bus is None:
+            self._reopen(timeout)
+            return
+        try:
+            frame = self._bus.recv(max(0.0, min(timeout, self._due() - self.clock.time())))
+        except EndOfLogError as end:
+            self._end = end
+            raise
+        except (can.CanError, OSError) as error:
+            self._lose(error)
+            return
+        with self._changed:
+            now = self.clock.time()
+            if frame is not None:
+                self._hand_on(frame, now)
+                self._changed.notify_all()
+            for device in () if self.follows_log else self._devices:
+                if now >= device.due:
+                    device.poll(now)
+
+    # For devices, whose methods the bus calls.
+
+    def send(self, frame: can.Message, time: float) -> None:
+        """Sends a frame. A bus that fails is opened again; its devices then start anew, so nothing is raised.
+
+        Args:
+            frame: to be sent.
+            time: when the device decided to, s since the epoch; a log will have it.
+        """
+        if self._bus is None:
+            return
+        try:
+            self._bus.send(frame)
+        except (can.CanError, OSError) as error:
+            self._lose(error)
+        else:
+            frame.timestamp = time
+            self._tell_listeners(frame)
+
+    def hush(self, speaker: "Device[Any]", until: float) -> None:
+        """Has nothing sent before a time, s since the epoch, except by one device."""
+        self.quiet_until, self._speaker = until, speaker
+
+    def is_hushed(self, device: "Device[Any]", now: float) -> bool:
+        """Whether a device has to wait until `quiet_until`."""
+        return now < self.quiet_until and device is not self._speaker
+
+    def _work(self) -> None:
+        try:
+            while not self._stop.is_set():
+                self.pump(_LONGEST_WAIT)
+        except BaseException as error:
+            with self._changed:
+                self._end = error
+                self._changed.notify_all()
+
+    def _due(self) -> float:
+        """When the first device wants to go on."""
+        with self._changed:
+            return min((device.due for device in self._devices if not self.follows_log), default=float("inf"))
+
+    def _hand_on(self, frame: can.Message, now: float) -> None:
+        if frame.timestamp < FIRST_EPOCH_STAMP:
+            frame.timestamp = now
+        if self.follows_log and not frame.is_rx:
+            asker = self._askers.get(frame.arbitration_id)
+            if asker is not None:
+                asker.follow(frame, frame.timestamp)
+            return
+        frame.is_rx = True  # Some backends say otherwise of what another program on this machine has sent.
+        self._tell_listeners(frame)
+        if frame.is_error_frame:
+            self.error_frames += 1
+            self._bus_off = self._bus_off or bool(frame.arbitration_id & ERROR_BUS_OFF)
+            return
+        self._bus_off = False
+        device = self._owners.get(frame.arbitration_id)
+        if device is not None and is_ordinary(frame):
+            device.handle(frame, frame.timestamp)
+
+    def _tell_listeners(self, frame: can.Message) -> None:
+        for listener in self._listeners:
+            listener(frame)
+
+    def _try_to_open(self) -> can.BusABC | None:
+        try:
+            bus = self._open_bus()
+        except (can.CanError, OSError, ValueError, TypeError, ImportError, NotImplementedError, RuntimeError) as error:
+            self._failure = f"cannot be opened ({error})."
+            return None
+        self._failure = ""
+        return bus
+
+    def _lose(self, error: Exception) -> None:
+        """Closes a bus that has failed; `pump` will open it again."""
+        bus, self._bus = self._bus, None
+        self._failure = f"failed ({error})."
+        self._retry_at, self._retries = self.clock.time() + _BACKOFF[0], 0
+        if bus is not None:
+            bus.shutdown()
+
+    def _reopen(self, timeout: float) -> None:
+        wait = self._retry_at - self.clock.time()
+        if wait > 0:
+            self.clock.sleep(min(wait, timeout))
+            return
+        self._bus = self._try_to_open()
+        if self._bus is None:
+            self._retries += 1
+            self._retry_at = self.clock.time() + min(_BACKOFF[0] * 2.0**self._retries, _BACKOFF[1])
+            return
+        with self._changed:
+            for device in self._devices:
+                device.restart(self.clock.time())

@@ -1,0 +1,76 @@
+"""Reading the CAN logs of `recording.py`, and those of other programs in the same formats, as far as they are whole."""
+
+import io
+from collections.abc import Iterator
+from pathlib import Path
+from typing import BinaryIO
+
+import can
+
+from tactopose_drake.errors import EndOfLogError, InvalidFileError
+
+
+def log_frames(path: Path) -> Iterator[can.Message]:
+    """The frames of a log in their order, received and sent (`is_rx`) ones. It ends with an error, which says how.
+
+    Args:
+        path: of a `.blf` or `.asc` file.
+
+    Raises:
+        InvalidFileError: at the first frame, if the file cannot be read or is no such log.
+        EndOfLogError: after the last whole frame; the message says whether the log was cut off.
+    """
+    try:
+        file = path.open("rb")
+    except OSError as error:
+        raise InvalidFileError(f"{path}: {error}") from error
+    count, last = 0, 0.0
+    with file:
+        reader, whole = _reader(path, file)
+        frames = iter(reader)
+        while True:
+            try:
+                frame = next(frames, None)
+            except Exception:  # python-can's readers raise whatever their parsing runs into
+                frame, whole = None, False
+            # A line that was cut off may still parse.
+            if frame is None or (frame.dlc != len(frame.data) and not frame.is_remote_frame):
+                break
+            count, last = count + 1, frame.timestamp
+            yield frame
+        if isinstance(reader, can.ASCReader):
+            whole = whole and _ends_properly(path)
+    if whole:
+        raise EndOfLogError(f"{path}: ended after {count} frames.")
+    raise EndOfLogError(f"{path}: is cut off or damaged after {count} whole frames, at {last:.6f} s.")
+
+
+def _reader(path: Path, file: BinaryIO) -> tuple[can.BLFReader | can.ASCReader, bool]:
+    """A reader, and whether the log is whole as far as can be told before it is read."""
+    suffix = path.suffix.lower()
+    try:
+        if suffix == ".blf":
+            blf = can.BLFReader(file)
+            # The writer puts the size into the header when it is done.
+            return blf, blf.file_size == path.stat().st_size
+        if suffix == ".asc":
+            return can.ASCReader(_WholeLines(file, encoding="utf-8"), relative_timestamp=False), True
+    except Exception as error:  # likewise
+        raise InvalidFileError(f"{path}: is not a log of CAN frames ({error!r}).") from error
+    raise InvalidFileError(f"{path}: ends in {suffix!r}; allowed are .blf and .asc.")
+
+
+class _WholeLines(io.TextIOWrapper):
+    """The lines of a file that have an end. A hexadecimal digit may be missing in another, and nobody would see it."""
+
+    def __next__(self) -> str:  # type: ignore[override]  # as io.TextIOWrapper itself
+        line = super().__next__()
+        if not line.endswith("\n"):
+            raise StopIteration
+        return line
+
+
+def _ends_properly(path: Path) -> bool:
+    with path.open("rb") as file:
+        file.seek(max(0, path.stat().st_size - 80))
+        return file.read().strip().lower().endswith(b"end triggerblock")

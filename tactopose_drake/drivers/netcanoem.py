@@ -1,0 +1,272 @@
+"""The driver of ATI's NETCANOEM board: a six-axis force-torque transducer on CAN.
+
+Not tried on hardware: written from the manual and from what public drivers agree on (`netcanoem_protocol.py`).
+"""
+
+import dataclasses
+from collections.abc import Generator
+
+import can
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tactopose_drake.core.validation import FloatArray, finite_array, positive_number
+from tactopose_drake.drivers import netcanoem_protocol as protocol
+from tactopose_drake.drivers.device import OK, Conversation, Device, Exchange, Pause
+from tactopose_drake.drivers.device_bus import DeviceBus
+from tactopose_drake.drivers.frames import data_frame
+from tactopose_drake.drivers.netcanoem_protocol import Firmware, ForceUnit, Opcode, TorqueUnit
+from tactopose_drake.errors import DeviceError, DeviceTimeoutError, InvalidInputError, ProtocolError
+
+# What boards count that cannot be asked (firmware before 3.7). [A]
+_OLD_COUNTS = (1_000_000, 1_000_000)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ForceTorqueSample:
+    """One sample of a force-torque board.
+
+    Attributes:
+        time: when its last frame came, s since the epoch.
+        F_S: wrench on the transducer [m_x, m_y, m_z, f_x, f_y, f_z] about the origin of its frame S, in S, N m and N,
+            shape (6,); NaN unless the status is "ok" or a warning.
+        gauges: the strain gauges' readings, before the bias is taken off, shape (6,).
+        status: "ok"; "ok (" and warnings ")"; "saturated: " and the gauges, from 0; "error: " and the status bits; or
+            "bad reply: " and what is wrong with it.
+    """
+
+    time: float
+    F_S: FloatArray
+    gauges: NDArray[np.int64]
+    status: str
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class BoardCalibration:
+    """What turns gauge readings into a wrench.
+
+    Attributes:
+        matrix: as the board gives it, rows F_x, F_y, F_z, T_x, T_y, T_z, in counts, shape (6, 6).
+        counts_per_force: counts in a unit of force.
+        counts_per_torque: counts in a unit of torque.
+        force_unit: that unit.
+        torque_unit: that unit.
+    """
+
+    matrix: FloatArray
+    counts_per_force: int
+    counts_per_torque: int
+    force_unit: ForceUnit
+    torque_unit: TorqueUnit
+
+    def wrench_matrix(self) -> FloatArray:
+        """A with F_S = A @ (gauges - bias): rows m_x, m_y, m_z, f_x, f_y, f_z, N m and N per reading, (6, 6)."""
+        force = self.matrix[:3] * (self.force_unit.newtons / self.counts_per_force)
+        torque = self.matrix[3:] * (self.torque_unit.newton_meters / self.counts_per_torque)
+        return np.concatenate([torque, force])
+
+
+class NetCanOemForceTorque(Device[ForceTorqueSample]):
+    """A NETCANOEM board: its calibration is read from it, then it is polled; the bias is taken off here.
+
+    A board that misses an answer may have restarted, and then measures with calibration 0: it is greeted again, which
+    sets the calibration, before any further sample is believed.
+
+    Attributes:
+        firmware: the board's, once it has answered.
+        calibration: likewise.
+    """
+
+    def __init__(
+        self,
+        bus: DeviceBus,
+        base: int = 0x20,
+        *,
+        calibration_slot: int = 0,
+        period: float = 0.005,
+        units: tuple[ForceUnit, TorqueUnit] | None = None,
+        timeout: float = 0.1,
+        name: str = "",
+    ) -> None:
+        """Prepares the driver; as a context manager it takes part in the bus's traffic.
+
+        Args:
+            bus: where the board is.
+            base: of its identifiers, 0 to 127.
+            calibration_slot: calibration to activate, 0 to 15.
+            period: between two samples, s.
+            units: the calibration's, for boards that do not tell them (firmware before 3.7).
+            timeout: longest wait for an answer, s.
+            name: for messages.
+
+        Raises:
+            InvalidInputError: if a number is out of its range.
+        """
+        for what, value, count in (
+            ("base", base, protocol.BASES),
+            ("calibration_slot", calibration_slot, protocol.CALIBRATIONS),
+        ):
+            if not 0 <= value < count:
+                raise InvalidInputError(f"{what}: is {value}; allowed are 0 to {count - 1}.")
+        identifiers = frozenset(protocol.identifier(base, opcode) for opcode in range(16))
+        super().__init__(bus, name or f"force-torque board {base:#x}", requests=identifiers, replies=identifiers)
+        self._base, self._slot, self._units = base, calibration_slot, units
+        self._period, self._timeout = positive_number("period", period), positive_number("timeout", timeout)
+        self._bias = np.zeros(6)
+        self.firmware: Firmware | None = None
+        self.calibration: BoardCalibration | None = None
+        self._answered_at = 0.0
+        self._answers: dict[int, bytes] = {}  # of this greeting, by identifier
+
+    @property
+    def bias(self) -> FloatArray:
+        """Gauge readings that count as no load, shape (6,)."""
+        return self._bias.copy()
+
+    @bias.setter
+    def bias(self, gauges: ArrayLike) -> None:
+        self._bias = finite_array("bias", gauges, (6,))
+
+    def tare(self, samples: int = 50, timeout: float = 2.0) -> FloatArray:
+        """Makes the present load the zero: the bias becomes the mean of the next gauge readings.
+
+        Args:
+            samples: how many; those that wait to be read are dropped.
+            timeout: for each, s.
+
+        Returns:
+            The bias, shape (6,).
+
+        Raises:
+            DeviceTimeoutError: if a sample does not come.
+            DeviceError: if a sample is not valid; the bias then stays what it was.
+        """
+        if samples < 1:
+            raise InvalidInputError(f"samples: is {samples}; allowed are integers >= 1.")
+        self._unread.clear()
+        gauges: list[NDArray[np.int64]] = []
+        while len(gauges) < samples:
+            sample = self.read(timeout)
+            if not np.isfinite(sample.F_S).all():
+                raise DeviceError(f"{self.name}: cannot be tared; its status is {sample.status}.")
+            gauges.append(sample.gauges)
+        self.bias = np.mean(gauges, axis=0)
+        return self.bias
+
+    def _converse(self) -> Conversation:
+        # The request for a calibration and its answer are the same frame. So ask first what cannot be mistaken: if that
+        # request comes back too, the bus echoes, and of the calibration's two frames the second is the answer.
+        self._answers.clear()
+        (version,), echoed = yield from self._ask(Opcode.FIRMWARE)
+        self.firmware = protocol.decode_firmware(version)
+        yield from self._activate(echoed)
+        matrix = np.empty((6, 6))
+        for axis in range(6):
+            replies, _ = yield from self._ask(Opcode.MATRIX, bytes([axis]), parts=3)
+            matrix[axis] = protocol.decode_matrix_row(replies)
+        if np.linalg.matrix_rank(matrix) < 6:
+            raise DeviceError(f"{self.name}: calibration {self._slot} is empty: its matrix has no inverse.")
+        counts, units = _OLD_COUNTS, self._units
+        if self.firmware.tells_units:
+            counts = protocol.decode_counts((yield from self._ask(Opcode.COUNTS))[0][0])
+            units = protocol.decode_units((yield from self._ask(Opcode.UNITS))[0][0])
+        # What follows on an answer and contradicts it has come in when the next one is there.
+        if (yield from self._ask(Opcode.FIRMWARE))[0] != [version]:
+            raise ProtocolError("firmware version: came twice, with different data.")
+        self._answers.clear()
+        if units is None:
+            raise DeviceError(
+                f"{self.name}: firmware {self.firmware.major}.{self.firmware.minor} does not tell its units; give them."
+            )
+        self.calibration = BoardCalibration(matrix, *counts, *units)
+        to_wrench = self.calibration.wrench_matrix()
+        while True:
+            asked_at = self._now
+            yield from self._sample(to_wrench)
+            yield Pause(max(0.0, asked_at + self._period - self._now))
+
+    def _activate(self, echoed: bool) -> Conversation:
+        frame = data_frame(protocol.identifier(self._base, Opcode.CALIBRATION), protocol.encode_calibration(self._slot))
+        answers: list[bytes] = []
+
+        def collect(reply: can.Message) -> bool:
+            self._compare(reply)
+            if reply.arbitration_id == frame.arbitration_id:
+                answers.append(bytes(reply.data))
+            return len(answers) > echoed
+
+        if not (yield Exchange((frame,), collect, self._timeout)):
+            raise self._silence("calibration")
+        for answer in answers:
+            if protocol.decode_calibration(answer) != self._slot:
+                raise DeviceError(
+                    f"{self.name}: activated calibration {protocol.decode_calibration(answer)} instead of {self._slot}."
+                )
+        self._answers[frame.arbitration_id] = answers[0]
+
+    def _ask(
+        self, opcode: Opcode, data: bytes = b"", parts: int = 1
+    ) -> Generator[Exchange | Pause, bool, tuple[list[bytes], bool]]:
+        """A request that its answer differs from.
+
+        Returns:
+            The answer's frames, and whether the request itself came back.
+
+        Raises:
+            ProtocolError: if the answer's frames are not in order.
+            DeviceTimeoutError: if it does not come.
+        """
+        request = data_frame(protocol.identifier(self._base, opcode), data)
+        replies: list[bytes] = []
+        echoed = False
+        for part in range(parts):
+            self._answers.pop(request.arbitration_id + part, None)
+
+        def collect(frame: can.Message) -> bool:
+            nonlocal echoed
+            reply, part = bytes(frame.data), frame.arbitration_id - request.arbitration_id
+            self._compare(frame)
+            if part == 0 and reply == data:
+                echoed = True
+            elif part == len(replies):
+                replies.append(reply)
+                self._answered_at = frame.timestamp
+            elif 0 <= part < len(replies) and reply != replies[part]:
+                raise ProtocolError(f"reply to {opcode.name.lower()}: part {part} came twice, with different data.")
+            return len(replies) == parts
+
+        if not (yield Exchange((request,), collect, self._timeout)):
+            raise self._silence(opcode.name.lower())
+        self._answers.update((request.arbitration_id + part, reply) for part, reply in enumerate(replies))
+        return replies, echoed
+
+    def _compare(self, frame: can.Message) -> None:
+        """Raises ProtocolError if a frame contradicts an answer of this greeting."""
+        if self._answers.get(frame.arbitration_id, frame.data) != frame.data:
+            raise ProtocolError(
+                f"reply with the identifier {frame.arbitration_id:#x}: came twice, with different data."
+            )
+
+    def _sample(self, to_wrench: FloatArray) -> Conversation:
+        try:
+            (first, second), _ = yield from self._ask(Opcode.SAMPLE, parts=2)
+            word, gauges = protocol.decode_sample(first, second)
+        except ProtocolError as error:
+            nothing = np.full(6, np.nan)
+            self._publish(ForceTorqueSample(self._now, nothing, np.zeros(6, np.int64), f"bad reply: {error}"))
+            return
+        status = _status(word, gauges)
+        F_S = to_wrench @ (np.array(gauges) - self._bias) if status.startswith(OK) else np.full(6, np.nan)
+        self._publish(ForceTorqueSample(self._answered_at, F_S, np.array(gauges, dtype=np.int64), status))
+
+    def _silence(self, request: str) -> DeviceTimeoutError:
+        return DeviceTimeoutError(f"no reply to the request for its {request} within {self._timeout:g} s")
+
+
+def _status(word: int, gauges: list[int]) -> str:
+    if protocol.is_rejected(word):
+        return "error: " + ", ".join(protocol.status_names(word))
+    ends = [str(k) for k, gauge in enumerate(gauges) if gauge in protocol.GAUGE_LIMITS]
+    if ends:
+        return "saturated: gauge " + ", ".join(ends)
+    return f"{OK} ({', '.join(protocol.status_names(word))})" if word else OK

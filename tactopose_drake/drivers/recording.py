@@ -1,0 +1,87 @@
+"""Recording what happens on CAN buses, with python-can's own log formats."""
+
+import copy
+import threading
+from pathlib import Path
+from typing import Self
+
+import can
+
+from tactopose_drake.drivers.device_bus import DeviceBus
+from tactopose_drake.errors import InvalidFileError, InvalidInputError
+
+FORMATS = (".blf", ".asc")
+# What has not filled a container is lost when the process dies: some 150 frames.
+_BLF_CONTAINER = 8192  # bytes
+
+
+class CanRecorder:
+    """A log of one or more buses, with every frame that was received or sent; a context manager.
+
+    `.blf` keeps time stamps to their last bit. `.asc` is readable, but rounds them to a microsecond, moves all of them
+    by the same part of a millisecond, and does not say what an error frame was about.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Creates the file.
+
+        Args:
+            path: ends in `.blf` or `.asc`; an existing file is replaced.
+
+        Raises:
+            InvalidInputError: for another ending.
+            InvalidFileError: if the file cannot be written.
+        """
+        if path.suffix.lower() not in FORMATS:
+            raise InvalidInputError(f"log: {path} ends in {path.suffix!r}; allowed are {' and '.join(FORMATS)}.")
+        try:
+            self._writer: can.BLFWriter | can.ASCWriter = (
+                can.BLFWriter(path, max_container_size=_BLF_CONTAINER)
+                if path.suffix.lower() == ".blf"
+                else can.ASCWriter(path)
+            )
+        except OSError as error:
+            raise InvalidFileError(f"{path}: {error}") from error
+        self._lock = threading.Lock()
+        self._first: float | None = None
+        self._recorded: list[tuple[DeviceBus, _Track]] = []
+
+    def record(self, bus: DeviceBus, channel: int = 0) -> None:
+        """Records a bus from now on.
+
+        Args:
+            bus: to be recorded; attach its devices afterwards, so that the log has how they begin.
+            channel: its number in the log.
+        """
+        track = _Track(self, channel)
+        self._recorded.append((bus, track))
+        bus.listen(track)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for bus, track in self._recorded:
+            bus.ignore(track)
+        with self._lock:
+            self._writer.stop()
+
+    def write(self, frame: can.Message, channel: int) -> None:
+        """Adds a frame to the log; from any thread."""
+        copied = copy.copy(frame)
+        copied.channel = channel
+        with self._lock:
+            # The formats count from the first frame, and know no time before it.
+            self._first = copied.timestamp if self._first is None else self._first
+            copied.timestamp = max(copied.timestamp, self._first)
+            self._writer.on_message_received(copied)
+
+
+class _Track:
+    """One bus in a log."""
+
+    def __init__(self, recorder: CanRecorder, channel: int) -> None:
+        self._recorder, self._channel = recorder, channel
+
+    def __call__(self, frame: can.Message) -> None:
+        self._recorder.write(frame, self._channel)

@@ -1,0 +1,64 @@
+"""What all simulated devices share: they answer frames, as faults let them."""
+
+import dataclasses
+from abc import ABC, abstractmethod
+
+import can
+
+from tactopose_drake.drivers.frames import is_ordinary
+from tactopose_drake.drivers.simulation.faults import Fault, Reply
+
+
+class SimulatedDevice(ABC):
+    """A device on the other end of a bus. It only speaks when it is asked, and has no thread or clock of its own.
+
+    Attributes:
+        faults: what is wrong with its answers at present, applied in this order; may be changed at any time.
+    """
+
+    def __init__(self, latency: float) -> None:
+        """Keeps its argument.
+
+        Args:
+            latency: between the end of a request and the first frame of its answer, s.
+        """
+        self.faults: list[Fault] = []
+        self._latency = latency
+        self._reboot_time = 0.0
+        self._back_at = 0.0
+
+    def reboot(self, duration: float = 0.2) -> None:
+        """Restarts the device at the next frame that it hears: it keeps silent, and forgets what it was told.
+
+        Args:
+            duration: s.
+        """
+        self._reboot_time = duration
+
+    def handle(self, frame: can.Message, time: float) -> list[Reply]:
+        """What the device says to a frame; nothing, if it is not meant for it.
+
+        Args:
+            frame: as it was received.
+            time: s since the epoch.
+        """
+        if self._reboot_time > 0.0:
+            self._back_at, self._reboot_time = time + self._reboot_time, 0.0
+            self._forget()
+        if time < self._back_at or not is_ordinary(frame):
+            return []
+        answers = self._answer(frame.arbitration_id, bytes(frame.data), time)
+        if answers is None:
+            return []
+        replies = [Reply(self._latency, answer) for answer in answers]
+        for fault in tuple(self.faults):
+            replies = fault(frame, replies)
+        return [dataclasses.replace(reply, delay=max(reply.delay, 0.0)) for reply in replies]
+
+    @abstractmethod
+    def _answer(self, arbitration_id: int, data: bytes, time: float) -> list[can.Message] | None:
+        """The frames of the answer; None if the request is not meant for the device."""
+
+    @abstractmethod
+    def _forget(self) -> None:
+        """Returns to the state after power-up."""
