@@ -9,7 +9,7 @@ work; that is how logs are replayed and how tests run in virtual time.
 import threading
 import time
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Self, TypeVar
+from typing import Any, Protocol, Self, TypeVar
 
 import can
 
@@ -17,13 +17,27 @@ from tactopose_drake.drivers.clock import FIRST_EPOCH_STAMP, Clock
 from tactopose_drake.drivers.frames import ERROR_BUS_OFF, is_ordinary
 from tactopose_drake.errors import BusError, DriverError, EndOfLogError, InvalidInputError, UnknownNameError
 
-if TYPE_CHECKING:
-    from tactopose_drake.drivers.device import Device
-
 Found = TypeVar("Found")
 
 _LONGEST_WAIT = 0.02  # for a frame, s; how long closing may take
 _BACKOFF = (0.1, 2.0)  # s between two attempts to open a bus again: doubles from the first to the last
+
+
+class BusUser(Protocol):
+    """What the bus knows of a device; `Device` says what the methods do."""
+
+    name: str
+    requests: frozenset[int]
+    replies: frozenset[int]
+    due: float
+
+    def restart(self, time: float) -> None: ...
+
+    def handle(self, frame: can.Message, time: float) -> None: ...
+
+    def poll(self, time: float) -> None: ...
+
+    def follow(self, request: can.Message, time: float) -> None: ...
 
 
 class DeviceBus:
@@ -58,12 +72,12 @@ class DeviceBus:
         self.clock, self.follows_log = clock, follows_log
         self.quiet_until = 0.0
         self.error_frames = 0
-        self._speaker: Device[Any] | None = None
+        self._speaker: BusUser | None = None
         self._open_bus, self._threaded = open_bus, threaded
         self._bus: can.BusABC | None = None
-        self._devices: tuple[Device[Any], ...] = ()
-        self._askers: dict[int, Device[Any]] = {}  # by the identifiers of their requests
-        self._owners: dict[int, Device[Any]] = {}  # by those of their replies
+        self._devices: tuple[BusUser, ...] = ()
+        self._askers: dict[int, BusUser] = {}  # by the identifiers of their requests
+        self._owners: dict[int, BusUser] = {}  # by those of their replies
         self._listeners: list[Callable[[can.Message], None]] = []
         self._changed = threading.Condition(threading.RLock())
         self._stop = threading.Event()
@@ -127,7 +141,7 @@ class DeviceBus:
             return f"bus: {self._failure}"
         return "bus: is off after too many errors" if self._bus_off else ""
 
-    def attach(self, device: "Device[Any]") -> None:
+    def attach(self, device: BusUser) -> None:
         """Lets a device take part.
 
         Raises:
@@ -144,7 +158,7 @@ class DeviceBus:
             self._owners.update(dict.fromkeys(device.replies, device))
             device.restart(self.clock.time())
 
-    def detach(self, device: "Device[Any]") -> None:
+    def detach(self, device: BusUser) -> None:
         """Ends a device's part."""
         with self._changed:
             self._devices = tuple(other for other in self._devices if other is not device)
@@ -245,11 +259,11 @@ class DeviceBus:
             frame.timestamp = time
             self._tell_listeners(frame)
 
-    def hush(self, speaker: "Device[Any]", until: float) -> None:
+    def hush(self, speaker: BusUser, until: float) -> None:
         """Has nothing sent before a time, s since the epoch, except by one device."""
         self.quiet_until, self._speaker = until, speaker
 
-    def is_hushed(self, device: "Device[Any]", now: float) -> bool:
+    def is_hushed(self, device: BusUser, now: float) -> bool:
         """Whether a device has to wait until `quiet_until`."""
         return now < self.quiet_until and device is not self._speaker
 
