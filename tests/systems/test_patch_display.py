@@ -1,13 +1,17 @@
+import dataclasses
+
 import numpy as np
 import pytest
 from pydrake.common.value import AbstractValue
 from pydrake.geometry import Meshcat
 from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import FixedOffsetFrame
 from pydrake.systems.analysis import Simulator
 
 from tactopose_drake.core.patches import Patch, describe_patch
 from tactopose_drake.errors import InvalidInputError
-from tactopose_drake.hand import Hand, load_hand_config, make_hand_plant
+from tactopose_drake.hand import Hand, add_hand, load_hand_config, make_hand_plant
 from tactopose_drake.patch_visualization import plate_edges
 from tactopose_drake.systems.patch_display import PatchDisplay, PatchDisplayParams
 from tactopose_drake.tactile_pads import load_tactile_pad
@@ -82,11 +86,18 @@ def test_only_what_is_known_is_shown(hand: Hand) -> None:
     assert f"{PATH}/4/axes/0" not in meshcat.objects
 
 
-def test_patches_move_with_the_palm_at_the_simulations_time(hand: Hand) -> None:
+def test_patches_move_with_the_palm_at_the_simulations_time() -> None:
+    plant = MultibodyPlant(0.001)
+    hand = add_hand(plant, load_hand_config("barrett_like"))
+    X_PalmP = RigidTransform(RollPitchYaw(0.0, 0.5, 0.0), [0.0, 0.0, 0.05])
+    palm_frame = plant.AddFrame(FixedOffsetFrame("P", hand.palm_frame, X_PalmP))
+    plant.Finalize()
     meshcat, patch = RecordingMeshcat(), make_patch([6, 7, 13, 14])
     poses = [RigidTransform(), X_WPalm, *[RigidTransform()] * 12]
-    run(PatchDisplay(meshcat, hand, PatchDisplayParams(period=0.25)), (patch,), duration=0.6, body_poses=poses)
-    np.testing.assert_allclose(meshcat.pose(f"{PATH}/0/axes/0").translation(), X_WPalm @ patch.centroid)
+    display = PatchDisplay(meshcat, dataclasses.replace(hand, palm_frame=palm_frame), PatchDisplayParams(period=0.25))
+    run(display, (patch,), duration=0.6, body_poses=poses)
+    expected = X_WPalm @ X_PalmP @ patch.centroid
+    np.testing.assert_allclose(meshcat.pose(f"{PATH}/0/axes/0").translation(), expected)
     assert {time for time in meshcat.times if time is not None} == {0.0, 0.25, 0.5}
 
 
