@@ -49,10 +49,18 @@ class Noise(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Trial:
-    """What an estimate is given, and the true X_PO (3, 4) that it should find; no prior for global estimation."""
+    """What an estimate may be given, and the pose that it should find.
+
+    Attributes:
+        contacts: the noisy touch.
+        prior: the displaced pose; None for global estimation.
+        hand: the hand's volume.
+        X_PO: the true pose, shape (3, 4).
+    """
 
     contacts: tp.Contacts
     prior: tp.PosePrior | None
+    hand: tp.HandGeometry
     X_PO: Array
 
 
@@ -95,7 +103,7 @@ def make_trial(
         sigma_normal=noise.normal,
     )
     prior = tp.PosePrior(retract(grasp.X_PO, increment), GUESS_SIGMA_TRANSLATION, GUESS_SIGMA_ROTATION)
-    return Trial(contacts, prior if guess else None, grasp.X_PO)
+    return Trial(contacts, prior if guess else None, tp.HandGeometry(grasp.p_PH, grasp.radius), grasp.X_PO)
 
 
 def pose_errors(model: tp.ObjectModel, X_PO: Array, X_PO_true: Array) -> Errors:

@@ -9,12 +9,11 @@ from pathlib import Path
 import numpy as np
 from grasp_library import Array
 from grasp_trials import Errors
-from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from pose_experiments import FINGER_COUNTS, LEVELS, MAIN_CELL, OURS, THEIRS, Cell, Results, Runs
+from numpy.typing import NDArray
+from pose_experiments import FINGER_COUNTS, LEVELS, MAIN_CELL, METHODS, Cell, Results, Runs
 
-NAMES = {OURS: "tp.estimate_pose", THEIRS: "the thesis' search"}
 PARTS = ("position error, mm", "orientation error, deg")
 
 
@@ -29,7 +28,7 @@ def save_figures(results: Results, folder: Path) -> None:
 
 
 def _methods(results: Results) -> list[str]:
-    return [method for method in NAMES if (MAIN_CELL, method) in results.runs]
+    return [method for method in METHODS if (MAIN_CELL, method) in results.runs]
 
 
 def _units(errors: Errors) -> tuple[Array, Array]:
@@ -39,51 +38,45 @@ def _units(errors: Errors) -> tuple[Array, Array]:
 
 def _mean_errors(results: Results) -> Figure:
     """[B16] figures 4.9 and 4.12."""
-    figure = Figure(figsize=(11, 8), layout="constrained")
-    for axes, part, label in zip(figure.subplots(2, 1), (0, 1), PARTS, strict=True):
-        _bars(axes, results, lambda runs, part=part: float(_units(runs.errors)[part].mean()))
-        axes.set_ylabel(f"mean {label}")
-    figure.suptitle(results.experiment.title)
+    figure, grid = _panels(results, rows=2)
+    for line, part, label in zip(grid, (0, 1), PARTS, strict=True):
+        _bars(line, results, lambda runs, part=part: float(_units(runs.errors)[part].mean()))
+        line[0].set_ylabel(f"mean {label}")
     return figure
 
 
 def _success_rates(results: Results) -> Figure:
     """[B16] figures 4.10 and 4.13."""
-    figure = Figure(figsize=(11, 4.5), layout="constrained")
-    axes = figure.subplots()
-    _bars(axes, results, lambda runs: 100.0 * float(runs.errors.success.mean()))
-    axes.set(ylabel="trials under 1 cm and 15°, %", ylim=(0, 100))
-    figure.suptitle(results.experiment.title)
+    figure, grid = _panels(results, rows=1)
+    _bars(grid[0], results, lambda runs: 100.0 * float(runs.errors.success.mean()))
+    grid[0, 0].set(ylabel="trials under 1 cm and 15°, %", ylim=(0, 100))
     return figure
 
 
-def _bars(axes: Axes, results: Results, height: Callable[[Runs], float]) -> None:
-    """A group of bars for each noise, a colour for each number of fingers; the thesis' search hatched."""
-    methods = _methods(results)
-    width = 0.85 / (len(methods) * len(FINGER_COUNTS))
-    for i, fingers in enumerate(FINGER_COUNTS):
-        for j, method in enumerate(methods):
+def _panels(results: Results, rows: int) -> tuple[Figure, NDArray[np.object_]]:
+    """A figure with a column of axes for each method, shape (rows, methods)."""
+    figure = Figure(figsize=(1 + 4.5 * len(_methods(results)), 1 + 3.5 * rows), layout="constrained")
+    figure.suptitle(results.experiment.title)
+    return figure, figure.subplots(rows, len(_methods(results)), sharey="row", squeeze=False)
+
+
+def _bars(line: NDArray[np.object_], results: Results, height: Callable[[Runs], float]) -> None:
+    """On each method's axes a group of bars for each noise, a colour for each number of fingers."""
+    width = 0.85 / len(FINGER_COUNTS)
+    for axes, method in zip(line, _methods(results), strict=True):
+        for i, fingers in enumerate(FINGER_COUNTS):
             heights = [height(results.runs[Cell(fingers, noise), method]) for noise in LEVELS]
-            offset = (len(methods) * i + j + 0.5) * width - 0.425
-            axes.bar(
-                np.arange(len(LEVELS)) + offset,
-                heights,
-                width,
-                color=f"C{i}",
-                alpha=1.0 if method == OURS else 0.5,
-                hatch="" if method == OURS else "//",
-                label=f"{fingers} fingers, {NAMES[method]}",
-            )
-    axes.set_xticks(range(len(LEVELS)), [str(noise) for noise in LEVELS])
-    axes.set_xlabel("noise of the contacts")
-    axes.legend(fontsize="small", ncols=len(FINGER_COUNTS), loc="lower center", bbox_to_anchor=(0.5, 1.0))
+            axes.bar(np.arange(len(LEVELS)) + (i - 1) * width, heights, width, label=f"{fingers} fingers")
+        axes.set_xticks(range(len(LEVELS)), [str(noise).replace(", ", "\n") for noise in LEVELS])
+        axes.set_title(f"{method}, {len(results.runs[MAIN_CELL, method])} trials")
+    line[0].legend(fontsize="small")
 
 
 def _histograms(results: Results) -> Figure:
     """[B16] figure 4.8: initial errors above, final ones below, with five fingers and the thesis' noise."""
     methods = _methods(results)
     rows = [("initial", results.initial)]
-    rows += [(f"final, {NAMES[method]}", results.runs[MAIN_CELL, method].errors) for method in methods]
+    rows += [(f"final, {method}", results.runs[MAIN_CELL, method].errors) for method in methods]
     figure = Figure(figsize=(10, 3 * len(rows)), layout="constrained")
     limits = [values.max() for values in _units(results.initial)]
     for line, (name, errors) in zip(figure.subplots(len(rows), 2), rows, strict=True):
@@ -104,9 +97,7 @@ def _initial_against_final(results: Results) -> Figure:
         for axes, x, y, label in zip(column, _units(initial), _units(final), PARTS, strict=True):
             axes.plot(x, y, ".")
             axes.axline((0, 0), slope=1, color="C2")
-            axes.set(
-                xlabel=f"initial {label}", ylabel=f"final {label}", title=f"{NAMES[method]}: {np.mean(y < x):.0%} fell"
-            )
+            axes.set(xlabel=f"initial {label}", ylabel=f"final {label}", title=f"{method}: {np.mean(y < x):.0%} fell")
     return figure
 
 
