@@ -49,9 +49,9 @@ def penetration_depths(  # type: ignore[no-untyped-def]
     Neighbourhood g is start[g]:start[g + 1]. Where it is in the object, the centre of its deepest sphere in O goes to
     points (B, g, 3), and the derivative of the distance there to slopes (B, g, 3).
 
-    No sphere reaches further than `reach` (h,) from the neighbourhood's first, so the distance of that one mostly
-    settles it: by the grid's bounds, by the node nearest to it, or in full. A neighbour is looked up only if it may be
-    deeper than what was found.
+    No sphere reaches further than `reach` (h,) from the centre of the neighbourhood's first, so where that one is
+    mostly settles it: by the grid's bounds, or by the node nearest to it. A sphere is looked up in full only if its own
+    node does not tell that it is no deeper than what was found.
 
     One body, without calls that are given arrays: their reference counts would cost more than the arithmetic.
     """
@@ -78,23 +78,27 @@ def penetration_depths(  # type: ignore[no-untyped-def]
                 ox = ux if ux < 0.0 else max(ux - mx, 0.0)
                 oy = uy if uy < 0.0 else max(uy - my, 0.0)
                 oz = uz if uz < 0.0 else max(uz - mz, 0.0)
-                outside = spacing * np.sqrt(ox * ox + oy * oy + oz * oz)
+                outside = 0.0
+                if ox != 0.0 or oy != 0.0 or oz != 0.0:
+                    outside = spacing * np.sqrt(ox * ox + oy * oy + oz * oz)
                 if not outside <= max(way, 0.0):  # True for NaN too, which must not become an index.
                     if i == first:
                         break
                     continue
                 ux, uy, uz = ux - ox, uy - oy, uz - oz
                 at = (int(ux + 0.5) * ny + int(uy + 0.5)) * nz + int(uz + 0.5)
-                if flat[np.uintp(4 * at)] + outside > way + 1.5 * spacing:  # Half of it is for the interpolation.
-                    if i == first:
+                # A node's distance is off by less than a cell; the other half is for the interpolation.
+                least = flat[np.uintp(4 * at)] + outside - 1.5 * spacing
+                if i == first:
+                    nearest = least
+                    if least > way:
                         break
+                if least > radius[i] - depth:
                     continue
                 ix, iy, iz = min(int(ux), nx - 2), min(int(uy), ny - 2), min(int(uz), nz - 2)
                 at = (ix * ny + iy) * nz + iz
                 phi, dx, dy, dz = _interpolate(flat, np.uintp(4 * at), sx, sy, ux - ix, uy - iy, uz - iz)
                 phi += outside
-                if i == first:
-                    nearest = phi - spacing
                 if radius[i] - phi > depth:
                     depth = radius[i] - phi
                     points[b, g, 0] = x0 + spacing * (ux + ox)
