@@ -25,16 +25,16 @@ class PatchCells:
     least the depth that it shows: phi(q) <= 0. A dead cell says nothing.
 
     The noise: each depth is off by a Gaussian of sigma_depth and of a share of itself, independent of the others. All
-    cells of a pad are off together, because hand and mounting misplace it: along its normal by sigma_position, and by
-    small turns about the two axes across it by sigma_rotation. With a_i how these three, u, in standard deviations,
-    move cell i along its own normal, a pad's cost is the least over u of
+    cells of a pad are off together, because hand and mounting misplace it: shifted by sigma_position along, and turned
+    by sigma_rotation about, each axis. With u (6,) this misplacement in standard deviations, a pad's cost is the least
+    over u of
 
-        1/2 |u|^2 + 1/2 sum_i ((phi(q_i) + a_i . u) / sigma_i)^2
+        1/2 |u|^2 + 1/2 sum_i (phi(q_i(u)) / sigma_i)^2
 
-    over the cells that count: those pressed, and those that contradict their inequality. Where all cells are pressed
-    that is exactly the negative log of the likelihood with u integrated out, up to a constant; for an inequality it
-    bounds the negative log of the probability that noise explains it (Chernoff). Misplacements along the pad's surface
-    are left out.
+    over the cells that count: those pressed, and those that contradict their inequality. Where all are pressed and the
+    surface is flat that is exactly the negative log of the likelihood with u integrated out, up to a constant; for an
+    inequality it bounds the negative log of the probability that noise explains it (Chernoff). Without u the many cells
+    of a pad would outvote the error that they share, and an edge that is off by a millimetre would count once a cell.
     """
 
     def __init__(
@@ -47,17 +47,19 @@ class PatchCells:
         sigma_position: float,
         sigma_rotation: float,
     ) -> None:
-        pads = [_pad_cells(patch, sigma_depth, share, sigma_position, sigma_rotation) for patch in patches]
-        points, sides, weights, arms = (
+        pads = [_pad_cells(patch, sigma_depth, share) for patch in patches]
+        points, sides, weights = (
             np.concatenate([empty, *(pad[i] for pad in pads)])
-            for i, empty in enumerate([np.empty((0, 3)), np.empty(0), np.empty(0), np.empty((0, 3))])
+            for i, empty in enumerate([np.empty((0, 3)), np.empty(0), np.empty(0)])
         )
-        ends = np.cumsum([0, *(len(pad[1]) for pad in pads)])
+        starts = np.cumsum([0, *(len(pad[1]) for pad in pads)], dtype=np.uintp)
+        middles = np.array([patch.p_PT.mean(axis=0) for patch in patches]).reshape(-1, 3)
         self._arguments = (
             (grid.values, grid.origin, 1.0 / grid.spacing),
-            (points, sides, weights, arms, ends),
+            (points, sides, weights, starts, middles),
+            (sigma_rotation, sigma_position),
         )
-        self._rows = len(points) + 3 * len(pads)
+        self._rows = len(points) + 6 * len(pads)
 
     def cost(self, X_PO: FloatArray) -> FloatArray:
         """Costs (B,) of poses (B, 3, 4)."""
@@ -66,17 +68,21 @@ class PatchCells:
         return cost
 
     def residuals(self, X_PO: FloatArray) -> FloatArray:
-        """Residuals (B, n + 3 k) of poses (B, 3, 4): of n live cells, then the misplacements of k pads."""
+        """Residuals (B, n + 6 k) of poses (B, 3, 4): of n live cells, then the misplacements u in P of k pads."""
         return self.residuals_and_jacobian(X_PO)[0]
 
     def residuals_and_jacobian(self, X_PO: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Residuals (B, n + 3 k) and their exact derivatives by the increment (B, n + 3 k, 6)."""
+        """Residuals (B, n + 6 k) and their derivatives by the increment (B, n + 6 k, 6).
+
+        How u follows the pose is Gauss and Newton's approximation, exact where the residuals vanish; it does not enter
+        the cost's gradient, because u minimises the cost.
+        """
         residuals, jacobian = np.empty((len(X_PO), self._rows)), np.empty((len(X_PO), self._rows, 6))
         patch_kernels.patch_residuals(*self._arguments, X_PO, residuals, jacobian)
         return residuals, jacobian
 
     def normal_equations(self, X_PO: FloatArray) -> NormalEquations:
-        """Cost, exact gradient, and the Gauss-Newton Hessian along the smooth normals, at poses (B, 3, 4)."""
+        """Cost, gradient, and the Gauss-Newton Hessian along the smooth normals, at poses (B, 3, 4)."""
         count = len(X_PO)
         equations = NormalEquations(np.empty(count), np.empty((count, 6)), np.empty((count, 6, 6)))
         patch_kernels.patch_normal_equations(*self._arguments, X_PO, *equations)
@@ -108,8 +114,8 @@ class PatchContact(SumObjective):
             patches: what the pads feel.
             sigma_depth: standard deviation of the depth of the surface in a pad, of each cell, m.
             share: standard deviation of a depth as a share of it: alpha, and the layer, are not quite so.
-            sigma_position: standard deviation of a pad's place along its normal, m.
-            sigma_rotation: standard deviation of a turn of a pad about each axis across its normal, rad.
+            sigma_position: standard deviation of each coordinate of a pad's place, m.
+            sigma_rotation: standard deviation of a small turn of a pad about each axis, rad.
             sigma_lean: standard deviation of the turn of a touched surface from the pad about each axis, rad.
 
         Raises:
@@ -134,20 +140,10 @@ class PatchContact(SumObjective):
         super().__init__([cells, SurfaceContact(grid, faces)])
 
 
-def _pad_cells(
-    patch: Patch, sigma_depth: float, share: float, sigma_position: float, sigma_rotation: float
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """The points (n, 3), sides (n,), weights (n,) and arms (n, 3) of a pad's live cells, see `patch_kernels`."""
-    depth = patch.alpha * np.maximum(patch.pressure, patch.threshold)
-    points = patch.p_PT - depth[:, None] * patch.n_PT
-    sides = np.where(patch.saturated, 1.0, np.where(patch.active, 0.0, -1.0))
-    weights = 1.0 / np.hypot(sigma_depth, share * depth)
-    normal = patch.n_PT.mean(axis=0)
-    across = np.linalg.svd(normal[None])[2][1:]  # (2, 3)
-    turns = np.cross(across[:, None], points - patch.p_PT.mean(axis=0))  # (2, n, 3)
-    shift = patch.n_PT @ normal / max(float(np.linalg.norm(normal)), 1e-9)
-    arms = np.column_stack(
-        [sigma_position * shift, *(sigma_rotation * np.sum(turn * patch.n_PT, axis=1) for turn in turns)]
-    )
+def _pad_cells(patch: Patch, sigma_depth: float, share: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The points (n, 3), sides (n,) and weights (n,) of a pad's live cells, see `patch_kernels`."""
     live = ~patch.dead
-    return points[live], sides[live], weights[live], np.ascontiguousarray(arms[live])
+    depth = patch.alpha * np.maximum(patch.pressure[live], patch.threshold)
+    points = patch.p_PT[live] - depth[:, None] * patch.n_PT[live]
+    sides = np.where(patch.saturated[live], 1.0, np.where(patch.active[live], 0.0, -1.0))
+    return points, sides, 1.0 / np.hypot(sigma_depth, share * depth)

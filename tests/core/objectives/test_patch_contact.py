@@ -66,58 +66,55 @@ def pads_on(model: ObjectModel, seed: int, count: int = 3) -> tuple[np.ndarray, 
     return X_PO, patches
 
 
-def moved_along_normals(patch: Patch, u: np.ndarray) -> np.ndarray:
-    """How far each cell's point moves along its normal when the pad is misplaced by u (3,) standard deviations."""
-    normal = patch.n_PT.mean(axis=0)
-    normal /= np.linalg.norm(normal)
-    first = np.cross(normal, [0.3, 0.5, -0.8])
-    first /= np.linalg.norm(first)
-    turn = NOISE["sigma_rotation"] * 1e-4 * (u[1] * first + u[2] * np.cross(normal, first))
-    depth = ALPHA * np.nan_to_num(np.maximum(patch.pressure, patch.threshold))
-    arm = patch.p_PT - depth[:, None] * patch.n_PT - patch.p_PT.mean(axis=0)
-    shift = arm @ exp_so3(turn).T - arm + NOISE["sigma_position"] * 1e-4 * u[0] * normal
-    along: np.ndarray = np.sum(shift * patch.n_PT, axis=1) / 1e-4
-    return along
+def depths(patch: Patch) -> np.ndarray:
+    return ALPHA * np.nan_to_num(np.maximum(patch.pressure, patch.threshold))
+
+
+def misplaced(patch: Patch, u: np.ndarray) -> np.ndarray:
+    """The points of a pad's cells, in P, when the pad is turned and shifted by u (6,) standard deviations."""
+    middle = patch.p_PT.mean(axis=0)
+    arms = patch.p_PT - depths(patch)[:, None] * patch.n_PT - middle
+    return middle + arms + NOISE["sigma_rotation"] * np.cross(u[:3], arms) + NOISE["sigma_position"] * u[3:]
 
 
 def cost_by_the_formula(model: ObjectModel, patch: Patch, X_PO: np.ndarray) -> float:
-    depth = ALPHA * np.nan_to_num(np.maximum(patch.pressure, patch.threshold))
-    sigma = np.hypot(NOISE["sigma_depth"], NOISE["share"] * depth)
-    phi = model.grid.distance(transform_points(inverse(X_PO), patch.p_PT - depth[:, None] * patch.n_PT))
+    sigma = np.hypot(NOISE["sigma_depth"], NOISE["share"] * depths(patch))
 
     def cost(u: np.ndarray) -> float:
-        d = phi + moved_along_normals(patch, u)
+        d = model.grid.distance(transform_points(inverse(X_PO), misplaced(patch, u)))
         d = np.where(patch.saturated, np.maximum(d, 0.0), np.where(patch.active, d, np.minimum(d, 0.0)))
         return 0.5 * float(u @ u + np.sum((d / sigma)[~patch.dead] ** 2))
 
-    return float(minimize(cost, np.zeros(3), method="BFGS", options={"gtol": 1e-6}).fun)
+    return float(minimize(cost, np.zeros(6), method="BFGS", options={"gtol": 1e-5}).fun)
 
 
-def test_the_cost_is_the_formula(angular: ObjectModel) -> None:
-    X_PO, patches = pads_on(angular, 1)
+def test_the_cost_is_the_formula(blob: ObjectModel) -> None:
+    X_PO, patches = pads_on(blob, 1)
     poses = retract(X_PO[None], np.random.default_rng(1).normal(size=(8, 6)) * ([0.05] * 3 + [0.002] * 3))
     kinds = np.concatenate([[p.active & ~p.saturated, p.saturated, p.dead, ~p.active & ~p.dead] for p in patches], 1)
     assert np.all(kinds.sum(axis=1) > 0)
     for patch in patches:
-        costs = PatchCells(angular.grid, [patch], **NOISE).cost(poses)
-        expected = [cost_by_the_formula(angular, patch, X) for X in poses]
-        np.testing.assert_allclose(costs, expected, rtol=1e-5)
-    together = PatchCells(angular.grid, patches, **NOISE).cost(poses)
-    apart = [PatchCells(angular.grid, [patch], **NOISE).cost(poses) for patch in patches]
+        costs = PatchCells(blob.grid, [patch], **NOISE).cost(poses)
+        expected = [cost_by_the_formula(blob, patch, X) for X in poses]
+        np.testing.assert_allclose(costs, expected, rtol=1e-3, atol=2e-3)
+    together = PatchCells(blob.grid, patches, **NOISE).cost(poses)
+    apart = [PatchCells(blob.grid, [patch], **NOISE).cost(poses) for patch in patches]
     np.testing.assert_allclose(together, np.sum(apart, axis=0), rtol=1e-12)
 
 
-def test_where_all_cells_are_pressed_the_misplacement_is_integrated_out(slab: ObjectModel) -> None:
-    cells = flat_pad() * 1.0
+def test_on_a_flat_surface_the_misplacement_is_integrated_out(slab: ObjectModel) -> None:
     pressure = np.random.default_rng(2).uniform(5e3, 2e4, 24)
-    patch = describe_patch(cells, pressure, alpha=ALPHA, n_PT=-OUT)
+    patch = describe_patch(flat_pad(), pressure, alpha=ALPHA, n_PT=-OUT)
     X_PO = make_poses(exp_so3(np.array([[0.05, -0.1, 0.3]])), np.array([[0.0, 0.0, 0.001]]))
-    d = slab.grid.distance(transform_points(inverse(X_PO[0]), patch.points))
-    arms = np.stack([moved_along_normals(patch, u) for u in np.eye(3)], axis=1)
-    sigma = np.hypot(NOISE["sigma_depth"], NOISE["share"] * ALPHA * pressure)
-    covariance = np.diag(sigma**2) + arms @ arms.T
+
+    def phi(u: np.ndarray) -> np.ndarray:
+        return slab.grid.distance(transform_points(inverse(X_PO[0]), misplaced(patch, u)))
+
+    d = phi(np.zeros(6))
+    by_u = np.stack([phi(u) - d for u in np.eye(6)], axis=1)
+    covariance = np.diag(NOISE["sigma_depth"] ** 2 + (NOISE["share"] * depths(patch)) ** 2) + by_u @ by_u.T
     expected = 0.5 * d @ np.linalg.solve(covariance, d)
-    assert PatchCells(slab.grid, [patch], **NOISE).cost(X_PO)[0] == pytest.approx(expected, rel=1e-6)
+    assert PatchCells(slab.grid, [patch], **NOISE).cost(X_PO)[0] == pytest.approx(expected, rel=1e-5)
 
 
 def test_cells_that_feel_nothing_saturated_and_dead_ones(slab: ObjectModel) -> None:
@@ -145,33 +142,45 @@ def test_the_cost_is_half_the_sum_of_squares(angular: ObjectModel) -> None:
     objective = PatchContact(angular.grid, patches)
     poses = retract(X_PO[None], np.random.default_rng(3).normal(size=(30, 6)) * 0.02)
     half_squares = 0.5 * np.sum(objective.residuals(poses) ** 2, axis=1)
-    np.testing.assert_allclose(objective.cost(poses), half_squares, rtol=1e-9)
-    np.testing.assert_allclose(objective.normal_equations(poses).cost, half_squares, rtol=1e-9)
+    np.testing.assert_allclose(objective.cost(poses), half_squares, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(objective.normal_equations(poses).cost, half_squares, rtol=1e-6, atol=1e-6)
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-8, 1.0, np.pi])
-def test_the_jacobian_is_the_central_difference(blob: ObjectModel, angle: float) -> None:
+def test_where_the_residuals_vanish_the_jacobian_is_the_central_difference(slab: ObjectModel, angle: float) -> None:
+    R_PO = exp_so3(np.array([0.36, -0.48, 0.8]) * angle)
+    X_PO = make_poses(R_PO, np.array([0.01, -0.02, 0.03]))
+    patches = []
+    for x, y in [(0.0, 0.0), (0.04, 0.01), (-0.02, 0.05)]:
+        # The pads lean, and the cells at their ends do not touch.
+        cells = flat_pad() @ exp_so3(np.array([0.02, 0.1, 0.0])).T + np.array([x, y, -0.0003])
+        n_PT = np.tile(exp_so3(np.array([0.02, 0.1, 0.0]))[:, 2] * -1.0, (24, 1))
+        depth = np.maximum(0.0, cells[:, 2] / n_PT[0, 2])
+        assert 5 < np.count_nonzero(depth) < 20
+        patches.append(describe_patch(transform_points(X_PO, cells), depth / ALPHA, alpha=ALPHA, n_PT=n_PT @ R_PO.T))
+    objective = PatchCells(slab.grid, patches, **NOISE)
+    step = 1e-4 * np.eye(6)
+    there, back = objective.residuals(retract(X_PO[None], step)), objective.residuals(retract(X_PO[None], -step))
+    residuals, jacobian = objective.residuals_and_jacobian(X_PO[None])
+    np.testing.assert_allclose(residuals, 0.0, atol=1e-3)
+    assert np.abs(jacobian).max() > 100.0
+    np.testing.assert_allclose(jacobian[0], (there - back).T / 2e-4, rtol=1e-3, atol=0.1)
+
+
+def test_the_gradient_is_the_central_difference_of_the_cost(blob: ObjectModel) -> None:
     X_PO, patches = pads_on(blob, 4)
-    turn = make_poses(exp_so3(np.array([0.36, -0.48, 0.8]) * angle) @ X_PO[:, :3].T, np.zeros(3))
-    turned = [
-        describe_patch(
-            transform_points(turn, p.p_PT),
-            p.pressure,
-            alpha=p.alpha,
-            n_PT=p.n_PT @ turn[:, :3].T,
-            threshold=p.threshold,
-            saturation=p.saturation,
-        )
-        for p in patches
-    ]
-    objective = PatchContact(blob.grid, turned)
-    X_QO = make_poses(turn[:, :3] @ X_PO[:, :3], turn[:, :3] @ X_PO[:, 3])
-    pose = retract(X_QO[None], np.random.default_rng(4).normal(size=(1, 6)) * 0.01)
-    step = 1e-9 * np.eye(6)
-    there, back = objective.residuals(retract(pose, step)), objective.residuals(retract(pose, -step))
-    residuals, jacobian = objective.residuals_and_jacobian(pose)
-    assert np.count_nonzero(residuals) > 40
-    np.testing.assert_allclose(jacobian[0], (there - back).T / 2e-9, rtol=1e-3, atol=1e-2)
+    objective = PatchContact(blob.grid, patches)
+    poses = retract(X_PO[None], np.random.default_rng(4).normal(size=(20, 6)) * ([0.05] * 3 + [0.002] * 3))
+    equations = objective.normal_equations(poses)
+    off = []
+    for pose, gradient, hessian in zip(poses, equations.gradient, equations.hessian, strict=True):
+        units = np.linalg.cholesky(np.linalg.inv(hessian))  # columns of one standard deviation
+        step = 1e-4 * units.T
+        slope = (objective.cost(retract(pose[None], step)) - objective.cost(retract(pose[None], -step))) / 2e-4
+        off.append(np.abs(units.T @ gradient - slope))
+    assert np.median(off) < 1e-3
+    # Where another number of steps finds the misplacements, the cost jumps by some 1e-5.
+    assert np.quantile(off, 0.9) < 0.1
 
 
 def test_the_gradient_is_the_jacobian_times_the_residuals(angular: ObjectModel) -> None:
@@ -236,7 +245,7 @@ def test_pads_that_feel_nothing_keep_the_object_out(slab: ObjectModel) -> None:
     ]
     assert PatchContact(slab.grid, free[:1]).cost(IDENTITY)[0] == 0.0
     assert PatchContact(slab.grid, free[1:]).cost(IDENTITY)[0] > 40.0
-    assert PatchContact(slab.grid, free).residuals(IDENTITY).shape == (1, 2 * 24 + 2 * 3)
+    assert PatchContact(slab.grid, free).residuals(IDENTITY).shape == (1, 2 * 24 + 2 * 6)
     assert PatchContact(slab.grid, []).cost(IDENTITY)[0] == 0.0
 
 
