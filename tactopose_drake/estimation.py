@@ -5,9 +5,11 @@ import time
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 from pydrake.math import RigidTransform
 from scipy.special import chdtri
 
+from tactopose_drake.core.belief import BeliefSampling
 from tactopose_drake.core.contacts import Contacts
 from tactopose_drake.core.evidence import Evidence
 from tactopose_drake.core.force_balance import ForceBalance
@@ -18,6 +20,7 @@ from tactopose_drake.core.hypotheses import Modes, find_modes
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.pose_problem import make_problem
+from tactopose_drake.core.posterior import make_posterior
 from tactopose_drake.core.prior import PosePrior
 from tactopose_drake.core.searches.base import Search
 from tactopose_drake.core.searches.gradient_descent import GradientDescent
@@ -103,19 +106,24 @@ def estimate_pose(
     evidence = Evidence(contacts, prior, hand, untouched, balance, friction)
     problem = make_problem(model, evidence)
     search = METHODS[method](model, evidence)
-    found = search.minimize(problem.objective, problem.space, np.random.default_rng(seed), deadline)
+    generator = np.random.default_rng(seed)
+    found = search.minimize(problem.objective, problem.space, generator, deadline)
     if prior is None:
         turned = turn_toward(found.X_PO, found.X_PO[0], model.symmetries)
         found = found._replace(X_PO=turned, cost=problem.objective.cost(turned)).ranked()
     modes = find_modes(
         found,
-        problem.likelihood.normal_equations(found.X_PO).hessian,
+        problem.determining.normal_equations(found.X_PO).hessian,
         problem.space.information,
         model.symmetry_poses,
         model.size,
         max_hypotheses,
     )
-    hypotheses = _hypotheses(modes, problem.touch, contacts)
+    explained = _explain_touch(modes, problem.touch, contacts)
+    if explained.any() and not deadline():
+        modes = BeliefSampling().weigh(modes, make_posterior(model, contacts, problem, prior is not None), generator)
+        explained = _explain_touch(modes, problem.touch, contacts)
+    hypotheses = _hypotheses(modes, explained)
     undetermined = prior is None and len(contacts) < _FEWEST_FOR_A_POSE
     return PoseEstimate(hypotheses, status_of(hypotheses, undetermined), deadline.elapsed(), not deadline.passed)
 
@@ -148,8 +156,13 @@ def _degrees_of_freedom(contacts: Contacts) -> int:
     return len(contacts) * (1 if contacts.n_PC is None else 3)
 
 
-def _hypotheses(modes: Modes, touch: SurfaceContact, contacts: Contacts) -> tuple[PoseHypothesis, ...]:
-    explained = 2.0 * touch.cost(modes.X_PO) <= chdtri(_degrees_of_freedom(contacts), _IMPLAUSIBLE)
+def _explain_touch(modes: Modes, touch: SurfaceContact, contacts: Contacts) -> NDArray[np.bool_]:
+    """Which of the modes leave residuals that may be noise."""
+    explained: NDArray[np.bool_] = 2.0 * touch.cost(modes.X_PO) <= chdtri(_degrees_of_freedom(contacts), _IMPLAUSIBLE)
+    return explained
+
+
+def _hypotheses(modes: Modes, explained: NDArray[np.bool_]) -> tuple[PoseHypothesis, ...]:
     return tuple(
         PoseHypothesis(RigidTransform(X_PO), float(cost), float(probability), covariance, free, bool(explains))
         for X_PO, cost, probability, covariance, free, explains in zip(

@@ -94,6 +94,20 @@ def test_a_fingertip_that_feels_nothing_is_not_in_the_object(can: tp.ObjectModel
     assert depths[1] < 0.002
 
 
+@pytest.mark.parametrize("evidence", ["hand", "untouched"])
+def test_a_finger_in_the_way_bounds_a_slide_on_one_side_only(can: tp.ObjectModel, evidence: str) -> None:
+    angles, heights = np.radians([100.0, 170.0, 240.0, 10.0]), np.array([0.0, 0.03, -0.02, 0.01])
+    n_PC = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(4)])
+    contacts = tp.Contacts(0.033 * n_PC + np.outer(heights, [0.0, 0.0, 1.0]), n_PC)
+    prior = tp.PosePrior(np.column_stack([np.eye(3), [0.0, 0.0, 0.02]]), sigma_translation=0.03)
+    stop = tp.HandGeometry([[0.0, 0.0, 0.05]], [TIP])
+    alone = tp.estimate_pose(can, contacts, prior=prior).best
+    stopped = tp.estimate_pose(can, contacts, prior=prior, **{evidence: stop}).best  # type: ignore[arg-type]
+    assert stopped.X_PO.translation()[2] < alone.X_PO.translation()[2] - 0.01
+    assert len(stopped.free_directions) == len(alone.free_directions) == 2
+    assert math.sqrt(stopped.covariance[5, 5]) > 0.01
+
+
 @pytest.mark.parametrize(
     "method", ["pair_search", "levenberg_marquardt", "gradient_descent", "mathematical_program", "scaling_series"]
 )

@@ -30,12 +30,15 @@ class PoseProblem(NamedTuple):
 
     Attributes:
         touch: the contacts' objective by itself.
+        determining: the objective of what holds the pose from both sides, contacts and balance: its curvature says what
+            is determined. The hand's volume and friction bound the pose on one side only, which curvature hides.
         likelihood: the objective of all the evidence but the prior.
         objective: that of all the evidence.
         space: the poses that are possible.
     """
 
     touch: SurfaceContact
+    determining: LeastSquaresObjective
     likelihood: LeastSquaresObjective
     objective: LeastSquaresObjective
     space: PoseSpace
@@ -53,6 +56,7 @@ def make_problem(model: ObjectModel, evidence: Evidence) -> PoseProblem:
     if evidence.balance is not None:
         _check_mass(model)
         terms.append(WrenchBalance(contacts, evidence.balance, model.mass, model.center_of_mass))
+    determining = _sum(terms)
     if evidence.friction is not None:
         terms.append(FrictionCone(model.grid, contacts, evidence.friction))
     if evidence.hand is not None:
@@ -61,8 +65,8 @@ def make_problem(model: ObjectModel, evidence: Evidence) -> PoseProblem:
         terms.append(Penetration(model.grid, evidence.untouched))
     likelihood = _sum(terms)
     if prior is None:
-        return PoseProblem(touch, likelihood, likelihood, TouchSpace(model, contacts))
-    return PoseProblem(touch, likelihood, _sum([*terms, PriorObjective(prior)]), PriorSpace(prior))
+        return PoseProblem(touch, determining, likelihood, likelihood, TouchSpace(model, contacts))
+    return PoseProblem(touch, determining, likelihood, _sum([*terms, PriorObjective(prior)]), PriorSpace(prior))
 
 
 def _sum(terms: list[LeastSquaresObjective]) -> LeastSquaresObjective:

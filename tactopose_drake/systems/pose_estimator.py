@@ -29,7 +29,7 @@ class PoseEstimatorParams:
     max_hypotheses: int = 16  # kept at the most
     seed: int = 0  # of the search's random numbers, the same at each estimate
     max_duration: float | None = None  # s after which the search ends with the best that it has; None: never
-    collision_tolerance: float = 0.002  # depth in the hand that is no collision yet, m: soft skin and the poses' errors
+    collision_tolerance: float = 0.003  # depth in the hand that is no collision yet, m: three sigma of where it is
 
     def validate(self) -> None:
         """Raises InvalidInputError if a number is out of its range; an unknown method is named by `estimate_pose`."""

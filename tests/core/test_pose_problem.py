@@ -66,6 +66,15 @@ def test_the_prior_is_no_part_of_the_likelihood(can: ObjectModel) -> None:
     assert both - problem.likelihood.cost(IDENTITY)[0] == pytest.approx(4.5)
 
 
+def test_what_only_bounds_the_pose_determines_nothing(can: ObjectModel) -> None:
+    through = HandSpheres([[0.0, 0.02, 0.0]], [0.008])
+    bounded = make_problem(can, Evidence(CONTACTS, hand=through, untouched=through, friction=0.0))
+    assert bounded.determining.cost(IDENTITY)[0] == pytest.approx(bounded.touch.cost(IDENTITY)[0])
+    held = make_problem(can, Evidence(CONTACTS, hand=through, balance=ForceBalance([0.0, 10.0, 0.0])))
+    assert held.touch.cost(IDENTITY)[0] + 50.0 < held.determining.cost(IDENTITY)[0]
+    assert held.determining.cost(IDENTITY)[0] + 50.0 < held.likelihood.cost(IDENTITY)[0]
+
+
 def test_balance_needs_a_mass() -> None:
     with pytest.raises(InvalidInputError, match="the mass of 'mesh' is not known; balance needs it"):
         make_problem(make_can(mass=None), Evidence(CONTACTS, balance=GRAVITY))
