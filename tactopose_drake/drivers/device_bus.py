@@ -20,6 +20,7 @@ from tactopose_drake.errors import BusError, DriverError, EndOfLogError, Invalid
 Found = TypeVar("Found")
 
 _LONGEST_WAIT = 0.02  # for a frame, s; how long closing may take
+_MOST_FRAMES = 64  # that are handed on in one turn
 _BACKOFF = (0.1, 2.0)  # s between two attempts to open a bus again: doubles from the first to the last
 
 
@@ -212,10 +213,14 @@ class DeviceBus:
             EndOfLogError: if the bus replays a log that ends before.
         """
         while (left := time - self.clock.time()) > 0:
+            if self._end is not None:
+                raise self._end
             self.pump(left)
 
     def pump(self, timeout: float) -> None:
         """One turn of the bus's work: waits for a frame, hands it on, lets the devices send what is due.
+
+        All frames that are there are handed on before: an answer is not late because this program was.
 
         Args:
             timeout: longest wait, s.
@@ -223,19 +228,15 @@ class DeviceBus:
         if self._bus is None:
             self._reopen(timeout)
             return
-        try:
-            frame = self._bus.recv(max(0.0, min(timeout, self._due() - self.clock.time())))
-        except EndOfLogError as end:
-            self._end = end
-            raise
-        except (can.CanError, OSError) as error:
-            self._lose(error)
-            return
+        frame = self._receive(max(0.0, min(timeout, self._due() - self.clock.time())))
         with self._changed:
-            now = self.clock.time()
-            if frame is not None:
-                self._hand_on(frame, now)
+            count = 0
+            while frame is not None:
+                self._hand_on(frame)
                 self._changed.notify_all()
+                count += 1
+                frame = self._receive(0.0) if count < _MOST_FRAMES else None
+            now = self.clock.time()
             for device in () if self.follows_log else self._devices:
                 if now >= device.due:
                     device.poll(now)
@@ -269,7 +270,7 @@ class DeviceBus:
 
     def _work(self) -> None:
         try:
-            while not self._stop.is_set():
+            while not self._stop.is_set() and self._end is None:
                 self.pump(_LONGEST_WAIT)
         except BaseException as error:
             with self._changed:
@@ -281,9 +282,20 @@ class DeviceBus:
         with self._changed:
             return min((device.due for device in self._devices if not self.follows_log), default=float("inf"))
 
-    def _hand_on(self, frame: can.Message, now: float) -> None:
+    def _receive(self, timeout: float) -> can.Message | None:
+        if self._bus is None:
+            return None
+        try:
+            return self._bus.recv(timeout)
+        except EndOfLogError as end:
+            self._end = end
+        except (can.CanError, OSError) as error:
+            self._lose(error)
+        return None
+
+    def _hand_on(self, frame: can.Message) -> None:
         if frame.timestamp < FIRST_EPOCH_STAMP:
-            frame.timestamp = now
+            frame.timestamp = self.clock.time()
         if self.follows_log and not frame.is_rx:
             asker = self._askers.get(frame.arbitration_id)
             if asker is not None:

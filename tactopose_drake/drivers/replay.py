@@ -19,6 +19,8 @@ from tactopose_drake.drivers.device_bus import DeviceBus
 from tactopose_drake.drivers.log_frames import log_frames
 from tactopose_drake.errors import EndOfLogError, InvalidFileError
 
+_LEAD = 0.5  # s, of a paced replay
+
 
 def open_log(path: Path, channel: int = 0, *, paced: bool = False) -> DeviceBus:
     """A bus that plays a log, once.
@@ -26,8 +28,10 @@ def open_log(path: Path, channel: int = 0, *, paced: bool = False) -> DeviceBus:
     Args:
         path: of a `.blf` or `.asc` file.
         channel: the bus's number in the log.
-        paced: whether it plays as fast as it was recorded, and in a thread of its own. Otherwise it plays as fast as it
-            is asked to, by `Device.read` or `DeviceBus.run_until`.
+        paced: whether it plays as fast as it was recorded, and in a thread of its own, from half a second after the bus
+            is opened. What a device misses of the beginning it cannot make up for: let all take part by then, or even
+            before (`with sensor, bus:`). Otherwise it plays as fast as it is asked to, by `Device.read` or
+            `DeviceBus.run_until`.
 
     Raises:
         InvalidFileError: if it cannot be read, is no such log, or holds no frame.
@@ -39,14 +43,24 @@ def open_log(path: Path, channel: int = 0, *, paced: bool = False) -> DeviceBus:
         raise InvalidFileError(f"{path}: holds no frame.") from error
     clock = PacedClock(first.timestamp) if paced else VirtualClock(first.timestamp)
     bus = ReplayBus(itertools.chain([first], frames), channel, clock)
-    return DeviceBus(lambda: bus, clock=clock, threaded=paced, follows_log=True)
+
+    def begin() -> ReplayBus:
+        if isinstance(clock, PacedClock):
+            clock.set(first.timestamp - _LEAD)
+        return bus
+
+    return DeviceBus(begin, clock=clock, threaded=paced, follows_log=True)
 
 
 class PacedClock:
     """A clock that runs as fast as the real one, from another time on."""
 
     def __init__(self, start: float) -> None:
-        self._offset = start - time.monotonic()
+        self.set(start)
+
+    def set(self, now: float) -> None:
+        """Makes it this time, s since the epoch."""
+        self._offset = now - time.monotonic()
 
     def time(self) -> float:
         """Seconds since the epoch."""

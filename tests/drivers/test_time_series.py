@@ -1,0 +1,60 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tactopose_drake.drivers.netcanoem import NetCanOemForceTorque
+from tactopose_drake.drivers.simulation.simulated_barrett_hand import HandState
+from tactopose_drake.drivers.simulation.simulated_netcanoem import SimulatedNetCanOem
+from tactopose_drake.drivers.simulation.time_series import load_time_series
+from tactopose_drake.errors import InvalidFileError
+from tests.drivers.rigs import CALIBRATIONS, SLOT, START, WRENCH, WRENCH_TOLERANCE, run, unread, virtual_bus
+
+
+def write(path: Path, rows: np.ndarray) -> Path:
+    np.savetxt(path, rows, delimiter=",", header="time,m_x,m_y,m_z,f_x,f_y,f_z", comments="")
+    return path
+
+
+def test_a_row_holds_until_the_next(tmp_path: Path) -> None:
+    rows = np.arange(21.0).reshape(3, 7)
+    rows[:, 0] = [0.0, 1.0, 3.0]
+    series = load_time_series(write(tmp_path / "wrench.csv", rows), 6, start=10.0)
+    for time, row in ((-5.0, 0), (10.0, 0), (10.999, 0), (11.0, 1), (12.9, 1), (13.0, 2), (99.0, 2)):
+        np.testing.assert_array_equal(series(time), rows[row, 1:])
+
+
+def test_a_board_can_be_fed_from_a_file(tmp_path: Path) -> None:
+    rows = np.array([[0.0, *WRENCH], [0.5, *(-WRENCH)]])
+    series = load_time_series(write(tmp_path / "wrench.csv", rows), 6, start=START)
+    board = SimulatedNetCanOem(series, CALIBRATIONS)
+    with virtual_bus(board) as bus, NetCanOemForceTorque(bus, calibration_slot=SLOT) as sensor:
+        run(bus, 1.0)
+        for sample in unread(sensor):
+            # The load is measured before the answer is sent.
+            if abs(sample.time - START - 0.5) > 0.002:
+                sign = 1.0 if sample.time - START < 0.5 else -1.0
+                assert np.all(np.abs(sample.F_S - sign * WRENCH) < WRENCH_TOLERANCE)
+
+
+def test_a_row_of_a_hand() -> None:
+    state = HandState.from_row(np.arange(106.0))
+    np.testing.assert_array_equal(state.joint_positions, np.arange(7))
+    np.testing.assert_array_equal(state.pressures[3], np.arange(79, 103))
+    np.testing.assert_array_equal(state.fingertip_torques, [103, 104, 105])
+
+
+@pytest.mark.parametrize(
+    "rows",
+    [np.zeros((2, 7)), np.array([[1.0] * 7, [0.0] * 7]), np.zeros((1, 6)), np.full((1, 7), np.nan), np.zeros((0, 7))],
+)
+@pytest.mark.filterwarnings("ignore:loadtxt")
+def test_bad_files_are_one_clear_error(tmp_path: Path, rows: np.ndarray) -> None:
+    path = write(tmp_path / "wrench.csv", rows)
+    with pytest.raises(InvalidFileError, match=r"wrench\.csv"):
+        load_time_series(path, 6)
+
+
+def test_missing_files_are_one_clear_error(tmp_path: Path) -> None:
+    with pytest.raises(InvalidFileError, match="nowhere"):
+        load_time_series(tmp_path / "nowhere.csv", 6)
