@@ -105,7 +105,8 @@ def test_a_finger_in_the_way_bounds_a_slide_on_one_side_only(can: tp.ObjectModel
     stopped = tp.estimate_pose(can, contacts, prior=prior, **{evidence: stop}).best  # type: ignore[arg-type]
     assert stopped.X_PO.translation()[2] < alone.X_PO.translation()[2] - 0.01
     assert len(stopped.free_directions) == len(alone.free_directions) == 2
-    assert math.sqrt(stopped.covariance[5, 5]) > 0.01
+    # The bound's own curvature would say 1 mm.
+    assert math.sqrt(stopped.covariance[5, 5]) > 0.003
 
 
 @pytest.mark.parametrize(
@@ -122,10 +123,10 @@ def test_balance_tells_how_far_a_can_has_slid(can: tp.ObjectModel, method: str) 
     prior = tp.PosePrior(np.column_stack([np.eye(3), [0.0, 0.0, 0.04]]), sigma_translation=0.05)
     slid = tp.estimate_pose(can, contacts, prior=prior, method=method).best
     held = tp.estimate_pose(can, contacts, prior=prior, method=method, balance=gravity, hand=fingertips(contacts)).best
-    assert abs(slid.X_PO.translation()[2]) > 0.02
+    assert math.sqrt(slid.covariance[5, 5]) > 0.015
     assert abs(held.X_PO.translation()[2]) < 0.002
     assert (len(slid.free_directions), len(held.free_directions)) == (2, 1)
-    assert math.sqrt(held.covariance[5, 5]) < 0.01
+    assert math.sqrt(held.covariance[5, 5]) < 0.003
 
 
 def test_status_is_about_the_touch(blob: tp.ObjectModel) -> None:
