@@ -1,0 +1,142 @@
+"""A controller that closes a hand's fingers until each stalls, and then holds."""
+
+import dataclasses
+
+import numpy as np
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import JointActuatorIndex, PdControllerGains
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, EventStatus, LeafSystem
+
+from tactopose_drake.core.grasping.stall_law import close_until_stalled
+from tactopose_drake.core.validation import FloatArray, finite_array, positive_number
+from tactopose_drake.errors import UnknownNameError
+from tactopose_drake.hand import Hand
+from tactopose_drake.systems.grasp_controller import hand_layout
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class GripControllerParams:
+    """How the motors move."""
+
+    fixed: dict[str, float] = dataclasses.field(default_factory=dict)  # joints that do not close: their position, rad
+    closing_speed: float = 1.5  # of the others, rad/s
+    stall_torque: float = 1.0  # of the others, N m
+    stiffness: float = 50.0  # of each motor's position control, N m/rad
+    damping: float = 1.0  # N m s/rad
+    period: float = 0.004  # s
+
+    def validate(self) -> None:
+        """Raises InvalidInputError if a value is out of its range."""
+        for name in ("closing_speed", "stall_torque", "stiffness", "period"):
+            positive_number(f"GripControllerParams.{name}", getattr(self, name))
+        positive_number("GripControllerParams.damping", self.damping, allow_zero=True)
+        for joint, position in self.fixed.items():
+            finite_array(f"GripControllerParams.fixed[{joint}]", position, ())
+
+
+def set_motor_gains(plant: MultibodyPlant, hand: Hand, params: GripControllerParams) -> None:
+    """Gives the hand's motors their position control, which the plant solves together with the contact.
+
+    Args:
+        plant: not finalized yet.
+        hand: the hand in it.
+        params: stiffness and damping.
+    """
+    params.validate()
+    for index in range(plant.num_actuators()):
+        actuator = plant.get_mutable_joint_actuator(JointActuatorIndex(index))
+        if actuator.model_instance() == hand.model_instance:
+            actuator.set_controller_gains(PdControllerGains(p=params.stiffness, d=params.damping))
+
+
+class GripController(LeafSystem):
+    """Closes each finger at a constant speed until its motor stalls; from then on the motor holds its position.
+
+    So do hands with worm drives, like Barrett's. The plant needs `set_motor_gains`.
+
+    .. pydrake_system::
+
+        name: GripController
+        input_ports:
+        - hand_state
+        output_ports:
+        - desired_state
+        - holding
+
+    - hand_state: measured positions and velocities of the hand's joints, shape (nq + nv,), rad and rad/s.
+    - desired_state: of the hand's actuators, positions, then velocities, shape (2 na,), rad and rad/s; for the plant's
+      port of that name. Changes once a period.
+    - holding: shape (1,), 1 once every closing motor has stalled, 0 before.
+    """
+
+    def __init__(self, plant: MultibodyPlant, hand: Hand, params: GripControllerParams | None = None) -> None:
+        """Takes numbers from a finalized plant; keeps no reference to it.
+
+        Args:
+            plant: finalized plant that holds the hand.
+            hand: the hand in it.
+            params: how the motors move.
+
+        Raises:
+            UnknownNameError: if `fixed` names a joint that no motor moves.
+        """
+        super().__init__()
+        self._params = GripControllerParams() if params is None else params
+        self._params.validate()
+        indices = plant.GetJointActuatorIndices(hand.model_instance)
+        joints = [plant.get_joint_actuator(index).joint() for index in indices]
+        names = [joint.name() for joint in joints]
+        for name in self._params.fixed:
+            if name not in names:
+                raise UnknownNameError("GripControllerParams.fixed: joint", name, names)
+        first, _, _ = hand_layout(plant, hand)
+        self._joints = np.array([joint.position_start() - first for joint in joints])
+        self._closing = np.array([name not in self._params.fixed for name in names])
+        start = np.array([self._params.fixed.get(name, 0.0) for name in names])
+
+        nx = plant.num_multibody_states(hand.model_instance)
+        self._state_port = self.DeclareVectorInputPort("hand_state", nx)
+        # Commands, then which motors have stalled; a motor that does not close counts as stalled.
+        state = self.DeclareDiscreteState(np.concatenate([start, ~self._closing]))
+        self.DeclareInitializationDiscreteUpdateEvent(self._start)
+        self.DeclarePeriodicDiscreteUpdateEvent(self._params.period, self._params.period, self._update)
+        ticket = self.discrete_state_ticket(state)
+        for name, size, calc in (
+            ("desired_state", 2 * len(names), self._calc_desired_state),
+            ("holding", 1, self._calc_holding),
+        ):
+            self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc={ticket})
+
+    def _measured(self, context: Context) -> FloatArray:
+        q: FloatArray = self._state_port.Eval(context)[self._joints]
+        return q
+
+    def _start(self, context: Context, state: DiscreteValues) -> EventStatus:
+        commanded, stalled = np.split(context.get_discrete_state_vector().value(), 2)
+        state.get_mutable_vector().SetFromVector(
+            np.concatenate([np.where(self._closing, self._measured(context), commanded), stalled])
+        )
+        return EventStatus.Succeeded()
+
+    def _update(self, context: Context, state: DiscreteValues) -> EventStatus:
+        commanded, stalled = np.split(context.get_discrete_state_vector().value(), 2)
+        params = self._params
+        commanded, now_stalled = close_until_stalled(
+            commanded,
+            self._measured(context),
+            stalled > 0,
+            step=params.closing_speed * params.period,
+            reach=params.stall_torque / params.stiffness,
+        )
+        state.get_mutable_vector().SetFromVector(np.concatenate([commanded, now_stalled]))
+        return EventStatus.Succeeded()
+
+    def _calc_desired_state(self, context: Context, output: BasicVector) -> None:
+        commanded, stalled = np.split(context.get_discrete_state_vector().value(), 2)
+        # Without the velocity, the damping would hold a moving finger back as if it had stalled.
+        velocity = np.where(stalled > 0, 0.0, self._params.closing_speed)
+        output.SetFromVector(np.concatenate([commanded, velocity]))
+
+    def _calc_holding(self, context: Context, output: BasicVector) -> None:
+        _, stalled = np.split(context.get_discrete_state_vector().value(), 2)
+        output.SetFromVector([float(stalled.all())])

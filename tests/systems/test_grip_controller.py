@@ -1,0 +1,104 @@
+import numpy as np
+import pytest
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.multibody.tree import SpatialInertia
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+
+from tactopose_drake.errors import InvalidInputError, UnknownNameError
+from tactopose_drake.hand import Hand, add_hand, load_hand_config, make_hand_plant
+from tactopose_drake.systems.grip_controller import GripController, GripControllerParams, set_motor_gains
+
+SPREAD = {"finger_1_spread_joint": 0.5}
+
+
+class Closing:
+    """The hand without an object, its fingers closing."""
+
+    def __init__(self, params: GripControllerParams, block_at: float | None = None) -> None:
+        builder = DiagramBuilder()
+        self.plant, _ = AddMultibodyPlantSceneGraph(builder, 0.002)
+        # Another model with positions before the hand's: they are found in the plant, not taken for the first.
+        other = self.plant.AddModelInstance("other")
+        self.plant.AddRigidBody("floating", other, SpatialInertia.SolidSphereWithMass(0.1, 0.02))
+        self.hand: Hand = add_hand(self.plant, load_hand_config("barrett_like"), RigidTransform())
+        set_motor_gains(self.plant, self.hand, params)
+        if block_at is not None:
+            joint = self.plant.GetJointByName("finger_3_proximal_joint")
+            joint.set_position_limits([0.0], [block_at])
+        self.plant.Finalize()
+        self.controller = builder.AddNamedSystem("controller", GripController(self.plant, self.hand, params))
+        instance = self.hand.model_instance
+        builder.Connect(self.plant.get_state_output_port(instance), self.controller.GetInputPort("hand_state"))
+        desired = self.plant.get_desired_state_input_port(instance)
+        builder.Connect(self.controller.GetOutputPort("desired_state"), desired)
+        diagram = builder.Build()
+        self.context = diagram.CreateDefaultContext()
+        self.plant_context = self.plant.GetMyMutableContextFromRoot(self.context)
+        self.simulator = Simulator(diagram, self.context)
+
+    def angle(self, joint: str) -> float:
+        return float(self.plant.GetJointByName(joint).get_angle(self.plant_context))
+
+    def holding(self) -> bool:
+        context = self.controller.GetMyContextFromRoot(self.context)
+        return bool(self.controller.GetOutputPort("holding").Eval(context)[0])
+
+
+def test_fingers_close_at_their_speed_and_the_spread_goes_where_it_is_told() -> None:
+    hand = Closing(GripControllerParams(fixed=SPREAD, closing_speed=2.0))
+    hand.simulator.AdvanceTo(0.4)
+    for finger in (1, 2, 3):
+        assert hand.angle(f"finger_{finger}_proximal_joint") == pytest.approx(0.8, abs=0.03)
+        assert hand.angle(f"finger_{finger}_distal_joint") == pytest.approx(0.8 / 3, abs=0.015)
+    assert hand.angle("finger_1_spread_joint") == pytest.approx(0.5, abs=0.01)
+    assert hand.angle("finger_2_spread_joint") == pytest.approx(0.5, abs=0.01)
+    assert not hand.holding()
+
+
+def test_a_blocked_finger_pushes_with_the_stall_torque_and_the_hand_holds_when_all_are_blocked() -> None:
+    hand = Closing(GripControllerParams(fixed=SPREAD, closing_speed=2.0, stall_torque=0.8), block_at=0.3)
+    hand.simulator.AdvanceTo(0.5)
+    assert hand.angle("finger_3_proximal_joint") == pytest.approx(0.3, abs=0.01)
+    index = [
+        hand.plant.get_joint_actuator(i).joint().name()
+        for i in hand.plant.GetJointActuatorIndices(hand.hand.model_instance)
+    ].index("finger_3_proximal_joint")
+    torque = hand.plant.get_net_actuation_output_port(hand.hand.model_instance).Eval(hand.plant_context)[index]
+    assert 0.75 < torque < 1.3
+    assert not hand.holding()
+    hand.simulator.AdvanceTo(1.4)  # the others come to their own limits
+    assert hand.holding()
+
+
+def test_the_commands_start_where_the_hand_is() -> None:
+    hand = Closing(GripControllerParams(fixed=SPREAD))
+    hand.plant.GetJointByName("finger_2_proximal_joint").set_angle(hand.plant_context, 0.9)
+    hand.plant.GetJointByName("finger_2_distal_joint").set_angle(hand.plant_context, 0.3)
+    hand.simulator.Initialize()
+    desired = hand.controller.GetOutputPort("desired_state").Eval(hand.controller.GetMyContextFromRoot(hand.context))
+    np.testing.assert_allclose(desired, [0.5, 0, 0.9, 0, 0, 1.5, 1.5, 1.5])
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"closing_speed": 0.0}, "closing_speed: is 0"),
+        ({"stall_torque": -1.0}, "stall_torque: is -1"),
+        ({"stiffness": np.nan}, "stiffness: is nan"),
+        ({"damping": -0.1}, "damping: is -0.1"),
+        ({"period": 0.0}, "period: is 0"),
+        ({"fixed": {"finger_1_spread_joint": np.inf}}, r"fixed\[finger_1_spread_joint\]: is inf"),
+    ],
+)
+def test_a_bad_parameter_is_named(values: dict[str, object], message: str) -> None:
+    with pytest.raises(InvalidInputError, match=message):
+        GripControllerParams(**values).validate()
+
+
+def test_a_joint_without_a_motor_cannot_be_fixed() -> None:
+    plant, hand = make_hand_plant(load_hand_config("barrett_like"))
+    assert isinstance(plant, MultibodyPlant)
+    with pytest.raises(UnknownNameError, match=r"'finger_2_spread_joint' is unknown; valid names: finger_1_spread"):
+        GripController(plant, hand, GripControllerParams(fixed={"finger_2_spread_joint": 0.1}))
