@@ -7,6 +7,7 @@ same code runs on a bus, on a recorded log and in virtual time. The `DeviceBus` 
 
 import collections
 import dataclasses
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator
 from typing import Generic, Protocol, Self, TypeVar
@@ -124,6 +125,26 @@ class Device(ABC, Generic[Sample]):
         if sample is None:
             raise DeviceTimeoutError(f"{self.name}: gave no sample within {timeout:g} s; its state: {self.status}.")
         return sample
+
+    def observe(self, max_age: float) -> tuple[Sample | None, float, str]:
+        """What is known now, without waiting.
+
+        Args:
+            max_age: of a sample that counts, s.
+
+        Returns:
+            The newest sample (None: there is none, or it is stale), its age in s (infinite before the first), and the
+            sample's status, or else why there is none.
+        """
+        sample = self._newest
+        if sample is None:
+            return None, math.inf, self.status
+        age = self.bus.clock.time() - sample.time
+        # A stamp from the future is no fresher: then two clocks differ, and the age says nothing.
+        if abs(age) > max_age:
+            state = self.status
+            return None, age, f"stale: {age:.2f} s" + ("" if state == sample.status else f"; {state}")
+        return sample, age, sample.status
 
     @property
     def newest(self) -> Sample | None:

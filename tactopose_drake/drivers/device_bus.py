@@ -6,6 +6,7 @@ would need a second thread, and a lock around every send.) Without the thread, w
 work; that is how logs are replayed and how tests run in virtual time.
 """
 
+import contextlib
 import threading
 import time
 from collections.abc import Callable
@@ -87,6 +88,7 @@ class DeviceBus:
         self._failure = ""
         self._bus_off = False
         self._retry_at, self._retries = 0.0, 0
+        self._opened_at = 0.0
 
     @classmethod
     def open(cls, interface: str, channel: str | int, **options: Any) -> Self:
@@ -113,6 +115,7 @@ class DeviceBus:
         self._bus = self._try_to_open()
         if self._bus is None:
             raise BusError(f"bus: {self._failure}")
+        self._opened_at = self.clock.time()
         self._stop.clear()
         if self._threaded:
             self._thread = threading.Thread(target=self._work, name=f"devices on {self._bus}", daemon=True)
@@ -216,6 +219,17 @@ class DeviceBus:
             if self._end is not None:
                 raise self._end
             self.pump(left)
+
+    def keep_up(self, elapsed: float) -> None:
+        """Does the bus's work of the first `elapsed` s since it was opened, unless its thread does it.
+
+        For who has a clock of his own, such as a simulator that replays a log. After the log's end only time goes on.
+        """
+        if self._threaded:
+            return
+        with contextlib.suppress(EndOfLogError):
+            self.run_until(self._opened_at + elapsed)
+        self.clock.sleep(max(0.0, self._opened_at + elapsed - self.clock.time()))
 
     def pump(self, timeout: float) -> None:
         """One turn of the bus's work: waits for a frame, hands it on, lets the devices send what is due.

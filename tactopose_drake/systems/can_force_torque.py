@@ -1,0 +1,59 @@
+"""A force-torque sensor on a CAN bus, or a log of one, where a diagram has a simulated one."""
+
+import numpy as np
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
+
+from tactopose_drake.core.validation import positive_number
+from tactopose_drake.drivers.device import NO_SAMPLE
+from tactopose_drake.drivers.netcanoem import NetCanOemForceTorque
+
+
+class CanForceTorque(LeafSystem):
+    """Gives the newest sample of a force-torque board, and says how old it is.
+
+    The board need not answer when the diagram starts, and may come and go: there is no number meanwhile. Unlike the
+    simulated sensor it does not know the fingertip's weight: what was there when the board was tared is taken off.
+
+    .. pydrake_system::
+
+        name: CanForceTorque
+        output_ports:
+        - wrench
+        - age
+        - status
+
+    - wrench: F_S = [m_x, m_y, m_z, f_x, f_y, f_z] about the origin of the transducer's frame S, in S, N m and N.
+      Changes once a period, first right after t = 0. NaN where there is no valid sample.
+    - age: of the newest sample, valid or not, s, shape (1,); infinite before the first. Changes with `wrench`.
+    - status: str, the status of the sample (`ForceTorqueSample`), or why there is none: "no sample yet", "stale: " and
+      its age, or what is wrong with the board or its bus. Changes with `wrench`.
+    """
+
+    def __init__(self, sensor: NetCanOemForceTorque, period: float = 0.005, max_age: float = 0.05) -> None:
+        """Keeps the driver; who has made it, ends it.
+
+        Args:
+            sensor: the driver. On a bus without a thread, the diagram's time is the time since the bus was opened.
+            period: between two looks at it, s.
+            max_age: of a sample that counts, s.
+        """
+        super().__init__()
+        self._sensor = sensor
+        self._max_age = positive_number("max_age", max_age)
+        self._wrench = self.DeclareDiscreteState(np.full(6, np.nan))
+        self._age = self.DeclareDiscreteState([np.inf])
+        self._status = self.DeclareAbstractState(AbstractValue.Make(NO_SAMPLE))
+        self.DeclarePeriodicUnrestrictedUpdateEvent(positive_number("period", period), 0.0, self._look)
+        self.DeclareStateOutputPort("wrench", self._wrench)
+        self.DeclareStateOutputPort("age", self._age)
+        self.DeclareStateOutputPort("status", self._status)
+
+    def _look(self, context: Context, state: State) -> EventStatus:
+        self._sensor.bus.keep_up(context.get_time())
+        sample, age, status = self._sensor.observe(self._max_age)
+        wrench = np.full(6, np.nan) if sample is None else sample.F_S
+        state.get_mutable_discrete_state(self._wrench).SetFromVector(wrench)
+        state.get_mutable_discrete_state(self._age).SetFromVector([age])
+        state.get_mutable_abstract_state(self._status).set_value(status)
+        return EventStatus.Succeeded()
