@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.searches.base import PriorSpace
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
 from tactopose_drake.programs.pose_program import PoseProgram, cost_and_gradient
 from tests.core.searches.problems import make_blob, make_touch
@@ -34,3 +35,19 @@ def test_bad_parameters_are_named() -> None:
         PoseProgram(solver="gurobi")
     with pytest.raises(InvalidInputError, match="length: is 0"):
         PoseProgram(length=0.0)
+
+
+@pytest.mark.parametrize("solver", ["nlopt_slsqp", "nlopt_ccsaq", "snopt", "ipopt"])
+def test_a_stopped_solver_returns_the_best_that_it_saw(blob: ObjectModel, solver: str) -> None:
+    objective, prior, _ = make_touch(blob, 1, offset_translation=0.02)
+    asked = 0
+
+    def should_stop() -> bool:
+        nonlocal asked
+        asked += 1
+        return asked > 15
+
+    found = PoseProgram(solver=solver).minimize(objective, PriorSpace(prior), np.random.default_rng(0), should_stop)
+    assert found.iterations[0] == 16
+    assert not found.converged[0]
+    assert objective.cost(found.X_PO)[0] == found.cost[0] < objective.cost(prior.X_PO[None])[0]

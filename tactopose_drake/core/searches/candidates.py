@@ -20,7 +20,7 @@ class CandidatePoses:
     """
 
     def __init__(self, objective: LeastSquaresObjective, center: FloatArray, units: FloatArray) -> None:
-        self._objective, self._center, self._units = objective, center, units
+        self._objective, self._center, self._units = objective, np.array(center), units
         self._tried: list[FloatArray] = []
         self._cost: list[float] = []
 
@@ -34,7 +34,7 @@ class CandidatePoses:
 
     def _poses(self, y: FloatArray) -> FloatArray:
         X_PO = np.empty((len(y), 3, 4))
-        kernels.retract(np.broadcast_to(self._center, X_PO.shape), y * self._units, X_PO)
+        kernels.retract(np.repeat(self._center[None], len(y), axis=0), y * self._units, X_PO)
         return X_PO
 
     def try_pose(self, y: FloatArray) -> float:

@@ -175,6 +175,18 @@ def test_poses_that_collide_are_discarded(blob: ObjectModel) -> None:
     np.testing.assert_array_equal(found.X_PO, best.X_PO[:1])
 
 
+def test_the_best_is_kept_wherever_it_came_up(blob: ObjectModel) -> None:
+    objective, prior, _ = make_touch(blob, 3)
+    # Its noise hardly falls: the best comes up long before the last.
+    restless = dataclasses.replace(DESIGN, cooling=0.01)
+    search = MonteCarlo(scale=9.0, correction=restless, polish=STAYING)
+    _, cost = search.evolve(objective, PriorSpace(prior), np.random.default_rng(0))
+    assert cost.argmin() < len(cost) - 30
+    found = search.minimize(objective, PriorSpace(prior), np.random.default_rng(0))
+    assert found.cost[0] == pytest.approx(cost.min())
+    assert len(found.cost) == 31
+
+
 def test_only_the_best_is_polished(blob: ObjectModel) -> None:
     objective, prior, _ = make_touch(blob, 3)
     search = MonteCarlo(scale=9.0, correction=DESIGN, same_rotation=1e-3)
