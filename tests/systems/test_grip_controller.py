@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
-from pydrake.multibody.tree import SpatialInertia
+from pydrake.multibody.tree import RevoluteJoint, SpatialInertia
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
@@ -19,15 +19,16 @@ class Closing:
     def __init__(self, params: GripControllerParams, block_at: float | None = None) -> None:
         builder = DiagramBuilder()
         self.plant, _ = AddMultibodyPlantSceneGraph(builder, 0.002)
-        # Another model with positions before the hand's: they are found in the plant, not taken for the first.
-        other = self.plant.AddModelInstance("other")
-        self.plant.AddRigidBody("floating", other, SpatialInertia.SolidSphereWithMass(0.1, 0.02))
+        # Another joint with a position before the hand's.
+        door = self.plant.AddRigidBody("door", SpatialInertia.SolidSphereWithMass(0.1, 0.02))
+        self.plant.AddJoint(RevoluteJoint("hinge", self.plant.world_frame(), door.body_frame(), [0.0, 0.0, 1.0]))
         self.hand: Hand = add_hand(self.plant, load_hand_config("barrett_like"), RigidTransform())
         set_motor_gains(self.plant, self.hand, params)
         if block_at is not None:
             joint = self.plant.GetJointByName("finger_3_proximal_joint")
             joint.set_position_limits([0.0], [block_at])
         self.plant.Finalize()
+        assert self.plant.GetJointByName("hinge").position_start() == 0
         self.controller = builder.AddNamedSystem("controller", GripController(self.plant, self.hand, params))
         instance = self.hand.model_instance
         builder.Connect(self.plant.get_state_output_port(instance), self.controller.GetInputPort("hand_state"))
