@@ -22,7 +22,7 @@ import platformdirs
 from numpy.typing import NDArray
 
 FOLDER_VARIABLE = "TACTOPOSE_CACHE_DIR"
-FORMAT_VERSION = 2
+FORMAT_VERSION = 5
 """To be raised when the arrays' meaning, or what builds them, changes."""
 
 LARGEST_FOLDER = 4 * 2**30

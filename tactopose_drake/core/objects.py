@@ -24,6 +24,7 @@ from tactopose_drake.core.pair_features import PairFeatures, build_pair_features
 from tactopose_drake.core.poses import compose
 from tactopose_drake.core.signed_distance import DistanceGrid, build_grid
 from tactopose_drake.core.surface_samples import SurfaceSamples, sample_surface
+from tactopose_drake.core.surfels import Surfels, make_surfels, surfel_spacing
 from tactopose_drake.core.symmetry import RotationalSymmetry, symmetry_group
 from tactopose_drake.core.symmetry_detection import TOLERANCE, detect_symmetries
 from tactopose_drake.core.validation import FloatArray, finite_array, positive_number
@@ -92,6 +93,17 @@ class ObjectModel:
     def coarse_field(self) -> CoarseField:
         """The grid in few bytes; made when first needed, in a few milliseconds."""
         return coarsen(self.grid)
+
+    def surfels(self, sigma: float) -> Surfels:
+        """The surface as discs, for points known to sigma, m; made when first needed, in about 0.1 s."""
+        spacing = surfel_spacing(sigma, self.area)
+        if spacing not in self._surfels:
+            self._surfels[spacing] = make_surfels(self.vertices, self.faces, self.area, spacing)
+        return self._surfels[spacing]
+
+    @cached_property
+    def _surfels(self) -> dict[float, Surfels]:
+        return {}
 
     @cached_property
     def symmetry_turns(self) -> FloatArray:

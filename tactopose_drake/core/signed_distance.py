@@ -122,8 +122,9 @@ def build_grid(
             f"max_grid_bytes: is {max_bytes}; allowed are numbers >= {LEAST_NODES * BYTES_PER_NODE}."
         )
     finest = _spacing_for(lower, upper, max_nodes)
+    wall = _wall_thickness(vertices, faces)
     if spacing is None:
-        h = max(finest, min(_spacing_for(lower, upper, DEFAULT_NODES), _wall_thickness(vertices, faces) / WALL_CELLS))
+        h = max(finest, min(_spacing_for(lower, upper, DEFAULT_NODES), wall / WALL_CELLS))
     else:
         h = positive_number("spacing", spacing)
         if h < finest:
@@ -136,7 +137,7 @@ def build_grid(
     nearest = distance_transform.nearest_faces(packed, origin, h, shape)
     winding = _winding(vertices, faces, origin, h, shape)
     values = distance_transform.signed_field(packed, nearest, winding, origin, h)
-    smooth_normals(values, vertices, faces, packed, nearest, origin, h)
+    smooth_normals(values, vertices, faces, packed, nearest, origin, h, wall)
     values.setflags(write=False)
     origin.setflags(write=False)
     return DistanceGrid(values, origin, float(h))

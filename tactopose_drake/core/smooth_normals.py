@@ -23,8 +23,11 @@ from tactopose_drake.core.validation import FloatArray
 CREASE = math.radians(30.0)
 """Faces that meet at a larger angle meet at a crease."""
 
-BLUR = 0.8
-"""Standard deviation of the blur, in cells."""
+BLUR = 0.001
+"""Standard deviation of the blur, m: about that of a contact's position."""
+
+# But no more of a wall's thickness, whose two sides it would mix, and no less in cells.
+_WALL_SHARE, _LEAST_CELLS = 0.25, 0.8
 
 
 def smooth_normals(
@@ -35,6 +38,7 @@ def smooth_normals(
     nearest: NDArray[np.int32],
     origin: FloatArray,
     spacing: float,
+    wall: float,
 ) -> None:
     """Replaces the gradients values[..., 1:4] of a distance field by mean outward normals, of length at most one.
 
@@ -46,20 +50,22 @@ def smooth_normals(
         nearest: the nearest face of each node, shape (nx, ny, nz).
         origin: position of node (0, 0, 0), shape (3,), m.
         spacing: distance between nodes, m.
+        wall: thickness of the object's walls, m.
     """
-    spread_length = _blurred_length(values)
+    blur = max(min(BLUR, _WALL_SHARE * wall) / spacing, _LEAST_CELLS)
+    spread_length = _blurred_length(values, blur)
     corners = corner_normals(vertices, faces, packed[:, 12:15], math.cos(CREASE))
     _interpolate(values, packed, nearest, corners, origin, spacing, math.cos(0.5 * CREASE))
     for axis in range(1, 4):
-        values[..., axis] = gaussian_filter(values[..., axis], BLUR, mode="nearest")
+        values[..., axis] = gaussian_filter(values[..., axis], blur, mode="nearest")
     length = np.sqrt(np.einsum("ijkc,ijkc->ijk", values[..., 1:], values[..., 1:]))
     values[..., 1:] *= (np.minimum(spread_length, length) / np.maximum(length, 1e-6))[..., None]
 
 
-def _blurred_length(values: NDArray[np.float32]) -> NDArray[np.float32]:
+def _blurred_length(values: NDArray[np.float32], blur: float) -> NDArray[np.float32]:
     square = np.zeros(values.shape[:3], dtype=np.float32)
     for axis in range(1, 4):
-        square += gaussian_filter(values[..., axis], BLUR, mode="nearest") ** 2
+        square += gaussian_filter(values[..., axis], blur, mode="nearest") ** 2
     return np.sqrt(square)
 
 

@@ -43,23 +43,32 @@ def sample_surface(vertices: FloatArray, faces: NDArray[np.int32], count: int) -
         faces: vertex indices, shape (f, 3); none of zero area.
         count: number of samples.
     """
+    candidates, candidate_normals, _ = points_along_surface(vertices, faces, count * CANDIDATES_PER_SAMPLE)
+    chosen = _spread(candidates)
+    points, normals = candidates[chosen], candidate_normals[chosen]
+    points.setflags(write=False)
+    normals.setflags(write=False)
+    return SurfaceSamples(points, normals)
+
+
+def points_along_surface(
+    vertices: FloatArray, faces: NDArray[np.int32], count: int
+) -> tuple[FloatArray, FloatArray, float]:
+    """The middles of patches of equal area along the curve.
+
+    Returns:
+        Points (count, 3), m; the unit normals of their faces (count, 3); the area of a patch, m^2.
+    """
     triangles = vertices[faces]
     triangles = triangles[_spatial_order(triangles.mean(axis=1))]
     cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     twice_area = np.linalg.norm(cross, axis=1)
     ends = np.cumsum(twice_area)
-    total = count * CANDIDATES_PER_SAMPLE
-    along = (np.arange(total) + 0.5) * (ends[-1] / total)
+    along = (np.arange(count) + 0.5) * (ends[-1] / count)
     face = np.minimum(np.searchsorted(ends, along, side="right"), len(faces) - 1)
     share = np.clip(1.0 - (ends[face] - along) / twice_area[face], 0.0, 1.0 - 1e-12)
-    weights = _triangle_curve(share)
-    candidates = np.einsum("nc,ncd->nd", weights, triangles[face])
-    chosen = _spread(candidates)
-    normals = cross[face[chosen]] / twice_area[face[chosen], None]
-    points = candidates[chosen]
-    points.setflags(write=False)
-    normals.setflags(write=False)
-    return SurfaceSamples(points, normals)
+    points = np.einsum("nc,ncd->nd", _triangle_curve(share), triangles[face])
+    return points, cross[face] / twice_area[face, None], 0.5 * float(ends[-1]) / count
 
 
 def _spatial_order(points: FloatArray, bits: int = 10) -> NDArray[np.intp]:

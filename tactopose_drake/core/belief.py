@@ -1,0 +1,176 @@
+"""The mass and the spread of each mode, by importance sampling of the exact posterior.
+
+Laplace's approximation takes each mode for a Gaussian by its curvature. Real modes have kinks where a contact passes an
+edge, and bend where a direction is hardly determined: a Gaussian that fits at the middle leaves the valley. Therefore
+each mode is covered by tiles, densities like Laplace's that lie along its floor; samples of their mixture are weighted
+by the exact posterior over the mixture [OZ00]; and a mode's mass and its spread about its pose are its samples'.
+
+Source: [OZ00] A. Owen and Y. Zhou, Safe and effective importance sampling, J. Am. Stat. Assoc. 95, 2000 (deterministic
+mixture weights).
+"""
+
+import dataclasses
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from tactopose_drake.core import kernels
+from tactopose_drake.core.hypotheses import Modes
+from tactopose_drake.core.pose_mixture import PoseMixture, in_chart
+from tactopose_drake.core.poses import increments_between, retract
+from tactopose_drake.core.posterior import Posterior
+from tactopose_drake.core.validation import FloatArray
+
+# Modes that hold less than this share of the mass by Laplace's approximation are taken at its word.
+_WORTH_SAMPLING = 1e-4
+# Tiles reach over so much of that way.
+_TILE = 1.5
+# A step toward the valley's floor is no longer than this share of the object's size.
+_LONGEST_STEP = 0.1
+# The Laplace covariance counts as so many samples: the fewest that determine a covariance of six dimensions.
+_PSEUDO_SAMPLES = 7.0
+
+
+class Moments(NamedTuple):
+    """Of weighted samples, for each of g groups.
+
+    Attributes:
+        worth: how many equally weighted ones they are worth, shape (g,).
+        second: mean product of the increments from the group's pose, shape (g, 6, 6).
+    """
+
+    worth: FloatArray
+    second: FloatArray
+
+
+def weigh_moments(X_group: FloatArray, X_PO: FloatArray, weights: FloatArray) -> Moments:
+    """The moments of samples X_PO (B, 3, 4) by their weights (B, g) about the groups' poses (g, 3, 4)."""
+    mass, squares = weights.sum(axis=0), np.sum(weights**2, axis=0)
+    share = weights / np.where(mass > 0.0, mass, 1.0)
+    second = np.zeros((len(X_group), 6, 6))
+    _add_moments(X_group, X_PO, share, second)
+    return Moments(mass**2 / np.where(squares > 0.0, squares, 1.0), second)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class BeliefSampling:
+    """How the posterior is sampled.
+
+    Attributes:
+        samples: poses that are drawn.
+        tiles: densities that cover the modes, beside one at each.
+        steps: Gauss-Newton steps that bring them to the valley's floor.
+    """
+
+    samples: int = 400
+    tiles: int = 48
+    steps: int = 2
+
+    def weigh(self, modes: Modes, posterior: Posterior, generator: np.random.Generator) -> Modes:
+        """The modes with the mass and covariance that samples of the exact posterior give them."""
+        information = np.linalg.inv(modes.covariance) + posterior.gauge
+        least = np.minimum(posterior.exact_cost(modes.X_PO), modes.cost)
+        laplace = -least - 0.5 * _log_determinant(information, posterior.turn_directions(modes.X_PO))
+        share = np.exp(laplace - laplace.max())
+        share /= share.sum()
+        sampled = np.flatnonzero(share > _WORTH_SAMPLING)
+
+        mixture = self._cover(modes, sampled, share[sampled], information, posterior, generator)
+        X_PO = mixture.sample(generator)
+        densities = mixture.densities(X_PO)
+        density = np.maximum(densities.sum(axis=1), np.finfo(float).tiny)
+        weights = np.exp(least.min() - posterior.exact_cost(X_PO)) / (len(X_PO) * density)
+        weights = weights[:, None] * (densities / density[:, None])
+        mass = weights.sum(axis=0)
+        if not mass.sum() > 0.0:
+            return modes
+        every = np.exp(laplace + least.min()) * (2.0 * np.pi) ** (3.0 - 0.5 * len(posterior.turns[0]))
+        every[sampled] = mass
+        moments = weigh_moments(modes.X_PO[sampled], X_PO, weights)
+        return self._update(modes, sampled, every / every.sum(), moments, posterior)
+
+    def _cover(
+        self,
+        modes: Modes,
+        sampled: NDArray[np.intp],
+        share: FloatArray,
+        information: FloatArray,
+        posterior: Posterior,
+        generator: np.random.Generator,
+    ) -> PoseMixture:
+        """A mixture that covers the sampled modes: one density for a narrow one, tiles along a wide one."""
+        units, widest = posterior.units, 1.0 / (_TILE * posterior.straight) ** 2
+        # The root leaves something for modes that Laplace's approximation underrates.
+        root_share = np.sqrt(share)
+        counts = 1 + np.rint(self.tiles * root_share / root_share.sum()).astype(np.intp)
+        group = np.repeat(np.arange(len(sampled)), counts)
+        is_first = np.diff(group, prepend=-1) > 0
+        root = np.linalg.inv(np.linalg.cholesky(information[sampled]))[group]
+        center = np.einsum("bji,bj->bi", root, generator.normal(size=(len(group), 6)) * ~is_first[:, None])
+        X_mode = modes.X_PO[sampled]
+        X_PO = self._to_the_floor(retract(X_mode[group], center), posterior)
+        center = increments_between(X_mode[group], X_PO)
+        equations = posterior.objective.normal_equations(X_PO)
+        values, vectors = np.linalg.eigh(equations.hessian * np.outer(units, units))
+        values = np.maximum(values, widest)
+        local = np.einsum("bij,bj,bkj->bik", vectors, values, vectors) / np.outer(units, units)
+        local, turns = in_chart(center, local + posterior.gauge, posterior.turn_directions(X_PO))
+        least = np.minimum(posterior.exact_cost(X_PO), equations.cost)
+        weight = np.exp(-0.5 * (least - least.min())) + 1e-3
+        count = np.maximum(1, np.rint(self.samples * weight / weight.sum())).astype(np.intp)
+        return PoseMixture(X_mode, group, center, local, turns, count)
+
+    def _to_the_floor(self, X_PO: FloatArray, posterior: Posterior) -> FloatArray:
+        """Poses (B, 3, 4) moved in the directions that the touch determines well, and in no others."""
+        units = posterior.units
+        for _ in range(self.steps):
+            equations = posterior.likelihood.normal_equations(X_PO)
+            values, vectors = np.linalg.eigh(equations.hessian * np.outer(units, units))
+            along = np.einsum("bij,bi->bj", vectors, equations.gradient * units)
+            is_stiff = values > 1.0 / posterior.straight**2
+            step = -np.einsum("bij,bj->bi", vectors, np.where(is_stiff, along / np.where(is_stiff, values, 1.0), 0.0))
+            length = np.linalg.norm(step, axis=1, keepdims=True)
+            step *= np.minimum(1.0, _LONGEST_STEP * posterior.size / np.maximum(length, 1e-12))
+            X_PO = retract(X_PO, step * units)
+        return X_PO
+
+    def _update(
+        self,
+        modes: Modes,
+        sampled: NDArray[np.intp],
+        probability: FloatArray,
+        moments: Moments,
+        posterior: Posterior,
+    ) -> Modes:
+        covariance = modes.covariance.copy()
+        known = moments.worth > 1.0
+        index = sampled[known]
+        directions = posterior.turn_directions(modes.X_PO[index])
+        spread = moments.second[known] + posterior.turn_variance * directions @ np.swapaxes(directions, 1, 2)
+        # What the next sample of an inverse Wishart distribution is expected to be, with Laplace's covariance as prior.
+        covariance[index] = spread + _PSEUDO_SAMPLES / moments.worth[known][:, None, None] * covariance[index]
+        order = np.argsort(-probability, kind="stable")
+        free = tuple(modes.free_directions[i] for i in order)
+        return Modes(modes.X_PO[order], modes.cost[order], probability[order], covariance[order], free)
+
+
+@njit(cache=True, nogil=True)
+def _add_moments(X_group, X, share, second):  # type: ignore[no-untyped-def]
+    u, identity = np.empty(6), np.eye(3, 4)
+    for b in range(X.shape[0]):
+        for g in range(X_group.shape[0]):
+            if share[b, g] > 1e-12:
+                kernels._increment(X_group[g], X[b], identity, u)
+                for i in range(6):
+                    for j in range(6):
+                        second[g, i, j] += share[b, g] * u[i] * u[j]
+
+
+def _log_determinant(information: FloatArray, turns: FloatArray) -> FloatArray:
+    """Of information matrices (B, 6, 6), over the directions across the turns (B, 6, c)."""
+    logarithm: FloatArray = np.linalg.slogdet(information)[1]
+    if turns.shape[2]:
+        logarithm = logarithm - np.linalg.slogdet(np.swapaxes(turns, 1, 2) @ information @ turns)[1]
+    return logarithm
