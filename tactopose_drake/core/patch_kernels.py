@@ -22,6 +22,8 @@ _FAST = {"contract", "reassoc", "nsz", "arcp"}
 # at creases it may take many, which are not worth their time.
 _LEAST_PROMISE = 1e-6
 _MOST_STEPS = 4
+# A pad that costs more than this after one step is explained by no noise; how far it is off is told well enough.
+_HOPELESS = 30.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -254,7 +256,7 @@ def _settle(  # type: ignore[no-untyped-def]
     H, L, g, step, trial = np.empty((6, 6)), np.empty((6, 6)), np.empty(6), np.empty(6), np.zeros(6)
     u[:] = 0.0
     cost, damping = np.inf, 0.0
-    for _ in range(_MOST_STEPS + 1):
+    for tried in range(_MOST_STEPS + 1):
         _misplace(middle, arms, sigmas, trial, cells, places)
         _look_for_slopes(grid, places, sides, weights, cells, residual, slopes)
         there = 0.0
@@ -287,6 +289,8 @@ def _settle(  # type: ignore[no-untyped-def]
         if promise < _LEAST_PROMISE:
             u[:] = trial
             cost -= promise
+            break
+        if tried > 0 and cost > _HOPELESS:
             break
     return cost
 

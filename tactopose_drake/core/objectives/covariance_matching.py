@@ -48,7 +48,7 @@ class CovarianceMatching(DifferencedObjective):
         patches: Sequence[Patch],
         *,
         thickness: float = 0.002,
-        height: float = 0.005,
+        height: float = 0.003,
         gate: float = 0.03,
         h1: float = 2.0,
         h2: float = 0.1,

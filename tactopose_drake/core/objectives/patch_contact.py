@@ -35,6 +35,7 @@ class PatchCells:
     surface is flat that is exactly the negative log of the likelihood with u integrated out, up to a constant; for an
     inequality it bounds the negative log of the probability that noise explains it (Chernoff). Without u the many cells
     of a pad would outvote the error that they share, and an edge that is off by a millimetre would count once a cell.
+    Where a pad costs more than 30, which no noise explains, u is sought for one step only: the cost is an upper bound.
     """
 
     def __init__(

@@ -90,13 +90,17 @@ def cost_by_the_formula(model: ObjectModel, patch: Patch, X_PO: np.ndarray) -> f
 
 def test_the_cost_is_the_formula(blob: ObjectModel) -> None:
     X_PO, patches = pads_on(blob, 1)
-    poses = retract(X_PO[None], np.random.default_rng(1).normal(size=(8, 6)) * ([0.05] * 3 + [0.002] * 3))
+    poses = retract(X_PO[None], np.random.default_rng(1).normal(size=(6, 6)) * ([0.05] * 3 + [0.003] * 3))
     kinds = np.concatenate([[p.active & ~p.saturated, p.saturated, p.dead, ~p.active & ~p.dead] for p in patches], 1)
     assert np.all(kinds.sum(axis=1) > 0)
     for patch in patches:
         costs = PatchCells(blob.grid, [patch], **NOISE).cost(poses)
-        expected = [cost_by_the_formula(blob, patch, X) for X in poses]
-        np.testing.assert_allclose(costs, expected, rtol=1e-3, atol=2e-3)
+        expected = np.array([cost_by_the_formula(blob, patch, X) for X in poses])
+        plausible = expected < 25.0
+        assert plausible.sum() > 2
+        np.testing.assert_allclose(costs[plausible], expected[plausible], rtol=1e-3, atol=2e-3)
+        # Elsewhere the misplacement is not sought to the end.
+        assert np.all(costs > 0.99 * expected)
     together = PatchCells(blob.grid, patches, **NOISE).cost(poses)
     apart = [PatchCells(blob.grid, [patch], **NOISE).cost(poses) for patch in patches]
     np.testing.assert_allclose(together, np.sum(apart, axis=0), rtol=1e-12)

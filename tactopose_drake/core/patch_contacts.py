@@ -1,0 +1,50 @@
+"""Patches as contacts with normals: what a search proposes poses from, before the cells refine them."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from tactopose_drake.core.contacts import Contacts
+from tactopose_drake.core.patches import Patch
+
+
+def patch_contacts(
+    patches: Sequence[Patch],
+    *,
+    sigma_depth: float = 0.0005,
+    sigma_position: float = 0.0009,
+    sigma_rotation: float = math.radians(5.0),
+    sigma_lean: float = math.radians(30.0),
+) -> Contacts:
+    """One contact for each pad that feels the object: the patch's centroid and the surface's normal there.
+
+    Where the patch is an area the normal is its third eigenvector. The errors sigma_depth of its m cells turn that
+    about the first axis, across which the patch is narrow, by sigma_depth / sqrt(m lambda_2); the pad itself is turned
+    by sigma_rotation. Elsewhere the normal is the pad's, within sigma_lean.
+
+    Args:
+        patches: what the pads feel, in P.
+        sigma_depth: standard deviation of the depth of the surface in a pad, of each cell, m.
+        sigma_position: standard deviation of each coordinate of a pad's place, m.
+        sigma_rotation: standard deviation of a small turn of a pad about each axis, rad.
+        sigma_lean: standard deviation of the turn of a touched surface from the pad about each axis, rad.
+
+    Raises:
+        InvalidInputError: a sigma that is not positive.
+    """
+    felt = [patch for patch in patches if patch.status != "no_contact"]
+    normals, sigmas = np.empty((len(felt), 3)), np.full(len(felt), float(sigma_lean))
+    for i, patch in enumerate(felt):
+        if patch.status == "area":
+            normals[i] = patch.eigenvectors[:, 2]
+            bend = sigma_depth / math.sqrt(np.count_nonzero(patch.active) * patch.eigenvalues[1])
+            sigmas[i] = min(math.hypot(bend, sigma_rotation), sigma_lean)
+        else:
+            normals[i] = -patch.n_PT[patch.active].mean(axis=0)
+    return Contacts(
+        np.array([patch.centroid for patch in felt]).reshape(-1, 3),
+        normals / np.linalg.norm(normals, axis=1, keepdims=True),
+        sigma_position=sigma_position,
+        sigma_normal=sigmas,
+    )
