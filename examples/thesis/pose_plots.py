@@ -73,7 +73,10 @@ def _bars(line: NDArray[np.object_], results: Results, height: Callable[[Runs], 
 
 
 def _histograms(results: Results) -> Figure:
-    """[B16] figure 4.8: initial errors above, final ones below, with five fingers and the thesis' noise."""
+    """[B16] figure 4.8: initial errors above, final ones below, with five fingers and the thesis' noise.
+
+    A last bin that ends at the largest initial error also holds the final errors beyond it.
+    """
     methods = _methods(results)
     rows = [("initial", results.initial)]
     rows += [(f"final, {method}", results.runs[MAIN_CELL, method].errors) for method in methods]
@@ -90,7 +93,7 @@ def _initial_against_final(results: Results) -> Figure:
     """[B16] figure 4.20, which is of the same correction: below the line the error has fallen."""
     methods = _methods(results)
     figure = Figure(figsize=(5 * len(methods), 9), layout="constrained")
-    grid = figure.subplots(2, len(methods), squeeze=False)
+    grid = figure.subplots(2, len(methods), sharex="row", sharey="row", squeeze=False)
     for column, method in zip(grid.T, methods, strict=True):
         final = results.runs[MAIN_CELL, method].errors
         initial = Errors(*(values[: len(final.translation)] for values in results.initial))

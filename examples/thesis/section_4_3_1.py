@@ -6,7 +6,7 @@ Prints a table for each experiment beside the thesis' numbers, and writes it as 
 plots of figures 4.8 to 4.10, 4.12, 4.13 and 4.20. All methods (`pose_experiments.py`) see the same trials, one after
 the other on the same core. The thesis' search is slow: it sees the first trials of each cell, as many as
 `--thesis-trials` says for the correction and for the global estimation, and ours are compared with it on those. A
-hundred trials of each cell take about half a minute for ours, fifteen minutes for the thesis' corrections, and eight
+hundred trials of each cell take about half a minute for ours, a quarter of an hour for the thesis' corrections, and ten
 hours for its global searches.
 
 The grasps are simulated once and kept (`grasp_library.py`; about ten minutes for a hundred of each object). How a
@@ -45,9 +45,11 @@ import tactopose_drake as tp
 COLUMNS = ("trials", "success, %", "found, %", "said, %", "mm", "deg", "ms")
 DIGITS = (0, 0, 0, 0, 1, 1, 1)  # fewer where the number has three before the point
 LEGEND = (
-    "success: the best pose is within 10 mm and 15° of the truth; found: some hypothesis is; said: the probability "
-    "that the hypotheses give to such poses, which a calibrated estimate matches with its successes; mm, deg: mean "
-    "errors of the best pose; ms: median CPU time"
+    "pair_search: tp.estimate_pose as it is called by default; with hand: told the hand's volume, too; monte_carlo: the "
+    "thesis' search of our likelihood; as published: the thesis' search of its own cost. Success: the best pose is "
+    "within 10 mm and 15° of the truth; found: some hypothesis is; said: the probability that the hypotheses give to "
+    "such poses, which a calibrated estimate matches with its successes; mm, deg: mean errors of the best pose; ms: "
+    "median CPU time"
 )
 
 
