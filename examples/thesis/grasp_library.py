@@ -15,6 +15,7 @@ Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping,
 """
 
 import dataclasses
+import hashlib
 import itertools
 import multiprocessing
 import os
@@ -29,7 +30,7 @@ from rich.console import Console
 from rich.progress import track
 
 import tactopose_drake as tp
-from tactopose_drake.core.model_cache import cache_folder, content_key
+from tactopose_drake.core.model_cache import cache_folder
 from tactopose_drake.grasping.grasp_planning import plan_scenario
 from tactopose_drake.grasping.grasp_simulation import GraspResult, run_grasp
 from tactopose_drake.scenario import Scenario, load_scenario
@@ -81,7 +82,7 @@ def make_library(name: str, count: int, folder: Path | None = None) -> list[Simu
 
 def _grasps(name: str, folder: Path) -> Iterator[SimulatedGrasp]:
     """The object's grasps, from the files or simulated."""
-    version = content_key(make_scenario(name).object_mesh().read_bytes())[:8]
+    version = hashlib.blake2b(make_scenario(name).object_mesh().read_bytes(), digest_size=4).hexdigest()
     folder.mkdir(parents=True, exist_ok=True)
     spawn = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(1, mp_context=spawn, max_tasks_per_child=SEEDS_A_PROCESS) as executor:
