@@ -23,10 +23,18 @@ class PatchDescriptorParams:
     """Which cells feel the object."""
 
     threshold: float = 1000.0  # a cell is active above this pressure, Pa; well above the array's noise
+    # ... and above this share of its pad's highest pressure: that much the soft layer may spread onto cells that the
+    # object does not touch.
+    threshold_share: float = 0.15
 
     def validate(self) -> None:
-        """Raises InvalidInputError if the threshold is negative."""
+        """Raises InvalidInputError if the threshold is negative, or the share not below 1."""
         positive_number("PatchDescriptorParams.threshold", self.threshold, allow_zero=True)
+        if not 0 <= self.threshold_share < 1:
+            raise InvalidInputError(
+                f"PatchDescriptorParams.threshold_share: is {self.threshold_share:g}; allowed are numbers from 0 to "
+                "below 1."
+            )
 
 
 @dataclasses.dataclass
@@ -135,7 +143,7 @@ class PatchDescriptor(LeafSystem):
             pressure,
             alpha=self._alpha[name],
             n_PT=pad.layout.n_T @ X_PT.rotation().matrix().T,
-            threshold=self._params.threshold,
+            threshold=max(self._params.threshold, self._params.threshold_share * float(np.nanmax(pressure))),
             saturation=pad.model.range,
         )
 

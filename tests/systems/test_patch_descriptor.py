@@ -60,7 +60,8 @@ def test_each_patch_is_that_of_its_cells_in_the_palm(hand_plant: tuple[Multibody
         layout = load_tactile_pad(config.array).layout
         p_PT = np.array([X_PT @ p for p in layout.p_TC])
         n_PT = np.array([X_PT.rotation() @ n for n in layout.n_T])
-        expected = describe_patch(p_PT, pressures[name], alpha=config.alpha, n_PT=n_PT, threshold=1000.0)
+        threshold = 0.15 * pressures[name].max()
+        expected = describe_patch(p_PT, pressures[name], alpha=config.alpha, n_PT=n_PT, threshold=threshold)
         np.testing.assert_allclose(patch.p_PT, p_PT, atol=1e-12)
         np.testing.assert_allclose(patch.covariance, expected.covariance, atol=1e-15)
         np.testing.assert_allclose(patch.centroid, expected.centroid, atol=1e-12)
@@ -104,9 +105,20 @@ def test_untouched_pads_and_dead_cells_are_said_and_unconnected_pads_are_none(
     assert system.GetOutputPort("status").Eval(context) == "; ".join(f"{name}: no reading" for name in PADS[:3])
 
 
+def test_what_the_soft_layer_spreads_is_no_contact(hand_plant: tuple[MultibodyPlant, Hand]) -> None:
+    pressure = np.zeros(24)
+    pressure[[6, 7, 8]], pressure[[3, 4, 5, 9, 10, 11]] = 5e4, 6e3
+    system, context = fixed(hand_plant, np.zeros(8), {"finger_1": pressure})
+    (patch,) = patches_of(system, context)
+    np.testing.assert_array_equal(np.flatnonzero(patch.active), [6, 7, 8])
+    assert patch.threshold == pytest.approx(7.5e3)
+
+
 def test_impossible_descriptors_are_refused(hand_plant: tuple[MultibodyPlant, Hand]) -> None:
     with pytest.raises(InvalidInputError, match="threshold: is -1"):
         PatchDescriptor(*hand_plant, PatchDescriptorParams(threshold=-1))
+    with pytest.raises(InvalidInputError, match="threshold_share: is 1;"):
+        PatchDescriptor(*hand_plant, PatchDescriptorParams(threshold_share=1.0))
     with pytest.raises(InvalidInputError, match=r"threshold: is 1e\+06 Pa; allowed on pad 'finger_1' are .* 159961 Pa"):
         PatchDescriptor(*hand_plant, PatchDescriptorParams(threshold=1e6))
     with pytest.raises(InvalidInputError, match="hand: has no tactile pads"):
