@@ -38,9 +38,11 @@ class PairSearch:
         fewest: where fewer come, as many random poses as `candidates` join them.
         starts: so many are left after the first steps.
         kept: so many are refined to convergence.
-        near_prior: the refinement where there is a prior.
-        polished: so many of those, the best, are refined until they hardly move.
-        first, second, last, polish: the refinement where there is none.
+        near_choice, near_candidates: the same where there is a prior.
+        near_prior: the refinement there.
+        polished, near_polished: so many of the best are refined until they hardly move.
+        first, second, last: the refinement where there is no prior.
+        polish: that of the best in either case.
     """
 
     model: ObjectModel
@@ -51,9 +53,10 @@ class PairSearch:
     starts: int = 150
     kept: int = 60
     polished: int = 6
-    near_choice: PairChoice = dataclasses.field(default_factory=lambda: PairChoice(contacts=4, pairs=3, poses=3000))
+    near_choice: PairChoice = dataclasses.field(default_factory=lambda: PairChoice(contacts=5, pairs=5, poses=8000))
     near_candidates: int = 100
-    near_prior: MultiStart = dataclasses.field(default_factory=lambda: MultiStart(samples=200))
+    near_prior: MultiStart = dataclasses.field(default_factory=lambda: MultiStart(samples=150, kept=16))
+    near_polished: int = 3
     first: LevenbergMarquardt = dataclasses.field(
         default_factory=lambda: LevenbergMarquardt(max_iterations=1, initial_damping=1e-2)
     )
@@ -78,7 +81,10 @@ class PairSearch:
         if space.reach[0] < np.pi:
             samples = space.sample(generator, self.near_prior.samples - 1)
             near = self.propose(self.near_choice, self.near_candidates, space, generator)
-            return self.near_prior.refine(objective, np.concatenate([space.center[None], samples, near]), should_stop)
+            starts = np.concatenate([space.center[None], samples, near])
+            found = self.near_prior.refine(objective, starts, should_stop)
+            polished = self.polish.refine(objective, self._distinct(found, self.near_polished), should_stop)
+            return join_results(found, polished).ranked()
         X_PO = self.propose(self.choice, self.candidates, space, generator)
         if len(X_PO) < self.fewest:
             X_PO = np.concatenate([X_PO, space.sample(generator, self.candidates)])
