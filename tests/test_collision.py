@@ -157,9 +157,7 @@ def random_poses() -> np.ndarray:
 Q = np.full(24, 0.4)
 
 
-@pytest.mark.parametrize(
-    "geometry", [CAPSULE, "<box><size>0.03 0.02 0.04</size></box>", "<sphere><radius>0.011</radius></sphere>"]
-)
+@pytest.mark.parametrize("geometry", [CAPSULE, "<box><size>0.03 0.02 0.04</size></box>"])
 def test_a_shape_anywhere_about_a_mug_agrees_with_brute_force(tmp_path: Path, mug: ObjectModel, geometry: str) -> None:
     hand = write_hand(tmp_path, geometry)
     generator = np.random.default_rng(1)
@@ -175,8 +173,8 @@ def test_a_shape_anywhere_about_a_mug_agrees_with_brute_force(tmp_path: Path, mu
 def test_a_mug_in_a_whole_hand_agrees_with_brute_force(
     shadow: HandConfig, mug: ObjectModel, of_the_mug: HandCollision, random_poses: np.ndarray
 ) -> None:
-    found = of_the_mug.check(Q, random_poses[:6])
-    sampled, sampled_by_link = brute_force(shadow, mug, Q, random_poses[:6])
+    found = of_the_mug.check(Q, random_poses[:5])
+    sampled, sampled_by_link = brute_force(shadow, mug, Q, random_poses[:5])
     assert_agree(found.depth, sampled)
     for depth, link, by_link in zip(sampled, found.link, sampled_by_link, strict=True):
         assert link is None if depth == 0.0 else by_link[link] >= depth - 2e-3
@@ -286,8 +284,8 @@ def brute_force(
         for geometry in inspector.GetGeometries(plant.GetBodyFrameIdOrThrow(body.index()), Role.kProximity):
             shapes.append((body.name(), X_PB @ inspector.GetPoseInFrame(geometry), inspector.GetShape(geometry)))
     mesh = trimesh.Trimesh(model.vertices, model.faces, process=False)
-    points = trimesh.sample.sample_surface_even(mesh, 80000, seed=0)[0]
-    within = np.random.default_rng(1).uniform(mesh.bounds[0], mesh.bounds[1], (120000, 3))
+    points = trimesh.sample.sample_surface_even(mesh, 60000, seed=0)[0]
+    within = np.random.default_rng(1).uniform(mesh.bounds[0], mesh.bounds[1], (80000, 3))
     points = np.concatenate([points, within[model.grid.distance(within) < 0]])
     by_link: list[dict[str, float]] = []
     for X in X_PO:
