@@ -17,13 +17,14 @@ from tactopose_drake.core.patches import Patch
 from tactopose_drake.core.validation import FloatArray, positive_number
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand import Hand, add_hand, load_hand_config, make_hand_plant, make_parser
-from tactopose_drake.resources import model_path
+from tactopose_drake.resources import model_path, resource_root
 from tactopose_drake.systems.grip_controller import GripController, GripControllerParams, set_motor_gains
 from tactopose_drake.systems.patch_descriptor import PatchDescriptor, PatchDescriptorParams
 from tactopose_drake.systems.patch_display import PatchDisplay
 from tactopose_drake.systems.random_sources import seed_random_sources
 from tactopose_drake.systems.tactile_array import TactileArray
 from tactopose_drake.tactile_pads import load_tactile_pad
+from tactopose_drake.typed_yaml import load_typed_yaml
 
 
 def _default_plant() -> MultibodyPlantConfig:
@@ -35,7 +36,7 @@ class PadGrip:
     """A grip as data; only data."""
 
     hand: str = "barrett_like"  # a hand of the package by name, or a *.hand.yaml by path; it needs pads
-    object: str = "soda_can"  # an object of the package
+    object: str = "soda_can"  # an object of the package by name, or an SDF by path
     X_PO: Transform = dataclasses.field(default_factory=Transform)  # where the object is held while the fingers close
     X_WBase: Transform = dataclasses.field(default_factory=Transform)  # where the hand is; by default palm up
     seed: int = 0  # of the arrays' noise
@@ -56,11 +57,26 @@ class PadGrip:
         self.descriptor.validate()
         if not self.object_sdf().is_file():
             known = ", ".join(sorted(shipped.stem for shipped in model_path("objects").glob("*.sdf")))
-            raise InvalidInputError(f"PadGrip.object: is {self.object!r}; the package's objects are {known}.")
+            raise InvalidInputError(
+                f"PadGrip.object: {self.object_sdf()} does not exist; the package's objects are {known}."
+            )
 
     def object_sdf(self) -> Path:
         """The object's model for the simulator."""
-        return model_path("objects", f"{self.object}.sdf")
+        return Path(self.object) if Path(self.object).suffix else model_path("objects", f"{self.object}.sdf")
+
+
+def load_pad_grip(name_or_path: str | Path) -> PadGrip:
+    """Reads a `*.pad_grip.yaml`: one of the package's diagrams by name, or any file by path.
+
+    Raises:
+        InvalidFileError: if the file cannot be read or does not fit `PadGrip`.
+        InvalidInputError: if a value is out of its range.
+    """
+    shipped = resource_root() / "diagrams" / f"{name_or_path}.pad_grip.yaml"
+    grip = load_typed_yaml(PadGrip, shipped if shipped.is_file() else Path(name_or_path))
+    grip.validate()
+    return grip
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -1,19 +1,18 @@
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
-from pydrake.common.schema import Rotation, Transform
+from pydrake.common.schema import Transform
 from pydrake.geometry import Meshcat
 
-from tactopose_drake.errors import InvalidInputError
-from tactopose_drake.grasping.pad_grip import PadGrip, PadGripResult, simulate_pad_grip
+from tactopose_drake.errors import InvalidFileError, InvalidInputError
+from tactopose_drake.grasping.pad_grip import PadGrip, PadGripResult, load_pad_grip, simulate_pad_grip
 from tactopose_drake.systems.grip_controller import GripControllerParams
 
 RADIUS = 0.0331  # of the can, m
-# On its side on the palm, its axis along x of P.
-CAN = PadGrip(
-    object="soda_can",
-    X_PO=Transform(translation=[-0.057, 0.0, 0.1101], rotation=Rotation(value=Rotation.Rpy(deg=[0.0, 90.0, 0.0]))),
+CAN = dataclasses.replace(
+    load_pad_grip("barrett_like"),  # a can on its side on the palm, its axis along x of P
     hold_time=0.3,
     controller=GripControllerParams(fixed={"finger_1_spread_joint": 0.0}, closing_speed=2.5),
 )
@@ -63,7 +62,7 @@ def test_what_is_not_caught_is_said_to_have_slipped() -> None:
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"object": "sodacan"}, "object: is 'sodacan'; the package's objects are .*soda_can"),
+        ({"object": "sodacan"}, "object: .*sodacan.sdf does not exist; the package's objects are .*soda_can"),
         ({"hold_time": 0.0}, "hold_time: is 0"),
         ({"seed": -1}, "seed: is -1"),
         ({"controller": GripControllerParams(period=-1)}, "period: is -1"),
@@ -77,3 +76,24 @@ def test_an_impossible_grip_is_refused(values: dict[str, object], message: str) 
 def test_a_hand_without_pads_is_refused() -> None:
     with pytest.raises(InvalidInputError, match="has no tactile pads"):
         simulate_pad_grip(dataclasses.replace(CAN, hand="shadow_like", controller=GripControllerParams()))
+
+
+def test_the_shipped_file_states_the_defaults_that_it_repeats() -> None:
+    shipped, default = load_pad_grip("barrett_like"), PadGrip()
+    for name in ("hand", "object", "seed", "hold_time", "descriptor"):
+        assert getattr(shipped, name) == getattr(default, name)
+    assert shipped.controller == dataclasses.replace(default.controller, fixed={"finger_1_spread_joint": 0.0})
+
+
+@pytest.mark.parametrize(
+    ("text", "error", "message"),
+    [
+        ("objct: mug", InvalidFileError, r"grip\.yaml: .*objct"),
+        ("object: mugg", InvalidInputError, "object: .*mugg.sdf does not exist"),
+    ],
+)
+def test_an_unusable_file_is_refused(tmp_path: Path, text: str, error: type[Exception], message: str) -> None:
+    path = tmp_path / "grip.yaml"
+    path.write_text(text)
+    with pytest.raises(error, match=message):
+        load_pad_grip(path)
