@@ -3,7 +3,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tactopose_drake.core.surfaces import Capsule
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
+from tactopose_drake.hand import load_hand_config
 from tactopose_drake.resources import model_path
 from tactopose_drake.tactile_pads import load_tactile_pad
 
@@ -67,3 +69,18 @@ def test_an_impossible_value_is_named_with_its_file(tmp_path: Path, text: str, m
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(InvalidFileError, match=r"none\.yaml"):
         load_tactile_pad(tmp_path / "none.yaml")
+
+
+def test_the_fine_array_lies_on_the_shadow_like_hands_fingertips() -> None:
+    layout = load_tactile_pad("fingertip_1mm").layout
+    for finger in load_hand_config("shadow_like").fingers:
+        tip = finger.surface.make()
+        assert isinstance(tip, Capsule)
+        p_FC = (layout.corners.reshape(-1, 3) - tip.X_SF[:, 3]) @ tip.X_SF[:, :3]
+        p_FC[:, 2] -= np.clip(p_FC[:, 2], -0.5 * tip.length, 0.5 * tip.length)
+        np.testing.assert_allclose(np.linalg.norm(p_FC, axis=1), tip.radius, rtol=1e-9)
+
+
+def test_the_barrett_like_hands_pads_are_these_arrays() -> None:
+    pads = {pad.name: pad.array for pad in load_hand_config("barrett_like").pads}
+    assert pads == dict.fromkeys(("finger_1", "finger_2", "finger_3"), "bh280_finger") | {"palm": "bh280_palm"}
