@@ -21,7 +21,9 @@ from pydrake.systems.framework import DiagramBuilder
 from tactopose_drake.core.tactile_array import TactileModel
 from tactopose_drake.core.tactile_layout import TactileLayout
 from tactopose_drake.core.tactile_patterns import CellRow, RowPattern
+from tactopose_drake.errors import InvalidInputError, UnknownNameError
 from tactopose_drake.hand import Hand, add_hand, load_hand_config, make_hand_plant
+from tactopose_drake.measured_joints import joint_matrix
 from tactopose_drake.resources import model_path
 from tactopose_drake.systems.tactile_array import TactileArray
 from tactopose_drake.tactile_pads import TactilePad, load_tactile_pad
@@ -100,6 +102,32 @@ def test_the_fingers_stand_where_the_published_kinematics_put_them(
         out_of_pad = -np.sin(second) * outwards + [0, 0, np.cos(second)]
         np.testing.assert_allclose(X_PT.rotation().matrix()[:, 0], along, atol=1e-8)
         np.testing.assert_allclose(-X_PT.rotation().matrix()[:, 1], out_of_pad, atol=1e-8)
+
+
+def test_measured_joints_become_the_plants_positions(hand_plant: tuple[MultibodyPlant, Hand]) -> None:
+    plant, hand = hand_plant
+    inner, outer = ([f"finger_{i}_{part}_joint" for i in (1, 2, 3)] for part in ("proximal", "distal"))
+    seven = [*inner, *outer, "finger_1_spread_joint"]  # the order in which the real hand's driver gives them
+    values = np.array([0.5, 0.6, 0.7, 0.25, 0.3, 0.35, 0.9])
+    q = joint_matrix(plant, hand, seven) @ values
+    for name, value in zip([*seven, "finger_2_spread_joint"], [*values, 0.9], strict=True):
+        assert q[plant.GetJointByName(name).position_start()] == value
+    # Without the outer joints, they follow the inner ones.
+    q = joint_matrix(plant, hand, [*inner, "finger_1_spread_joint"]) @ values[[0, 1, 2, 6]]
+    for i in (1, 2, 3):
+        measured, follows = (
+            plant.GetJointByName(f"finger_{i}_{k}_joint").position_start() for k in ("proximal", "distal")
+        )
+        assert q[follows] == pytest.approx(q[measured] / 3)
+
+
+def test_measured_joints_must_tell_every_position(hand_plant: tuple[MultibodyPlant, Hand]) -> None:
+    with pytest.raises(UnknownNameError, match="'F1_inner' is unknown; valid names: finger_1_distal_joint"):
+        joint_matrix(*hand_plant, ["F1_inner"])
+    with pytest.raises(InvalidInputError, match="lacks 'finger_1_spread_joint'"):
+        joint_matrix(*hand_plant, [f"finger_{i}_proximal_joint" for i in (1, 2, 3)])
+    with pytest.raises(InvalidInputError, match="allowed are different joints"):
+        joint_matrix(*hand_plant, ["finger_1_spread_joint"] * 2)
 
 
 def test_the_cells_lie_on_the_pads_faces(generator: dict[str, Any]) -> None:
