@@ -178,12 +178,11 @@ class BarrettHand(Device[HandSample]):
         questions = [_get(HAND_GROUP, name) for name in (Property.POSITION, Property.STRAIN, Property.TACTILE)]
         missed: collections.Counter[Answer] = collections.Counter()
         joint_encoders: set[Puck] = set()
-        search_at = self._now + _SEARCH_PERIOD
+        ask_at, search_at = self._now, self._now + _SEARCH_PERIOD
         while True:
-            asked_at = self._now
             awaited = {answer for answer in expected if missed[answer] < _ABSENT_AFTER}
-            if asked_at >= search_at:
-                search_at = asked_at + _SEARCH_PERIOD
+            if self._now >= search_at:
+                search_at = self._now + _SEARCH_PERIOD
                 if (yield from self._search(expected, expected - awaited)):
                     return
             cycle = HandCycle(expected, awaited, self._polynomials, joint_encoders)
@@ -197,7 +196,8 @@ class BarrettHand(Device[HandSample]):
             while self._commands:
                 command, wait = self._commands.popleft()
                 yield Exchange((command,), _ignore, wait)
-            yield Pause(max(0.0, asked_at + self._period - self._now))
+            ask_at = max(ask_at + self._period, self._now)
+            yield Pause(ask_at - self._now)
 
     def _search(self, expected: set[Answer], lost: set[Answer]) -> Generator[Exchange | Pause, bool, bool]:
         """Looks for the pucks that keep silent; whether one of them is back."""

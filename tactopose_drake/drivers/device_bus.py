@@ -115,6 +115,7 @@ class DeviceBus:
         self._bus = self._try_to_open()
         if self._bus is None:
             raise BusError(f"bus: {self._failure}")
+        self._end = None
         self._opened_at = self.clock.time()
         self._stop.clear()
         if self._threaded:
@@ -345,7 +346,8 @@ class DeviceBus:
         self._failure = f"failed ({error})."
         self._retry_at, self._retries = self.clock.time() + _BACKOFF[0], 0
         if bus is not None:
-            bus.shutdown()
+            with contextlib.suppress(can.CanError, OSError):
+                bus.shutdown()
 
     def _reopen(self, timeout: float) -> None:
         wait = self._retry_at - self.clock.time()

@@ -180,10 +180,12 @@ class NetCanOemForceTorque(Device[ForceTorqueSample]):
             )
         self.calibration = BoardCalibration(matrix, *counts, *units)
         to_wrench = self.calibration.wrench_matrix()
+        ask_at = self._now
         while True:
-            asked_at = self._now
             yield from self._sample(to_wrench)
-            yield Pause(max(0.0, asked_at + self._period - self._now))
+            # From when it was due, not from when it was: else each delay would lower the rate.
+            ask_at = max(ask_at + self._period, self._now)
+            yield Pause(ask_at - self._now)
 
     def _activate(self, echoed: bool) -> Conversation:
         frame = data_frame(protocol.identifier(self._base, Opcode.CALIBRATION), protocol.encode_calibration(self._slot))

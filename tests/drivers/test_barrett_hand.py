@@ -3,10 +3,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tactopose_drake.drivers import barrett_protocol as protocol
 from tactopose_drake.drivers.barrett_cycle import HandSample
 from tactopose_drake.drivers.barrett_hand import BarrettHand
-from tactopose_drake.drivers.barrett_protocol import INITIALIZE, Property, Puck, PuckStatus, TactileMode
+from tactopose_drake.drivers.barrett_protocol import INITIALIZE, Property, Puck, PuckStatus, ReplyGroup, TactileMode
 from tactopose_drake.drivers.barrett_tactile import PASCALS_PER_RAW
+from tactopose_drake.drivers.frames import data_frame
 from tactopose_drake.drivers.netcanoem import NetCanOemForceTorque
 from tactopose_drake.drivers.simulation import faults
 from tactopose_drake.drivers.simulation.simulated_barrett_hand import HandState, SimulatedBarrettHand
@@ -155,6 +157,35 @@ def test_strain_gauges_have_their_own_calibrations() -> None:
 def test_arguments_out_of_range_are_refused(arguments: dict) -> None:
     with virtual_bus() as bus, pytest.raises(InvalidInputError, match=next(iter(arguments))):
         BarrettHand(bus, **arguments)
+
+
+def test_an_answer_that_is_contradicted_in_its_round_is_taken_back() -> None:
+    simulated = make_hand()
+
+    def contradict(_, replies):
+        beyond = protocol.encode_position(1_000_000, 0)
+        identifier = protocol.reply_identifier(Puck.F1, ReplyGroup.POSITION)
+        noise = [faults.Reply(reply.delay, data_frame(identifier, beyond)) for reply in replies]
+        return [part for pair in zip(replies, noise, strict=True) for part in pair]
+
+    with virtual_bus(simulated) as bus, BarrettHand(bus) as hand:
+        assert is_whole(hand.read())
+        simulated.faults = [contradict]
+        sample = hand.read()
+        assert sample.status == "F1: motor position: is 1000000 counts; allowed are -219000 to 219000."
+        np.testing.assert_array_equal(np.isnan(sample.joint_positions), np.isin(range(7), [0, 3]))
+        assert has_no_wrong_number(sample)
+
+
+def test_a_position_that_was_cut_to_the_motors_part_is_refused() -> None:
+    simulated = make_hand()
+    with virtual_bus(simulated) as bus, BarrettHand(bus) as hand:
+        assert is_whole(hand.read())
+        simulated.faults = [faults.wrong_length(3)]
+        sample = hand.read()
+        assert "F1: position: lacks the joint's encoder" in sample.status
+        assert np.isnan(sample.joint_positions[:6]).all()
+        assert has_no_wrong_number(sample)
 
 
 def test_a_finger_that_keeps_silent_is_named_and_the_others_go_on() -> None:

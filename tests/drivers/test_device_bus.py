@@ -176,6 +176,18 @@ def test_frames_take_their_time_on_the_wire() -> None:
     assert bits_of(data_frame(1, bytes(8))) == 135
 
 
+def test_the_thread_ends_before_the_bus_is_shut_down() -> None:
+    with DeviceBus.open("virtual", "closing") as bus:
+        thread, inner = bus._thread, bus._bus
+        order = []
+        shutdown = inner.shutdown
+        inner.shutdown = lambda: (order.append(thread.is_alive()), shutdown())
+        assert thread.is_alive()
+    assert order == [False]
+    with pytest.raises(can.CanOperationError, match="closed"):
+        inner.recv(0)
+
+
 def test_no_frame_of_a_burst_is_lost() -> None:
     received = []
     with DeviceBus(lambda: can.Bus(interface="virtual", channel="burst"), threaded=False) as bus:

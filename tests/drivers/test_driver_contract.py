@@ -79,6 +79,7 @@ class DriverContract:
         unread(sensor)
         with pytest.raises(BusError, match="closed"):
             sensor.read(0.1)
+        assert "closed" in sensor.status
         assert set(threading.enumerate()) == threads
         assert open_files() == files
 

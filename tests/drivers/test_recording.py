@@ -7,13 +7,14 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from tactopose_drake.drivers.barrett_hand import BarrettHand
+from tactopose_drake.drivers.frames import data_frame
 from tactopose_drake.drivers.log_frames import log_frames
 from tactopose_drake.drivers.netcanoem import NetCanOemForceTorque
 from tactopose_drake.drivers.recording import CanRecorder
 from tactopose_drake.drivers.replay import open_log
 from tactopose_drake.drivers.simulation import faults
 from tactopose_drake.errors import EndOfLogError, InvalidFileError, InvalidInputError
-from tests.drivers.rigs import SLOT, make_board, make_hand, run, unread, virtual_bus
+from tests.drivers.rigs import SLOT, START, make_board, make_hand, run, unread, virtual_bus
 
 BOTH = pytest.mark.parametrize("suffix", [".blf", ".asc"])
 
@@ -77,6 +78,31 @@ def test_a_log_that_was_cut_off_plays_to_its_last_whole_frame(tmp_path: Path, su
     assert [content(frame) for frame in left] == [content(frame) for frame in frames[: len(left)]]
     assert f"is cut off or damaged after {len(left)} whole frames" in end
     assert len(left) > 0.9 * share * len(frames) - 200
+
+
+def test_a_text_log_loses_its_last_line_wherever_that_is_cut_off(tmp_path: Path) -> None:
+    whole, cut = tmp_path / "whole.asc", tmp_path / "cut.asc"
+    record(whole, 0.1)
+    frames, _ = frames_of(whole)
+    data = whole.read_bytes().removesuffix(b"End TriggerBlock\n")
+    last_line = data[:-1].rindex(b"\n") + 1
+    for end in range(last_line, len(data)):
+        cut.write_bytes(data[:end])
+        left, message = frames_of(cut)
+        assert len(left) == len(frames) - 1
+        assert "cut off" in message
+
+
+@BOTH
+def test_frames_before_the_first_get_its_time(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"log{suffix}"
+    with CanRecorder(path) as recorder:
+        for offset in (0.0, -0.5, 0.25):
+            frame = data_frame(1, b"x")
+            frame.timestamp = START + offset
+            recorder.write(frame, 0)
+    frames, _ = frames_of(path)
+    np.testing.assert_allclose([frame.timestamp - START for frame in frames], [0.0, 0.0, 0.25], atol=1e-6)
 
 
 def test_a_recorder_that_never_finished_leaves_a_log(tmp_path: Path) -> None:
