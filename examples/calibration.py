@@ -48,7 +48,9 @@ OBJECTS = (
 )
 LEVELS = np.array([0.2, 0.4, 0.6, 0.8, 0.9, 0.95, 0.99])
 LEVEL = 0.95
-UNIQUE = 0.99  # A pose is unique when its hypothesis carries more of the mass, and leaves nothing free.
+UNIQUE = (
+    0.99  # A pose is unique when its hypothesis carries more of the mass, and nothing is free there or at the truth.
+)
 DRAWS = 20  # Truths drawn from each belief.
 
 Array = NDArray[np.float64]
@@ -144,7 +146,7 @@ def run_trial(model: tp.ObjectModel, seed: int, arguments: argparse.Namespace, h
         promised=float(region_holds(model, estimate, draw(model, estimate, generator), [LEVEL]).mean()),
         probability=best.probability,
         cost=best.cost,
-        unique=best.probability > UNIQUE and not len(best.free_directions),
+        unique=best.probability > UNIQUE and not len(best.free_directions) and not len(bound.free_directions),
         mahalanobis=float(error @ information @ error),
         translation=float(np.linalg.norm(error[3:])),
         rotation=float(np.linalg.norm(error[:3])),
@@ -212,9 +214,10 @@ def save_figure(runs: dict[str, list[Trial]], path: Path) -> None:
         share = np.mean([trial.held for trial in trials], axis=0)
         error = 1.96 * np.sqrt(share * (1 - share) / len(trials))
         row[0].plot([0, 1], [0, 1], color="0.7", label="as said")
-        row[0].errorbar(LEVELS, share, yerr=error, fmt="o-", capsize=3, label=f"{title}, with 95 % intervals")
+        row[0].errorbar(LEVELS, share, yerr=error, fmt="o-", capsize=3, label="found, with 95 % intervals")
         row[0].set(xlabel="mass of the set, and level of its ellipsoids", ylabel="share of trials that hold the truth")
-        row[0].legend(loc="upper left")
+        row[0].set_title(title)
+        row[0].legend(loc="lower right")
 
         squares = [trial.mahalanobis for trial in trials if trial.unique]
         grid = np.linspace(0, 30, 121)

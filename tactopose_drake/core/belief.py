@@ -25,6 +25,8 @@ from tactopose_drake.core.validation import FloatArray
 
 # Modes that hold less than this share of the mass by Laplace's approximation are taken at its word.
 _WORTH_SAMPLING = 1e-4
+# Tiles are laid out over Laplace's Gaussian, so much wider, lest the ends of a valley lie bare.
+_WIDER = 1.25
 # Tiles reach over so much of that way.
 _TILE = 1.5
 # A step toward the valley's floor is no longer than this share of the object's size.
@@ -66,7 +68,7 @@ class BeliefSampling:
 
     samples: int = 400
     tiles: int = 48
-    steps: int = 2
+    steps: int = 3
 
     def weigh(self, modes: Modes, posterior: Posterior, generator: np.random.Generator) -> Modes:
         """The modes with the mass and covariance that samples of the exact posterior give them."""
@@ -108,7 +110,8 @@ class BeliefSampling:
         group = np.repeat(np.arange(len(sampled)), counts)
         is_first = np.diff(group, prepend=-1) > 0
         root = np.linalg.inv(np.linalg.cholesky(information[sampled]))[group]
-        center = np.einsum("bji,bj->bi", root, generator.normal(size=(len(group), 6)) * ~is_first[:, None])
+        normal = _WIDER * generator.normal(size=(len(group), 6)) * ~is_first[:, None]
+        center = np.einsum("bji,bj->bi", root, normal)
         X_mode = modes.X_PO[sampled]
         X_PO = self._to_the_floor(retract(X_mode[group], center), posterior)
         center = increments_between(X_mode[group], X_PO)

@@ -1,0 +1,112 @@
+import math
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.special import erf
+
+from tactopose_drake.core.contacts import Contacts
+from tactopose_drake.core.objectives.surface_contact import SurfaceContact
+from tactopose_drake.core.objectives.surface_density import SurfaceDensity
+from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.surfels import FINEST, surfel_spacing
+
+SIGMA, BEND = 0.001, 0.1
+IDENTITY = np.eye(3, 4)[None]
+
+
+@pytest.fixture(scope="module")
+def box() -> ObjectModel:
+    return ObjectModel.from_mesh(trimesh.creation.box((0.06, 0.06, 0.06)))
+
+
+def cost(model: ObjectModel, p: list[float], n: list[float] | None, sigma: float = SIGMA) -> float:
+    contacts = Contacts([p], None if n is None else [n], sigma_position=sigma, sigma_normal=BEND)
+    return float(SurfaceDensity(model, contacts).cost(IDENTITY)[0])
+
+
+@pytest.mark.parametrize("sigma", [0.0005, 0.001, 0.003])
+def test_the_discs_cover_the_surface_once(box: ObjectModel, sigma: float) -> None:
+    surfels = box.surfels(sigma)
+    assert surfels.discs[:, 6].sum() == pytest.approx(box.area, rel=1e-4)
+    assert np.abs(np.abs(surfels.discs[:, :3]).max(axis=1) - 0.03).max() < 1e-6
+    np.testing.assert_allclose(np.linalg.norm(surfels.discs[:, 3:6], axis=1), 1.0, atol=1e-6)
+    assert surfels.first[-1] == len(surfels.discs)
+    assert box.surfels(sigma) is surfels
+
+
+@pytest.mark.parametrize(("out", "turn"), [(0.0, 0.0), (0.001, 0.0), (-0.002, 0.1), (0.0005, -0.15)])
+@pytest.mark.parametrize("place", [(0.0, 0.0), (0.0103, -0.0071)])
+def test_on_a_flat_surface_it_is_the_squared_distance_and_angle(
+    box: ObjectModel, out: float, turn: float, place: tuple[float, float]
+) -> None:
+    n = [math.sin(turn), 0.0, math.cos(turn)]
+    expected = 0.5 * (out / SIGMA) ** 2 + 0.5 * (2 * math.sin(turn / 2) / BEND) ** 2
+    p = [*place, 0.03 + out]
+    assert cost(box, p, n) == pytest.approx(expected, abs=0.1)
+    assert cost(box, p, None) == pytest.approx(0.5 * (out / SIGMA) ** 2, abs=0.1)
+    smooth = SurfaceContact(box.grid, Contacts([p], [n], sigma_position=SIGMA, sigma_normal=BEND)).cost(IDENTITY)[0]
+    assert cost(box, p, n) == pytest.approx(smooth, abs=0.15)
+
+
+@pytest.mark.parametrize("beside", [-0.002, -0.001, 0.0, 0.0007, 0.0015])
+def test_beyond_an_edge_there_is_less_and_less_of_the_face(box: ObjectModel, beside: float) -> None:
+    # The normal says that the face is +z, at whose edge the contact lies: the rest of the plane is missing.
+    expected = -math.log(0.5 * (1.0 - erf(beside / SIGMA / math.sqrt(2.0))))
+    assert cost(box, [0.03 + beside, 0.002, 0.03], [0.0, 0.0, 1.0]) == pytest.approx(expected, abs=0.15)
+
+
+def test_without_a_normal_both_faces_of_an_edge_count(box: ObjectModel) -> None:
+    # Half a plane each.
+    assert cost(box, [0.03, 0.002, 0.03], None) == pytest.approx(0.0, abs=0.1)
+
+
+def test_the_normal_says_which_side_of_a_thin_wall_is_touched() -> None:
+    plate = ObjectModel.from_mesh(trimesh.creation.box((0.08, 0.08, 0.002)))
+    for z in (-0.001, 0.0, 0.0004, 0.001):
+        up, down = (0.5 * ((z - side * 0.001) / SIGMA) ** 2 for side in (1, -1))
+        assert cost(plate, [0.001, 0.002, z], [0, 0, 1]) == pytest.approx(up, abs=0.1)
+        assert cost(plate, [0.001, 0.002, z], [0, 0, -1]) == pytest.approx(down, abs=0.1)
+        both = -math.log(math.exp(-up) + math.exp(-down))
+        assert cost(plate, [0.001, 0.002, z], None) == pytest.approx(both, abs=0.1)
+
+
+def test_rough_normals_are_expected_with_their_spread() -> None:
+    # A fine tessellation whose faces differ from the mean by far more than the sensor's noise.
+    generator = np.random.default_rng(0)
+    mesh = trimesh.creation.box((0.06, 0.06, 0.02)).subdivide_to_size(0.001)
+    inside = np.abs(mesh.vertices[:, :2]).max(axis=1) < 0.028
+    mesh.vertices[inside & (mesh.vertices[:, 2] > 0.0), 2] += 0.00005 * generator.normal(
+        size=int(np.sum(inside & (mesh.vertices[:, 2] > 0.0)))
+    )
+    rough = ObjectModel.from_mesh(mesh, symmetry="none")
+    top = (rough.samples.points[:, 2] > 0.009) & (np.abs(rough.samples.points[:, :2]).max(axis=1) < 0.025)
+    tilt = np.arccos(np.clip(rough.samples.normals[top, 2], -1, 1))
+    assert 0.05 < np.sqrt(np.mean(tilt**2) / 2) < 0.3
+    # The touched faces' own normals cost what is usual, not what a smooth plane would say.
+    points, normals = rough.samples.points[top][:100], rough.samples.normals[top][:100]
+    narrow = Contacts(points, normals, sigma_position=SIGMA, sigma_normal=0.02)
+    plane = 0.5 * np.sum((normals - [0, 0, 1]) ** 2) / 0.02**2
+    assert SurfaceDensity(rough, narrow).cost(IDENTITY)[0] < 0.75 * plane
+
+
+def test_it_moves_with_the_object(box: ObjectModel) -> None:
+    R = trimesh.transformations.euler_matrix(0.3, -1.0, 2.0)[:3, :3]
+    p, n = np.array([[0.0305, 0.001, 0.029], [0.0, 0.0305, 0.01]]), np.array([[1.0, 0, 0], [0, 1.0, 0]])
+    X = np.column_stack([R, [0.1, -0.2, 0.3]])[None]
+    here = SurfaceDensity(box, Contacts(p, n)).cost(IDENTITY)
+    there = SurfaceDensity(box, Contacts(p @ R.T + X[0, :, 3], n @ R.T)).cost(X)
+    np.testing.assert_allclose(here, there, atol=1e-3)
+
+
+def test_far_from_the_surface_the_cost_stays_finite(box: ObjectModel) -> None:
+    far = cost(box, [3.0, 0.0, 0.0], [1, 0, 0])
+    assert math.isfinite(far)
+    assert far == pytest.approx(cost(box, [0.0, 0.0, 0.0], [1, 0, 0]))
+    assert far > 15.0
+
+
+def test_the_spacing_follows_the_noise_within_what_the_surface_allows() -> None:
+    assert surfel_spacing(1e-5, 0.01) == pytest.approx(FINEST, rel=0.1)
+    assert surfel_spacing(0.002, 0.01) == pytest.approx(2 * surfel_spacing(0.001, 0.01))
+    assert surfel_spacing(1e-5, 100.0) > 0.01
