@@ -16,13 +16,13 @@ import can
 
 from tactopose_drake.drivers.clock import FIRST_EPOCH_STAMP, Clock
 from tactopose_drake.drivers.frames import ERROR_BUS_OFF, is_ordinary
+from tactopose_drake.drivers.reconnecting_bus import ReconnectingBus
 from tactopose_drake.errors import BusError, DriverError, EndOfLogError, InvalidInputError, UnknownNameError
 
 Found = TypeVar("Found")
 
 _LONGEST_WAIT = 0.02  # for a frame, s; how long closing may take
 _MOST_FRAMES = 64  # that are handed on in one turn
-_BACKOFF = (0.1, 2.0)  # s between two attempts to open a bus again: doubles from the first to the last
 
 
 class BusUser(Protocol):
@@ -75,8 +75,7 @@ class DeviceBus:
         self.quiet_until = 0.0
         self.error_frames = 0
         self._speaker: BusUser | None = None
-        self._open_bus, self._threaded = open_bus, threaded
-        self._bus: can.BusABC | None = None
+        self._line, self._threaded = ReconnectingBus(open_bus, clock), threaded
         self._devices: tuple[BusUser, ...] = ()
         self._askers: dict[int, BusUser] = {}  # by the identifiers of their requests
         self._owners: dict[int, BusUser] = {}  # by those of their replies
@@ -85,9 +84,7 @@ class DeviceBus:
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
         self._end: BaseException | None = None  # what ended the thread
-        self._failure = ""
         self._bus_off = False
-        self._retry_at, self._retries = 0.0, 0
         self._opened_at = 0.0
 
     @classmethod
@@ -112,14 +109,12 @@ class DeviceBus:
         Raises:
             BusError: if it cannot be opened.
         """
-        self._bus = self._try_to_open()
-        if self._bus is None:
-            raise BusError(f"bus: {self._failure}")
+        self._line.open()
         self._end = None
         self._opened_at = self.clock.time()
         self._stop.clear()
         if self._threaded:
-            self._thread = threading.Thread(target=self._work, name=f"devices on {self._bus}", daemon=True)
+            self._thread = threading.Thread(target=self._work, name=f"devices on {self._line.bus}", daemon=True)
             self._thread.start()
         return self
 
@@ -128,9 +123,7 @@ class DeviceBus:
         if self._thread is not None:
             self._thread.join()
             self._thread = None
-        if self._bus is not None:
-            self._bus.shutdown()
-            self._bus = None
+        self._line.close()
         with self._changed:
             self._end = self._end or BusError("bus: is closed.")
             self._changed.notify_all()
@@ -142,8 +135,8 @@ class DeviceBus:
             return str(self._end)
         if self._end is not None:
             return f"bus: its thread ended with {self._end!r}"
-        if self._failure:
-            return f"bus: {self._failure}"
+        if self._line.failure:
+            return f"bus: {self._line.failure}"
         return "bus: is off after too many errors" if self._bus_off else ""
 
     def attach(self, device: BusUser) -> None:
@@ -240,21 +233,22 @@ class DeviceBus:
         Args:
             timeout: longest wait, s.
         """
-        if self._bus is None:
-            self._reopen(timeout)
+        if self._line.bus is None:
+            if self._line.reopen(timeout):
+                self._restart()
             return
         frame = self._receive(max(0.0, min(timeout, self._due() - self.clock.time())))
         with self._changed:
             count = 0
             while frame is not None:
                 self._hand_on(frame)
-                self._changed.notify_all()
                 count += 1
                 frame = self._receive(0.0) if count < _MOST_FRAMES else None
             now = self.clock.time()
             for device in () if self.follows_log else self._devices:
                 if now >= device.due:
                     device.poll(now)
+            self._changed.notify_all()
 
     # For devices, whose methods the bus calls.
 
@@ -265,13 +259,7 @@ class DeviceBus:
             frame: to be sent.
             time: when the device decided to, s since the epoch; a log will have it.
         """
-        if self._bus is None:
-            return
-        try:
-            self._bus.send(frame)
-        except (can.CanError, OSError) as error:
-            self._lose(error)
-        else:
+        if self._line.send(frame):
             frame.timestamp = time
             self._tell_listeners(frame)
 
@@ -292,21 +280,22 @@ class DeviceBus:
                 self._end = error
                 self._changed.notify_all()
 
+    def _restart(self) -> None:
+        with self._changed:
+            for device in self._devices:
+                device.restart(self.clock.time())
+
     def _due(self) -> float:
         """When the first device wants to go on."""
         with self._changed:
             return min((device.due for device in self._devices if not self.follows_log), default=float("inf"))
 
     def _receive(self, timeout: float) -> can.Message | None:
-        if self._bus is None:
-            return None
         try:
-            return self._bus.recv(timeout)
+            return self._line.recv(timeout)
         except EndOfLogError as end:
             self._end = end
-        except (can.CanError, OSError) as error:
-            self._lose(error)
-        return None
+            return None
 
     def _hand_on(self, frame: can.Message) -> None:
         if frame.timestamp < FIRST_EPOCH_STAMP:
@@ -330,35 +319,3 @@ class DeviceBus:
     def _tell_listeners(self, frame: can.Message) -> None:
         for listener in self._listeners:
             listener(frame)
-
-    def _try_to_open(self) -> can.BusABC | None:
-        try:
-            bus = self._open_bus()
-        except (can.CanError, OSError, ValueError, TypeError, ImportError, NotImplementedError, RuntimeError) as error:
-            self._failure = f"cannot be opened ({error})."
-            return None
-        self._failure = ""
-        return bus
-
-    def _lose(self, error: Exception) -> None:
-        """Closes a bus that has failed; `pump` will open it again."""
-        bus, self._bus = self._bus, None
-        self._failure = f"failed ({error})."
-        self._retry_at, self._retries = self.clock.time() + _BACKOFF[0], 0
-        if bus is not None:
-            with contextlib.suppress(can.CanError, OSError):
-                bus.shutdown()
-
-    def _reopen(self, timeout: float) -> None:
-        wait = self._retry_at - self.clock.time()
-        if wait > 0:
-            self.clock.sleep(min(wait, timeout))
-            return
-        self._bus = self._try_to_open()
-        if self._bus is None:
-            self._retries += 1
-            self._retry_at = self.clock.time() + min(_BACKOFF[0] * 2.0**self._retries, _BACKOFF[1])
-            return
-        with self._changed:
-            for device in self._devices:
-                device.restart(self.clock.time())

@@ -1,7 +1,10 @@
 import can
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
+from tactopose_drake.drivers.barrett_hand import BarrettHand
 from tactopose_drake.drivers.clock import VirtualClock
 from tactopose_drake.drivers.device_bus import DeviceBus
 from tactopose_drake.drivers.frames import data_frame
@@ -9,7 +12,7 @@ from tactopose_drake.drivers.netcanoem import NetCanOemForceTorque
 from tactopose_drake.drivers.simulation import faults
 from tactopose_drake.drivers.simulation.virtual_time_bus import VirtualTimeBus, bits_of
 from tactopose_drake.errors import BusError, DeviceTimeoutError, UnknownNameError
-from tests.drivers.rigs import SLOT, START, make_board, run, unread, virtual_bus
+from tests.drivers.rigs import SLOT, START, make_board, make_hand, run, unread, virtual_bus
 
 
 class Adapter:
@@ -135,7 +138,7 @@ def test_frames_of_another_kind_are_not_taken_for_answers(strange: dict) -> None
 def test_stamps_that_do_not_count_from_the_epoch_become_the_hosts_time() -> None:
     board = make_board()
     with virtual_bus(board) as bus, NetCanOemForceTorque(bus, calibration_slot=SLOT) as sensor:
-        recv = bus._bus.recv
+        recv = bus._line.bus.recv
 
         def stamped_by_the_adapter(timeout):
             frame = recv(timeout)
@@ -143,7 +146,7 @@ def test_stamps_that_do_not_count_from_the_epoch_become_the_hosts_time() -> None
                 frame.timestamp -= START
             return frame
 
-        bus._bus.recv = stamped_by_the_adapter
+        bus._line.bus.recv = stamped_by_the_adapter
         assert sensor.read().time == bus.clock.time()
 
 
@@ -176,9 +179,39 @@ def test_frames_take_their_time_on_the_wire() -> None:
     assert bits_of(data_frame(1, bytes(8))) == 135
 
 
+@settings(max_examples=15)
+@given(
+    st.lists(st.lists(st.tuples(st.integers(0, 2**11 - 1), st.binary(max_size=8)), max_size=6), min_size=1),
+    st.booleans(),
+)
+def test_any_frames_at_any_time_break_nothing(noise: list[list[tuple[int, bytes]]], only_replies: bool) -> None:
+    board, simulated = make_board(), make_hand()
+    bursts = iter(noise)
+    with (
+        virtual_bus(board, simulated) as bus,
+        NetCanOemForceTorque(bus, calibration_slot=SLOT) as sensor,
+        BarrettHand(bus) as hand,
+    ):
+        replies = sorted(sensor.replies | hand.replies)
+
+        def noisy(_, answer):
+            burst = [(replies[k % len(replies)] if only_replies else k, data) for k, data in next(bursts, [])]
+            return [faults.Reply(0.0, data_frame(k, data)) for k, data in burst] + answer
+
+        board.faults = simulated.faults = [noisy]
+        run(bus, 0.5)
+        for sample in unread(sensor):
+            assert np.isfinite(sample.F_S).all() == sample.status.startswith("ok")
+        for sample in unread(hand):
+            assert not np.any(np.abs(sample.joint_positions) > 2 * np.pi)
+            assert not np.any(sample.pressures < 0)
+        run(bus, 2.0)
+        assert (sensor.status, hand.status) == ("ok", "ok")
+
+
 def test_the_thread_ends_before_the_bus_is_shut_down() -> None:
     with DeviceBus.open("virtual", "closing") as bus:
-        thread, inner = bus._thread, bus._bus
+        thread, inner = bus._thread, bus._line.bus
         order = []
         shutdown = inner.shutdown
         inner.shutdown = lambda: (order.append(thread.is_alive()), shutdown())

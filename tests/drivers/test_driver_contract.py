@@ -20,6 +20,7 @@ from tactopose_drake.drivers.device_bus import DeviceBus
 from tactopose_drake.drivers.netcanoem import NetCanOemForceTorque
 from tactopose_drake.drivers.recording import CanRecorder
 from tactopose_drake.drivers.replay import open_log
+from tactopose_drake.drivers.simulation import faults
 from tactopose_drake.drivers.simulation.device_server import DeviceServer
 from tactopose_drake.errors import BusError, DeviceTimeoutError, EndOfLogError
 from tests.drivers.rigs import HAND_STATE, SLOT, WRENCH, WRENCH_TOLERANCE, make_board, make_hand, unread, virtual_bus
@@ -146,6 +147,26 @@ class TestVirtual(DriverContract):
                 yield bus
 
         return make
+
+    def test_a_fault_comes_and_goes_in_real_time(self) -> None:
+        board = make_board()
+        with (
+            DeviceServer(can.Bus(interface="virtual", channel="fault"), [board]),
+            DeviceBus.open("virtual", "fault") as bus,
+            NetCanOemForceTorque(bus, calibration_slot=SLOT) as sensor,
+        ):
+            assert sensor.read(5.0).status == "ok"
+            board.faults = [faults.silence]
+            for _ in range(1000):
+                if "no reply" in sensor.status:
+                    break
+                with contextlib.suppress(DeviceTimeoutError):
+                    sensor.read(0.05)
+            unread(sensor)
+            with pytest.raises(DeviceTimeoutError, match="no reply"):
+                sensor.read(0.05)
+            board.faults = []
+            assert sensor.read(5.0).status == "ok"
 
 
 @contextlib.contextmanager
