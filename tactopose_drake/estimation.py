@@ -18,6 +18,7 @@ from tactopose_drake.core.hand_clearance import HandClearance
 from tactopose_drake.core.hand_spheres import HandSpheres
 from tactopose_drake.core.hypotheses import Modes, find_modes
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
+from tactopose_drake.core.objectives.surface_density import SurfaceDensity
 from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.pose_problem import make_problem
 from tactopose_drake.core.posterior import make_posterior
@@ -119,10 +120,9 @@ def estimate_pose(
         model.size,
         max_hypotheses,
     )
-    explained = _explain_touch(modes, problem.touch, contacts)
-    if explained.any() and not deadline():
+    if _explain_touch(model, modes, problem.touch, contacts).any() and not deadline():
         modes = BeliefSampling().weigh(modes, make_posterior(model, contacts, problem, prior is not None), generator)
-        explained = _explain_touch(modes, problem.touch, contacts)
+    explained = _explain_touch(model, modes, problem.touch, contacts)
     hypotheses = _hypotheses(modes, explained)
     undetermined = prior is None and len(contacts) < _FEWEST_FOR_A_POSE
     return PoseEstimate(hypotheses, status_of(hypotheses, undetermined), deadline.elapsed(), not deadline.passed)
@@ -156,9 +156,13 @@ def _degrees_of_freedom(contacts: Contacts) -> int:
     return len(contacts) * (1 if contacts.n_PC is None else 3)
 
 
-def _explain_touch(modes: Modes, touch: SurfaceContact, contacts: Contacts) -> NDArray[np.bool_]:
+def _explain_touch(model: ObjectModel, modes: Modes, touch: SurfaceContact, contacts: Contacts) -> NDArray[np.bool_]:
     """Which of the modes leave residuals that may be noise."""
-    explained: NDArray[np.bool_] = 2.0 * touch.cost(modes.X_PO) <= chdtri(_degrees_of_freedom(contacts), _IMPLAUSIBLE)
+    limit = 0.5 * float(chdtri(_degrees_of_freedom(contacts), _IMPLAUSIBLE))
+    explained: NDArray[np.bool_] = touch.cost(modes.X_PO) <= limit
+    if not explained.all():
+        # At edges and thin walls the smooth residuals are larger than noise.
+        explained[~explained] = SurfaceDensity(model, contacts).cost(modes.X_PO[~explained]) <= limit
     return explained
 
 
