@@ -1,0 +1,24 @@
+"""Our search for tactile arrays: pairs of patches say where the object may be, their cells say where it is."""
+
+from collections.abc import Sequence
+
+from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.patch_contacts import patch_contacts
+from tactopose_drake.core.patches import Patch
+from tactopose_drake.core.searches.multi_start import MultiStart
+from tactopose_drake.core.searches.pair_search import PairSearch
+
+
+def patch_search(model: ObjectModel, patches: Sequence[Patch]) -> PairSearch:
+    """A pair search on the centroids and normals of the patches, for objectives on their cells.
+
+    Such an objective costs ten times what one on contacts does, and fewer of its minima mislead: fewer of the same
+    candidates are refined.
+
+    Args:
+        model: the object.
+        patches: the touch that poses are proposed from; at least one pad feels the object.
+    """
+    near = MultiStart(samples=50, starts=30, kept=8)
+    contacts = patch_contacts(patches)
+    return PairSearch(model=model, contacts=contacts, starts=60, kept=15, polished=4, near_prior=near)
