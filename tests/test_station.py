@@ -37,12 +37,13 @@ def plan(result):
     return result.station.plan
 
 
-def test_object_stays_in_the_hand(result):
+def test_object_stays_in_the_hand(result, scenario):
     assert result.stable, (result.reason, result.failed_attempts)
     assert result.reason == "ok"
     assert result.slip < 0.005
     assert result.speed < 0.001
-    assert result.release_time < 2.4
+    # Let go early enough for the judgement at the end.
+    assert result.release_time < scenario.duration - scenario.check.hold_time
 
 
 def test_fingertips_alone_carry_the_object(result):
