@@ -25,8 +25,8 @@ from tactopose_drake.core.validation import FloatArray
 
 # Modes that hold less than this share of the mass by Laplace's approximation are taken at its word.
 _WORTH_SAMPLING = 1e-4
-# Tiles are laid out over Laplace's Gaussian, so much wider, lest the ends of a valley lie bare.
-_WIDER = 1.25
+# Tiles are laid out over Laplace's Gaussian, so much wider: a valley may have long ends, and bumps along its floor.
+_WIDER = 2.0
 # Tiles reach over so much of that way.
 _TILE = 1.5
 # A step toward the valley's floor is no longer than this share of the object's size.

@@ -22,7 +22,6 @@ from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.pair_poses import distinct_poses, judge_pair, pair_poses
 from tactopose_drake.core.searches.base import PoseSpace, SearchResult, StopSignal, join_results, never
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
-from tactopose_drake.core.searches.multi_start import MultiStart
 from tactopose_drake.core.validation import FloatArray
 
 
@@ -39,10 +38,11 @@ class PairSearch:
         starts: so many are left after the first steps.
         kept: so many are refined to convergence.
         near_choice, near_candidates: the same where there is a prior.
-        near_prior: the refinement there.
+        near_samples: so many poses of the prior join them.
+        near_starts, near_kept: of all these so many are refined, and so many to convergence.
         polished, near_polished: so many of the best are refined until they hardly move.
-        first, second, last: the refinement where there is no prior.
-        polish: that of the best in either case.
+        first, second, near_first: the first steps without a prior, and with one.
+        last, polish: the refinement to convergence, and that of the best.
     """
 
     model: ObjectModel
@@ -55,8 +55,13 @@ class PairSearch:
     polished: int = 6
     near_choice: PairChoice = dataclasses.field(default_factory=lambda: PairChoice(contacts=5, pairs=5, poses=8000))
     near_candidates: int = 100
-    near_prior: MultiStart = dataclasses.field(default_factory=lambda: MultiStart(samples=150, kept=16))
+    near_samples: int = 150
+    near_starts: int = 56
+    near_kept: int = 20
     near_polished: int = 3
+    near_first: LevenbergMarquardt = dataclasses.field(
+        default_factory=lambda: LevenbergMarquardt(max_iterations=5, initial_damping=1e-2)
+    )
     first: LevenbergMarquardt = dataclasses.field(
         default_factory=lambda: LevenbergMarquardt(max_iterations=1, initial_damping=1e-2)
     )
@@ -79,12 +84,7 @@ class PairSearch:
     ) -> SearchResult:
         """The minima that the candidates lead to, by rising cost."""
         if space.reach[0] < np.pi:
-            samples = space.sample(generator, self.near_prior.samples - 1)
-            near = self.propose(self.near_choice, self.near_candidates, space, generator)
-            starts = np.concatenate([space.center[None], samples, near])
-            found = self.near_prior.refine(objective, starts, should_stop)
-            polished = self.polish.refine(objective, self._distinct(found, self.near_polished), should_stop)
-            return join_results(found, polished).ranked()
+            return self._minimize_near(objective, space, generator, should_stop)
         X_PO = self.propose(self.choice, self.candidates, space, generator)
         if len(X_PO) < self.fewest:
             X_PO = np.concatenate([X_PO, space.sample(generator, self.candidates)])
@@ -97,6 +97,23 @@ class PairSearch:
         last = self.last.refine(objective, second, should_stop)
         polished = self.polish.refine(objective, self._distinct(last, self.polished), should_stop)
         return join_results(last, polished).ranked(self.kept)
+
+    def _minimize_near(
+        self,
+        objective: LeastSquaresObjective,
+        space: PoseSpace,
+        generator: np.random.Generator,
+        should_stop: StopSignal,
+    ) -> SearchResult:
+        """Where there is a prior: its own samples start with the proposals, and fewer poses are enough."""
+        samples = space.sample(generator, self.near_samples - 1)
+        near = self.propose(self.near_choice, self.near_candidates, space, generator)
+        X_PO = np.concatenate([space.center[None], samples, near])
+        starts = X_PO[np.argsort(objective.cost(X_PO), kind="stable")[: self.near_starts]]
+        first = self._distinct(self.near_first.refine(objective, starts, should_stop), self.near_kept)
+        last = self.last.refine(objective, first, should_stop)
+        polished = self.polish.refine(objective, self._distinct(last, self.near_polished), should_stop)
+        return join_results(last, polished).ranked()
 
     def _distinct(self, found: SearchResult, count: int) -> FloatArray:
         """The best poses (count, 3, 4), or fewer, of those that are further apart than the samples blur them."""

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.patch_contacts import patch_contacts
 from tactopose_drake.core.patches import Patch
-from tactopose_drake.core.searches.multi_start import MultiStart
 from tactopose_drake.core.searches.pair_search import PairSearch
 
 
@@ -19,6 +18,13 @@ def patch_search(model: ObjectModel, patches: Sequence[Patch]) -> PairSearch:
         model: the object.
         patches: the touch that poses are proposed from; at least one pad feels the object.
     """
-    near = MultiStart(samples=50, starts=30, kept=8)
-    contacts = patch_contacts(patches)
-    return PairSearch(model=model, contacts=contacts, starts=60, kept=15, polished=4, near_prior=near)
+    return PairSearch(
+        model=model,
+        contacts=patch_contacts(patches),
+        starts=60,
+        kept=15,
+        polished=4,
+        near_samples=50,
+        near_starts=30,
+        near_kept=8,
+    )
