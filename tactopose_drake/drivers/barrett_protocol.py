@@ -29,7 +29,6 @@ class Puck(enum.IntEnum):
 class Property(enum.IntEnum):
     """The properties that the driver uses. Writing `COMMAND` may move the hand; nothing else here does."""
 
-    VERSION = 0
     ROLE = 1
     STATUS = 5
     STRAIN = 25  # of the fingertip torque's gauge

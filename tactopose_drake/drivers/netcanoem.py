@@ -30,7 +30,7 @@ class ForceTorqueSample:
         time: when its last frame came, s since the epoch.
         F_S: wrench on the transducer [m_x, m_y, m_z, f_x, f_y, f_z] about the origin of its frame S, in S, N m and N,
             shape (6,); NaN unless the status is "ok" or a warning.
-        gauges: the strain gauges' readings, before the bias is taken off, shape (6,).
+        gauges: the strain gauges' readings, before the bias is taken off, shape (6,); zeros after a bad reply.
         status: "ok"; "ok (" and warnings ")"; "saturated: " and the gauges, from 0; "error: " and the status bits; or
             "bad reply: " and what is wrong with it.
     """

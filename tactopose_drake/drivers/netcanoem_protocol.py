@@ -29,11 +29,9 @@ class Opcode(enum.IntEnum):
 
     SAMPLE = 0x0  # replies 0 and 1
     MATRIX = 0x2  # replies 2, 3 and 4
-    SERIAL = 0x5
     CALIBRATION = 0x6
     COUNTS = 0x7
     UNITS = 0x8
-    RESET = 0xC
     FIRMWARE = 0xF
 
 
@@ -213,20 +211,6 @@ def decode_calibration(data: bytes) -> int:
     if slot >= CALIBRATIONS:
         raise ProtocolError(f"active calibration: is {slot}; allowed are 0 to {CALIBRATIONS - 1}.")
     return int(slot)
-
-
-def encode_serial(serial: str) -> bytes:
-    """The reply to `SERIAL`: eight characters, padded with blanks."""
-    return serial.encode("ascii").ljust(8)
-
-
-def decode_serial(data: bytes) -> str:
-    """The transducer's serial number, without padding."""
-    _unpack("8s", data, "serial number")
-    text = data.rstrip(b" \0")
-    if not all(0x20 <= byte < 0x7F for byte in text):
-        raise ProtocolError(f"serial number: is {text!r}; allowed are printable ASCII characters.")
-    return text.decode("ascii")
 
 
 def encode_firmware(firmware: Firmware) -> bytes:

@@ -52,11 +52,6 @@ def test_firmware_versions_survive_the_wire(firmware: Firmware) -> None:
     assert protocol.decode_firmware(protocol.encode_firmware(firmware)) == firmware
 
 
-@given(st.text(st.characters(min_codepoint=0x21, max_codepoint=0x7E), max_size=8))
-def test_serial_numbers_survive_the_wire(serial: str) -> None:
-    assert protocol.decode_serial(protocol.encode_serial(serial)) == serial
-
-
 @given(st.integers(0, 15))
 def test_calibrations_survive_the_wire(slot: int) -> None:
     assert protocol.decode_calibration(protocol.encode_calibration(slot)) == slot
@@ -70,7 +65,6 @@ def test_calibrations_survive_the_wire(slot: int) -> None:
         (protocol.decode_units, bytes([0, 1])),
         (protocol.decode_units, bytes([1, 7])),
         (protocol.decode_calibration, bytes([16])),
-        (protocol.decode_serial, b"FT\x00\x00 1\xff "),
         (lambda data: protocol.decode_matrix_row([data] * 3), struct.pack(">2f", np.nan, 1.0)),
         (lambda data: protocol.decode_matrix_row([data] * 3), struct.pack(">2f", 1.0, np.inf)),
         (lambda data: protocol.decode_matrix_row([data] * 2), struct.pack(">2f", 1.0, 1.0)),
@@ -95,7 +89,6 @@ def check_any(frames: list[bytes]) -> None:
         (lambda: protocol.decode_counts(one), lambda v: min(v) > 0),
         (lambda: protocol.decode_units(one), lambda v: v[0].newtons > 0 and v[1].newton_meters > 0),
         (lambda: protocol.decode_calibration(one), lambda v: 0 <= v < 16),
-        (lambda: protocol.decode_serial(one), lambda v: v.isprintable()),
         (lambda: protocol.decode_firmware(one), lambda v: v.build < 2**16),
     ):
         try:

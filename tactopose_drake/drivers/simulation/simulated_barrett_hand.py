@@ -96,7 +96,6 @@ class SimulatedBarrettHand(SimulatedDevice):
             return self._reading(puck, state.pressures)
         torque = 0.0 if puck is Puck.SPREAD else state.fingertip_torques[puck - Puck.F1]
         values: dict[Property, int] = {
-            Property.VERSION: 200,
             Property.ROLE: protocol.ROLE_HAND | protocol.ROLE_STRAIN | protocol.ROLE_TACTILE,
             Property.STATUS: self._status[puck],
             Property.STRAIN: joints.strain_of(torque),

@@ -82,17 +82,12 @@ class SimulatedNetCanOem(SimulatedDevice):
             case Opcode.CALIBRATION, 1 if data[0] < protocol.CALIBRATIONS:
                 self.active = data[0]
                 answer = [data]
-            case Opcode.SERIAL, 0:
-                answer = [protocol.encode_serial("FT00000")]
             case Opcode.FIRMWARE, 0:
                 answer = [protocol.encode_firmware(self._firmware)]
             case Opcode.COUNTS, 0 if self._firmware.tells_units and calibration is not None:
                 answer = [protocol.encode_counts(calibration.counts_per_force, calibration.counts_per_torque)]
             case Opcode.UNITS, 0 if self._firmware.tells_units and calibration is not None:
                 answer = [protocol.encode_units(calibration.force_unit, calibration.torque_unit)]
-            case Opcode.RESET, 0:
-                self.reboot()
-                answer = []
             case _:
                 return None
         return [data_frame(arbitration_id + part, reply) for part, reply in enumerate(answer)]
