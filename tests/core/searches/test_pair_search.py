@@ -50,6 +50,22 @@ def test_no_pose_known_is_better_than_the_best_found(name: str, count: int, nois
         assert search(model, contacts).cost[0] <= truth.cost[0] + 0.5
 
 
+@pytest.mark.parametrize("count", [3, 5, 10])
+@pytest.mark.parametrize("name", ["cube", "pencil", "screwdriver", "wine_glass"])
+def test_near_a_prior_no_pose_known_is_better_than_the_best_found(name: str, count: int) -> None:
+    model = ObjectModel.from_mesh(model_path("objects", f"{name}.obj"))
+    for seed in range(8):
+        generator = np.random.default_rng(seed)
+        X_PO = random_pose(generator)
+        contacts = touch_surface(model, X_PO, count, generator)
+        prior = PosePrior(X_PO)
+        prior = PosePrior(retract(X_PO, generator.normal(size=6) * prior.sigmas))
+        objective = SumObjective([SurfaceContact(model.grid, contacts), PriorObjective(prior)])
+        truth = LevenbergMarquardt().refine(objective, X_PO[None])
+        found = PairSearch(model=model, contacts=contacts).minimize(objective, PriorSpace(prior), generator)
+        assert found.cost[0] <= truth.cost[0] + 0.5
+
+
 def test_the_costs_are_those_of_the_poses_and_rise(blob: ObjectModel) -> None:
     contacts = touch_surface(blob, np.eye(3, 4), 5, np.random.default_rng(0))
     found = search(blob, contacts)
