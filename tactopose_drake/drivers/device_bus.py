@@ -77,6 +77,7 @@ class DeviceBus:
         self._speaker: BusUser | None = None
         self._line, self._threaded = ReconnectingBus(open_bus, clock), threaded
         self._devices: tuple[BusUser, ...] = ()
+        self._to_start: list[BusUser] = []
         self._askers: dict[int, BusUser] = {}  # by the identifiers of their requests
         self._owners: dict[int, BusUser] = {}  # by those of their replies
         self._listeners: list[Callable[[can.Message], None]] = []
@@ -154,12 +155,13 @@ class DeviceBus:
             self._devices += (device,)
             self._askers.update(dict.fromkeys(device.requests, device))
             self._owners.update(dict.fromkeys(device.replies, device))
-            device.restart(self.clock.time())
+            self._to_start.append(device)  # by the thread that does the work
 
     def detach(self, device: BusUser) -> None:
         """Ends a device's part."""
         with self._changed:
             self._devices = tuple(other for other in self._devices if other is not device)
+            self._to_start = [other for other in self._to_start if other is not device]
             self._askers = {identifier: other for identifier, other in self._askers.items() if other is not device}
             self._owners = {identifier: other for identifier, other in self._owners.items() if other is not device}
 
@@ -235,10 +237,14 @@ class DeviceBus:
         """
         if self._line.bus is None:
             if self._line.reopen(timeout):
-                self._restart()
+                with self._changed:
+                    self._to_start = list(self._devices)
             return
         frame = self._receive(max(0.0, min(timeout, self._due() - self.clock.time())))
         with self._changed:
+            for device in self._to_start:
+                device.restart(self.clock.time())
+            self._to_start.clear()
             count = 0
             while frame is not None:
                 self._hand_on(frame)
@@ -280,14 +286,11 @@ class DeviceBus:
                 self._end = error
                 self._changed.notify_all()
 
-    def _restart(self) -> None:
-        with self._changed:
-            for device in self._devices:
-                device.restart(self.clock.time())
-
     def _due(self) -> float:
         """When the first device wants to go on."""
         with self._changed:
+            if self._to_start:
+                return 0.0
             return min((device.due for device in self._devices if not self.follows_log), default=float("inf"))
 
     def _receive(self, timeout: float) -> can.Message | None:
