@@ -66,8 +66,8 @@ class BeliefSampling:
         steps: Gauss-Newton steps that bring them to the valley's floor.
     """
 
-    samples: int = 400
-    tiles: int = 48
+    samples: int = 256
+    tiles: int = 32
     steps: int = 3
 
     def weigh(self, modes: Modes, posterior: Posterior, generator: np.random.Generator) -> Modes:
