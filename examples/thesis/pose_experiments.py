@@ -163,9 +163,8 @@ def run_experiment(
     # The first calls compile, or load what is compiled. The thesis' search is only fast about a guess.
     rehearsal = make_trial(experiment.object, grasps[0], 5, LEVELS[0], (seed, 0), True)
     for method in (method for method, count in counts.items() if count):
-        find_poses(model, rehearsal, method)
-        if method in OUR_METHODS:
-            find_poses(model, trial(0, MAIN_CELL), method)
+        for tried in (trial(0, cell) for cell in CELLS) if method in OUR_METHODS else (rehearsal,):
+            find_poses(model, tried, method)
 
     rows: dict[tuple[Cell, str], list[tuple[float, ...]]] = {}
     with Progress(console=Console(stderr=True), transient=True) as progress:
