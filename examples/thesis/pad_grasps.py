@@ -1,0 +1,174 @@
+"""Six grips of the hand with tactile pads, for tables 5.2 and 5.3 of the thesis, and the objectives compared on them.
+
+The thesis grasped four objects in six ways with a real Barrett Hand; here Drake simulates such a hand. As in the
+thesis' first experiment, the pads lie where the shape has something to tell: an end, an edge, or a handle. The last
+grip is the thesis' horizontal bottle, which has nothing but a cylinder under the pads: no touch tells how far it has
+slid along its axis.
+
+Each grip is kept as a file, named by what it was simulated from (but for the hand), so that the next run only reads.
+
+Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016, section 5.3.
+"""
+
+import dataclasses
+import hashlib
+import math
+import os
+from pathlib import Path
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+from pydrake.common.schema import Rotation, Transform
+from pydrake.common.yaml import yaml_dump_typed
+
+import tactopose_drake as tp
+from tactopose_drake.core.objectives.base import LeastSquaresObjective
+from tactopose_drake.core.objectives.cell_distance import CellDistance
+from tactopose_drake.core.objectives.covariance_matching import CovarianceMatching
+from tactopose_drake.core.objectives.patch_contact import PatchContact
+from tactopose_drake.core.patches import Patch, describe_patch
+from tactopose_drake.core.point_grid import build_point_grid
+from tactopose_drake.core.poses import retract
+from tactopose_drake.errors import TactoposeError
+from tactopose_drake.grasping.pad_grip import PadGrip, load_pad_grip, simulate_pad_grip
+
+Array = NDArray[np.float64]
+
+PAD_TOP = 0.0775  # height of the palm's pad, z in P, m
+LAYER = 0.003  # thickness of the pads' soft layer, m
+MOST_TURN, MOST_SHIFT = math.radians(20.0), 0.010  # displacement about and along each axis, either way
+# The standard deviations of those uniform numbers.
+SIGMA_TURN, SIGMA_SHIFT = MOST_TURN / math.sqrt(3.0), MOST_SHIFT / math.sqrt(3.0)
+UNITS = np.repeat([MOST_TURN, MOST_SHIFT], 3)
+PCA, DISTANCE, OURS = "algorithm 5.2", "algorithm 5.3", "ours"
+
+
+def make_grip(name: str, p_PO: tuple[float, float, float], rotation: Rotation, spread: float = 0.0) -> PadGrip:
+    """A grip of one of the package's objects, held at p_PO, m, until the fingers have closed; the spread is in rad."""
+    shipped = load_pad_grip("barrett_like")
+    controller = dataclasses.replace(shipped.controller, fixed={"finger_1_spread_joint": spread})
+    X_PO = Transform(translation=list(p_PO), rotation=rotation)
+    return dataclasses.replace(shipped, object=name, X_PO=X_PO, controller=controller)
+
+
+UPRIGHT, LYING = Rotation(), Rotation(value=Rotation.Rpy(deg=[0.0, 90.0, 0.0]))
+# On its side, the handle up, turned about the mug's axis by 25 degrees towards a finger.
+HANDLE_UP = Rotation(value=Rotation.Rpy(deg=[-90.0, -65.0, 90.0]))
+GRIPS = {
+    "a) tea box, upright, an edge under a finger": make_grip("tea_box", (-0.016, 0.0, PAD_TOP - 0.0005), UPRIGHT),
+    "b) tea box, lying, its end under a finger": make_grip("tea_box", (-0.020, 0.0, PAD_TOP + 0.0420), LYING),
+    "c) can, upright": make_grip("soda_can", (0.0, 0.0, PAD_TOP - 0.0005), UPRIGHT, spread=0.6),
+    "d) can, lying, its end under a finger": make_grip("soda_can", (-0.020, 0.0, PAD_TOP + 0.0326), LYING),
+    "e) mug, lying, two fingers on its handle": make_grip("mug", (0.050, 0.0, PAD_TOP + 0.0405), HANDLE_UP),
+    "f) thermal bottle, lying": make_grip("thermal_bottle", (-0.100, 0.0, PAD_TOP + 0.0335), LYING),
+}
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class PadGrasp:
+    """What the pads feel of an object, and where it is.
+
+    Attributes:
+        model: the object; its frame O is in the middle of its bounding box, its axes are those of its file.
+        patches: in P.
+        X_PO: true pose of the object, shape (3, 4).
+        objectives: what is compared, by name.
+    """
+
+    model: tp.ObjectModel
+    patches: tuple[Patch, ...]
+    X_PO: Array
+    objectives: dict[str, LeastSquaresObjective]
+
+
+class GripLostError(TactoposeError):
+    """A simulated hand does not hold its object."""
+
+
+def load_pad_grasp(name: str, grip: PadGrip, folder: Path) -> PadGrasp:
+    """Reads a grip from the folder; simulates it, and writes it there, where it is not there yet.
+
+    Raises:
+        GripLostError: if the hand does not hold the object.
+    """
+    mesh = trimesh.load_mesh(grip.object_sdf().with_suffix(".obj"))
+    content = yaml_dump_typed(grip).encode() + grip.object_sdf().read_bytes() + np.asarray(mesh.vertices).tobytes()
+    path = folder / f"{grip.object}_{hashlib.blake2b(content, digest_size=6).hexdigest()}.npz"
+    if not path.is_file():
+        folder.mkdir(parents=True, exist_ok=True)
+        _save(path, name, grip)
+    with np.load(path) as arrays:
+        pads = zip(arrays["p_PT"], arrays["n_PT"], arrays["pressure"], arrays["limits"], strict=True)
+        patches = tuple(
+            describe_patch(
+                p_PT,
+                pressure,
+                alpha=alpha,
+                n_PT=n_PT,
+                threshold=threshold,
+                saturation=saturation if math.isfinite(saturation) else None,
+            )
+            for p_PT, n_PT, pressure, (alpha, threshold, saturation) in pads
+        )
+        X_PO = arrays["X_PO"]
+    middle = mesh.bounds.mean(axis=0)
+    X_PO[:, 3] += X_PO[:, :3] @ middle
+    model = tp.ObjectModel.from_mesh(mesh.apply_translation(-middle), name=grip.object)
+    cloud = build_point_grid(model.samples.points)
+    objectives: dict[str, LeastSquaresObjective] = {
+        PCA: CovarianceMatching(cloud, patches, thickness=LAYER),
+        DISTANCE: CellDistance(cloud, patches),
+        OURS: PatchContact(model.grid, patches),
+    }
+    return PadGrasp(model, patches, X_PO, objectives)
+
+
+def _save(path: Path, name: str, grip: PadGrip) -> None:
+    """Simulates a grip and writes it in one step: no reader sees half a file."""
+    result = simulate_pad_grip(grip)
+    if not result.held:
+        raise GripLostError(f"{name}: {result.reason}.")
+    patches = result.patches
+    partial = path.with_suffix(".partial")
+    with partial.open("wb") as file:
+        np.savez(
+            file,
+            X_PO=result.X_PO.GetAsMatrix34(),
+            p_PT=[patch.p_PT for patch in patches],
+            n_PT=[patch.n_PT for patch in patches],
+            pressure=[patch.pressure for patch in patches],
+            limits=[(patch.alpha, patch.threshold, patch.saturation) for patch in patches],
+        )
+    os.replace(partial, path)
+
+
+def displaced_poses(X_PO: Array, count: int, generator: np.random.Generator) -> Array:
+    """Poses (count, 3, 4) turned and shifted from X_PO (3, 4), evenly, by up to the most about and along each axis."""
+    return retract(np.repeat(X_PO[None], count, axis=0), generator.uniform(-1.0, 1.0, (count, 6)) * UNITS)
+
+
+class DisplacedSpace:
+    """The poses that the true one may be, seen from a displaced one: a box."""
+
+    def __init__(self, X_PO: Array) -> None:
+        self._X_PO = X_PO
+
+    @property
+    def center(self) -> Array:
+        """The displaced pose, shape (3, 4)."""
+        return self._X_PO
+
+    @property
+    def information(self) -> Array:
+        """The inverse covariance of the box's poses, shape (6, 6)."""
+        return np.diag(3.0 / UNITS**2)
+
+    @property
+    def reach(self) -> tuple[float, float]:
+        """About and along each axis, rad and m."""
+        return MOST_TURN, MOST_SHIFT
+
+    def sample(self, generator: np.random.Generator, count: int) -> Array:
+        """Random poses, shape (count, 3, 4)."""
+        return displaced_poses(self._X_PO, count, generator)
