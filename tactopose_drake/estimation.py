@@ -1,13 +1,12 @@
-"""The one call: from contacts to ranked hypotheses of the object's pose."""
+"""The one call: from touch to ranked hypotheses of the object's pose."""
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.math import RigidTransform
-from scipy.special import chdtri
 
 from tactopose_drake.core.belief import BeliefSampling
 from tactopose_drake.core.contacts import Contacts
@@ -17,9 +16,9 @@ from tactopose_drake.core.free_spin import turn_toward
 from tactopose_drake.core.hand_clearance import HandClearance
 from tactopose_drake.core.hand_spheres import HandSpheres
 from tactopose_drake.core.hypotheses import Modes, find_modes
-from tactopose_drake.core.objectives.surface_contact import SurfaceContact
-from tactopose_drake.core.objectives.surface_density import SurfaceDensity
 from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.patches import Patch
+from tactopose_drake.core.plausibility import degrees_of_freedom, explain_touch
 from tactopose_drake.core.pose_problem import make_problem
 from tactopose_drake.core.posterior import make_posterior
 from tactopose_drake.core.prior import PosePrior
@@ -28,6 +27,7 @@ from tactopose_drake.core.searches.gradient_descent import GradientDescent
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
 from tactopose_drake.core.searches.monte_carlo import MonteCarlo
 from tactopose_drake.core.searches.pair_search import PairSearch
+from tactopose_drake.core.searches.patch_search import patch_search
 from tactopose_drake.core.searches.scaling_series import ScalingSeries
 from tactopose_drake.core.searches.simulated_annealing import SimulatedAnnealing
 from tactopose_drake.core.validation import positive_number
@@ -36,13 +36,11 @@ from tactopose_drake.estimates import PoseEstimate, PoseHypothesis, status_of
 from tactopose_drake.programs.direct import Direct
 from tactopose_drake.programs.pose_program import PoseProgram
 
-# A touch is explained when noise alone would leave residuals this large more often than once in a million.
-_IMPLAUSIBLE = 1e-6
-# Without a prior, fewer contacts leave whole families of poses, whichever mode carries most of the mass.
+# Without a prior, fewer contacts and patches leave whole families of poses, whichever mode carries most of the mass.
 _FEWEST_FOR_A_POSE = 3
 
 METHODS: dict[str, Callable[[ObjectModel, Evidence], Search]] = {
-    "pair_search": lambda model, evidence: PairSearch(model=model, contacts=evidence.contacts),
+    "pair_search": lambda model, evidence: _pair_search(model, evidence),
     "levenberg_marquardt": lambda model, evidence: LevenbergMarquardt(),
     "gradient_descent": lambda model, evidence: GradientDescent(length=model.size / 2),
     "mathematical_program": lambda model, evidence: PoseProgram(length=model.size / 2),
@@ -59,6 +57,7 @@ def estimate_pose(
     model: ObjectModel,
     contacts: Contacts,
     *,
+    patches: Sequence[Patch] = (),
     prior: PosePrior | None = None,
     hand: HandSpheres | None = None,
     untouched: HandSpheres | None = None,
@@ -73,8 +72,10 @@ def estimate_pose(
 
     Args:
         model: the object.
-        contacts: the touch, in the palm frame; at least one contact.
-        prior: what is known without it; None where the object may be anywhere that the contacts touch it.
+        contacts: the touch at single points, in the palm frame; may be `Contacts.empty()` where a patch is felt.
+        patches: what tactile arrays feel, in the palm frame; those that feel nothing count too. Where they and contacts
+            feel the same place twice, the estimate takes that for two touches.
+        prior: what is known without it; None where the object may be anywhere that the touch allows.
         hand: the hand's volume, where the object is not.
         untouched: parts of the hand that feel no contact: the object is not in them, nor presses into them.
         balance: that the object is at rest under the contacts' forces and gravity alone.
@@ -86,17 +87,15 @@ def estimate_pose(
             asked between rounds, and at least one is made.
 
     Raises:
-        TooFewContactsError: no contact.
+        TooFewContactsError: no contact, and no patch that is felt.
         UnknownNameError: a method that does not exist.
-        InvalidInputError: no prior for a method that starts from one, a friction below 0, `max_hypotheses` below 1, or
-            a time limit that is not above 0; balance or friction without forces, or balance of an object whose mass is
-            not known or whose centre of mass is moved by its symmetries.
+        InvalidInputError: no prior for a method that starts from one, a friction below 0, `max_hypotheses` below 1, a
+            time limit that is not above 0, or patches that are none; balance or friction without forces, or balance of
+            an object whose mass is not known or whose centre of mass is moved by its symmetries.
     """
     deadline = _Deadline(math.inf if time_limit is None else positive_number("time_limit", time_limit))
     if method not in METHODS:
         raise UnknownNameError("method", method, METHODS)
-    if len(contacts) < 1:
-        raise TooFewContactsError("contacts: there are 0; the estimate needs at least 1.")
     if max_hypotheses < 1:
         raise InvalidInputError(f"max_hypotheses: is {max_hypotheses}; allowed are numbers >= 1.")
     if prior is None and method not in GLOBAL_METHODS:
@@ -104,7 +103,9 @@ def estimate_pose(
             f"prior: is None; the method {method!r} starts from one. Without: {', '.join(sorted(GLOBAL_METHODS))}."
         )
 
-    evidence = Evidence(contacts, prior, hand, untouched, balance, friction)
+    evidence = Evidence(contacts, prior, hand, untouched, balance, friction, patches)
+    if len(evidence.touch) < 1:
+        raise TooFewContactsError("contacts: there are 0; the estimate needs at least 1, or a patch that is felt.")
     problem = make_problem(model, evidence)
     search = METHODS[method](model, evidence)
     generator = np.random.default_rng(seed)
@@ -120,11 +121,11 @@ def estimate_pose(
         model.size,
         max_hypotheses,
     )
-    if _explain_touch(model, modes, problem.touch, contacts).any() and not deadline():
-        modes = BeliefSampling().weigh(modes, make_posterior(model, contacts, problem, prior is not None), generator)
-    explained = _explain_touch(model, modes, problem.touch, contacts)
+    if explain_touch(model, evidence, modes.X_PO).any() and not deadline():
+        modes = BeliefSampling().weigh(modes, make_posterior(model, evidence, problem), generator)
+    explained = explain_touch(model, evidence, modes.X_PO)
     hypotheses = _hypotheses(modes, explained)
-    undetermined = prior is None and len(contacts) < _FEWEST_FOR_A_POSE
+    undetermined = prior is None and len(evidence.touch) < _FEWEST_FOR_A_POSE
     return PoseEstimate(hypotheses, status_of(hypotheses, undetermined), deadline.elapsed(), not deadline.passed)
 
 
@@ -144,26 +145,18 @@ class _Deadline:
         return time.perf_counter() - self._started
 
 
+def _pair_search(model: ObjectModel, evidence: Evidence) -> PairSearch:
+    if evidence.felt:
+        return patch_search(model, evidence.felt, evidence.contacts)
+    return PairSearch(model=model, contacts=evidence.contacts)
+
+
 def _monte_carlo(model: ObjectModel, evidence: Evidence) -> MonteCarlo:
-    """Its scale is what noise alone makes the true pose cost, on average: half of what the contacts measure."""
+    """Its scale is what noise alone makes the true pose cost, on average: half of what the touch measures."""
     return MonteCarlo(
-        scale=0.5 * _degrees_of_freedom(evidence.contacts),
+        scale=0.5 * degrees_of_freedom(evidence),
         is_possible=None if evidence.hand is None else HandClearance(model.samples.points, evidence.hand),
     )
-
-
-def _degrees_of_freedom(contacts: Contacts) -> int:
-    return len(contacts) * (1 if contacts.n_PC is None else 3)
-
-
-def _explain_touch(model: ObjectModel, modes: Modes, touch: SurfaceContact, contacts: Contacts) -> NDArray[np.bool_]:
-    """Which of the modes leave residuals that may be noise."""
-    limit = 0.5 * float(chdtri(_degrees_of_freedom(contacts), _IMPLAUSIBLE))
-    explained: NDArray[np.bool_] = touch.cost(modes.X_PO) <= limit
-    if not explained.all():
-        # At edges and thin walls the smooth residuals are larger than noise.
-        explained[~explained] = SurfaceDensity(model, contacts).cost(modes.X_PO[~explained]) <= limit
-    return explained
 
 
 def _hypotheses(modes: Modes, explained: NDArray[np.bool_]) -> tuple[PoseHypothesis, ...]:

@@ -8,6 +8,9 @@ import numpy as np
 from tactopose_drake.core.contacts import Contacts
 from tactopose_drake.core.patches import Patch
 
+# The standard deviation of the normal of a contact without one, rad: it says nothing.
+_ANY_NORMAL = 1e3
+
 
 def patch_contacts(
     patches: Sequence[Patch],
@@ -47,4 +50,24 @@ def patch_contacts(
         normals / np.linalg.norm(normals, axis=1, keepdims=True),
         sigma_position=sigma_position,
         sigma_normal=sigmas,
+    )
+
+
+def with_patches(contacts: Contacts, patches: Sequence[Patch]) -> Contacts:
+    """The contacts and, after them, those of the patches: all that is touched, without forces.
+
+    Where only some have normals the others' are any, with a sigma that leaves them without a say.
+    """
+    felt = patch_contacts(patches)
+    if len(felt) == 0 or len(contacts) == 0:
+        return contacts if len(felt) == 0 else felt
+    assert felt.n_PC is not None
+    n_PC, sigma_normal = contacts.n_PC, np.asarray(contacts.sigma_normal)
+    if n_PC is None:
+        n_PC, sigma_normal = np.tile(np.eye(3)[2], (len(contacts), 1)), np.full(len(contacts), _ANY_NORMAL)
+    return Contacts(
+        np.concatenate([contacts.p_PC, felt.p_PC]),
+        np.concatenate([n_PC, felt.n_PC]),
+        sigma_position=np.concatenate([contacts.sigma_position, felt.sigma_position], axis=None),
+        sigma_normal=np.concatenate([sigma_normal, felt.sigma_normal], axis=None),
     )

@@ -74,6 +74,11 @@ class Patch:
         return self.pressure > self.threshold
 
     @property
+    def is_felt(self) -> bool:
+        """Whether any cell feels the object."""
+        return self.status != "no_contact"
+
+    @property
     def saturated(self) -> NDArray[np.bool_]:
         """Active cells whose depth is at least what the pressure says, shape (n,)."""
         return self.pressure >= self.saturation

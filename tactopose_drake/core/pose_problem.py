@@ -7,6 +7,7 @@ import numpy as np
 from tactopose_drake.core.evidence import Evidence
 from tactopose_drake.core.objectives.base import LeastSquaresObjective, SumObjective
 from tactopose_drake.core.objectives.friction_cone import FrictionCone
+from tactopose_drake.core.objectives.patch_contact import PatchContact
 from tactopose_drake.core.objectives.penetration import Penetration
 from tactopose_drake.core.objectives.pose_prior import PriorObjective
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
@@ -30,8 +31,9 @@ class PoseProblem(NamedTuple):
 
     Attributes:
         touch: the contacts' objective by itself.
-        determining: the objective of what holds the pose from both sides, contacts and balance: its curvature says what
-            is determined. The hand's volume and friction bound the pose on one side only, which curvature hides.
+        determining: the objective of what holds the pose from both sides, contacts, patches and balance: its curvature
+            says what is determined. The hand's volume, pads that feel nothing and friction bound the pose on one side
+            only, which curvature hides.
         likelihood: the objective of all the evidence but the prior.
         objective: that of all the evidence.
         space: the poses that are possible.
@@ -45,18 +47,23 @@ class PoseProblem(NamedTuple):
 
 
 def make_problem(model: ObjectModel, evidence: Evidence) -> PoseProblem:
-    """Gathers the objectives that the evidence calls for.
+    """Gathers the objectives that the evidence calls for; there is a contact, or a patch that is felt.
 
     Raises:
         InvalidInputError: balance of an object whose mass is not known, or whose symmetries move its centre of mass.
     """
     contacts, prior = evidence.contacts, evidence.prior
     touch = SurfaceContact(model.grid, contacts)
-    terms: list[LeastSquaresObjective] = [touch]
+    terms: list[LeastSquaresObjective] = [touch] if len(contacts) else []
+    if evidence.felt:
+        terms.append(PatchContact(model.grid, evidence.felt))
     if evidence.balance is not None:
         _check_mass(model)
         terms.append(WrenchBalance(contacts, evidence.balance, model.mass, model.center_of_mass))
     determining = _sum(terms)
+    unfelt = [patch for patch in evidence.patches if not patch.is_felt]
+    if unfelt:
+        terms.append(PatchContact(model.grid, unfelt))
     if evidence.friction is not None:
         terms.append(FrictionCone(model.grid, contacts, evidence.friction))
     if evidence.hand is not None:
@@ -65,7 +72,7 @@ def make_problem(model: ObjectModel, evidence: Evidence) -> PoseProblem:
         terms.append(Penetration(model.grid, evidence.untouched))
     likelihood = _sum(terms)
     if prior is None:
-        return PoseProblem(touch, determining, likelihood, likelihood, TouchSpace(model, contacts))
+        return PoseProblem(touch, determining, likelihood, likelihood, TouchSpace(model, evidence.touch))
     return PoseProblem(touch, determining, likelihood, _sum([*terms, PriorObjective(prior)]), PriorSpace(prior))
 
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactopose_drake.core.contacts import Contacts
+from tactopose_drake.core.evidence import Evidence
 from tactopose_drake.core.objectives.base import LeastSquaresObjective, Objective, SumObjective
 from tactopose_drake.core.objectives.surface_density import SurfaceDensity
 from tactopose_drake.core.objects import ObjectModel
@@ -30,7 +30,7 @@ class Posterior(NamedTuple):
         turns: axes, unit rows (c, 3), and points on them (c, 3), m, in O, about which turns change nothing.
         turn_variance: what is reported as the variance of such a turn, rad^2.
         size: the object's, m.
-        sigma: of the contacts' positions, m.
+        sigma: of the positions of contacts and pads, m.
     """
 
     likelihood: LeastSquaresObjective
@@ -65,11 +65,15 @@ class Posterior(NamedTuple):
         return math.sqrt(2.0 * _SAGITTA * self.sigma * self.size / 2.0)
 
 
-def make_posterior(model: ObjectModel, contacts: Contacts, problem: PoseProblem, has_prior: bool) -> Posterior:
-    """The posterior of a search's problem, with the contacts' exact likelihood in place of the smooth one."""
-    terms: list[Objective] = [SurfaceDensity(model, contacts)]
-    if isinstance(problem.objective, SumObjective):
-        terms += [term for term in problem.objective.terms if term is not problem.touch]
+def make_posterior(model: ObjectModel, evidence: Evidence, problem: PoseProblem) -> Posterior:
+    """The posterior of a search's problem, with the contacts' exact likelihood in place of the smooth one.
+
+    Patches have no other likelihood than theirs on the signed distance: it counts as exact.
+    """
+    objective = problem.objective
+    terms: list[Objective] = [SurfaceDensity(model, evidence.contacts)] if len(evidence.contacts) else []
+    smooth = objective.terms if isinstance(objective, SumObjective) else (objective,)
+    terms += [term for term in smooth if term is not problem.touch]
 
     def exact_cost(X_PO: FloatArray) -> FloatArray:
         cost = terms[0].cost(X_PO)
@@ -78,7 +82,7 @@ def make_posterior(model: ObjectModel, contacts: Contacts, problem: PoseProblem,
         return cost
 
     # A prior tells the turns about a continuous axis apart; no other evidence does.
-    axes = [] if has_prior else [symmetry for symmetry in model.symmetries if symmetry.is_continuous]
+    axes = [] if evidence.prior is not None else [symmetry for symmetry in model.symmetries if symmetry.is_continuous]
     return Posterior(
         likelihood=problem.likelihood,
         objective=problem.objective,
@@ -89,5 +93,5 @@ def make_posterior(model: ObjectModel, contacts: Contacts, problem: PoseProblem,
         ),
         turn_variance=1.0 / float(problem.space.information[0, 0]),
         size=model.size,
-        sigma=float(np.min(contacts.sigma_position)),
+        sigma=float(np.min(evidence.touch.sigma_position)),
     )

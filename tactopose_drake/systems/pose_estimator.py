@@ -11,6 +11,7 @@ from tactopose_drake.collision import HandCollision, keep_clear
 from tactopose_drake.core.contacts import Contacts
 from tactopose_drake.core.hand_spheres import HandSpheres
 from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.patches import Patch
 from tactopose_drake.core.prior import PosePrior
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import InvalidInputError
@@ -25,7 +26,7 @@ class PoseEstimatorParams:
 
     period: float = 0.1  # s between two estimates
     method: str = "pair_search"  # a method of `estimate_pose`
-    min_contacts: int = 2  # fewer contacts leave the pose as it is
+    min_contacts: int = 2  # fewer contacts and patches that are felt leave the pose as it is
     max_hypotheses: int = 16  # kept at the most
     seed: int = 0  # of the search's random numbers, the same at each estimate
     max_duration: float | None = None  # s after which the search ends with the best that it has; None: never
@@ -45,13 +46,14 @@ class PoseEstimatorParams:
 
 
 class PoseEstimator(LeafSystem):
-    """Estimates the pose of a held object from the contacts of one instant.
+    """Estimates the pose of a held object from the contacts and tactile patches of one instant.
 
     .. pydrake_system::
 
         name: PoseEstimator
         input_ports:
         - contacts
+        - patches
         - prior
         - hand
         - untouched
@@ -63,7 +65,8 @@ class PoseEstimator(LeafSystem):
 
     All inputs are read at each period.
 
-    - contacts: `Contacts` in P.
+    - contacts: `Contacts` in P; may stay unconnected where patches are connected.
+    - patches: tuple of `Patch` in P, those that feel nothing too; may stay unconnected.
     - prior: `PosePrior` X_PO, or None while there is none yet. May stay unconnected where the method needs no prior.
     - hand: `HandSpheres` in P, where the object is not, or None; may stay unconnected.
     - untouched: `HandSpheres` in P, the parts of the hand that feel no contact, or None; may stay unconnected.
@@ -91,6 +94,7 @@ class PoseEstimator(LeafSystem):
         self._params.validate()
         self._model = model
         self._contacts = self.DeclareAbstractInputPort("contacts", AbstractValue.Make(Contacts.empty()))
+        self._patches = self.DeclareAbstractInputPort("patches", AbstractValue.Make(()))
         self._prior = self.DeclareAbstractInputPort("prior", AbstractValue.Make(None))
         self._hand = self.DeclareAbstractInputPort("hand", AbstractValue.Make(None))
         self._untouched = self.DeclareAbstractInputPort("untouched", AbstractValue.Make(None))
@@ -113,16 +117,21 @@ class PoseEstimator(LeafSystem):
         self.DeclareStateOutputPort("status", self._status)
 
     def _update(self, context: Context, state: State) -> EventStatus:
-        contacts = eval_input(self._contacts, context, Contacts)
+        patches: tuple[Patch, ...] = eval_optional_input(self._patches, context, tuple) or ()
+        if self._contacts.HasValue(context) or not self._patches.HasValue(context):
+            contacts = eval_input(self._contacts, context, Contacts)
+        else:
+            contacts = Contacts.empty()
         prior = eval_optional_input(self._prior, context, PosePrior)
         if prior is not None and context.get_abstract_state(self._hypotheses).get_value() is None:
             state.get_mutable_abstract_state(self._pose).set_value(RigidTransform(prior.X_PO))
 
-        if len(contacts) < self._params.min_contacts:
-            return self._hold(state, f"{len(contacts)} contacts, {self._params.min_contacts} needed")
+        touches = len(contacts) + sum(patch.is_felt for patch in patches)
+        if touches < self._params.min_contacts:
+            return self._hold(state, f"{touches} contacts, {self._params.min_contacts} needed")
         if prior is None and self._prior.HasValue(context):
             return self._hold(state, "no prior yet")
-        estimate = self._estimate(context, contacts, prior)
+        estimate = self._estimate(context, contacts, patches, prior)
         is_clear = True
         if self._collision is not None and estimate.status != "no_solution":
             estimate, is_clear = self._keep_clear(context, estimate)
@@ -133,10 +142,13 @@ class PoseEstimator(LeafSystem):
         state.get_mutable_abstract_state(self._status).set_value(_status(estimate, is_clear))
         return EventStatus.Succeeded()
 
-    def _estimate(self, context: Context, contacts: Contacts, prior: PosePrior | None) -> PoseEstimate:
+    def _estimate(
+        self, context: Context, contacts: Contacts, patches: tuple[Patch, ...], prior: PosePrior | None
+    ) -> PoseEstimate:
         return estimate_pose(
             self._model,
             contacts,
+            patches=patches,
             prior=prior,
             hand=eval_optional_input(self._hand, context, HandSpheres),
             untouched=eval_optional_input(self._untouched, context, HandSpheres),

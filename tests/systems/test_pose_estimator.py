@@ -11,10 +11,13 @@ from pydrake.systems.framework import Context
 from tactopose_drake.collision import HandCollision
 from tactopose_drake.core.contacts import Contacts
 from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.patches import Patch, describe_patch
 from tactopose_drake.core.poses import retract
 from tactopose_drake.core.prior import PosePrior
+from tactopose_drake.core.synthetic_patch import flat_pad, touch_with_pads
 from tactopose_drake.errors import InvalidInputError, PortTypeError, UnknownNameError
 from tactopose_drake.estimates import PoseEstimate
+from tactopose_drake.estimation import estimate_pose
 from tactopose_drake.hand_geometry import HandGeometry
 from tactopose_drake.systems.pose_estimator import PoseEstimator, PoseEstimatorParams
 from tests.hands import write_hand
@@ -113,6 +116,37 @@ def test_before_the_first_touch_the_pose_is_the_priors(box: ObjectModel) -> None
     pose, hypotheses, _ = bench.step()
     np.testing.assert_array_equal(pose.GetAsMatrix34(), PRIOR.X_PO)
     assert hypotheses is None
+
+
+def pads(model: ObjectModel) -> tuple[Patch, ...]:
+    """Of four pads that feel the box, and one far away that does not."""
+    silent = describe_patch(flat_pad() + np.array([1.0, 0.0, 0.0]), np.zeros(24), alpha=1e-7)
+    return *touch_with_pads(model, X_PO.GetAsMatrix34(), 4, np.random.default_rng(0)), silent
+
+
+@pytest.mark.parametrize("count", [0, 5])
+def test_patches_count_like_contacts_and_are_enough_alone(box: ObjectModel, count: int) -> None:
+    patches = pads(box)
+    bench = Bench(box, min_contacts=count + 4)
+    bench.fix(patches=patches, prior=PRIOR, **({"contacts": touch(count)} if count else {}))
+    pose, _, status = bench.step()
+    assert status in ("ok", "ambiguous")
+    by_hand = estimate_pose(box, touch(count), patches=patches, prior=PRIOR, max_hypotheses=16)
+    assert pose.IsNearlyEqualTo(by_hand.best.X_PO, 1e-9)
+    before, after = error(RigidTransform(PRIOR.X_PO)), error(pose)
+    assert after[0] < before[0]
+    assert after[1] < before[1]
+
+
+def test_pads_that_feel_nothing_are_no_touch(box: ObjectModel) -> None:
+    bench = Bench(box, min_contacts=5)
+    bench.fix(patches=pads(box), prior=PRIOR)
+    assert bench.step()[2] == "held: 4 contacts, 5 needed"
+
+
+def test_without_contacts_and_patches_the_missing_port_is_named(box: ObjectModel) -> None:
+    with pytest.raises(PortTypeError, match="input port 'contacts' of system 'estimator': is not connected"):
+        Bench(box).step()
 
 
 def test_a_prior_that_is_connected_but_not_there_yet_is_waited_for(box: ObjectModel) -> None:
@@ -250,6 +284,7 @@ def test_the_pose_turns_with_the_touch(box: ObjectModel) -> None:
     [
         {"contacts": {"not": 1}},
         {"contacts": Contacts.empty(), "prior": {"not": 1}},
+        {"contacts": touch(), "patches": {"not": 1}},
         {"contacts": touch(), "hand": {"not": 1}},
         {"contacts": touch(), "untouched": {"not": 1}},
     ],

@@ -1,15 +1,16 @@
-"""Our search for tactile arrays: pairs of patches say where the object may be, their cells say where it is."""
+"""Our search for tactile arrays: pairs of touches say where the object may be, the arrays' cells say where it is."""
 
 from collections.abc import Sequence
 
+from tactopose_drake.core.contacts import Contacts
 from tactopose_drake.core.objects import ObjectModel
-from tactopose_drake.core.patch_contacts import patch_contacts
+from tactopose_drake.core.patch_contacts import with_patches
 from tactopose_drake.core.patches import Patch
 from tactopose_drake.core.searches.pair_search import PairSearch
 
 
-def patch_search(model: ObjectModel, patches: Sequence[Patch]) -> PairSearch:
-    """A pair search on the centroids and normals of the patches, for objectives on their cells.
+def patch_search(model: ObjectModel, patches: Sequence[Patch], contacts: Contacts | None = None) -> PairSearch:
+    """A pair search on the centroids and normals of the patches, and on contacts, for objectives on the patches' cells.
 
     Such an objective costs ten times what one on contacts does, and fewer of its minima mislead: fewer of the same
     candidates are refined.
@@ -17,10 +18,11 @@ def patch_search(model: ObjectModel, patches: Sequence[Patch]) -> PairSearch:
     Args:
         model: the object.
         patches: the touch that poses are proposed from; at least one pad feels the object.
+        contacts: more of it.
     """
     return PairSearch(
         model=model,
-        contacts=patch_contacts(patches),
+        contacts=with_patches(Contacts.empty() if contacts is None else contacts, patches),
         starts=60,
         kept=15,
         polished=4,
