@@ -66,7 +66,7 @@ class ContactSolver(LeafSystem):
             "contact_solutions",
             lambda: AbstractValue.Make({}),
             self._calc_solutions,
-            prerequisites_of_calc={port.ticket() for port in self._wrenches.values()},
+            prerequisites_of_calc={port.ticket() for port in self._wrenches.values()} or {self.nothing_ticket()},
         )
 
     def _calc_solutions(self, context: Context, output: AbstractValue) -> None:

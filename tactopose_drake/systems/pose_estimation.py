@@ -1,4 +1,4 @@
-"""From wrenches and joint positions to the object's pose: one diagram to put into another."""
+"""From wrenches, pads' pressures and joint positions to the object's pose: one diagram to put into another."""
 
 import dataclasses
 
@@ -11,6 +11,7 @@ from tactopose_drake.hand_geometry import BodySpheres
 from tactopose_drake.systems.contact_solver import ContactSolver, ContactSolverParams
 from tactopose_drake.systems.contacts_in_palm import ContactsInPalm, ContactsInPalmParams
 from tactopose_drake.systems.hand_volume import HandVolume
+from tactopose_drake.systems.patch_descriptor import PatchDescriptor, PatchDescriptorParams
 from tactopose_drake.systems.pose_estimator import PoseEstimator, PoseEstimatorParams
 
 
@@ -20,13 +21,14 @@ class PoseEstimationParams:
 
     solver: ContactSolverParams = dataclasses.field(default_factory=ContactSolverParams)
     contacts: ContactsInPalmParams = dataclasses.field(default_factory=ContactsInPalmParams)
+    patches: PatchDescriptorParams = dataclasses.field(default_factory=PatchDescriptorParams)  # of a hand with pads
     estimator: PoseEstimatorParams = dataclasses.field(default_factory=PoseEstimatorParams)
     use_hand_volume: bool = True  # whether it is evidence that the object is not in the hand, nor at silent fingertips
     check_collisions: bool = True  # whether hypotheses that collide with the hand are dropped
 
     def validate(self) -> None:
         """Raises InvalidInputError if a value is out of its range."""
-        for part in (self.solver, self.contacts, self.estimator):
+        for part in (self.solver, self.contacts, self.patches, self.estimator):
             part.validate()
 
 
@@ -44,6 +46,7 @@ def AddPoseEstimation(
         name: pose_estimation
         input_ports:
         - wrench_<finger>
+        - pressures_<pad>
         - joint_positions
         - prior
         output_ports:
@@ -54,15 +57,20 @@ def AddPoseEstimation(
         - fingers_in_contact
         - contact_status
         - contact_solutions
+        - patches
+        - patch_status
 
     - wrench_<finger>: one per finger of the hand, F_S on the fingertip about its sensor's origin, as a sensor measures
       it: [m_x, m_y, m_z, f_x, f_y, f_z], N m and N; NaN where there is no reading. May stay
       unconnected for a finger without a sensor.
+    - pressures_<pad>: one per tactile pad of the hand, of its cells, Pa; NaN where there is no reading. May stay
+      unconnected.
     - joint_positions: measured positions of the hand's joints, in the order of a plant of the hand alone, rad.
     - prior: `PosePrior` X_PO; may stay unconnected where the method needs none.
     - object_pose, hypotheses, status: of `PoseEstimator`.
     - contacts, fingers_in_contact, contact_status: of `ContactsInPalm` (its `status`).
     - contact_solutions: of `ContactSolver`.
+    - patches, patch_status: of `PatchDescriptor` (its `status`); only where the hand has pads.
 
     Args:
         builder: receives the diagram.
@@ -92,6 +100,14 @@ def MakePoseEstimation(hand: HandConfig, model: ObjectModel, params: PoseEstimat
     builder.Connect(solver.GetOutputPort("contact_solutions"), contacts.GetInputPort("contact_solutions"))
     builder.Connect(contacts.GetOutputPort("contacts"), estimator.GetInputPort("contacts"))
     posed_too = [] if collision is None else [estimator]
+    if hand.pads:
+        descriptor = builder.AddNamedSystem("patch_descriptor", PatchDescriptor(plant, parts, params.patches))
+        builder.Connect(descriptor.GetOutputPort("patches"), estimator.GetInputPort("patches"))
+        posed_too.append(descriptor)
+        for pad in hand.pads:
+            builder.ExportInput(descriptor.GetInputPort(f"pressures_{pad.name}"), f"pressures_{pad.name}")
+        builder.ExportOutput(descriptor.GetOutputPort("patches"), "patches")
+        builder.ExportOutput(descriptor.GetOutputPort("status"), "patch_status")
     if params.use_hand_volume:
         volume = builder.AddNamedSystem("hand_volume", HandVolume(plant, parts, BodySpheres.of_hand(hand)))
         builder.Connect(contacts.GetOutputPort("fingers_untouched"), volume.GetInputPort("fingers_untouched"))
