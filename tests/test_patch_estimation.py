@@ -173,9 +173,11 @@ def test_every_global_method_takes_patches(model: tp.ObjectModel, method: str) -
     assert errors(estimate, X_PO)[1] < 0.5 * before
 
 
-def test_one_patch_without_a_prior_is_ambiguous(model: tp.ObjectModel) -> None:
-    _, patches = touch(model, 6, 1)
-    assert tp.estimate_pose(model, NOTHING, patches=patches).status == "ambiguous"
+def test_three_touches_and_no_fewer_may_tell_the_pose_of_a_ball() -> None:
+    ball = tp.ObjectModel.from_mesh(trimesh.creation.icosphere(subdivisions=4, radius=0.03))
+    patches = touch_with_pads(ball, np.eye(3, 4), 3, np.random.default_rng(0))
+    statuses = [tp.estimate_pose(ball, NOTHING, patches=patches[:count]).status for count in (1, 2, 3)]
+    assert statuses == ["ambiguous", "ambiguous", "ok"]
 
 
 @pytest.mark.parametrize("has_contacts", [True, False])

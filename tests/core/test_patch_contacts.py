@@ -3,9 +3,11 @@ import math
 import numpy as np
 import pytest
 
+from tactopose_drake.core.contacts import Contacts
 from tactopose_drake.core.objectives.patch_contact import PatchContact
+from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.objects import ObjectModel
-from tactopose_drake.core.patch_contacts import patch_contacts
+from tactopose_drake.core.patch_contacts import patch_contacts, with_patches
 from tactopose_drake.core.patches import Patch, describe_patch
 from tactopose_drake.core.poses import exp_so3, increments_between, make_poses, random_rotations
 from tactopose_drake.core.searches.pair_search import PairSearch
@@ -53,6 +55,22 @@ def test_the_spread_of_an_areas_normal_is_what_it_claims() -> None:
 def test_a_sigma_that_is_none_is_named() -> None:
     with pytest.raises(InvalidInputError, match="sigma_position: is 0"):
         patch_contacts([pressed(np.full(24, 0.001))], sigma_position=0.0)
+
+
+@pytest.mark.parametrize("has_normals", [True, False])
+def test_joined_they_say_what_contacts_and_patches_say(has_normals: bool) -> None:
+    model = ObjectModel.from_mesh(shape_poor_in_symmetry())
+    generator = np.random.default_rng(2)
+    n_PC = random_rotations(generator, 5)[:, 0] if has_normals else None
+    contacts = Contacts(0.03 * generator.normal(size=(5, 3)), n_PC, sigma_position=np.linspace(0.001, 0.002, 5))
+    patches = [pressed(np.full(24, 0.001)), pressed(np.zeros(24)), pressed(0.001 + 0.05 * flat_pad()[:, 0])]
+    X_PO = make_poses(random_rotations(generator, 20), 0.02 * generator.normal(size=(20, 3)))
+    apart = [SurfaceContact(model.grid, some).cost(X_PO) for some in (contacts, patch_contacts(patches))]
+    joined = with_patches(contacts, patches)
+    assert len(joined) == 7
+    np.testing.assert_allclose(SurfaceContact(model.grid, joined).cost(X_PO), sum(apart), rtol=0.0, atol=1e-3)
+    assert with_patches(contacts, patches[1:2]) is contacts
+    np.testing.assert_array_equal(with_patches(Contacts.empty(), patches).p_PC, patch_contacts(patches).p_PC)
 
 
 def test_they_lead_a_search_to_the_pose() -> None:
