@@ -3,7 +3,7 @@
     python examples/thesis/table_5_2.py --trials 10 --seed 0 --out out
 
 Prints the table beside the thesis' numbers; writes it as Markdown (table_5_2.md). The input is that of table 5.3: six
-simulated grips (see `pad_grasps.py`), kept under the folder, and displaced poses to correct. 10 trials take about four
+simulated grips (see `pad_grasps.py`), kept under the folder, and displaced poses to correct. 10 trials take about three
 minutes.
 
 The thesis' three searches may look at the same number of poses, that of its Monte Carlo method; each ends with a
