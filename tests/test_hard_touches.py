@@ -47,7 +47,6 @@ def test_few_and_many_contacts_are_explained(
     assert estimate.status != "no_solution"
     if count == 2 and not has_prior:
         assert estimate.status == "ambiguous"
-    assert estimate.duration < 5.0
 
 
 @pytest.mark.parametrize("has_prior", [True, False])

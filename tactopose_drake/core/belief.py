@@ -66,8 +66,8 @@ class BeliefSampling:
         steps: Gauss-Newton steps that bring them to the valley's floor.
     """
 
-    samples: int = 256
-    tiles: int = 32
+    samples: int = 160
+    tiles: int = 20
     steps: int = 3
 
     def weigh(self, modes: Modes, posterior: Posterior, generator: np.random.Generator) -> Modes:
@@ -126,14 +126,12 @@ class BeliefSampling:
         return PoseMixture(X_mode, group, center, local, turns, count)
 
     def _to_the_floor(self, X_PO: FloatArray, posterior: Posterior) -> FloatArray:
-        """Poses (B, 3, 4) moved in the directions that the touch determines well, and in no others."""
-        units = posterior.units
+        """Poses (B, 3, 4) moved in the directions that the touch determines well, and little in others."""
+        units, soft = posterior.units, np.eye(6) / posterior.straight**2
         for _ in range(self.steps):
             equations = posterior.likelihood.normal_equations(X_PO)
-            values, vectors = np.linalg.eigh(equations.hessian * np.outer(units, units))
-            along = np.einsum("bij,bi->bj", vectors, equations.gradient * units)
-            is_stiff = values > 1.0 / posterior.straight**2
-            step = -np.einsum("bij,bj->bi", vectors, np.where(is_stiff, along / np.where(is_stiff, values, 1.0), 0.0))
+            damped = equations.hessian * np.outer(units, units) + soft
+            step = -np.linalg.solve(damped, (equations.gradient * units)[..., None])[..., 0]
             length = np.linalg.norm(step, axis=1, keepdims=True)
             step *= np.minimum(1.0, _LONGEST_STEP * posterior.size / np.maximum(length, 1e-12))
             X_PO = retract(X_PO, step * units)

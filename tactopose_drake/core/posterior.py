@@ -44,6 +44,8 @@ class Posterior(NamedTuple):
     def turn_directions(self, X_PO: FloatArray) -> FloatArray:
         """The increments of turns about the axes at poses (B, 3, 4), shape (B, 6, c)."""
         axes, points = self.turns
+        if not len(axes):
+            return np.empty((len(X_PO), 6, 0))
         shifts = -np.einsum("bij,cj->bic", X_PO[:, :, :3], np.cross(axes, points))
         return np.concatenate([np.broadcast_to(axes.T, (len(X_PO), 3, len(axes))), shifts], axis=1)
 

@@ -120,9 +120,9 @@ def test_the_bound_falls_with_more_contacts_and_less_noise(blob: ObjectModel) ->
     fewer = cramer_rao_bound(blob, Contacts(exact.p_PC[:6], exact.n_PC[:6], sigma_position=SIGMA_POSITION), X_PO)
     assert np.all(np.linalg.eigvalsh(fewer.covariance - all_of_them.covariance) > -1e-12)
     noisier = Contacts(exact.p_PC, exact.n_PC, sigma_position=2 * SIGMA_POSITION, sigma_normal=2 * SIGMA_NORMAL)
-    # Not fourfold to the last digit: the surface's own spread of normals, which adds to the noise, stays.
+    # Fourfold at the most: the surface's own spread of normals, which adds to the noise, stays as it is.
     ratio = np.linalg.eigvals(np.linalg.solve(all_of_them.covariance, cramer_rao_bound(blob, noisier, X_PO).covariance))
-    np.testing.assert_allclose(ratio, 4.0, rtol=0.1)
+    assert np.all((ratio > 3.0) & (ratio < 4.0 + 1e-9))
 
 
 def test_the_bound_moves_with_the_frame(blob: ObjectModel) -> None:

@@ -42,7 +42,9 @@ def test_an_ever_stiffer_layer_becomes_rigid(surface: Surface, seed: int) -> Non
     previous = math.inf
     for stiffness in (1e6, 1e9, 1e12):
         found = solve_contacts(touches.F_S, surface, layer=SoftLayer(thickness=0.001, stiffness=stiffness))
-        distance = np.linalg.norm(found.p_SC - rigid.p_SC, axis=1).max()
+        # Within a deformation of a cylinder's rim the contact lies beyond the end of the deformed surface.
+        assert found.valid.mean() > 0.9
+        distance = np.linalg.norm(found.p_SC - rigid.p_SC, axis=1)[found.valid].max()
         assert distance < 100.0 / stiffness + 1e-11
         assert distance < previous
         previous = distance
