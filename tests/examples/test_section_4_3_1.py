@@ -131,22 +131,6 @@ def test_each_method_corrects_a_pose_that_the_touch_determines(
     assert not trials.pose_errors(models["bust"], trial.prior.X_PO[None], X_PO).success[0]
 
 
-def test_the_published_cost_is_that_of_the_nearest_points(models: dict[str, tp.ObjectModel]) -> None:
-    published = load("published_search")
-    (grasp,) = make_grasps(models, "bust", 1)
-    contacts = tp.Contacts(grasp.p_PC + np.array([0.004, 0.0, 0.002]), grasp.n_PC[::-1].copy())
-    a, b, c = np.swapaxes(models["bust"].vertices[models["bust"].faces], 0, 1)
-    normals = np.cross(b - a, c - a)
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    cost = 0.0
-    for p_PC, n_PC in zip(contacts.p_PC, contacts.n_PC, strict=True):
-        gaps = np.linalg.norm(X_PO[:, :3].T @ (p_PC - X_PO[:, 3]) - (a + b + c) / 3, axis=1)
-        both = 100 * gaps + published.NORMAL_WEIGHT * (1 - normals @ (n_PC @ X_PO[:, :3]))
-        cost += both[gaps.argsort()[: published.NEIGHBOURS]].min()
-    objective = published.NearestPointContact(models["bust"], contacts)
-    np.testing.assert_allclose(objective.cost(np.stack([X_PO, X_PO])), cost)
-
-
 @pytest.mark.parametrize(("name", "always"), [("bust", [0]), ("wine_glass", [0, 4])])
 def test_fewer_fingers_are_some_of_the_same(
     trials: ModuleType, models: dict[str, tp.ObjectModel], name: str, always: list[int]
