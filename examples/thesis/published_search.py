@@ -5,8 +5,9 @@ minimises eq. 4.1: each contact counts by the distance to a point of the object 
 the point where their sum is least among the nearest ones, which a k-d tree finds. Without a guess the poses that it
 ends with are checked for collisions with the hand.
 
-The thesis does not print w_n for this chapter; of 5, 10, 20 and 40 (lengths in cm, as in chapter 3) 5 did best here;
-the design parameters without a guess are tuned to this cost too. The points are the centres of the mesh's triangles, some ten thousand.
+The thesis does not print w_n for this chapter; of 5, 10, 20 and 40 (lengths in cm, as in chapter 3) 5 did best here.
+The design without a guess is tuned to this cost too. The points are the centres of the mesh's triangles, some ten
+thousand.
 
 Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016, section 4.2.
 """
