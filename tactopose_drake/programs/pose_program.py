@@ -73,7 +73,7 @@ class PoseProgram:
 
     solver: str = "nlopt_slsqp"
     length: float = 0.05
-    max_iterations: int = 500
+    max_iterations: int = 2000
 
     def __post_init__(self) -> None:
         if self.solver not in _SOLVERS:
