@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from tactopose_drake.core.validation import FloatArray
@@ -83,21 +84,33 @@ def _spatial_order(points: FloatArray, bits: int = 10) -> NDArray[np.intp]:
     return np.argsort(code, kind="stable")
 
 
-def _triangle_curve(share: FloatArray, depth: int = 12) -> FloatArray:
+@njit(cache=True, nogil=True)
+def _triangle_curve(share, depth=12):  # type: ignore[no-untyped-def]
     """Barycentric weights (n, 3) of the points at the given shares, in [0, 1), of a triangle's area.
 
     Each base-4 digit of the share picks one of the four sub-triangles [B15]: three keep a corner, one is turned.
     """
-    corners = np.broadcast_to(np.eye(3), (len(share), 3, 3)).copy()
-    for _ in range(depth):
-        share = 4.0 * share
-        digit = share.astype(np.intp)
-        share = share - digit
-        opposite = 0.5 * (corners.sum(axis=1, keepdims=True) - corners)
-        keep = np.take_along_axis(corners, np.minimum(digit, 2)[:, None, None], axis=1)
-        kept = 0.5 * (keep + corners)
-        corners = np.where((digit == 3)[:, None, None], opposite, kept)
-    weights: FloatArray = corners.mean(axis=1)
+    weights, corners, opposite = np.empty((len(share), 3)), np.empty((3, 3)), np.empty((3, 3))
+    for n in range(len(share)):
+        rest = share[n]
+        corners[:] = np.eye(3)
+        for _ in range(depth):
+            rest *= 4.0
+            digit = int(rest)
+            rest -= digit
+            for a in range(3):
+                total = corners[0, a] + corners[1, a] + corners[2, a]
+                for c in range(3):
+                    opposite[c, a] = 0.5 * (total - corners[c, a])
+            if digit == 3:
+                corners[:] = opposite
+            else:
+                for a in range(3):
+                    kept = corners[digit, a]
+                    for c in range(3):
+                        corners[c, a] = 0.5 * (kept + corners[c, a])
+        for a in range(3):
+            weights[n, a] = (corners[0, a] + corners[1, a] + corners[2, a]) / 3.0
     return weights
 
 
