@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Sequence
 from typing import Literal
 
@@ -50,12 +51,15 @@ class PoseEstimate:
             noise.
         duration: s.
         finished: whether the search ended by itself, rather than at the time limit.
+        log_evidence: how well the object explains the touch in all its poses together; see `core.model_evidence`. It
+            compares objects for one touch, and means nothing by itself.
     """
 
     hypotheses: tuple[PoseHypothesis, ...]
     status: Status
     duration: float
     finished: bool = True
+    log_evidence: float = -math.inf
 
     @property
     def best(self) -> PoseHypothesis:
@@ -77,7 +81,12 @@ class PoseEstimate:
             for hypothesis in chosen
         )
         undetermined = self.status == "ambiguous" and self.best.probability >= _MOST_OF_THE_MASS
-        return dataclasses.replace(self, hypotheses=hypotheses, status=status_of(hypotheses, undetermined))
+        return dataclasses.replace(
+            self,
+            hypotheses=hypotheses,
+            status=status_of(hypotheses, undetermined),
+            log_evidence=self.log_evidence + (math.log(mass) if mass else -math.inf),
+        )
 
 
 def status_of(hypotheses: Sequence[PoseHypothesis], undetermined: bool) -> Status:

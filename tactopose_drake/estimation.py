@@ -16,6 +16,7 @@ from tactopose_drake.core.free_spin import turn_toward
 from tactopose_drake.core.hand_clearance import HandClearance
 from tactopose_drake.core.hand_spheres import HandSpheres
 from tactopose_drake.core.hypotheses import Modes, find_modes
+from tactopose_drake.core.model_evidence import log_evidence
 from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.patches import Patch
 from tactopose_drake.core.plausibility import degrees_of_freedom, explain_touch
@@ -126,7 +127,13 @@ def estimate_pose(
     explained = explain_touch(model, evidence, modes.X_PO)
     hypotheses = _hypotheses(modes, explained)
     undetermined = prior is None and len(evidence.touch) < _FEWEST_FOR_A_POSE
-    return PoseEstimate(hypotheses, status_of(hypotheses, undetermined), deadline.elapsed(), not deadline.passed)
+    return PoseEstimate(
+        hypotheses,
+        status_of(hypotheses, undetermined),
+        deadline.elapsed(),
+        not deadline.passed,
+        log_evidence(model, evidence, modes.log_mass),
+    )
 
 
 class _Deadline:

@@ -33,6 +33,8 @@ _TILE = 1.5
 _LONGEST_STEP = 0.1
 # The Laplace covariance counts as so many samples: the fewest that determine a covariance of six dimensions.
 _PSEUDO_SAMPLES = 7.0
+# Logarithm of the volume of the turns about one continuous axis, or about the three of a ball.
+_LOG_TURNS = {0: 0.0, 1: np.log(2.0 * np.pi), 3: np.log(8.0 * np.pi**2)}
 
 
 class Moments(NamedTuple):
@@ -91,7 +93,8 @@ class BeliefSampling:
         every = np.exp(laplace + least.min()) * (2.0 * np.pi) ** (3.0 - 0.5 * len(posterior.turns[0]))
         every[sampled] = mass
         moments = weigh_moments(modes.X_PO[sampled], X_PO, weights)
-        return self._update(modes, sampled, every / every.sum(), moments, posterior)
+        log_mass = float(np.log(every.sum()) - least.min() + _LOG_TURNS[len(posterior.turns[0])])
+        return self._update(modes, sampled, every / every.sum(), moments, posterior, log_mass)
 
     def _cover(
         self,
@@ -144,6 +147,7 @@ class BeliefSampling:
         probability: FloatArray,
         moments: Moments,
         posterior: Posterior,
+        log_mass: float,
     ) -> Modes:
         covariance = modes.covariance.copy()
         known = moments.worth > 1.0
@@ -154,7 +158,7 @@ class BeliefSampling:
         covariance[index] = spread + _PSEUDO_SAMPLES / moments.worth[known][:, None, None] * covariance[index]
         order = np.argsort(-probability, kind="stable")
         free = tuple(modes.free_directions[i] for i in order)
-        return Modes(modes.X_PO[order], modes.cost[order], probability[order], covariance[order], free)
+        return Modes(modes.X_PO[order], modes.cost[order], probability[order], covariance[order], free, log_mass)
 
 
 @njit(cache=True, nogil=True)

@@ -27,6 +27,8 @@ class Modes:
         probability: posterior weights, shape (n,); they sum to 1.
         covariance: of the increments (w, v), shape (n, 6, 6), rad and m.
         free_directions: for each mode the increments that the touch does not determine, unit rows (f, 6).
+        log_mass: logarithm of the integral of exp(-cost) over all modes, by the volume of poses, rad^3 m^3. Of the
+            images that the object's finite symmetries make of a mode one counts.
     """
 
     X_PO: FloatArray
@@ -34,6 +36,7 @@ class Modes:
     probability: FloatArray
     covariance: FloatArray
     free_directions: tuple[FloatArray, ...]
+    log_mass: float
 
 
 def find_modes(
@@ -69,6 +72,7 @@ def find_modes(
         probability=weight / weight.sum(),
         covariance=np.asarray(np.linalg.inv(information[index]), dtype=np.float64),
         free_directions=tuple(free_directions(touch_information[index], size)),
+        log_mass=float(log_weight[0] + np.log(weight.sum()) + 3.0 * np.log(2.0 * np.pi)),
     )
 
 

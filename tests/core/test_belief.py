@@ -48,7 +48,7 @@ def posterior(valley: Valley, exact: object = None, turns: tuple[FloatArray, Flo
 def modes(valley: Valley, X_PO: FloatArray) -> Modes:
     count = len(X_PO)
     covariance = np.linalg.inv(valley.normal_equations(X_PO).hessian + 1e-9 * np.eye(6))
-    return Modes(X_PO, valley.cost(X_PO), np.full(count, 1 / count), covariance, (np.empty((0, 6)),) * count)
+    return Modes(X_PO, valley.cost(X_PO), np.full(count, 1 / count), covariance, (np.empty((0, 6)),) * count, 0.0)
 
 
 def pose() -> FloatArray:
@@ -93,7 +93,7 @@ def test_the_masses_are_those_of_the_exact_posterior() -> None:
 
     X_PO = np.stack([first.X_PO, second.X_PO])
     covariance = np.stack([np.diag(SIGMAS**2), np.diag(SIGMAS**2)])
-    start = Modes(X_PO, np.array([0.0, 1.0]), np.array([0.9, 0.1]), covariance, (np.empty((0, 6)),) * 2)
+    start = Modes(X_PO, np.array([0.0, 1.0]), np.array([0.9, 0.1]), covariance, (np.empty((0, 6)),) * 2, 0.0)
     found = BeliefSampling(samples=8000, tiles=20).weigh(
         start, posterior(Nearest(pose(), SIGMAS), both), np.random.default_rng(0)
     )
