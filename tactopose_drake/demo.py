@@ -21,7 +21,7 @@ from tactopose_drake.display.scene import Scene
 from tactopose_drake.errors import TactoposeError
 from tactopose_drake.estimates import PoseEstimate
 from tactopose_drake.files import save_result
-from tactopose_drake.grasping.contact_truth import TipContact
+from tactopose_drake.grasping.contact_truth import PartContact
 from tactopose_drake.grasping.grasp_simulation import GraspResult, simulate_grasp
 from tactopose_drake.scenario import Scenario
 from tactopose_drake.visualization import aim_camera, save_html
@@ -160,7 +160,7 @@ def save_demo(result: DemoResult, folder: Path, meshcat: Meshcat | None = None) 
     return tuple(paths)
 
 
-def _report_finger(name: str, i: int, contacts: Contacts, truth: TipContact | None) -> FingerReport:
+def _report_finger(name: str, i: int, contacts: Contacts, truth: PartContact | None) -> FingerReport:
     assert contacts.n_PC is not None
     assert contacts.f_PC is not None
     force = float(np.linalg.norm(contacts.f_PC[i]))

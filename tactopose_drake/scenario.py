@@ -12,6 +12,7 @@ from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.resources import model_path, resource_root
 from tactopose_drake.systems.grasp_controller import GraspControllerParams
+from tactopose_drake.systems.grip_controller import GripControllerParams
 from tactopose_drake.systems.pose_estimation import PoseEstimationParams
 from tactopose_drake.systems.simulated_vision import SimulatedVisionParams
 from tactopose_drake.typed_yaml import load_typed_yaml
@@ -26,11 +27,24 @@ class SensorConfig:
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
+class Grip:
+    """A grip without a plan: the object is held in its place while the fingers close until each stalls."""
+
+    # Where, by the object's name; what is random in it (`!UniformVector`), the scenario's seed decides.
+    X_PO: dict[str, Transform] = dataclasses.field(default_factory=dict)
+    controller: GripControllerParams = dataclasses.field(default_factory=GripControllerParams)
+
+    def validate(self) -> None:
+        """Raises InvalidInputError if a value is out of its range."""
+        self.controller.validate()
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
 class GraspCheck:
     """When a simulated grasp counts as stable."""
 
     hold_time: float = 0.8  # from the object's release to the judgement, s
-    least_fingers: int = 3  # fingertips that carry at least `least_force`
+    least_fingers: int = 3  # fingertips and pads that carry at least `least_force`
     least_force: float = 1.0  # N
     most_speed: float = 0.001  # of the object's origin in the palm, m/s
     most_angular_speed: float = 0.02  # rad/s
@@ -65,6 +79,7 @@ class Scenario:
     plant: MultibodyPlantConfig = dataclasses.field(default_factory=_default_plant)
     X_WBase: Transform = dataclasses.field(default_factory=_palm_to_the_side)  # where the hand's base is welded
     X_WC: Transform = dataclasses.field(default_factory=_camera)  # the vision source's camera
+    grip: Grip | None = None  # how the object is gripped; None: as planned, by the three fields that follow
     reach: ReachParams = dataclasses.field(default_factory=ReachParams)
     planner: PlannerParams = dataclasses.field(default_factory=PlannerParams)
     controller: GraspControllerParams = dataclasses.field(default_factory=GraspControllerParams)
@@ -84,10 +99,17 @@ class Scenario:
             positive_number(f"Scenario.check.{field.name}", getattr(self.check, field.name))
         for part in (self.reach, self.planner, self.controller, self.vision, self.estimation):
             part.validate()
+        if self.grip is not None:
+            self.grip.validate()
         for path in (self.object_sdf(), self.object_mesh()):
             if not path.is_file():
                 known = ", ".join(sorted(shipped.stem for shipped in model_path("objects").glob("*.sdf")))
                 raise InvalidInputError(f"Scenario.object: {path} does not exist; the package's objects are {known}.")
+        if self.grip is not None and self.object not in self.grip.X_PO:
+            raise InvalidInputError(
+                f"Scenario.object: is {self.object!r}, for which Scenario.grip.X_PO has no place in the hand "
+                f"{self.hand!r}; it has places for {', '.join(sorted(self.grip.X_PO)) or 'none'}."
+            )
 
     def object_sdf(self) -> Path:
         """The object's model for the simulator."""

@@ -144,7 +144,11 @@ def test_every_scenario_runs_a_moment(path):
     simulator = Simulator(station.diagram)
     station.start(simulator.get_mutable_context())
     simulator.AdvanceTo(0.05)
-    assert np.all(np.isfinite(station.diagram.GetOutputPort("wrench_thumb").Eval(simulator.get_context())))
+    hand = station.hand
+    senses = [f"wrench_{finger}" for finger in hand.sensor_frames] + [f"pressures_{pad}" for pad in hand.pad_frames]
+    assert senses
+    for name in ("joint_positions", *senses):
+        assert np.all(np.isfinite(station.diagram.GetOutputPort(name).Eval(simulator.get_context()))), name
 
 
 def test_an_object_too_large_for_the_hand_is_refused(scenario, result):

@@ -1,4 +1,4 @@
-"""Where the simulator itself says that the fingertips touch, to judge what was estimated from the wrenches."""
+"""Where the simulator itself says that fingertips and pads touch, to judge what was estimated from the senses."""
 
 from dataclasses import dataclass
 
@@ -13,13 +13,13 @@ from tactopose_drake.hand import Hand
 
 
 @dataclass(frozen=True, eq=False)
-class TipContact:
-    """The contact patch between one fingertip and the object.
+class PartContact:
+    """The contact patch between one fingertip or pad and the object.
 
     Attributes:
         p_PC: centre of pressure in the palm, shape (3,), m.
         n_PC: the patch's mean normal, weighted by pressure, out of the object, shape (3,).
-        f_PC: force of the object on the fingertip, shape (3,), N.
+        f_PC: force of the object on the fingertip or pad, shape (3,), N.
         area: of the patch, m^2.
     """
 
@@ -34,11 +34,13 @@ class ContactTruth:
     """All contacts between hand and object at one instant.
 
     Attributes:
-        tips: by finger, those that touch.
+        tips: by finger, the fingertips with a force-torque sensor that touch.
+        pads: by pad, the tactile pads that touch.
         other_contacts: names of other links that touch the object.
     """
 
-    tips: dict[str, TipContact]
+    tips: dict[str, PartContact]
+    pads: dict[str, PartContact]
     other_contacts: tuple[str, ...]
 
 
@@ -53,13 +55,15 @@ def contact_truth(plant: MultibodyPlant, plant_context: Context, hand: Hand, obj
     """
     inspector = plant.get_geometry_query_input_port().Eval(plant_context).inspector()
     finger_of_tip = {weld.child_body().index(): finger for finger, weld in hand.welds.items()}
+    pad_of_body = {frame.body().index(): pad for pad, frame in hand.pad_frames.items()}
     results = plant.get_contact_results_output_port().Eval(plant_context)
     X_PW = hand.palm_frame.CalcPoseInWorld(plant_context).inverse()
 
     def body_of(geometry: GeometryId) -> Body:
         return plant.GetBodyFromFrameId(inspector.GetFrameId(geometry))
 
-    tips: dict[str, TipContact] = {}
+    tips: dict[str, PartContact] = {}
+    pads: dict[str, PartContact] = {}
     others: list[str] = []
     for i in range(results.num_hydroelastic_contacts()):
         info = results.hydroelastic_contact_info(i)
@@ -69,8 +73,8 @@ def contact_truth(plant: MultibodyPlant, plant_context: Context, hand: Hand, obj
             continue
         object_is_M = body_M.index() == object_body.index()
         partner = body_N if object_is_M else body_M
-        finger = finger_of_tip.get(partner.index())
-        if finger is None:
+        finger, pad = finger_of_tip.get(partner.index()), pad_of_body.get(partner.index())
+        if finger is None and pad is None:
             others.append(partner.name())
             continue
         p_WC, n_W = _center_of_pressure(surface)
@@ -78,14 +82,18 @@ def contact_truth(plant: MultibodyPlant, plant_context: Context, hand: Hand, obj
         side = -1.0 if object_is_M else 1.0
         f_W = side * info.F_Ac_W().translational()
         rotate = X_PW.rotation()
-        tips[finger] = TipContact(X_PW @ p_WC, rotate @ (side * n_W), rotate @ f_W, float(surface.total_area()))
+        contact = PartContact(X_PW @ p_WC, rotate @ (side * n_W), rotate @ f_W, float(surface.total_area()))
+        if finger is not None:
+            tips[finger] = contact
+        if pad is not None:
+            pads[pad] = contact
     for i in range(results.num_point_pair_contacts()):
         point = results.point_pair_contact_info(i)
         pair = (point.bodyA_index(), point.bodyB_index())
         if object_body.index() in pair:
             partner_index = pair[0] if pair[1] == object_body.index() else pair[1]
             others.append(plant.get_body(partner_index).name())
-    return ContactTruth(tips, tuple(others))
+    return ContactTruth(tips, pads, tuple(others))
 
 
 def _center_of_pressure(surface: ContactSurface) -> tuple[FloatArray, FloatArray]:

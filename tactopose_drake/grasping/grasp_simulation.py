@@ -1,7 +1,7 @@
 """Runs a scenario until the hand holds the object by itself, or says why it does not."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +10,7 @@ from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context
 
+from tactopose_drake.core.grasping.grasp_planner import GraspPlan
 from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.grasping.contact_truth import ContactTruth, contact_truth
 from tactopose_drake.grasping.grasp_planning import plan_scenario
@@ -22,7 +23,7 @@ class GraspResult:
     """How a simulated grasp went.
 
     Attributes:
-        stable: whether the object stays in the hand, still and carried by enough fingertips.
+        stable: whether the object stays in the hand, still and carried by enough fingertips and pads.
         reason: "ok", or why it is not stable.
         station: the diagram.
         simulator: at the end of the run; its context holds all ports' values.
@@ -60,7 +61,7 @@ def simulate_grasp(
     meshcat: Meshcat | None = None,
     on_progress: Callable[[str], None] | None = None,
 ) -> GraspResult:
-    """Plans and simulates a scenario's grasp; where it fails, the next best, in a fixed order.
+    """Simulates a scenario's grip; or plans and simulates its grasp, and where it fails, the next best, in order.
 
     Args:
         scenario: what to simulate.
@@ -69,18 +70,20 @@ def simulate_grasp(
         on_progress: is told what begins.
 
     Returns:
-        The first stable grasp, or the last one tried.
+        The first stable grasp, or the last one tried; a grip is tried once.
 
     Raises:
         InvalidInputError: if the scenario cannot be built, or the hand finds no way to hold the object.
     """
     tell = on_progress or (lambda message: None)
     model = ObjectModel.from_mesh(scenario.object_mesh()) if model is None else model
-    tell("planning a grasp")
-    plans = plan_scenario(scenario, model)[: scenario.check.attempts]
+    plans: Sequence[GraspPlan | None] = (None,)
+    if scenario.grip is None:
+        tell("planning a grasp")
+        plans = plan_scenario(scenario, model)[: scenario.check.attempts]
     failed: list[str] = []
     for plan in plans:
-        tell(f"simulating a grasp by {len(plan.fingers)} fingers")
+        tell("simulating a grip" if plan is None else f"simulating a grasp by {len(plan.fingers)} fingers")
         if meshcat is not None:
             meshcat.Delete()
             meshcat.DeleteRecording()
@@ -161,10 +164,12 @@ def _judge(
         return "the fingers did not close in time"
     if slip > check.most_slip:
         return f"the object slipped by {1e3 * slip:.1f} mm"
-    carrying = [finger for finger, tip in truth.tips.items() if np.linalg.norm(tip.f_PC) >= check.least_force]
+    parts = truth.tips | truth.pads
+    carrying = [name for name, part in parts.items() if np.linalg.norm(part.f_PC) >= check.least_force]
     if len(carrying) < check.least_fingers:
-        return f"only {len(carrying)} fingertips carry the object"
-    if truth.other_contacts:
+        return f"only {len(carrying)} {'pads' if truth.pads else 'fingertips'} carry the object"
+    # A plan is for the fingertips alone; a grip takes what comes.
+    if truth.other_contacts and station.plan is not None:
         return f"the object also touches {', '.join(truth.other_contacts)}"
     if not _is_still(station, plant_context):
         speed, spin = _motion(station, plant_context)

@@ -3,6 +3,7 @@
 import dataclasses
 
 import numpy as np
+from pydrake.common.value import AbstractValue
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import JointActuatorIndex, PdControllerGains
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, EventStatus, LeafSystem
@@ -62,11 +63,13 @@ class GripController(LeafSystem):
         output_ports:
         - desired_state
         - holding
+        - status
 
     - hand_state: measured positions and velocities of the hand's joints, shape (nq + nv,), rad and rad/s.
     - desired_state: of the hand's actuators, positions, then velocities, shape (2 na,), rad and rad/s; for the plant's
       port of that name. Changes once a period.
     - holding: shape (1,), 1 once every closing motor has stalled, 0 before.
+    - status: str, "closing: " and the joints whose motors have not stalled, or "holding".
     """
 
     def __init__(self, plant: MultibodyPlant, hand: Hand, params: GripControllerParams | None = None) -> None:
@@ -91,6 +94,7 @@ class GripController(LeafSystem):
                 raise UnknownNameError("GripControllerParams.fixed: joint", name, names)
         first, _, _ = hand_layout(plant, hand)
         self._joints = np.array([joint.position_start() - first for joint in joints])
+        self._names = names
         self._closing = np.array([name not in self._params.fixed for name in names])
         start = np.array([self._params.fixed.get(name, 0.0) for name in names])
 
@@ -106,6 +110,9 @@ class GripController(LeafSystem):
             ("holding", 1, self._calc_holding),
         ):
             self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc={ticket})
+        self.DeclareAbstractOutputPort(
+            "status", lambda: AbstractValue.Make(""), self._calc_status, prerequisites_of_calc={ticket}
+        )
 
     def _measured(self, context: Context) -> FloatArray:
         q: FloatArray = self._state_port.Eval(context)[self._joints]
@@ -140,3 +147,8 @@ class GripController(LeafSystem):
     def _calc_holding(self, context: Context, output: BasicVector) -> None:
         _, stalled = np.split(context.get_discrete_state_vector().value(), 2)
         output.SetFromVector([float(stalled.all())])
+
+    def _calc_status(self, context: Context, output: AbstractValue) -> None:
+        _, stalled = np.split(context.get_discrete_state_vector().value(), 2)
+        waiting = [name for name, done in zip(self._names, stalled > 0, strict=True) if not done]
+        output.set_value(f"closing: {', '.join(waiting)}" if waiting else "holding")
