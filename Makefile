@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test bench format clean
+.PHONY: demo test bench docs format clean
 
 demo: $(STAMP)
 	$(BIN)/tactopose demo
@@ -17,6 +17,10 @@ test: $(STAMP)
 
 bench: $(STAMP)
 	$(BIN)/pytest -n 0 tests/benchmarks
+
+docs: $(STAMP)
+	$(BIN)/sphinx-build -b html -q -W docs out/docs
+	@echo "The documentation is out/docs/index.html."
 
 format: $(STAMP)
 	$(BIN)/ruff format .

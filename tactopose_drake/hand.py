@@ -6,14 +6,14 @@ from pathlib import Path
 
 from pydrake.common.schema import Transform
 from pydrake.math import RigidTransform
-from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, ModelInstanceIndex, WeldJoint
 
 from tactopose_drake.core.surfaces import Capsule, Ellipsoid, Sphere, Surface
 from tactopose_drake.core.validation import finite_array, positive_number
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
-from tactopose_drake.resources import model_path, resource_root
+from tactopose_drake.model_packages import ModelPackage, make_parser
+from tactopose_drake.resources import model_path
 from tactopose_drake.typed_yaml import load_typed_yaml
 
 
@@ -59,16 +59,16 @@ class CapsuleSurface:
 class Coupling:
     """A joint without an actuator of its own: q_joint = ratio * q_follows."""
 
-    joint: str = ""
-    follows: str = ""
-    ratio: float = 1.0
+    joint: str = ""  # that follows
+    follows: str = ""  # an actuated joint
+    ratio: float = 1.0  # of their positions
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class FingerConfig:
     """One finger: the joints that move it and, where it has a force-torque sensor, that and its fingertip."""
 
-    name: str = ""
+    name: str = ""  # of the finger, by which ports are called
     joints: list[str] = dataclasses.field(default_factory=list)  # actuated, from the palm outwards
     couplings: list[Coupling] = dataclasses.field(default_factory=list)  # the model itself must hold them
     sensor_frame: str = ""  # S, the frame that the wrench is measured about and in; empty: there is no sensor
@@ -80,7 +80,7 @@ class FingerConfig:
 class PadConfig:
     """A tactile array and the soft pad that it lies in."""
 
-    name: str = ""
+    name: str = ""  # of the pad, by which ports are called
     frame: str = ""  # T, the frame of the array's layout: a frame or link of the model, on the pad's own body
     array: str = ""  # one of the package's tactile arrays by name, or a file by path
     alpha: float = 0.0  # depth over pressure of the pad, m/Pa: its soft layer's thickness over its modulus
@@ -90,7 +90,10 @@ class PadConfig:
 class HandConfig:
     """A hand's model file and the names in it."""
 
-    model: str = ""  # URL or path of an SDF or URDF file
+    model: str = ""  # URL or path of an SDF, URDF or MJCF file; a path begins at the YAML file
+    packages: list[ModelPackage] = dataclasses.field(
+        default_factory=list
+    )  # that the model's URLs name, and are not ours
     base_link: str = ""  # the link that carries the hand
     palm_frame: str = ""  # P, a frame or link of the model
     fingers: list[FingerConfig] = dataclasses.field(default_factory=list)
@@ -168,18 +171,25 @@ class Hand:
 def load_hand_config(name_or_path: str | Path) -> HandConfig:
     """Reads a `*.hand.yaml`: one of the package's hands by name, or any file by path.
 
+    A model that the file names by a relative path is looked for beside the file.
+
     Raises:
         InvalidFileError: if the file cannot be read or does not fit `HandConfig`.
         InvalidInputError: if a value is out of its range.
     """
     shipped = model_path("hands", str(name_or_path), f"{name_or_path}.hand.yaml")
-    config = load_typed_yaml(HandConfig, shipped if shipped.is_file() else Path(name_or_path))
+    path = shipped if shipped.is_file() else Path(name_or_path)
+    config = load_typed_yaml(HandConfig, path)
     config.validate()
+    if "://" not in config.model:
+        config.model = str(path.parent / config.model)
     return config
 
 
 def add_hand(plant: MultibodyPlant, config: HandConfig, X_WBase: RigidTransform | None = None) -> Hand:
     """Parses a hand into a plant that is not finalized yet.
+
+    A joint that moves a finger and has no actuator in the model gets one, without a limit.
 
     Args:
         plant: receives the hand. Coupled joints need a discrete plant with a SAP-family contact approximation, which
@@ -189,11 +199,17 @@ def add_hand(plant: MultibodyPlant, config: HandConfig, X_WBase: RigidTransform 
 
     Raises:
         UnknownNameError: if the model lacks a name of the configuration.
+        InvalidInputError: if a package of the model is not installed.
     """
     config.validate()
-    parser = make_parser(plant)
+    parser = make_parser(plant, config.packages)
     (model_instance,) = parser.AddModels(url=config.model) if "://" in config.model else parser.AddModels(config.model)
     hand = find_hand(plant, config, model_instance)
+    # Asked for one model's actuators, an unfinished plant says that there is none.
+    actuators = (plant.get_joint_actuator(index) for index in plant.GetJointActuatorIndices())
+    actuated = {actuator.joint().name() for actuator in actuators if actuator.model_instance() == model_instance}
+    for name in (name for finger in config.fingers for name in finger.joints if name not in actuated):
+        plant.AddJointActuator(name, plant.GetJointByName(name, model_instance))
     if X_WBase is not None:
         plant.WeldFrames(plant.world_frame(), plant.GetFrameByName(config.base_link, model_instance), X_WBase)
     return hand
@@ -227,13 +243,6 @@ def find_hand(plant: MultibodyPlant, config: HandConfig, model_instance: ModelIn
         {finger.name: finger.surface.make() for finger in sensing},
         {name: frames[frame] for name, frame in pads.items()},
     )
-
-
-def make_parser(plant: MultibodyPlant) -> Parser:
-    """A parser that resolves `package://tactopose_drake/...`."""
-    parser = Parser(plant)
-    parser.package_map().Add("tactopose_drake", str(resource_root()))
-    return parser
 
 
 def make_hand_plant(config: HandConfig) -> tuple[MultibodyPlant, Hand]:

@@ -16,7 +16,7 @@ class CellRow:
 
     center: list[float] = dataclasses.field(default_factory=lambda: [0.0, 0.0, 0.0])  # of the row, m
     tangent_deg: float = 0.0  # how far the pad has bent away from its normal here, deg
-    count: int = 1
+    count: int = 1  # of cells in the row
     cell: list[float] = dataclasses.field(default_factory=lambda: [0.001, 0.001])  # along the pad, across it, m
 
 

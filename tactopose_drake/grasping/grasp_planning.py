@@ -7,7 +7,8 @@ from tactopose_drake.core.grasping.grasp_planner import GraspPlan, plan_grasps
 from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.grasping.hand_reach import make_hand_reach
-from tactopose_drake.hand import load_hand_config, make_hand_plant, make_parser
+from tactopose_drake.hand import load_hand_config, make_hand_plant
+from tactopose_drake.model_packages import make_parser
 from tactopose_drake.scenario import Scenario
 
 

@@ -5,7 +5,8 @@ from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlantConfig
 from pydrake.systems.framework import DiagramBuilder
 
 from tactopose_drake.grasping.contact_truth import ContactTruth, contact_truth
-from tactopose_drake.hand import add_hand, load_hand_config, make_parser
+from tactopose_drake.hand import add_hand, load_hand_config
+from tactopose_drake.model_packages import make_parser
 from tactopose_drake.resources import model_path
 
 DEPTH = 2e-4  # m

@@ -39,7 +39,7 @@ class PlannerParams:
     finger_distance: float = 0.0185  # least distance between the axes of two fingers, m
     palm_clearance: float = 0.004  # m
     tilt_deg: float = 25.0  # largest angle between the object's z axis and up, deg
-    least_fingers: int = 4
+    least_fingers: int = 4  # that take part
 
     def validate(self) -> None:
         """Raises InvalidInputError if a value is out of its range."""

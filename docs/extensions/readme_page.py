@@ -1,0 +1,28 @@
+"""Makes the page `start` from the README, whose links lead into the checkout and not into the site."""
+
+import re
+from pathlib import Path
+from typing import Any
+
+from sphinx.application import Sphinx
+
+README = Path(__file__).parents[2] / "README.md"
+
+
+def to_page(text: str) -> str:
+    """The README as a page in docs/: pictures are found from there, other files are named and not linked."""
+    text = text.replace("](docs/pictures/", "](pictures/")
+    return re.sub(r"(?<!!)\[([^\]]+)\]\((?!https?:)([^)]+)\)", lambda link: f"{link[1]} (`{link[2]}`)", text)
+
+
+def read(app: Sphinx, name: str, source: list[str]) -> None:
+    """Gives the page its text when Sphinx reads it."""
+    if name == "start":
+        app.env.note_dependency(str(README))
+        source[0] = to_page(README.read_text(encoding="utf-8"))
+
+
+def setup(app: Sphinx) -> dict[str, Any]:
+    """Tells Sphinx of the page."""
+    app.connect("source-read", read)
+    return {"parallel_read_safe": True}

@@ -1,0 +1,74 @@
+"""The documentation builds without a warning, says all there is to say, and its examples run as written."""
+
+import importlib
+import re
+import subprocess
+import sys
+import typing
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+import yaml
+
+from tactopose_drake.hand import HandConfig
+from tactopose_drake.scenario import Scenario
+from tactopose_drake.tactile_pads import TactilePadFile
+
+ROOT = Path(__file__).parents[2]
+PAGES = {str(path.relative_to(ROOT)): path.read_text() for path in sorted((ROOT / "docs").rglob("*.md"))}
+FENCE = re.compile(r"^```(python|yaml|xml)\n(.*?)^```$", re.M | re.S)
+EXAMPLES = {name: FENCE.findall(text) for name, text in PAGES.items()}
+WITH_CODE = [name for name, blocks in EXAMPLES.items() if any(language == "python" for language, _ in blocks)]
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The built site; a warning of Sphinx fails its build."""
+    out = tmp_path_factory.mktemp("site")
+    command = [sys.executable, "-m", "sphinx", "-b", "html", "-q", "-W", "--keep-going", ROOT / "docs", out]
+    run = subprocess.run([*command, "-d", out / ".doctrees"], capture_output=True, text=True)
+    assert run.returncode == 0, run.stdout + run.stderr
+    return out
+
+
+def test_builds_without_a_warning(site: Path) -> None:
+    assert (site / "index.html").is_file()
+
+
+@pytest.mark.parametrize("folder", ["systems"])
+def test_every_module_of_the_folder_is_in_the_reference(folder: str) -> None:
+    modules = {path.stem for path in (ROOT / "tactopose_drake" / folder).glob("[!_]*.py")}
+    told = set(re.findall(rf"automodule:: tactopose_drake\.{folder}\.(\w+)", PAGES[f"docs/reference/{folder}.md"]))
+    assert told == modules
+
+
+@pytest.mark.parametrize("root", [Scenario, HandConfig, TactilePadFile])
+def test_every_key_of_a_file_is_said_to_mean_something(root: type, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(ROOT / "docs" / "extensions"))
+    yaml_schema = importlib.import_module("yaml_schema")
+    untold = [
+        f"{schema.__name__}.{name}"
+        for schema in yaml_schema.schemas(root)
+        for name, kind in typing.get_type_hints(schema).items()
+        # What another schema holds is told there.
+        if name not in yaml_schema.comments(schema) and not yaml_schema.parts(kind)
+    ]
+    assert not untold
+
+
+@pytest.mark.parametrize("page", WITH_CODE)
+def test_examples_run(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    namespace: dict[str, object] = {"__name__": page}
+    for language, text in EXAMPLES[page]:
+        if language == "python":
+            exec(compile(text, page, "exec"), namespace)
+            continue
+        if language == "yaml":
+            yaml.compose(text)
+        else:
+            ElementTree.fromstring(text)
+        # A file that the page shows is there under the name that its first line says.
+        if named := re.match(r"(?:#|<!--) (\S+\.\w+)", text):
+            Path(named[1]).write_text(text)
