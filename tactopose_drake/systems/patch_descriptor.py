@@ -26,9 +26,11 @@ class PatchDescriptorParams:
     # ... and above this share of its pad's highest pressure: that much the soft layer may spread onto cells that the
     # object does not touch.
     threshold_share: float = 0.15
+    max_age: float = 0.15  # of a frame that counts, s
 
     def validate(self) -> None:
-        """Raises InvalidInputError if the threshold is negative, or the share not below 1."""
+        """Raises InvalidInputError if the threshold is negative, the share not below 1, or the age not positive."""
+        positive_number("PatchDescriptorParams.max_age", self.max_age)
         positive_number("PatchDescriptorParams.threshold", self.threshold, allow_zero=True)
         if not 0 <= self.threshold_share < 1:
             raise InvalidInputError(
@@ -54,6 +56,7 @@ class PatchDescriptor(LeafSystem):
         input_ports:
         - joint_positions
         - pressures_<pad>
+        - age_<pad>
         output_ports:
         - patches
         - status
@@ -61,9 +64,14 @@ class PatchDescriptor(LeafSystem):
     - joint_positions: measured positions of the hand's joints, shape (nq,) of the hand's own plant, rad.
     - pressures_<pad>: one per pad, of its cells, Pa; NaN where a cell is dead or, all of them, where there is no
       reading. May stay unconnected, which counts as no reading.
-    - patches: tuple of `Patch` in P of the pads with a reading, in the order of the hand's description; those that
-      nothing touches have the status "no_contact". Changes with any input.
-    - status: str, "ok", or each pad without a reading and why.
+    - age_<pad>: one per pad, of its pressures, s, shape (1,). May stay unconnected where pressures are never old.
+    - patches: tuple of `Patch` in P of the pads with a reading that is not too old, in the order of the hand's
+      description; those that nothing touches have the status "no_contact". Changes with any input.
+    - status: str, "ok" where every pad feels the object; else each pad that does not, and why: "no contact", "no
+      reading", "stale: " and its age, or a joint position that is not finite.
+
+    Raises:
+        InvalidInputError: when a pressure is negative or infinite; the message names the port.
     """
 
     def __init__(self, plant: MultibodyPlant, hand: Hand, params: PatchDescriptorParams | None = None) -> None:
@@ -96,6 +104,7 @@ class PatchDescriptor(LeafSystem):
         self._pressures = {
             name: self.DeclareVectorInputPort(f"pressures_{name}", len(pad.layout)) for name, pad in self._pads.items()
         }
+        self._ages = {name: self.DeclareVectorInputPort(f"age_{name}", 1) for name in self._pads}
         self._kinematics = self.DeclareCacheEntry(
             "poses of the pads in the palm",
             ValueProducer(allocate=self._allocate_kinematics, calc=self._calc_kinematics),
@@ -104,7 +113,7 @@ class PatchDescriptor(LeafSystem):
         self._described = self.DeclareCacheEntry(
             "patches by pad",
             ValueProducer(allocate=lambda: AbstractValue.Make({}), calc=self._calc_described),
-            {self._kinematics.ticket(), *(port.ticket() for port in self._pressures.values())},
+            {self._kinematics.ticket(), *(port.ticket() for port in (*self._pressures.values(), *self._ages.values()))},
         )
         for name, empty, calc in (("patches", (), self._calc_patches), ("status", "", self._calc_status)):
             self.DeclareAbstractOutputPort(
@@ -128,24 +137,30 @@ class PatchDescriptor(LeafSystem):
         known = bool(np.all(np.isfinite(self._positions.Eval(context))))
         for name, port in self._pressures.items():
             pressure = port.Eval(context) if port.HasValue(context) else np.full(port.size(), np.nan)
+            age = float(self._ages[name].Eval(context)[0]) if self._ages[name].HasValue(context) else 0.0
             if not known:
                 described[name] = "a joint position is not finite"
-            elif np.all(np.isnan(pressure)):
+            elif not np.isfinite(age) or (age <= self._params.max_age and np.all(np.isnan(pressure))):
                 described[name] = NO_READING
+            elif age > self._params.max_age:
+                described[name] = f"stale: {age:.2f} s old"
             else:
                 described[name] = self._describe(name, self._kinematics.Eval(context).X_PT[name], pressure)
         cached.set_value(described)
 
     def _describe(self, name: str, X_PT: RigidTransform, pressure: FloatArray) -> Patch:
         pad: TactilePad = self._pads[name]
-        return describe_patch(
-            X_PT.multiply(pad.layout.p_TC.T).T,
-            pressure,
-            alpha=self._alpha[name],
-            n_PT=pad.layout.n_T @ X_PT.rotation().matrix().T,
-            threshold=max(self._params.threshold, self._params.threshold_share * float(np.nanmax(pressure))),
-            saturation=pad.model.range,
-        )
+        try:
+            return describe_patch(
+                X_PT.multiply(pad.layout.p_TC.T).T,
+                pressure,
+                alpha=self._alpha[name],
+                n_PT=pad.layout.n_T @ X_PT.rotation().matrix().T,
+                threshold=max(self._params.threshold, self._params.threshold_share * float(np.nanmax(pressure))),
+                saturation=pad.model.range,
+            )
+        except InvalidInputError as error:
+            raise InvalidInputError(f"input port 'pressures_{name}': {error}") from None
 
     def _calc_patches(self, context: Context, output: AbstractValue) -> None:
         described: dict[str, Any] = self._described.Eval(context)
@@ -153,5 +168,12 @@ class PatchDescriptor(LeafSystem):
 
     def _calc_status(self, context: Context, output: AbstractValue) -> None:
         described: dict[str, Any] = self._described.Eval(context)
-        reasons = (f"{name}: {reason}" for name, reason in described.items() if isinstance(reason, str))
+        reasons = [f"{name}: {_unfelt(patch)}" for name, patch in described.items() if _unfelt(patch)]
         output.set_value("; ".join(reasons) or "ok")
+
+
+def _unfelt(described: Patch | str) -> str:
+    """Why a pad does not feel the object; empty where it does."""
+    if isinstance(described, str):
+        return described
+    return "" if described.is_felt else "no contact"

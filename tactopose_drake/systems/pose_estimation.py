@@ -47,6 +47,7 @@ def AddPoseEstimation(
         input_ports:
         - wrench_<finger>
         - pressures_<pad>
+        - age_<pad>
         - joint_positions
         - prior
         output_ports:
@@ -65,6 +66,7 @@ def AddPoseEstimation(
       unconnected for a finger without a sensor.
     - pressures_<pad>: one per tactile pad of the hand, of its cells, Pa; NaN where there is no reading. May stay
       unconnected.
+    - age_<pad>: of those pressures, s; an old frame counts for nothing. May stay unconnected.
     - joint_positions: measured positions of the hand's joints, in the order of a plant of the hand alone, rad.
     - prior: `PosePrior` X_PO; may stay unconnected where the method needs none.
     - object_pose, hypotheses, status: of `PoseEstimator`.
@@ -99,13 +101,16 @@ def MakePoseEstimation(hand: HandConfig, model: ObjectModel, params: PoseEstimat
     estimator = builder.AddNamedSystem("pose_estimator", PoseEstimator(model, params.estimator, collision))
     builder.Connect(solver.GetOutputPort("contact_solutions"), contacts.GetInputPort("contact_solutions"))
     builder.Connect(contacts.GetOutputPort("contacts"), estimator.GetInputPort("contacts"))
+    builder.Connect(contacts.GetOutputPort("status"), estimator.GetInputPort("contact_status"))
     posed_too = [] if collision is None else [estimator]
     if hand.pads:
         descriptor = builder.AddNamedSystem("patch_descriptor", PatchDescriptor(plant, parts, params.patches))
         builder.Connect(descriptor.GetOutputPort("patches"), estimator.GetInputPort("patches"))
+        builder.Connect(descriptor.GetOutputPort("status"), estimator.GetInputPort("patch_status"))
         posed_too.append(descriptor)
         for pad in hand.pads:
-            builder.ExportInput(descriptor.GetInputPort(f"pressures_{pad.name}"), f"pressures_{pad.name}")
+            for port in (f"pressures_{pad.name}", f"age_{pad.name}"):
+                builder.ExportInput(descriptor.GetInputPort(port), port)
         builder.ExportOutput(descriptor.GetOutputPort("patches"), "patches")
         builder.ExportOutput(descriptor.GetOutputPort("status"), "patch_status")
     if params.use_hand_volume:

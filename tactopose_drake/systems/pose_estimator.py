@@ -53,7 +53,9 @@ class PoseEstimator(LeafSystem):
         name: PoseEstimator
         input_ports:
         - contacts
+        - contact_status
         - patches
+        - patch_status
         - prior
         - hand
         - untouched
@@ -66,6 +68,8 @@ class PoseEstimator(LeafSystem):
     All inputs are read at each period.
 
     - contacts: `Contacts` in P; may stay unconnected where patches are connected.
+    - contact_status, patch_status: str, "ok", or which fingers and pads do not feel the object and why; a remark of the
+      status. May stay unconnected.
     - patches: tuple of `Patch` in P, those that feel nothing too; may stay unconnected.
     - prior: `PosePrior` X_PO, or None while there is none yet. May stay unconnected where the method needs no prior.
     - hand: `HandSpheres` in P, where the object is not, or None; may stay unconnected.
@@ -75,8 +79,9 @@ class PoseEstimator(LeafSystem):
       no better one. Before the first estimate the prior's, before the first prior the identity.
     - hypotheses: `PoseEstimate`, the last one made; None before the first. Hypotheses that collide with the hand are
       left out, and the others weighed among themselves; all stay where every one that explains the touch collides.
-    - status: str, "ok" or "ambiguous" for a pose of this period, maybe with ": " and a remark (the search was cut
-      short; every hypothesis collides); else "held: " and why. Changes with `object_pose`.
+    - status: str, "ok" or "ambiguous" for a pose of this period, maybe with ": " and remarks (the search was cut short;
+      every hypothesis collides; what does not feel the object); else "held: " and why, and the remarks. Changes with
+      `object_pose`.
     """
 
     def __init__(
@@ -95,6 +100,9 @@ class PoseEstimator(LeafSystem):
         self._model = model
         self._contacts = self.DeclareAbstractInputPort("contacts", AbstractValue.Make(Contacts.empty()))
         self._patches = self.DeclareAbstractInputPort("patches", AbstractValue.Make(()))
+        self._touch_statuses = [
+            self.DeclareAbstractInputPort(name, AbstractValue.Make("")) for name in ("contact_status", "patch_status")
+        ]
         self._prior = self.DeclareAbstractInputPort("prior", AbstractValue.Make(None))
         self._hand = self.DeclareAbstractInputPort("hand", AbstractValue.Make(None))
         self._untouched = self.DeclareAbstractInputPort("untouched", AbstractValue.Make(None))
@@ -117,6 +125,16 @@ class PoseEstimator(LeafSystem):
         self.DeclareStateOutputPort("status", self._status)
 
     def _update(self, context: Context, state: State) -> EventStatus:
+        outcome, remarks = self._renew(context, state)
+        for port in self._touch_statuses:
+            status = eval_optional_input(port, context, str)
+            remarks += [] if status in (None, "ok") else [status]
+        text = f"{outcome}: {'; '.join(remarks)}" if remarks else outcome
+        state.get_mutable_abstract_state(self._status).set_value(text)
+        return EventStatus.Succeeded()
+
+    def _renew(self, context: Context, state: State) -> tuple[str, list[str]]:
+        """Estimates anew; returns the first word of the status, and the remarks on it."""
         patches: tuple[Patch, ...] = eval_optional_input(self._patches, context, tuple) or ()
         if self._contacts.HasValue(context) or not self._patches.HasValue(context):
             contacts = eval_input(self._contacts, context, Contacts)
@@ -128,19 +146,20 @@ class PoseEstimator(LeafSystem):
 
         touches = len(contacts) + sum(patch.is_felt for patch in patches)
         if touches < self._params.min_contacts:
-            return self._hold(state, f"{touches} contacts, {self._params.min_contacts} needed")
+            return "held", [f"{touches} contacts, {self._params.min_contacts} needed"]
         if prior is None and self._prior.HasValue(context):
-            return self._hold(state, "no prior yet")
+            return "held", ["no prior yet"]
         estimate = self._estimate(context, contacts, patches, prior)
         is_clear = True
         if self._collision is not None and estimate.status != "no_solution":
             estimate, is_clear = self._keep_clear(context, estimate)
         state.get_mutable_abstract_state(self._hypotheses).set_value(estimate)
         if estimate.status == "no_solution":
-            return self._hold(state, "no pose explains the touch")
+            return "held", ["no pose explains the touch"]
         state.get_mutable_abstract_state(self._pose).set_value(estimate.best.X_PO)
-        state.get_mutable_abstract_state(self._status).set_value(_status(estimate, is_clear))
-        return EventStatus.Succeeded()
+        remarks = [] if estimate.finished else ["the search was cut short"]
+        remarks += [] if is_clear else ["every hypothesis collides with the hand"]
+        return estimate.status, remarks
 
     def _estimate(
         self, context: Context, contacts: Contacts, patches: tuple[Patch, ...], prior: PosePrior | None
@@ -166,13 +185,3 @@ class PoseEstimator(LeafSystem):
         scratch = self._scratch.Eval(context)
         collisions = self._collision.check(self._positions.Eval(context), X_PO, enough=tolerance, scratch=scratch)
         return keep_clear(estimate, collisions, tolerance)
-
-    def _hold(self, state: State, reason: str) -> EventStatus:
-        state.get_mutable_abstract_state(self._status).set_value(f"held: {reason}")
-        return EventStatus.Succeeded()
-
-
-def _status(estimate: PoseEstimate, is_clear: bool) -> str:
-    remarks = [] if estimate.finished else ["the search was cut short"]
-    remarks += [] if is_clear else ["every hypothesis collides with the hand"]
-    return f"{estimate.status}: {'; '.join(remarks)}" if remarks else estimate.status

@@ -102,7 +102,41 @@ def test_untouched_pads_and_dead_cells_are_said_and_unconnected_pads_are_none(
     (patch,) = patches_of(system, context)
     assert patch.status == "no_contact"
     np.testing.assert_array_equal(np.flatnonzero(patch.dead), [5])
-    assert system.GetOutputPort("status").Eval(context) == "; ".join(f"{name}: no reading" for name in PADS[:3])
+    expected = [f"{name}: no reading" for name in PADS[:3]] + ["palm: no contact"]
+    assert system.GetOutputPort("status").Eval(context) == "; ".join(expected)
+
+
+def test_an_old_frame_counts_for_nothing_until_a_new_one_comes(hand_plant: tuple[MultibodyPlant, Hand]) -> None:
+    system, context = fixed(hand_plant, np.zeros(8), some_pressures())
+    limit = PatchDescriptorParams().max_age
+    for age, status in ((limit, "ok"), (0.31, "palm: stale: 0.31 s old"), (np.inf, "palm: no reading"), (0.0, "ok")):
+        system.GetInputPort("age_palm").FixValue(context, [age])
+        assert system.GetOutputPort("status").Eval(context) == status
+        assert len(patches_of(system, context)) == (4 if status == "ok" else 3)
+    system.GetInputPort("age_palm").FixValue(context, [np.nan])
+    assert system.GetOutputPort("status").Eval(context) == "palm: no reading"
+
+
+def test_zero_frames_are_no_contact(hand_plant: tuple[MultibodyPlant, Hand]) -> None:
+    system, context = fixed(hand_plant, np.zeros(8), {name: np.zeros(24) for name in PADS})
+    assert [patch.status for patch in patches_of(system, context)] == ["no_contact"] * 4
+    assert system.GetOutputPort("status").Eval(context) == "; ".join(f"{name}: no contact" for name in PADS)
+
+
+@pytest.mark.parametrize("value", [-1.0, np.inf])
+def test_an_impossible_pressure_is_refused_by_the_name_of_its_pad(
+    hand_plant: tuple[MultibodyPlant, Hand], value: float
+) -> None:
+    pressures = some_pressures()
+    pressures["finger_2"][7] = value
+    system, context = fixed(hand_plant, np.zeros(8), pressures)
+    with pytest.raises(InvalidInputError, match=r"input port 'pressures_finger_2': pressure"):
+        patches_of(system, context)
+
+
+def test_a_frame_with_the_wrong_number_of_cells_is_refused(hand_plant: tuple[MultibodyPlant, Hand]) -> None:
+    with pytest.raises((RuntimeError, ValueError), match="23"):
+        fixed(hand_plant, np.zeros(8), {"palm": np.zeros(23)})
 
 
 def test_what_the_soft_layer_spreads_is_no_contact(hand_plant: tuple[MultibodyPlant, Hand]) -> None:
@@ -119,6 +153,8 @@ def test_impossible_descriptors_are_refused(hand_plant: tuple[MultibodyPlant, Ha
         PatchDescriptor(*hand_plant, PatchDescriptorParams(threshold=-1))
     with pytest.raises(InvalidInputError, match="threshold_share: is 1;"):
         PatchDescriptor(*hand_plant, PatchDescriptorParams(threshold_share=1.0))
+    with pytest.raises(InvalidInputError, match="max_age: is 0;"):
+        PatchDescriptor(*hand_plant, PatchDescriptorParams(max_age=0.0))
     with pytest.raises(InvalidInputError, match=r"threshold: is 1e\+06 Pa; allowed on pad 'finger_1' are .* 159961 Pa"):
         PatchDescriptor(*hand_plant, PatchDescriptorParams(threshold=1e6))
     with pytest.raises(InvalidInputError, match="hand: has no tactile pads"):

@@ -124,7 +124,9 @@ def test_without_a_reading_the_diagram_says_so(hand: HandConfig, model: ObjectMo
     simulator = Simulator(diagram)
     connect(diagram, simulator.get_mutable_context(), hand, ())
     simulator.AdvanceTo(0.01)
-    assert diagram.GetOutputPort("status").Eval(simulator.get_context()) == "held: 0 contacts, 2 needed"
+    assert diagram.GetOutputPort("status").Eval(simulator.get_context()) == "held: 0 contacts, 2 needed; " + "; ".join(
+        f"{finger.name}: the wrench is not finite" for finger in hand.fingers
+    )
 
 
 @pytest.mark.parametrize(("use_hand_volume", "check_collisions"), [(True, False), (False, True), (False, False)])
@@ -183,9 +185,17 @@ def test_the_pads_of_a_hand_without_other_sensors_find_a_ball(model: ObjectModel
     diagram.GetInputPort("prior").FixValue(context, AbstractValue.Make(prior))
     simulator.AdvanceTo(0.01)
 
-    assert diagram.GetOutputPort("patch_status").Eval(context) == "ok"
+    silent = "; ".join(f"finger_{i}: no contact" for i in (1, 2, 3))
+    assert diagram.GetOutputPort("patch_status").Eval(context) == silent
     patches = diagram.GetOutputPort("patches").Eval(context)
     assert [patch.is_felt for patch in patches] == [name == "palm" for name in layouts]
-    assert diagram.GetOutputPort("status").Eval(context) in ("ok", "ambiguous")
+    assert diagram.GetOutputPort("status").Eval(context) in (f"ok: {silent}", f"ambiguous: {silent}")
     found = diagram.GetOutputPort("object_pose").Eval(context).translation()
     assert np.linalg.norm(found - middle) < 0.002
+    # The same frames, when they are old, count for nothing.
+    diagram.GetInputPort("age_palm").FixValue(context, [0.5])
+    simulator.AdvanceTo(0.11)
+    assert diagram.GetOutputPort("status").Eval(context) == (
+        f"held: 0 contacts, 1 needed; {silent}; palm: stale: 0.50 s old"
+    )
+    assert [patch.is_felt for patch in diagram.GetOutputPort("patches").Eval(context)] == [False] * 3
