@@ -81,7 +81,16 @@ def save_result(path: Path, estimate: PoseEstimate) -> None:
     Raises:
         InvalidFileError: the file cannot be written.
     """
-    hypotheses = [
+    result = {"status": estimate.status, "duration": estimate.duration, "hypotheses": hypotheses_data(estimate)}
+    try:
+        path.write_text(json.dumps(result, indent=1, allow_nan=False) + "\n")
+    except OSError as error:
+        raise InvalidFileError(f"{path}: cannot be written ({error.strerror}).") from None
+
+
+def hypotheses_data(estimate: PoseEstimate) -> list[dict[str, Any]]:
+    """The hypotheses as JSON has them, by falling probability."""
+    return [
         {
             "translation": hypothesis.X_PO.translation().tolist(),
             "quaternion_wxyz": hypothesis.X_PO.rotation().ToQuaternion().wxyz().tolist(),
@@ -92,11 +101,6 @@ def save_result(path: Path, estimate: PoseEstimate) -> None:
         }
         for hypothesis in estimate.hypotheses
     ]
-    result = {"status": estimate.status, "duration": estimate.duration, "hypotheses": hypotheses}
-    try:
-        path.write_text(json.dumps(result, indent=1, allow_nan=False) + "\n")
-    except OSError as error:
-        raise InvalidFileError(f"{path}: cannot be written ({error.strerror}).") from None
 
 
 def _read(path: Path) -> Any:

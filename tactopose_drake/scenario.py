@@ -10,7 +10,9 @@ from tactopose_drake.core.grasping.finger_reach import ReachParams
 from tactopose_drake.core.grasping.grasp_planner import PlannerParams
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.hand import load_hand_config
 from tactopose_drake.resources import model_path, resource_root
+from tactopose_drake.senses import CanSenses, RecordedSenses, SimulatedSenses
 from tactopose_drake.systems.grasp_controller import GraspControllerParams
 from tactopose_drake.systems.grip_controller import GripControllerParams
 from tactopose_drake.systems.pose_estimation import PoseEstimationParams
@@ -76,6 +78,8 @@ class Scenario:
     object: str = "wine_glass"  # an object of the package by name, or an SDF by path; its mesh lies beside it as OBJ
     seed: int = 0  # of the grasp and of all noise
     duration: float = 4.0  # longest simulated time, s
+    # Where the estimation's inputs come from; all that follows on the hand's motion is of the simulator alone.
+    senses: SimulatedSenses | CanSenses | RecordedSenses = dataclasses.field(default_factory=SimulatedSenses)
     plant: MultibodyPlantConfig = dataclasses.field(default_factory=_default_plant)
     X_WBase: Transform = dataclasses.field(default_factory=_palm_to_the_side)  # where the hand's base is welded
     X_WC: Transform = dataclasses.field(default_factory=_camera)  # the vision source's camera
@@ -101,6 +105,8 @@ class Scenario:
             part.validate()
         if self.grip is not None:
             self.grip.validate()
+        if isinstance(self.senses, CanSenses):
+            self.senses.validate(load_hand_config(self.hand))
         for path in (self.object_sdf(), self.object_mesh()):
             if not path.is_file():
                 known = ", ".join(sorted(shipped.stem for shipped in model_path("objects").glob("*.sdf")))

@@ -90,6 +90,7 @@ class Device(ABC, Generic[Sample]):
             replies: identifiers of the frames that the device sends.
         """
         self.bus, self.name, self.requests, self.replies = bus, name, requests, replies
+        self.samples = 0  # how many there have been
         self.due = 0.0  # when `poll` is to be called next, s since the epoch
         self._now = 0.0
         self._state = NO_SAMPLE
@@ -242,6 +243,7 @@ class Device(ABC, Generic[Sample]):
         self._state = sample.status
         self._newest = sample
         self._unread.append(sample)
+        self.samples += 1
 
     def _next_unread(self) -> Sample | None:
         return self._unread.popleft() if self._unread else None

@@ -50,6 +50,7 @@ class DeviceBus:
     Attributes:
         clock: what time stamps are compared with, and waits are made on.
         follows_log: whether the bus replays what was recorded.
+        origin: the time at which `keep_up` begins to count, s since the epoch: when the bus was opened, unless set.
         quiet_until: only one device may send before this time, s since the epoch.
         error_frames: how many the controller has reported.
     """
@@ -72,6 +73,7 @@ class DeviceBus:
                 those were sent; they neither send, nor look at the clock.
         """
         self.clock, self.follows_log = clock, follows_log
+        self.origin = 0.0
         self.quiet_until = 0.0
         self.error_frames = 0
         self._speaker: BusUser | None = None
@@ -86,7 +88,6 @@ class DeviceBus:
         self._thread: threading.Thread | None = None
         self._end: BaseException | None = None  # what ended the thread
         self._bus_off = False
-        self._opened_at = 0.0
 
     @classmethod
     def open(cls, interface: str, channel: str | int, **options: Any) -> Self:
@@ -112,7 +113,7 @@ class DeviceBus:
         """
         self._line.open()
         self._end = None
-        self._opened_at = self.clock.time()
+        self.origin = self.clock.time()
         self._stop.clear()
         if self._threaded:
             self._thread = threading.Thread(target=self._work, name=f"devices on {self._line.bus}", daemon=True)
@@ -217,15 +218,15 @@ class DeviceBus:
             self.pump(left)
 
     def keep_up(self, elapsed: float) -> None:
-        """Does the bus's work of the first `elapsed` s since it was opened, unless its thread does it.
+        """Does the bus's work up to `elapsed` s after the origin, unless its thread does it.
 
         For who has a clock of his own, such as a simulator that replays a log. After the log's end only time goes on.
         """
         if self._threaded:
             return
         with contextlib.suppress(EndOfLogError):
-            self.run_until(self._opened_at + elapsed)
-        self.clock.sleep(max(0.0, self._opened_at + elapsed - self.clock.time()))
+            self.run_until(self.origin + elapsed)
+        self.clock.sleep(max(0.0, self.origin + elapsed - self.clock.time()))
 
     def pump(self, timeout: float) -> None:
         """One turn of the bus's work: waits for a frame, hands it on, lets the devices send what is due.

@@ -34,7 +34,7 @@ class CanForceTorque(LeafSystem):
         """Keeps the driver; who has made it, ends it.
 
         Args:
-            sensor: the driver. On a bus without a thread, the diagram's time is the time since the bus was opened.
+            sensor: the driver. On a bus without a thread, the diagram's time counts from the bus's origin.
             period: between two looks at it, s.
             max_age: of a sample that counts, s.
         """

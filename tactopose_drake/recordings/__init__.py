@@ -1,0 +1,1 @@
+"""Recordings of whole runs: one folder of CAN logs, signals, estimates, and a manifest."""

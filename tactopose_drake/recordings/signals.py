@@ -1,0 +1,144 @@
+"""Signals: what changes over a run and is not on a CAN bus, such as joint positions and what a camera says.
+
+They are kept as JSON lines, one a change: `{"time": 0.25, "name": "joint_positions", "vector": [0.1, ...]}`. A line is
+whole by itself, so a file that is cut off is good to its last whole line; a number is written so that it comes back to
+the last bit; and any language reads it. NaN is `null`.
+"""
+
+import bisect
+import dataclasses
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Self, TextIO, TypeAlias
+
+import numpy as np
+from pydrake.math import RigidTransform
+
+from tactopose_drake.core.prior import PosePrior
+from tactopose_drake.errors import InvalidFileError
+
+# A vector (FloatArray), a pose (RigidTransform), what is known of a pose (PosePrior), or None: not known yet.
+Value: TypeAlias = Any
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Signal:
+    """A value over time, which stays as it is between two changes.
+
+    Attributes:
+        times: of the changes, rising, s.
+        values: as many, from each time on.
+    """
+
+    times: list[float]
+    values: list[Value]
+
+    @classmethod
+    def constant(cls, value: Value) -> Self:
+        """One value for ever."""
+        return cls([-np.inf], [value])
+
+    def at(self, time: float) -> Value:
+        """The value at a time in s; None before the first."""
+        row = bisect.bisect_right(self.times, time) - 1
+        return self.values[row] if row >= 0 else None
+
+    @property
+    def size(self) -> int:
+        """Length of the vectors."""
+        return len(np.asarray(self.values[0]))
+
+
+class SignalRecorder:
+    """Keeps signals in memory, and on disk where it is told to; a context manager."""
+
+    def __init__(self, path: Path | None = None) -> None:
+        """Creates the file.
+
+        Args:
+            path: an existing file is replaced; only memory is used without.
+
+        Raises:
+            InvalidFileError: if the file cannot be written.
+        """
+        self.signals: dict[str, Signal] = {}
+        self._last: dict[str, str] = {}
+        self._file: TextIO | None = None
+        if path is not None:
+            try:
+                self._file = path.open("w", encoding="utf-8", buffering=1)
+            except OSError as error:
+                raise InvalidFileError(f"{path}: cannot be written ({error.strerror}).") from None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._file is not None:
+            self._file.close()
+
+    def write(self, name: str, time: float, value: Value) -> None:
+        """Adds a value, unless it is the signal's last one."""
+        text = json.dumps(_encode(value), allow_nan=False)
+        if self._last.get(name) == text:
+            return
+        self._last[name] = text
+        if self._file is not None:
+            self._file.write(f'{{"time": {time!r}, "name": {json.dumps(name)}, {text[1:]}\n')
+            return
+        signal = self.signals.setdefault(name, Signal([], []))
+        signal.times.append(time)
+        signal.values.append(value.copy() if isinstance(value, np.ndarray) else value)
+
+
+def read_signals(path: Path) -> tuple[dict[str, Signal], str]:
+    """Reads a file of signals, as far as it is whole.
+
+    Returns:
+        The signals by name, and a message if the file was cut off; empty if not.
+
+    Raises:
+        InvalidFileError: if the file cannot be read, or a line of it is no signal.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InvalidFileError(f"{path}: cannot be read ({error}).") from None
+    whole, newline, rest = text.rpartition("\n")
+    signals: dict[str, Signal] = {}
+    lines = whole.splitlines() if newline else []
+    for number, line in enumerate(lines, 1):
+        try:
+            entry = json.loads(line)
+            time, name, value = float(entry.pop("time")), str(entry.pop("name")), _decode(entry)
+        except (ValueError, TypeError, KeyError, AttributeError) as error:
+            raise InvalidFileError(f"{path}: line {number} is no signal ({error}).") from None
+        signal = signals.setdefault(name, Signal([], []))
+        signal.times.append(time)
+        signal.values.append(value)
+    return signals, f"{path}: is cut off after {len(lines)} whole lines." if rest else ""
+
+
+def _encode(value: Value) -> Mapping[str, Any]:
+    if isinstance(value, PosePrior):
+        prior = {"X_PO": value.X_PO.tolist(), "translation": value.sigma_translation, "rotation": value.sigma_rotation}
+        return {"prior": prior}
+    if isinstance(value, RigidTransform):
+        return {"pose": value.GetAsMatrix34().tolist()}
+    if value is None:
+        return {"unknown": True}
+    return {"vector": [number if np.isfinite(number) else None for number in value.tolist()]}
+
+
+def _decode(entry: dict[str, Any]) -> Value:
+    ((kind, data),) = entry.items()
+    if kind == "vector":
+        return np.array([np.nan if number is None else number for number in data], dtype=np.float64)
+    if kind == "pose":
+        return RigidTransform(np.array(data, dtype=np.float64))
+    if kind == "prior":
+        return PosePrior(np.array(data["X_PO"]), data["translation"], data["rotation"])
+    if kind == "unknown":
+        return None
+    raise ValueError(f"{kind!r} is none of vector, pose, prior, unknown")

@@ -1,0 +1,61 @@
+"""Takes the turning of the fingertips' weight off the wrenches of sensors that were tared once."""
+
+import numpy as np
+from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSystem, State
+
+from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.fingertip_weights import FingertipWeights
+
+
+class FingertipWeight(LeafSystem):
+    """Follows the fingertips' weight from where the joints were when the sensors were tared.
+
+    A tare takes off what the fingertip weighs in its orientation of then. When the finger bends, the weight turns in
+    the sensor's frame, and up to twice the weight would be taken for a touch.
+
+    .. pydrake_system::
+
+        name: FingertipWeight
+        input_ports:
+        - joint_positions
+        - wrench_<finger>
+        output_ports:
+        - wrench_<finger>
+
+    - joint_positions: of the hand, shape (nq,), rad. Those at the initialisation count as those of the tare.
+    - wrench_<finger> (input): F_S of a sensor that was tared with nothing but the fingertip on it, N m and N.
+    - wrench_<finger> (output): F_S of what touches the fingertip; changes with both inputs. NaN where a joint that
+      turns the sensor is not known, now or at the tare.
+    """
+
+    def __init__(self, weights: FingertipWeights, fingers: tuple[str, ...], num_positions: int) -> None:
+        """Keeps a reference to `weights`.
+
+        Args:
+            weights: of the hand's fingertips.
+            fingers: which of them have a tared sensor.
+            num_positions: of the hand's joints.
+        """
+        super().__init__()
+        self._weights = weights
+        self._positions = self.DeclareVectorInputPort("joint_positions", num_positions)
+        self._at_tare = self.DeclareDiscreteState(np.full(num_positions, np.nan))
+        self.DeclareInitializationUnrestrictedUpdateEvent(self._remember)
+        for finger in fingers:
+            self._declare(finger)
+
+    def _declare(self, finger: str) -> None:
+        measured = self.DeclareVectorInputPort(f"wrench_{finger}", 6)
+
+        def calc(context: Context, output: BasicVector) -> None:
+            q_tare: FloatArray = context.get_discrete_state(self._at_tare).value()
+            now = self._weights.wrenches(self._positions.Eval(context))[finger]
+            output.SetFromVector(measured.Eval(context) - (now - self._weights.wrenches(q_tare)[finger]))
+
+        tickets = {measured.ticket(), self._positions.ticket(), self.discrete_state_ticket(self._at_tare)}
+        self.DeclareVectorOutputPort(f"wrench_{finger}", 6, calc, prerequisites_of_calc=tickets)
+
+    def _remember(self, context: Context, state: State) -> EventStatus:
+        q_tare = self._positions.Eval(context)
+        state.get_mutable_discrete_state(self._at_tare).SetFromVector(q_tare)
+        return EventStatus.Succeeded()

@@ -1,0 +1,41 @@
+"""From the joints that a hand measures to the positions of its plant, as a system."""
+
+import numpy as np
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
+from tactopose_drake.core.validation import FloatArray
+
+
+class MeasuredJoints(LeafSystem):
+    """Puts measured joints into the plant's order, and lets the others follow.
+
+    Unlike a `MatrixGain` it leaves a joint that is not known (NaN) from the others.
+
+    .. pydrake_system::
+
+        name: MeasuredJoints
+        input_ports:
+        - measured
+        output_ports:
+        - joint_positions
+
+    - measured: in the hand's own order, shape (k,), rad; NaN where a joint is not known.
+    - joint_positions: of the plant, shape (nq,), rad; NaN where what it follows is not known.
+    """
+
+    def __init__(self, matrix: FloatArray) -> None:
+        """Takes the order and the ratios from a matrix.
+
+        Args:
+            matrix: `joint_matrix` of the hand, shape (nq, k): each row has one entry.
+        """
+        super().__init__()
+        self._column = np.argmax(matrix != 0.0, axis=1)
+        self._ratio = matrix[np.arange(len(matrix)), self._column]
+        self._measured = self.DeclareVectorInputPort("measured", matrix.shape[1])
+        self.DeclareVectorOutputPort(
+            "joint_positions", len(matrix), self._calc, prerequisites_of_calc={self._measured.ticket()}
+        )
+
+    def _calc(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._ratio * self._measured.Eval(context)[self._column])

@@ -1,0 +1,54 @@
+"""Recorded signals as systems: they give what was known at the diagram's time."""
+
+import numpy as np
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
+from tactopose_drake.recordings.signals import Signal
+
+
+class PlayedVector(LeafSystem):
+    """Plays a recorded vector.
+
+    .. pydrake_system::
+
+        name: PlayedVector
+        output_ports:
+        - value
+
+    - value: of the signal at the present time, NaN before its first; a function of time.
+    """
+
+    def __init__(self, signal: Signal) -> None:
+        """Keeps the signal, whose values are vectors of one length."""
+        super().__init__()
+        self._signal = signal
+        self.DeclareVectorOutputPort("value", signal.size, self._calc, prerequisites_of_calc={self.time_ticket()})
+
+    def _calc(self, context: Context, output: BasicVector) -> None:
+        value = self._signal.at(context.get_time())
+        output.SetFromVector(np.full(output.size(), np.nan) if value is None else value)
+
+
+class PlayedValue(LeafSystem):
+    """Plays a recorded signal of any other kind, such as a `PosePrior`.
+
+    .. pydrake_system::
+
+        name: PlayedValue
+        output_ports:
+        - value
+
+    - value: of the signal at the present time, None before its first; a function of time.
+    """
+
+    def __init__(self, signal: Signal) -> None:
+        """Keeps the signal."""
+        super().__init__()
+        self._signal = signal
+        self.DeclareAbstractOutputPort(
+            "value", lambda: AbstractValue.Make(None), self._calc, prerequisites_of_calc={self.time_ticket()}
+        )
+
+    def _calc(self, context: Context, output: AbstractValue) -> None:
+        output.set_value(self._signal.at(context.get_time()))

@@ -1,0 +1,39 @@
+"""What is wrong with any of a hand's senses, in one line."""
+
+from collections.abc import Sequence
+
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import Context, LeafSystem
+
+from tactopose_drake.systems.ports import eval_input
+
+
+class SenseStatus(LeafSystem):
+    """Joins the statuses of the sensors.
+
+    .. pydrake_system::
+
+        name: SenseStatus
+        input_ports:
+        - <sense>
+        output_ports:
+        - sense_status
+
+    - <sense>: str, one port for each sense; "ok" where all is well, perhaps with a warning in brackets.
+    - sense_status: str, "ok", or each sense that is not, and why; changes with the inputs.
+    """
+
+    def __init__(self, senses: Sequence[str]) -> None:
+        """Declares one input port for each sense."""
+        super().__init__()
+        self._statuses = {name: self.DeclareAbstractInputPort(name, AbstractValue.Make("")) for name in senses}
+        self.DeclareAbstractOutputPort(
+            "sense_status",
+            lambda: AbstractValue.Make(""),
+            self._calc,
+            prerequisites_of_calc={port.ticket() for port in self._statuses.values()} or {self.nothing_ticket()},
+        )
+
+    def _calc(self, context: Context, output: AbstractValue) -> None:
+        statuses = {name: eval_input(port, context, str) for name, port in self._statuses.items()}
+        output.set_value("; ".join(f"{name}: {status}" for name, status in statuses.items() if status != "ok") or "ok")
