@@ -51,8 +51,8 @@ class PoseEstimate:
             noise.
         duration: s.
         finished: whether the search ended by itself, rather than at the time limit.
-        log_evidence: how well the object explains the touch in all its poses together; see `core.model_evidence`. It
-            compares objects for one touch, and means nothing by itself.
+        log_evidence: the natural logarithm of how well the object explains the touch in all its poses together; see
+            `core.model_evidence`. It compares objects for one touch, and means nothing by itself.
     """
 
     hypotheses: tuple[PoseHypothesis, ...]
@@ -71,6 +71,9 @@ class PoseEstimate:
 
         Args:
             kept: for each hypothesis whether it stays; at least one does.
+
+        Raises:
+            InvalidInputError: if none stays.
         """
         chosen = [hypothesis for hypothesis, stays in zip(self.hypotheses, kept, strict=True) if stays]
         if not chosen:

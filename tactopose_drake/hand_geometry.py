@@ -24,7 +24,17 @@ _LATITUDES = np.linspace(-np.pi / 2, np.pi / 2, 13)
 
 
 class HandGeometry(HandSpheres):
-    """Spheres that fill the hand at one instant, given or made from a plant."""
+    """Spheres that fill the hand at one instant, given or made from a plant.
+
+    Attributes:
+        p_PH: centres in the palm frame, shape (h, 3), m.
+        radius: radii, shape (h,), m.
+        sigma: standard deviation of the hand's surface from where the spheres have it, m: from joints, links, packing.
+
+    Raises:
+        InvalidInputError: no sphere, a number that is not finite, a shape that does not fit, or a radius or sigma that
+            is not positive.
+    """
 
     @classmethod
     def from_plant(cls, plant: MultibodyPlant, context: Context, palm_frame: Frame) -> Self:

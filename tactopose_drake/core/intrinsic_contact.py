@@ -180,9 +180,17 @@ def solve_contacts(
     friction_coefficient: float | None = None,
     method: Method = "auto",
 ) -> ContactSolutions:
-    """Finds the contacts that explain wrenches F_S (B, 6) on one fingertip, each on its own; as `solve_contact`.
+    """Finds the contacts that explain wrenches on one fingertip, each on its own; as `solve_contact`.
 
     A wrench with a NaN or infinite number is not an error here but a row that is not valid.
+
+    Args:
+        F_S: wrenches on the fingertip about S's origin, shape (B, 6), N m and N.
+        surface: the fingertip's surface.
+        layer: its soft layer; rigid without.
+        min_force: force below which there is no contact, N.
+        friction_coefficient: the largest that can occur; a wrench that needs more is not valid. Not checked without.
+        method: as of `solve_contact`.
 
     Raises:
         InvalidInputError: wrenches of another shape, an option out of its range, or a layer as thick as the fingertip.

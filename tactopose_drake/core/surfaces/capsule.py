@@ -23,6 +23,7 @@ class Capsule(Surface):
         radius: m, > 0.
         length: length of the cylindrical part, m, >= 0.
         two_ended: whether a second hemisphere closes the -z end.
+        X_SF: pose of F in the sensor's frame, shape (3, 4), p in m; a RigidTransform or (4, 4) is taken too.
 
     Raises:
         InvalidInputError: a radius that is not positive, a length below zero, or an X_SF that is not a pose.

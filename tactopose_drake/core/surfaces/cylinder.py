@@ -20,6 +20,7 @@ class Cylinder(Surface):
     Attributes:
         radius: m, > 0.
         length: m, > 0.
+        X_SF: pose of F in the sensor's frame, shape (3, 4), p in m; a RigidTransform or (4, 4) is taken too.
 
     Raises:
         InvalidInputError: a radius or length that is not positive, or an X_SF that is not a pose.

@@ -16,6 +16,7 @@ class Ellipsoid(Surface):
 
     Attributes:
         semi_axes: a, b, c along F's axes, m, > 0.
+        X_SF: pose of F in the sensor's frame, shape (3, 4), p in m; a RigidTransform or (4, 4) is taken too.
 
     Raises:
         InvalidInputError: semi-axes that are not three positive numbers, or an X_SF that is not a pose.

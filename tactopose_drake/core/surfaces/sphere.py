@@ -16,6 +16,7 @@ class Sphere(Surface):
 
     Attributes:
         radius: m, > 0.
+        X_SF: pose of F in the sensor's frame, shape (3, 4), p in m; a RigidTransform or (4, 4) is taken too.
 
     Raises:
         InvalidInputError: a radius that is not positive, or an X_SF that is not a pose.
