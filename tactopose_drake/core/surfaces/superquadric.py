@@ -23,7 +23,7 @@ class Superquadric(Surface):
 
     Attributes:
         semi_axes: a, b, c along F's axes, m, > 0.
-        exponents: e1 and e2, each from 0.1 to 1.5.
+        exponents: e1 and e2, without unit, each from 0.1 to 1.5.
         X_SF: pose of F in the sensor's frame, shape (3, 4), p in m; a RigidTransform or (4, 4) is taken too.
 
     Raises:
