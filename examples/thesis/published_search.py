@@ -13,6 +13,7 @@ Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping,
 """
 
 import functools
+from typing import NamedTuple
 
 import numpy as np
 from grasp_library import Array
@@ -20,7 +21,7 @@ from grasp_trials import Trial
 
 import tactopose_drake as tp
 from tactopose_drake.core.objectives.nearest_point_contact import NearestPointContact
-from tactopose_drake.core.searches.base import PriorSpace
+from tactopose_drake.core.searches.base import PoseSpace, PriorSpace
 from tactopose_drake.core.searches.monte_carlo import MonteCarlo, MonteCarloDesign
 from tactopose_drake.core.searches.touch_space import TouchSpace
 
@@ -39,8 +40,16 @@ def point_cloud(model: tp.ObjectModel) -> tuple[Array, Array]:
     return (a + b + c) / 3.0, cross / np.linalg.norm(cross, axis=1, keepdims=True)
 
 
-def search_as_published(model: tp.ObjectModel, trial: Trial, seed: int = 0) -> Array:
-    """The poses (B, 3, 4) that the search ends with, best first."""
+class PublishedProblem(NamedTuple):
+    """The thesis' search, what it minimises, and where."""
+
+    search: MonteCarlo
+    objective: NearestPointContact
+    space: PoseSpace
+
+
+def published_problem(model: tp.ObjectModel, trial: Trial) -> PublishedProblem:
+    """What the thesis would do with a trial."""
 
     def is_possible(X_PO: Array) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
         gap = model.grid.distance((trial.hand.p_PH - X_PO[:, None, :, 3]) @ X_PO[:, :, :3]) - trial.hand.radius
@@ -57,5 +66,10 @@ def search_as_published(model: tp.ObjectModel, trial: Trial, seed: int = 0) -> A
         is_possible=is_possible if prior is None else None,
     )
     objective = NearestPointContact(*point_cloud(model), contacts, NORMAL_WEIGHT, NEIGHBOURS)
-    space = TouchSpace(model, contacts) if prior is None else PriorSpace(prior)
+    return PublishedProblem(search, objective, TouchSpace(model, contacts) if prior is None else PriorSpace(prior))
+
+
+def search_as_published(model: tp.ObjectModel, trial: Trial, seed: int = 0) -> Array:
+    """The poses (B, 3, 4) that the search ends with, best first."""
+    search, objective, space = published_problem(model, trial)
     return search.minimize(objective, space, np.random.default_rng(seed)).X_PO
