@@ -11,6 +11,8 @@ from tactopose_drake.errors import TactoposeError
 from tactopose_drake.estimates import PoseEstimate, PoseHypothesis
 from tactopose_drake.estimation import estimate_pose
 from tactopose_drake.hand_geometry import HandGeometry
+from tactopose_drake.identification import Identification, Identity, identify
+from tactopose_drake.object_library import ObjectLibrary
 
 __all__ = [
     "Capsule",
@@ -20,6 +22,9 @@ __all__ = [
     "Ellipsoid",
     "ForceBalance",
     "HandGeometry",
+    "Identification",
+    "Identity",
+    "ObjectLibrary",
     "ObjectModel",
     "Patch",
     "PoseEstimate",
@@ -30,6 +35,7 @@ __all__ = [
     "TactoposeError",
     "describe_patch",
     "estimate_pose",
+    "identify",
     "solve_contact",
     "solve_contacts",
 ]

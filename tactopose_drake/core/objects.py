@@ -171,7 +171,7 @@ class ObjectModel:
             spacing = positive_number("spacing", spacing)
         name = mesh_name(mesh) if name is None else name
 
-        content = _file_content(mesh) if isinstance(mesh, str | Path) else None
+        content = file_content(mesh) if isinstance(mesh, str | Path) else None
         raw = load_mesh(mesh) if content is None else None
         identity = content if raw is None else (raw.vertices, raw.faces)
         options = f"{tolerance} {samples} {spacing} {max_grid_bytes}"
@@ -216,7 +216,7 @@ class ObjectModel:
         return model
 
 
-def _file_content(path: str | Path) -> tuple[bytes, str] | None:
+def file_content(path: str | Path) -> tuple[bytes, str] | None:
     """The bytes of a mesh file and its ending, if they alone say what the mesh is."""
     file = mesh_file(path)
     if file.suffix.lower() not in _SELF_CONTAINED:

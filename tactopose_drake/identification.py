@@ -1,0 +1,243 @@
+"""Which of many known objects is in the hand? ([B16] section 6.2.1)
+
+A pose is estimated for every object that may be it. An object's evidence is the likelihood of the touch summed over all
+the poses that it may have: what the touch says of the object, be its pose determined or not. The thesis compares the
+inverses of the lowest costs instead: `likelihood="inverse_cost"`.
+
+Of a library's objects only those are estimated whose pairs of surface points agree best with the contacts' (see
+`core.joint_index`), so that ten times as many objects take little longer.
+
+Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+import time
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from typing import Literal, overload
+
+import numpy as np
+
+from tactopose_drake.core.contacts import Contacts
+from tactopose_drake.core.evidence import Evidence
+from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.patches import Patch
+from tactopose_drake.core.shape_equality import find_alignment
+from tactopose_drake.errors import InvalidInputError, TooFewContactsError, UnknownNameError
+from tactopose_drake.estimates import PoseEstimate, Status
+from tactopose_drake.estimation import estimate_pose
+from tactopose_drake.object_library import LibraryObject, ObjectLibrary
+
+Likelihood = Literal["evidence", "inverse_cost"]
+_LIKELIHOODS = ("evidence", "inverse_cost")
+
+# The thesis' likelihood of a cost below this, which exact contacts may have, is that of this.
+_LEAST_COST = 1e-6
+# The share of the likelihood that the first object, with those that equal it, must have to be called the answer.
+_MOST = 0.5
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Identity:
+    """One object that the touch may be of.
+
+    Attributes:
+        name: the object's.
+        index: its place among the objects that were given.
+        rank: 1 for the most likely object; objects of equal shape share theirs.
+        likelihood: its share among all objects, which sum to 1; objects of equal shape have the same.
+        log_evidence: logarithm of the touch's likelihood over all poses of the object, up to a constant that all
+            objects share (see `core.model_evidence`); minus infinity where the index ruled the object out.
+        estimate: its pose; None where the index ruled the object out.
+    """
+
+    name: str
+    index: int
+    rank: int
+    likelihood: float
+    log_evidence: float
+    estimate: PoseEstimate | None
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Identification(Sequence[Identity]):
+    """The objects that one touch may be of, the most likely first: a sequence of `Identity`.
+
+    Attributes:
+        identities: by falling likelihood; never empty.
+        duration: s.
+    """
+
+    identities: tuple[Identity, ...]
+    duration: float
+
+    @overload
+    def __getitem__(self, index: int) -> Identity: ...
+    @overload
+    def __getitem__(self, index: slice) -> Sequence[Identity]: ...
+    def __getitem__(self, index: int | slice) -> Identity | Sequence[Identity]:
+        return self.identities[index]
+
+    def __len__(self) -> int:
+        return len(self.identities)
+
+    @property
+    def best(self) -> Identity:
+        """The most likely object; of several that are equal, one."""
+        return self.identities[0]
+
+    @property
+    def ties(self) -> tuple[tuple[Identity, ...], ...]:
+        """The objects of equal shape, which no touch tells apart; those without an equal are in none."""
+        by_rank: dict[int, list[Identity]] = {}
+        for identity in self.identities:
+            by_rank.setdefault(identity.rank, []).append(identity)
+        return tuple(tuple(group) for group in by_rank.values() if len(group) > 1)
+
+    @property
+    def status(self) -> Status:
+        """What is known of the best object.
+
+        "ok"; "ambiguous" when it has less than half of the likelihood, with its equals; "no_solution" when no pose of
+        it explains the touch.
+        """
+        estimate = self.best.estimate
+        if estimate is None or estimate.status == "no_solution":
+            return "no_solution"
+        share = sum(identity.likelihood for identity in self.identities if identity.rank == self.best.rank)
+        return "ok" if share >= _MOST else "ambiguous"
+
+
+def identify(
+    models: Sequence[ObjectModel] | ObjectLibrary,
+    contacts: Contacts,
+    patches: Sequence[Patch] = (),
+    executor: Executor | None = None,
+    *,
+    likelihood: Likelihood = "evidence",
+    candidates: int = 16,
+    max_hypotheses: int = 16,
+    seed: int = 0,
+) -> Identification:
+    """Ranks objects by how well they explain a touch.
+
+    Args:
+        models: the objects; of an `ObjectLibrary` only the candidates are looked at closely.
+        contacts: the touch at single points, in the palm frame; may be `Contacts.empty()` where a patch is felt.
+        patches: what tactile arrays feel, as for `estimate_pose`.
+        executor: estimates several objects at a time: processes, threads, or a cluster's. One after the other without.
+            It changes nothing in the result. Processes pay where some seconds of models are to be loaded.
+        likelihood: "evidence", or "inverse_cost", the thesis' measure.
+        candidates: of a library's objects so many have their poses estimated.
+        max_hypotheses: how many poses of each are kept, at most.
+        seed: of the searches' random numbers.
+
+    Raises:
+        TooFewContactsError: no contact, and no patch that is felt.
+        UnknownNameError: a likelihood that does not exist.
+        InvalidInputError: no object, or one that is no `ObjectModel`; `candidates` or `max_hypotheses` below 1; patches
+            that are none.
+    """
+    started = time.perf_counter()
+    if likelihood not in _LIKELIHOODS:
+        raise UnknownNameError("likelihood", likelihood, _LIKELIHOODS)
+    for name, value in (("candidates", candidates), ("max_hypotheses", max_hypotheses)):
+        if value < 1:
+            raise InvalidInputError(f"{name}: is {value}; allowed are numbers >= 1.")
+    objects = _check_objects(models)
+    evidence = Evidence(contacts, patches=patches)
+    if len(evidence.touch) < 1:
+        raise TooFewContactsError("contacts: there are 0; identification needs at least 1, or a patch that is felt.")
+
+    order = _by_promise(models, objects, evidence.touch)
+    chosen = order[:candidates] if isinstance(models, ObjectLibrary) else order
+    explain = functools.partial(
+        _explain, contacts=contacts, patches=evidence.patches, max_hypotheses=max_hypotheses, seed=seed
+    )
+    several = [objects[i] for i in chosen]
+    estimates = list(map(explain, several) if executor is None else executor.map(explain, several))
+    groups = _group_equal_shapes([_model(known) for known in several])
+    identities = _rank(chosen, [known.name for known in several], estimates, groups, _weights(estimates, likelihood))
+    ruled_out = [
+        Identity(objects[i].name, i, rank, 0.0, -math.inf, None)
+        for rank, i in enumerate(order[len(chosen) :], start=len(chosen) + 1)
+    ]
+    return Identification((*identities, *ruled_out), time.perf_counter() - started)
+
+
+def _check_objects(models: object) -> Sequence[ObjectModel | LibraryObject]:
+    if isinstance(models, ObjectLibrary):
+        return models.objects
+    if not isinstance(models, Sequence) or not models:
+        raise InvalidInputError(f"models: is {models!r}; allowed are an ObjectLibrary and a sequence of ObjectModel.")
+    for i, model in enumerate(models):
+        if not isinstance(model, ObjectModel):
+            raise InvalidInputError(f"models[{i}]: is a {type(model).__name__}; allowed is an ObjectModel.")
+    return models
+
+
+def _by_promise(
+    models: Sequence[ObjectModel] | ObjectLibrary, objects: Sequence[ObjectModel | LibraryObject], touch: Contacts
+) -> list[int]:
+    """The objects' indices, those first that a library's index finds likely; whatever the order in which they came."""
+    scores = models.index.scores(touch) if isinstance(models, ObjectLibrary) else np.zeros(len(objects))
+    names = [
+        (known.name, known.content if isinstance(known, LibraryObject) else known.content_hash) for known in objects
+    ]
+    return sorted(range(len(objects)), key=lambda i: (-scores[i], names[i]))
+
+
+def _model(known: ObjectModel | LibraryObject) -> ObjectModel:
+    return known.load() if isinstance(known, LibraryObject) else known
+
+
+def _explain(
+    known: ObjectModel | LibraryObject, contacts: Contacts, patches: Sequence[Patch], max_hypotheses: int, seed: int
+) -> PoseEstimate:
+    """The pose of one object; maybe in another process, which loads a library's object by itself."""
+    return estimate_pose(_model(known), contacts, patches=patches, max_hypotheses=max_hypotheses, seed=seed)
+
+
+def _group_equal_shapes(models: Sequence[ObjectModel]) -> list[int]:
+    """For each object the number of its group; objects of one group have the same shape."""
+    groups: list[int] = []
+    for i, model in enumerate(models):
+        equal = (k for k in range(i) if groups[k] == k and find_alignment(model, models[k]) is not None)
+        groups.append(next(equal, i))
+    return groups
+
+
+def _weights(estimates: Sequence[PoseEstimate], likelihood: Likelihood) -> list[float]:
+    """What the likelihoods are in proportion to."""
+    if likelihood == "evidence":
+        most = max(estimate.log_evidence for estimate in estimates)
+        return [math.exp(estimate.log_evidence - most) for estimate in estimates]
+    lowest = [min(hypothesis.cost for hypothesis in estimate.hypotheses) for estimate in estimates]
+    return [1.0 / max(cost, _LEAST_COST) for cost in lowest]  # [B16] section 6.2.1
+
+
+def _rank(
+    indices: Sequence[int],
+    names: Sequence[str],
+    estimates: Sequence[PoseEstimate],
+    groups: Sequence[int],
+    weights: Sequence[float],
+) -> list[Identity]:
+    """The objects by falling likelihood; those of one group next to each other, and with the mean of theirs."""
+    # Sums that do not depend on the order, to the last bit.
+    total = math.fsum(weights)
+    members = {group: [i for i, other in enumerate(groups) if other == group] for group in dict.fromkeys(groups)}
+    share = {group: math.fsum(weights[i] for i in own) / len(own) / total for group, own in members.items()}
+    evidence = {group: max(estimates[i].log_evidence for i in own) for group, own in members.items()}
+    identities: list[Identity] = []
+    for group in sorted(members, key=lambda group: (-share[group], -evidence[group], names[group])):
+        rank = len(identities) + 1
+        identities += [
+            Identity(names[i], indices[i], rank, share[group], estimates[i].log_evidence, estimates[i])
+            for i in members[group]
+        ]
+    return identities

@@ -1,0 +1,159 @@
+"""What is in a library of objects: the meshes of a folder, or the entries of a manifest.
+
+An object that cannot be used is left out with its reason, and the others are used.
+"""
+
+from collections.abc import Hashable
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+import yaml
+
+from tactopose_drake.core.validation import finite_array, positive_number
+from tactopose_drake.errors import InvalidFileError, InvalidInputError
+
+MANIFEST = "library.yaml"
+"""The manifest of a folder."""
+
+_MESHES = frozenset({".3mf", ".dae", ".glb", ".gltf", ".obj", ".off", ".ply", ".stl"})
+_KEYS = ("mesh", "mass", "symmetry")
+_SYMMETRY_KEYS = ("axis", "point", "order")
+
+Axis = tuple[tuple[float, ...], tuple[float, ...], int]
+"""Of a symmetry: axis, a point on it (m), order."""
+
+
+class LibraryEntry(NamedTuple):
+    """What a library says of one object.
+
+    Attributes:
+        name: what it is called.
+        mesh: its file, in metres.
+        mass: kg; None where it is not given.
+        symmetry: "auto", "none", or the axes.
+    """
+
+    name: str
+    mesh: Path
+    mass: float | None = None
+    symmetry: Literal["auto", "none"] | tuple[Axis, ...] = "auto"
+
+
+class SkippedObject(NamedTuple):
+    """An object that is left out.
+
+    Attributes:
+        name: what it is called.
+        reason: why.
+    """
+
+    name: str
+    reason: str
+
+    def __str__(self) -> str:
+        return f"{self.name} is left out: {self.reason}"
+
+
+def read_library(path: Path) -> tuple[list[LibraryEntry], list[SkippedObject]]:
+    """The objects of a folder or of a manifest, and what of them cannot be used; no mesh is read.
+
+    A manifest is a YAML file, or the file `library.yaml` of a folder:
+
+        mug: {mesh: mug.obj, mass: 0.32}
+        nut: {mesh: hardware/nut.stl, symmetry: [{axis: [0, 0, 1], point: [0, 0, 0], order: 6}]}
+
+    Meshes are relative to its folder. `mass` (kg) and `symmetry` ("auto", "none", or axes; order 0 is a solid of
+    revolution) may be absent. Without a manifest, all meshes in the folder are objects by their files' names.
+
+    Raises:
+        InvalidFileError: no such folder or file, or a manifest that is no mapping.
+    """
+    if path.is_dir():
+        return _read_manifest(path / MANIFEST) if (path / MANIFEST).is_file() else _read_folder(path)
+    if path.is_file():
+        return _read_manifest(path)
+    raise InvalidFileError(f"{path}: there is no such folder or manifest.")
+
+
+def _read_folder(folder: Path) -> tuple[list[LibraryEntry], list[SkippedObject]]:
+    entries: dict[str, LibraryEntry] = {}
+    skipped = []
+    for mesh in sorted(file for file in folder.iterdir() if file.suffix.lower() in _MESHES and file.is_file()):
+        if mesh.stem in entries:
+            skipped.append(
+                SkippedObject(mesh.name, f"the name {mesh.stem!r} is that of {entries[mesh.stem].mesh.name}")
+            )
+        else:
+            entries[mesh.stem] = LibraryEntry(mesh.stem, mesh)
+    return list(entries.values()), skipped
+
+
+def _read_manifest(path: Path) -> tuple[list[LibraryEntry], list[SkippedObject]]:
+    entries: dict[str, LibraryEntry] = {}
+    skipped = []
+    for name, value in _pairs(path):
+        if name in entries:
+            skipped.append(SkippedObject(name, "another object has the same name"))
+            continue
+        try:
+            entries[name] = _entry(path.parent, name, value)
+        except InvalidInputError as error:
+            skipped.append(SkippedObject(name, str(error)))
+    return list(entries.values()), skipped
+
+
+def _pairs(path: Path) -> list[tuple[str, Any]]:
+    """The manifest's names and values; a name that comes twice is there twice."""
+    try:
+        root = yaml.compose(path.read_text(), Loader=yaml.SafeLoader)
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is not text"
+        raise InvalidFileError(f"{path}: cannot be read ({reason}).") from None
+    except yaml.YAMLError as error:
+        raise InvalidFileError(f"{path}: is not YAML ({' '.join(str(error).split())}).") from None
+    if not isinstance(root, yaml.MappingNode):
+        raise InvalidFileError(f"{path}: allowed is a mapping of names to objects.")
+    constructor = yaml.SafeLoader("")
+    return [
+        (str(constructor.construct_object(key, deep=True)), constructor.construct_object(value, deep=True))
+        for key, value in root.value
+    ]
+
+
+def _entry(folder: Path, name: str, value: Any) -> LibraryEntry:
+    known = _mapping(name, value, _KEYS, ("mesh",))
+    if not isinstance(known["mesh"], str):
+        raise InvalidInputError(f"{name}.mesh: is {known['mesh']!r}; allowed is the path of a file.")
+    mass = None if known.get("mass") is None else positive_number(f"{name}.mass", known["mass"])
+    return LibraryEntry(name, folder / known["mesh"], mass, _symmetry(name, known.get("symmetry", "auto")))
+
+
+def _symmetry(name: str, value: Any) -> Literal["auto", "none"] | tuple[Axis, ...]:
+    if value == "auto":
+        return "auto"
+    if value == "none":
+        return "none"
+    if not isinstance(value, list):
+        raise InvalidInputError(f"{name}.symmetry: is {value!r}; allowed are auto, none and a list of axes.")
+    axes = []
+    for i, row in enumerate(value):
+        where = f"{name}.symmetry[{i}]"
+        axis = _mapping(where, row, _SYMMETRY_KEYS, _SYMMETRY_KEYS)
+        if not isinstance(axis["order"], int):
+            raise InvalidInputError(f"{where}.order: is {axis['order']!r}; allowed are 0 and integers >= 2.")
+        vectors = (finite_array(f"{where}.{key}", axis[key], (3,)) for key in ("axis", "point"))
+        direction, point = (tuple(vector.tolist()) for vector in vectors)
+        axes.append((direction, point, axis["order"]))
+    return tuple(axes)
+
+
+def _mapping(where: str, value: Any, allowed: tuple[str, ...], required: tuple[str, ...]) -> dict[Hashable, Any]:
+    if not isinstance(value, dict):
+        raise InvalidInputError(f"{where}: is {value!r}; allowed is a mapping with the keys {', '.join(allowed)}.")
+    for key in value:
+        if key not in allowed:
+            raise InvalidInputError(f"{where}: key {key!r} is unknown; allowed are {', '.join(allowed)}.")
+    for key in required:
+        if key not in value:
+            raise InvalidInputError(f"{where}: key {key!r} is missing.")
+    return value
