@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test bench docs format clean
+.PHONY: demo test bench docs report full-report format clean
 
 demo: $(STAMP)
 	$(BIN)/tactopose demo
@@ -17,6 +17,13 @@ test: $(STAMP)
 
 bench: $(STAMP)
 	$(BIN)/pytest -n 0 tests/benchmarks
+
+# A few trials of everything, some minutes; `full-report` makes all of them, hours.
+report: $(STAMP)
+	$(BIN)/python examples/report.py
+
+full-report: $(STAMP)
+	$(BIN)/python examples/report.py --full
 
 docs: $(STAMP)
 	$(BIN)/sphinx-build -b html -q -W docs out/docs

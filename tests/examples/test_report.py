@@ -1,0 +1,81 @@
+import importlib.util
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+from click.testing import CliRunner
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+WRITES = """
+import sys
+from pathlib import Path
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+out = Path(sys.argv[sys.argv.index("--out") + 1])
+out.mkdir(parents=True)
+(out / "works.md").write_text("# Table 9.9, 3 trials\\n\\n| a |\\n|---|\\n| %s |\\n" % sys.argv[1:-2])
+FigureCanvasAgg(Figure()).print_png(out / "plot.png")
+"""
+
+
+@pytest.fixture
+def script(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> ModuleType:
+    spec = importlib.util.spec_from_file_location("report", EXAMPLES / "report.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    monkeypatch.setitem(sys.modules, "report", module)
+    spec.loader.exec_module(module)
+    (tmp_path / "works.py").write_text(WRITES)
+    (tmp_path / "breaks.py").write_text("raise SystemExit('the dog ate it')")
+    monkeypatch.setattr(module, "EXAMPLES", tmp_path)
+    works = module.Section(script="works.py", covers=("table 9.9",), quick=("--few",), full=("--many",))
+    monkeypatch.setattr(module, "SECTIONS", (works, module.Section(script="breaks.py")))
+    return module
+
+
+def test_the_page_holds_what_the_scripts_wrote(script: ModuleType, tmp_path: Path) -> None:
+    result = CliRunner().invoke(script.main, ["--only", "works", "--out", str(tmp_path / "report")])
+    assert result.exit_code == 0, result.output
+    text = (tmp_path / "report" / "report.md").read_text()
+    page = (tmp_path / "report" / "report.html").read_text()
+    assert "| table 9.9 | [works](#works) |" in text
+    assert "\n## Table 9.9, 3 trials\n" in text
+    assert "--few" in text
+    assert "--many" not in text
+    assert "<th>a</th>" in page
+    assert 'src="data:image/png;base64,' in page
+    assert "report.md" not in page
+
+
+def test_a_script_that_fails_is_told_and_the_others_are_there(script: ModuleType, tmp_path: Path) -> None:
+    result = CliRunner().invoke(script.main, ["--full", "--out", str(tmp_path / "report")])
+    assert result.exit_code == 1
+    text = (tmp_path / "report" / "report.md").read_text()
+    assert "`python examples/breaks.py` failed:" in text
+    assert "the dog ate it" in text
+    assert "--many" in text
+
+
+def test_an_unknown_section_is_an_error_before_any_work(script: ModuleType, tmp_path: Path) -> None:
+    result = CliRunner().invoke(script.main, ["--only", "tabel", "--out", str(tmp_path / "report")])
+    assert result.exit_code == 2
+    assert "sections are works, breaks" in result.output
+    assert not (tmp_path / "report").exists()
+
+
+def test_every_section_is_a_script_and_nothing_is_covered_twice() -> None:
+    spec = importlib.util.spec_from_file_location("the_report", EXAMPLES / "report.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["the_report"] = module
+    spec.loader.exec_module(module)
+    covered = [item for section in module.SECTIONS for item in section.covers] + list(module.NOT_REPRODUCED)
+    assert len(set(covered)) == len(covered)
+    for section in module.SECTIONS:
+        text = (EXAMPLES / section.script).read_text()
+        assert "--out" in text, section.script
+        for option in (*section.quick, *section.full):
+            assert not option.startswith("--") or f'"{option}"' in text, f"{section.script}: {option}"
