@@ -58,26 +58,43 @@ def make_problem(model: ObjectModel, evidence: Evidence) -> PoseProblem:
     if evidence.felt:
         terms.append(PatchContact(model.grid, evidence.felt))
     if evidence.balance is not None:
-        _check_mass(model)
-        terms.append(WrenchBalance(contacts, evidence.balance, model.mass, model.center_of_mass))
+        terms.append(balance_term(model, evidence))
     determining = _sum(terms)
-    unfelt = [patch for patch in evidence.patches if not patch.is_felt]
-    if unfelt:
-        terms.append(PatchContact(model.grid, unfelt))
-    if evidence.friction is not None:
-        terms.append(FrictionCone(model.grid, contacts, evidence.friction))
-    if evidence.hand is not None:
-        terms.append(Penetration(model.grid, evidence.hand, _TOUCHING * evidence.hand.sigma))
-    if evidence.untouched is not None:
-        terms.append(Penetration(model.grid, evidence.untouched))
+    terms += bounding_terms(model, evidence)
     likelihood = _sum(terms)
     if prior is None:
         return PoseProblem(touch, determining, likelihood, likelihood, TouchSpace(model, evidence.touch))
     return PoseProblem(touch, determining, likelihood, _sum([*terms, PriorObjective(prior)]), PriorSpace(prior))
 
 
+def bounding_terms(model: ObjectModel, evidence: Evidence) -> list[LeastSquaresObjective]:
+    """The objectives of what bounds the pose on one side: silent pads, friction, and the hand's volume."""
+    terms: list[LeastSquaresObjective] = []
+    unfelt = [patch for patch in evidence.patches if not patch.is_felt]
+    if unfelt:
+        terms.append(PatchContact(model.grid, unfelt))
+    if evidence.friction is not None:
+        terms.append(FrictionCone(model.grid, evidence.contacts, evidence.friction))
+    if evidence.hand is not None:
+        terms.append(Penetration(model.grid, evidence.hand, _TOUCHING * evidence.hand.sigma))
+    if evidence.untouched is not None:
+        terms.append(Penetration(model.grid, evidence.untouched))
+    return terms
+
+
 def _sum(terms: list[LeastSquaresObjective]) -> LeastSquaresObjective:
     return terms[0] if len(terms) == 1 else SumObjective(terms)
+
+
+def balance_term(model: ObjectModel, evidence: Evidence) -> LeastSquaresObjective:
+    """The objective of the forces' balance, which the evidence has.
+
+    Raises:
+        InvalidInputError: an object whose mass is not known, or whose symmetries move its centre of mass.
+    """
+    assert evidence.balance is not None
+    _check_mass(model)
+    return WrenchBalance(evidence.contacts, evidence.balance, model.mass, model.center_of_mass)
 
 
 def _check_mass(model: ObjectModel) -> None:

@@ -1,0 +1,134 @@
+"""The update of pose modes by contacts whose errors are in part the same at all times.
+
+A contact's error has a part of its own at each time, which averages out over frames, and a part that stays: the
+calibration of the hand's kinematics, a shift of the fingertip and a turn of its normal. A belief that takes all of it
+for new at each frame shrinks without end. Therefore the stable part of each fingertip is carried along as six biases b
+of known covariance B that are considered, not estimated [S66]: a mode keeps the pose's covariance P and its covariance
+with the biases C. An update is that of pose and biases together; then what it says of the biases is forgotten: their
+mean is again zero, their covariance B. P and C are those of the joint update,
+
+    [P C; C^T B]^-1 -> [P C; C^T B]^-1 + J^T J,
+
+which is why the pose is as if the biases were estimated from this frame, and why nothing shrinks that should not: N
+frames of one grasp, each with own error covariance R, give P = B + R / N in the coordinates of the contacts, exactly
+(from nothing known: P = B + R, C = -B; then the innovation's covariance is P + B + 2 C + R = 2 R, the gain 1 / 2).
+
+Source: [S66] S. Schmidt, Application of state-space methods to navigation problems, 1966 (the consider filter).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactopose_drake.core.contacts import Contacts
+from tactopose_drake.core.signed_distance import DistanceGrid
+from tactopose_drake.core.tracking import tracking_kernels
+from tactopose_drake.core.validation import FloatArray
+
+# Steps that move a mode, and the decrease of the cost that is worth one.
+_STEPS, _TOLERANCE = 12, 1e-4
+# At least this share of a contact's standard deviation is its own.
+_OWN = 0.3
+
+
+class ContactUpdate(NamedTuple):
+    """Of n modes.
+
+    Attributes:
+        X_PO: the minima, shape (n, 3, 4).
+        covariance: of the increments there, shape (n, 6, 6).
+        cross: covariance of the increments with the biases, shape (n, 6, 6 s).
+        log_evidence: of the contacts by each mode, up to a constant of all modes, shape (n,).
+        misfit: squared length of the whitened innovation, shape (n,): chi-square with as many degrees of freedom as the
+            contacts are numbers.
+    """
+
+    X_PO: FloatArray
+    covariance: FloatArray
+    cross: FloatArray
+    log_evidence: FloatArray
+    misfit: FloatArray
+
+
+def update_with_contacts(
+    grid: DistanceGrid,
+    contacts: Contacts,
+    source: NDArray[np.intp],
+    calibration: tuple[float, float],
+    X_prior: FloatArray,
+    covariance: FloatArray,
+    cross: FloatArray,
+    X_start: FloatArray | None = None,
+) -> ContactUpdate:
+    """Updates modes, each a Gaussian of the increments from its pose.
+
+    Args:
+        grid: of the object.
+        contacts: in P; the standard deviations are of the whole error, of which the calibration is a part.
+        source: which of the s sources each contact is of, shape (k,).
+        calibration: standard deviations of the biases, of each coordinate of the position, m, and of a turn of the
+            normal about each axis, rad.
+        X_prior: the modes, shape (n, 3, 4).
+        covariance: of their increments, shape (n, 6, 6).
+        cross: covariances of the increments with the biases, shape (n, 6, 6 s).
+        X_start: where to start from, shape (n, 3, 4), where that is not the prior's pose.
+    """
+    count, size = len(X_prior), 6 + cross.shape[2]
+    information, log_determinant = _joint_information(covariance, cross, calibration)
+    weights = [
+        1.0 / np.sqrt(np.maximum(np.square(sigma) - stable**2, np.square(_OWN * np.asarray(sigma))))
+        for sigma, stable in zip((contacts.sigma_position, contacts.sigma_normal), calibration, strict=True)
+    ]
+    n_PC = np.zeros_like(contacts.p_PC) if contacts.n_PC is None else contacts.n_PC
+    X_PO = np.array(X_prior if X_start is None else X_start)
+    cost, spread, hessian = np.empty(count), np.empty(count), np.empty((count, size, size))
+    tracking_kernels.refine_modes(
+        grid.values,
+        grid.origin,
+        1.0 / grid.spacing,
+        np.ascontiguousarray(contacts.p_PC),
+        np.ascontiguousarray(n_PC),
+        np.ascontiguousarray(weights[0]),
+        np.ascontiguousarray(weights[1] * (contacts.n_PC is not None)),
+        source,
+        np.ascontiguousarray(X_prior),
+        information,
+        X_PO,
+        _STEPS,
+        _TOLERANCE,
+        cost,
+        spread,
+        hessian,
+    )
+    joint = np.linalg.solve(hessian, np.broadcast_to(np.eye(size, 6), (count, size, 6)))
+    P = joint[:, :6]
+    return ContactUpdate(
+        X_PO,
+        0.5 * (P + np.swapaxes(P, 1, 2)),
+        np.swapaxes(joint[:, 6:], 1, 2),
+        0.5 * (log_determinant - np.linalg.slogdet(hessian)[1]) - cost,
+        2.0 * (cost - spread),
+    )
+
+
+def _joint_information(
+    covariance: FloatArray, cross: FloatArray, calibration: tuple[float, float]
+) -> tuple[FloatArray, FloatArray]:
+    """The inverse of [P C; C^T B] by its Schur complement (n, m, m), and the logarithm of its determinant (n,)."""
+    count, biases = len(covariance), cross.shape[2]
+    own = np.tile(np.repeat(np.square(calibration), 3), biases // 6)
+    gain = cross / own
+    A = np.linalg.inv(covariance - gain @ np.swapaxes(cross, 1, 2))
+    information = np.empty((count, 6 + biases, 6 + biases))
+    information[:, :6, :6] = 0.5 * (A + np.swapaxes(A, 1, 2))
+    information[:, :6, 6:] = -A @ gain
+    information[:, 6:, :6] = np.swapaxes(information[:, :6, 6:], 1, 2)
+    information[:, 6:, 6:] = np.swapaxes(gain, 1, 2) @ A @ gain
+    information[:, 6:, 6:] += np.diag(1.0 / own)
+    return information, np.linalg.slogdet(A)[1] - np.sum(np.log(own))
+
+
+def number_of_numbers(contacts: Contacts) -> int:
+    """How many the contacts measure: a distance each, and the two angles of a normal."""
+    return len(contacts) * (1 if contacts.n_PC is None else 3)

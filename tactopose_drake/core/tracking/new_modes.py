@@ -1,0 +1,92 @@
+"""New modes from the search: where else may the object be, by the touch of this instant?
+
+A new mode is one minimum of a wide Gaussian with the touch, just as an old one is of its prediction with the touch; so
+the masses of both compare. That an object is suddenly elsewhere has a small prior probability, which the caller gives.
+"""
+
+import dataclasses
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactopose_drake.core.evidence import Evidence
+from tactopose_drake.core.free_spin import turn_toward
+from tactopose_drake.core.hypotheses import find_modes
+from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.plausibility import explain_touch
+from tactopose_drake.core.pose_problem import make_problem
+from tactopose_drake.core.searches.pair_search import PairSearch
+from tactopose_drake.core.searches.patch_search import patch_search
+from tactopose_drake.core.tracking.contact_update import update_with_contacts
+from tactopose_drake.core.tracking.mode_set import ModeSet
+from tactopose_drake.core.tracking.pose_measurement import PoseMeasurement
+from tactopose_drake.core.validation import FloatArray
+
+
+def find_new_modes(
+    model: ObjectModel,
+    evidence: Evidence,
+    near: PoseMeasurement | None,
+    source: NDArray[np.intp],
+    num_sources: int,
+    calibration: tuple[float, float],
+    count: int,
+    generator: np.random.Generator,
+) -> ModeSet:
+    """Modes that explain the touch, weighed among themselves and against predictions by the same touch.
+
+    Args:
+        model: the object.
+        evidence: the touch and what bounds the pose; a prior in it is left out.
+        near: where to look, as a Gaussian; None for anywhere.
+        source: the source of each contact.
+        num_sources: how many there are.
+        calibration: standard deviations of the biases, m and rad.
+        count: how many modes, at the most.
+        generator: of the search's random numbers.
+    """
+    evidence = dataclasses.replace(evidence, prior=None if near is None else near.as_prior())
+    problem = make_problem(model, evidence)
+    search = patch_search(model, evidence.felt, evidence.contacts) if evidence.felt else None
+    found = (search or PairSearch(model=model, contacts=evidence.contacts)).minimize(
+        problem.objective, problem.space, generator
+    )
+    X_found = found.X_PO
+    if near is None:
+        X_found = turn_toward(X_found, X_found[0], model.symmetries)
+        found = found._replace(X_PO=X_found, cost=problem.objective.cost(X_found)).ranked()
+    modes = find_modes(
+        found,
+        problem.determining.normal_equations(found.X_PO).hessian,
+        problem.space.information,
+        model.symmetry_poses,
+        model.size,
+        count,
+    )
+    X_start = modes.X_PO[explain_touch(model, evidence, modes.X_PO)]
+    n = len(X_start)
+    if near is None:
+        X_prior, covariance = X_start, np.linalg.inv(problem.space.information)
+    else:
+        X_prior, covariance = np.tile(near.X_PO, (n, 1, 1)), near.covariance
+    update = update_with_contacts(
+        model.grid,
+        evidence.touch,
+        source,
+        calibration,
+        X_prior,
+        np.tile(covariance, (n, 1, 1)),
+        np.zeros((n, 6, 6 * num_sources)),
+        X_start,
+    )
+    return ModeSet.make(update.X_PO, update.covariance, update.cross, update.log_evidence)
+
+
+def around(X_PO: FloatArray, sigma_translation: float, sigma_rotation: float, time: float) -> PoseMeasurement:
+    """A Gaussian about a pose, m and rad."""
+    return PoseMeasurement(time, X_PO, np.diag(np.repeat([sigma_rotation**2, sigma_translation**2], 3)))
+
+
+SLIPPED = 0.012, math.radians(15.0)
+"""How far an object has slipped when the touch first contradicts its prediction: standard deviations, m and rad."""

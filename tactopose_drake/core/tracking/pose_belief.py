@@ -1,0 +1,91 @@
+"""Where an object is believed to be at one time: data, from which and a frame the next is made."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactopose_drake.core.tracking.mode_set import ModeSet
+from tactopose_drake.core.tracking.motion_history import MotionHistory
+from tactopose_drake.core.validation import FloatArray
+
+BeliefStatus = Literal["ok", "ambiguous", "slipping", "no_contact", "lost"]
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class VisionRecord:
+    """What vision has said so far.
+
+    Attributes:
+        times: of the poses that were used or turned down lately, s.
+        X_PO: the last of them, shape (3, 4); None before the first.
+        believed_time: when one was last believed, s.
+        remark: what is wrong with it; empty where nothing is.
+    """
+
+    times: tuple[float, ...] = ()
+    X_PO: FloatArray | None = None
+    believed_time: float = -np.inf
+    remark: str = ""
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class PoseBelief:
+    """The belief at one time; frozen, so that copies are shared.
+
+    Attributes:
+        time: s.
+        status: "ok"; "ambiguous" when no mode carries half of the mass; "slipping" when the touch is not what the
+            motion predicts, and the belief follows it; "no_contact" when nothing is touched, so that the pose is only
+            predicted; "lost" when no pose is known that explains the touch, or nothing has been touched for long: what
+            stands here is then no estimate.
+        remarks: what else is to be known of the belief.
+        X_PO: the modes' poses, shape (n, 3, 4), by falling probability; none where nothing is known yet.
+        covariance: of the increments (w, v) from them, shape (n, 6, 6), rad and m.
+        probability: the modes' shares, shape (n,); they sum to 1.
+        explains_touch: which of them noise alone may separate from the touch, shape (n,).
+        modes: the same without what bounds the pose at this time only.
+        sources: the names of the contacts' sources, in the order of the modes' biases.
+        history: the latest motions.
+        touched: the last contacts' points, shape (k, 3), m.
+        touch_time, explained_time, slip_time, search_time: when something was last touched, and explained; when it last
+            slipped, and when poses were last searched for, s.
+        searches: how many searches there were.
+        vision: what vision has said.
+        X_WP: where the palm was, shape (3, 4); None where that is not known.
+    """
+
+    time: float
+    status: BeliefStatus
+    history: MotionHistory
+    remarks: tuple[str, ...] = ()
+    X_PO: FloatArray = dataclasses.field(default_factory=lambda: np.zeros((0, 3, 4)))
+    covariance: FloatArray = dataclasses.field(default_factory=lambda: np.zeros((0, 6, 6)))
+    probability: FloatArray = dataclasses.field(default_factory=lambda: np.zeros(0))
+    explains_touch: NDArray[np.bool_] = dataclasses.field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
+    modes: ModeSet = dataclasses.field(default_factory=ModeSet.empty)
+    sources: tuple[str, ...] = ()
+    touched: FloatArray = dataclasses.field(default_factory=lambda: np.zeros((0, 3)))
+    touch_time: float = -np.inf
+    explained_time: float = -np.inf
+    slip_time: float = -np.inf
+    search_time: float = -np.inf
+    searches: int = 0
+    vision: VisionRecord = dataclasses.field(default_factory=VisionRecord)
+    X_WP: FloatArray | None = None
+
+    def __deepcopy__(self, memo: Any) -> PoseBelief:
+        return self
+
+    @property
+    def has_pose(self) -> bool:
+        """Whether there is a mode at all."""
+        return len(self.X_PO) > 0
+
+    @property
+    def message(self) -> str:
+        """The status, and after a colon the remarks."""
+        return f"{self.status}: {'; '.join(self.remarks)}" if self.remarks else self.status

@@ -1,0 +1,79 @@
+"""How the fingertips move in the palm, as a system."""
+
+import dataclasses
+from collections.abc import Mapping
+
+import numpy as np
+from pydrake.common.value import AbstractValue
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import Frame, JacobianWrtVariable
+from pydrake.systems.framework import Context, LeafSystem, ValueProducer
+
+
+@dataclasses.dataclass
+class _Scratch:
+    """Of the forward kinematics; lives in a cache entry."""
+
+    plant_context: Context
+
+
+class FingertipVelocities(LeafSystem):
+    """Computes the velocities of the fingertips in the palm by the hand's Jacobians.
+
+    .. pydrake_system::
+
+        name: FingertipVelocities
+        input_ports:
+        - joint_positions
+        - joint_velocities
+        output_ports:
+        - tip_velocities
+
+    - joint_positions: measured positions of the hand's joints, shape (nq,) of the hand's own plant, rad.
+    - joint_velocities: of the same joints, shape (nv,), rad/s.
+    - tip_velocities: dict of spatial velocities by finger, shape (6,) each, in P: [w, v], rad/s, and m/s of the
+      fingertip's point at the origin of P; None while a position or velocity is not finite. Changes with either input.
+    """
+
+    def __init__(self, plant: MultibodyPlant, tip_frames: Mapping[str, Frame], palm_frame: Frame) -> None:
+        """Keeps a reference to the plant.
+
+        Args:
+            plant: finalized plant of the hand alone, for kinematics; not the simulator's.
+            tip_frames: a frame on each finger's tip, by finger.
+            palm_frame: P.
+        """
+        super().__init__()
+        self._plant, self._tip_frames, self._palm_frame = plant, dict(tip_frames), palm_frame
+        self._positions = self.DeclareVectorInputPort("joint_positions", plant.num_positions())
+        self._velocities = self.DeclareVectorInputPort("joint_velocities", plant.num_velocities())
+        self._scratch = self.DeclareCacheEntry(
+            "scratch of the kinematics",
+            ValueProducer(
+                allocate=lambda: AbstractValue.Make(_Scratch(plant.CreateDefaultContext())),
+                calc=lambda context, value: None,
+            ),
+            {self.nothing_ticket()},
+        )
+        self.DeclareAbstractOutputPort(
+            "tip_velocities",
+            lambda: AbstractValue.Make(None),
+            self._calc,
+            prerequisites_of_calc={self._positions.ticket(), self._velocities.ticket()},
+        )
+
+    def _calc(self, context: Context, output: AbstractValue) -> None:
+        q, v = self._positions.Eval(context), self._velocities.Eval(context)
+        if not (np.all(np.isfinite(q)) and np.all(np.isfinite(v))):
+            output.set_value(None)
+            return
+        plant_context = self._scratch.Eval(context).plant_context
+        self._plant.SetPositions(plant_context, q)
+        velocities = {}
+        for finger, frame in self._tip_frames.items():
+            p_FP = self._plant.CalcPointsPositions(plant_context, self._palm_frame, np.zeros(3), frame)[:, 0]
+            J = self._plant.CalcJacobianSpatialVelocity(
+                plant_context, JacobianWrtVariable.kV, frame, p_FP, self._palm_frame, self._palm_frame
+            )
+            velocities[finger] = J @ v
+        output.set_value(velocities)

@@ -1,0 +1,283 @@
+"""The belief of a held object's pose over time, as a system."""
+
+import dataclasses
+import time
+
+import numpy as np
+from pydrake.common.value import AbstractValue
+from pydrake.math import RigidTransform
+from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSystem, State
+
+from tactopose_drake.core.contacts import Contacts
+from tactopose_drake.core.evidence import Evidence
+from tactopose_drake.core.hand_spheres import HandSpheres
+from tactopose_drake.core.hypotheses import free_directions
+from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.patches import Patch
+from tactopose_drake.core.prior import PosePrior
+from tactopose_drake.core.tracking.frame import Frame
+from tactopose_drake.core.tracking.pose_belief import PoseBelief
+from tactopose_drake.core.tracking.pose_measurement import PoseMeasurement
+from tactopose_drake.core.tracking.pose_tracker import PoseTracker, PoseTrackerParams
+from tactopose_drake.core.validation import positive_number
+from tactopose_drake.errors import PortTypeError
+from tactopose_drake.estimates import PoseEstimate, PoseHypothesis, Status
+from tactopose_drake.systems.ports import eval_optional_input
+
+_STATUSES: dict[str, Status] = {"ok": "ok", "slipping": "ok", "ambiguous": "ambiguous"}
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class PoseBeliefParams:
+    """How often the belief is updated, how late it is known, and what it assumes."""
+
+    tracker: PoseTrackerParams = dataclasses.field(default_factory=PoseTrackerParams)
+    period: float = 0.01  # s between two updates
+    latency: float = 0.0  # s from the reading of the inputs until the outputs show it: the time that computing takes
+
+    def validate(self) -> None:
+        """Raises InvalidInputError if a number is out of its range."""
+        self.tracker.validate()
+        positive_number("PoseBeliefParams.period", self.period)
+        positive_number("PoseBeliefParams.latency", self.latency, allow_zero=True)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class TimedBelief:
+    """A belief and how long its update took, s of real time."""
+
+    belief: PoseBelief
+    duration: float = 0.0
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class StampedPrior:
+    """A prior without a time of its own, and when it first was there, s."""
+
+    prior: PosePrior | None = None
+    time: float = 0.0
+
+
+class PoseBeliefEstimator(LeafSystem):
+    """Keeps the belief of a held object's pose up to date, from touch, vision, and the fingers' motion.
+
+    .. pydrake_system::
+
+        name: PoseBeliefEstimator
+        input_ports:
+        - contacts
+        - fingers_in_contact
+        - patches
+        - vision
+        - hand
+        - untouched
+        - tip_velocities
+        - palm_pose
+        output_ports:
+        - object_pose
+        - object_pose_in_world
+        - covariance
+        - hypotheses
+        - status
+        - belief
+
+    All inputs but palm_pose are read at each period; any may stay unconnected, but one of contacts and patches.
+
+    - contacts: `Contacts` in P.
+    - fingers_in_contact: tuple of the names of the fingers of its rows, by which a contact is known again.
+    - patches: tuple of `Patch` in P, one for each pad of the hand, those that feel nothing too.
+    - vision: `PoseMeasurement`, with the time of its picture, or `PosePrior`, which counts as of when it changes; None
+      while there is none.
+    - hand: `HandSpheres` in P, where the object is not, or None.
+    - untouched: `HandSpheres` in P, the parts of the hand that feel no contact, or None.
+    - tip_velocities: dict of the fingertips' spatial velocities [w, v] in P by finger, or None: the object then moves
+      with the palm.
+    - palm_pose: `RigidTransform` X_WP.
+    - object_pose: `RigidTransform` X_PO of the best mode; the identity before the first.
+    - object_pose_in_world: `RigidTransform` X_WO, by palm_pose at the time that it is asked for.
+    - covariance: size 36, that of the increment (w, v) of the best mode row by row, rad and m; before there is one,
+      infinite variances.
+    - hypotheses: `PoseEstimate`, all modes; None before the first.
+    - status: str, that of `PoseBelief` ("ok", "ambiguous", "slipping", "no_contact", "lost"), maybe with ": " and
+      remarks. The pose is an estimate for the first three only.
+    - belief: `PoseBelief`.
+
+    The outputs change once a period, `latency` after the inputs are read.
+    """
+
+    def __init__(self, model: ObjectModel, params: PoseBeliefParams | None = None) -> None:
+        """Keeps a reference to the model.
+
+        Args:
+            model: the object.
+            params: period, latency, and what is assumed.
+        """
+        super().__init__()
+        self._params = PoseBeliefParams() if params is None else params
+        self._params.validate()
+        self._model = model
+        self._tracker = PoseTracker(model, self._params.tracker)
+        make = AbstractValue.Make
+        self._contacts = self.DeclareAbstractInputPort("contacts", make(Contacts.empty()))
+        self._fingers = self.DeclareAbstractInputPort("fingers_in_contact", make(()))
+        self._patches = self.DeclareAbstractInputPort("patches", make(()))
+        self._vision = self.DeclareAbstractInputPort("vision", make(None))
+        self._hand = self.DeclareAbstractInputPort("hand", make(None))
+        self._untouched = self.DeclareAbstractInputPort("untouched", make(None))
+        self._tips = self.DeclareAbstractInputPort("tip_velocities", make(None))
+        self._palm = self.DeclareAbstractInputPort("palm_pose", make(RigidTransform()))
+        start = TimedBelief(self._tracker.start())
+        self._pending = self.DeclareAbstractState(make((start,)))  # beliefs, oldest first
+        self._shown = self.DeclareAbstractState(make(start))
+        self._prior = self.DeclareAbstractState(make(StampedPrior()))
+        self.DeclarePeriodicUnrestrictedUpdateEvent(self._params.period, 0.0, self._update)
+        if self._params.latency > 0.0:
+            self.DeclarePeriodicUnrestrictedUpdateEvent(self._params.period, self._params.latency, self._show)
+        shown = {self.abstract_state_ticket(self._shown)}
+        for name, model_value, calc in (
+            ("object_pose", RigidTransform(), self._calc_pose),
+            ("hypotheses", None, self._calc_hypotheses),
+            ("status", "", self._calc_status),
+            ("belief", start.belief, self._calc_belief),
+        ):
+            self.DeclareAbstractOutputPort(name, make(model_value).Clone, calc, shown)
+        self.DeclareVectorOutputPort("covariance", 36, self._calc_covariance, shown)
+        self.DeclareAbstractOutputPort(
+            "object_pose_in_world",
+            make(RigidTransform()).Clone,
+            self._calc_pose_in_world,
+            shown | {self._palm.ticket()},
+        )
+
+    def _update(self, context: Context, state: State) -> EventStatus:
+        frame = self._read(context, state)
+        pending = context.get_abstract_state(self._pending).get_value()
+        latest = self._step(pending[-1], frame)
+        # Kept are those that are still to be shown.
+        oldest = frame.time - self._params.latency - 2.0 * self._params.period
+        pending = (*(timed for timed in pending[1:] if timed.belief.time > oldest), latest)
+        state.get_mutable_abstract_state(self._pending).set_value(pending)
+        if self._params.latency == 0.0:
+            state.get_mutable_abstract_state(self._shown).set_value(latest)
+        return EventStatus.Succeeded()
+
+    def _show(self, context: Context, state: State) -> EventStatus:
+        """Shows the belief whose computation is done by now."""
+        ready = context.get_time() - self._params.latency + 1e-3 * self._params.period
+        done = [timed for timed in context.get_abstract_state(self._pending).get_value() if timed.belief.time <= ready]
+        if done:
+            state.get_mutable_abstract_state(self._shown).set_value(done[-1])
+        return EventStatus.Succeeded()
+
+    def _step(self, timed: TimedBelief, frame: Frame) -> TimedBelief:
+        """The next belief. One that cannot be made, of numbers beyond arithmetic, is begun anew and says so."""
+        started = time.perf_counter()
+        try:
+            belief = self._tracker.step(timed.belief, frame)
+        except np.linalg.LinAlgError as error:
+            belief = dataclasses.replace(
+                self._tracker.start(frame.time), remarks=(f"begun anew: {error}",), vision=timed.belief.vision
+            )
+        return TimedBelief(belief, time.perf_counter() - started)
+
+    def _read(self, context: Context, state: State) -> Frame:
+        """All that the inputs say now; writes the time of a new prior into the state."""
+        if not (self._contacts.HasValue(context) or self._patches.HasValue(context)):
+            raise PortTypeError(
+                f"input port 'contacts' of system {self.get_name()!r}: is not connected; it needs a Contacts."
+            )
+        contacts = eval_optional_input(self._contacts, context, Contacts) or Contacts.empty()
+        patches: tuple[Patch, ...] = eval_optional_input(self._patches, context, tuple) or ()
+        fingers = eval_optional_input(self._fingers, context, tuple) or ()
+        if len(fingers) != len(contacts):
+            fingers = tuple(f"contact {i}" for i in range(len(contacts)))
+        pads = tuple(f"pad {i}" for i, patch in enumerate(patches) if patch.is_felt)
+        now = context.get_time()
+        return Frame(
+            now,
+            Evidence(
+                contacts,
+                hand=eval_optional_input(self._hand, context, HandSpheres),
+                untouched=eval_optional_input(self._untouched, context, HandSpheres),
+                patches=patches,
+            ),
+            (*fingers, *pads),
+            eval_optional_input(self._tips, context, dict),
+            self._read_vision(context, state),
+            self._read_palm(context),
+        )
+
+    def _read_palm(self, context: Context) -> np.ndarray | None:
+        palm = eval_optional_input(self._palm, context, RigidTransform)
+        return None if palm is None else palm.GetAsMatrix34()
+
+    def _read_vision(self, context: Context, state: State) -> PoseMeasurement | None:
+        seen = eval_optional_input(self._vision, context, object)
+        if seen is None or isinstance(seen, PoseMeasurement):
+            return seen
+        if not isinstance(seen, PosePrior):
+            raise PortTypeError(
+                f"input port 'vision' of system {self.get_name()!r}: holds a {type(seen).__name__}; allowed are "
+                "PoseMeasurement, PosePrior and None."
+            )
+        stamped = context.get_abstract_state(self._prior).get_value()
+        if stamped.prior is None or not np.array_equal(stamped.prior.X_PO, seen.X_PO):
+            stamped = StampedPrior(seen, context.get_time())
+            state.get_mutable_abstract_state(self._prior).set_value(stamped)
+        return PoseMeasurement.from_prior(seen, stamped.time)
+
+    def _belief(self, context: Context) -> PoseBelief:
+        return context.get_abstract_state(self._shown).get_value().belief
+
+    def _calc_pose(self, context: Context, output: AbstractValue) -> None:
+        output.set_value(_pose(self._belief(context)))
+
+    def _calc_pose_in_world(self, context: Context, output: AbstractValue) -> None:
+        palm = eval_optional_input(self._palm, context, RigidTransform)
+        if palm is None:
+            raise PortTypeError(
+                f"input port 'palm_pose' of system {self.get_name()!r}: is not connected; "
+                "object_pose_in_world needs it."
+            )
+        output.set_value(palm @ _pose(self._belief(context)))
+
+    def _calc_covariance(self, context: Context, output: BasicVector) -> None:
+        belief = self._belief(context)
+        covariance = belief.covariance[0] if belief.has_pose else np.where(np.eye(6) > 0.0, np.inf, 0.0)
+        output.SetFromVector(covariance.reshape(-1))
+
+    def _calc_hypotheses(self, context: Context, output: AbstractValue) -> None:
+        timed = context.get_abstract_state(self._shown).get_value()
+        output.set_value(estimate_of(timed.belief, self._model.size, timed.duration))
+
+    def _calc_status(self, context: Context, output: AbstractValue) -> None:
+        output.set_value(self._belief(context).message)
+
+    def _calc_belief(self, context: Context, output: AbstractValue) -> None:
+        output.set_value(self._belief(context))
+
+
+def estimate_of(belief: PoseBelief, size: float, duration: float = 0.0) -> PoseEstimate | None:
+    """A belief's modes as hypotheses; None where there are none.
+
+    Args:
+        belief: the belief.
+        size: the object's, m; directions known to less than a tenth of it are free.
+        duration: what is given as the estimate's, s.
+    """
+    if not belief.has_pose:
+        return None
+    free = free_directions(np.asarray(np.linalg.inv(belief.covariance)), size)
+    hypotheses = tuple(
+        PoseHypothesis(
+            RigidTransform(X_PO), -float(np.log(max(share, 1e-300))), float(share), covariance, rows, bool(ok)
+        )
+        for X_PO, share, covariance, rows, ok in zip(
+            belief.X_PO, belief.probability, belief.covariance, free, belief.explains_touch, strict=True
+        )
+    )
+    return PoseEstimate(hypotheses, _STATUSES.get(belief.status, "no_solution"), duration)
+
+
+def _pose(belief: PoseBelief) -> RigidTransform:
+    return RigidTransform(belief.X_PO[0]) if belief.has_pose else RigidTransform()
