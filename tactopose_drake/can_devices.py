@@ -5,6 +5,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Self
 
+from numpy.typing import ArrayLike
+
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.drivers.barrett_hand import BarrettHand
 from tactopose_drake.drivers.barrett_joints import STRAIN_POLYNOMIAL
@@ -121,8 +123,8 @@ class CanDevices:
         """Gauge readings that count as no load, shape (6,), by finger."""
         return {finger: board.bias for finger, board in self.boards.items()}
 
-    @biases.setter
-    def biases(self, biases: Mapping[str, FloatArray]) -> None:
+    def set_biases(self, biases: Mapping[str, ArrayLike]) -> None:
+        """Sets what `biases` gives."""
         for finger, gauges in biases.items():
             self.boards[finger].bias = gauges
 
@@ -139,11 +141,6 @@ class CanDevices:
         for bus in self.buses.values():
             bus.origin = origin
         return origin
-
-    @property
-    def problems(self) -> dict[str, str]:
-        """Why nothing can come from a bus, by its name; only of buses where something is wrong."""
-        return {name: bus.problem for name, bus in self.buses.items() if bus.problem}
 
 
 def _make_board(finger: str, board: ForceTorqueBoard, bus: DeviceBus) -> NetCanOemForceTorque:

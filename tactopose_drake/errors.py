@@ -77,4 +77,12 @@ class DeviceError(DriverError, RuntimeError):
 
 
 class EndOfLogError(DriverError, EOFError):
-    """A log that has been played to its end; the message says whether it was cut off."""
+    """A log that has been played to its end; the message says whether it was cut off.
+
+    Attributes:
+        whole: whether it was not.
+    """
+
+    def __init__(self, message: str, *, whole: bool = True) -> None:
+        super().__init__(message)
+        self.whole = whole

@@ -141,6 +141,11 @@ class DeviceBus:
             return f"bus: {self._line.failure}"
         return "bus: is off after too many errors" if self._bus_off else ""
 
+    @property
+    def log_end(self) -> EndOfLogError | None:
+        """How the log that is replayed ended; None while it goes on, and of a real bus."""
+        return self._end if isinstance(self._end, EndOfLogError) else None
+
     def attach(self, device: BusUser) -> None:
         """Lets a device take part.
 

@@ -42,7 +42,7 @@ def log_frames(path: Path) -> Iterator[can.Message]:
             whole = whole and _ends_properly(path)
     if whole:
         raise EndOfLogError(f"{path}: ended after {count} frames.")
-    raise EndOfLogError(f"{path}: is cut off or damaged after {count} whole frames, at {last:.6f} s.")
+    raise EndOfLogError(f"{path}: is cut off or damaged after {count} whole frames, at {last:.6f} s.", whole=False)
 
 
 def _reader(path: Path, file: BinaryIO) -> tuple[can.BLFReader | can.ASCReader, bool]:

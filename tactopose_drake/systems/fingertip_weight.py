@@ -1,9 +1,9 @@
 """Takes the turning of the fingertips' weight off the wrenches of sensors that were tared once."""
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSystem, State
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSystem, State, ValueProducer
 
-from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.fingertip_weights import FingertipWeights
 
 
@@ -41,6 +41,11 @@ class FingertipWeight(LeafSystem):
         self._positions = self.DeclareVectorInputPort("joint_positions", num_positions)
         self._at_tare = self.DeclareDiscreteState(np.full(num_positions, np.nan))
         self.DeclareInitializationUnrestrictedUpdateEvent(self._remember)
+        self._turned = self.DeclareCacheEntry(
+            "what the weights have changed by since the tare, by finger",
+            ValueProducer(allocate=lambda: AbstractValue.Make({}), calc=self._calc_turned),
+            {self._positions.ticket(), self.discrete_state_ticket(self._at_tare)},
+        )
         for finger in fingers:
             self._declare(finger)
 
@@ -48,12 +53,16 @@ class FingertipWeight(LeafSystem):
         measured = self.DeclareVectorInputPort(f"wrench_{finger}", 6)
 
         def calc(context: Context, output: BasicVector) -> None:
-            q_tare: FloatArray = context.get_discrete_state(self._at_tare).value()
-            now = self._weights.wrenches(self._positions.Eval(context))[finger]
-            output.SetFromVector(measured.Eval(context) - (now - self._weights.wrenches(q_tare)[finger]))
+            output.SetFromVector(measured.Eval(context) - self._turned.Eval(context)[finger])
 
-        tickets = {measured.ticket(), self._positions.ticket(), self.discrete_state_ticket(self._at_tare)}
-        self.DeclareVectorOutputPort(f"wrench_{finger}", 6, calc, prerequisites_of_calc=tickets)
+        self.DeclareVectorOutputPort(
+            f"wrench_{finger}", 6, calc, prerequisites_of_calc={measured.ticket(), self._turned.ticket()}
+        )
+
+    def _calc_turned(self, context: Context, cached: AbstractValue) -> None:
+        now = self._weights.wrenches(self._positions.Eval(context))
+        at_tare = self._weights.wrenches(context.get_discrete_state(self._at_tare).value())
+        cached.set_value({finger: now[finger] - at_tare[finger] for finger in now})
 
     def _remember(self, context: Context, state: State) -> EventStatus:
         q_tare = self._positions.Eval(context)

@@ -1,0 +1,1 @@
+"""Running scenarios: in the simulator, on CAN devices, and from recordings."""
