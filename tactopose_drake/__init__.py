@@ -2,6 +2,7 @@
 
 from tactopose_drake.core.contacts import Contacts
 from tactopose_drake.core.force_balance import ForceBalance
+from tactopose_drake.core.grasp_quality import GraspQuality, force_closure_probability, grasp_quality
 from tactopose_drake.core.intrinsic_contact import ContactSolution, solve_contact, solve_contacts
 from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.patches import Patch, describe_patch
@@ -21,6 +22,7 @@ __all__ = [
     "Cylinder",
     "Ellipsoid",
     "ForceBalance",
+    "GraspQuality",
     "HandGeometry",
     "Identification",
     "Identity",
@@ -35,6 +37,8 @@ __all__ = [
     "TactoposeError",
     "describe_patch",
     "estimate_pose",
+    "force_closure_probability",
+    "grasp_quality",
     "identify",
     "solve_contact",
     "solve_contacts",

@@ -7,8 +7,10 @@ import math
 from collections.abc import Sequence
 from typing import Literal
 
+import numpy as np
 from pydrake.math import RigidTransform
 
+from tactopose_drake.core.pose_belief import PoseBelief
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
 
@@ -65,6 +67,15 @@ class PoseEstimate:
     def best(self) -> PoseHypothesis:
         """The most probable hypothesis."""
         return self.hypotheses[0]
+
+    @property
+    def belief(self) -> PoseBelief:
+        """The hypotheses as arrays."""
+        return PoseBelief(
+            np.array([hypothesis.X_PO.GetAsMatrix34() for hypothesis in self.hypotheses]),
+            np.array([hypothesis.probability for hypothesis in self.hypotheses]),
+            np.array([hypothesis.covariance for hypothesis in self.hypotheses]),
+        )
 
     def keep(self, kept: Sequence[bool]) -> PoseEstimate:
         """The estimate by some of the hypotheses alone, weighed among themselves.

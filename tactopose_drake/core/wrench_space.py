@@ -1,0 +1,218 @@
+"""The wrenches that frictional contacts can exert on an object, as a convex polytope around the origin.
+
+A wrench is a torque about the object's centre of mass, over a length that makes it a force, and a force: (torque /
+length, force), N. Each friction cone is linearised by a pyramid whose edges lie on it, so what comes out is contained
+in what round cones would give. How hard the fingers may press is bounded in one of two ways [FC92]:
+
+- "L1": the normal forces together are at most 1 N; the space is the convex hull of all the cones' edges.
+- "Linf": each normal force is at most 1 N; the space is the Minkowski sum of the contacts' own hulls.
+
+The largest set that fits into the space touches one of its facets. All facets of a hull of some forty points are found
+at once; a Minkowski sum has a hundred thousand. Of those only the ones near the fitting set are made: a hull of some of
+the sum's points is grown at its critical facets until these are facets of the sum itself, which is the exact answer.
+
+Sources: [FC92] C. Ferrari and J. Canny, Planning optimal grasps, ICRA 1992. [B99] C. Borst et al., A fast and robust
+grasp planner for arbitrary 3D objects, ICRA 1999.
+"""
+
+import dataclasses
+from collections.abc import Callable
+from functools import cached_property
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+from scipy.spatial import ConvexHull
+
+from tactopose_drake.core.validation import FloatArray
+
+Norm = Literal["L1", "Linf"]
+
+# What is smaller than this, relative to wrenches of about 1 N, is rounding.
+_FLAT = 1e-7
+# How exactly the critical facet is found, N.
+_EXACT = 1e-9
+# Facets that are pushed out in one round, and those that the first hull has support points for.
+_FACETS_A_ROUND, _FIRST_FACETS = 32, 64
+_DIRECTIONS_A_BATCH = 1024
+
+
+class Hull(NamedTuple):
+    """A full-dimensional convex hull in d dimensions.
+
+    Attributes:
+        normals: outward unit normals of its facets, shape (f, d).
+        offsets: their distances from the origin along the normals, shape (f,).
+        vertices: shape (v, d).
+        simplices: the facets' corners, rows of the points that it was made of, shape (f, d).
+        volume: of d-dimensional content.
+    """
+
+    normals: FloatArray
+    offsets: FloatArray
+    vertices: FloatArray
+    simplices: NDArray[np.int32]
+    volume: float
+
+
+def convex_hull(points: FloatArray) -> Hull | None:
+    """The convex hull of points (n, d); None where they lie in a hyperplane, up to rounding.
+
+    The points are joggled by about 1e-10 of their size: the edges of a friction pyramid are coplanar, which leaves
+    Qhull with facets that it cannot tell apart, and sometimes cannot merge either.
+    """
+    spread = points - points.mean(axis=0)
+    values = np.linalg.svd(spread, compute_uv=False)
+    if len(points) <= points.shape[1] or values[-1] <= _FLAT * values[0]:
+        return None
+    hull = ConvexHull(points, qhull_options="QJ")
+    return Hull(hull.equations[:, :-1], -hull.equations[:, -1], points[hull.vertices], hull.simplices, hull.volume)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class WrenchSpace:
+    """The wrenches that k contacts can exert.
+
+    Attributes:
+        primitives: wrenches of the edges of each contact's friction pyramid, normal forces of 1 N, shape (k, e, 6).
+        norm: what bounds the forces, see the module.
+    """
+
+    primitives: FloatArray
+    norm: Norm = "L1"
+
+    @cached_property
+    def is_force_closure(self) -> bool:
+        """Whether contacts that press hard enough resist any wrench: whether the primitives positively span R^6."""
+        rows = self.primitives.reshape(-1, 6)
+        if not len(rows) or np.linalg.matrix_rank(rows, tol=_FLAT * np.abs(rows).max()) < 6:
+            return False
+        # All have a share of at least one in a sum that vanishes.
+        _, residual = nnls(rows.T, -rows.sum(axis=0))
+        return bool(residual <= _FLAT * len(rows))
+
+    @cached_property
+    def radius(self) -> float:
+        """Of the largest ball about the origin that fits, N; 0 without force closure. [FC92]"""
+        return self.fit(lambda normals: np.ones(len(normals)))
+
+    def scale(self, wrenches: FloatArray) -> float:
+        """The largest multiple of a set of disturbing wrenches (t, 6) that the contacts resist, each one at a time.
+
+        Wrenches of length 0 demand nothing; the scale of a set of nothing else is infinite.
+        """
+        return self.fit(lambda normals: _support(normals, -wrenches))
+
+    @cached_property
+    def volume(self) -> float:
+        """Content of the space, N^6; 0 where it is flat.
+
+        For "Linf" all facets of the Minkowski sum are needed: half a second for three contacts of eight edges, six
+        seconds for four, and minutes for five.
+        """
+        hull = convex_hull(self.vertices)
+        return 0.0 if hull is None else hull.volume
+
+    @cached_property
+    def vertices(self) -> FloatArray:
+        """Points that the space is the convex hull of, the origin among them, shape (v, 6); see `volume`."""
+        origin = np.zeros((1, 6))
+        if self.norm == "L1":
+            return np.concatenate([origin, self.primitives.reshape(-1, 6)])
+        points = origin
+        for edges in self.primitives:
+            points = (points[:, None] + np.concatenate([origin, edges])).reshape(-1, 6)
+            hull = convex_hull(points)
+            points = points if hull is None else hull.vertices
+        return points
+
+    def fit(self, demand: Callable[[FloatArray], FloatArray]) -> float:
+        """How far a convex set about the origin can be scaled until it touches the space's surface.
+
+        Args:
+            demand: the set's support function: of unit directions (m, 6), shape (m,).
+
+        Returns:
+            The scale; 0 without force closure.
+        """
+        if not self.is_force_closure:
+            return 0.0
+        points = self._first_points()
+        least = np.inf
+        while True:
+            hull = convex_hull(points)
+            if hull is None:
+                return 0.0
+            wanted = np.maximum(demand(hull.normals), np.finfo(float).tiny)
+            scales = hull.offsets / wanted
+            nearest = np.argsort(scales, kind="stable")[:_FACETS_A_ROUND]
+            supports, found = self.support(hull.normals[nearest])
+            # A facet of the hull is within the space; the plane that supports the space there is not.
+            least = min(least, float((supports / wanted[nearest]).min()))
+            beyond = supports > hull.offsets[nearest] + _EXACT
+            if not beyond.any() or least - scales[nearest[0]] <= _EXACT * max(1.0, least):
+                return least if least > _FLAT else 0.0
+            points = np.concatenate([hull.vertices, _distinct(found[beyond])])
+
+    def support(self, directions: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The space's extent along directions (m, 6), shape (m,), N, and its points there, shape (m, 6)."""
+        along = np.einsum("ked,md->mke", self.primitives, directions)
+        edge = along.argmax(axis=2)
+        best = np.take_along_axis(along, edge[..., None], axis=2)[..., 0]  # (m, k)
+        wrench = self.primitives[np.arange(len(self.primitives)), edge]  # (m, k, 6)
+        if self.norm == "L1":
+            contact = best.argmax(axis=1)[:, None]
+            best = np.take_along_axis(best, contact, axis=1)
+            wrench = np.take_along_axis(wrench, contact[..., None], axis=1)
+        pressing = best > 0.0
+        return np.sum(best * pressing, axis=1), np.sum(wrench * pressing[..., None], axis=1)
+
+    def _first_points(self) -> FloatArray:
+        """Points of the space whose hull is a start: all the vertices there are for "L1"."""
+        points = np.concatenate([np.zeros((1, 6)), self.primitives.reshape(-1, 6)])
+        if self.norm == "L1":
+            return points
+        hull = convex_hull(points)
+        if hull is None:
+            return points
+        nearest = np.argsort(hull.offsets, kind="stable")[:_FIRST_FACETS]
+        return np.concatenate([points, _distinct(self.support(hull.normals[nearest])[1])])
+
+
+def cone_wrenches(p_GC: FloatArray, n: FloatArray, friction: float, edges: int, length: float) -> FloatArray:
+    """The wrenches of the edges of contacts' friction pyramids, with normal forces of 1 N.
+
+    Args:
+        p_GC: contact points from the centre of mass, shape (..., 3), m.
+        n: the object's outward unit normals there, shape (..., 3): fingers press against them.
+        friction: coefficient.
+        edges: of a pyramid; without friction there is but one, the normal force.
+        length: what torques are divided by, m.
+
+    Returns:
+        Shape (..., edges, 6), torque first, in the axes of the arguments.
+    """
+    helper = np.eye(3)[np.argmin(np.abs(n), axis=-1)]
+    t1 = np.cross(n, helper)
+    t1 /= np.linalg.norm(t1, axis=-1, keepdims=True)
+    t2 = np.cross(n, t1)
+    angle = np.arange(edges if friction > 0.0 else 1) * (2.0 * np.pi / edges)
+    around = np.cos(angle)[:, None] * t1[..., None, :] + np.sin(angle)[:, None] * t2[..., None, :]
+    force = friction * around - n[..., None, :]
+    return np.concatenate([np.cross(p_GC[..., None, :], force) / length, force], axis=-1)
+
+
+def _support(directions: FloatArray, points: FloatArray) -> FloatArray:
+    """The largest products of points (t, 6) and the origin with directions (m, 6), shape (m,)."""
+    extent = np.zeros(len(directions))
+    for first in range(0, len(directions), _DIRECTIONS_A_BATCH):
+        batch = slice(first, first + _DIRECTIONS_A_BATCH)
+        extent[batch] = (directions[batch] @ points.T).max(axis=1, initial=0.0)
+    return extent
+
+
+def _distinct(points: FloatArray) -> FloatArray:
+    """The points (n, 6) without those that differ by rounding alone."""
+    _, first = np.unique(points.round(10), axis=0, return_index=True)
+    return points[first]
