@@ -22,10 +22,11 @@ from tactopose_drake.core.mesh.repair import MeshRepairWarning
 from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.demo import GraspFailedError, run_demo, save_demo
 from tactopose_drake.display.scene import Scene
-from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.errors import DriverError, InvalidInputError
 from tactopose_drake.estimation import METHODS, estimate_pose
 from tactopose_drake.files import load_contacts, load_prior, save_result
 from tactopose_drake.reports import fingers_table, free_line, hypotheses_table, poses_table, status_line
+from tactopose_drake.run_commands import replay, run
 from tactopose_drake.scenario import load_scenario
 from tactopose_drake.visualization import draw_scene, save_html
 
@@ -127,6 +128,10 @@ def demo(hand: str, name: str, seed: int, out: Path, keep: bool, no_open: bool) 
         click.pause("Press Enter to end.")
 
 
+cli.add_command(run)
+cli.add_command(replay)
+
+
 def _has_display() -> bool:
     return sys.platform in ("darwin", "win32") or any(name in os.environ for name in ("DISPLAY", "WAYLAND_DISPLAY"))
 
@@ -153,7 +158,7 @@ def main() -> None:
         _fail(error.format_message())
     except InvalidInputError as error:
         _fail(str(error))
-    except GraspFailedError as error:
+    except (GraspFailedError, DriverError) as error:
         _fail(str(error), status=1)
     except (KeyboardInterrupt, click.Abort):
         sys.exit(1)
