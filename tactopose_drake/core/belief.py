@@ -18,13 +18,15 @@ from numpy.typing import NDArray
 
 from tactopose_drake.core import kernels
 from tactopose_drake.core.hypotheses import Modes
-from tactopose_drake.core.pose_mixture import PoseMixture, in_chart
-from tactopose_drake.core.poses import increments_between, retract
+from tactopose_drake.core.pose_mixture import PoseMixture, across_turns, in_chart
+from tactopose_drake.core.poses import retract
 from tactopose_drake.core.posterior import Posterior
 from tactopose_drake.core.validation import FloatArray
 
 # Modes that hold less than this share of the mass by Laplace's approximation are taken at its word.
 _WORTH_SAMPLING = 1e-4
+# Modes that hold less than this share of the best one's are not weighed again either.
+_WORTH_A_LOOK = 1e-7
 # Tiles are laid out over Laplace's Gaussian, so much wider: a valley may have long ends, and bumps along its floor.
 _WIDER = 2.0
 # Tiles reach over so much of that way.
@@ -75,8 +77,10 @@ class BeliefSampling:
     def weigh(self, modes: Modes, posterior: Posterior, generator: np.random.Generator) -> Modes:
         """The modes with the mass and covariance that samples of the exact posterior give them."""
         information = np.linalg.inv(modes.covariance) + posterior.gauge
-        least = np.minimum(posterior.exact_cost(modes.X_PO), modes.cost)
-        laplace = -least - 0.5 * _log_determinant(information, posterior.turn_directions(modes.X_PO))
+        least = modes.cost.copy()
+        close = np.flatnonzero(modes.probability > _WORTH_A_LOOK * modes.probability.max())
+        least[close] = np.minimum(least[close], posterior.exact_cost(modes.X_PO[close]))
+        laplace = -least - 0.5 * across_turns(information, posterior.turn_directions(modes.X_PO))[1]
         share = np.exp(laplace - laplace.max())
         share /= share.sum()
         sampled = np.flatnonzero(share > _WORTH_SAMPLING)
@@ -117,12 +121,10 @@ class BeliefSampling:
         center = np.einsum("bji,bj->bi", root, normal)
         X_mode = modes.X_PO[sampled]
         X_PO = self._to_the_floor(retract(X_mode[group], center), posterior)
-        center = increments_between(X_mode[group], X_PO)
         equations = posterior.objective.normal_equations(X_PO)
-        values, vectors = np.linalg.eigh(equations.hessian * np.outer(units, units))
-        values = np.maximum(values, widest)
-        local = np.einsum("bij,bj,bkj->bik", vectors, values, vectors) / np.outer(units, units)
-        local, turns = in_chart(center, local + posterior.gauge, posterior.turn_directions(X_PO))
+        # As wide as that and the tile's own reach allow.
+        local = equations.hessian + np.diag(widest / units**2) + posterior.gauge
+        center, local, turns = in_chart(X_mode, group, X_PO, local, posterior.turn_directions(X_PO))
         least = np.minimum(posterior.exact_cost(X_PO), equations.cost)
         weight = np.exp(-0.5 * (least - least.min())) + 1e-3
         count = np.maximum(1, np.rint(self.samples * weight / weight.sum())).astype(np.intp)
@@ -130,14 +132,11 @@ class BeliefSampling:
 
     def _to_the_floor(self, X_PO: FloatArray, posterior: Posterior) -> FloatArray:
         """Poses (B, 3, 4) moved in the directions that the touch determines well, and little in others."""
-        units, soft = posterior.units, np.eye(6) / posterior.straight**2
+        X_PO = X_PO.copy()
+        soft = 1.0 / (posterior.units * posterior.straight) ** 2
         for _ in range(self.steps):
-            equations = posterior.likelihood.normal_equations(X_PO)
-            damped = equations.hessian * np.outer(units, units) + soft
-            step = -np.linalg.solve(damped, (equations.gradient * units)[..., None])[..., 0]
-            length = np.linalg.norm(step, axis=1, keepdims=True)
-            step *= np.minimum(1.0, _LONGEST_STEP * posterior.size / np.maximum(length, 1e-12))
-            X_PO = retract(X_PO, step * units)
+            _, gradient, hessian = posterior.likelihood.normal_equations(X_PO)
+            _step_down(gradient, hessian, soft, posterior.units, _LONGEST_STEP * posterior.size, X_PO)
         return X_PO
 
     def _update(
@@ -161,21 +160,33 @@ class BeliefSampling:
         return Modes(modes.X_PO[order], modes.cost[order], probability[order], covariance[order], free, log_mass)
 
 
+@njit(cache=True)
+def _step_down(gradient, hessian, soft, units, longest, X):  # type: ignore[no-untyped-def]
+    """Moves poses X (B, 3, 4) by -(H + diag soft)^-1 g, or as much of it as is no longer than that, m, in the units."""
+    H, L, forward, step, moved = np.empty((6, 6)), np.empty((6, 6)), np.empty(6), np.empty(6), np.empty((3, 4))
+    for b in range(X.shape[0]):
+        for i in range(6):
+            for j in range(i + 1):
+                H[i, j] = hessian[b, i, j]
+            H[i, i] += soft[i]
+        kernels._damped_step(6, H, gradient[b], 0.0, L, forward, step)
+        square = 0.0
+        for i in range(6):
+            square += (step[i] / units[i]) ** 2
+        share = min(1.0, longest / np.sqrt(square)) if square > 0.0 else 1.0
+        for i in range(6):
+            step[i] *= share
+        kernels._retract(X[b], step, moved)
+        X[b] = moved
+
+
 @njit(cache=True, nogil=True)
 def _add_moments(X_group, X, share, second):  # type: ignore[no-untyped-def]
-    u, identity = np.empty(6), np.eye(3, 4)
+    u = np.empty(6)
     for b in range(X.shape[0]):
         for g in range(X_group.shape[0]):
             if share[b, g] > 1e-12:
-                kernels._increment(X_group[g], X[b], identity, u)
+                kernels._increment(X_group[g], X[b], u)
                 for i in range(6):
                     for j in range(6):
                         second[g, i, j] += share[b, g] * u[i] * u[j]
-
-
-def _log_determinant(information: FloatArray, turns: FloatArray) -> FloatArray:
-    """Of information matrices (B, 6, 6), over the directions across the turns (B, 6, c)."""
-    logarithm: FloatArray = np.linalg.slogdet(information)[1]
-    if turns.shape[2]:
-        logarithm = logarithm - np.linalg.slogdet(np.swapaxes(turns, 1, 2) @ information @ turns)[1]
-    return logarithm

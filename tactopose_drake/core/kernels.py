@@ -253,94 +253,6 @@ def _interpolate(flat, at, sx, sy, fx, fy, fz):  # type: ignore[no-untyped-def]
     return v0 + fx * (v1 - v0), v1 - v0, y0 + fx * (y1 - y0), z0 + fx * (z1 - z0)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
-def contact_normal_equations(  # type: ignore[no-untyped-def]
-    values, origin, inverse_spacing, p, n, weight_p, weight_n, X, cost, gradient, hessian
-):
-    """Cost (B,), exact gradient (B, 6) and Gauss-Newton Hessian (B, 6, 6) of the contact residuals.
-
-    The Hessian is of the rows that carry information, see `_contact_rows`. This says the same in another order, three
-    times as fast: increments (w, R^T v), so all in O, until a pose is done; the gradient's rows are added up before
-    their one chain rule; and the grid is read by unsigned offsets, which need no check for negative ones.
-    """
-    flat = values.reshape(-1)
-    nx, ny, nz = values.shape[0], values.shape[1], values.shape[2]
-    sy, sx = np.uintp(4 * nz), np.uintp(4 * nz * ny)
-    field, slope, m, J = np.empty(4), np.empty((4, 3)), np.empty(3), np.empty((4, 6))
-    g, H, row, along = np.empty(6), np.empty((6, 6)), np.empty(3), np.empty(3)
-    q = np.empty(3)
-    for b in range(X.shape[0]):
-        total = 0.0
-        for a in range(6):
-            g[a] = 0.0
-            for c in range(a + 1):
-                H[a, c] = 0.0
-        for i in range(p.shape[0]):
-            _to_object(X[b], p[i], q)
-            ix, fx, ox = _cell(q[0], origin[0], inverse_spacing, nx - 1.0)
-            iy, fy, oy = _cell(q[1], origin[1], inverse_spacing, ny - 1.0)
-            iz, fz, oz = _cell(q[2], origin[2], inverse_spacing, nz - 1.0)
-            at = np.uintp(4 * ((ix * ny + iy) * nz + iz))
-            for k in range(4):
-                field[k], dx, dy, dz = _interpolate(flat, at + np.uintp(k), sx, sy, fx, fy, fz)
-                slope[k, 0], slope[k, 1], slope[k, 2] = dx * inverse_spacing, dy * inverse_spacing, dz * inverse_spacing
-            if ox != 0.0 or oy != 0.0 or oz != 0.0:
-                _extend(field, slope, ox, oy, oz, inverse_spacing)
-
-            square = field[1] * field[1] + field[2] * field[2] + field[3] * field[3]
-            scale = 1.0 / np.sqrt(square + _SOFT_LENGTH**2)
-            residual = field[0] * weight_p[i]
-            total += residual * residual
-            for a in range(3):
-                along[a] = scale * weight_p[i] * field[a + 1]
-                row[a] = residual * weight_p[i] * slope[0, a]
-            _cross_row(along, q, J[0])
-            if weight_n[i] > 0.0:
-                _rotate_to_object(X[b], n[i], m)
-                weight, spread = _normal_weight(field, weight_n[i])
-                for a in range(3):  # The derivative of half the squared length.
-                    along[a] = field[1] * slope[1, a] + field[2] * slope[2, a] + field[3] * slope[3, a]
-                    if square >= 1.0:
-                        along[a] = 0.0
-                    # The log term's part of the gradient.
-                    row[a] -= along[a] * weight * weight
-                for k in range(1, 4):
-                    residual = (field[k] - m[k - 1]) * weight
-                    total += residual * residual
-                    bend = 0.5 * residual * weight
-                    turn = scale * scale * field[k]
-                    x, y, z = slope[k, 0], slope[k, 1], slope[k, 2]
-                    residual *= weight
-                    row[0] += residual * (x + bend * along[0])
-                    row[1] += residual * (y + bend * along[1])
-                    row[2] += residual * (z + bend * along[2])
-                    unit = weight * scale
-                    slope[k, 0] = unit * (x - turn * along[0])
-                    slope[k, 1] = unit * (y - turn * along[1])
-                    slope[k, 2] = unit * (z - turn * along[2])
-                    _cross_row(slope[k], q, J[k])
-                _turn(m, weight, J)
-                weight *= weight
-                g[0] += weight * (m[1] * field[3] - m[2] * field[2])
-                g[1] += weight * (m[2] * field[1] - m[0] * field[3])
-                g[2] += weight * (m[0] * field[2] - m[1] * field[1])
-                total += 2.0 * np.log(spread) + _SOFT_ROOT
-            else:
-                for k in range(1, 4):
-                    for a in range(6):
-                        J[k, a] = 0.0
-            g[0] += row[1] * q[2] - row[2] * q[1]
-            g[1] += row[2] * q[0] - row[0] * q[2]
-            g[2] += row[0] * q[1] - row[1] * q[0]
-            for a in range(3):
-                g[3 + a] -= row[a]
-            for a in range(6):
-                for c in range(a + 1):
-                    H[a, c] += J[0, a] * J[0, c] + J[1, a] * J[1, c] + J[2, a] * J[2, c] + J[3, a] * J[3, c]
-        cost[b] = 0.5 * total
-        _turn_translations(X[b], g, H, gradient[b], hessian[b])
-
-
 @njit(cache=True, inline="always")
 def _extend(field, slope, ox, oy, oz, inverse_spacing):  # type: ignore[no-untyped-def]
     """Outside of the grid, by (ox, oy, oz) cells, the field is its nearest point's, and the way there is added."""
@@ -386,37 +298,43 @@ def _turn_translations(X, g, H, gradient, hessian):  # type: ignore[no-untyped-d
             hessian[3 + a, 3 + c] = hessian[3 + c, 3 + a] = both
 
 
-@njit(cache=True, nogil=True)
-def damped_steps(hessian, gradient, damping, step):  # type: ignore[no-untyped-def]
-    """Steps -(H + damping diag H)^-1 g of each problem, into step (B, m), by Cholesky; m is any size.
+@njit(cache=True, inline="always")
+def _damped_step(m, H, g, damping, L, y, step):  # type: ignore[no-untyped-def]
+    """-(H + damping diag H)^-1 g into step (m,), by Cholesky, from the lower triangle of H; L and y are for work.
 
     A pivot that vanishes (a direction that nothing determines) gets no step.
     """
+    for i in range(m):
+        for j in range(i + 1):
+            s = H[i, j]
+            if i == j:
+                s += damping * H[i, i]
+            for k in range(j):
+                s -= L[i, k] * L[j, k]
+            if i == j:
+                # The diagonal holds the inverses: divisions are slow.
+                L[i, i] = 1.0 / np.sqrt(s) if s > 1e-12 * (H[i, i] + 1e-300) else 0.0
+            else:
+                L[i, j] = s * L[j, j]
+    for i in range(m):
+        s = -g[i]
+        for k in range(i):
+            s -= L[i, k] * y[k]
+        y[i] = s * L[i, i]
+    for i in range(m - 1, -1, -1):
+        s = y[i]
+        for k in range(i + 1, m):
+            s -= L[k, i] * step[k]
+        step[i] = s * L[i, i]
+
+
+@njit(cache=True, nogil=True)
+def damped_steps(hessian, gradient, damping, step):  # type: ignore[no-untyped-def]
+    """Steps of each problem, see `_damped_step`, into step (B, m); m is any size."""
     m = gradient.shape[1]
     L, y = np.empty((m, m)), np.empty(m)
     for b in range(gradient.shape[0]):
-        H, g = hessian[b], gradient[b]
-        for i in range(m):
-            for j in range(i + 1):
-                s = H[i, j]
-                if i == j:
-                    s += damping[b] * H[i, i]
-                for k in range(j):
-                    s -= L[i, k] * L[j, k]
-                if i == j:
-                    L[i, i] = np.sqrt(s) if s > 1e-12 * (H[i, i] + 1e-300) else np.inf
-                else:
-                    L[i, j] = s / L[j, j]
-        for i in range(m):
-            s = -g[i]
-            for k in range(i):
-                s -= L[i, k] * y[k]
-            y[i] = s / L[i, i]
-        for i in range(m - 1, -1, -1):
-            s = y[i]
-            for k in range(i + 1, m):
-                s -= L[k, i] * step[b, k]
-            step[b, i] = s / L[i, i]
+        _damped_step(m, hessian[b], gradient[b], damping[b], L, y, step[b])
 
 
 @njit(cache=True, nogil=True)
@@ -455,68 +373,73 @@ def accept_steps(  # type: ignore[no-untyped-def]
             done[b] = done[b] or damping[b] > limit
 
 
+@njit(cache=True, inline="always")
+def _retract(X, increment, out):  # type: ignore[no-untyped-def]
+    """R exp(w), p + v for one pose (3, 4) and increment (6,)."""
+    x, y, z = increment[0], increment[1], increment[2]
+    angle2 = x * x + y * y + z * z
+    if angle2 < 1e-8:
+        s, c = 1.0 - angle2 / 6.0, 0.5 - angle2 / 24.0
+    else:
+        angle = np.sqrt(angle2)
+        s, c = np.sin(angle) / angle, (1.0 - np.cos(angle)) / angle2
+    e00, e01, e02 = 1.0 - c * (y * y + z * z), c * x * y - s * z, c * x * z + s * y
+    e10, e11, e12 = c * x * y + s * z, 1.0 - c * (x * x + z * z), c * y * z - s * x
+    e20, e21, e22 = c * x * z - s * y, c * y * z + s * x, 1.0 - c * (x * x + y * y)
+    for i in range(3):
+        a, b, c = X[i, 0], X[i, 1], X[i, 2]
+        out[i, 0] = a * e00 + b * e10 + c * e20
+        out[i, 1] = a * e01 + b * e11 + c * e21
+        out[i, 2] = a * e02 + b * e12 + c * e22
+        out[i, 3] = X[i, 3] + increment[3 + i]
+
+
 @njit(cache=True, nogil=True)
 def retract(X, increment, out):  # type: ignore[no-untyped-def]
     """The compiled `poses.retract`: R exp(w), p + v for poses (B, 3, 4) and increments (B, 6)."""
-    E = np.empty((3, 3))
     for b in range(X.shape[0]):
-        x, y, z = increment[b, 0], increment[b, 1], increment[b, 2]
-        angle2 = x * x + y * y + z * z
-        if angle2 < 1e-8:
-            s, c = 1.0 - angle2 / 6.0, 0.5 - angle2 / 24.0
-        else:
-            angle = np.sqrt(angle2)
-            s, c = np.sin(angle) / angle, (1.0 - np.cos(angle)) / angle2
-        E[0, 0], E[0, 1], E[0, 2] = 1.0 - c * (y * y + z * z), c * x * y - s * z, c * x * z + s * y
-        E[1, 0], E[1, 1], E[1, 2] = c * x * y + s * z, 1.0 - c * (x * x + z * z), c * y * z - s * x
-        E[2, 0], E[2, 1], E[2, 2] = c * x * z - s * y, c * y * z + s * x, 1.0 - c * (x * x + y * y)
-        for i in range(3):
-            for j in range(3):
-                out[b, i, j] = X[b, i, 0] * E[0, j] + X[b, i, 1] * E[1, j] + X[b, i, 2] * E[2, j]
-            out[b, i, 3] = X[b, i, 3] + increment[b, 3 + i]
+        _retract(X[b], increment[b], out[b])
 
 
-@njit(cache=True)
-def _increment(X, Y, S, out):  # type: ignore[no-untyped-def]
-    """The increment (w, v) from the pose X to Y S, all (3, 4), into out (6,)."""
-    YS = np.empty((3, 4))
+@njit(cache=True, inline="always")
+def _increment(X, Y, out):  # type: ignore[no-untyped-def]
+    """The increment (w, v) from the pose X to Y, both (3, 4), into out (6,)."""
     for i in range(3):
-        for j in range(4):
-            YS[i, j] = Y[i, 0] * S[0, j] + Y[i, 1] * S[1, j] + Y[i, 2] * S[2, j]
-        YS[i, 3] += Y[i, 3]
-        out[3 + i] = YS[i, 3] - X[i, 3]
-    R = np.empty((3, 3))
-    for i in range(3):
-        for j in range(3):
-            R[i, j] = X[0, i] * YS[0, j] + X[1, i] * YS[1, j] + X[2, i] * YS[2, j]
-    x, y, z = 0.5 * (R[2, 1] - R[1, 2]), 0.5 * (R[0, 2] - R[2, 0]), 0.5 * (R[1, 0] - R[0, 1])
-    sine, cosine = np.sqrt(x * x + y * y + z * z), 0.5 * (R[0, 0] + R[1, 1] + R[2, 2] - 1.0)
+        out[3 + i] = Y[i, 3] - X[i, 3]
+    r00 = X[0, 0] * Y[0, 0] + X[1, 0] * Y[1, 0] + X[2, 0] * Y[2, 0]
+    r01 = X[0, 0] * Y[0, 1] + X[1, 0] * Y[1, 1] + X[2, 0] * Y[2, 1]
+    r02 = X[0, 0] * Y[0, 2] + X[1, 0] * Y[1, 2] + X[2, 0] * Y[2, 2]
+    r10 = X[0, 1] * Y[0, 0] + X[1, 1] * Y[1, 0] + X[2, 1] * Y[2, 0]
+    r11 = X[0, 1] * Y[0, 1] + X[1, 1] * Y[1, 1] + X[2, 1] * Y[2, 1]
+    r12 = X[0, 1] * Y[0, 2] + X[1, 1] * Y[1, 2] + X[2, 1] * Y[2, 2]
+    r20 = X[0, 2] * Y[0, 0] + X[1, 2] * Y[1, 0] + X[2, 2] * Y[2, 0]
+    r21 = X[0, 2] * Y[0, 1] + X[1, 2] * Y[1, 1] + X[2, 2] * Y[2, 1]
+    r22 = X[0, 2] * Y[0, 2] + X[1, 2] * Y[1, 2] + X[2, 2] * Y[2, 2]
+    x, y, z = 0.5 * (r21 - r12), 0.5 * (r02 - r20), 0.5 * (r10 - r01)
+    sine, cosine = np.sqrt(x * x + y * y + z * z), 0.5 * (r00 + r11 + r22 - 1.0)
     angle = np.arctan2(sine, cosine)
     if cosine > -0.99:
         scale = angle / sine if sine > 1e-12 else 1.0
         out[0], out[1], out[2] = scale * x, scale * y, scale * z
     else:  # Near a half turn the axis comes from the largest column of R + 1.
-        a = 0
-        for i in range(1, 3):
-            if R[i, i] > R[a, a]:
-                a = i
-        norm = 0.0
-        for i in range(3):
-            out[i] = 0.5 * (R[i, a] + R[a, i])
-        out[a] += 1.0
-        for i in range(3):
-            norm += out[i] * out[i]
-        sign = 1.0 if out[0] * x + out[1] * y + out[2] * z >= 0.0 else -1.0
-        for i in range(3):
-            out[i] *= sign * angle / np.sqrt(norm)
+        if r00 >= r11 and r00 >= r22:
+            a, b, c = r00 + 1.0, 0.5 * (r01 + r10), 0.5 * (r02 + r20)
+        elif r11 >= r22:
+            a, b, c = 0.5 * (r01 + r10), r11 + 1.0, 0.5 * (r12 + r21)
+        else:
+            a, b, c = 0.5 * (r02 + r20), 0.5 * (r12 + r21), r22 + 1.0
+        scale = angle / np.sqrt(a * a + b * b + c * c)
+        if a * x + b * y + c * z < 0.0:
+            scale = -scale
+        out[0], out[1], out[2] = scale * a, scale * b, scale * c
 
 
 @njit(cache=True)
 def prior_costs(X_prior, weights, X, cost):  # type: ignore[no-untyped-def]
     """Half the squared whitened increment from the prior's pose (3, 4) to each pose, into cost (B,)."""
-    u, identity = np.empty(6), np.eye(3, 4)
+    u = np.empty(6)
     for b in range(X.shape[0]):
-        _increment(X_prior, X[b], identity, u)
+        _increment(X_prior, X[b], u)
         total = 0.0
         for i in range(6):
             total += (u[i] * weights[i]) ** 2
@@ -530,27 +453,32 @@ def prior_residuals(X_prior, weights, X, residuals, jacobian):  # type: ignore[n
     The derivative of the rotation vector is the inverse right Jacobian of SO(3): J. Sola et al., A micro Lie theory for
     state estimation, 2018, eq. 144.
     """
-    u, identity = np.empty(6), np.eye(3, 4)
+    u = np.empty(6)
     for b in range(X.shape[0]):
-        _increment(X_prior, X[b], identity, u)
-        x, y, z = u[0], u[1], u[2]
-        angle2 = x * x + y * y + z * z
-        if angle2 < 1e-6:
-            c = 1.0 / 12.0 + angle2 / 720.0
-        else:
-            angle = np.sqrt(angle2)
-            c = 1.0 / angle2 - np.cos(0.5 * angle) / (2.0 * angle * np.sin(0.5 * angle))
-        J = jacobian[b]
-        J[:, :] = 0.0
-        J[0, 0], J[0, 1], J[0, 2] = 1.0 - c * (y * y + z * z), c * x * y - 0.5 * z, c * x * z + 0.5 * y
-        J[1, 0], J[1, 1], J[1, 2] = c * x * y + 0.5 * z, 1.0 - c * (x * x + z * z), c * y * z - 0.5 * x
-        J[2, 0], J[2, 1], J[2, 2] = c * x * z - 0.5 * y, c * y * z + 0.5 * x, 1.0 - c * (x * x + y * y)
-        for i in range(6):
-            residuals[b, i] = u[i] * weights[i]
-            if i >= 3:
-                J[i, i] = 1.0
-            for j in range(6):
-                J[i, j] *= weights[i]
+        _prior_row(X_prior, weights, X[b], u, residuals[b], jacobian[b])
+
+
+@njit(cache=True, inline="always")
+def _prior_row(X_prior, weights, X, u, residual, J):  # type: ignore[no-untyped-def]
+    """The same of one pose (3, 4), into (6,) and (6, 6); u (6,) is for work."""
+    _increment(X_prior, X, u)
+    x, y, z = u[0], u[1], u[2]
+    angle2 = x * x + y * y + z * z
+    if angle2 < 1e-6:
+        c = 1.0 / 12.0 + angle2 / 720.0
+    else:
+        angle = np.sqrt(angle2)
+        c = 1.0 / angle2 - np.cos(0.5 * angle) / (2.0 * angle * np.sin(0.5 * angle))
+    J[:, :] = 0.0
+    J[0, 0], J[0, 1], J[0, 2] = 1.0 - c * (y * y + z * z), c * x * y - 0.5 * z, c * x * z + 0.5 * y
+    J[1, 0], J[1, 1], J[1, 2] = c * x * y + 0.5 * z, 1.0 - c * (x * x + z * z), c * y * z - 0.5 * x
+    J[2, 0], J[2, 1], J[2, 2] = c * x * z - 0.5 * y, c * y * z + 0.5 * x, 1.0 - c * (x * x + y * y)
+    for i in range(6):
+        residual[i] = u[i] * weights[i]
+        if i >= 3:
+            J[i, i] = 1.0
+        for j in range(6):
+            J[i, j] *= weights[i]
 
 
 @njit(cache=True)
@@ -582,19 +510,27 @@ def mark_distinct(X, information, symmetries, threshold, distinct):  # type: ign
     Two poses are equal when the squared Mahalanobis length of the increment between them, by the information (B, 6, 6)
     of the better one, is below the threshold for one of the symmetries (g, 3, 4).
     """
-    u = np.empty(6)
+    u, Y = np.empty(6), np.empty((symmetries.shape[0], 3, 4))
     for b in range(X.shape[0]):
+        for s in range(symmetries.shape[0]):
+            S = symmetries[s]
+            for i in range(3):
+                for j in range(4):
+                    Y[s, i, j] = X[b, i, 0] * S[0, j] + X[b, i, 1] * S[1, j] + X[b, i, 2] * S[2, j]
+                Y[s, i, 3] += X[b, i, 3]
         distinct[b] = True
         for a in range(b):
             if not distinct[a]:
                 continue
             H = information[a]
             for s in range(symmetries.shape[0]):
-                _increment(X[a], X[b], symmetries[s], u)
+                _increment(X[a], Y[s], u)
                 total = 0.0
                 for i in range(6):
-                    for j in range(6):
-                        total += u[i] * H[i, j] * u[j]
+                    half = 0.5 * H[i, i] * u[i]
+                    for j in range(i):
+                        half += H[i, j] * u[j]
+                    total += 2.0 * half * u[i]
                 if total < threshold:
                     distinct[b] = False
                     break

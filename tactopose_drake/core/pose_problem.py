@@ -10,7 +10,7 @@ from tactopose_drake.core.objectives.friction_cone import FrictionCone
 from tactopose_drake.core.objectives.patch_contact import PatchContact
 from tactopose_drake.core.objectives.penetration import Penetration
 from tactopose_drake.core.objectives.pose_prior import PriorObjective
-from tactopose_drake.core.objectives.surface_contact import SurfaceContact
+from tactopose_drake.core.objectives.surface_contact import ContactWithPrior, SurfaceContact
 from tactopose_drake.core.objectives.wrench_balance import WrenchBalance
 from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.poses import transform_points
@@ -64,7 +64,9 @@ def make_problem(model: ObjectModel, evidence: Evidence) -> PoseProblem:
     likelihood = _sum(terms)
     if prior is None:
         return PoseProblem(touch, determining, likelihood, likelihood, TouchSpace(model, evidence.touch))
-    return PoseProblem(touch, determining, likelihood, _sum([*terms, PriorObjective(prior)]), PriorSpace(prior))
+    known = PriorObjective(prior)
+    objective = ContactWithPrior(touch, known) if likelihood is touch else _sum([*terms, known])
+    return PoseProblem(touch, determining, likelihood, objective, PriorSpace(prior))
 
 
 def bounding_terms(model: ObjectModel, evidence: Evidence) -> list[LeastSquaresObjective]:

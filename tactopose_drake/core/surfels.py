@@ -139,6 +139,23 @@ def contact_densities(
     )
 
 
+@njit(cache=True, inline="always")
+def _exp_minus(x):  # type: ignore[no-untyped-def]
+    """exp(-x) for float32 0 <= x < 12, to a thousandth where x < 8 and a hundredth beyond: faster than the library's.
+
+    The sixteenth power of a short series for exp(x / 16).
+    """
+    y, one = x * np.float32(1.0 / 16.0), np.float32(1.0)
+    series = np.float32(1.0 / 24.0) + y * np.float32(1.0 / 120.0)
+    series = np.float32(0.5) + y * (np.float32(1.0 / 6.0) + y * series)
+    series = one + y * (one + y * series)
+    series *= series
+    series *= series
+    series *= series
+    series *= series
+    return one / series
+
+
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def _densities(  # type: ignore[no-untyped-def]
     discs, first, origin, per_cell, shape, p, n, sigma, weight_n, spacing, X, cost
@@ -159,26 +176,30 @@ def _densities(  # type: ignore[no-untyped-def]
                 low[a] = max(0, int(np.floor((q[a] - reach - origin[a]) * per_cell)))
                 high[a] = min(shape[a] - 1, int(np.floor((q[a] + reach - origin[a]) * per_cell)))
                 empty = empty or high[a] < low[a]
-            density = 0.0
+            density = np.float32(0.0)
             if not empty:
                 q0, q1, q2 = np.float32(q[0]), np.float32(q[1]), np.float32(q[2])
                 m0, m1, m2 = np.float32(m[0]), np.float32(m[1]), np.float32(m[2])
                 variance, per_across = np.float32(sigma[i] ** 2), np.float32(0.5 / sigma[i] ** 2)
-                per_normal = np.float32(weight_n[i] ** 2)
+                per_normal, farthest = np.float32(weight_n[i] ** 2), np.float32(reach * reach)
                 for a in range(low[0], high[0] + 1):
                     for c in range(low[1], high[1] + 1):
                         row = (a * shape[1] + c) * shape[2]
                         for k in range(first[row + low[2]], first[row + high[2] + 1]):
                             disc = discs[k]
                             dx, dy, dz = q0 - disc[0], q1 - disc[1], q2 - disc[2]
-                            along = one / (variance + disc[7])
-                            bent = one / (one + per_normal * disc[8])
+                            square = dx * dx + dy * dy + dz * dz
+                            if square > farthest:
+                                continue
                             d = dx * disc[3] + dy * disc[4] + dz * disc[5]
-                            square = dx * dx + dy * dy + dz * dz - d * d
-                            exponent = per_across * d * d + half * along * square
+                            # One division for both factors.
+                            wider, rougher = variance + disc[7], one + per_normal * disc[8]
+                            both = one / (wider * rougher)
+                            exponent = per_across * d * d + half * rougher * both * (square - d * d)
                             # Half the squared difference of unit vectors is one minus their product.
-                            exponent += per_normal * bent * (one - (m0 * disc[3] + m1 * disc[4] + m2 * disc[5]))
+                            turned = one - (m0 * disc[3] + m1 * disc[4] + m2 * disc[5])
+                            exponent += per_normal * wider * both * turned
                             if exponent < most:
-                                density += disc[6] * along * bent * np.exp(-exponent)
+                                density += disc[6] * both * _exp_minus(exponent)
             total -= np.log(density / (2.0 * np.pi) + _LEAST)
         cost[b] = total

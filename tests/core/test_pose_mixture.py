@@ -35,8 +35,10 @@ def test_the_density_is_by_the_volume_of_poses() -> None:
     # The same density about a pose, told from another pose: the volume of increments there differs, that of poses not.
     X, center = poses(1)[0], np.array([0.9, -0.5, 0.3, 0.02, 0.0, 0.01])
     H = information(1)
-    local, turns = in_chart(center[None], H, np.empty((1, 6, 0)))
-    away = PoseMixture(X[None], np.array([0]), center[None], local, turns, np.array([10]))
+    there = retract(X[None], center[None])
+    found, local, turns = in_chart(X[None], np.array([0]), there, H, np.empty((1, 6, 0)))
+    np.testing.assert_allclose(found[0], center, atol=1e-12)
+    away = PoseMixture(X[None], np.array([0]), found, local, turns, np.array([10]))
     here = PoseMixture(
         retract(X[None], center[None]), np.array([0]), np.zeros((1, 6)), H, np.empty((1, 6, 0)), np.array([10])
     )

@@ -1,9 +1,10 @@
 """What an objective is, and how objectives add up."""
 
 from collections.abc import Sequence
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tactopose_drake.core import kernels
 from tactopose_drake.core.validation import FloatArray
@@ -44,6 +45,33 @@ class LeastSquaresObjective(Objective, Protocol):
 
     def normal_equations(self, X_PO: FloatArray) -> NormalEquations:
         """Cost, gradient and Gauss-Newton Hessian at poses (B, 3, 4)."""
+        ...
+
+
+class DescentRule(NamedTuple):
+    """What `searches.levenberg_marquardt.LevenbergMarquardt` goes by; see there."""
+
+    max_iterations: int
+    tolerance: float
+    initial_damping: float
+    max_damping: float
+
+
+class Descent(NamedTuple):
+    """Where steps have led: poses (B, 3, 4), costs (B,), steps tried (B,), and whether each ended at a minimum (B,)."""
+
+    X_PO: FloatArray
+    cost: FloatArray
+    iterations: NDArray[np.int64]
+    converged: NDArray[np.bool_]
+
+
+@runtime_checkable
+class DescendingObjective(LeastSquaresObjective, Protocol):
+    """An objective that makes all of Levenberg-Marquardt's steps in one compiled loop."""
+
+    def descend(self, rule: DescentRule, X_PO: FloatArray) -> Descent:
+        """Moves each of the poses (B, 3, 4) on its own."""
         ...
 
 

@@ -12,12 +12,12 @@ class PriorObjective:
     """Increments from the prior's pose to the pose, divided by their standard deviations: six residuals."""
 
     def __init__(self, prior: PosePrior) -> None:
-        self._arguments = (prior.X_PO, 1.0 / prior.sigmas)
+        self.arguments = (prior.X_PO, 1.0 / prior.sigmas)
 
     def cost(self, X_PO: FloatArray) -> FloatArray:
         """Costs (B,) of poses (B, 3, 4)."""
         cost = np.empty(len(X_PO))
-        kernels.prior_costs(*self._arguments, X_PO, cost)
+        kernels.prior_costs(*self.arguments, X_PO, cost)
         return cost
 
     def residuals(self, X_PO: FloatArray) -> FloatArray:
@@ -27,7 +27,7 @@ class PriorObjective:
     def residuals_and_jacobian(self, X_PO: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Residuals (B, 6) and their derivatives by the increment (B, 6, 6)."""
         residuals, jacobian = np.empty((len(X_PO), 6)), np.empty((len(X_PO), 6, 6))
-        kernels.prior_residuals(*self._arguments, X_PO, residuals, jacobian)
+        kernels.prior_residuals(*self.arguments, X_PO, residuals, jacobian)
         return residuals, jacobian
 
     def normal_equations(self, X_PO: FloatArray) -> NormalEquations:

@@ -1,12 +1,18 @@
 """Contacts against the signed distance grid: the form that is fast, smooth and a likelihood."""
 
+from typing import Any
+
 import numpy as np
 
-from tactopose_drake.core import kernels
+from tactopose_drake.core import kernels, touch_kernels
 from tactopose_drake.core.contacts import Contacts
-from tactopose_drake.core.objectives.base import NormalEquations
+from tactopose_drake.core.objectives.base import Descent, DescentRule, NormalEquations, SumObjective
+from tactopose_drake.core.objectives.pose_prior import PriorObjective
 from tactopose_drake.core.signed_distance import DistanceGrid
 from tactopose_drake.core.validation import FloatArray
+
+# The kernels' arguments for it.
+_NO_PRIOR = (np.eye(3, 4), np.zeros(6))
 
 
 class SurfaceContact:
@@ -20,7 +26,7 @@ class SurfaceContact:
 
     def __init__(self, grid: DistanceGrid, contacts: Contacts) -> None:
         self._has_normals = contacts.n_PC is not None
-        self._arguments = (
+        self.arguments = (
             grid.values,
             grid.origin,
             1.0 / grid.spacing,
@@ -34,7 +40,7 @@ class SurfaceContact:
     def cost(self, X_PO: FloatArray) -> FloatArray:
         """Costs (B,) of poses (B, 3, 4)."""
         cost = np.empty(len(X_PO))
-        kernels.contact_costs(*self._arguments, X_PO, cost)
+        kernels.contact_costs(*self.arguments, X_PO, cost)
         return cost
 
     def residuals(self, X_PO: FloatArray) -> FloatArray:
@@ -45,13 +51,56 @@ class SurfaceContact:
         """Residuals (B, m) and their exact derivatives by the increment (B, m, 6)."""
         count, rows = len(X_PO), 5 if self._has_normals else 1
         residuals, jacobian = np.empty((count, self._count, 5)), np.empty((count, self._count, 5, 6))
-        kernels.contact_residuals(*self._arguments, X_PO, residuals, jacobian)
+        kernels.contact_residuals(*self.arguments, X_PO, residuals, jacobian)
         m = rows * self._count
         return residuals[:, :, :rows].reshape(count, m), jacobian[:, :, :rows].reshape(count, m, 6)
 
     def normal_equations(self, X_PO: FloatArray) -> NormalEquations:
         """Cost, exact gradient, and the Gauss-Newton Hessian along the smooth normals, at poses (B, 3, 4)."""
-        count = len(X_PO)
-        equations = NormalEquations(np.empty(count), np.empty((count, 6)), np.empty((count, 6, 6)))
-        kernels.contact_normal_equations(*self._arguments, X_PO, *equations)
-        return equations
+        return _normal_equations((*self.arguments, *_NO_PRIOR), X_PO)
+
+    def descend(self, rule: DescentRule, X_PO: FloatArray) -> Descent:
+        """All of Levenberg-Marquardt's steps at once; see `DescendingObjective`."""
+        return _descend((*self.arguments, *_NO_PRIOR), rule, X_PO)
+
+
+class ContactWithPrior(SumObjective):
+    """Contacts and a prior, added up as `SumObjective` does it, but in one compiled loop."""
+
+    def __init__(self, touch: SurfaceContact, prior: PriorObjective) -> None:
+        super().__init__([touch, prior])
+        self._arguments = (*touch.arguments, *prior.arguments)
+
+    def normal_equations(self, X_PO: FloatArray) -> NormalEquations:
+        """Cost, exact gradient, and the Gauss-Newton Hessian, at poses (B, 3, 4)."""
+        return _normal_equations(self._arguments, X_PO)
+
+    def descend(self, rule: DescentRule, X_PO: FloatArray) -> Descent:
+        """All of Levenberg-Marquardt's steps at once; see `DescendingObjective`."""
+        return _descend(self._arguments, rule, X_PO)
+
+
+def _normal_equations(arguments: tuple[Any, ...], X_PO: FloatArray) -> NormalEquations:
+    cost, gradient, hessian, _, _ = _run(arguments, DescentRule(0, 0.0, 0.0, 0.0), X_PO.copy())
+    return NormalEquations(cost, gradient, hessian)
+
+
+def _descend(arguments: tuple[Any, ...], rule: DescentRule, X_PO: FloatArray) -> Descent:
+    X_PO = X_PO.copy()
+    cost, _, _, iterations, converged = _run(arguments, rule, X_PO)
+    return Descent(X_PO, cost, iterations, converged)
+
+
+def _run(arguments: tuple[Any, ...], rule: DescentRule, X_PO: FloatArray) -> tuple[Any, ...]:
+    """The kernel's results; moves the poses."""
+    count = len(X_PO)
+    results = (
+        np.empty(count),
+        np.empty((count, 6)),
+        np.empty((count, 6, 6)),
+        np.empty(count, dtype=np.int64),
+        np.empty(count, dtype=np.bool_),
+    )
+    everything: tuple[Any, ...] = (*arguments, *rule, X_PO, *results)
+    touch_kernels.descend(*everything)
+    return results

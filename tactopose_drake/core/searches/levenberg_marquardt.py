@@ -9,10 +9,18 @@ from collections.abc import Callable
 import numpy as np
 
 from tactopose_drake.core import kernels
-from tactopose_drake.core.objectives.base import LeastSquaresObjective, NormalEquations
-from tactopose_drake.core.searches.base import PoseSpace, SearchResult, StopSignal, never
+from tactopose_drake.core.objectives.base import (
+    DescendingObjective,
+    DescentRule,
+    LeastSquaresObjective,
+    NormalEquations,
+)
+from tactopose_drake.core.searches.base import PoseSpace, SearchResult, StopSignal, join_results, never
 from tactopose_drake.core.searches.parameters import IncrementParameters, Parameters
 from tactopose_drake.core.validation import FloatArray
+
+# A compiled descent is stopped between so many poses.
+_BLOCK = 64
 
 Solver = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
 
@@ -67,6 +75,9 @@ class LevenbergMarquardt:
     ) -> SearchResult:
         """Minimises from each of the poses (B, 3, 4); returns them by rising cost."""
         X_start = np.ascontiguousarray(X_start)
+        is_plain = self.solver is cholesky_steps and isinstance(self.parameters, IncrementParameters)
+        if is_plain and isinstance(objective, DescendingObjective):
+            return self._descend(objective, X_start, should_stop)
         here = self.parameters.start(X_start).copy()
         state, cost = here.copy(), np.empty(len(here))
         iterations, converged = np.zeros(len(here), dtype=np.int64), np.zeros(len(here), dtype=np.bool_)
@@ -101,3 +112,16 @@ class LevenbergMarquardt:
                 if not len(active):
                     break
         return SearchResult(self.parameters.poses(state, X_start), cost, iterations, converged).ranked()
+
+    def _descend(self, objective: DescendingObjective, X_start: FloatArray, should_stop: StopSignal) -> SearchResult:
+        """The same in compiled blocks of poses."""
+        rule = DescentRule(self.max_iterations, self.tolerance, self.initial_damping, self.max_damping)
+        blocks: list[SearchResult] = []
+        for first in range(0, len(X_start), _BLOCK):
+            blocks.append(SearchResult(*objective.descend(rule, X_start[first : first + _BLOCK])))
+            if should_stop():
+                rest = X_start[first + _BLOCK :]
+                undone = np.zeros(len(rest), dtype=np.int64), np.zeros(len(rest), dtype=np.bool_)
+                blocks.append(SearchResult(rest, objective.cost(rest), *undone))
+                break
+        return join_results(*blocks).ranked()
