@@ -1,0 +1,51 @@
+"""The notebooks run from top to bottom, keep no outputs, and hold no logic that belongs into the package."""
+
+import ast
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+NOTEBOOKS = sorted((Path(__file__).parents[1] / "notebooks").glob("*.ipynb"))
+
+
+def code_cells(path: Path) -> list[dict[str, Any]]:
+    notebook = json.loads(path.read_text(encoding="utf-8"))
+    assert notebook["nbformat"] == 4
+    return [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
+
+
+def test_there_are_notebooks() -> None:
+    assert NOTEBOOKS
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_runs(path: Path, tmp_path: Path) -> None:
+    # The cells are plain Python, so they need no kernel, whose sockets would be one more thing to go wrong.
+    script = tmp_path / "notebook.py"
+    script.write_text("\n\n".join("".join(cell["source"]) for cell in code_cells(path)), encoding="utf-8")
+    environment = os.environ | {"MPLBACKEND": "agg"}
+    run = subprocess.run([sys.executable, script], cwd=tmp_path, env=environment, capture_output=True, text=True)
+    assert run.returncode == 0, run.stderr
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_outputs_are_stripped(path: Path) -> None:
+    cells = code_cells(path)
+    assert cells
+    assert all(not cell["outputs"] and cell["execution_count"] is None for cell in cells)
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_defines_nothing_large(path: Path) -> None:
+    trees = [ast.parse("".join(cell["source"])) for cell in code_cells(path)]
+    definitions = [
+        node for tree in trees for node in ast.walk(tree) if isinstance(node, (ast.FunctionDef, ast.ClassDef))
+    ]
+    for node in definitions:
+        assert isinstance(node, ast.FunctionDef), f"the class {node.name} belongs into the package"
+        assert node.end_lineno - node.lineno < 10, f"{node.name} belongs into the package"
