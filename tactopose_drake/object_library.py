@@ -29,7 +29,7 @@ from tactopose_drake.library_files import LibraryEntry, SkippedObject, read_libr
 MAX_GRID_BYTES = 2 * 2**20
 """The largest distance grid of an object in a library, bytes: a thousand objects take 2.3 GB on disk."""
 
-_LOADED = 64  # So many of the models that were used last are kept in memory, some 15 MB each.
+_LOADED = 128  # So many of the models that were used last are kept in memory, some 8 MB each.
 
 Progress = Callable[[int, int], None]
 """Is told how many objects of how many are indexed."""
@@ -189,5 +189,6 @@ def _build(known: LibraryObject) -> ObjectModel:
             name=known.name,
             mass=known.entry.mass,
             symmetry=symmetry,
+            samples=SAMPLES,
             max_grid_bytes=MAX_GRID_BYTES,
         )
