@@ -29,7 +29,7 @@ Loads = dict[str, Signal]  # by finger the wrench on the fingertip, weight and a
 
 
 def simulated_loads(scenario: Scenario, signals: Mapping[str, Signal]) -> Loads:
-    """What the devices of a hand feel that has these signals (`rehearse`)."""
+    """What the devices of a hand feel that has these signals (`rehearse`), and before, when nothing touches it."""
     assert isinstance(scenario.senses, CanSenses)
     plant, hand = make_hand_plant(load_hand_config(scenario.hand))
     weights = FingertipWeights(plant, hand, scenario.X_WBase.GetDeterministicValue().rotation())
@@ -41,7 +41,8 @@ def simulated_loads(scenario: Scenario, signals: Mapping[str, Signal]) -> Loads:
             np.nan_to_num(F_S) + weights.wrenches(joints.at(time))[finger]
             for time, F_S in zip(touch.times, touch.values, strict=True)
         ]
-        loads[finger] = Signal(touch.times, rows)
+        free = weights.wrenches(joints.values[0])[finger]
+        loads[finger] = Signal([touch.times[0] - 1.0, *touch.times], [free, *rows])
     if scenario.senses.barrett_hand is not None:
         order = [plant.GetJointByName(name).position_start() for name in scenario.senses.barrett_hand.joints]
         pads = [signals[f"pressures_{pad}"] for pad in PADS]
@@ -49,7 +50,8 @@ def simulated_loads(scenario: Scenario, signals: Mapping[str, Signal]) -> Loads:
             np.concatenate([q[order], *(np.nan_to_num(pad.at(time)) for pad in pads), np.zeros(3)])
             for time, q in zip(joints.times, joints.values, strict=True)
         ]
-        loads["hand"] = Signal(joints.times, rows)
+        free = np.concatenate([joints.values[0][order], np.zeros(len(rows[0]) - len(order))])
+        loads["hand"] = Signal([joints.times[0] - 1.0, *joints.times], [free, *rows])
     return loads
 
 

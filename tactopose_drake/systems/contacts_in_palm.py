@@ -15,6 +15,7 @@ from pydrake.systems.framework import Context, LeafSystem, ValueProducer
 from tactopose_drake.core.contacts import Contacts
 from tactopose_drake.core.intrinsic_contact import ContactSolution
 from tactopose_drake.core.validation import positive_number
+from tactopose_drake.joint_paths import JointPaths
 from tactopose_drake.systems.ports import eval_input
 
 
@@ -64,7 +65,8 @@ class ContactsInPalm(LeafSystem):
         - fingers_untouched
         - status
 
-    - joint_positions: measured positions of the hand's joints, shape (nq,) of the hand's own plant, rad.
+    - joint_positions: measured positions of the hand's joints, shape (nq,) of the hand's own plant, rad. NaN where one
+      is not known; fingers that it moves then give no contact.
     - contact_solutions: dict of `ContactSolution` by finger.
     - contacts: `Contacts` in P of the fingers whose solution is valid, with normals and forces; changes with either
       input. Normals point out of the object, against the fingertip's own.
@@ -93,6 +95,7 @@ class ContactsInPalm(LeafSystem):
         self._params = ContactsInPalmParams() if params is None else params
         self._params.validate()
         self._plant, self._sensor_frames, self._palm_frame = plant, dict(sensor_frames), palm_frame
+        self._paths = JointPaths(plant, palm_frame)
         self._positions = self.DeclareVectorInputPort("joint_positions", plant.num_positions())
         self._solutions = self.DeclareAbstractInputPort("contact_solutions", AbstractValue.Make({}))
         self._kinematics = self.DeclareCacheEntry(
@@ -119,18 +122,17 @@ class ContactsInPalm(LeafSystem):
         return AbstractValue.Make(_Kinematics(self._plant.CreateDefaultContext(), {}))
 
     def _calc_kinematics(self, context: Context, cached: AbstractValue) -> None:
-        kinematics = cached.get_mutable_value()
-        self._plant.SetPositions(kinematics.plant_context, self._positions.Eval(context))
-        for finger, frame in self._sensor_frames.items():
-            kinematics.X_PS[finger] = self._plant.CalcRelativeTransform(
-                kinematics.plant_context, self._palm_frame, frame
-            )
+        kinematics, q = cached.get_mutable_value(), self._positions.Eval(context)
+        known = self._paths.known(q)
+        self._plant.SetPositions(kinematics.plant_context, np.nan_to_num(q))
+        kinematics.X_PS = {
+            finger: self._plant.CalcRelativeTransform(kinematics.plant_context, self._palm_frame, frame)
+            for finger, frame in self._sensor_frames.items()
+            if known[int(frame.body().index())]
+        }
 
     def _calc_touch(self, context: Context, cached: AbstractValue) -> None:
         solutions = eval_input(self._solutions, context, dict)
-        if not np.all(np.isfinite(self._positions.Eval(context))):
-            cached.set_value(_Touch(Contacts.empty(), (), (), "no contacts: a joint position is not finite"))
-            return
         X_PS = self._kinematics.Eval(context).X_PS
         fingers = tuple(finger for finger in X_PS if finger in solutions and solutions[finger].valid)
         rows = [_move(X_PS[finger], solutions[finger]) for finger in fingers]
@@ -143,7 +145,9 @@ class ContactsInPalm(LeafSystem):
             sigma_normal=math.radians(self._params.sigma_normal_deg),
         )
         untouched = tuple(finger for finger in X_PS if finger in solutions and solutions[finger].is_untouched)
-        cached.set_value(_Touch(contacts, fingers, untouched, _status(X_PS, solutions)))
+        reasons = {finger: _reason(finger, X_PS, solutions) for finger in self._sensor_frames}
+        status = "; ".join(f"{finger}: {reason}" for finger, reason in reasons.items() if reason) or "ok"
+        cached.set_value(_Touch(contacts, fingers, untouched, status))
 
 
 def _move(X_PS: RigidTransform, solution: ContactSolution) -> tuple[Any, Any, Any]:
@@ -153,10 +157,8 @@ def _move(X_PS: RigidTransform, solution: ContactSolution) -> tuple[Any, Any, An
     return X_PS @ solution.p_SC, -(R_PS @ solution.n_S), R_PS @ force_S
 
 
-def _status(fingers: Mapping[str, Any], solutions: Mapping[str, ContactSolution]) -> str:
-    reasons = {
-        finger: solutions[finger].reason if finger in solutions else "no solution"
-        for finger in fingers
-        if finger not in solutions or not solutions[finger].valid
-    }
-    return "; ".join(f"{finger}: {reason}" for finger, reason in reasons.items()) or "ok"
+def _reason(finger: str, known: Mapping[str, Any], solutions: Mapping[str, ContactSolution]) -> str:
+    """Why a finger gives no contact; empty where it does."""
+    if finger not in known:
+        return "a joint position is not finite"
+    return solutions[finger].reason if finger in solutions else "no solution"

@@ -11,15 +11,23 @@ from pydrake.systems.framework import Context, LeafSystem, ValueProducer
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.hand import Hand
 from tactopose_drake.hand_geometry import BodySpheres, HandGeometry
+from tactopose_drake.joint_paths import JointPaths
 from tactopose_drake.systems.ports import eval_optional_input
 
 
 @dataclasses.dataclass
 class _Kinematics:
-    """Scratch of the forward kinematics; lives in a cache entry. No centres while a joint position is not finite."""
+    """Scratch of the forward kinematics; lives in a cache entry.
+
+    Attributes:
+        plant_context: of the hand's plant.
+        p_PH: centres of the spheres, shape (h, 3), m.
+        known: whether a sphere's link is where it seems: all joints in between are known, shape (h,).
+    """
 
     plant_context: Context
-    p_PH: FloatArray | None
+    p_PH: FloatArray
+    known: NDArray[np.bool_]
 
 
 class HandVolume(LeafSystem):
@@ -37,7 +45,7 @@ class HandVolume(LeafSystem):
 
     - joint_positions: measured positions of the hand's joints, shape (nq,) of the hand's own plant, rad.
     - fingers_untouched: tuple of the names of the fingers that nothing touches; may stay unconnected.
-    - hand: `HandGeometry` in P of all links; None while a joint position is not finite.
+    - hand: `HandGeometry` in P of all links but those that a joint moves whose position is not finite.
     - untouched: `HandGeometry` in P of the fingertips of those fingers; None where there are none.
     """
 
@@ -51,6 +59,7 @@ class HandVolume(LeafSystem):
         """
         super().__init__()
         self._plant, self._palm_frame, self._spheres = plant, hand.palm_frame, spheres
+        self._paths = JointPaths(plant, hand.palm_frame)
         tips = {finger: int(weld.child_body().index()) for finger, weld in hand.welds.items()}
         self._on_tip = {finger: spheres.body == tip for finger, tip in tips.items()}
         self._positions = self.DeclareVectorInputPort("joint_positions", plant.num_positions())
@@ -71,14 +80,14 @@ class HandVolume(LeafSystem):
         )
 
     def _allocate_kinematics(self) -> AbstractValue:
-        return AbstractValue.Make(_Kinematics(self._plant.CreateDefaultContext(), None))
+        return AbstractValue.Make(
+            _Kinematics(self._plant.CreateDefaultContext(), np.zeros((0, 3)), np.zeros(0, np.bool_))
+        )
 
     def _calc_kinematics(self, context: Context, cached: AbstractValue) -> None:
         kinematics, q = cached.get_mutable_value(), self._positions.Eval(context)
-        if not np.all(np.isfinite(q)):
-            kinematics.p_PH = None
-            return
-        self._plant.SetPositions(kinematics.plant_context, q)
+        kinematics.known = self._paths.known(q)[self._spheres.body]
+        self._plant.SetPositions(kinematics.plant_context, np.nan_to_num(q))
         X_PW = self._palm_frame.CalcPoseInWorld(kinematics.plant_context).inverse()
         X_WB = self._plant.get_body_poses_output_port().Eval(kinematics.plant_context)
         kinematics.p_PH = X_PW.multiply(self._spheres.positions(X_WB).T).T
@@ -95,5 +104,6 @@ class HandVolume(LeafSystem):
 
     def _geometry(self, context: Context, chosen: NDArray[np.bool_]) -> HandGeometry | None:
         """The spheres that are chosen (h,); None where there are none."""
-        p_PH = self._kinematics.Eval(context).p_PH
-        return None if p_PH is None or not chosen.any() else HandGeometry(p_PH[chosen], self._spheres.radius[chosen])
+        kinematics = self._kinematics.Eval(context)
+        chosen = chosen & kinematics.known
+        return HandGeometry(kinematics.p_PH[chosen], self._spheres.radius[chosen]) if chosen.any() else None

@@ -13,6 +13,7 @@ from tactopose_drake.core.patches import Patch, describe_patch
 from tactopose_drake.core.validation import FloatArray, positive_number
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand import Hand
+from tactopose_drake.joint_paths import JointPaths
 from tactopose_drake.tactile_pads import TactilePad, load_tactile_pad
 
 NO_READING = "no reading"
@@ -92,6 +93,7 @@ class PatchDescriptor(LeafSystem):
         if not hand.pad_frames:
             raise InvalidInputError("hand: has no tactile pads; allowed is a hand whose description names some.")
         self._plant, self._hand = plant, hand
+        self._paths = JointPaths(plant, hand.palm_frame)
         self._pads = {pad.name: load_tactile_pad(pad.array) for pad in hand.config.pads}
         self._alpha = {pad.name: pad.alpha for pad in hand.config.pads}
         for name, pad in self._pads.items():
@@ -124,28 +126,30 @@ class PatchDescriptor(LeafSystem):
         return AbstractValue.Make(_Kinematics(self._plant.CreateDefaultContext(), {}))
 
     def _calc_kinematics(self, context: Context, cached: AbstractValue) -> None:
-        kinematics = cached.get_mutable_value()
-        self._plant.SetPositions(kinematics.plant_context, self._positions.Eval(context))
-        for name, frame in self._hand.pad_frames.items():
-            kinematics.X_PT[name] = self._plant.CalcRelativeTransform(
-                kinematics.plant_context, self._hand.palm_frame, frame
-            )
+        kinematics, q = cached.get_mutable_value(), self._positions.Eval(context)
+        known = self._paths.known(q)
+        self._plant.SetPositions(kinematics.plant_context, np.nan_to_num(q))
+        kinematics.X_PT = {
+            name: self._plant.CalcRelativeTransform(kinematics.plant_context, self._hand.palm_frame, frame)
+            for name, frame in self._hand.pad_frames.items()
+            if known[int(frame.body().index())]
+        }
 
     def _calc_described(self, context: Context, cached: AbstractValue) -> None:
         """For each pad its patch, or why there is none."""
         described: dict[str, Patch | str] = {}
-        known = bool(np.all(np.isfinite(self._positions.Eval(context))))
+        X_PT = self._kinematics.Eval(context).X_PT
         for name, port in self._pressures.items():
             pressure = port.Eval(context) if port.HasValue(context) else np.full(port.size(), np.nan)
             age = float(self._ages[name].Eval(context)[0]) if self._ages[name].HasValue(context) else 0.0
-            if not known:
+            if name not in X_PT:
                 described[name] = "a joint position is not finite"
             elif not np.isfinite(age) or (age <= self._params.max_age and np.all(np.isnan(pressure))):
                 described[name] = NO_READING
             elif age > self._params.max_age:
                 described[name] = f"stale: {age:.2f} s old"
             else:
-                described[name] = self._describe(name, self._kinematics.Eval(context).X_PT[name], pressure)
+                described[name] = self._describe(name, X_PT[name], pressure)
         cached.set_value(described)
 
     def _describe(self, name: str, X_PT: RigidTransform, pressure: FloatArray) -> Patch:

@@ -150,8 +150,8 @@ class PoseEstimator(LeafSystem):
         if prior is None and self._prior.HasValue(context):
             return "held", ["no prior yet"]
         estimate = self._estimate(context, contacts, patches, prior)
-        is_clear = True
-        if self._collision is not None and estimate.status != "no_solution":
+        is_clear, unchecked = True, self._collision is not None and not self._joints_are_known(context)
+        if self._collision is not None and not unchecked and estimate.status != "no_solution":
             estimate, is_clear = self._keep_clear(context, estimate)
         state.get_mutable_abstract_state(self._hypotheses).set_value(estimate)
         if estimate.status == "no_solution":
@@ -159,6 +159,7 @@ class PoseEstimator(LeafSystem):
         state.get_mutable_abstract_state(self._pose).set_value(estimate.best.X_PO)
         remarks = [] if estimate.finished else ["the search was cut short"]
         remarks += [] if is_clear else ["every hypothesis collides with the hand"]
+        remarks += ["collisions are not checked: a joint position is not finite"] if unchecked else []
         return estimate.status, remarks
 
     def _estimate(
@@ -176,6 +177,9 @@ class PoseEstimator(LeafSystem):
             max_hypotheses=self._params.max_hypotheses,
             time_limit=self._params.max_duration,
         )
+
+    def _joints_are_known(self, context: Context) -> bool:
+        return bool(np.all(np.isfinite(self._positions.Eval(context))))
 
     def _keep_clear(self, context: Context, estimate: PoseEstimate) -> tuple[PoseEstimate, bool]:
         """The estimate without colliding hypotheses, and whether any is left."""

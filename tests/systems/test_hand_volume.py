@@ -79,12 +79,20 @@ def test_where_no_fingertip_is_untouched_there_is_nothing(system: HandVolume, un
     assert system.GetOutputPort("untouched").Eval(make_context(system, untouched=untouched)) is None
 
 
-def test_a_joint_position_that_is_not_finite_leaves_nothing(system: HandVolume) -> None:
+def test_a_joint_position_that_is_not_finite_leaves_out_what_it_moves(system: HandVolume) -> None:
+    whole = system.GetOutputPort("hand").Eval(make_context(system, untouched=("thumb",)))
     context = make_context(system, np.full(24, np.nan), untouched=("thumb",))
-    assert system.GetOutputPort("hand").Eval(context) is None
+    palm_alone = system.GetOutputPort("hand").Eval(context)
     assert system.GetOutputPort("untouched").Eval(context) is None
-    system.GetInputPort("joint_positions").FixValue(context, POSITIONS)
-    assert system.GetOutputPort("hand").Eval(context) is not None
+    # Whatever the joints, the palm is where it is.
+    assert 0 < len(palm_alone.radius) < len(whole.radius) / 2
+    gaps = np.linalg.norm(palm_alone.p_PH[:, None] - whole.p_PH, axis=2).min(axis=1)
+    np.testing.assert_allclose(gaps, 0.0, atol=1e-9)
+    first_finger = POSITIONS.copy()
+    first_finger[2] = np.nan
+    context = make_context(system, first_finger, untouched=("thumb",))
+    assert len(palm_alone.radius) < len(system.GetOutputPort("hand").Eval(context).radius) < len(whole.radius)
+    assert system.GetOutputPort("untouched").Eval(context) is not None
 
 
 def test_a_value_of_another_type_is_refused_by_the_name_of_the_port(system: HandVolume) -> None:
