@@ -13,6 +13,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 from tactopose_drake.core.contacts import Contacts
 from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.display.remote_meshcat import RemoteMeshcat
 from tactopose_drake.display.scene import (
     CONTACT_COLOUR,
     ESTIMATE_COLOUR,
@@ -24,6 +25,7 @@ from tactopose_drake.display.scene import (
     arrow_lengths,
 )
 from tactopose_drake.display.viewpoint import choose_view, points_of_interest
+from tactopose_drake.patch_visualization import add_patches, move_patches
 
 Role = Literal["prior", "estimate", "truth"]
 
@@ -41,7 +43,9 @@ _OPACITY = {"estimate": 1.0, "prior": 0.28, "truth": 0.3}
 _COLOUR = {"estimate": ESTIMATE_COLOUR, "prior": PRIOR_COLOUR, "truth": TRUTH_COLOUR}
 
 
-def add_object(meshcat: Meshcat, path: str, model: ObjectModel, role: Role, opacity: float | None = None) -> None:
+def add_object(
+    meshcat: Meshcat | RemoteMeshcat, path: str, model: ObjectModel, role: Role, opacity: float | None = None
+) -> None:
     """Adds an object's surface in its frame O; `SetTransform` on the path places it.
 
     Args:
@@ -58,7 +62,7 @@ def add_object(meshcat: Meshcat, path: str, model: ObjectModel, role: Role, opac
     )
 
 
-def add_touch(meshcat: Meshcat, path: str, count: int, *, friction: float | None = None) -> None:
+def add_touch(meshcat: Meshcat | RemoteMeshcat, path: str, count: int, *, friction: float | None = None) -> None:
     """Adds the parts that show contacts, hidden until `move_touch` places them.
 
     Args:
@@ -83,7 +87,9 @@ def add_touch(meshcat: Meshcat, path: str, count: int, *, friction: float | None
         meshcat.SetProperty(at, "visible", False)
 
 
-def move_touch(meshcat: Meshcat, path: str, contacts: Contacts, count: int, time: float | None = None) -> None:
+def move_touch(
+    meshcat: Meshcat | RemoteMeshcat, path: str, contacts: Contacts, count: int, time: float | None = None
+) -> None:
     """Places the parts that `add_touch` has added, and hides those that are not needed.
 
     The arrows are the forces on the fingers; they and the normals point out of the object.
@@ -115,8 +121,10 @@ def move_touch(meshcat: Meshcat, path: str, contacts: Contacts, count: int, time
             meshcat.SetTransform(f"{at}/force/head", RigidTransform(_FLIPPED, [0.0, 0.0, shaft + _HEAD_LENGTH]), time)
 
 
-def draw_scene(meshcat: Meshcat, scene: Scene, *, path: str = "/tactopose", friction: float | None = None) -> None:
-    """Draws a scene, in the palm frame, and points the camera at it.
+def draw_scene(
+    meshcat: Meshcat | RemoteMeshcat, scene: Scene, *, path: str = "/tactopose", friction: float | None = None
+) -> None:
+    """Draws a scene, in the palm frame, upright.
 
     Args:
         meshcat: receives it; what was at the path is deleted.
@@ -125,8 +133,7 @@ def draw_scene(meshcat: Meshcat, scene: Scene, *, path: str = "/tactopose", fric
         friction: coefficient of the friction cones; none are drawn without.
     """
     meshcat.Delete(path)
-    R_WP = RotationMatrix.MakeFromOneVector(scene.up_P, 2).inverse()
-    meshcat.SetTransform(path, RigidTransform(R_WP, np.zeros(3)))
+    meshcat.SetTransform(path, upright(scene))
     poses: dict[Role, RigidTransform | None] = {
         "estimate": scene.estimate,
         "prior": scene.prior,
@@ -145,7 +152,14 @@ def draw_scene(meshcat: Meshcat, scene: Scene, *, path: str = "/tactopose", fric
         )
     add_touch(meshcat, f"{path}/touch", len(scene.contacts), friction=friction)
     move_touch(meshcat, f"{path}/touch", scene.contacts, len(scene.contacts))
-    aim_camera(meshcat, scene, RigidTransform(R_WP, np.zeros(3)))
+    cells = max((len(patch.p_PT) for patch in scene.patches), default=0)
+    add_patches(meshcat, f"{path}/patches", len(scene.patches), cells)
+    move_patches(meshcat, f"{path}/patches", scene.patches, len(scene.patches), cells)
+
+
+def upright(scene: Scene) -> RigidTransform:
+    """X_WP, the palm in Meshcat's world, by which the scene's up is up."""
+    return RigidTransform(RotationMatrix.MakeFromOneVector(scene.up_P, 2).inverse(), np.zeros(3))
 
 
 def aim_camera(meshcat: Meshcat, scene: Scene, X_WP: RigidTransform) -> None:

@@ -10,7 +10,7 @@ from tactopose_drake.core.contacts import Contacts
 from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.display.body_meshes import Triangles
 from tactopose_drake.display.scene import LONGEST_ARROW, Scene, arrow_lengths
-from tactopose_drake.visualization import add_touch, draw_scene, move_touch, save_html
+from tactopose_drake.visualization import add_touch, aim_camera, draw_scene, move_touch, save_html, upright
 from tests.recording_meshcat import RecordingMeshcat
 
 X_PO = RigidTransform(RollPitchYaw(0.3, 0.2, 0.1), [0.01, 0.02, 0.1])
@@ -73,7 +73,9 @@ def test_contacts_that_end_are_hidden_again() -> None:
 def test_a_scene_is_drawn_with_up_upwards_and_the_camera_on_it(model: ObjectModel) -> None:
     meshcat = RecordingMeshcat()
     up_P = np.array([0.0, -1.0, 0.0])
-    draw_scene(meshcat, Scene(model=model, contacts=TOUCH, estimate=X_PO, prior=RigidTransform(), up_P=up_P))
+    scene = Scene(model=model, contacts=TOUCH, estimate=X_PO, prior=RigidTransform(), up_P=up_P)
+    draw_scene(meshcat, scene)
+    aim_camera(meshcat, scene, upright(scene))
     np.testing.assert_allclose(meshcat.pose("/tactopose").rotation() @ up_P, [0, 0, 1], atol=1e-12)
     assert set(meshcat.objects) >= {"/tactopose/estimate", "/tactopose/prior", "/tactopose/touch/0/point"}
     assert "/tactopose/truth" not in meshcat.objects

@@ -1,0 +1,137 @@
+"""A meshcat-server that runs already, drawn into as into Drake's own Meshcat, which can only serve by itself."""
+
+import importlib
+import warnings
+from types import ModuleType
+from typing import Any, Self
+
+import numpy as np
+import trimesh
+import umsgpack
+import zmq
+from pydrake.geometry import Cylinder, MeshcatCone, Rgba, Shape, Sphere
+from pydrake.math import RigidTransform
+
+from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.errors import InvalidInputError
+
+_ANSWER_TIME = 2000  # ms in which a server answers
+
+
+class RemoteMeshcat:
+    """The methods of Drake's Meshcat that draw, for a server of the PyPI package `meshcat`.
+
+    What is drawn goes to the browsers that look at that server. Its camera and background stay its owner's. A context
+    manager: at its end it hangs up.
+    """
+
+    def __init__(self, url: str) -> None:
+        """Connects.
+
+        Args:
+            url: of the server's ZeroMQ socket, such as tcp://127.0.0.1:6000; `meshcat-server` prints it.
+
+        Raises:
+            InvalidInputError: if the URL is none, or no meshcat-server answers there.
+        """
+        self._line = _Line(url)
+        self._client = _client()
+        self._visualizer = self._client.Visualizer(window=self._line)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._line.close()
+
+    def web_url(self) -> str:
+        """Where a browser looks."""
+        return self._line.web_url
+
+    def Delete(self, path: str) -> None:
+        """Deletes what is at the path and below."""
+        self._at(path).delete()
+
+    def SetObject(self, path: str, shape: Shape, rgba: Rgba) -> None:
+        """Draws a sphere, a cylinder or a cone."""
+        mesh = _mesh(shape)
+        self.SetTriangleMesh(path, mesh.vertices.T, mesh.faces.T, rgba)
+
+    def SetTriangleMesh(self, path: str, vertices: FloatArray, faces: np.ndarray[Any, Any], rgba: Rgba) -> None:
+        """Draws triangles, vertices (3, v) in m and faces (3, f)."""
+        channels = [round(255 * channel) for channel in (rgba.r(), rgba.g(), rgba.b())]
+        geometry = self._client.geometry
+        material = geometry.MeshPhongMaterial(
+            color=channels[0] << 16 | channels[1] << 8 | channels[2],
+            opacity=rgba.a(),
+            transparent=rgba.a() < 1.0,
+            side=2,  # both, as Drake does
+        )
+        self._at(path).set_object(geometry.TriangularMeshGeometry(vertices.T, faces.T), material)
+
+    def SetTransform(self, path: str, X_ParentPath: RigidTransform, time_in_recording: float | None = None) -> None:
+        """Places what is at the path; there is no recording, so the time does not matter."""
+        self._at(path).set_transform(X_ParentPath.GetAsMatrix4())
+
+    def SetProperty(self, path: str, name: str, value: Any, time_in_recording: float | None = None) -> None:
+        """Sets a property of the path; there is no recording, so the time does not matter."""
+        self._at(path).set_property(name, value)
+
+    def _at(self, path: str) -> Any:
+        return self._visualizer[path.strip("/")]
+
+
+def _client() -> ModuleType:
+    """The package `meshcat`; its import takes IPython with it, half a second, and warns of what it relies on."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)
+        return importlib.import_module("meshcat")
+
+
+class _Line:
+    """The way to a server, in place of the client's own, which would wait for an answer for ever."""
+
+    def __init__(self, url: str) -> None:
+        self._url = url
+        self._socket: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.REQ)
+        self._socket.setsockopt(zmq.LINGER, 0)
+        try:
+            self._socket.connect(url)
+            self.web_url = self._ask(b"url").decode()
+        except zmq.ZMQError as error:
+            self.close()
+            raise InvalidInputError(f"meshcat URL: {url!r} is none ({error}); one is tcp://127.0.0.1:6000.") from error
+        except InvalidInputError:
+            self.close()
+            raise
+
+    def send(self, command: Any) -> None:
+        """Sends one of the client's commands."""
+        data = command.lower()
+        self._ask(data["type"].encode(), data["path"].encode(), umsgpack.packb(data))
+
+    def close(self) -> None:
+        """Hangs up."""
+        self._socket.close()
+
+    def _ask(self, *frames: bytes) -> bytes:
+        self._socket.send_multipart(frames)
+        if not self._socket.poll(_ANSWER_TIME):
+            raise InvalidInputError(f"meshcat URL: no meshcat-server answers at {self._url}.")
+        return self._socket.recv()
+
+
+def _mesh(shape: Shape) -> trimesh.Trimesh:
+    """A shape as triangles, in the frame that Drake has it in."""
+    mesh: trimesh.Trimesh
+    if isinstance(shape, Sphere):
+        mesh = trimesh.creation.icosphere(subdivisions=2, radius=shape.radius())
+    elif isinstance(shape, Cylinder):
+        mesh = trimesh.creation.cylinder(radius=shape.radius(), height=shape.length(), sections=24)
+    elif isinstance(shape, MeshcatCone):
+        mesh = trimesh.creation.cone(radius=1.0, height=1.0, sections=24)
+        # Drake's stands on its tip: two turned axes keep the outside outside.
+        mesh.vertices = (mesh.vertices - [0.0, 0.0, 1.0]) * [shape.a(), -shape.b(), -shape.height()]
+    else:
+        raise InvalidInputError(f"shape: is a {type(shape).__name__}; allowed are Sphere, Cylinder and MeshcatCone.")
+    return mesh
