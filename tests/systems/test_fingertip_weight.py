@@ -1,0 +1,66 @@
+"""The weight of the fingertips at their sensors, and taking its turning off."""
+
+import numpy as np
+import pytest
+from pydrake.math import RollPitchYaw, RotationMatrix
+from pydrake.systems.analysis import Simulator
+
+from tactopose_drake.fingertip_weights import FingertipWeights
+from tactopose_drake.hand import load_hand_config, make_hand_plant
+from tactopose_drake.systems.fingertip_weight import FingertipWeight
+from tests import held_cube
+
+TOUCH = np.array([0.01, -0.02, 0.03, 1.0, 2.0, -3.0])
+R_WBASE = RotationMatrix(RollPitchYaw(np.pi, -np.pi / 2, 0.3))
+
+
+@pytest.fixture(scope="module")
+def hand():
+    return make_hand_plant(load_hand_config("shadow_like"))
+
+
+def test_the_weight_points_down_and_acts_in_the_centre_of_mass(hand) -> None:
+    plant, parts = hand
+    weights = FingertipWeights(plant, parts, R_WBASE).wrenches(held_cube.Q)
+    context = plant.CreateDefaultContext()
+    plant.SetPositions(context, held_cube.Q)
+    for finger, frame in parts.sensor_frames.items():
+        tip = parts.welds[finger].child_body()
+        R_WS = R_WBASE @ frame.CalcRotationMatrixInWorld(context)
+        np.testing.assert_allclose(R_WS @ weights[finger][3:], [0, 0, -9.81 * tip.get_mass(context)], atol=1e-12)
+        X_STip = plant.CalcRelativeTransform(context, frame, tip.body_frame())
+        p_Scm = X_STip @ tip.CalcCenterOfMassInBodyFrame(context)
+        np.testing.assert_allclose(weights[finger][:3], np.cross(p_Scm, weights[finger][3:]), atol=1e-12)
+
+
+def test_a_touch_comes_out_whole_however_the_finger_has_turned(hand) -> None:
+    plant, parts = hand
+    weights = FingertipWeights(plant, parts, R_WBASE)
+    system = FingertipWeight(weights, ("thumb", "first"), plant.num_positions())
+    simulator = Simulator(system)
+    context = simulator.get_mutable_context()
+    q_tare = np.zeros(plant.num_positions())
+    at_tare = weights.wrenches(q_tare)
+    for q in (q_tare, held_cube.Q, -0.3 * held_cube.Q):
+        system.GetInputPort("joint_positions").FixValue(context, q_tare if q is q_tare else q)
+        for finger in ("thumb", "first"):
+            measured = TOUCH + weights.wrenches(q)[finger] - at_tare[finger]  # as a sensor that was tared at q_tare
+            system.GetInputPort(f"wrench_{finger}").FixValue(context, measured)
+        if q is q_tare:
+            simulator.Initialize()
+        for finger in ("thumb", "first"):
+            np.testing.assert_allclose(system.GetOutputPort(f"wrench_{finger}").Eval(context), TOUCH, atol=1e-12)
+    # There was something to take off.
+    assert np.linalg.norm(weights.wrenches(held_cube.Q)["first"][3:] - at_tare["first"][3:]) > 0.005
+
+
+def test_a_joint_that_is_not_known_spares_the_other_fingers(hand) -> None:
+    plant, parts = hand
+    q = held_cube.Q.copy()
+    q[plant.GetJointByName("THJ4").position_start()] = np.nan
+    wrenches = FingertipWeights(plant, parts, RotationMatrix()).wrenches(q)
+    assert np.isnan(wrenches["thumb"]).all()
+    assert all(np.isfinite(wrench).all() for finger, wrench in wrenches.items() if finger != "thumb")
+    q[plant.GetJointByName("WRJ1").position_start()] = np.nan  # the wrist turns them all
+    wrenches = FingertipWeights(plant, parts, RotationMatrix()).wrenches(q)
+    assert all(np.isnan(wrench).all() for wrench in wrenches.values())

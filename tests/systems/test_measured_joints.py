@@ -1,0 +1,61 @@
+"""Joints as a hand measures them, in the order of its plant; and what that tells of where things are."""
+
+import numpy as np
+import pytest
+from pydrake.systems.framework import Context
+
+from tactopose_drake.hand import load_hand_config, make_hand_plant
+from tactopose_drake.joint_paths import JointPaths
+from tactopose_drake.measured_joints import joint_matrix
+from tactopose_drake.senses import BarrettPucks
+from tactopose_drake.systems.measured_joints import MeasuredJoints
+
+
+@pytest.fixture(scope="module")
+def hand():
+    return make_hand_plant(load_hand_config("barrett_like"))
+
+
+def evaluate(system: MeasuredJoints, measured: np.ndarray) -> np.ndarray:
+    context: Context = system.CreateDefaultContext()
+    system.get_input_port().FixValue(context, measured)
+    return system.get_output_port().Eval(context)
+
+
+def test_a_joint_that_is_not_known_leaves_the_others(hand) -> None:
+    plant, parts = hand
+    matrix = joint_matrix(plant, parts, BarrettPucks().joints)
+    system = MeasuredJoints(matrix)
+    measured = np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7])
+    np.testing.assert_allclose(evaluate(system, measured), matrix @ measured)
+    measured[[1, 4]] = np.nan  # finger 2
+    unknown = np.isnan(evaluate(system, measured))
+    lost = {"finger_2_proximal_joint", "finger_2_distal_joint"}
+    assert {name for name in names(plant) if unknown[plant.GetJointByName(name).position_start()]} == lost
+
+
+def names(plant) -> list[str]:
+    joints = (plant.get_joint(index) for index in plant.GetJointIndices())
+    return [joint.name() for joint in joints if joint.num_positions() == 1]
+
+
+def test_a_pose_is_known_exactly_where_the_joint_does_not_move_it(hand) -> None:
+    plant, parts = hand
+    context = plant.CreateDefaultContext()
+    paths = JointPaths(plant, parts.palm_frame)
+    bodies = [plant.get_body(index) for index in plant.GetBodyIndices(parts.model_instance)]
+
+    def poses(q: np.ndarray) -> list[np.ndarray]:
+        plant.SetPositions(context, q)
+        frames = (body.body_frame() for body in bodies)
+        return [plant.CalcRelativeTransform(context, parts.palm_frame, frame).GetAsMatrix34() for frame in frames]
+
+    q = np.full(plant.num_positions(), 0.1)
+    for k in range(len(q)):
+        moved, unknown = q.copy(), q.copy()
+        moved[k], unknown[k] = 0.3, np.nan
+        stays = [np.allclose(before, after) for before, after in zip(poses(q), poses(moved), strict=True)]
+        known = paths.known(unknown)
+        assert [bool(known[int(body.index())]) for body in bodies] == stays
+        assert not all(stays)
+    assert paths.known(q).all()
