@@ -100,6 +100,7 @@ SECTIONS = (
         full=("--trials", "100"),
     ),
     Section(script="calibration.py", quick=("--trials", "40"), full=("--trials", "1000")),
+    Section(script="cost_growth.py", quick=("--trials", "3"), full=("--trials", "50")),
 )
 # What needs the hardware that the thesis had.
 NOT_REPRODUCED = {

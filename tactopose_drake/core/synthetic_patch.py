@@ -33,6 +33,7 @@ def touch_with_pads(
     count: int,
     generator: np.random.Generator,
     *,
+    cells: FloatArray | None = None,
     depth: float = 0.0012,
     lean: float = math.radians(6.0),
     sigma_position: float = 0.0009,
@@ -49,6 +50,7 @@ def touch_with_pads(
         X_PO: its true pose, shape (3, 4).
         count: number of pads, >= 1; each is the farthest from the earlier ones of ten random places.
         generator: of the random numbers.
+        cells: of each pad about its middle, shape (n, 3), m; those of `flat_pad()` by default.
         depth: of a pad's middle in the surface, m.
         lean: standard deviation of the turn of a pad from the surface about each axis, rad.
         sigma_position: of each coordinate of a pad's place, m.
@@ -58,7 +60,7 @@ def touch_with_pads(
     Raises:
         InvalidInputError: hardly a place on the object that three cells can be pressed on.
     """
-    cells = flat_pad()
+    cells = flat_pad() if cells is None else cells
     places = _places(model, cells, depth, lean, _PLACES_A_PAD * count, generator)
     pads = places[:1]
     for i in range(1, count):

@@ -1,0 +1,41 @@
+import importlib.util
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+SCRIPT = Path(__file__).parents[2] / "examples" / "cost_growth.py"
+
+
+@pytest.fixture
+def script(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    spec = importlib.util.spec_from_file_location("cost_growth", SCRIPT)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    monkeypatch.setitem(sys.modules, "cost_growth", module)
+    spec.loader.exec_module(module)
+    for name, few in {"CONTACTS": (3, 5), "PADS": ((4, 3),), "SUBDIVISIONS": (2,), "PARTICLES": (500, 2000)}.items():
+        monkeypatch.setattr(module, name, few)
+    return module
+
+
+def test_each_study_has_a_table_and_a_curve(script: ModuleType, tmp_path: Path) -> None:
+    result = CliRunner().invoke(script.main, ["--trials", "2", "--seed", "5", "--out", str(tmp_path)])
+    assert result.exit_code == 0, result.output
+    assert (tmp_path / "cost_growth.png").read_bytes().startswith(b"\x89PNG")
+    text = (tmp_path / "cost_growth.md").read_text(encoding="utf-8")
+    assert "seed 5" in text
+    rows = [line.strip("| ").split(" | ") for line in text.splitlines() if line.startswith("| ") and line[2].isdigit()]
+    numbers = np.concatenate([np.array(row, dtype=float) for row in rows])
+    assert np.all(numbers > 0.0)
+    assert [int(row[0]) for row in rows] == [3, 5, 12, 320, 500, 2000]
+
+
+def test_more_particles_reach_a_lower_cost(script: ModuleType) -> None:
+    curve = script.over_particles(6, 1)
+    for line in curve.lines.values():
+        assert line[1] < line[0]
