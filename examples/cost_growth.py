@@ -164,7 +164,9 @@ def draw(curves: Sequence[Curve], path: Path) -> None:
         for name, line in curve.lines.items():
             axes.plot(curve.x, line, ".-", label=name)
         axes.set(xscale="log", yscale="log", xlabel=curve.x_label, ylabel=curve.y_label, title=curve.title)
-        axes.grid(which="both", alpha=0.3)
+        axes.set_xticks(curve.x, [str(x) for x in curve.x])
+        axes.minorticks_off()
+        axes.grid(alpha=0.3)
         axes.legend()
     FigureCanvasAgg(figure).print_png(path)
 
