@@ -19,7 +19,7 @@ import math
 import time
 from collections.abc import Iterable, Sequence
 from concurrent.futures import Executor
-from typing import Literal, overload
+from typing import Literal, cast, get_args, overload
 
 import numpy as np
 
@@ -37,7 +37,6 @@ from tactopose_drake.estimation import METHODS, estimate_pose
 from tactopose_drake.object_library import LibraryObject, ObjectLibrary
 
 Likelihood = Literal["evidence", "inverse_cost"]
-_LIKELIHOODS = ("evidence", "inverse_cost")
 
 _METHOD = "pair_search"
 # So many of a library's objects, for each one that is estimated, have their poses searched.
@@ -150,8 +149,7 @@ def identify(
             that are none.
     """
     started = time.perf_counter()
-    if likelihood not in _LIKELIHOODS:
-        raise UnknownNameError("likelihood", likelihood, _LIKELIHOODS)
+    likelihood = check_likelihood("likelihood", likelihood)
     for name, value in (("candidates", candidates), ("max_hypotheses", max_hypotheses)):
         if value < 1:
             raise InvalidInputError(f"{name}: is {value}; allowed are numbers >= 1.")
@@ -180,6 +178,22 @@ def identify(
         for rank, i in enumerate(order[len(chosen) :], start=len(chosen) + 1)
     ]
     return Identification((*identities, *ruled_out), time.perf_counter() - started)
+
+
+def check_likelihood(name: str, value: str) -> Likelihood:
+    """The name of a likelihood.
+
+    Args:
+        name: what the value is of.
+        value: "evidence" or "inverse_cost".
+
+    Raises:
+        UnknownNameError: if it is neither.
+    """
+    for known in get_args(Likelihood):
+        if value == known:
+            return cast(Likelihood, known)
+    raise UnknownNameError(name, value, get_args(Likelihood))
 
 
 def _check_objects(models: object) -> Sequence[ObjectModel | LibraryObject]:

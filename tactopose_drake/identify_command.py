@@ -21,7 +21,7 @@ from tactopose_drake.identification import Identification, Likelihood, identify
 from tactopose_drake.object_library import LibraryWarning, ObjectLibrary
 
 _MOST_ROWS = 12
-_BAR = 20  # Characters of the longest.
+_BAR = 12  # Characters of the longest.
 _path = click.Path(path_type=Path)
 _console = Console()
 _errors = Console(stderr=True, soft_wrap=True, highlight=False)
@@ -94,8 +94,10 @@ def _open(folder: Path, executor: Executor | None) -> ObjectLibrary:
 def _table(found: Identification) -> Table:
     """The objects that were looked at closely, the most likely first."""
     table = Table(title="Touched object", box=box.SIMPLE_HEAD, pad_edge=False)
-    for heading in ("rank", "object", "likelihood", "", "log evidence", "explains the touch"):
-        table.add_column(heading, justify="right" if heading in ("rank", "likelihood", "log evidence") else "left")
+    for heading in ("rank", "object", "likelihood", "", "log evidence", "explained"):
+        table.add_column(
+            heading, justify="right" if heading in ("rank", "likelihood", "log evidence") else "left", no_wrap=True
+        )
     shown = [identity for identity in found[:_MOST_ROWS] if identity.estimate is not None]
     for identity in shown:
         assert identity.estimate is not None

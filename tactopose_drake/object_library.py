@@ -166,7 +166,7 @@ def _content(entry: LibraryEntry) -> str:
 
 
 def _key(content: str) -> str:
-    return model_cache.content_key(content, f"pair counts of {SAMPLES} samples, 1")
+    return model_cache.content_key(content, f"pair counts of {SAMPLES} samples, 2")
 
 
 @functools.lru_cache(maxsize=_LOADED)

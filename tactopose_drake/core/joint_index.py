@@ -34,7 +34,8 @@ SAMPLES = 512
 
 _DISTANCE = 0.004  # A bin's width, m.
 _DISTANCE_BINS = 256  # The last holds all longer distances too.
-_ANGLE_BINS = 12  # Of a half turn.
+_ANGLE = np.pi / 12.0  # Likewise, rad.
+_ANGLE_BINS = 13  # The middles of the first and the last are 0 and pi: right angles are not on a border.
 _BINS = _DISTANCE_BINS * _ANGLE_BINS**3
 _REACH = 2.5  # Bins count within so many standard deviations.
 # Of more contacts those that are farthest apart tell enough.
@@ -123,9 +124,9 @@ def _weights(feature: FloatArray, sigma: FloatArray) -> tuple[NDArray[np.int64],
 
     The weights are those of a Gaussian that is wider by a bin, because a sample may lie anywhere in its bin.
     """
-    width = np.array([_DISTANCE, *np.full(3, np.pi / _ANGLE_BINS)])
+    width = np.array([_DISTANCE, _ANGLE, _ANGLE, _ANGLE])
     bins = np.array([_DISTANCE_BINS, *np.full(3, _ANGLE_BINS)])
-    middle, spread = feature / width, np.sqrt((sigma / width) ** 2 + 1.0 / 6.0)
+    middle, spread = feature / width + np.array([0.0, 0.5, 0.5, 0.5]), np.sqrt((sigma / width) ** 2 + 1.0 / 6.0)
     middle[0] = min(middle[0], _DISTANCE_BINS - 0.5)
     low = np.clip(np.floor(middle - _REACH * spread), 0, bins - 1).astype(np.int64)
     high = np.clip(np.floor(middle + _REACH * spread), 0, bins - 1).astype(np.int64)
@@ -142,7 +143,6 @@ def _weights(feature: FloatArray, sigma: FloatArray) -> tuple[NDArray[np.int64],
 @njit(cache=True, nogil=True)
 def _count(points, normals, counts):  # type: ignore[no-untyped-def]
     feature = np.empty(4)
-    per_angle = _ANGLE_BINS / np.pi
     for i in range(points.shape[0]):
         for j in range(points.shape[0]):
             if i == j:
@@ -150,7 +150,7 @@ def _count(points, normals, counts):  # type: ignore[no-untyped-def]
             _feature(points[i], normals[i], points[j], normals[j], feature)
             row = min(int(feature[0] / _DISTANCE), _DISTANCE_BINS - 1)
             for a in range(1, 4):
-                row = row * _ANGLE_BINS + min(int(feature[a] * per_angle), _ANGLE_BINS - 1)
+                row = row * _ANGLE_BINS + int(feature[a] / _ANGLE + 0.5)
             counts[row] += 1
 
 

@@ -1,0 +1,82 @@
+"""The Meshcat display of which object a hand holds, as a system."""
+
+import dataclasses
+from collections.abc import Sequence
+
+from pydrake.common.value import AbstractValue
+from pydrake.geometry import Meshcat
+from pydrake.math import RigidTransform
+from pydrake.systems.framework import Context, EventStatus, LeafSystem
+
+from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.validation import positive_number
+from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.identification import Identification
+from tactopose_drake.likelihood_visualization import add_bars, set_bars
+from tactopose_drake.systems.ports import eval_optional_input
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class LikelihoodDisplayParams:
+    """Where likelihoods are displayed, and how often."""
+
+    period: float = 1.0 / 8.0  # s between two frames
+    path: str = "/tactopose_identity"  # of all parts in Meshcat's tree
+
+    def validate(self) -> None:
+        """Raises InvalidInputError if the period is not positive."""
+        positive_number("LikelihoodDisplayParams.period", self.period)
+
+
+class LikelihoodDisplay(LeafSystem):
+    """Shows the likelihoods of some objects as bars beside their shapes.
+
+    .. pydrake_system::
+
+        name: LikelihoodDisplay
+        input_ports:
+        - identities
+
+    - identities: `Identification`, or None while there is none; read once a period. Objects are known by their names.
+
+    What is shown goes into Meshcat's recording when there is one.
+    """
+
+    def __init__(
+        self,
+        meshcat: Meshcat,
+        models: Sequence[ObjectModel],
+        X_WD: RigidTransform | None = None,
+        params: LikelihoodDisplayParams | None = None,
+    ) -> None:
+        """Keeps a reference to the display; the parts are made when a simulation is initialized.
+
+        Args:
+            meshcat: the display.
+            models: the objects that have a row, from the top.
+            X_WD: where the rows are in Meshcat's world: y runs along the bars, z up.
+            params: where in the tree, and how often.
+
+        Raises:
+            InvalidInputError: if there is no object.
+        """
+        super().__init__()
+        self._params = LikelihoodDisplayParams() if params is None else params
+        self._params.validate()
+        if not models:
+            raise InvalidInputError("models: there are 0; the display needs at least 1.")
+        self._meshcat, self._models = meshcat, tuple(models)
+        self._X_WD = RigidTransform() if X_WD is None else X_WD
+        self._identities = self.DeclareAbstractInputPort("identities", AbstractValue.Make(None))
+        self.DeclareInitializationPublishEvent(self._make_rows)
+        self.DeclarePeriodicPublishEvent(self._params.period, 0.0, self._stretch_bars)
+
+    def _make_rows(self, context: Context) -> EventStatus:
+        add_bars(self._meshcat, self._params.path, self._models)
+        self._meshcat.SetTransform(self._params.path, self._X_WD)
+        return EventStatus.Succeeded()
+
+    def _stretch_bars(self, context: Context) -> EventStatus:
+        found = eval_optional_input(self._identities, context, Identification)
+        set_bars(self._meshcat, self._params.path, self._models, found, context.get_time())
+        return EventStatus.Succeeded()

@@ -1,0 +1,112 @@
+"""Which object a hand holds, as a system."""
+
+import dataclasses
+from collections.abc import Sequence
+from concurrent.futures import Executor
+
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
+
+from tactopose_drake.core.contacts import Contacts
+from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.patches import Patch
+from tactopose_drake.core.validation import positive_number
+from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.identification import Likelihood, check_likelihood, identify
+from tactopose_drake.object_library import ObjectLibrary
+from tactopose_drake.systems.ports import eval_input, eval_optional_input
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class ObjectIdentifierParams:
+    """How and how often the object is identified."""
+
+    period: float = 0.5  # s between two identifications
+    min_contacts: int = 3  # fewer contacts and patches that are felt leave the identities as they are
+    likelihood: str = "evidence"  # a likelihood of `identify`
+    candidates: int = 16  # of a library so many have their poses estimated
+    seed: int = 0  # of the search's random numbers, the same each time
+
+    def validate(self) -> None:
+        """Raises InvalidInputError if a number is out of its range, or there is no such likelihood."""
+        positive_number("ObjectIdentifierParams.period", self.period)
+        for name in ("min_contacts", "candidates"):
+            if getattr(self, name) < 1:
+                raise InvalidInputError(
+                    f"ObjectIdentifierParams.{name}: is {getattr(self, name)}; allowed are numbers >= 1."
+                )
+        check_likelihood("ObjectIdentifierParams.likelihood", self.likelihood)
+
+
+class ObjectIdentifier(LeafSystem):
+    """Tells which of many objects the contacts and tactile patches of one instant are on.
+
+    .. pydrake_system::
+
+        name: ObjectIdentifier
+        input_ports:
+        - contacts
+        - patches
+        output_ports:
+        - identities
+        - status
+
+    Inputs are read at each period.
+
+    - contacts: `Contacts` in P; may stay unconnected where patches are connected.
+    - patches: tuple of `Patch` in P, those that feel nothing too; may stay unconnected.
+    - identities: `Identification`, the objects by falling likelihood, with their poses X_PO; None before the first.
+      Held between updates, and while the touch is too little.
+    - status: str, `Identification.status` for identities of this period; else "held: " and why. Changes with
+      `identities`.
+    """
+
+    def __init__(
+        self,
+        models: Sequence[ObjectModel] | ObjectLibrary,
+        params: ObjectIdentifierParams | None = None,
+        executor: Executor | None = None,
+    ) -> None:
+        """Keeps references to the objects and to the executor, which is not shut down.
+
+        Args:
+            models: the objects that it may be.
+            params: how, and how often.
+            executor: estimates several objects at a time; one after the other without.
+        """
+        super().__init__()
+        self._params = ObjectIdentifierParams() if params is None else params
+        self._params.validate()
+        self._models, self._executor = models, executor
+        self._contacts = self.DeclareAbstractInputPort("contacts", AbstractValue.Make(Contacts.empty()))
+        self._patches = self.DeclareAbstractInputPort("patches", AbstractValue.Make(()))
+        self._identities = self.DeclareAbstractState(AbstractValue.Make(None))
+        self._status = self.DeclareAbstractState(AbstractValue.Make("held: no identification yet"))
+        self.DeclarePeriodicUnrestrictedUpdateEvent(self._params.period, 0.0, self._update)
+        self.DeclareStateOutputPort("identities", self._identities)
+        self.DeclareStateOutputPort("status", self._status)
+
+    def _update(self, context: Context, state: State) -> EventStatus:
+        patches: tuple[Patch, ...] = eval_optional_input(self._patches, context, tuple) or ()
+        if self._contacts.HasValue(context) or not self._patches.HasValue(context):
+            contacts = eval_input(self._contacts, context, Contacts)
+        else:
+            contacts = Contacts.empty()
+        touches = len(contacts) + sum(patch.is_felt for patch in patches)
+        status = state.get_mutable_abstract_state(self._status)
+        if touches < self._params.min_contacts:
+            status.set_value(f"held: {touches} contacts, {self._params.min_contacts} needed")
+            return EventStatus.Succeeded()
+        likelihood: Likelihood = check_likelihood("likelihood", self._params.likelihood)
+        found = identify(
+            self._models,
+            contacts,
+            patches,
+            self._executor,
+            likelihood=likelihood,
+            candidates=self._params.candidates,
+            seed=self._params.seed,
+        )
+        state.get_mutable_abstract_state(self._identities).set_value(found)
+        status.set_value(found.status)
+        return EventStatus.Succeeded()
