@@ -143,8 +143,7 @@ class Device(ABC, Generic[Sample]):
         age = self.bus.clock.time() - sample.time
         # A stamp from the future is no fresher: then two clocks differ, and the age says nothing.
         if abs(age) > max_age:
-            state = self.status
-            return None, age, f"stale: {age:.2f} s" + ("" if state == sample.status else f"; {state}")
+            return None, age, f"stale: {age:.2f} s" + ("" if self.status == OK else f"; {self.status}")
         return sample, age, sample.status
 
     @property
