@@ -1,6 +1,7 @@
 """Simulated grasps of several objects with several seeds: how well touch corrects vision.
 
 python examples/grasp_study.py --objects bust mug --seeds 3
+python examples/grasp_study.py --scenario barrett_like --objects soda_can --seeds 20
 """
 
 import argparse
@@ -19,12 +20,14 @@ from tactopose_drake.scenario import load_scenario
 OBJECTS = ("bust", "mug", "spray_bottle", "tea_box", "wine_glass")
 
 
-def study(objects: list[str], first_seed: int, seeds: int) -> tuple[dict[tuple[str, int], DemoResult], list[str]]:
+def study(
+    scenario_name: str, objects: list[str], first_seed: int, seeds: int
+) -> tuple[dict[tuple[str, int], DemoResult], list[str]]:
     """Runs each object with each seed; returns the results, and why the others failed."""
     results: dict[tuple[str, int], DemoResult] = {}
     failures: list[str] = []
     for name in objects:
-        scenario = load_scenario("shadow_like")
+        scenario = load_scenario(scenario_name)
         scenario.object = name
         model = ObjectModel.from_mesh(scenario.object_mesh())
         for seed in track(range(first_seed, first_seed + seeds), description=name):
@@ -48,12 +51,13 @@ def corrected(result: DemoResult) -> bool:
 def main() -> None:
     """Prints a line for each grasp, and the summary."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--scenario", default="shadow_like")
     parser.add_argument("--objects", nargs="+", default=list(OBJECTS))
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--seeds", type=int, default=10)
     arguments = parser.parse_args()
     console, started = Console(), time.perf_counter()
-    results, failures = study(arguments.objects, arguments.first_seed, arguments.seeds)
+    results, failures = study(arguments.scenario, arguments.objects, arguments.first_seed, arguments.seeds)
     if not results:
         raise SystemExit("; ".join(failures))
 
@@ -73,12 +77,13 @@ def main() -> None:
         )
     console.print(table)
     points = [f.position_error for r in results.values() for f in r.fingers if f.position_error is not None]
+    points += [p.centroid_error for r in results.values() for p in r.pads if p.centroid_error is not None]
     touches = [result.touch for result in results.values()]
     console.print(
         f"{len(results)} grasps in {time.perf_counter() - started:.0f} s, {len(failures)} failed to hold.\n"
         f"Vision: at least {1e3 * min(r.vision.translation for r in results.values()):.1f} mm and "
         f"{np.degrees(min(r.vision.rotation for r in results.values())):.1f} deg off.\n"
-        f"Contact points: median error {1e3 * np.median(points):.2f} mm of {len(points)}.\n"
+        f"Contact points or centroids: median error {1e3 * np.median(points):.2f} mm of {len(points)}.\n"
         f"Mean distance to the surface: at most {1e3 * max(t.MDTS for t in touches):.2f} mm; "
         f"mean angle to the normal: at most {np.degrees(max(t.MATN for t in touches)):.1f} deg, "
         f"median {np.degrees(np.median([t.MATN for t in touches])):.1f} deg.\n"

@@ -20,12 +20,19 @@ from rich.console import Console
 
 from tactopose_drake.core.mesh.repair import MeshRepairWarning
 from tactopose_drake.core.objects import ObjectModel
-from tactopose_drake.demo import GraspFailedError, run_demo, save_demo
+from tactopose_drake.demo import DemoResult, GraspFailedError, run_demo, save_demo
 from tactopose_drake.display.scene import Scene
 from tactopose_drake.errors import DriverError, InvalidInputError
 from tactopose_drake.estimation import METHODS, estimate_pose
 from tactopose_drake.files import load_contacts, load_prior, save_result
-from tactopose_drake.reports import fingers_table, free_line, hypotheses_table, poses_table, status_line
+from tactopose_drake.reports import (
+    fingers_table,
+    free_line,
+    hypotheses_table,
+    pads_table,
+    poses_table,
+    status_line,
+)
 from tactopose_drake.run_commands import replay, run
 from tactopose_drake.scenario import load_scenario
 from tactopose_drake.visualization import draw_scene, save_html
@@ -35,7 +42,7 @@ _console = Console()
 _errors = Console(stderr=True, soft_wrap=True, highlight=False)
 
 # The demo's scenarios by the hand's name on the command line.
-_DEMO_SCENARIOS = {"shadow": "shadow_like"}
+_DEMO_SCENARIOS = {"shadow": "shadow_like", "barrett": "barrett_like"}
 _path = click.Path(path_type=Path)
 
 
@@ -91,15 +98,15 @@ def estimate(
 
 @cli.command()
 @click.option("--hand", type=click.Choice(list(_DEMO_SCENARIOS)), default="shadow", show_default=True, help="Hand.")
-@click.option("--object", "name", default="wine_glass", show_default=True, help="One of the shipped objects.")
+@click.option("--object", "name", help="One of the shipped objects; by default one that suits the hand.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the grasp and all noise.")
 @click.option("--out", type=_path, default=Path("tactopose_demo"), show_default=True, help="Folder for the results.")
 @click.option("--meshcat", "keep", is_flag=True, help="Shows the run live in Meshcat, until you press Enter.")
 @click.option("--no-open", is_flag=True, help="Does not open the web page at the end.")
-def demo(hand: str, name: str, seed: int, out: Path, keep: bool, no_open: bool) -> None:
+def demo(hand: str, name: str | None, seed: int, out: Path, keep: bool, no_open: bool) -> None:
     """Closes a simulated hand on an object and corrects the camera's doubtful pose by touch."""
     scenario = load_scenario(_DEMO_SCENARIOS[hand])
-    scenario.object, scenario.seed = name, seed
+    scenario.object, scenario.seed = name or scenario.object, seed
     scenario.validate()
     if out.exists() and not out.is_dir():
         raise InvalidInputError(f"{out}: is a file; allowed is a folder, which may be new.")
@@ -113,11 +120,14 @@ def demo(hand: str, name: str, seed: int, out: Path, keep: bool, no_open: bool) 
     for reason in result.grasp.failed_attempts:
         _console.print(f"A grasp failed ({reason}); the next one was taken.")
     _console.print(
-        f"{len(result.fingers)} fingertips hold the {name.replace('_', ' ')}; "
+        f"{' and '.join(_holders(result))} hold the {scenario.object.replace('_', ' ')}; "
         f"the hand hides {result.hidden_share:.0%} of it from the camera."
     )
-    for table in (fingers_table(result.fingers), poses_table((result.vision, result.touch))):
-        _console.print(table)
+    if result.fingers:
+        _console.print(fingers_table(result.fingers))
+    if result.pads:
+        _console.print(pads_table(result.pads))
+    _console.print(poses_table((result.vision, result.touch)))
     _console.print(free_line(result.estimate.best))
     _console.print(status_line(result.estimate))
     _console.print("Written: " + ", ".join(str(path) for path in paths))
@@ -130,6 +140,12 @@ def demo(hand: str, name: str, seed: int, out: Path, keep: bool, no_open: bool) 
 
 cli.add_command(run)
 cli.add_command(replay)
+
+
+def _holders(result: DemoResult) -> list[str]:
+    """What feels the object, counted."""
+    felt = {"fingertips": len(result.fingers), "tactile pads": sum(pad.active_cells > 0 for pad in result.pads)}
+    return [f"{count} {name}" for name, count in felt.items() if count]
 
 
 def _has_display() -> bool:

@@ -13,9 +13,9 @@ from scipy.spatial.distance import pdist
 
 from tactopose_drake.core.patches import Patch
 from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.display.scene import PRESSURE_COLOUR
 
 _PLATE_HEIGHT = 0.0004
-_PLATE_COLOUR = (0.95, 0.55, 0.1, 1.0)
 _AXIS_RADIUS = 0.0007
 _AXIS_COLOURS = ((0.85, 0.15, 0.15, 1.0), (0.1, 0.6, 0.2, 1.0), (0.15, 0.3, 0.85, 1.0))
 # The third axis is shorter than the pad is deep: it is drawn at least this long, m.
@@ -35,7 +35,7 @@ def add_patches(meshcat: Meshcat, path: str, patches: int, cells: int) -> None:
     for slot in range(patches):
         at = f"{path}/{slot}"
         for cell in range(cells):
-            meshcat.SetObject(f"{at}/cells/{cell}", Box(1.0, 1.0, _PLATE_HEIGHT), Rgba(*_PLATE_COLOUR))
+            meshcat.SetObject(f"{at}/cells/{cell}", Box(1.0, 1.0, _PLATE_HEIGHT), Rgba(*PRESSURE_COLOUR))
         for k, colour in enumerate(_AXIS_COLOURS):
             meshcat.SetObject(f"{at}/axes/{k}", Cylinder(_AXIS_RADIUS, 1.0), Rgba(*colour))
         meshcat.SetProperty(at, "visible", False)

@@ -9,7 +9,7 @@ from rich.table import Table
 from tactopose_drake.core.hypotheses import determined_part
 from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.validation import FloatArray
-from tactopose_drake.demo import FingerReport, PoseReport
+from tactopose_drake.demo_reports import FingerReport, PadReport, PoseReport
 from tactopose_drake.estimates import PoseEstimate, PoseHypothesis
 
 _MOST_ROWS = 8
@@ -64,6 +64,26 @@ def fingers_table(fingers: Sequence[FingerReport]) -> Table:
             f"{finger.force:.2f}",
             "no contact there" if finger.position_error is None else f"{1e3 * finger.position_error:.2f}",
             "" if finger.normal_error is None else f"{np.degrees(finger.normal_error):.2f}",
+        )
+    return table
+
+
+def pads_table(pads: Sequence[PadReport]) -> Table:
+    """Patches from the tactile arrays, against the simulator's own contacts."""
+    table = Table(title="Patches on the tactile arrays, against the simulator's own contacts", box=box.SIMPLE_HEAD)
+    table.add_column("pad")
+    table.add_column("felt")
+    for heading in ("active cells", "force on cells, N", "on the pad, N", "centroid error, mm", "normal error, deg"):
+        table.add_column(heading, justify="right")
+    for pad in pads:
+        table.add_row(
+            pad.pad,
+            pad.status.replace("_", " "),
+            str(pad.active_cells),
+            f"{pad.force:.2f}",
+            f"{pad.true_force:.2f}",
+            "" if pad.centroid_error is None else f"{1e3 * pad.centroid_error:.2f}",
+            "" if pad.normal_error is None else f"{np.degrees(pad.normal_error):.2f}",
         )
     return table
 

@@ -76,7 +76,11 @@ def test_a_grasp_that_fails_says_why() -> None:
     [
         (["--object", "unicorn"], "unicorn.sdf does not exist; the package's objects are bust, cube"),
         (["--seed", "-1"], "-1 is not in the range x>=0"),
-        (["--hand", "claw"], "'claw' is not 'shadow'"),
+        (
+            ["--hand", "barrett", "--object", "pencil"],
+            "is 'pencil', for which Scenario.grip.X_PO has no place in the hand",
+        ),
+        (["--hand", "claw"], "'claw' is not one of 'shadow', 'barrett'"),
     ],
 )
 def test_a_wrong_call_ends_with_status_2(

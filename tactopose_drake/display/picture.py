@@ -17,6 +17,7 @@ from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.display.scene import (
     CONTACT_COLOUR,
     ESTIMATE_COLOUR,
+    PRESSURE_COLOUR,
     PRIOR_COLOUR,
     TRUTH_COLOUR,
     Colour,
@@ -24,6 +25,7 @@ from tactopose_drake.display.scene import (
     arrow_lengths,
 )
 from tactopose_drake.display.viewpoint import choose_view, points_of_interest
+from tactopose_drake.patch_visualization import plate_edges
 
 Image = NDArray[np.float32]
 
@@ -36,6 +38,7 @@ _HAND_OPACITY = 0.38
 _MARKER_THROUGH = 0.55  # opacity of a marker that lies behind something
 _CONTACT_RADIUS = 0.0032
 _ARROW_RADIUS = 0.0014
+_PLATE_HEIGHT = 0.0008
 _HAND_LABEL_COLOUR: Colour = (0.62, 0.64, 0.67)
 
 
@@ -136,18 +139,33 @@ def _placed(surface: Surface, X_PO: RigidTransform, colour: Colour) -> Surface:
 
 
 def _markers(scene: Scene) -> Surface:
-    """Contacts as small spheres, and the force that the object exerts on each finger as an arrow."""
+    """Contacts as small spheres, the force that the object exerts on each as an arrow, and pressed cells as plates."""
     contacts = scene.contacts
-    parts = []
+    balls: list[trimesh.Trimesh] = []
     for row, length in enumerate(arrow_lengths(contacts)):
         ball = trimesh.creation.icosphere(subdivisions=2, radius=_CONTACT_RADIUS)
-        parts.append(ball.apply_translation(contacts.p_PC[row]))
+        balls.append(ball.apply_translation(contacts.p_PC[row]))
         if contacts.f_PC is not None and length > 4 * _ARROW_RADIUS:
             X_PArrow = RigidTransform(RotationMatrix.MakeFromOneVector(contacts.f_PC[row], 2), contacts.p_PC[row])
-            parts.extend(part.apply_transform(X_PArrow.GetAsMatrix4()) for part in _arrow(length))
+            balls.extend(part.apply_transform(X_PArrow.GetAsMatrix4()) for part in _arrow(length))
+    plates = _plates(scene)
+    parts = [*balls, *plates]
     vertices, faces = trimesh.util.append_faces([part.vertices for part in parts], [part.faces for part in parts])
-    colour = np.tile(np.array(CONTACT_COLOUR), (len(vertices), 1))
+    counts = [sum(len(part.vertices) for part in some) for some in (balls, plates)]
+    colour = np.repeat([CONTACT_COLOUR, PRESSURE_COLOUR], counts, axis=0)
     return _smooth(vertices.astype(np.float64), faces.astype(np.int32), colour)
+
+
+def _plates(scene: Scene) -> list[trimesh.Trimesh]:
+    """A plate on each pressed cell, as large as its pressure."""
+    plates = []
+    for patch in scene.patches:
+        edges = plate_edges(patch)
+        for cell in np.flatnonzero(edges):
+            X_PCell = RigidTransform(RotationMatrix.MakeFromOneVector(patch.n_PT[cell], 2), patch.p_PT[cell])
+            box = trimesh.creation.box([edges[cell], edges[cell], _PLATE_HEIGHT])
+            plates.append(box.apply_transform(X_PCell.GetAsMatrix4()))
+    return plates
 
 
 def _arrow(length: float) -> tuple[trimesh.Trimesh, trimesh.Trimesh]:
@@ -187,8 +205,10 @@ def _legend(scene: Scene) -> list[Patch | Line2D]:
         handles.append(Line2D([], [], color=CONTACT_COLOUR, marker="o", linestyle="", markersize=8, label="contact"))
     if scene.contacts.f_PC is not None and len(scene.contacts):
         largest = float(np.linalg.norm(scene.contacts.f_PC, axis=1).max())
-        label = f"force on the finger (longest {largest:.1f} N)"
+        label = f"force on the {'pad' if scene.patches else 'finger'} (longest {largest:.1f} N)"
         handles.append(
             Line2D([], [], color=CONTACT_COLOUR, marker=r"$\rightarrow$", linestyle="", markersize=18, label=label)
         )
+    if any(patch.is_felt for patch in scene.patches):
+        handles.append(Patch(color=PRESSURE_COLOUR, label="pressed cells"))
     return handles

@@ -7,6 +7,7 @@ from pydrake.math import RigidTransform
 
 from tactopose_drake.core.contacts import Contacts
 from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.patches import Patch
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.display.body_meshes import Triangles
 
@@ -18,6 +19,7 @@ TRUTH_COLOUR: Colour = (0.06, 0.45, 0.16)
 CONTACT_COLOUR: Colour = (0.85, 0.10, 0.20)
 FORCE_COLOUR: Colour = (0.85, 0.10, 0.20)
 NORMAL_COLOUR: Colour = (0.55, 0.20, 0.70)
+PRESSURE_COLOUR: Colour = (0.98, 0.80, 0.08)
 # The longest force arrow, m; the others are in proportion.
 LONGEST_ARROW = 0.05
 
@@ -29,6 +31,7 @@ class Scene:
     Attributes:
         model: the object.
         contacts: the touch, in the palm frame P.
+        patches: of it, what tactile pads feel; their pressed cells are drawn.
         prior: pose X_PO that was known before the touch, if any.
         estimate: pose X_PO that the touch gives, if any.
         truth: true pose X_PO, if it is known.
@@ -38,6 +41,7 @@ class Scene:
 
     model: ObjectModel
     contacts: Contacts
+    patches: tuple[Patch, ...] = ()
     prior: RigidTransform | None = None
     estimate: RigidTransform | None = None
     truth: RigidTransform | None = None

@@ -15,7 +15,7 @@ def test_one_grasp_is_studied_and_summed_up(
     printed = " ".join(capsys.readouterr().out.split())
     assert "1 grasps in" in printed
     assert "0 failed to hold" in printed
-    contact_error = re.search(r"Contact points: median error ([0-9.]+) mm of [3-5]\.", printed)
+    contact_error = re.search(r"Contact points or centroids: median error ([0-9.]+) mm of [3-5]\.", printed)
     assert contact_error is not None
     assert float(contact_error[1]) < 0.5
     assert "Both errors fell in 100%" in printed
