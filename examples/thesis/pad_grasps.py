@@ -31,7 +31,8 @@ from tactopose_drake.core.patches import Patch, describe_patch
 from tactopose_drake.core.point_grid import build_point_grid
 from tactopose_drake.core.poses import retract
 from tactopose_drake.errors import TactoposeError
-from tactopose_drake.grasping.pad_grip import PadGrip, load_pad_grip, simulate_pad_grip
+from tactopose_drake.grasping.grasp_simulation import simulate_grasp
+from tactopose_drake.scenario import Grip, Scenario, load_scenario
 
 Array = NDArray[np.float64]
 
@@ -44,12 +45,15 @@ UNITS = np.repeat([MOST_TURN, MOST_SHIFT], 3)
 PCA, DISTANCE, OURS = "algorithm 5.2", "algorithm 5.3", "ours"
 
 
-def make_grip(name: str, p_PO: tuple[float, float, float], rotation: Rotation, spread: float = 0.0) -> PadGrip:
+def make_grip(name: str, p_PO: tuple[float, float, float], rotation: Rotation, spread: float = 0.0) -> Scenario:
     """A grip of one of the package's objects, held at p_PO, m, until the fingers have closed; the spread is in rad."""
-    shipped = load_pad_grip("barrett_like")
-    controller = dataclasses.replace(shipped.controller, fixed={"finger_1_spread_joint": spread})
-    X_PO = Transform(translation=list(p_PO), rotation=rotation)
-    return dataclasses.replace(shipped, object=name, X_PO=X_PO, controller=controller)
+    scenario = load_scenario("barrett_like")
+    assert scenario.grip is not None
+    controller = dataclasses.replace(scenario.grip.controller, fixed={"finger_1_spread_joint": spread})
+    scenario.object = name
+    scenario.grip = Grip(X_PO={name: Transform(translation=list(p_PO), rotation=rotation)}, controller=controller)
+    scenario.estimation.estimator.period = 2.0 * scenario.duration  # Once at the start, when nothing touches.
+    return scenario
 
 
 UPRIGHT, LYING = Rotation(), Rotation(value=Rotation.Rpy(deg=[0.0, 90.0, 0.0]))
@@ -86,18 +90,19 @@ class GripLostError(TactoposeError):
     """A simulated hand does not hold its object."""
 
 
-def load_pad_grasp(name: str, grip: PadGrip, folder: Path) -> PadGrasp:
+def load_pad_grasp(name: str, scenario: Scenario, folder: Path) -> PadGrasp:
     """Reads a grip from the folder; simulates it, and writes it there, where it is not there yet.
 
     Raises:
         GripLostError: if the hand does not hold the object.
     """
-    mesh = trimesh.load_mesh(grip.object_sdf().with_suffix(".obj"))
-    content = yaml_dump_typed(grip).encode() + grip.object_sdf().read_bytes() + np.asarray(mesh.vertices).tobytes()
-    path = folder / f"{grip.object}_{hashlib.blake2b(content, digest_size=6).hexdigest()}.npz"
+    mesh = trimesh.load_mesh(scenario.object_mesh())
+    content = yaml_dump_typed(scenario).encode() + scenario.object_sdf().read_bytes()
+    content += np.asarray(mesh.vertices).tobytes()
+    path = folder / f"{scenario.object}_{hashlib.blake2b(content, digest_size=6).hexdigest()}.npz"
     if not path.is_file():
         folder.mkdir(parents=True, exist_ok=True)
-        _save(path, name, grip)
+        _save(path, name, scenario)
     with np.load(path) as arrays:
         pads = zip(arrays["p_PT"], arrays["n_PT"], arrays["pressure"], arrays["limits"], strict=True)
         patches = tuple(
@@ -114,7 +119,7 @@ def load_pad_grasp(name: str, grip: PadGrip, folder: Path) -> PadGrasp:
         X_PO = arrays["X_PO"]
     middle = mesh.bounds.mean(axis=0)
     X_PO[:, 3] += X_PO[:, :3] @ middle
-    model = tp.ObjectModel.from_mesh(mesh.apply_translation(-middle), name=grip.object)
+    model = tp.ObjectModel.from_mesh(mesh.apply_translation(-middle), name=scenario.object)
     cloud = build_point_grid(model.samples.points)
     objectives: dict[str, LeastSquaresObjective] = {
         PCA: CovarianceMatching(cloud, patches, thickness=LAYER),
@@ -124,12 +129,12 @@ def load_pad_grasp(name: str, grip: PadGrip, folder: Path) -> PadGrasp:
     return PadGrasp(model, patches, X_PO, objectives)
 
 
-def _save(path: Path, name: str, grip: PadGrip) -> None:
+def _save(path: Path, name: str, scenario: Scenario) -> None:
     """Simulates a grip and writes it in one step: no reader sees half a file."""
-    result = simulate_pad_grip(grip)
-    if not result.held:
+    result = simulate_grasp(scenario)
+    if not result.stable:
         raise GripLostError(f"{name}: {result.reason}.")
-    patches = result.patches
+    patches = result.station.diagram.GetOutputPort("patches").Eval(result.context)
     partial = path.with_suffix(".partial")
     with partial.open("wb") as file:
         np.savez(

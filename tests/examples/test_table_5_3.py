@@ -48,7 +48,7 @@ def folder(script: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> Path
 @pytest.fixture
 def grasp(grasps: ModuleType, folder: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     """The grip that the script left in its folder; nothing is simulated again."""
-    monkeypatch.delattr(grasps, "simulate_pad_grip")
+    monkeypatch.delattr(grasps, "simulate_grasp")
     return grasps.load_pad_grasp(BOTTLE, grasps.GRIPS[BOTTLE], folder / "pad_grips")
 
 
@@ -83,10 +83,10 @@ def test_a_hand_that_loses_its_object_is_an_error(
 ) -> None:
     @dataclasses.dataclass
     class Lost:
-        held: bool = False
+        stable: bool = False
         reason: str = "the object slipped by 20.0 mm"
 
-    monkeypatch.setattr(grasps, "simulate_pad_grip", lambda grip: Lost())
+    monkeypatch.setattr(grasps, "simulate_grasp", lambda scenario: Lost())
     with pytest.raises(grasps.GripLostError, match=r"thermal bottle, lying: the object slipped by 20.0 mm\."):
         grasps.load_pad_grasp(BOTTLE, grasps.GRIPS[BOTTLE], tmp_path)
     assert not list(tmp_path.iterdir())
