@@ -45,7 +45,7 @@ class Hull(NamedTuple):
         normals: outward unit normals of its facets, shape (f, d).
         offsets: their distances from the origin along the normals, shape (f,).
         vertices: shape (v, d).
-        simplices: the facets' corners, rows of the points that it was made of, shape (f, d).
+        simplices: the facets' corners, rows of `vertices`, anticlockwise seen from outside in three dimensions, (f, d).
         volume: of d-dimensional content.
     """
 
@@ -67,7 +67,14 @@ def convex_hull(points: FloatArray) -> Hull | None:
     if len(points) <= points.shape[1] or values[-1] <= _FLAT * values[0]:
         return None
     hull = ConvexHull(points, qhull_options="QJ")
-    return Hull(hull.equations[:, :-1], -hull.equations[:, -1], points[hull.vertices], hull.simplices, hull.volume)
+    row = np.zeros(len(points), dtype=np.int32)
+    row[hull.vertices] = np.arange(len(hull.vertices))
+    normals, vertices, simplices = hull.equations[:, :-1], points[hull.vertices], row[hull.simplices]
+    if points.shape[1] == 3:
+        a, b, c = np.swapaxes(vertices[simplices], 0, 1)
+        inwards = np.einsum("fi,fi->f", np.cross(b - a, c - a), normals) < 0.0
+        simplices[inwards] = simplices[inwards][:, ::-1]
+    return Hull(normals, -hull.equations[:, -1], vertices, simplices, hull.volume)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -117,12 +124,20 @@ class WrenchSpace:
     @cached_property
     def vertices(self) -> FloatArray:
         """Points that the space is the convex hull of, the origin among them, shape (v, 6); see `volume`."""
-        origin = np.zeros((1, 6))
+        return self._points(slice(0, 6))
+
+    def projection(self, part: Literal["torque", "force"]) -> Hull | None:
+        """The torques, or the forces, of the wrenches in the space, in three dimensions; None where they are flat."""
+        return convex_hull(self._points(slice(0, 3) if part == "torque" else slice(3, 6)))
+
+    def _points(self, columns: slice) -> FloatArray:
+        """Points whose hull is that of some components of the wrenches, the origin among them."""
+        primitives = self.primitives[..., columns]
+        points = np.zeros((1, primitives.shape[2]))
         if self.norm == "L1":
-            return np.concatenate([origin, self.primitives.reshape(-1, 6)])
-        points = origin
-        for edges in self.primitives:
-            points = (points[:, None] + np.concatenate([origin, edges])).reshape(-1, 6)
+            return np.concatenate([points, primitives.reshape(-1, primitives.shape[2])])
+        for edges in primitives:
+            points = (points[:, None] + np.concatenate([np.zeros_like(points[:1]), edges])).reshape(-1, points.shape[1])
             hull = convex_hull(points)
             points = points if hull is None else hull.vertices
         return points
