@@ -1,7 +1,8 @@
 """Draws the diagrams of the documentation: the pose estimation by itself, and the simulated station around it.
 
-`diagram.GetGraphvizString()` shows a diagram whole. These pictures are for reading: what there is once for each finger
-is drawn once, as `<finger>`; what nothing is connected to is left out, and so are sources of noise and the scene graph.
+Both for a hand with fingertip sensors, and for one with tactile pads. `diagram.GetGraphvizString()` shows a diagram
+whole. These pictures are for reading: what there is once for each finger or pad is drawn once, as `<finger>` or
+`<pad>`; what nothing is connected to is left out, and so are sources of noise and the scene graph.
 """
 
 import re
@@ -50,16 +51,20 @@ def kind(system: System) -> str:
     return re.sub(r"<.*", "", system.GetSystemType()).split("::")[-1].split(".")[-1]
 
 
-def to_dot(diagram: Diagram, fingers: Sequence[str]) -> str:
+def to_dot(diagram: Diagram, endings: Sequence[str], ending: str) -> str:
     """A diagram in the language of Graphviz.
 
     Args:
         diagram: what to draw.
-        fingers: the endings of names that are drawn once.
+        endings: of names that are drawn once, where there is one with each of them.
+        ending: what they end in then.
     """
+    names = {system.get_name() for system in diagram.GetSystems()}
+    names |= {name for _, out, _, into in connections(diagram) for name in (out, into)}
 
     def once(name: str) -> str:
-        return re.sub(rf"(?<=_)({'|'.join(fingers)})$", "<finger>", name)
+        stem = re.sub(rf"(?<=_)({'|'.join(endings)})$", "", name)
+        return stem + ending if all(stem + each in names for each in endings) else name
 
     edges = {tuple(once(name) for name in edge) for edge in connections(diagram)}
     lines = [STYLE]
@@ -101,19 +106,24 @@ def box(name: str, title: str, inputs: Sequence[str], outputs: Sequence[str]) ->
 
 
 def main() -> None:
-    """Writes both pictures into docs/pictures, or the folder that is named."""
+    """Writes the pictures into docs/pictures, or the folder that is named."""
     try:
         from pygraphviz import AGraph
     except ImportError:
         sys.exit("draw_diagrams.py: pygraphviz is missing; `pip install pygraphviz` brings Graphviz with it.")
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else resource_root() / "docs" / "pictures"
-    scenario = load_scenario("shadow_like")
-    station = make_station(scenario)
-    pictures = {"pose_estimation": station.diagram.GetSubsystemByName("pose_estimation"), "station": station.diagram}
     folder.mkdir(parents=True, exist_ok=True)
-    for name, diagram in pictures.items():
-        picture = AGraph(to_dot(diagram, station.hand.fingers)).draw(format="svg", prog="dot")
-        (folder / f"{name}.svg").write_bytes(picture)
+    for scenario, suffix in (("shadow_like", ""), ("barrett_like", "_barrett")):
+        station = make_station(load_scenario(scenario))
+        fingers, pads = tuple(station.hand.sensor_frames), tuple(station.hand.pad_frames)
+        endings, ending = (fingers, "<finger>") if fingers else (pads, "<pad>")
+        pictures = {
+            "pose_estimation": station.diagram.GetSubsystemByName("pose_estimation"),
+            "station": station.diagram,
+        }
+        for name, diagram in pictures.items():
+            picture = AGraph(to_dot(diagram, endings, ending)).draw(format="svg", prog="dot")
+            (folder / f"{name}{suffix}.svg").write_bytes(picture)
 
 
 if __name__ == "__main__":

@@ -28,11 +28,11 @@ def arrows(picture: Path) -> list[str]:
     return sorted(re.findall(r"<title>([^<]*&#45;&gt;[^<]*)</title>", picture.read_text()))
 
 
-@pytest.mark.parametrize("name", ["pose_estimation.svg", "station.svg"])
+@pytest.mark.parametrize("name", ["pose_estimation", "station", "pose_estimation_barrett", "station_barrett"])
 def test_the_pictures_in_the_documentation_are_up_to_date(drawn: Path, name: str) -> None:
-    committed = resource_root() / "docs" / "pictures" / name
-    assert words(drawn / name) == words(committed)
-    assert arrows(drawn / name) == arrows(committed)
+    committed = resource_root() / "docs" / "pictures" / f"{name}.svg"
+    assert words(drawn / f"{name}.svg") == words(committed)
+    assert arrows(drawn / f"{name}.svg") == arrows(committed)
 
 
 def test_the_pictures_show_what_goes_in_and_comes_out(drawn: Path) -> None:
@@ -41,6 +41,15 @@ def test_the_pictures_show_what_goes_in_and_comes_out(drawn: Path) -> None:
     systems = {"wrench_&lt;finger&gt;": 1, "joint_positions": 3, "prior": 1, "object_pose": 1, "hypotheses": 1}
     for port, count in systems.items():
         assert shown.count(port) == 1 + count, port
+
+
+def test_what_there_is_for_each_pad_is_drawn_once(drawn: Path) -> None:
+    shown = words(drawn / "station_barrett.svg")
+    # The station's port, the estimation's; the array is a system.
+    assert shown.count("pressures_&lt;pad&gt;") == 2
+    assert shown.count("tactile_array_&lt;pad&gt;") == 1
+    assert not {f"pressures_{pad}" for pad in ("finger_1", "palm")} & set(shown)
+    assert "contacts_in_palm" in words(drawn / "pose_estimation_barrett.svg")
 
 
 def test_the_pictures_leave_out_noise_and_the_scene_graph(drawn: Path) -> None:
