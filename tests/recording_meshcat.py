@@ -21,7 +21,9 @@ class RecordingMeshcat:
     def SetObject(self, path: str, shape: object, rgba: object) -> None:
         self.objects[path] = shape
 
-    def SetTriangleMesh(self, path: str, vertices: np.ndarray, faces: np.ndarray, rgba: object) -> None:
+    def SetTriangleMesh(
+        self, path: str, vertices: np.ndarray, faces: np.ndarray, rgba: object, **wireframe: object
+    ) -> None:
         self.objects[path] = (vertices, faces, rgba)
 
     def SetTransform(self, path: str, pose: RigidTransform, time: float | None = None) -> None:

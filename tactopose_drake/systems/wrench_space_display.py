@@ -1,0 +1,64 @@
+"""The Meshcat display of the wrenches that a grasp can exert, as a system."""
+
+import dataclasses
+
+from pydrake.common.value import AbstractValue
+from pydrake.geometry import Meshcat
+from pydrake.math import RigidTransform
+from pydrake.systems.framework import Context, EventStatus, LeafSystem
+
+from tactopose_drake.core.grasp_quality import GraspQuality
+from tactopose_drake.core.validation import finite_array, positive_number
+from tactopose_drake.quality_visualization import draw_wrench_space
+from tactopose_drake.systems.ports import eval_optional_input
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class WrenchSpaceDisplayParams:
+    """Where and how large wrench spaces are displayed, and how often."""
+
+    period: float = 0.25  # s between two drawings
+    path: str = "/tactopose_wrenches"  # of all parts in Meshcat's tree
+    scale: float = 0.1  # length of 1 N, m
+    place: list[float] = dataclasses.field(default_factory=lambda: [0.0, 0.0, 0.3])  # of the origin in the world, m
+
+    def validate(self) -> None:
+        """Raises InvalidInputError if a value is out of its range."""
+        positive_number("WrenchSpaceDisplayParams.period", self.period)
+        positive_number("WrenchSpaceDisplayParams.scale", self.scale)
+        finite_array("WrenchSpaceDisplayParams.place", self.place, (3,))
+
+
+class WrenchSpaceDisplay(LeafSystem):
+    """Shows the forces (green) and torques (red) that the contacts can exert, as two hulls beside the hand.
+
+    .. pydrake_system::
+
+        name: WrenchSpaceDisplay
+        input_ports:
+        - quality
+
+    - quality: `GraspQuality`, or None while there is none; read once a period. The axes
+      are the object's. Hulls change their shape, which Meshcat cannot record: a recording holds the last ones.
+    """
+
+    def __init__(self, meshcat: Meshcat, params: WrenchSpaceDisplayParams | None = None) -> None:
+        """Keeps a reference to the display."""
+        super().__init__()
+        self._params = WrenchSpaceDisplayParams() if params is None else params
+        self._params.validate()
+        self._meshcat = meshcat
+        self._quality = self.DeclareAbstractInputPort("quality", AbstractValue.Make(None))
+        self.DeclareInitializationPublishEvent(self._place)
+        self.DeclarePeriodicPublishEvent(self._params.period, 0.0, self._draw)
+
+    def _place(self, context: Context) -> EventStatus:
+        self._meshcat.Delete(self._params.path)
+        self._meshcat.SetTransform(self._params.path, RigidTransform(self._params.place))
+        return EventStatus.Succeeded()
+
+    def _draw(self, context: Context) -> EventStatus:
+        quality = eval_optional_input(self._quality, context, GraspQuality)
+        if quality is not None:
+            draw_wrench_space(self._meshcat, self._params.path, quality.space, scale=self._params.scale)
+        return EventStatus.Succeeded()
