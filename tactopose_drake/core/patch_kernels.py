@@ -5,16 +5,25 @@ outside of it (side 1). The pad is misplaced by u = (turn, shift), in standard d
 the arm l from there is at l + sigma_rotation turn x l + sigma_position shift. u takes the value that makes the pad's
 cost least. It is found in O, where the distances are.
 
-`grid` is (values, origin, 1 / spacing); `pads` is (points (n, 3), sides (n,), weights (n,), starts (k + 1,), middles
-(k, 3)), where starts say where the cells of each pad begin, and that there are n; `sigmas` is (sigma_rotation,
-sigma_position). `cells` is a pad's part of the starts: unsigned, because loops over such numbers need no check for
-negative indices, which makes them many times as fast.
+`grid` is (values, origin, 1 / spacing); `pads` is (points (n, 3), normals (n, 3), traits (n, 4), starts (k + 1,),
+middles (k, 3)), where a cell's traits are its side, weight, depth and half its width, and starts say where the cells of
+each pad begin, and that there are n; `sigmas` is (sigma_rotation, sigma_position). The starts are unsigned, because
+loops over such numbers need no check for negative indices.
 """
+
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 
-from tactopose_drake.core.kernels import _SOFT_LENGTH, _cell, _extend, _interpolate, _to_object, _turn_translations
+from tactopose_drake.core.kernels import (
+    _SOFT_LENGTH,
+    _cell,
+    _interpolate,
+    _rotate_to_object,
+    _to_object,
+    _turn_translations,
+)
 
 _FAST = {"contract", "reassoc", "nsz", "arcp"}
 
@@ -26,18 +35,61 @@ _MOST_STEPS = 4
 _HOPELESS = 30.0
 
 
+class _Cells(NamedTuple):
+    """Scratch: n cells at one pose, in O.
+
+    Attributes:
+        arms: from the pad's middle, shape (n, 3).
+        outward: normals out of the pad, shape (n, 3).
+        places: where they are, misplaced, shape (n, 3).
+        clear: how far each that feels nothing is from the object where the pad is not misplaced, shape (n,).
+        weights: what each counts, 0 where it does not, shape (n,).
+        residual: weighted distances, shape (n,).
+        slopes: derivatives of the residual by the place: of the interpolated distance, shape (n, 3).
+        normals: the same along the interpolated normal, shape (n, 3).
+        by_pad, by_pose: derivatives of the residual by the misplacement and by the pose's (w, R^T v), shape (n, 6).
+    """
+
+    arms: Any
+    outward: Any
+    places: Any
+    clear: Any
+    weights: Any
+    residual: Any
+    slopes: Any
+    normals: Any
+    by_pad: Any
+    by_pose: Any
+
+
+class _Pad(NamedTuple):
+    """Scratch: a pad's misplacement.
+
+    Attributes:
+        middle: of the pad in O, shape (3,).
+        u: the misplacement, shape (6,).
+        g, H: gradient (6,) and Hessian (lower triangle of (6, 6)) of the pad's cost there.
+        L: a factor, shape (6, 6).
+        step, trial: shape (6,).
+    """
+
+    middle: Any
+    u: Any
+    g: Any
+    H: Any
+    L: Any
+    step: Any
+    trial: Any
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def patch_costs(grid, pads, sigmas, X, cost):  # type: ignore[no-untyped-def]
     """Half the sum of squares of the residuals of each pose, into cost (B,)."""
-    points, sides, weights, starts, middles = pads
-    arms, places, residual, slopes, _, rows = _scratch(len(points))
-    middle, u = np.empty(3), np.empty(6)
+    cells, pad = _scratch(len(pads[0]))
     for b in range(X.shape[0]):
         cost[b] = 0.0
-        for k in range(len(middles)):
-            cells = starts[k], starts[k + 1]
-            _enter(X[b], points, middles[k], cells, middle, arms)
-            cost[b] += _settle(grid, sides, weights, sigmas, cells, middle, arms, u, places, residual, slopes, rows)
+        for k in range(len(pads[4])):
+            cost[b] += _settle(grid, pads, k, sigmas, X[b], cells, pad)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -46,156 +98,160 @@ def patch_residuals(grid, pads, sigmas, X, residuals, jacobian):  # type: ignore
 
     How the misplacement follows the pose is Gauss and Newton's approximation, exact where the residuals vanish.
     """
-    points, sides, weights, starts, middles = pads
-    n = len(points)
-    arms, places, residual, slopes, normals, by_pad = _scratch(n)
-    by_pose, middle, u = np.empty((6, n)), np.empty(3), np.empty(6)
-    C, L, follow = np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6))
+    starts, n = pads[3], len(pads[0])
+    cells, pad = _scratch(n)
+    C, follow = np.empty((6, 6)), np.empty((6, 6))
     for b in range(X.shape[0]):
-        for k in range(len(middles)):
-            cells = starts[k], starts[k + 1]
-            _enter(X[b], points, middles[k], cells, middle, arms)
-            _settle(grid, sides, weights, sigmas, cells, middle, arms, u, places, residual, slopes, by_pad)
-            _misplace(middle, arms, sigmas, u, cells, places)
-            _look(grid, places, sides, weights, cells, residual, slopes, normals)
-            _make_rows(places, slopes, -1.0, -1.0, cells, by_pose)
-            for i in range(cells[0], cells[1]):  # From (w, R^T v) to (w, v).
-                x, y, z = by_pose[3, i], by_pose[4, i], by_pose[5, i]
-                for a in range(3):
-                    by_pose[3 + a, i] = X[b, a, 0] * x + X[b, a, 1] * y + X[b, a, 2] * z
-            _make_rows(arms, slopes, sigmas[0], sigmas[1], cells, by_pad)
-            _couple(by_pad, by_pose, cells, C, L)
+        residuals[b] = 0.0
+        jacobian[b] = 0.0
+        for k in range(len(pads[4])):
+            _settle(grid, pads, k, sigmas, X[b], cells, pad)
+            run = starts[k], starts[k + 1]
+            _make_rows(cells.slopes, sigmas, run, cells)
+            _couple(run, cells, C, pad.L)
             for c in range(6):
                 follow[c] = -C[:, c]
-                _solve(L, follow[c])
-            for i in range(cells[0], cells[1]):
-                residuals[b, i] = residual[i]
+                _solve(pad.L, follow[c])
+            for i in range(run[0], run[1]):
+                residuals[b, i] = cells.residual[i]
                 for c in range(6):
-                    jacobian[b, i, c] = by_pose[c, i]
+                    jacobian[b, i, c] = cells.by_pose[i, c]
                     for a in range(6):
-                        jacobian[b, i, c] += by_pad[a, i] * follow[c, a]
+                        jacobian[b, i, c] += cells.by_pad[i, a] * follow[c, a]
             for a in range(6):  # The misplacement in P.
                 m, row, first = n + 6 * k + a, a % 3, 3 * (a // 3)
-                residuals[b, m] = 0.0
-                jacobian[b, m] = 0.0
                 for e in range(3):
-                    residuals[b, m] += X[b, row, e] * u[first + e]
+                    residuals[b, m] += X[b, row, e] * pad.u[first + e]
                     for c in range(6):
                         jacobian[b, m, c] += X[b, row, e] * follow[c, first + e]
+        for i in range(residuals.shape[1]):  # From (w, R^T v) to (w, v).
+            x, y, z = jacobian[b, i, 3], jacobian[b, i, 4], jacobian[b, i, 5]
+            for a in range(3):
+                jacobian[b, i, 3 + a] = X[b, a, 0] * x + X[b, a, 1] * y + X[b, a, 2] * z
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def patch_normal_equations(grid, pads, sigmas, X, cost, gradient, hessian):  # type: ignore[no-untyped-def]
     """Cost (B,), gradient (B, 6), and the Gauss-Newton Hessian (B, 6, 6) along the smooth normals."""
-    points, sides, weights, starts, middles = pads
-    n = len(points)
-    arms, places, residual, slopes, normals, by_pad = _scratch(n)
-    by_pose, middle, u = np.empty((6, n)), np.empty(3), np.empty(6)
-    g, H, C, L, solved = np.empty(6), np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6)), np.empty(6)
+    starts = pads[3]
+    cells, pad = _scratch(len(pads[0]))
+    C, rest, g, H = np.empty((6, 6)), np.empty(6), np.empty(6), np.empty((6, 6))
     for b in range(X.shape[0]):
         cost[b] = 0.0
         g[:] = 0.0
         H[:] = 0.0
-        for k in range(len(middles)):
-            cells = starts[k], starts[k + 1]
-            _enter(X[b], points, middles[k], cells, middle, arms)
-            cost[b] += _settle(grid, sides, weights, sigmas, cells, middle, arms, u, places, residual, slopes, by_pad)
-            _misplace(middle, arms, sigmas, u, cells, places)
-            _look(grid, places, sides, weights, cells, residual, slopes, normals)
-            _make_rows(places, slopes, -1.0, -1.0, cells, by_pose)
-            _make_rows(arms, slopes, sigmas[0], sigmas[1], cells, by_pad)
-            _couple(by_pad, by_pose, cells, C, L)
-            _add_gradient(by_pose, residual, cells, g)
+        for k in range(len(pads[4])):
+            cost[b] += _settle(grid, pads, k, sigmas, X[b], cells, pad)
+            run = starts[k], starts[k + 1]
+            _make_rows(cells.slopes, sigmas, run, cells)
+            _couple(run, cells, C, pad.L)
             # The rest of the way to the least cost, by the local model.
-            solved[:] = u
-            _add_gradient(by_pad, residual, cells, solved)
-            _solve(L, solved)
+            rest[:] = pad.u
+            for i in range(run[0], run[1]):
+                for a in range(6):
+                    g[a] += cells.by_pose[i, a] * cells.residual[i]
+                    rest[a] += cells.by_pad[i, a] * cells.residual[i]
+            _solve(pad.L, rest)
             for c in range(6):
                 for a in range(6):
-                    g[c] -= C[a, c] * solved[a]
-            _make_rows(places, normals, -1.0, -1.0, cells, by_pose)
-            _make_rows(arms, normals, sigmas[0], sigmas[1], cells, by_pad)
-            _add_products(by_pose, by_pose, cells, H)
+                    g[c] -= C[a, c] * rest[a]
             # What the misplacement takes up is not known of the pose: the Schur complement.
-            _couple(by_pad, by_pose, cells, C, L)
-            for c in range(6):
-                solved[:] = C[:, c]
-                _solve(L, solved)
-                for e in range(6):
+            _look_along(grid, run, cells)
+            _make_rows(cells.normals, sigmas, run, cells)
+            _couple(run, cells, C, pad.L)
+            for i in range(run[0], run[1]):
+                if cells.weights[i] > 0.0:
                     for a in range(6):
-                        H[c, e] -= C[a, e] * solved[a]
+                        for c in range(a + 1):
+                            H[a, c] += cells.by_pose[i, a] * cells.by_pose[i, c]
+            for c in range(6):
+                rest[:] = C[:, c]
+                _solve(pad.L, rest)
+                for a in range(c, 6):
+                    for e in range(6):
+                        H[a, c] -= C[e, a] * rest[e]
         _turn_translations(X[b], g, H, gradient[b], hessian[b])
 
 
 @njit(cache=True)
 def _scratch(n):  # type: ignore[no-untyped-def]
-    """Room for n cells: arms, places (3, n), residual (n,), slopes, normals (3, n), rows (6, n)."""
-    return (np.empty((3, n)), np.empty((3, n)), np.empty(n), np.empty((3, n)), np.empty((3, n)), np.empty((6, n)))
+    """Room for n cells, and for a pad."""
+    cells = _Cells(
+        np.empty((n, 3)),
+        np.empty((n, 3)),
+        np.empty((n, 3)),
+        np.empty(n),
+        np.empty(n),
+        np.empty(n),
+        np.empty((n, 3)),
+        np.empty((n, 3)),
+        np.empty((n, 6)),
+        np.empty((n, 6)),
+    )
+    pad = _Pad(np.empty(3), np.empty(6), np.empty(6), np.empty((6, 6)), np.empty((6, 6)), np.empty(6), np.empty(6))
+    return cells, pad
 
 
 @njit(cache=True, error_model="numpy")
-def _enter(X, points, middle_P, cells, middle, arms):  # type: ignore[no-untyped-def]
-    """A pad in O at the pose X: its middle (3,), and the arms (3, n) from there to its cells."""
-    q = np.empty(3)
-    _to_object(X, middle_P, middle)
-    for i in range(cells[0], cells[1]):
-        _to_object(X, points[i], q)
+def _enter(pads, k, X, cells, pad):  # type: ignore[no-untyped-def]
+    """A pad in O at the pose X: its middle, its cells' arms and outward normals; nothing is known of them yet."""
+    points, normals, _, starts, middles = pads
+    _to_object(X, middles[k], pad.middle)
+    for i in range(starts[k], starts[k + 1]):
+        _to_object(X, points[i], cells.arms[i])
+        _rotate_to_object(X, normals[i], cells.outward[i])
+        cells.clear[i] = 0.0
         for a in range(3):
-            arms[a, i] = q[a] - middle[a]
+            cells.arms[i, a] -= pad.middle[a]
 
 
 @njit(cache=True, error_model="numpy", fastmath=_FAST)
-def _misplace(middle, arms, sigmas, u, cells, places):  # type: ignore[no-untyped-def]
-    """Where a misplaced pad's cells are, places (3, n)."""
+def _misplace(u, sigmas, run, cells, pad):  # type: ignore[no-untyped-def]
+    """Where the cells of a pad that is misplaced by u are."""
+    arms, places = cells.arms, cells.places
     x, y, z = sigmas[0] * u[0], sigmas[0] * u[1], sigmas[0] * u[2]
-    a, b, c = middle[0] + sigmas[1] * u[3], middle[1] + sigmas[1] * u[4], middle[2] + sigmas[1] * u[5]
-    for i in range(cells[0], cells[1]):
-        places[0, i] = a + arms[0, i] + y * arms[2, i] - z * arms[1, i]
-        places[1, i] = b + arms[1, i] + z * arms[0, i] - x * arms[2, i]
-        places[2, i] = c + arms[2, i] + x * arms[1, i] - y * arms[0, i]
+    a, b, c = pad.middle[0] + sigmas[1] * u[3], pad.middle[1] + sigmas[1] * u[4], pad.middle[2] + sigmas[1] * u[5]
+    for i in range(run[0], run[1]):
+        places[i, 0] = a + arms[i, 0] + y * arms[i, 2] - z * arms[i, 1]
+        places[i, 1] = b + arms[i, 1] + z * arms[i, 0] - x * arms[i, 2]
+        places[i, 2] = c + arms[i, 2] + x * arms[i, 1] - y * arms[i, 0]
 
 
 @njit(cache=True, error_model="numpy", fastmath=_FAST)
-def _look(grid, places, sides, weights, cells, residual, slopes, normals):  # type: ignore[no-untyped-def]
-    """The weighted distances at places (3, n), or 0 where they do not count, residual (n,), and their derivatives.
+def _slack(slope, outward, depth, width):  # type: ignore[no-untyped-def]
+    """How far a pressed cell's point may be from a surface that only a part of the cell feels, see `PatchCells`."""
+    dot, square = 0.0, 0.0
+    for a in range(3):
+        dot -= slope[a] * outward[a]
+        square += slope[a] * slope[a]
+    along = max(square - dot * dot, 0.0)
+    dot = max(dot, 0.0)
+    if width * width * along <= depth * depth * dot * dot:
+        return 0.0
+    return (np.sqrt(width * np.sqrt(along)) - np.sqrt(depth * dot)) ** 2
 
-    slopes (3, n) are those of the interpolated distance, normals (3, n) those along the interpolated normal.
+
+@njit(cache=True, error_model="numpy", fastmath=_FAST)
+def _look(grid, traits, run, cells, pad):  # type: ignore[no-untyped-def]
+    """The cells' weights at their places, the residuals, and the slopes of these.
+
+    A cell that feels nothing does not count before it has come as far as it was clear of the object.
     """
     values, origin, inverse_spacing = grid
     flat = values.reshape(-1)
     nx, ny, nz = values.shape[0], values.shape[1], values.shape[2]
     sy, sx = np.uintp(4 * nz), np.uintp(4 * nz * ny)
-    field, slope = np.empty(4), np.zeros((4, 3))
-    for i in range(cells[0], cells[1]):
-        ix, fx, ox = _cell(places[0, i], origin[0], inverse_spacing, nx - 1.0)
-        iy, fy, oy = _cell(places[1, i], origin[1], inverse_spacing, ny - 1.0)
-        iz, fz, oz = _cell(places[2, i], origin[2], inverse_spacing, nz - 1.0)
-        at = np.uintp(4 * ((ix * ny + iy) * nz + iz))
-        for c in range(1, 4):
-            field[c] = _interpolate(flat, at + np.uintp(c), sx, sy, fx, fy, fz)[0]
-        field[0], dx, dy, dz = _interpolate(flat, at, sx, sy, fx, fy, fz)
-        slope[0, 0], slope[0, 1], slope[0, 2] = dx * inverse_spacing, dy * inverse_spacing, dz * inverse_spacing
-        if ox != 0.0 or oy != 0.0 or oz != 0.0:
-            _extend(field, slope, ox, oy, oz, inverse_spacing)
-        weight = weights[i] if sides[i] * field[0] >= 0.0 else 0.0
-        length = weight / np.sqrt(field[1] ** 2 + field[2] ** 2 + field[3] ** 2 + _SOFT_LENGTH**2)
-        residual[i] = weight * field[0]
+    places, slopes = cells.places, cells.slopes
+    for i in range(run[0], run[1]):
+        moved = 0.0
         for a in range(3):
-            slopes[a, i] = weight * slope[0, a]
-            normals[a, i] = length * field[1 + a]
-
-
-@njit(cache=True, error_model="numpy", fastmath=_FAST)
-def _look_for_slopes(grid, places, sides, weights, cells, residual, slopes):  # type: ignore[no-untyped-def]
-    """As `_look`, without the normals."""
-    values, origin, inverse_spacing = grid
-    flat = values.reshape(-1)
-    nx, ny, nz = values.shape[0], values.shape[1], values.shape[2]
-    sy, sx = np.uintp(4 * nz), np.uintp(4 * nz * ny)
-    for i in range(cells[0], cells[1]):
-        ix, fx, ox = _cell(places[0, i], origin[0], inverse_spacing, nx - 1.0)
-        iy, fy, oy = _cell(places[1, i], origin[1], inverse_spacing, ny - 1.0)
-        iz, fz, oz = _cell(places[2, i], origin[2], inverse_spacing, nz - 1.0)
+            moved += (places[i, a] - pad.middle[a] - cells.arms[i, a]) ** 2
+        if moved < cells.clear[i] ** 2:
+            cells.weights[i] = cells.residual[i] = slopes[i, 0] = slopes[i, 1] = slopes[i, 2] = 0.0
+            continue
+        ix, fx, ox = _cell(places[i, 0], origin[0], inverse_spacing, nx - 1.0)
+        iy, fy, oy = _cell(places[i, 1], origin[1], inverse_spacing, ny - 1.0)
+        iz, fz, oz = _cell(places[i, 2], origin[2], inverse_spacing, nz - 1.0)
         at = np.uintp(4 * ((ix * ny + iy) * nz + iz))
         distance, dx, dy, dz = _interpolate(flat, at, sx, sy, fx, fy, fz)
         dx, dy, dz = dx * inverse_spacing, dy * inverse_spacing, dz * inverse_spacing
@@ -203,81 +259,124 @@ def _look_for_slopes(grid, places, sides, weights, cells, residual, slopes):  # 
             way = np.sqrt(ox * ox + oy * oy + oz * oz)
             distance += way / inverse_spacing
             dx, dy, dz = ox / way if ox != 0.0 else dx, oy / way if oy != 0.0 else dy, oz / way if oz != 0.0 else dz
-        weight = weights[i] if sides[i] * distance >= 0.0 else 0.0
-        residual[i] = weight * distance
-        slopes[0, i], slopes[1, i], slopes[2, i] = weight * dx, weight * dy, weight * dz
+        slopes[i, 0], slopes[i, 1], slopes[i, 2] = dx, dy, dz
+        side, weight = traits[i, 0], traits[i, 1]
+        if side * distance < 0.0:
+            if moved == 0.0:
+                cells.clear[i] = max(distance, 0.0)
+            weight = 0.0
+        elif side >= 0.0:
+            slack = _slack(slopes[i], cells.outward[i], traits[i, 2], traits[i, 3])
+            if slack > 0.0:
+                weight /= np.sqrt(1.0 + (weight * slack) ** 2 / 3.0)
+        cells.weights[i], cells.residual[i] = weight, weight * distance
+        for a in range(3):
+            slopes[i, a] *= weight
 
 
 @njit(cache=True, error_model="numpy", fastmath=_FAST)
-def _make_rows(levers, directions, turn, shift, cells, rows):  # type: ignore[no-untyped-def]
-    """The derivatives rows (6, n) by a turn and a shift of points at levers (3, n), given those by the points."""
-    for i in range(cells[0], cells[1]):
-        x, y, z = directions[0, i], directions[1, i], directions[2, i]
-        rows[0, i] = turn * (levers[1, i] * z - levers[2, i] * y)
-        rows[1, i] = turn * (levers[2, i] * x - levers[0, i] * z)
-        rows[2, i] = turn * (levers[0, i] * y - levers[1, i] * x)
-        rows[3, i], rows[4, i], rows[5, i] = shift * x, shift * y, shift * z
+def _look_along(grid, run, cells):  # type: ignore[no-untyped-def]
+    """The normals at the places."""
+    values, origin, inverse_spacing = grid
+    flat = values.reshape(-1)
+    nx, ny, nz = values.shape[0], values.shape[1], values.shape[2]
+    sy, sx = np.uintp(4 * nz), np.uintp(4 * nz * ny)
+    places, normals = cells.places, cells.normals
+    for i in range(run[0], run[1]):
+        if cells.weights[i] == 0.0:
+            normals[i, 0] = normals[i, 1] = normals[i, 2] = 0.0
+            continue
+        ix, fx, _ = _cell(places[i, 0], origin[0], inverse_spacing, nx - 1.0)
+        iy, fy, _ = _cell(places[i, 1], origin[1], inverse_spacing, ny - 1.0)
+        iz, fz, _ = _cell(places[i, 2], origin[2], inverse_spacing, nz - 1.0)
+        at = np.uintp(4 * ((ix * ny + iy) * nz + iz))
+        square = _SOFT_LENGTH**2
+        for a in range(3):
+            normals[i, a] = _interpolate(flat, at + np.uintp(1 + a), sx, sy, fx, fy, fz)[0]
+            square += normals[i, a] ** 2
+        for a in range(3):
+            normals[i, a] *= cells.weights[i] / np.sqrt(square)
+
+
+@njit(cache=True, inline="always")
+def _row(lever, direction, turn, shift, row):  # type: ignore[no-untyped-def]
+    """The derivatives (6,) by a turn and a shift of a point at the lever (3,), given those by the point (3,)."""
+    x, y, z = direction[0], direction[1], direction[2]
+    row[0] = turn * (lever[1] * z - lever[2] * y)
+    row[1] = turn * (lever[2] * x - lever[0] * z)
+    row[2] = turn * (lever[0] * y - lever[1] * x)
+    row[3], row[4], row[5] = shift * x, shift * y, shift * z
 
 
 @njit(cache=True, error_model="numpy", fastmath=_FAST)
-def _add_products(A, B, cells, out):  # type: ignore[no-untyped-def]
-    """Adds A B^T over a pad's cells, of rows (6, n), to out (6, 6)."""
-    for a in range(6):
-        for c in range(6):
-            total = 0.0
-            for i in range(cells[0], cells[1]):
-                total += A[a, i] * B[c, i]
-            out[a, c] += total
+def _make_rows(directions, sigmas, run, cells):  # type: ignore[no-untyped-def]
+    """The derivatives by misplacement and pose, given those by the places: the directions (n, 3)."""
+    for i in range(run[0], run[1]):
+        _row(cells.arms[i], directions[i], sigmas[0], sigmas[1], cells.by_pad[i])
+        _row(cells.places[i], directions[i], -1.0, -1.0, cells.by_pose[i])
 
 
 @njit(cache=True, error_model="numpy", fastmath=_FAST)
-def _add_gradient(rows, residual, cells, g):  # type: ignore[no-untyped-def]
-    """Adds rows (6, n) times residual (n,) over a pad's cells to g (6,)."""
-    for a in range(6):
-        for i in range(cells[0], cells[1]):
-            g[a] += rows[a, i] * residual[i]
-
-
-@njit(cache=True)
-def _couple(by_pad, by_pose, cells, C, L):  # type: ignore[no-untyped-def]
+def _couple(run, cells, C, L):  # type: ignore[no-untyped-def]
     """A pad's second derivatives: C (6, 6) by misplacement and pose, and the factor L of that by the misplacement."""
     C[:] = 0.0
-    _add_products(by_pad, by_pose, cells, C)
-    L[:] = np.eye(6)
-    _add_products(by_pad, by_pad, cells, L)
+    L[:] = 0.0
+    for a in range(6):
+        L[a, a] = 1.0
+    for i in range(run[0], run[1]):
+        if cells.weights[i] > 0.0:
+            for a in range(6):
+                for c in range(6):
+                    C[a, c] += cells.by_pad[i, a] * cells.by_pose[i, c]
+                for c in range(a + 1):
+                    L[a, c] += cells.by_pad[i, a] * cells.by_pad[i, c]
     _factor(L)
 
 
 @njit(cache=True, error_model="numpy", fastmath=_FAST)
-def _settle(  # type: ignore[no-untyped-def]
-    grid, sides, weights, sigmas, cells, middle, arms, u, places, residual, slopes, rows
-):
-    """A pad's least cost over its misplacement, which goes into u (6,), by Levenberg and Marquardt's steps from 0."""
-    H, L, g, step, trial = np.empty((6, 6)), np.empty((6, 6)), np.empty(6), np.empty(6), np.zeros(6)
-    u[:] = 0.0
-    cost, damping = np.inf, 0.0
+def _expand(sigmas, run, cells, pad):  # type: ignore[no-untyped-def]
+    """The gradient and Gauss-Newton Hessian of a pad's cost by its misplacement."""
+    g, H = pad.g, pad.H
+    H[:] = 0.0
+    for a in range(6):
+        H[a, a], g[a] = 1.0, pad.u[a]
+    for i in range(run[0], run[1]):
+        if cells.weights[i] > 0.0:
+            row = cells.by_pad[i]
+            _row(cells.arms[i], cells.slopes[i], sigmas[0], sigmas[1], row)
+            for a in range(6):
+                g[a] += row[a] * cells.residual[i]
+                for c in range(a + 1):
+                    H[a, c] += row[a] * row[c]
+
+
+@njit(cache=True, error_model="numpy", fastmath=_FAST)
+def _settle(grid, pads, k, sigmas, X, cells, pad):  # type: ignore[no-untyped-def]
+    """A pad's least cost over its misplacement, by Levenberg and Marquardt's steps from 0; leaves the cells there."""
+    u, g, L, step, trial = pad.u, pad.g, pad.L, pad.step, pad.trial
+    traits, run = pads[2], (pads[3][k], pads[3][k + 1])
+    _enter(pads, k, X, cells, pad)
+    trial[:] = 0.0
+    cost, damping, rejected = np.inf, 0.0, False
     for tried in range(_MOST_STEPS + 1):
-        _misplace(middle, arms, sigmas, trial, cells, places)
-        _look_for_slopes(grid, places, sides, weights, cells, residual, slopes)
+        _misplace(trial, sigmas, run, cells, pad)
+        _look(grid, traits, run, cells, pad)
         there = 0.0
-        for i in range(cells[0], cells[1]):
-            there += residual[i] * residual[i]
+        for i in range(run[0], run[1]):
+            there += cells.residual[i] ** 2
         for a in range(6):
-            there += trial[a] * trial[a]
+            there += trial[a] ** 2
         there *= 0.5
-        if there < cost:
+        rejected = not there < cost
+        if rejected:
+            damping = max(10.0 * damping, 1.0)
+        else:
             cost, damping = there, 0.1 * damping
             u[:] = trial
-            _make_rows(arms, slopes, sigmas[0], sigmas[1], cells, rows)
-            H[:] = np.eye(6)
-            _add_products(rows, rows, cells, H)
-            g[:] = u
-            _add_gradient(rows, residual, cells, g)
-        else:
-            damping = max(10.0 * damping, 1.0)
+            _expand(sigmas, run, cells, pad)
         for a in range(6):
             for c in range(a + 1):
-                L[a, c] = H[a, c]
+                L[a, c] = pad.H[a, c]
             L[a, a] *= 1.0 + damping
             step[a] = -g[a]
         _factor(L)
@@ -287,11 +386,13 @@ def _settle(  # type: ignore[no-untyped-def]
             promise -= 0.5 * g[a] * step[a]
             trial[a] = u[a] + step[a]
         if promise < _LEAST_PROMISE:
-            u[:] = trial
             cost -= promise
             break
         if tried > 0 and cost > _HOPELESS:
             break
+    if rejected:
+        _misplace(u, sigmas, run, cells, pad)
+        _look(grid, traits, run, cells, pad)
     return cost
 
 

@@ -7,11 +7,13 @@ Source: [B16] J. Bimbo, thesis, 2016, sections 5.2.1 to 5.2.3.
 """
 
 import dataclasses
+import functools
 import math
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import cKDTree
 
 from tactopose_drake.core.validation import FloatArray, finite_array, positive_number, unit_vectors
 from tactopose_drake.errors import InvalidInputError
@@ -87,6 +89,14 @@ class Patch:
     def dead(self) -> NDArray[np.bool_]:
         """Cells that say nothing, shape (n,)."""
         return np.isnan(self.pressure)
+
+    @functools.cached_property
+    def half_pitch(self) -> float:
+        """Half of the usual distance from a cell to the next: how far each feels to its sides, m; 0 for one cell."""
+        if len(self.p_PT) < 2:
+            return 0.0
+        gaps = np.asarray(cKDTree(self.p_PT).query(self.p_PT, k=2)[0])
+        return 0.5 * float(np.median(gaps[:, 1]))
 
     @property
     def points(self) -> FloatArray:

@@ -3,7 +3,6 @@
 import dataclasses
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from tactopose_drake.core.patches import Patch
 from tactopose_drake.core.poses import make_poses
@@ -52,10 +51,8 @@ def sensing_box(patch: Patch, *, thickness: float, height: float) -> SensingBox:
     x = np.linalg.svd(flat - np.outer(flat @ z, z))[2][0]
     R_PB = np.stack([x, np.cross(z, x), z], axis=1)
     cells = (patch.p_PT - middle) @ R_PB
-    gaps = np.asarray(cKDTree(patch.p_PT).query(patch.p_PT, k=2)[0])
-    half_pitch = 0.5 * float(np.median(gaps[:, 1]))
     floor = cells[:, 2].min() - thickness
-    margin = np.array([half_pitch, half_pitch, height])
+    margin = np.array([patch.half_pitch, patch.half_pitch, height])
     shift = np.array([0.0, 0.0, floor])
     lower = np.minimum(cells.min(axis=0), [np.inf, np.inf, floor]) - shift - margin
     upper = cells.max(axis=0) - shift + margin

@@ -165,6 +165,12 @@ def test_dead_and_saturated_cells_are_named() -> None:
     np.testing.assert_allclose(patch.eigenvectors, alone.eigenvectors, atol=1e-12)
 
 
+def test_half_the_pitch_is_how_far_a_cell_feels_to_its_sides() -> None:
+    pad = np.array([[x, y, 0.0] for x in (0.0, 0.006, 0.012) for y in (0.0, 0.005, 0.010)])
+    assert tp.describe_patch(pad, np.ones(9), alpha=1e-7).half_pitch == pytest.approx(0.0025)
+    assert tp.describe_patch(pad[:1], np.ones(1), alpha=1e-7).half_pitch == 0.0
+
+
 def test_without_normals_one_row_of_cells_is_enough() -> None:
     patch = tp.describe_patch(CELLS[[0, 3, 6]], np.full(3, 1e4), alpha=ALPHA)
     np.testing.assert_allclose(patch.points[:, 2], 1e-3)

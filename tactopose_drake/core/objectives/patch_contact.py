@@ -24,15 +24,23 @@ class PatchCells:
     undeformed pad. A cell that feels none has at most the threshold's depth: phi(q) >= 0 there; a saturated one at
     least the depth that it shows: phi(q) <= 0. A dead cell says nothing.
 
-    The noise: each depth is off by a Gaussian of sigma_depth and of a share of itself, independent of the others. All
-    cells of a pad are off together, because hand and mounting misplace it: shifted by sigma_position along, and turned
-    by sigma_rotation about, each axis. With u (6,) this misplacement in standard deviations, a pad's cost is the least
-    over u of
+    The noise: each depth is off by a Gaussian of sigma_depth and of a share of itself, independent of the others. A
+    cell feels the mean over its area, which is the depth at its middle where the surface is flat and covers the cell.
+    Where only a part of the cell is touched, the middle may be off. Of a flat surface that leans by the angle t, a cell
+    of half the width h that shows the depth p feels only the lower part if p < h tan t; its mean is then
+    (d + h tan t)^2 / (4 h tan t), with d the depth at the middle, so that phi(q) = (sqrt(h sin t) - sqrt(p cos t))^2.
+    Where the surface ends on the cell at an edge, phi(q) is anything between 0 and that. So this length, with the angle
+    between the pad's normal and the gradient of phi, is where an even distribution ends; its mean square, a third of
+    the length's, adds to the variance. Derivatives take it for constant.
+
+    All cells of a pad are off together, because hand and mounting misplace it: shifted by sigma_position along, and
+    turned by sigma_rotation about, each axis. With u (6,) this misplacement in standard deviations, a pad's cost is the
+    least over u of
 
         1/2 |u|^2 + 1/2 sum_i (phi(q_i(u)) / sigma_i)^2
 
-    over the cells that count: those pressed, and those that contradict their inequality. Where all are pressed and the
-    surface is flat that is exactly the negative log of the likelihood with u integrated out, up to a constant; for an
+    over the cells that count: those pressed, and those that contradict their inequality. Where all are pressed by one
+    flat surface that is exactly the negative log of the likelihood with u integrated out, up to a constant; for an
     inequality it bounds the negative log of the probability that noise explains it (Chernoff). Without u the many cells
     of a pad would outvote the error that they share, and an edge that is off by a millimetre would count once a cell.
     Where a pad costs more than 30, which no noise explains, u is sought for one step only: the cost is an upper bound.
@@ -49,15 +57,14 @@ class PatchCells:
         sigma_rotation: float,
     ) -> None:
         pads = [_pad_cells(patch, sigma_depth, share) for patch in patches]
-        points, sides, weights = (
-            np.concatenate([empty, *(pad[i] for pad in pads)])
-            for i, empty in enumerate([np.empty((0, 3)), np.empty(0), np.empty(0)])
+        points, normals, traits = (
+            np.concatenate([np.empty((0, width)), *(pad[i] for pad in pads)]) for i, width in enumerate([3, 3, 4])
         )
         starts = np.cumsum([0, *(len(pad[1]) for pad in pads)], dtype=np.uintp)
         middles = np.array([patch.p_PT.mean(axis=0) for patch in patches]).reshape(-1, 3)
         self._arguments = (
             (grid.values, grid.origin, 1.0 / grid.spacing),
-            (points, sides, weights, starts, middles),
+            (points, normals, traits, starts, middles),
             (sigma_rotation, sigma_position),
         )
         self._rows = len(points) + 6 * len(pads)
@@ -142,9 +149,10 @@ class PatchContact(SumObjective):
 
 
 def _pad_cells(patch: Patch, sigma_depth: float, share: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """The points (n, 3), sides (n,) and weights (n,) of a pad's live cells, see `patch_kernels`."""
+    """The points (n, 3), normals (n, 3) and traits (n, 4) of a pad's live cells, see `patch_kernels`."""
     live = ~patch.dead
     depth = patch.alpha * np.maximum(patch.pressure[live], patch.threshold)
     points = patch.p_PT[live] - depth[:, None] * patch.n_PT[live]
     sides = np.where(patch.saturated[live], 1.0, np.where(patch.active[live], 0.0, -1.0))
-    return points, sides, 1.0 / np.hypot(sigma_depth, share * depth)
+    weights, widths = 1.0 / np.hypot(sigma_depth, share * depth), np.full(len(depth), patch.half_pitch)
+    return points, patch.n_PT[live], np.stack([sides, weights, depth, widths], axis=1)

@@ -141,6 +141,39 @@ def test_cells_that_feel_nothing_saturated_and_dead_ones(slab: ObjectModel) -> N
     np.testing.assert_allclose(cost(1e4, -0.001 - two_sigma, saturation=1e4), 0.0)
 
 
+@pytest.mark.parametrize("turn", [0.0, 0.3])
+def test_a_cell_that_is_touched_in_part_says_less_of_where_its_middle_is(slab: ObjectModel, turn: float) -> None:
+    """A cell 10 mm wide beside the slab, and over it."""
+    alone = NOISE | {"sigma_position": 0.0, "sigma_rotation": 0.0}
+    sigma, half, depth = math.hypot(NOISE["sigma_depth"], NOISE["share"] * 3e-4), 0.005, 3e-4
+    X_PO = make_poses(exp_so3(np.array([[0.0, 0.0, turn]])), np.array([[0.01, 0.02, 0.03]]))
+
+    def cost(p_OT: list[float], n_OT: list[float]) -> float:
+        """Of one cell that shows the depth; its neighbour is dead."""
+        points = np.array([p_OT, [p_OT[0], p_OT[1] + 2 * half, p_OT[2]]])
+        patch = describe_patch(
+            transform_points(X_PO[0], points),
+            [depth / ALPHA, math.nan],
+            alpha=ALPHA,
+            n_PT=np.array([n_OT, n_OT]) @ X_PO[0, :, :3].T,
+        )
+        return float(PatchCells(slab.grid, [patch], **alone).cost(X_PO)[0])
+
+    def expected(phi: float, slack: float) -> float:
+        return float(0.5 * phi**2 / (sigma**2 + slack**2 / 3))
+
+    # Beside the slab: its side may be anywhere on the cell.
+    beside = [cost([0.1 + way, 0.0, -0.010], [0.0, 0.0, -1.0]) for way in (0.001, 0.004, 0.02)]
+    np.testing.assert_allclose(beside, [expected(way, half) for way in (0.001, 0.004, 0.02)], rtol=0.02)
+    # Over the face nothing is lost, though it is as far away; on a pad that leans, what the formula says.
+    assert cost([0.0, 0.0, 0.001 - depth], [0.0, 0.0, -1.0]) == pytest.approx(expected(0.001, 0.0), rel=1e-3)
+    for lean, is_covered in ((0.04, True), (0.2, False)):
+        out = np.array([math.sin(lean), 0.0, -math.cos(lean)])
+        slack = (math.sqrt(half * math.sin(lean)) - math.sqrt(depth * math.cos(lean))) ** 2
+        middle = list(np.array([0.0, 0.0, 0.001]) + depth * out)
+        assert cost(middle, list(out)) == pytest.approx(expected(0.001, 0.0 if is_covered else slack), rel=1e-3)
+
+
 def test_the_cost_is_half_the_sum_of_squares(angular: ObjectModel) -> None:
     X_PO, patches = pads_on(angular, 3)
     objective = PatchContact(angular.grid, patches)
