@@ -26,13 +26,12 @@ class FingertipWeights:
         self._plant, self._context, self._frames = plant, plant.CreateDefaultContext(), hand.sensor_frames
         self._g_Base = R_WBase.inverse() @ _GRAVITY_W
         self._paths = JointPaths(plant, plant.world_frame())
-        self._mass: dict[str, float] = {}
-        self._p_STipcm: dict[str, FloatArray] = {}
+        self._per_gravity: dict[str, FloatArray] = {}  # (6, 3): the weight's wrench is this times gravity in S
         for finger, weld in hand.welds.items():
             tip = weld.child_body()
             X_STip = plant.CalcRelativeTransform(self._context, self._frames[finger], tip.body_frame())
-            self._mass[finger] = tip.get_mass(self._context)
-            self._p_STipcm[finger] = X_STip @ tip.CalcCenterOfMassInBodyFrame(self._context)
+            mass, p_STipcm = tip.get_mass(self._context), X_STip @ tip.CalcCenterOfMassInBodyFrame(self._context)
+            self._per_gravity[finger] = np.column_stack([weight_wrench(mass, p_STipcm, axis) for axis in np.eye(3)])
 
     def wrenches(self, q: FloatArray) -> dict[str, FloatArray]:
         """The weight of each fingertip about the origin of its sensor's frame S, in S, by finger.
@@ -47,7 +46,9 @@ class FingertipWeights:
         self._plant.SetPositions(self._context, np.nan_to_num(q))
         wrenches = {}
         for finger, frame in self._frames.items():
-            R_SBase = frame.CalcRotationMatrixInWorld(self._context).inverse()
-            wrench = weight_wrench(self._mass[finger], self._p_STipcm[finger], R_SBase @ self._g_Base)
-            wrenches[finger] = wrench if known[int(frame.body().index())] else np.full(6, np.nan)
+            if known[int(frame.body().index())]:
+                g_S = frame.CalcRotationMatrixInWorld(self._context).matrix().T @ self._g_Base
+                wrenches[finger] = self._per_gravity[finger] @ g_S
+            else:
+                wrenches[finger] = np.full(6, np.nan)
         return wrenches

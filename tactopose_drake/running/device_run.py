@@ -44,7 +44,7 @@ def run_devices(
         devices = CanDevices(senses, live_buses(senses), None if recording is None else recording.logs)
         known = {name: signal for name, signal in signals.items() if name != TRUE_POSE}
         station = make_hardware_station(scenario, devices, known, model=model)
-        _warm_up(station)
+        warm_up(station)
         if rig is not None:
             parts.enter_context(rig)
         parts.enter_context(devices)
@@ -98,7 +98,7 @@ def _start(station: HardwareStation, true_pose: Signal | None, recording: Record
     return simulator
 
 
-def _warm_up(station: HardwareStation) -> None:
+def warm_up(station: HardwareStation) -> None:
     """One estimate of a made-up touch: it compiles the kernels, and prepares the model for the search.
 
     It takes seconds, for which a robot would otherwise wait in the middle of its first grasp.

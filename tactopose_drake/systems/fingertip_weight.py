@@ -37,9 +37,9 @@ class FingertipWeight(LeafSystem):
             num_positions: of the hand's joints.
         """
         super().__init__()
-        self._weights = weights
+        self._weights, self._fingers = weights, fingers
         self._positions = self.DeclareVectorInputPort("joint_positions", num_positions)
-        self._at_tare = self.DeclareDiscreteState(np.full(num_positions, np.nan))
+        self._at_tare = self.DeclareDiscreteState(np.full(6 * len(fingers), np.nan))
         self.DeclareInitializationUnrestrictedUpdateEvent(self._remember)
         self._turned = self.DeclareCacheEntry(
             "what the weights have changed by since the tare, by finger",
@@ -60,11 +60,12 @@ class FingertipWeight(LeafSystem):
         )
 
     def _calc_turned(self, context: Context, cached: AbstractValue) -> None:
+        at_tare = context.get_discrete_state(self._at_tare).value().reshape(-1, 6)
         now = self._weights.wrenches(self._positions.Eval(context))
-        at_tare = self._weights.wrenches(context.get_discrete_state(self._at_tare).value())
-        cached.set_value({finger: now[finger] - at_tare[finger] for finger in now})
+        cached.set_value({finger: now[finger] - at_tare[k] for k, finger in enumerate(self._fingers)})
 
     def _remember(self, context: Context, state: State) -> EventStatus:
-        q_tare = self._positions.Eval(context)
-        state.get_mutable_discrete_state(self._at_tare).SetFromVector(q_tare)
+        now = self._weights.wrenches(self._positions.Eval(context))
+        at_tare = np.concatenate([now[finger] for finger in self._fingers])
+        state.get_mutable_discrete_state(self._at_tare).SetFromVector(at_tare)
         return EventStatus.Succeeded()

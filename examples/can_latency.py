@@ -1,0 +1,155 @@
+"""How long a frame on the bus takes to become a contact, and whether five boards and the estimate keep up.
+
+Five simulated NETCANOEM boards run in a process of their own, on a multicast bus, and feel what the hand of the
+scenario `shadow_like_can` feels in a simulated grasp. Here the whole chain runs on one core: decoding, contacts at
+every look at the sensors, and the estimate 20 times a second.
+
+    python examples/can_latency.py --duration 20
+"""
+
+import argparse
+import dataclasses
+import math
+import multiprocessing
+import os
+import time
+from multiprocessing.connection import Connection
+
+import numpy as np
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context, EventStatus
+
+from tactopose_drake.can_devices import CanDevices, live_buses
+from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.hardware_station import HardwareStation, make_hardware_station
+from tactopose_drake.running.device_run import warm_up
+from tactopose_drake.running.rehearsal import rehearse
+from tactopose_drake.running.simulated_devices import Loads, SimulatedRig, simulated_loads
+from tactopose_drake.scenario import Scenario, load_scenario
+from tactopose_drake.senses import CanBus
+
+
+@dataclasses.dataclass(frozen=True)
+class Report:
+    """What was measured.
+
+    Attributes:
+        real_time_factor: time of the diagram over time of the clock.
+        samples_per_second: of all boards together.
+        core: share of a core that this process took, bus and all.
+        latency: of each sample that became a contact, from its last frame's arrival at the socket, s.
+        estimates: how many were made.
+    """
+
+    real_time_factor: float
+    samples_per_second: float
+    core: float
+    latency: np.ndarray
+    estimates: int
+
+
+def make_scenario() -> Scenario:
+    """Five boards at 200 samples/s, on a bus that is confined to this machine."""
+    scenario = load_scenario("shadow_like_can")
+    options = {"port": 20_000 + os.getpid() % 20_000, "hop_limit": 0}
+    bus = CanBus(interface="udp_multicast", channel="239.74.163.2", options=options)
+    scenario.senses.buses = dict.fromkeys(scenario.senses.buses, bus)
+    scenario.estimation.estimator.period = 0.05
+    return scenario
+
+
+def serve(scenario_options: dict, loads: Loads, core: int | None, pipe: Connection) -> None:
+    """The boards, in a process of their own: says when they are there, is told the origin, and ends with the pipe."""
+    if core is not None:
+        os.sched_setaffinity(0, {core})
+    scenario = make_scenario()
+    for bus in scenario.senses.buses.values():
+        bus.options = scenario_options
+    with SimulatedRig(scenario, loads) as rig:
+        pipe.send("ready")
+        rig.origin = pipe.recv()
+        pipe.recv()
+
+
+def measure(duration: float, pinned: bool) -> Report:
+    """Runs the chain for `duration` s of the diagram's time; pinned to a core, the boards to another."""
+    scenario = make_scenario()
+    model = ObjectModel.from_mesh(scenario.object_mesh())
+    felt = rehearse(scenario, model)
+    loads = simulated_loads(scenario, felt)
+    cores = sorted(os.sched_getaffinity(0))
+    pinned = pinned and len(cores) > 1
+    here, there = multiprocessing.Pipe()
+    (bus,) = scenario.senses.buses.values()
+    arguments = (bus.options, loads, cores[-1] if pinned else None, there)
+    boards = multiprocessing.get_context("spawn").Process(target=serve, args=arguments)
+    boards.start()
+    try:
+        here.recv()
+        if pinned:
+            os.sched_setaffinity(0, {cores[0]})
+        devices = CanDevices(scenario.senses, live_buses(scenario.senses))
+        known = {name: felt[name] for name in ("joint_positions", "prior")}
+        station = make_hardware_station(scenario, devices, known, model=model)
+        warm_up(station)
+        with devices:
+            devices.tare(scenario.senses.tare_samples)
+            here.send(devices.start())
+            return run(station, devices, duration)
+    finally:
+        os.sched_setaffinity(0, set(cores))
+        here.send("end")
+        boards.join()
+
+
+def run(station: HardwareStation, devices: CanDevices, duration: float) -> Report:
+    """Runs a station whose devices are there, and takes the times."""
+    simulator = Simulator(station.diagram)
+    simulator.set_target_realtime_rate(1.0)
+    contacts = station.diagram.GetOutputPort("contacts")
+    observed = {finger: note_samples(board) for finger, board in devices.boards.items()}
+    latency: list[float] = []
+
+    def monitor(context: Context) -> EventStatus:
+        contacts.Eval(context)
+        now = time.time()
+        for samples in observed.values():
+            latency.extend(now - sample.time for sample in samples)
+            samples.clear()
+        return EventStatus.Succeeded()
+
+    simulator.set_monitor(monitor)
+    before = sum(board.samples for board in devices.boards.values())
+    began, cpu = time.perf_counter(), time.process_time()
+    simulator.AdvanceTo(duration)
+    took, cpu = time.perf_counter() - began, time.process_time() - cpu
+    samples = sum(board.samples for board in devices.boards.values()) - before
+    period = station.scenario.estimation.estimator.period
+    return Report(duration / took, samples / took, cpu / took, np.array(latency), math.floor(duration / period))
+
+
+def note_samples(board) -> list:
+    """A list to which every sample is added when the diagram takes it for the first time."""
+    observe, noted, last = board.observe, [], [None]
+
+    def noting(max_age: float):
+        found = observe(max_age)
+        if found[0] is not None and found[0] is not last[0]:
+            last[0] = found[0]
+            noted.append(found[0])
+        return found
+
+    board.observe = noting
+    return noted
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--duration", type=float, default=20.0, help="s")
+    parser.add_argument("--anywhere", action="store_true", help="does not pin the processes to a core each")
+    options = parser.parse_args()
+    report = measure(options.duration, not options.anywhere)
+    median, high = 1e3 * np.percentile(report.latency, [50, 99])
+    print(f"real-time factor {report.real_time_factor:.3f}, {report.core:.0%} of a core")
+    print(f"{report.samples_per_second:.0f} samples/s, {report.estimates} estimates")
+    print(f"frame to contact: median {median:.1f} ms, 99 % {high:.1f} ms ({len(report.latency)} samples)")
