@@ -111,7 +111,7 @@ def estimate_pose(
     search = METHODS[method](model, evidence)
     generator = np.random.default_rng(seed)
     found = search.minimize(problem.objective, problem.space, generator, deadline)
-    if prior is None:
+    if prior is None and any(symmetry.is_continuous for symmetry in model.symmetries):
         turned = turn_toward(found.X_PO, found.X_PO[0], model.symmetries)
         found = found._replace(X_PO=turned, cost=problem.objective.cost(turned)).ranked()
     modes = find_modes(

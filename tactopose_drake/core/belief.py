@@ -76,16 +76,17 @@ class BeliefSampling:
 
     def weigh(self, modes: Modes, posterior: Posterior, generator: np.random.Generator) -> Modes:
         """The modes with the mass and covariance that samples of the exact posterior give them."""
-        information = np.linalg.inv(modes.covariance) + posterior.gauge
-        least = modes.cost.copy()
         close = np.flatnonzero(modes.probability > _WORTH_A_LOOK * modes.probability.max())
-        least[close] = np.minimum(least[close], posterior.exact_cost(modes.X_PO[close]))
-        laplace = -least - 0.5 * across_turns(information, posterior.turn_directions(modes.X_PO))[1]
+        X_close = modes.X_PO[close]
+        information = np.linalg.inv(modes.covariance[close]) + posterior.gauge
+        least = np.minimum(posterior.exact_cost(X_close), modes.cost[close])
+        laplace = -least - 0.5 * across_turns(information, posterior.turn_directions(X_close))[1]
         share = np.exp(laplace - laplace.max())
         share /= share.sum()
-        sampled = np.flatnonzero(share > _WORTH_SAMPLING)
+        worthy = np.flatnonzero(share > _WORTH_SAMPLING)
+        sampled = close[worthy]
 
-        mixture = self._cover(modes, sampled, share[sampled], information, posterior, generator)
+        mixture = self._cover(modes.X_PO[sampled], share[worthy], information[worthy], posterior, generator)
         X_PO = mixture.sample(generator)
         densities = mixture.densities(X_PO)
         density = np.maximum(densities.sum(axis=1), np.finfo(float).tiny)
@@ -95,15 +96,16 @@ class BeliefSampling:
         if not mass.sum() > 0.0:
             return modes
         every = np.exp(laplace + least.min()) * (2.0 * np.pi) ** (3.0 - 0.5 * len(posterior.turns[0]))
-        every[sampled] = mass
+        every[worthy] = mass
+        masses = modes.probability * (every.sum() / modes.probability[close].sum())
+        masses[close] = every
         moments = weigh_moments(modes.X_PO[sampled], X_PO, weights)
-        log_mass = float(np.log(every.sum()) - least.min() + _LOG_TURNS[len(posterior.turns[0])])
-        return self._update(modes, sampled, every / every.sum(), moments, posterior, log_mass)
+        log_mass = float(np.log(masses.sum()) - least.min() + _LOG_TURNS[len(posterior.turns[0])])
+        return self._update(modes, sampled, masses / masses.sum(), moments, posterior, log_mass)
 
     def _cover(
         self,
-        modes: Modes,
-        sampled: NDArray[np.intp],
+        X_mode: FloatArray,
         share: FloatArray,
         information: FloatArray,
         posterior: Posterior,
@@ -114,12 +116,11 @@ class BeliefSampling:
         # The root leaves something for modes that Laplace's approximation underrates.
         root_share = np.sqrt(share)
         counts = 1 + np.rint(self.tiles * root_share / root_share.sum()).astype(np.intp)
-        group = np.repeat(np.arange(len(sampled)), counts)
+        group = np.repeat(np.arange(len(X_mode)), counts)
         is_first = np.diff(group, prepend=-1) > 0
-        root = np.linalg.inv(np.linalg.cholesky(information[sampled]))[group]
+        root = np.linalg.inv(np.linalg.cholesky(information))[group]
         normal = _WIDER * generator.normal(size=(len(group), 6)) * ~is_first[:, None]
         center = np.einsum("bji,bj->bi", root, normal)
-        X_mode = modes.X_PO[sampled]
         X_PO = self._to_the_floor(retract(X_mode[group], center), posterior)
         equations = posterior.objective.normal_equations(X_PO)
         # As wide as that and the tile's own reach allow.

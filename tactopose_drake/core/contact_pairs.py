@@ -1,27 +1,15 @@
 """Which two contacts say most about the pose: those that few pairs of surface samples match."""
 
 import dataclasses
-import itertools
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactopose_drake.core.contacts import Contacts
-from tactopose_drake.core.pair_features import PairFeatures, pair_feature
+from tactopose_drake.core.pair_features import PairFeatures
 from tactopose_drake.core.pair_poses import ContactPair
 from tactopose_drake.core.validation import FloatArray
-
-
-class _Query(NamedTuple):
-    """Two contacts' feature, its standard deviations, and the turns that each match stands for."""
-
-    first: int
-    second: int
-    feature: FloatArray
-    sigma: FloatArray
-    spins: int
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -41,62 +29,66 @@ class PairChoice:
     offset: float = 0.5
     bend: float = 0.12
     reach: float = 2.0
-    contacts: int = 6
-    pairs: int = 10
+    contacts: int = 5
+    pairs: int = 8
     spins: int = 24
-    poses: int = 10000
+    poses: int = 4000
 
     def choose(self, features: PairFeatures, contacts: Contacts, generator: np.random.Generator) -> list[ContactPair]:
         """The pairs of contacts, the most telling first; none where no two contacts match any samples."""
         offset = self.offset * features.spacing
-        indices = itertools.combinations(spread_out(contacts.p_PC, self.contacts).tolist(), 2)
-        queries = [self._query(features, contacts, a, b, offset) for a, b in indices]
-        guessed = [
-            (features.guess_match_count(query.feature, query.sigma, self.reach) * query.spins, query)
-            for query in queries
-            if query is not None
-        ]
-        guessed.sort(key=lambda guess_and_query: guess_and_query[0])
+        first, second, feature, sigma, spins = self._queries(features, contacts, offset)
+        guess = features.guess_match_counts(feature, sigma, self.reach) * spins
         chosen: list[ContactPair] = []
         room = self.poses
-        for _, query in guessed:
-            most = min(room, self.poses // 4) // query.spins
+        for row in np.argsort(guess, kind="stable").tolist():
+            most = min(room, self.poses // 4) // int(spins[row])
             if most == 0 or len(chosen) == self.pairs:
                 break
-            matches = features.matches(query.feature, query.sigma, self.reach)
+            # Of more matches than there is room for, every second or third, and so on: evenly over the features.
+            step = max(1, int(guess[row]) // (int(spins[row]) * most))
+            matches = features.matches(feature[row], sigma[row], self.reach, step)
             if len(matches) > most:
-                # Of more matches than there is room for, some at random.
-                matches = generator.choice(matches, most, replace=False)
+                matches = matches[((np.arange(most) + generator.random()) * (len(matches) / most)).astype(np.intp)]
             if len(matches):
-                chosen.append(ContactPair(query.first, query.second, matches, query.spins))
+                chosen.append(ContactPair(int(first[row]), int(second[row]), matches, int(spins[row])))
                 room -= chosen[-1].count
         return chosen
 
-    def _query(self, features: PairFeatures, contacts: Contacts, a: int, b: int, offset: float) -> _Query | None:
-        """What is looked up for contacts a and b; None where the two say nothing, or are too far apart."""
-        p_a, p_b = contacts.p_PC[a], contacts.p_PC[b]
-        distance = float(np.linalg.norm(p_b - p_a))
-        sigmas = np.asarray(contacts.sigma_position)[[a, b]]
-        sigma_distance = math.hypot(*sigmas, offset)
-        if distance < 3.0 * math.hypot(*sigmas) or distance > features.length + 3.0 * sigma_distance:
-            return None
+    def _queries(
+        self, features: PairFeatures, contacts: Contacts, offset: float
+    ) -> tuple[NDArray[np.intp], NDArray[np.intp], FloatArray, FloatArray, NDArray[np.int64]]:
+        """What is looked up: the contacts' indices (q,) and (q,), features (q, 4), their standard deviations (q, 4),
+        and the turns (q,) that each match stands for; not of contacts that together say nothing, or are too far apart.
+        """
+        among = spread_out(contacts.p_PC, self.contacts)
+        i, j = np.triu_indices(len(among), 1)
+        first, second = among[i], among[j]
+        p_a, p_b = contacts.p_PC[first], contacts.p_PC[second]
+        sigma_p = np.asarray(contacts.sigma_position)
+        noise = np.hypot(sigma_p[first], sigma_p[second])
+        way = p_b - p_a
+        distance, sigma_distance = np.sqrt(np.sum(way * way, axis=1)), np.hypot(noise, offset)
+        tell = (distance >= 3.0 * noise) & (distance <= features.length + 3.0 * sigma_distance)
+        first, second, distance, sigma_distance = first[tell], second[tell], distance[tell], sigma_distance[tell]
+        feature, sigma = np.zeros((len(first), 4)), np.full((len(first), 4), np.inf)
+        feature[:, 0], sigma[:, 0] = distance, sigma_distance
         if contacts.n_PC is None:
-            unknown = np.array([sigma_distance, np.inf, np.inf, np.inf])
-            return _Query(a, b, np.array([distance, 0.0, 0.0, 0.0]), unknown, self.spins)
-        feature = pair_feature(p_a, contacts.n_PC[a], p_b, contacts.n_PC[b])
-        turn_a, turn_b = np.asarray(contacts.sigma_normal)[[a, b]]
-        tilt = math.sqrt(2.0) * math.hypot(*sigmas, offset) / distance
-        sigma = np.array(
-            [
-                sigma_distance,
-                math.hypot(turn_a, tilt, self.bend),
-                math.hypot(turn_b, tilt, self.bend),
-                math.hypot(turn_a, turn_b, self.bend),
-            ]
+            return first, second, feature, sigma, np.full(len(first), self.spins)
+        along = way[tell] / distance[:, None]
+        n_a, n_b = contacts.n_PC[first], contacts.n_PC[second]
+        cosines = np.stack(
+            [np.sum(n_a * along, axis=1), np.sum(n_b * along, axis=1), np.sum(n_a * n_b, axis=1)], axis=1
         )
+        feature[:, 1:] = np.arccos(np.clip(cosines, -1.0, 1.0))
+        tilt = math.sqrt(2.0) * sigma_distance / distance
+        sigma_n = np.asarray(contacts.sigma_normal)
+        turn_a, turn_b = np.hypot(sigma_n[first], self.bend), np.hypot(sigma_n[second], self.bend)
+        sigma[:, 1], sigma[:, 2] = np.hypot(turn_a, tilt), np.hypot(turn_b, tilt)
+        sigma[:, 3] = np.hypot(turn_a, sigma_n[second])
         # The normals' parts across the line, which say the spin, against their errors.
-        across = math.hypot(math.sin(feature[1]), math.sin(feature[2]))
-        return _Query(a, b, feature, sigma, 1 if across > 2.0 * sigma[3] else self.spins)
+        across = np.hypot(np.sin(feature[:, 1]), np.sin(feature[:, 2]))
+        return first, second, feature, sigma, np.where(across > 2.0 * sigma[:, 3], 1, self.spins)
 
 
 def spread_out(points: FloatArray, count: int) -> NDArray[np.intp]:

@@ -87,6 +87,9 @@ def free_directions(touch_information: FloatArray, size: float) -> list[FloatArr
     is_free = eigenvalues < 1.0 / (_FREE_SHARE * size) ** 2
     free = []
     for mask, vectors in zip(is_free, eigenvectors, strict=True):
+        if not mask.any():
+            free.append(np.empty((0, 6)))
+            continue
         rows = np.linalg.qr(vectors[:, mask] * units[:, None])[0].T
         free.append(rows)
     return free

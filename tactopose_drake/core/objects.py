@@ -85,6 +85,15 @@ class ObjectModel:
         return 0.5 * float(np.linalg.norm(cross_products(self.vertices, self.faces), axis=1).sum())
 
     @cached_property
+    def sample_spread(self) -> tuple[FloatArray, float, float]:
+        """Of the samples the middle (3,), m, the largest distance from O's origin, m, and a coordinate's mean variance,
+        m^2.
+        """
+        points = self.samples.points
+        variance = float(np.var(points, axis=0, ddof=1).mean())
+        return points.mean(axis=0), float(np.linalg.norm(points, axis=1).max()), variance
+
+    @cached_property
     def pair_features(self) -> PairFeatures:
         """Pairs of surface samples by what two contacts tell of them; made when first needed, in about 0.2 s."""
         return build_pair_features(self.samples, self.area, self.symmetry_turns)

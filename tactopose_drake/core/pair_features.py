@@ -26,6 +26,7 @@ _BYTE = 255.0
 _DISTANCE_SHIFT = 3  # 32 bins
 _ANGLE_SHIFT = 4  # 16 bins
 _GUESS_STEP = 8
+_ROOM = 1 << 14  # For so many matches there is room at first.
 _DISTANCE_BINS = 256 >> _DISTANCE_SHIFT
 _ANGLE_BINS = 256 >> _ANGLE_SHIFT
 
@@ -55,27 +56,32 @@ class PairFeatures:
     pairs: NDArray[np.int16]
     first: NDArray[np.int32]
 
-    def guess_match_count(self, feature: FloatArray, sigma: FloatArray, reach: float) -> int:
-        """About how many matches there are, from an eighth of the pairs; see `matches`."""
+    def guess_match_counts(self, feature: FloatArray, sigma: FloatArray, reach: float) -> NDArray[np.int64]:
+        """About how many matches there are of each of q features (q, 4), from an eighth of the pairs; see `matches`."""
         scale = _BYTE / np.array([self.length, np.pi, np.pi, np.pi])
-        found = np.empty(len(self.pairs) // _GUESS_STEP + 1, dtype=np.int32)
-        arguments = (self.features, self.first, feature * scale, 1.0 / (sigma * scale), reach, _GUESS_STEP, found)
-        return _GUESS_STEP * int(_find_matches(*arguments))
+        count = np.empty(len(feature), dtype=np.int64)
+        _count_matches(self.features, self.first, feature * scale, 1.0 / (sigma * scale), reach, _GUESS_STEP, count)
+        return _GUESS_STEP * count
 
-    def matches(self, feature: FloatArray, sigma: FloatArray, reach: float) -> NDArray[np.int32]:
+    def matches(self, feature: FloatArray, sigma: FloatArray, reach: float, step: int = 1) -> NDArray[np.int32]:
         """The pairs whose features differ from a measured one by at most `reach` standard deviations.
 
         Args:
             feature: distance (m) and three angles (rad), shape (4,); see `pair_feature`.
             sigma: their standard deviations, shape (4,); infinite where nothing was measured.
             reach: of the root of the sum of the four squared whitened differences.
+            step: of the pairs only every so many are looked at.
 
         Returns:
             Indices into `pairs`, shape (matches,), sorted.
         """
         scale = _BYTE / np.array([self.length, np.pi, np.pi, np.pi])
-        found = np.empty(len(self.pairs), dtype=np.int32)
-        count = _find_matches(self.features, self.first, feature * scale, 1.0 / (sigma * scale), reach, 1, found)
+        arguments = (self.features, self.first, feature * scale, 1.0 / (sigma * scale), reach, step)
+        found = np.empty(_ROOM, dtype=np.int32)
+        count = _find_matches(*arguments, found)
+        if count > _ROOM:
+            found = np.empty(count, dtype=np.int32)
+            _find_matches(*arguments, found)
         return found[:count]
 
 
@@ -177,11 +183,18 @@ def _sort_pairs(points, normals, firsts, length, features, pairs, first):  # typ
             row += 1
 
 
-@njit(cache=True)
-def _find_matches(features, first, feature, weight, reach, step, found):  # type: ignore[no-untyped-def]
-    """Writes the rows of features within reach into found, and returns their number; all in units of bytes.
+@njit(cache=True, nogil=True)
+def _count_matches(features, first, feature, weight, reach, step, count):  # type: ignore[no-untyped-def]
+    nothing = np.empty(0, dtype=np.int32)
+    for q in range(feature.shape[0]):
+        count[q] = _find_matches(features, first, feature[q], weight[q], reach, step, nothing)
 
-    Of the rows only those are read whose number is a multiple of the step.
+
+@njit(cache=True, nogil=True)
+def _find_matches(features, first, feature, weight, reach, step, found):  # type: ignore[no-untyped-def]
+    """Writes the rows of features within reach into found, as far as there is room, and returns their number.
+
+    All is in units of bytes. Of the rows only those are read whose number is a multiple of the step.
     """
     low, high = np.empty(4, dtype=np.int64), np.empty(4, dtype=np.int64)
     for a in range(4):
@@ -203,6 +216,7 @@ def _find_matches(features, first, feature, weight, reach, step, found):  # type
                         difference = (features[k, c] - feature[c]) * weight[c]
                         total += difference * difference
                     if total <= square:
-                        found[count] = k
+                        if count < found.shape[0]:
+                            found[count] = k
                         count += 1
     return count

@@ -58,9 +58,11 @@ def with_patches(contacts: Contacts, patches: Sequence[Patch]) -> Contacts:
 
     Where only some have normals the others' are any, with a sigma that leaves them without a say.
     """
+    if not any(patch.is_felt for patch in patches):
+        return contacts
     felt = patch_contacts(patches)
-    if len(felt) == 0 or len(contacts) == 0:
-        return contacts if len(felt) == 0 else felt
+    if len(contacts) == 0:
+        return felt
     assert felt.n_PC is not None
     n_PC, sigma_normal = contacts.n_PC, np.asarray(contacts.sigma_normal)
     if n_PC is None:

@@ -31,6 +31,7 @@ _POINTS_PER_DISC = 9
 _FLAT = 0.92  # The mean of a disc's normals is at least so long: they differ by some 20 degrees.
 _CELL_SHARE = 1.6  # A cell's width in the same.
 _REACH = 3.8  # Discs count within so many standard deviations.
+_MOST = 24.0  # No disc counts for less than the exponential of minus this.
 _LEAST = 1e-9  # The density far from the surface, as a share of that on it.
 
 
@@ -141,19 +142,18 @@ def contact_densities(
 
 @njit(cache=True, inline="always")
 def _exp_minus(x):  # type: ignore[no-untyped-def]
-    """exp(-x) for float32 0 <= x < 12, to a thousandth where x < 8 and a hundredth beyond: faster than the library's.
+    """exp(-x) of a float32, to a thousandth where 0 <= x < 8 and a quarter up to 24: the library's takes twice as long.
 
     The sixteenth power of a short series for exp(x / 16).
     """
     y, one = x * np.float32(1.0 / 16.0), np.float32(1.0)
-    series = np.float32(1.0 / 24.0) + y * np.float32(1.0 / 120.0)
-    series = np.float32(0.5) + y * (np.float32(1.0 / 6.0) + y * series)
-    series = one + y * (one + y * series)
-    series *= series
-    series *= series
-    series *= series
-    series *= series
-    return one / series
+    third = np.float32(1.0 / 6.0) + y * (np.float32(1.0 / 24.0) + y * np.float32(1.0 / 120.0))
+    power = one + y * (one + y * (np.float32(0.5) + y * third))
+    power = power * power
+    power = power * power
+    power = power * power
+    power = power * power
+    return one / power
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
@@ -163,7 +163,7 @@ def _densities(  # type: ignore[no-untyped-def]
     q, m = np.empty(3), np.empty(3)
     low, high = np.empty(3, dtype=np.int64), np.empty(3, dtype=np.int64)
     one, half = np.float32(1.0), np.float32(0.5)
-    most = np.float32(0.5 * _REACH * _REACH + 4.0)
+    most = np.float32(_MOST)
     for b in range(X.shape[0]):
         total = 0.0
         for i in range(p.shape[0]):
@@ -181,25 +181,23 @@ def _densities(  # type: ignore[no-untyped-def]
                 q0, q1, q2 = np.float32(q[0]), np.float32(q[1]), np.float32(q[2])
                 m0, m1, m2 = np.float32(m[0]), np.float32(m[1]), np.float32(m[2])
                 variance, per_across = np.float32(sigma[i] ** 2), np.float32(0.5 / sigma[i] ** 2)
-                per_normal, farthest = np.float32(weight_n[i] ** 2), np.float32(reach * reach)
+                per_normal = np.float32(weight_n[i] ** 2)
                 for a in range(low[0], high[0] + 1):
                     for c in range(low[1], high[1] + 1):
                         row = (a * shape[1] + c) * shape[2]
                         for k in range(first[row + low[2]], first[row + high[2] + 1]):
                             disc = discs[k]
                             dx, dy, dz = q0 - disc[0], q1 - disc[1], q2 - disc[2]
-                            square = dx * dx + dy * dy + dz * dz
-                            if square > farthest:
-                                continue
                             d = dx * disc[3] + dy * disc[4] + dz * disc[5]
+                            square = dx * dx + dy * dy + dz * dz - d * d
                             # One division for both factors.
                             wider, rougher = variance + disc[7], one + per_normal * disc[8]
                             both = one / (wider * rougher)
-                            exponent = per_across * d * d + half * rougher * both * (square - d * d)
+                            exponent = per_across * d * d + half * rougher * both * square
                             # Half the squared difference of unit vectors is one minus their product.
                             turned = one - (m0 * disc[3] + m1 * disc[4] + m2 * disc[5])
                             exponent += per_normal * wider * both * turned
-                            if exponent < most:
-                                density += disc[6] * both * _exp_minus(exponent)
+                            # Without a branch, so that several discs are reckoned at once.
+                            density += disc[6] * both * _exp_minus(min(exponent, most))
             total -= np.log(density / (2.0 * np.pi) + _LEAST)
         cost[b] = total

@@ -48,9 +48,9 @@ def descend(  # type: ignore[no-untyped-def]
 ):
     """Levenberg-Marquardt from each pose X (B, 3, 4), which moves; as `LevenbergMarquardt.refine` does it in rounds.
 
-    Writes the cost (B,) there, its exact gradient (B, 6) and Gauss-Newton Hessian (B, 6, 6), of the contacts' residuals
-    and the prior's; there is no prior where its weights are zero. Without iterations these are the normal equations at
-    the poses. The Hessian is of the contacts' rows that carry information, see `kernels._contact_rows`.
+    Writes the cost (B,) there, of the contacts' residuals and the prior's; there is no prior where its weights are
+    zero. Without iterations it writes also the cost's exact gradient (B, 6) and Gauss-Newton Hessian (B, 6, 6); with
+    them these are for work. The Hessian is of the contacts' rows that carry information, see `kernels._contact_rows`.
 
     That is said here in another order, three times as fast: one pose after the other, so that what it reads of the grid
     is still at hand when it reads it again; by increments (w, R^T v), so all in O, until a pose's equations are done;
@@ -63,7 +63,7 @@ def descend(  # type: ignore[no-untyped-def]
     sy, sx = np.uintp(4 * nz), np.uintp(4 * nz * ny)
     field, slope, m, J = np.empty(4), np.empty((4, 3)), np.empty(3), np.empty((4, 6))
     g, H, row, along = np.empty(6), np.empty((6, 6)), np.empty(3), np.empty(3)
-    q = np.empty(3)
+    q, turned = np.empty(3), np.empty(3)
     there, new_gradient, new_hessian = np.empty((3, 4)), np.empty(6), np.empty((6, 6))
     L, forward, step = np.empty((6, 6)), np.empty(6), np.empty(6)
     u, difference, D = np.empty(6), np.empty(6), np.empty((6, 6))
@@ -74,6 +74,8 @@ def descend(  # type: ignore[no-untyped-def]
         damping, promised, best = initial_damping, 0.0, np.inf
         converged[b] = False
         for iteration in range(max_iterations + 1):
+            # Where no step follows, the cost is enough.
+            derive = iteration == 0 or iteration < max_iterations
             total = 0.0
             for a in range(6):
                 g[a] = 0.0
@@ -87,25 +89,30 @@ def descend(  # type: ignore[no-untyped-def]
                 at = np.uintp(4 * ((ix * ny + iy) * nz + iz))
                 for k in range(4):
                     field[k], dx, dy, dz = _interpolate(flat, at + np.uintp(k), sx, sy, fx, fy, fz)
-                    slope[k, 0], slope[k, 1], slope[k, 2] = (
-                        dx * inverse_spacing,
-                        dy * inverse_spacing,
-                        dz * inverse_spacing,
-                    )
+                    slope[k, 0], slope[k, 1] = dx * inverse_spacing, dy * inverse_spacing
+                    slope[k, 2] = dz * inverse_spacing
                 if ox != 0.0 or oy != 0.0 or oz != 0.0:
                     _extend(field, slope, ox, oy, oz, inverse_spacing)
 
-                square = field[1] * field[1] + field[2] * field[2] + field[3] * field[3]
-                scale = 1.0 / np.sqrt(square + _SOFT_LENGTH**2)
                 residual = field[0] * weight_p[i]
                 total += residual * residual
+                if weight_n[i] > 0.0:
+                    _rotate_to_object(there, n[i], m)
+                    weight, spread = _normal_weight(field, weight_n[i])
+                    for k in range(3):
+                        turned[k] = (field[k + 1] - m[k]) * weight
+                        total += turned[k] * turned[k]
+                    total += 2.0 * np.log(spread) + _SOFT_ROOT
+                if not derive:
+                    continue
+
+                square = field[1] * field[1] + field[2] * field[2] + field[3] * field[3]
+                scale = 1.0 / np.sqrt(square + _SOFT_LENGTH**2)
                 for a in range(3):
                     along[a] = scale * weight_p[i] * field[a + 1]
                     row[a] = residual * weight_p[i] * slope[0, a]
                 _cross_row(along, q, J[0])
                 if weight_n[i] > 0.0:
-                    _rotate_to_object(there, n[i], m)
-                    weight, spread = _normal_weight(field, weight_n[i])
                     for a in range(3):  # The derivative of half the squared length.
                         along[a] = field[1] * slope[1, a] + field[2] * slope[2, a] + field[3] * slope[3, a]
                         if square >= 1.0:
@@ -113,12 +120,10 @@ def descend(  # type: ignore[no-untyped-def]
                         # The log term's part of the gradient.
                         row[a] -= along[a] * weight * weight
                     for k in range(1, 4):
-                        residual = (field[k] - m[k - 1]) * weight
-                        total += residual * residual
-                        bend = 0.5 * residual * weight
+                        bend = 0.5 * turned[k - 1] * weight
                         turn = scale * scale * field[k]
                         x, y, z = slope[k, 0], slope[k, 1], slope[k, 2]
-                        residual *= weight
+                        residual = turned[k - 1] * weight
                         row[0] += residual * (x + bend * along[0])
                         row[1] += residual * (y + bend * along[1])
                         row[2] += residual * (z + bend * along[2])
@@ -132,7 +137,6 @@ def descend(  # type: ignore[no-untyped-def]
                     g[0] += weight * (m[1] * field[3] - m[2] * field[2])
                     g[1] += weight * (m[2] * field[1] - m[0] * field[3])
                     g[2] += weight * (m[0] * field[2] - m[1] * field[1])
-                    total += 2.0 * np.log(spread) + _SOFT_ROOT
                 else:
                     for k in range(1, 4):
                         for a in range(6):
@@ -146,7 +150,8 @@ def descend(  # type: ignore[no-untyped-def]
                     for c in range(a + 1):
                         H[a, c] += J[0, a] * J[0, c] + J[1, a] * J[1, c] + J[2, a] * J[2, c] + J[3, a] * J[3, c]
             total *= 0.5
-            _turn_translations(there, g, H, new_gradient, new_hessian)
+            if derive:
+                _turn_translations(there, g, H, new_gradient, new_hessian)
             if prior_weights[0] > 0.0:
                 _prior_row(X_prior, prior_weights, there, u, difference, D)
                 for a in range(6):

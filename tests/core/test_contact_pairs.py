@@ -15,8 +15,8 @@ def blob() -> ObjectModel:
     return make_blob()
 
 
-def choose(model: ObjectModel, contacts: Contacts, **choice: int) -> list[tuple[int, int, int, int]]:
-    pairs = PairChoice(**choice).choose(model.pair_features, contacts, np.random.default_rng(0))
+def choose(model: ObjectModel, touch: Contacts, /, **choice: int) -> list[tuple[int, int, int, int]]:
+    pairs = PairChoice(**choice).choose(model.pair_features, touch, np.random.default_rng(0))
     return [(pair.first, pair.second, len(pair.matches), pair.spins) for pair in pairs]
 
 
@@ -37,7 +37,7 @@ def test_the_true_samples_are_among_the_matches(blob: ObjectModel) -> None:
 
 def test_those_with_few_matches_come_first_and_no_more_than_there_is_room_for(blob: ObjectModel) -> None:
     contacts = touch_surface(blob, np.eye(3, 4), 6, np.random.default_rng(1))
-    pairs = choose(blob, contacts, poses=10**7, pairs=15)
+    pairs = choose(blob, contacts, contacts=6, poses=10**7, pairs=15)
     counts = [count for _, _, count, _ in pairs]
     assert len(pairs) == 15
     # By a guess, so about in order.

@@ -1,7 +1,7 @@
 """What an objective is, and how objectives add up."""
 
 from collections.abc import Sequence
-from typing import NamedTuple, Protocol, runtime_checkable
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,13 +66,12 @@ class Descent(NamedTuple):
     converged: NDArray[np.bool_]
 
 
-@runtime_checkable
-class DescendingObjective(LeastSquaresObjective, Protocol):
-    """An objective that makes all of Levenberg-Marquardt's steps in one compiled loop."""
+class DescendingObjective:
+    """A least-squares objective that makes all of Levenberg-Marquardt's steps in one compiled loop."""
 
     def descend(self, rule: DescentRule, X_PO: FloatArray) -> Descent:
         """Moves each of the poses (B, 3, 4) on its own."""
-        ...
+        raise NotImplementedError
 
 
 def form_normal_equations(residuals: FloatArray, jacobian: FloatArray) -> NormalEquations:

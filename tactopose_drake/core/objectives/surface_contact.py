@@ -6,7 +6,13 @@ import numpy as np
 
 from tactopose_drake.core import kernels, touch_kernels
 from tactopose_drake.core.contacts import Contacts
-from tactopose_drake.core.objectives.base import Descent, DescentRule, NormalEquations, SumObjective
+from tactopose_drake.core.objectives.base import (
+    DescendingObjective,
+    Descent,
+    DescentRule,
+    NormalEquations,
+    SumObjective,
+)
 from tactopose_drake.core.objectives.pose_prior import PriorObjective
 from tactopose_drake.core.signed_distance import DistanceGrid
 from tactopose_drake.core.validation import FloatArray
@@ -15,7 +21,7 @@ from tactopose_drake.core.validation import FloatArray
 _NO_PRIOR = (np.eye(3, 4), np.zeros(6))
 
 
-class SurfaceContact:
+class SurfaceContact(DescendingObjective):
     """Distance of each contact to the surface, and the difference of its normal from the surface's.
 
     Residuals of contact m, with q = R_PO^T (p_PC - p_PO) the contact in the object's frame:
@@ -64,7 +70,7 @@ class SurfaceContact:
         return _descend((*self.arguments, *_NO_PRIOR), rule, X_PO)
 
 
-class ContactWithPrior(SumObjective):
+class ContactWithPrior(SumObjective, DescendingObjective):
     """Contacts and a prior, added up as `SumObjective` does it, but in one compiled loop."""
 
     def __init__(self, touch: SurfaceContact, prior: PriorObjective) -> None:

@@ -4,7 +4,7 @@ Source: [B16] J. Bimbo, thesis, 2016, section 2.6.2.2, eqs. 2.30 and 2.31, and i
 """
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
@@ -77,7 +77,8 @@ class LevenbergMarquardt:
         X_start = np.ascontiguousarray(X_start)
         is_plain = self.solver is cholesky_steps and isinstance(self.parameters, IncrementParameters)
         if is_plain and isinstance(objective, DescendingObjective):
-            return self._descend(objective, X_start, should_stop)
+            blocks = self._descend(objective, X_start, should_stop)
+            return join_results(*blocks).ranked()
         here = self.parameters.start(X_start).copy()
         state, cost = here.copy(), np.empty(len(here))
         iterations, converged = np.zeros(len(here), dtype=np.int64), np.zeros(len(here), dtype=np.bool_)
@@ -113,15 +114,13 @@ class LevenbergMarquardt:
                     break
         return SearchResult(self.parameters.poses(state, X_start), cost, iterations, converged).ranked()
 
-    def _descend(self, objective: DescendingObjective, X_start: FloatArray, should_stop: StopSignal) -> SearchResult:
-        """The same in compiled blocks of poses."""
+    def _descend(
+        self, objective: DescendingObjective, X_start: FloatArray, should_stop: StopSignal
+    ) -> Iterator[SearchResult]:
+        """The same in compiled blocks of poses; those that there is no time for stay where they are."""
         rule = DescentRule(self.max_iterations, self.tolerance, self.initial_damping, self.max_damping)
-        blocks: list[SearchResult] = []
-        for first in range(0, len(X_start), _BLOCK):
-            blocks.append(SearchResult(*objective.descend(rule, X_start[first : first + _BLOCK])))
+        standing = rule._replace(max_iterations=0)
+        for first in range(0, max(1, len(X_start)), _BLOCK):
+            yield SearchResult(*objective.descend(rule, X_start[first : first + _BLOCK]))
             if should_stop():
-                rest = X_start[first + _BLOCK :]
-                undone = np.zeros(len(rest), dtype=np.int64), np.zeros(len(rest), dtype=np.bool_)
-                blocks.append(SearchResult(rest, objective.cost(rest), *undone))
-                break
-        return join_results(*blocks).ranked()
+                rule = standing

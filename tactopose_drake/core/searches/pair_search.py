@@ -36,28 +36,30 @@ class PairSearch:
         candidates: so many of their poses, at most, go to the refinement.
         fewest: where fewer come, as many random poses as `candidates` join them.
         starts: so many are left after the first steps.
-        kept: so many are refined to convergence.
+        kept: so many take some more.
+        settled: so many are refined to convergence.
         near_choice, near_candidates: the same where there is a prior.
         near_samples: so many poses of the prior join them.
         near_starts, near_kept: of all these so many are refined, and so many to convergence.
         polished, near_polished: so many of the best are refined until they hardly move.
-        first, second, near_first: the first steps without a prior, and with one.
+        first, second, third, near_first: the first steps without a prior, and with one.
         last, polish: the refinement to convergence, and that of the best.
     """
 
     model: ObjectModel
     contacts: Contacts
     choice: PairChoice = dataclasses.field(default_factory=PairChoice)
-    candidates: int = 500
+    candidates: int = 250
     fewest: int = 20
-    starts: int = 150
-    kept: int = 60
+    starts: int = 90
+    kept: int = 36
+    settled: int = 14
     polished: int = 6
-    near_choice: PairChoice = dataclasses.field(default_factory=lambda: PairChoice(contacts=5, pairs=5, poses=8000))
+    near_choice: PairChoice = dataclasses.field(default_factory=lambda: PairChoice(pairs=4, poses=4000))
     near_candidates: int = 100
-    near_samples: int = 150
-    near_starts: int = 56
-    near_kept: int = 20
+    near_samples: int = 100
+    near_starts: int = 36
+    near_kept: int = 14
     near_polished: int = 3
     near_first: LevenbergMarquardt = dataclasses.field(
         default_factory=lambda: LevenbergMarquardt(max_iterations=5, initial_damping=1e-2)
@@ -67,6 +69,9 @@ class PairSearch:
     )
     second: LevenbergMarquardt = dataclasses.field(
         default_factory=lambda: LevenbergMarquardt(max_iterations=4, initial_damping=1e-2)
+    )
+    third: LevenbergMarquardt = dataclasses.field(
+        default_factory=lambda: LevenbergMarquardt(max_iterations=4, tolerance=1e-3)
     )
     last: LevenbergMarquardt = dataclasses.field(
         default_factory=lambda: LevenbergMarquardt(max_iterations=15, tolerance=1e-3)
@@ -90,13 +95,17 @@ class PairSearch:
             X_PO = np.concatenate([X_PO, space.sample(generator, self.candidates)])
         # The first steps are by the touch alone, as the proposals are: other evidence is slow, and tells most once they
         # touch. Then it has its say in which of them go on.
-        touching = self.first.refine(SurfaceContact(self.model.grid, self.contacts), X_PO, should_stop)
-        judged = touching._replace(cost=objective.cost(touching.X_PO)).ranked()
-        first = self._distinct(judged, self.starts)
+        if isinstance(objective, SurfaceContact):
+            touching = self.first.refine(objective, X_PO, should_stop)
+        else:
+            touching = self.first.refine(SurfaceContact(self.model.grid, self.contacts), X_PO, should_stop)
+            touching = touching._replace(cost=objective.cost(touching.X_PO)).ranked()
+        first = self._distinct(touching, self.starts)
         second = self._distinct(self.second.refine(objective, first, should_stop), self.kept)
-        last = self.last.refine(objective, second, should_stop)
+        third = self.third.refine(objective, second, should_stop)
+        last = self.last.refine(objective, self._distinct(third, self.settled), should_stop)
         polished = self.polish.refine(objective, self._distinct(last, self.polished), should_stop)
-        return join_results(last, polished).ranked(self.kept)
+        return join_results(third, last, polished).ranked(self.kept)
 
     def _minimize_near(
         self,

@@ -17,11 +17,11 @@ class TouchSpace:
     def __init__(self, model: ObjectModel, contacts: Contacts) -> None:
         self._p_PC, self._surface = contacts.p_PC, model.samples
         # A pose with the identity's rotation and the centres of touch and surface on each other.
-        middle_P, middle_O = self._p_PC.mean(axis=0), self._surface.points.mean(axis=0)
+        middle_O, arm, self._variance = model.sample_spread
+        middle_P = self._p_PC.mean(axis=0)
         self._center = np.column_stack([np.eye(3), middle_P - middle_O])
         # The way from there to p_PC - R q, for any contact, any rotation and any point q of the surface.
         spread = np.linalg.norm(self._p_PC - middle_P, axis=1).max()
-        arm = np.linalg.norm(self._surface.points, axis=1).max()
         self._reach = float(spread + arm + np.linalg.norm(middle_O))
 
     @property
@@ -35,8 +35,7 @@ class TouchSpace:
 
         The contacts' centre may lie on any of the surface's samples, in any direction of P.
         """
-        variance = float(np.trace(np.cov(self._surface.points, rowvar=False))) / 3.0
-        return np.diag(1.0 / np.repeat([_ROTATION_VARIANCE, variance], 3))
+        return np.diag(1.0 / np.repeat([_ROTATION_VARIANCE, self._variance], 3))
 
     @property
     def reach(self) -> tuple[float, float]:
