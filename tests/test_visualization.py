@@ -8,6 +8,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 
 from tactopose_drake.core.contacts import Contacts
 from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.patches import describe_patch
 from tactopose_drake.display.body_meshes import Triangles
 from tactopose_drake.display.scene import LONGEST_ARROW, Scene, arrow_lengths
 from tactopose_drake.visualization import add_touch, aim_camera, draw_scene, move_touch, save_html, upright
@@ -82,6 +83,15 @@ def test_a_scene_is_drawn_with_up_upwards_and_the_camera_on_it(model: ObjectMode
     p_WO = meshcat.pose("/tactopose/estimate").translation()
     assert np.linalg.norm(meshcat.target - p_WO) < 0.1
     assert 0.05 < np.linalg.norm(meshcat.camera - meshcat.target) < 0.5
+
+
+def test_the_pressed_cells_of_a_scene_are_shown(model: ObjectModel) -> None:
+    meshcat = RecordingMeshcat()
+    n_PT = np.tile([0.0, 0.0, -1.0], (3, 1))
+    patch = describe_patch(0.01 * np.eye(3), [1e4, 0.0, 2e4], alpha=1e-8, n_PT=n_PT)
+    draw_scene(meshcat, Scene(model=model, contacts=TOUCH, patches=(patch,)))
+    shown = [meshcat.visible(f"/tactopose/patches/0/cells/{cell}") for cell in range(3)]
+    assert shown == [True, False, True]
 
 
 def test_a_scene_of_nothing_but_contacts_is_drawn(model: ObjectModel) -> None:

@@ -87,7 +87,7 @@ class _Overlay:
         self._hand = self._markers = None
         if scene.hand is not None:
             self._hand = render(_smooth(scene.hand.vertices, scene.hand.faces, scene.hand.colour), camera)
-        if len(scene.contacts):
+        if len(scene.contacts) or any(patch.is_felt for patch in scene.patches):
             self._markers = render(_markers(scene), camera)
 
     def hand_over(self, image: Image, solid: Layer) -> Image:

@@ -8,9 +8,18 @@ from pydrake.math import RigidTransform
 
 from tactopose_drake.core.contacts import Contacts
 from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.patches import Patch, describe_patch
 from tactopose_drake.display.body_meshes import Triangles
 from tactopose_drake.display.picture import save_picture
-from tactopose_drake.display.scene import CONTACT_COLOUR, ESTIMATE_COLOUR, PRIOR_COLOUR, TRUTH_COLOUR, Colour, Scene
+from tactopose_drake.display.scene import (
+    CONTACT_COLOUR,
+    ESTIMATE_COLOUR,
+    PRESSURE_COLOUR,
+    PRIOR_COLOUR,
+    TRUTH_COLOUR,
+    Colour,
+    Scene,
+)
 from tactopose_drake.display.viewpoint import choose_view
 
 TOUCH = Contacts(
@@ -71,6 +80,32 @@ def test_what_is_not_known_is_left_out(model: ObjectModel, tmp_path: Path, conta
 def test_the_same_scene_gives_the_same_picture(model: ObjectModel, tmp_path: Path) -> None:
     scene = Scene(model=model, contacts=TOUCH, estimate=X_off)
     np.testing.assert_array_equal(draw(tmp_path / "a.png", scene), draw(tmp_path / "b.png", scene))
+
+
+def pads(pressure: float) -> tuple[Patch, ...]:
+    """Four cells on each of the box's broad sides."""
+    cells = [[0.0, y, z] for y in (-0.005, 0.005) for z in (-0.005, 0.005)]
+    return tuple(
+        describe_patch(
+            np.add(cells, [0.031 * side, 0.0, 0.0]),
+            np.full(4, pressure),
+            alpha=1e-8,
+            n_PT=np.tile([-side, 0.0, 0.0], (4, 1)),
+            saturation=1e5,
+        )
+        for side in (-1.0, 1.0)
+    )
+
+
+def test_pressed_cells_are_plates_as_large_as_their_pressure(model: ObjectModel, tmp_path: Path) -> None:
+    shares = []
+    for pressure in (0.0, 2e4, 1e5):
+        scene = Scene(model=model, contacts=Contacts.empty(), patches=pads(pressure), estimate=RigidTransform())
+        shares.append(share(draw(tmp_path / "picture.png", scene), PRESSURE_COLOUR))
+    none, few, many = shares
+    assert none == 0.0
+    assert few > 0.0
+    assert 3.0 < many / few < 7.0  # In proportion, but for the plates' edges.
 
 
 @pytest.mark.parametrize("side", [(1.0, 0.0, 0.0), (0.0, -1.0, 0.0)])
