@@ -35,6 +35,7 @@ from tactopose_drake.errors import InvalidInputError, TooFewContactsError, Unkno
 from tactopose_drake.estimates import PoseEstimate, Status
 from tactopose_drake.estimation import METHODS, estimate_pose
 from tactopose_drake.object_library import LibraryObject, ObjectLibrary
+from tactopose_drake.sealed import Sealed
 
 Likelihood = Literal["evidence", "inverse_cost"]
 
@@ -45,6 +46,8 @@ _SEARCHED = 4
 _LEAST_COST = 1e-6
 # The share of the likelihood that the first object, with those that equal it, must have to be called the answer.
 _MOST = 0.5
+# Fewer contacts leave so many poses that their sum is not well known.
+_FEWEST = 3
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -75,10 +78,14 @@ class Identification(Sequence[Identity]):
 
     Attributes:
         identities: by falling likelihood; never empty.
+        status: "ok"; "ambiguous" when the first object has less than half of the likelihood, with its equals, or when
+            there are fewer than three contacts, which leave whole families of poses; "no_solution" when no pose of the
+            first object explains the touch.
         duration: s.
     """
 
     identities: tuple[Identity, ...]
+    status: Status
     duration: float
 
     @overload
@@ -103,19 +110,6 @@ class Identification(Sequence[Identity]):
         for identity in self.identities:
             by_rank.setdefault(identity.rank, []).append(identity)
         return tuple(tuple(group) for group in by_rank.values() if len(group) > 1)
-
-    @property
-    def status(self) -> Status:
-        """What is known of the best object.
-
-        "ok"; "ambiguous" when it has less than half of the likelihood, with its equals; "no_solution" when no pose of
-        it explains the touch.
-        """
-        estimate = self.best.estimate
-        if estimate is None or estimate.status == "no_solution":
-            return "no_solution"
-        share = sum(identity.likelihood for identity in self.identities if identity.rank == self.best.rank)
-        return "ok" if share >= _MOST else "ambiguous"
 
 
 def identify(
@@ -165,19 +159,20 @@ def identify(
     if isinstance(models, ObjectLibrary) and len(objects) > candidates:
         order = _by_falling(order, models.index.scores(evidence.touch)[order])
         searched, rest = order[: _SEARCHED * candidates], order[_SEARCHED * candidates :]
-        approximate = functools.partial(_approximate_evidence, evidence=evidence, seed=seed)
-        order = _by_falling(searched, list(run(approximate, [objects[i] for i in searched]))) + rest
+        approximate = functools.partial(_approximate_evidence, evidence=Sealed(evidence), seed=seed)
+        order = _by_falling(searched, run(approximate, [Sealed(objects[i]) for i in searched])) + rest
         chosen = order[:candidates]
-    explain = functools.partial(_explain, evidence=evidence, max_hypotheses=max_hypotheses, seed=seed)
+    explain = functools.partial(_explain, evidence=Sealed(evidence), max_hypotheses=max_hypotheses, seed=seed)
     several = [objects[i] for i in chosen]
-    estimates = list(run(explain, several))
+    estimates = list(run(explain, [Sealed(known) for known in several]))
     groups = _group_equal_shapes([_model(known) for known in several])
     identities = _rank(chosen, [known.name for known in several], estimates, groups, _weights(estimates, likelihood))
     ruled_out = [
         Identity(objects[i].name, i, rank, 0.0, -math.inf, None)
         for rank, i in enumerate(order[len(chosen) :], start=len(chosen) + 1)
     ]
-    return Identification((*identities, *ruled_out), time.perf_counter() - started)
+    status = _status(identities, len(evidence.touch))
+    return Identification((*identities, *ruled_out), status, time.perf_counter() - started)
 
 
 def check_likelihood(name: str, value: str) -> Likelihood:
@@ -220,22 +215,24 @@ def _model(known: ObjectModel | LibraryObject) -> ObjectModel:
     return known.load() if isinstance(known, LibraryObject) else known
 
 
-def _approximate_evidence(known: ObjectModel | LibraryObject, evidence: Evidence, seed: int) -> float:
+def _approximate_evidence(known: Sealed[ObjectModel | LibraryObject], evidence: Sealed[Evidence], seed: int) -> float:
     """The evidence of one object by Laplace's approximation of the smooth likelihood."""
-    model = _model(known)
-    problem, generator = make_problem(model, evidence), np.random.default_rng(seed)
-    found = METHODS[_METHOD](model, evidence).minimize(problem.objective, problem.space, generator)
+    model, touch = _model(known.value), evidence.value
+    problem, generator = make_problem(model, touch), np.random.default_rng(seed)
+    found = METHODS[_METHOD](model, touch).minimize(problem.objective, problem.space, generator)
     information = problem.determining.normal_equations(found.X_PO).hessian
     modes = find_modes(found, information, problem.space.information, model.symmetry_poses, model.size, len(found.cost))
-    return log_evidence(model, evidence, modes.log_mass)
+    return log_evidence(model, touch, modes.log_mass)
 
 
-def _explain(known: ObjectModel | LibraryObject, evidence: Evidence, max_hypotheses: int, seed: int) -> PoseEstimate:
+def _explain(
+    known: Sealed[ObjectModel | LibraryObject], evidence: Sealed[Evidence], max_hypotheses: int, seed: int
+) -> PoseEstimate:
     """The pose of one object; maybe in another process, which loads a library's object by itself."""
     return estimate_pose(
-        _model(known),
-        evidence.contacts,
-        patches=evidence.patches,
+        _model(known.value),
+        evidence.value.contacts,
+        patches=evidence.value.patches,
         method=_METHOD,
         max_hypotheses=max_hypotheses,
         seed=seed,
@@ -281,3 +278,13 @@ def _rank(
             for i in members[group]
         ]
     return identities
+
+
+def _status(identities: Sequence[Identity], touches: int) -> Status:
+    """What is known of the first one, from so many contacts and patches that are felt."""
+    first = identities[0]
+    assert first.estimate is not None
+    if first.estimate.status == "no_solution":
+        return "no_solution"
+    share = sum(identity.likelihood for identity in identities if identity.rank == first.rank)
+    return "ok" if share >= _MOST and touches >= _FEWEST else "ambiguous"

@@ -3,12 +3,14 @@
 An object that cannot be used is left out with its reason, and the others are used.
 """
 
-from collections.abc import Hashable
+from collections.abc import Hashable, Iterable
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
+import numpy as np
 import yaml
 
+from tactopose_drake.core.symmetry import RotationalSymmetry, symmetry_group
 from tactopose_drake.core.validation import finite_array, positive_number
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
 
@@ -144,7 +146,17 @@ def _symmetry(name: str, value: Any) -> Literal["auto", "none"] | tuple[Axis, ..
         vectors = (finite_array(f"{where}.{key}", axis[key], (3,)) for key in ("axis", "point"))
         direction, point = (tuple(vector.tolist()) for vector in vectors)
         axes.append((direction, point, axis["order"]))
+    symmetry_group(make_symmetries(axes))
     return tuple(axes)
+
+
+def make_symmetries(axes: Iterable[Axis]) -> list[RotationalSymmetry]:
+    """The symmetries about axes.
+
+    Raises:
+        InvalidInputError: an axis that is no unit vector, or an order of 1 or below 0.
+    """
+    return [RotationalSymmetry(np.array(axis), np.array(point), order) for axis, point, order in axes]
 
 
 def _mapping(where: str, value: Any, allowed: tuple[str, ...], required: tuple[str, ...]) -> dict[Hashable, Any]:

@@ -13,18 +13,15 @@ import warnings
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, as_completed
 from pathlib import Path
-from typing import Literal, NamedTuple
-
-import numpy as np
+from typing import NamedTuple
 
 from tactopose_drake.core import model_cache
 from tactopose_drake.core.joint_index import SAMPLES, JointIndex, PairCounts, count_pairs
 from tactopose_drake.core.mesh.loading import load_mesh
 from tactopose_drake.core.mesh.repair import MeshRepairWarning
 from tactopose_drake.core.objects import ObjectModel, file_content
-from tactopose_drake.core.symmetry import RotationalSymmetry
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
-from tactopose_drake.library_files import LibraryEntry, SkippedObject, read_library
+from tactopose_drake.library_files import LibraryEntry, SkippedObject, make_symmetries, read_library
 
 MAX_GRID_BYTES = 2 * 2**20
 """The largest distance grid of an object in a library, bytes: a thousand objects take 2.3 GB on disk."""
@@ -169,6 +166,11 @@ def _key(content: str) -> str:
     return model_cache.content_key(content, f"pair counts of {SAMPLES} samples, 2")
 
 
+def forget_models() -> None:
+    """Frees the memory of the models that libraries' objects have loaded."""
+    _load.cache_clear()
+
+
 @functools.lru_cache(maxsize=_LOADED)
 def _load(known: LibraryObject) -> ObjectModel:
     return _build(known)
@@ -176,11 +178,7 @@ def _load(known: LibraryObject) -> ObjectModel:
 
 def _build(known: LibraryObject) -> ObjectModel:
     """The model, as finely as a library of many can afford."""
-    symmetry: Literal["auto", "none"] | list[RotationalSymmetry]
-    if isinstance(known.entry.symmetry, str):
-        symmetry = known.entry.symmetry
-    else:
-        symmetry = [RotationalSymmetry(np.array(axis), np.array(point), n) for axis, point, n in known.entry.symmetry]
+    symmetry = known.entry.symmetry
     with warnings.catch_warnings():
         # Whoever has a thousand meshes knows what they are like; `ObjectModel.repairs` says it again.
         warnings.simplefilter("ignore", MeshRepairWarning)
@@ -188,7 +186,7 @@ def _build(known: LibraryObject) -> ObjectModel:
             known.entry.mesh,
             name=known.name,
             mass=known.entry.mass,
-            symmetry=symmetry,
+            symmetry=symmetry if isinstance(symmetry, str) else make_symmetries(symmetry),
             samples=SAMPLES,
             max_grid_bytes=MAX_GRID_BYTES,
         )

@@ -1,0 +1,48 @@
+"""Values that another process receives as they are here, read-only arrays included.
+
+Pickling makes every array writable. Compiled kernels are compiled for each kind of array by itself, and may round
+differently: results would depend, in their last bits, on the process that computes them.
+"""
+
+import io
+import pickle
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+Value = TypeVar("Value")
+
+
+@dataclass(frozen=True, eq=False)
+class Sealed(Generic[Value]):
+    """Holds a value; its pickle keeps arrays read-only that are.
+
+    Attributes:
+        value: anything that can be pickled.
+    """
+
+    value: Value
+
+    def __reduce__(self) -> tuple[Callable[[bytes], "Sealed[Any]"], tuple[bytes]]:
+        buffer = io.BytesIO()
+        _Pickler(buffer, protocol=pickle.HIGHEST_PROTOCOL).dump(self.value)
+        return _unseal, (buffer.getvalue(),)
+
+
+class _Pickler(pickle.Pickler):
+    def reducer_override(self, obj: Any) -> Any:
+        if type(obj) is np.ndarray and not obj.flags.writeable:
+            return _read_only, (obj.copy(order="K"),)
+        return NotImplemented
+
+
+def _unseal(content: bytes) -> Sealed[Any]:
+    return Sealed(pickle.loads(content))
+
+
+def _read_only(array: NDArray[Any]) -> NDArray[Any]:
+    array.setflags(write=False)
+    return array
