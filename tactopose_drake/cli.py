@@ -25,6 +25,7 @@ from tactopose_drake.display.scene import Scene
 from tactopose_drake.errors import DriverError, InvalidInputError
 from tactopose_drake.estimation import METHODS, estimate_pose
 from tactopose_drake.files import load_contacts, load_prior, save_result
+from tactopose_drake.identify_command import identify_command
 from tactopose_drake.reports import (
     fingers_table,
     free_line,
@@ -138,6 +139,7 @@ def demo(hand: str, name: str | None, seed: int, out: Path, keep: bool, no_open:
         click.pause("Press Enter to end.")
 
 
+cli.add_command(identify_command)
 cli.add_command(run)
 cli.add_command(replay)
 
