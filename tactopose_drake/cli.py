@@ -21,6 +21,7 @@ from rich.console import Console
 from tactopose_drake.core.mesh.repair import MeshRepairWarning
 from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.demo import DemoResult, GraspFailedError, run_demo, save_demo
+from tactopose_drake.display.remote_meshcat import RemoteMeshcat
 from tactopose_drake.display.scene import Scene
 from tactopose_drake.errors import DriverError, InvalidInputError
 from tactopose_drake.estimation import METHODS, estimate_pose
@@ -36,7 +37,7 @@ from tactopose_drake.reports import (
 )
 from tactopose_drake.run_commands import replay, run
 from tactopose_drake.scenario import load_scenario
-from tactopose_drake.visualization import draw_scene, save_html
+from tactopose_drake.visualization import aim_camera, draw_scene, save_html, upright
 
 _UNUSABLE_INPUT = 2
 _console = Console()
@@ -61,6 +62,7 @@ def cli() -> None:
 @click.option("--seed", default=0, show_default=True, help="Of the search's random numbers.")
 @click.option("--out", type=_path, help="Writes result.json here.")
 @click.option("--html", type=_path, help="Writes the scene here, as a web page to turn and zoom.")
+@click.option("--meshcat-url", help="Draws the scene into the meshcat-server there, e.g. tcp://127.0.0.1:6000.")
 def estimate(
     mesh: Path,
     contacts_file: Path,
@@ -69,6 +71,7 @@ def estimate(
     seed: int,
     out: Path | None,
     html: Path | None,
+    meshcat_url: str | None,
 ) -> None:
     """Estimates the pose of an object from contacts."""
     contacts = load_contacts(contacts_file)
@@ -76,6 +79,7 @@ def estimate(
     for path in (out, html):
         if path is not None and not path.absolute().parent.is_dir():
             raise InvalidInputError(f"{path}: the folder {path.absolute().parent} does not exist.")
+    remote = None if meshcat_url is None else click.get_current_context().with_resource(RemoteMeshcat(meshcat_url))
     with _progress(f"reading {mesh}"):
         model = ObjectModel.from_mesh(mesh)
     with _progress("searching (the first run on a machine compiles its kernels, about 20 s)"):
@@ -85,16 +89,20 @@ def estimate(
     _console.print(status_line(found))
     if out is not None:
         save_result(out, found)
+    scene = Scene(
+        model=model,
+        contacts=contacts,
+        prior=None if prior is None else RigidTransform(prior.X_PO),
+        estimate=found.best.X_PO,
+    )
     if html is not None:
-        scene = Scene(
-            model=model,
-            contacts=contacts,
-            prior=None if prior is None else RigidTransform(prior.X_PO),
-            estimate=found.best.X_PO,
-        )
         meshcat = Meshcat()
         draw_scene(meshcat, scene)
+        aim_camera(meshcat, scene, upright(scene))
         save_html(html, meshcat)
+    if remote is not None:
+        draw_scene(remote, scene)
+        _console.print(f"Drawn into the meshcat-server whose page is {remote.web_url()}")
 
 
 @cli.command()
@@ -139,15 +147,15 @@ def demo(hand: str, name: str | None, seed: int, out: Path, keep: bool, no_open:
         click.pause("Press Enter to end.")
 
 
-cli.add_command(identify_command)
-cli.add_command(run)
-cli.add_command(replay)
-
-
 def _holders(result: DemoResult) -> list[str]:
     """What feels the object, counted."""
     felt = {"fingertips": len(result.fingers), "tactile pads": sum(pad.active_cells > 0 for pad in result.pads)}
     return [f"{count} {name}" for name, count in felt.items() if count]
+
+
+cli.add_command(identify_command)
+cli.add_command(run)
+cli.add_command(replay)
 
 
 def _has_display() -> bool:

@@ -12,6 +12,7 @@ from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.poses import increments_between, make_poses, quaternion_from_matrix, retract
 from tactopose_drake.core.poses import matrix_from_quaternion as rotation
 from tactopose_drake.core.synthetic_touch import touch_surface
+from tactopose_drake.display import remote_meshcat
 from tactopose_drake.resources import model_path
 
 X_PO = make_poses(rotation(np.array([0.8, 0.2, -0.4, 0.4])), np.array([0.01, -0.03, 0.09]))
@@ -183,3 +184,12 @@ def test_an_output_that_cannot_be_written_is_found_before_the_work(
     arguments = ["--object", "absent.obj", "--contacts", folder / "contacts.yaml"]
     assert run("estimate", *arguments, "--out", folder / "absent" / "result.json") == 2
     assert "does not exist" in capsys.readouterr().err
+
+
+def test_a_meshcat_server_that_is_not_there_is_told_before_any_work(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(remote_meshcat, "_ANSWER_TIME", 50)
+    files = ["--object", folder / "no.obj", "--contacts", folder / "contacts.yaml"]
+    assert run("estimate", *files, "--meshcat-url", "tcp://127.0.0.1:1") == 2
+    assert "no meshcat-server answers at tcp://127.0.0.1:1" in capsys.readouterr().err
