@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -52,6 +52,13 @@ class Contacts:
                 value = np.array(value)
                 value.setflags(write=False)
             object.__setattr__(self, name, value)
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        # Copies, and those in other processes, are read-only too: kernels may round otherwise for writable arrays.
+        for value in state.values():
+            if isinstance(value, np.ndarray):
+                value.setflags(write=False)
+        self.__dict__.update(state)
 
     def __len__(self) -> int:
         return len(self.p_PC)

@@ -1,4 +1,7 @@
+import copy
 import math
+import pickle
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -75,3 +78,12 @@ def test_a_prior_takes_a_rigid_transform_or_an_array() -> None:
 def test_bad_priors_are_named(arguments: dict[str, object], message: str) -> None:
     with pytest.raises(InvalidInputError, match=message):
         PosePrior(**arguments)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("again", [copy.deepcopy, lambda contacts: pickle.loads(pickle.dumps(contacts))])
+def test_copies_are_equal_and_read_only(again: Callable[[Contacts], Contacts]) -> None:
+    contacts = Contacts([[0.0, 0.0, 0.1]], [[0.0, 0.0, 1.0]])
+    copied = again(contacts)
+    for name in ("p_PC", "n_PC", "sigma_position", "sigma_normal"):
+        np.testing.assert_array_equal(getattr(copied, name), getattr(contacts, name))
+        assert not getattr(copied, name).flags.writeable

@@ -1,0 +1,137 @@
+import numpy as np
+import pytest
+import trimesh
+from pydrake.common.value import AbstractValue
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+
+import tactopose_drake as tp
+from tactopose_drake.core.contacts import Contacts
+from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.synthetic_touch import touch_surface
+from tactopose_drake.errors import InvalidInputError, PortTypeError, UnknownNameError
+from tactopose_drake.likelihood_visualization import HEIGHT, LENGTH, row_path
+from tactopose_drake.systems.likelihood_display import LikelihoodDisplay, LikelihoodDisplayParams
+from tactopose_drake.systems.object_identifier import ObjectIdentifier, ObjectIdentifierParams
+from tests.core.meshes import random_pose, shape_poor_in_symmetry
+from tests.recording_meshcat import RecordingMeshcat
+
+PATH = "/tactopose_identity"
+PERIOD = 0.5
+
+
+@pytest.fixture(scope="module")
+def models() -> list[ObjectModel]:
+    meshes = {"box": trimesh.creation.box((0.1, 0.06, 0.04)), "a block": shape_poor_in_symmetry()}
+    return [ObjectModel.from_mesh(mesh, name=name, spacing=0.002, cache=False) for name, mesh in meshes.items()]
+
+
+@pytest.fixture(scope="module")
+def contacts(models: list[ObjectModel]) -> Contacts:
+    generator = np.random.default_rng(0)
+    return touch_surface(models[1], random_pose(generator)[:3], 6, generator)
+
+
+def start(system: ObjectIdentifier, contacts: object) -> Simulator:
+    simulator = Simulator(system)
+    system.GetInputPort("contacts").FixValue(simulator.get_mutable_context(), AbstractValue.Make(contacts))
+    simulator.Initialize()
+    return simulator
+
+
+def output(simulator: Simulator, name: str) -> object:
+    system = simulator.get_system()
+    return system.GetOutputPort(name).Eval(simulator.get_context())
+
+
+def test_it_says_what_identify_says(models: list[ObjectModel], contacts: Contacts) -> None:
+    simulator = start(ObjectIdentifier(models, ObjectIdentifierParams(period=PERIOD)), contacts)
+    simulator.AdvanceTo(0.1)
+    found, expected = output(simulator, "identities"), tp.identify(models, contacts)
+    assert isinstance(found, tp.Identification)
+    assert [(i.name, i.likelihood, i.log_evidence) for i in found] == [
+        (i.name, i.likelihood, i.log_evidence) for i in expected
+    ]
+    assert found.best.name == "a block"
+    assert output(simulator, "status") == "ok"
+
+
+def test_it_holds_while_the_touch_is_too_little(models: list[ObjectModel], contacts: Contacts) -> None:
+    simulator = start(ObjectIdentifier(models, ObjectIdentifierParams(period=PERIOD)), Contacts.empty())
+    simulator.AdvanceTo(0.1)
+    assert output(simulator, "identities") is None
+    assert output(simulator, "status") == "held: 0 contacts, 3 needed"
+    port = simulator.get_system().GetInputPort("contacts")
+    port.FixValue(simulator.get_mutable_context(), AbstractValue.Make(contacts))
+    simulator.AdvanceTo(PERIOD - 0.01)
+    assert output(simulator, "identities") is None  # Its period is not over yet.
+    simulator.AdvanceTo(PERIOD + 0.01)
+    held = output(simulator, "identities")
+    assert isinstance(held, tp.Identification)
+    port.FixValue(simulator.get_mutable_context(), AbstractValue.Make(Contacts.empty()))
+    simulator.AdvanceTo(2 * PERIOD + 0.01)
+    after = output(simulator, "identities")
+    assert isinstance(after, tp.Identification)
+    assert after.best.likelihood == held.best.likelihood
+    assert str(output(simulator, "status")).startswith("held: ")
+
+
+def test_the_measure_is_a_parameter(models: list[ObjectModel], contacts: Contacts) -> None:
+    params = ObjectIdentifierParams(likelihood="inverse_cost")
+    simulator = start(ObjectIdentifier(models, params), contacts)
+    simulator.AdvanceTo(0.1)
+    found = output(simulator, "identities")
+    assert isinstance(found, tp.Identification)
+    assert found.best.likelihood == tp.identify(models, contacts, likelihood="inverse_cost").best.likelihood
+
+
+def test_bad_parameters_and_inputs_are_named(models: list[ObjectModel]) -> None:
+    for params, error, said in [
+        (ObjectIdentifierParams(period=0.0), InvalidInputError, "ObjectIdentifierParams.period: is 0"),
+        (ObjectIdentifierParams(min_contacts=0), InvalidInputError, "ObjectIdentifierParams.min_contacts: is 0"),
+        (ObjectIdentifierParams(likelihood="cost"), UnknownNameError, "ObjectIdentifierParams.likelihood: 'cost'"),
+    ]:
+        with pytest.raises(error, match=said):
+            ObjectIdentifier(models, params)
+    simulator = Simulator(ObjectIdentifier(models))
+    with pytest.raises(PortTypeError, match="input port 'contacts'"):
+        simulator.AdvanceTo(0.1)
+    with pytest.raises(InvalidInputError, match="period: is -1"):
+        LikelihoodDisplay(RecordingMeshcat(), models, params=LikelihoodDisplayParams(period=-1.0))
+    with pytest.raises(InvalidInputError, match="models: there are 0"):
+        LikelihoodDisplay(RecordingMeshcat(), [])
+
+
+def test_bars_are_as_long_as_the_likelihoods(models: list[ObjectModel], contacts: Contacts) -> None:
+    meshcat, builder = RecordingMeshcat(), DiagramBuilder()
+    params = ObjectIdentifierParams(likelihood="inverse_cost", period=PERIOD)
+    identifier = builder.AddNamedSystem("identifier", ObjectIdentifier(models, params))
+    display = builder.AddNamedSystem("display", LikelihoodDisplay(meshcat, models))
+    builder.Connect(identifier.GetOutputPort("identities"), display.GetInputPort("identities"))
+    builder.ExportInput(identifier.GetInputPort("contacts"), "contacts")
+    simulator = Simulator(builder.Build())
+    simulator.get_system().GetInputPort("contacts").FixValue(
+        simulator.get_mutable_context(), AbstractValue.Make(contacts)
+    )
+    simulator.AdvanceTo(0.3)
+    likelihood = {i.name: i.likelihood for i in tp.identify(models, contacts, likelihood="inverse_cost")}
+    assert min(likelihood.values()) > 0.01
+    for row, model in enumerate(models):
+        at = row_path(PATH, row, model.name)
+        assert f"{at}/shape" in meshcat.objects
+        _, length, _ = meshcat.properties[f"{at}/bar/box", "scale"]  # type: ignore[misc]
+        assert length == pytest.approx(likelihood[model.name])
+        # The bar begins where every bar does, in its own row.
+        middle = meshcat.pose(f"{at}/bar").translation()
+        np.testing.assert_allclose(middle - [0.0, 0.5 * LENGTH * length, 0.0], [0.0, HEIGHT, -HEIGHT * row], atol=1e-12)
+    assert row_path(PATH, 1, "a block") == f"{PATH}/1/a_block"
+
+
+def test_bars_are_empty_before_the_first_touch(models: list[ObjectModel]) -> None:
+    meshcat = RecordingMeshcat()
+    display = LikelihoodDisplay(meshcat, models)
+    simulator = Simulator(display)
+    display.GetInputPort("identities").FixValue(simulator.get_mutable_context(), AbstractValue.Make(None))
+    simulator.AdvanceTo(0.01)
+    for row, model in enumerate(models):
+        assert meshcat.properties[f"{row_path(PATH, row, model.name)}/bar/box", "scale"][1] < 0.01  # type: ignore[index]
