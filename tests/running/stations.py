@@ -100,5 +100,5 @@ def pads_running(can: ObjectModel) -> contextlib.AbstractContextManager[Running]
     """Barrett's hand, likewise."""
     scenario = held_can.scenario()
     scenario.estimation.use_hand_volume = scenario.estimation.check_collisions = False
-    scenario.estimation.estimator.period = 0.2
+    scenario.estimation.estimator.period = 0.3
     return running(scenario, {"hand": held_can.ROW}, {"prior": Signal.constant(held_can.prior())}, can)

@@ -152,5 +152,5 @@ def test_a_bus_that_fails_holds_the_estimate_until_it_is_back(can: ObjectModel, 
         assert running.value("status").startswith("held: 0 contacts")
         running.rig["hand"].faults = []
         running.unplug(False)
-        running.run(5.0)
+        running.run(3.5)
         assert_all_is_well(running)
