@@ -7,6 +7,7 @@ both lie along the line, the spin is free, and turns of a full circle are tried.
 Source: [K76] W. Kabsch, A solution for the best rotation to relate two sets of vectors, Acta Cryst. A32, 1976.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 
 from tactopose_drake.core.coarse_field import CoarseField
 from tactopose_drake.core.pair_features import PairFeatures
+from tactopose_drake.core.two_cores import in_two_parts
 from tactopose_drake.core.validation import FloatArray
 
 
@@ -40,61 +42,81 @@ class ContactPair:
         return len(self.matches) * self.spins
 
 
-def judge_pair(
-    pair: ContactPair,
+def judge_pairs(
+    pairs: Sequence[ContactPair],
     features: PairFeatures,
     field: CoarseField,
     table: FloatArray,
-    limit: float,
+    count: int,
     center: FloatArray,
     reach: tuple[float, float],
     turns: FloatArray,
 ) -> NDArray[np.float32]:
-    """Coarse costs (matches * spins,) of a pair's poses; infinite beyond the limit, and out of reach.
+    """Coarse costs of all poses of the pairs, one pair after the other, shape (sum of their counts,).
 
-    A pose is in reach when one of its images is, which the object's symmetries make: of those only one is looked up.
+    Infinite are those of poses out of reach, and of some that are certainly not among the `count` best. A pose is in
+    reach when one of its images is, which the object's symmetries make: of those only one is looked up.
 
     Args:
-        pair: the contacts and their matches.
+        pairs: contacts and their matches.
         features: the object's pairs of samples.
         field: the object's coarse field.
         table: all contacts, from `coarse_field.contact_table`.
-        limit: the largest cost of interest.
+        count: how many of the best are of interest.
         center: the middle of the poses that count, shape (3, 4).
         reach: the largest rotation from there, rad, and the largest translation, m.
         turns: the object's symmetries as poses X_OO', shape (g, 3, 4).
     """
-    cost = np.empty((len(pair.matches), pair.spins), dtype=np.float32)
-    _judge(
+    matches, begins, frames, spins = _joined(pairs, table)
+    # The contacts of a pair fit by construction: the others say sooner that a pose is bad.
+    others = np.array([[pair.first, pair.second] for pair in pairs])
+    order = np.argsort(np.any(np.arange(len(table)) == others[:, :, None], axis=1), axis=1, kind="stable")
+    cost = np.empty(int(np.sum(np.diff(begins) * spins)), dtype=np.float32)
+    arguments = (
         features.points,
         features.normals,
         features.pairs,
-        pair.matches,
-        _contact_frame(table[pair.first], table[pair.second]),
-        pair.spins,
+        matches,
+        begins,
+        frames,
+        spins,
+        order,
         field.values,
         field.shape,
         field.origin,
         1.0 / field.spacing,
         field.spacing / field.step,
         table,
-        limit,
+        count,
         np.ascontiguousarray(center[:, :3] @ np.swapaxes(turns[:, :, :3], 1, 2)),
         np.ascontiguousarray(turns[:, :, 3]),
         center[:, 3],
         1.0 + 2.0 * np.cos(reach[0]) if reach[0] < np.pi else -np.inf,
         reach[1] ** 2,
-        cost,
     )
-    return cost.ravel()
+    in_two_parts(lambda part: _judge(*arguments, part, cost))
+    return cost
 
 
-def pair_poses(pair: ContactPair, features: PairFeatures, table: FloatArray, chosen: NDArray[np.intp]) -> FloatArray:
-    """The poses (chosen, 3, 4) of the chosen ones among those that `judge_pair` judges."""
+def pair_poses(
+    pairs: Sequence[ContactPair], features: PairFeatures, table: FloatArray, chosen: NDArray[np.intp]
+) -> FloatArray:
+    """The poses (chosen, 3, 4) of the chosen ones among those that `judge_pairs` judges."""
     X_PO = np.empty((len(chosen), 3, 4))
-    frame = _contact_frame(table[pair.first], table[pair.second])
-    _make(features.points, features.normals, features.pairs, pair.matches, frame, pair.spins, chosen, X_PO)
+    _make(features.points, features.normals, features.pairs, *_joined(pairs, table), chosen, X_PO)
     return X_PO
+
+
+def _joined(
+    pairs: Sequence[ContactPair], table: FloatArray
+) -> tuple[NDArray[np.int32], NDArray[np.intp], FloatArray, NDArray[np.int64]]:
+    """All matches, the number of them before each pair (q + 1,), contact frames (q, 6, 3) and spins (q,)."""
+    begins = np.cumsum([0] + [len(pair.matches) for pair in pairs])
+    frames = np.empty((len(pairs), 6, 3))
+    for pair, frame in zip(pairs, frames, strict=True):
+        _contact_frame(table[pair.first], table[pair.second], frame)
+    matches = np.concatenate([pair.matches for pair in pairs])
+    return matches, begins, frames, np.array([pair.spins for pair in pairs])
 
 
 def distinct_poses(X_PO: FloatArray, length: float, angle: float) -> NDArray[np.bool_]:
@@ -125,15 +147,14 @@ def _axes(p, q, axes, middle):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _contact_frame(a, b):  # type: ignore[no-untyped-def]
+def _contact_frame(a, b, frame):  # type: ignore[no-untyped-def]
     """Rows: the point between two contacts; axes, x from the first to the second; y and z of each normal, (6, 3)."""
-    frame = np.zeros((6, 3))
+    frame[4:] = 0.0
     _axes(a[:3], b[:3], frame[1:4], frame[0])
     for row, contact in ((4, a), (5, b)):
         for axis in range(2):
             for c in range(3):
                 frame[row, axis] += contact[3 + c] * frame[2 + axis, c]
-    return frame
 
 
 @njit(cache=True, inline="always")
@@ -163,14 +184,15 @@ def _pair_pose(points, normals, i, j, axes, middle, frame, spin, spins, X):  # t
 
 # Beside its caller, because numba's cache on disk notices changes of the caller's file alone.
 @njit(cache=True, inline="always", error_model="numpy")
-def coarse_cost(values, shape, origin, inverse_spacing, steps, table, X, limit):  # type: ignore[no-untyped-def]
+def coarse_cost(values, shape, origin, inverse_spacing, steps, table, order, X, limit):  # type: ignore[no-untyped-def]
     """Sum of the squared whitened differences at the pose X (3, 4), or some number beyond the limit.
 
-    The contacts' `table` is that of `contact_table`; `steps` is how many steps of the distance are in a voxel.
+    The contacts' `table` is that of `contact_table`, read in this order; `steps` is how many steps of the distance are
+    in a voxel.
     """
     nx, ny, nz = shape
     total = 0.0
-    for m in range(table.shape[0]):
+    for m in order:
         x, y, z = table[m, 0] - X[0, 3], table[m, 1] - X[1, 3], table[m, 2] - X[2, 3]
         # Voxels from the first one's centre.
         u = (X[0, 0] * x + X[1, 0] * y + X[2, 0] * z - origin[0]) * inverse_spacing
@@ -218,43 +240,64 @@ def _judge(  # type: ignore[no-untyped-def]
     normals,
     pairs,
     matches,
-    frame,
+    begins,
+    frames,
     spins,
+    orders,
     values,
     shape,
     origin,
     inverse_spacing,
     steps,
     table,
-    limit,
+    count,
     rotations,
     origins,
     center,
     least_trace,
     farthest,
+    part,
     cost,
 ):
+    """One half of each pair's matches. What is worse than its `count` best so far is not of interest."""
     axes, middle, X = np.empty((3, 3)), np.empty(3), np.empty((3, 4))
-    for row in range(matches.shape[0]):
-        i, j = pairs[matches[row], 0], pairs[matches[row], 1]
-        _axes(points[i], points[j], axes, middle)
-        for spin in range(spins):
-            _pair_pose(points, normals, i, j, axes, middle, frame, spin, spins, X)
-            cost[row, spin] = np.inf
-            if _is_near(X, rotations, origins, center, least_trace, farthest):
-                total = coarse_cost(values, shape, origin, inverse_spacing, steps, table, X, limit)
-                if total <= limit:
-                    cost[row, spin] = total
+    lowest, limit, used, offset = np.empty(count + cost.shape[0], dtype=np.float32), np.inf, 0, 0
+    for q in range(spins.shape[0]):
+        order, frame = orders[q], frames[q]
+        half = begins[q] + (begins[q + 1] - begins[q]) // 2
+        begin, end = (begins[q], half) if part == 0 else (half, begins[q + 1])
+        for row in range(begin, end):
+            i, j = pairs[matches[row], 0], pairs[matches[row], 1]
+            _axes(points[i], points[j], axes, middle)
+            for spin in range(spins[q]):
+                _pair_pose(points, normals, i, j, axes, middle, frame, spin, spins[q], X)
+                at = offset + (row - begins[q]) * spins[q] + spin
+                cost[at] = np.inf
+                if _is_near(X, rotations, origins, center, least_trace, farthest):
+                    total = coarse_cost(values, shape, origin, inverse_spacing, steps, table, order, X, limit)
+                    if total <= limit:
+                        cost[at] = total
+                        lowest[used] = total
+                        used += 1
+        offset += (begins[q + 1] - begins[q]) * spins[q]
+        if used > count:
+            lowest[:used] = np.partition(lowest[:used], count)
+            used = count
+            limit = lowest[count]
 
 
 @njit(cache=True)
-def _make(points, normals, pairs, matches, frame, spins, chosen, X):  # type: ignore[no-untyped-def]
+def _make(points, normals, pairs, matches, begins, frames, spins, chosen, X):  # type: ignore[no-untyped-def]
     axes, middle = np.empty((3, 3)), np.empty(3)
     for row in range(chosen.shape[0]):
-        match, spin = chosen[row] // spins, chosen[row] % spins
-        i, j = pairs[matches[match], 0], pairs[matches[match], 1]
+        q, rest = 0, chosen[row]
+        while rest >= (begins[q + 1] - begins[q]) * spins[q]:
+            rest -= (begins[q + 1] - begins[q]) * spins[q]
+            q += 1
+        match = matches[begins[q] + rest // spins[q]]
+        i, j = pairs[match, 0], pairs[match, 1]
         _axes(points[i], points[j], axes, middle)
-        _pair_pose(points, normals, i, j, axes, middle, frame, spin, spins, X[row])
+        _pair_pose(points, normals, i, j, axes, middle, frames[q], rest % spins[q], spins[q], X[row])
 
 
 @njit(cache=True)

@@ -17,7 +17,8 @@ def blob() -> ObjectModel:
 def cost(field: CoarseField, contacts: Contacts, X_PO: np.ndarray, off: float = 0.0, turn: float = 0.0) -> float:
     table = contact_table(field, contacts, off, turn)
     steps = field.spacing / field.step
-    return float(coarse_cost(field.values, field.shape, field.origin, 1 / field.spacing, steps, table, X_PO, np.inf))
+    arguments = (field.values, field.shape, field.origin, 1 / field.spacing, steps, table)
+    return float(coarse_cost(*arguments, np.arange(len(table)), X_PO, np.inf))
 
 
 def test_a_voxel_holds_the_grids_distance_and_normal(blob: ObjectModel) -> None:

@@ -4,11 +4,12 @@ import pytest
 from tactopose_drake.core.coarse_field import contact_table
 from tactopose_drake.core.contacts import Contacts
 from tactopose_drake.core.objects import ObjectModel
-from tactopose_drake.core.pair_poses import ContactPair, distinct_poses, judge_pair, pair_poses
+from tactopose_drake.core.pair_poses import ContactPair, distinct_poses, judge_pairs, pair_poses
 from tactopose_drake.core.poses import compose, make_poses, random_rotations, rotation_angles, transform_points
 from tactopose_drake.core.symmetry import RotationalSymmetry
 from tests.core.searches.problems import make_blob
 
+EVERY = 10**6
 EVERYWHERE = (np.eye(3, 4), (np.pi, np.inf), np.eye(3, 4)[None])
 
 
@@ -39,9 +40,9 @@ def test_the_right_match_gives_the_pose(blob: ObjectModel, seed: int) -> None:
     contacts = touch_samples(blob, X_PO, [i, j, *others])
     table = contact_table(blob.coarse_field, contacts, 0.0, 0.1)
     pair = ContactPair(0, 1, match_of(blob, i, j), 1)
-    found = pair_poses(pair, blob.pair_features, table, np.array([0]))[0]
+    found = pair_poses([pair], blob.pair_features, table, np.array([0]))[0]
     np.testing.assert_allclose(found, X_PO, atol=1e-9)
-    cost = judge_pair(pair, blob.pair_features, blob.coarse_field, table, np.inf, *EVERYWHERE)
+    cost = judge_pairs([pair], blob.pair_features, blob.coarse_field, table, EVERY, *EVERYWHERE)
     assert cost[0] < 15.0
 
 
@@ -50,7 +51,7 @@ def test_both_points_stay_on_the_surface_whatever_the_spin(blob: ObjectModel) ->
     contacts = touch_samples(blob, X_PO, [10, 500, 700])
     table = contact_table(blob.coarse_field, contacts, 0.001, 0.1)
     pair = ContactPair(0, 1, match_of(blob, 10, 500), 12)
-    found = pair_poses(pair, blob.pair_features, table, np.arange(12))
+    found = pair_poses([pair], blob.pair_features, table, np.arange(12))
     np.testing.assert_allclose(
         found[:, :, :3] @ np.swapaxes(found[:, :, :3], 1, 2), np.tile(np.eye(3), (12, 1, 1)), atol=1e-12
     )
@@ -59,7 +60,7 @@ def test_both_points_stay_on_the_surface_whatever_the_spin(blob: ObjectModel) ->
         np.testing.assert_allclose(touched, np.tile(contacts.p_PC[row], (12, 1)), atol=1e-12)
     np.testing.assert_allclose(rotation_angles(found[:-1, :, :3], found[1:, :, :3]), np.pi / 6)
     # The best of the twelve turns is the one next to the truth.
-    cost = judge_pair(pair, blob.pair_features, blob.coarse_field, table, np.inf, *EVERYWHERE)
+    cost = judge_pairs([pair], blob.pair_features, blob.coarse_field, table, EVERY, *EVERYWHERE)
     angles = rotation_angles(found[:, :, :3], X_PO[:, :3])
     assert angles[cost.argmin()] < np.pi / 6
 
@@ -70,12 +71,17 @@ def test_poses_beyond_the_limit_or_out_of_reach_are_left_out(blob: ObjectModel) 
     table = contact_table(blob.coarse_field, contacts, 0.004, 0.2)
     features, field = blob.pair_features, blob.coarse_field
     pair = ContactPair(0, 1, np.arange(0, len(features.pairs), 997, dtype=np.int32), 1)
-    every = judge_pair(pair, features, field, table, np.inf, *EVERYWHERE)
-    limited = judge_pair(pair, features, field, table, 80.0, *EVERYWHERE)
-    np.testing.assert_array_equal(limited, np.where(every <= 80.0, every, np.inf))
-    assert 0 < np.isfinite(limited).sum() < len(limited)
-    near = judge_pair(pair, features, field, table, np.inf, X_PO, (1.0, 0.05), np.eye(3, 4)[None])
-    X_all = pair_poses(pair, features, table, np.arange(len(every)))
+    every = judge_pairs([pair], features, field, table, EVERY, *EVERYWHERE)
+    # Of several pairs the best are found, and most others are not judged to the end.
+    parts = [ContactPair(0, 1, pair.matches[k::3], 1) for k in range(3)]
+    limited = judge_pairs(parts, features, field, table, 50, *EVERYWHERE)
+    joined = np.concatenate([every[k::3] for k in range(3)])
+    judged = np.isfinite(limited)
+    np.testing.assert_array_equal(limited[judged], joined[judged])
+    np.testing.assert_array_equal(np.sort(limited)[:50], np.sort(joined)[:50])
+    assert judged.sum() < 0.7 * len(joined)
+    near = judge_pairs([pair], features, field, table, EVERY, X_PO, (1.0, 0.05), np.eye(3, 4)[None])
+    X_all = pair_poses([pair], features, table, np.arange(len(every)))
     within = (rotation_angles(X_all[:, :, :3], X_PO[:, :3]) <= 1.0) & (
         np.linalg.norm(X_all[:, :, 3] - X_PO[:, 3], axis=1) <= 0.05
     )
@@ -91,8 +97,8 @@ def test_a_pose_is_in_reach_when_a_symmetry_brings_it_there(blob: ObjectModel) -
     pair = ContactPair(0, 1, np.arange(0, len(features.pairs), 997, dtype=np.int32), 1)
     # A turn of a third about an axis that does not meet O's origin.
     turns = RotationalSymmetry(np.array([0.6, 0.0, 0.8]), np.array([0.03, 0.05, 0.0]), 3).poses()
-    near = judge_pair(pair, features, field, table, np.inf, X_PO, (0.8, 0.1), turns)
-    images = compose(pair_poses(pair, features, table, np.arange(pair.count))[:, None], turns)
+    near = judge_pairs([pair], features, field, table, EVERY, X_PO, (0.8, 0.1), turns)
+    images = compose(pair_poses([pair], features, table, np.arange(pair.count))[:, None], turns)
     within = (rotation_angles(images[..., :3], X_PO[:, :3]) <= 0.8) & (
         np.linalg.norm(images[..., 3] - X_PO[:, 3], axis=-1) <= 0.1
     )

@@ -19,8 +19,8 @@ from tactopose_drake.core.searches.base import PoseSpace, SearchResult, StopSign
 from tactopose_drake.core.searches.parameters import IncrementParameters, Parameters
 from tactopose_drake.core.validation import FloatArray
 
-# A compiled descent is stopped between so many poses.
-_BLOCK = 64
+# A compiled descent may be stopped after so many steps, a millisecond or so.
+_BLOCK = 1024
 
 Solver = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
 
@@ -120,7 +120,8 @@ class LevenbergMarquardt:
         """The same in compiled blocks of poses; those that there is no time for stay where they are."""
         rule = DescentRule(self.max_iterations, self.tolerance, self.initial_damping, self.max_damping)
         standing = rule._replace(max_iterations=0)
-        for first in range(0, max(1, len(X_start)), _BLOCK):
-            yield SearchResult(*objective.descend(rule, X_start[first : first + _BLOCK]))
+        size = 1 + _BLOCK // (1 + self.max_iterations)
+        for first in range(0, max(1, len(X_start)), size):
+            yield SearchResult(*objective.descend(rule, X_start[first : first + size]))
             if should_stop():
                 rule = standing

@@ -10,7 +10,6 @@ poses that touch the object start it; and where there is a prior, random poses u
 import dataclasses
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tactopose_drake.core.coarse_field import contact_table
 from tactopose_drake.core.contact_pairs import PairChoice
@@ -19,7 +18,7 @@ from tactopose_drake.core.free_spin import nearest_images
 from tactopose_drake.core.objectives.base import LeastSquaresObjective
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.objects import ObjectModel
-from tactopose_drake.core.pair_poses import distinct_poses, judge_pair, pair_poses
+from tactopose_drake.core.pair_poses import distinct_poses, judge_pairs, pair_poses
 from tactopose_drake.core.searches.base import PoseSpace, SearchResult, StopSignal, join_results, never
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
 from tactopose_drake.core.validation import FloatArray
@@ -140,25 +139,10 @@ class PairSearch:
         turns, reach = self.model.symmetry_turns, space.reach
         if np.sum([symmetry.is_continuous for symmetry in self.model.symmetries]) > 1:
             turns, reach = turns[:1], (np.pi, reach[1])  # A sphere's rotation is always within reach.
-        costs: list[NDArray[np.float32]] = []
-        lowest, limit = np.empty(0, dtype=np.float32), np.inf
-        for pair in pairs:
-            costs.append(judge_pair(pair, features, field, table, limit, space.center, reach, turns))
-            lowest = np.concatenate([lowest, costs[-1][costs[-1] < limit]])
-            if len(lowest) > count:
-                # The first that is too many: of the pairs to come only better poses are of interest.
-                lowest = np.partition(lowest, count)[: count + 1]
-                limit = float(lowest[count])
-        cost = np.concatenate(costs)
+        cost = judge_pairs(pairs, features, field, table, count, space.center, reach, turns)
+        limit = np.partition(cost, count)[count] if len(cost) > count else np.inf
         best = np.flatnonzero(cost < limit)
-        ends = np.cumsum([pair.count for pair in pairs])
-        shares = np.split(best, np.searchsorted(best, ends[:-1]))
-        X_PO = np.concatenate(
-            [
-                pair_poses(pair, features, table, share - (end - pair.count))
-                for pair, share, end in zip(pairs, shares, ends, strict=True)
-            ]
-        )[np.argsort(cost[best], kind="stable")]
+        X_PO = pair_poses(pairs, features, table, best[np.argsort(cost[best], kind="stable")])
         if space.reach[0] < np.pi:
             X_PO = nearest_images(X_PO, space.center, self.model.symmetry_turns, self.model.symmetries)
         return X_PO[distinct_poses(X_PO, offset, bend)]

@@ -1,7 +1,14 @@
 import numpy as np
 import pytest
 
-from tactopose_drake.core.objectives.base import LeastSquaresObjective, NormalEquations, form_normal_equations
+from tactopose_drake.core.objectives.base import (
+    LeastSquaresObjective,
+    NormalEquations,
+    SumObjective,
+    form_normal_equations,
+)
+from tactopose_drake.core.objectives.pose_prior import PriorObjective
+from tactopose_drake.core.objectives.surface_contact import ContactWithPrior, SurfaceContact
 from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.poses import increments_between, rotation_angles
 from tactopose_drake.core.searches.base import PriorSpace, Search
@@ -81,6 +88,33 @@ def test_a_batch_is_refined_as_its_poses_one_by_one(blob: ObjectModel) -> None:
     alone = [search.refine(objective, X[None]) for X in X_start]
     np.testing.assert_allclose(together.cost, sorted(float(one.cost[0]) for one in alone), rtol=1e-12)
     assert sorted(together.iterations) == sorted(int(one.iterations[0]) for one in alone)
+
+
+@pytest.mark.parametrize("has_prior", [True, False])
+def test_the_compiled_descent_steps_as_the_rounds_do(blob: ObjectModel, has_prior: bool) -> None:
+    summed, prior, _ = make_touch(blob, 8)
+    touch, known = summed.terms
+    assert isinstance(touch, SurfaceContact)
+    assert isinstance(known, PriorObjective)
+    compiled = ContactWithPrior(touch, known) if has_prior else touch
+    plain = SumObjective([touch, known] if has_prior else [touch])
+    X_start = PriorSpace(prior).sample(np.random.default_rng(2), 30)
+    for got, expected in zip(compiled.normal_equations(X_start), plain.normal_equations(X_start), strict=True):
+        np.testing.assert_allclose(got, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+    for search in (LevenbergMarquardt(max_iterations=4), LevenbergMarquardt(max_iterations=12, tolerance=1e-2)):
+        here, there = search.refine(compiled, X_start), search.refine(plain, X_start)
+        np.testing.assert_allclose(here.cost, there.cost, rtol=1e-5)
+        np.testing.assert_array_equal(here.iterations, there.iterations)
+        np.testing.assert_array_equal(here.converged, there.converged)
+
+
+def test_a_compiled_descent_stops_when_told_to(blob: ObjectModel) -> None:
+    touch = make_touch(blob, 9)[0].terms[0]
+    X_start = PriorSpace(make_touch(blob, 9)[1]).sample(np.random.default_rng(3), 400)
+    found = LevenbergMarquardt(max_iterations=15).refine(touch, X_start, lambda: True)
+    assert len(found.cost) == 400
+    assert 0 < np.count_nonzero(found.iterations) < 100
+    np.testing.assert_allclose(found.cost, touch.cost(found.X_PO), rtol=1e-9)
 
 
 def test_the_limit_of_iterations_is_kept_and_said(blob: ObjectModel) -> None:
