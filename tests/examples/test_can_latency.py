@@ -1,0 +1,43 @@
+"""The measurement of the latency, for a moment and in one process; what it finds depends on the machine."""
+
+import runpy
+from pathlib import Path
+
+import numpy as np
+
+from tactopose_drake.can_devices import CanDevices, live_buses
+from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.hardware_station import make_hardware_station
+from tactopose_drake.recordings.signals import Signal
+from tactopose_drake.resources import model_path
+from tactopose_drake.running.simulated_devices import SimulatedRig
+from tests import held_cube
+
+SCRIPT = Path(__file__).parents[2] / "examples" / "can_latency.py"
+
+
+def test_frames_become_contacts() -> None:
+    example = runpy.run_path(str(SCRIPT))
+    (bus,) = example["make_scenario"]().senses.buses.values()
+    assert bus.interface == "udp_multicast"
+    scenario = held_cube.scenario()
+    scenario.senses.buses["main"].channel = "latency"
+    scenario.estimation.use_hand_volume = scenario.estimation.check_collisions = False
+    model = ObjectModel.from_mesh(model_path("objects", "cube.obj"))
+    loads = {finger: Signal.constant(F_S) for finger, F_S in held_cube.WRENCHES.items()}
+    for load in loads.values():
+        load.times[0] = 0.0
+    devices = CanDevices(scenario.senses, live_buses(scenario.senses))
+    station = make_hardware_station(scenario, devices, {"joint_positions": Signal.constant(held_cube.Q)}, model=model)
+    with SimulatedRig(scenario, loads), devices:
+        for board in devices.boards.values():
+            board.read(5.0)
+        silent = example["run"](station, devices, 0.1, False)
+        report = example["run"](station, devices, 0.4, True)
+    assert len(silent.latency) == 0
+    assert len(report.latency) >= 5
+    assert np.all(report.latency > 0.0)
+    assert np.all(report.latency < 10.0)
+    assert report.estimates == 4
+    assert report.samples_per_second > 0
+    assert 0 < report.real_time_factor <= 1.01
