@@ -13,7 +13,13 @@ which is why the pose is as if the biases were estimated from this frame, and wh
 frames of one grasp, each with own error covariance R, give P = B + R / N in the coordinates of the contacts, exactly
 (from nothing known: P = B + R, C = -B; then the innovation's covariance is P + B + 2 C + R = 2 R, the gain 1 / 2).
 
-Source: [S66] S. Schmidt, Application of state-space methods to navigation problems, 1966 (the consider filter).
+What a contact says of the pose is regressed over the spread of the mode [G15] rather than read off a tangent. Tangents
+at one estimate after the other are all different, by bends, facets and edges, and together claim to know what none
+does.
+
+Sources: [G15] A. Garcia-Fernandez et al., Posterior linearization filter: principles and implementation using sigma
+points, IEEE Trans. Signal Processing, 2015; [S66] S. Schmidt, Application of state-space methods to navigation
+problems, 1966 (the consider filter).
 """
 
 from typing import NamedTuple
@@ -22,12 +28,34 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactopose_drake.core.contacts import Contacts
-from tactopose_drake.core.signed_distance import DistanceGrid
-from tactopose_drake.core.tracking import tracking_kernels
+from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.tracking.regression_kernels import regress_modes
+from tactopose_drake.core.tracking.tracking_kernels import refine_modes
 from tactopose_drake.core.validation import FloatArray
+
+
+class Stable(NamedTuple):
+    """Standard deviations of what never changes: of each coordinate of a position, m, and about each axis, rad.
+
+    Attributes:
+        hand: the calibration of the hand, which is a part of what the contacts say of their errors.
+        surface: how far the model's surface is from the object's where it is touched; contacts do not know of it.
+    """
+
+    hand: tuple[float, float]
+    surface: tuple[float, float]
+
+    @property
+    def variances(self) -> FloatArray:
+        """Of the six biases of a source."""
+        return np.repeat(np.square(self.hand) + np.square(self.surface), 3)
+
 
 # Steps that move a mode, and the decrease of the cost that is worth one.
 _STEPS, _TOLERANCE = 12, 1e-4
+# A turn moves the surface as far as it does at this share of the object's size from O; sigma points move it by no more
+# than so many m, and each mode is regressed so often.
+_ARM, _REACH, _ROUNDS = 0.25, 0.008, 2
 # At least this share of a contact's standard deviation is its own.
 _OWN = 0.3
 
@@ -52,10 +80,10 @@ class ContactUpdate(NamedTuple):
 
 
 def update_with_contacts(
-    grid: DistanceGrid,
+    model: ObjectModel,
     contacts: Contacts,
     source: NDArray[np.intp],
-    calibration: tuple[float, float],
+    stable: Stable,
     X_prior: FloatArray,
     covariance: FloatArray,
     cross: FloatArray,
@@ -64,29 +92,28 @@ def update_with_contacts(
     """Updates modes, each a Gaussian of the increments from its pose.
 
     Args:
-        grid: of the object.
+        model: the object.
         contacts: in P; the standard deviations are of the whole error, of which the calibration is a part.
         source: which of the s sources each contact is of, shape (k,).
-        calibration: standard deviations of the biases, of each coordinate of the position, m, and of a turn of the
-            normal about each axis, rad.
+        stable: of what the biases are.
         X_prior: the modes, shape (n, 3, 4).
         covariance: of their increments, shape (n, 6, 6).
         cross: covariances of the increments with the biases, shape (n, 6, 6 s).
         X_start: where to start from, shape (n, 3, 4), where that is not the prior's pose.
     """
     count, size = len(X_prior), 6 + cross.shape[2]
-    information, log_determinant = _joint_information(covariance, cross, calibration)
+    information, log_determinant = _joint_information(covariance, cross, stable)
     weights = [
-        1.0 / np.sqrt(np.maximum(np.square(sigma) - stable**2, np.square(_OWN * np.asarray(sigma))))
-        for sigma, stable in zip((contacts.sigma_position, contacts.sigma_normal), calibration, strict=True)
+        1.0 / np.sqrt(np.maximum(np.square(sigma) - part**2, np.square(_OWN * np.asarray(sigma))))
+        for sigma, part in zip((contacts.sigma_position, contacts.sigma_normal), stable.hand, strict=True)
     ]
     n_PC = np.zeros_like(contacts.p_PC) if contacts.n_PC is None else contacts.n_PC
     X_PO = np.array(X_prior if X_start is None else X_start)
     cost, spread, hessian = np.empty(count), np.empty(count), np.empty((count, size, size))
-    tracking_kernels.refine_modes(
-        grid.values,
-        grid.origin,
-        1.0 / grid.spacing,
+    problem = (
+        model.grid.values,
+        model.grid.origin,
+        1.0 / model.grid.spacing,
         np.ascontiguousarray(contacts.p_PC),
         np.ascontiguousarray(n_PC),
         np.ascontiguousarray(weights[0]),
@@ -95,12 +122,10 @@ def update_with_contacts(
         np.ascontiguousarray(X_prior),
         information,
         X_PO,
-        _STEPS,
-        _TOLERANCE,
-        cost,
-        spread,
-        hessian,
     )
+    outcome = cost, spread, hessian
+    refine_modes(*problem, _STEPS, _TOLERANCE, *outcome)
+    regress_modes(*problem, _ARM * model.size, _REACH, _ROUNDS, *outcome)
     joint = np.linalg.solve(hessian, np.broadcast_to(np.eye(size, 6), (count, size, 6)))
     P = joint[:, :6]
     return ContactUpdate(
@@ -112,12 +137,10 @@ def update_with_contacts(
     )
 
 
-def _joint_information(
-    covariance: FloatArray, cross: FloatArray, calibration: tuple[float, float]
-) -> tuple[FloatArray, FloatArray]:
+def _joint_information(covariance: FloatArray, cross: FloatArray, stable: Stable) -> tuple[FloatArray, FloatArray]:
     """The inverse of [P C; C^T B] by its Schur complement (n, m, m), and the logarithm of its determinant (n,)."""
     count, biases = len(covariance), cross.shape[2]
-    own = np.tile(np.repeat(np.square(calibration), 3), biases // 6)
+    own = np.tile(stable.variances, biases // 6)
     gain = cross / own
     A = np.linalg.inv(covariance - gain @ np.swapaxes(cross, 1, 2))
     information = np.empty((count, 6 + biases, 6 + biases))

@@ -18,7 +18,7 @@ from tactopose_drake.core.plausibility import explain_touch
 from tactopose_drake.core.pose_problem import make_problem
 from tactopose_drake.core.searches.pair_search import PairSearch
 from tactopose_drake.core.searches.patch_search import patch_search
-from tactopose_drake.core.tracking.contact_update import update_with_contacts
+from tactopose_drake.core.tracking.contact_update import Stable, update_with_contacts
 from tactopose_drake.core.tracking.mode_set import ModeSet
 from tactopose_drake.core.tracking.pose_measurement import PoseMeasurement
 from tactopose_drake.core.validation import FloatArray
@@ -30,7 +30,7 @@ def find_new_modes(
     near: PoseMeasurement | None,
     source: NDArray[np.intp],
     num_sources: int,
-    calibration: tuple[float, float],
+    stable: Stable,
     count: int,
     generator: np.random.Generator,
 ) -> ModeSet:
@@ -42,7 +42,7 @@ def find_new_modes(
         near: where to look, as a Gaussian; None for anywhere.
         source: the source of each contact.
         num_sources: how many there are.
-        calibration: standard deviations of the biases, m and rad.
+        stable: of what the biases are.
         count: how many modes, at the most.
         generator: of the search's random numbers.
     """
@@ -71,10 +71,10 @@ def find_new_modes(
     else:
         X_prior, covariance = np.tile(near.X_PO, (n, 1, 1)), near.covariance
     update = update_with_contacts(
-        model.grid,
+        model,
         evidence.touch,
         source,
-        calibration,
+        stable,
         X_prior,
         np.tile(covariance, (n, 1, 1)),
         np.zeros((n, 6, 6 * num_sources)),

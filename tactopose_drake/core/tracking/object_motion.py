@@ -41,10 +41,10 @@ class Motion(NamedTuple):
 class MotionNoise:
     """Random walks: what is unknown of a motion after a second; of any time t it is the root of t times that."""
 
-    palm_translation: float = 0.001  # of an object that moves with the palm, m/s^0.5
-    palm_rotation: float = 0.02  # likewise, rad/s^0.5
-    rolling: float = 0.001  # of the object's surface under a fingertip that holds it, m/s^0.5
-    twisting: float = 0.1  # of its turn under the fingertip about the normal, rad/s^0.5
+    palm_translation: float = 0.002  # of an object that moves with the palm, m/s^0.5
+    palm_rotation: float = 0.03  # likewise, rad/s^0.5
+    rolling: float = 0.003  # of the object's surface under a fingertip that holds it, m/s^0.5
+    twisting: float = 0.2  # of its turn under the fingertip about the normal, rad/s^0.5
     slipping: float = 0.01  # of the surface under a fingertip that slides, m/s^0.5
     free_translation: float = 0.03  # of an object in the directions in which nothing holds it, m/s^0.5
     free_rotation: float = 0.3  # likewise, rad/s^0.5

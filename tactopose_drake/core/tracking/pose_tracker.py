@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from tactopose_drake.core.contacts import Contacts
 from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.plausibility import explain_touch
-from tactopose_drake.core.tracking.contact_update import number_of_numbers, update_with_contacts
+from tactopose_drake.core.tracking.contact_update import Stable, number_of_numbers, update_with_contacts
 from tactopose_drake.core.tracking.frame import Frame
 from tactopose_drake.core.tracking.mode_set import ModeSet
 from tactopose_drake.core.tracking.motion_history import MotionHistory
@@ -47,6 +47,8 @@ class PoseTrackerParams:
 
     calibration_position: float = 0.0005  # the part of a contact's error that never changes, of each coordinate, m
     calibration_normal_deg: float = 2.5  # likewise of its normal about each axis, deg
+    surface_position: float = 0.0001  # how far the model's surface is from the object's, m
+    surface_normal_deg: float = 1.0  # how far its normals are about each axis, deg
     noise: MotionNoise = dataclasses.field(default_factory=MotionNoise)
     max_modes: int = 8  # kept at the most
     least_share: float = 1e-7  # of the mass of the best mode; less is dropped
@@ -108,7 +110,10 @@ class PoseTracker:
         self._params = PoseTrackerParams() if params is None else params
         self._params.validate()
         self._model = model
-        self._calibration = self._params.calibration_position, math.radians(self._params.calibration_normal_deg)
+        self._stable = Stable(
+            (self._params.calibration_position, math.radians(self._params.calibration_normal_deg)),
+            (self._params.surface_position, math.radians(self._params.surface_normal_deg)),
+        )
 
     def start(self, time: float = 0.0) -> PoseBelief:
         """The belief that knows nothing, s."""
@@ -209,10 +214,10 @@ class PoseTracker:
         modes, slip_time = belief.modes, belief.slip_time
         if len(modes):
             update = update_with_contacts(
-                self._model.grid,
+                self._model,
                 touch.contacts,
                 touch.source,
-                self._calibration,
+                self._stable,
                 modes.X_PO,
                 modes.covariance,
                 modes.cross,
@@ -268,7 +273,7 @@ class PoseTracker:
             near,
             touch.source,
             len(touch.sources),
-            self._calibration,
+            self._stable,
             self._params.max_modes,
             np.random.default_rng([self._params.seed, belief.searches]),
         )

@@ -61,11 +61,13 @@ def _evaluate(  # type: ignore[no-untyped-def]
         kernels._contact_rows(
             values, origin, inverse_spacing, shifted, leaned, weight_p[i], weight_n[i], pose, residual, J, smooth, work
         )
+        weight = 0.0
+        if weight_n[i] > 0.0:
+            weight, _ = kernels._normal_weight(work[4], weight_n[i])
         for k in range(5):
             half += 0.5 * residual[k] * residual[k]
         spread += 0.5 * residual[4] * residual[4]
         if weight_n[i] > 0.0:
-            weight, _ = kernels._normal_weight(work[4], weight_n[i])
             # Row a of -[m]x R^T is the cross product of the a-th axis of O, seen from P, with n.
             for a in range(3):
                 r0, r1, r2 = pose[0, a], pose[1, a], pose[2, a]
