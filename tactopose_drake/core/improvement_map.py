@@ -25,6 +25,8 @@ from tactopose_drake.errors import InvalidInputError
 
 # Touches of a finger that are looked for, to say what it reaches.
 _TOUCHES = 2000
+# Cosine of the angle between normals on one side of a wall, at the least.
+_SAME_SIDE = 0.5
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -101,6 +103,7 @@ def reachable_points(
     model: ObjectModel,
     X_PO: object,
     p_OQ: FloatArray,
+    n_OQ: FloatArray,
     generator: np.random.Generator,
     *,
     others: HandSpheres | None = None,
@@ -108,13 +111,14 @@ def reachable_points(
     """Which points of the surface a finger can touch with its tip.
 
     The finger's touches are found by its inverse kinematics from samples of its workspace; a point is reachable when
-    there is a touch nearer than the points are to each other.
+    there is a touch nearer than the points are to each other, on the same side of the wall.
 
     Args:
         finger: the finger.
         model: the object.
         X_PO: its pose in the palm.
         p_OQ: points of the surface, shape (n, 3), m.
+        n_OQ: outward normals there, shape (n, 3).
         generator: chooses among the workspace's samples.
         others: the rest of the hand, which the finger must stay clear of.
 
@@ -129,8 +133,9 @@ def reachable_points(
     if not clear.any():
         return np.zeros(len(p_OQ), dtype=np.bool_)
     spacing = np.sqrt(model.area / len(p_OQ))
-    distance, _ = cKDTree(touches.p_PC[clear]).query(transform_points(X, p_OQ))
-    return np.asarray(distance < spacing)
+    near = cKDTree(touches.p_PC[clear]).query_ball_point(transform_points(X, p_OQ), spacing)
+    n_PQ, n_PC = n_OQ @ X[:, :3].T, touches.n_PC[clear]
+    return np.array([bool(np.any(n_PC[rows] @ n > _SAME_SIDE)) for rows, n in zip(near, n_PQ, strict=True)])
 
 
 def finger_clearance(finger: FingerReach, q: FloatArray, others: HandSpheres) -> FloatArray:

@@ -75,18 +75,26 @@ def finger() -> FingerReach:
 
 def test_only_the_side_that_faces_the_finger_is_reached(ball: ObjectModel, finger: FingerReach) -> None:
     X_PO = translation(0.005, -0.075, 0.04)
-    reached = reachable_points(finger, ball, X_PO, ball.samples.points, np.random.default_rng(1))
+    reached = reachable_points(finger, ball, X_PO, ball.samples.points, ball.samples.normals, np.random.default_rng(1))
     assert 10 < reached.sum() < 200
     assert np.all(ball.samples.normals[reached] @ [0.0, 1.0, 0.0] > -0.3)
-    far = reachable_points(finger, ball, translation(0, 0.4, 0), ball.samples.points, np.random.default_rng(1))
+    inside_out = reachable_points(
+        finger, ball, X_PO, ball.samples.points, -ball.samples.normals, np.random.default_rng(1)
+    )
+    assert not inside_out.any()
+    far = reachable_points(
+        finger, ball, translation(0, 0.4, 0), ball.samples.points, ball.samples.normals, np.random.default_rng(1)
+    )
     assert not far.any()
 
 
 def test_what_another_finger_bars_is_not_reached(ball: ObjectModel, finger: FingerReach) -> None:
     X_PO = translation(0.005, -0.075, 0.04)
-    free = reachable_points(finger, ball, X_PO, ball.samples.points, np.random.default_rng(1))
+    free = reachable_points(finger, ball, X_PO, ball.samples.points, ball.samples.normals, np.random.default_rng(1))
     blocked_side = HandSpheres(np.array([[0.035, -0.045, 0.06]]), np.array([0.02]))
-    some = reachable_points(finger, ball, X_PO, ball.samples.points, np.random.default_rng(1), others=blocked_side)
+    some = reachable_points(
+        finger, ball, X_PO, ball.samples.points, ball.samples.normals, np.random.default_rng(1), others=blocked_side
+    )
     assert 0 < some.sum() < free.sum()
     assert not np.any(some & ~free)
 

@@ -1,0 +1,273 @@
+"""Touching until the pose is unique: grasps that leave it ambiguous, and fingers that feel for more.
+
+A grasp of three or four planned fingertips is felt with noise, and the pose estimated from it and a guess, as far off
+as a camera's. It counts as ambiguous when every likely pose is determined by the touch, but none, with its symmetric
+twins and all within 10 mm and 15 degrees of it, carries more than 80 % of the probability. Then one finger after the
+other moves until it meets the object: a finger that takes no part, or one that may leave because the others keep force
+closure. What it felt, or that it felt nothing on its way, is added to the evidence, and the pose estimated again, until
+one carries 95 %.
+
+Which finger moves and how is chosen by the expected information, or at random among the same motions that are allowed.
+The object is taken to rest in the hand meanwhile.
+
+Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016, section 6.3.
+"""
+
+import dataclasses
+import functools
+import itertools
+from collections.abc import Callable, Iterator, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+import tactopose_drake as tp
+from tactopose_drake.core.free_spin import turn_toward
+from tactopose_drake.core.grasping.finger_reach import ReachParams
+from tactopose_drake.core.grasping.grasp_planner import GraspPlan, HandReach, PlannerParams, plan_grasps
+from tactopose_drake.core.guarded_moves import GuardedMoves
+from tactopose_drake.core.next_touch import choose_touch, is_allowed
+from tactopose_drake.core.pose_belief import PoseBelief
+from tactopose_drake.core.poses import compose, exp_so3, increments_between, retract
+from tactopose_drake.grasping.hand_reach import make_hand_reach, rest_positions
+from tactopose_drake.hand import load_hand_config
+from tactopose_drake.resources import model_path
+
+Array = NDArray[np.float64]
+
+OBJECTS = ("bust", "screwdriver", "spray_bottle")
+# Times that one planned grasp is felt, by other fingers and with other noise, until one is ambiguous.
+FEELS = 8
+FRICTION = 0.8
+SIGMA_POSITION, SIGMA_NORMAL = 0.0009, np.radians(5.0)
+GUESS_TRANSLATION, GUESS_ROTATION = 0.033, np.radians(16.0)  # standard deviations along and about each axis
+MOVES = 200  # of each finger
+PLACES = 40  # along each
+AMBIGUOUS, UNIQUE = 0.8, 0.95
+MOST_TOUCHES = 12
+# Modes of less probability are not asked what they foresee.
+LEAST_PROBABILITY = 0.01
+SAME_TRANSLATION, SAME_ROTATION = 0.010, np.radians(15.0)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Grasp:
+    """A grasp that was felt.
+
+    Attributes:
+        model: the object.
+        X_PO: its true pose, shape (3, 4).
+        contacts: as measured.
+        fingers: their names.
+        start: where each finger of the hand starts to move from: lifted off, or at rest, rad.
+        hand: the volume of the palm and of the fingers that hold.
+        prior: the guess.
+    """
+
+    model: tp.ObjectModel
+    X_PO: Array
+    contacts: tp.Contacts
+    fingers: tuple[str, ...]
+    start: Mapping[str, Array]
+    hand: tp.HandGeometry
+    prior: tp.PosePrior
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Exploration:
+    """How one exploration went.
+
+    Attributes:
+        touches: how many there were; None if the pose was not unique after the most that were tried.
+        right: whether the pose that it ended with is the true one.
+        mass: of the best pose, before and after each touch.
+    """
+
+    touches: int | None
+    right: bool
+    mass: tuple[float, ...]
+
+
+@functools.cache
+def hand_reach() -> HandReach:
+    """Of the five-fingered hand."""
+    return make_hand_reach(load_hand_config("shadow_like"), ReachParams())
+
+
+def ambiguous_grasps(name: str) -> Iterator[tuple[Grasp, tp.PoseEstimate]]:
+    """Ambiguous grasps of an object, one a plan at the most, and what was estimated from them, seed by seed."""
+    model = tp.ObjectModel.from_mesh(model_path("objects", f"{name}.obj"))
+    for seed in itertools.count():
+        generator = np.random.default_rng((seed, 7))
+        params = PlannerParams(grasps=1, most_poses=60)
+        for plan in plan_grasps(model, hand_reach(), np.array([0.0, 0.0, -2.0]), params, generator):
+            for _ in range(FEELS):
+                grasp = feel(model, plan, generator)
+                if grasp is None:
+                    continue
+                estimate = estimate_again(grasp, grasp.contacts, None)
+                if is_ambiguous(model, estimate):
+                    yield grasp, estimate
+                    break
+
+
+def is_ambiguous(model: tp.ObjectModel, estimate: tp.PoseEstimate) -> bool:
+    """Whether several poses are left, each of them determined."""
+    determined = all(len(h.free_directions) == 0 for h in estimate.hypotheses if h.probability > LEAST_PROBABILITY)
+    return estimate.status != "no_solution" and determined and best_mass(model, estimate) < AMBIGUOUS
+
+
+def feel(model: tp.ObjectModel, plan: GraspPlan, generator: np.random.Generator) -> Grasp | None:
+    """Three or four of the plan's fingers, the thumb among them, measured; None if they do not hold the object."""
+    names = [name for name in plan.fingers if name != "thumb"]
+    if "thumb" not in plan.fingers or len(names) < 2:
+        return None
+    count = min(int(generator.integers(2, 4)), len(names))
+    fingers = ("thumb", *generator.permutation(names)[:count])
+    touches = [plan.fingers[name] for name in fingers]
+    p_PC = np.array([touch.p_PC for touch in touches])
+    if not tp.grasp_quality(model, tp.Contacts(p_PC), plan.X_PO, friction=FRICTION).force_closure:
+        return None
+    contacts = measure(p_PC, np.array([touch.n_PC for touch in touches]), generator)
+    reach = hand_reach()
+    config = load_hand_config("shadow_like")
+    start = {
+        name: plan.fingers[name].motion.q_open if name in fingers else rest_positions(config, name)
+        for name in reach.fingers
+    }
+    geometries = [(reach.fingers[name].geometry, plan.fingers[name].motion.q_touch[None]) for name in fingers]
+    hand = tp.HandGeometry(
+        np.concatenate([reach.palm_spheres[0], *(geometry.spheres(q)[0] for geometry, q in geometries)]),
+        np.concatenate([reach.palm_spheres[1], *(geometry.radius for geometry, _ in geometries)]),
+    )
+    off = generator.normal(size=6) * np.repeat([GUESS_ROTATION, GUESS_TRANSLATION], 3)
+    prior = tp.PosePrior(retract(plan.X_PO, off), GUESS_TRANSLATION, GUESS_ROTATION)
+    return Grasp(model, plan.X_PO, contacts, fingers, start, hand, prior)
+
+
+def measure(p_PC: Array, n_PC: Array, generator: np.random.Generator) -> tp.Contacts:
+    """Contacts with noise."""
+    turn = exp_so3(SIGMA_NORMAL * generator.normal(size=n_PC.shape))
+    p_measured = p_PC + SIGMA_POSITION * generator.normal(size=p_PC.shape)
+    return tp.Contacts(p_measured, np.einsum("kij,kj->ki", turn, n_PC))
+
+
+def estimate_again(grasp: Grasp, contacts: tp.Contacts, untouched: tp.HandGeometry | None) -> tp.PoseEstimate:
+    """The pose by all that was felt."""
+    return tp.estimate_pose(grasp.model, contacts, prior=grasp.prior, hand=grasp.hand, untouched=untouched)
+
+
+def nearest_twins(model: tp.ObjectModel, X_PO: Array, X_reference: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Of poses (n, 3, 4) the symmetric twins that are nearest to another (3, 4), and which are the same as that one."""
+    twins = compose(X_PO[:, None], model.symmetry_poses[None])
+    shape = twins.shape[:2]
+    twins = turn_toward(twins.reshape(-1, 3, 4), X_reference, model.symmetries)
+    increments = increments_between(X_reference, twins)
+    translation, rotation = np.linalg.norm(increments[:, 3:], axis=1), np.linalg.norm(increments[:, :3], axis=1)
+    off = np.maximum(translation / SAME_TRANSLATION, rotation / SAME_ROTATION).reshape(shape)
+    row, best = np.arange(len(X_PO)), off.argmin(axis=1)
+    return twins.reshape(*shape, 3, 4)[row, best], off[row, best] < 1.0
+
+
+def same_pose(model: tp.ObjectModel, X_PO: Array, X_reference: Array) -> NDArray[np.bool_]:
+    """Which poses (n, 3, 4) are one and the same as another (3, 4), up to the object's symmetries."""
+    return nearest_twins(model, X_PO, X_reference)[1]
+
+
+def best_mass(model: tp.ObjectModel, estimate: tp.PoseEstimate) -> float:
+    """Probability of the best pose and all that are the same."""
+    belief = estimate.belief
+    return float(belief.probability[same_pose(model, belief.X_PO, belief.X_PO[0])].sum())
+
+
+def distinct_poses(model: tp.ObjectModel, estimate: tp.PoseEstimate) -> PoseBelief:
+    """The belief with modes that are the same pose made one, and without those that hardly matter."""
+    belief = estimate.belief
+    left = belief.likely(LEAST_PROBABILITY)
+    poses, masses, covariances = [], [], []
+    while len(left):
+        X = belief.X_PO[left[0]]
+        twins, same = nearest_twins(model, belief.X_PO[left], X)
+        members, off = left[same], increments_between(X, twins[same])
+        share = belief.probability[members] / belief.probability[members].sum()
+        poses.append(X)
+        masses.append(belief.probability[members].sum())
+        covariances.append(
+            np.einsum("n,nij->ij", share, belief.covariance[members]) + np.einsum("n,ni,nj->ij", share, off, off)
+        )
+        left = left[~same]
+    return PoseBelief(np.array(poses), np.array(masses), np.array(covariances))
+
+
+def sample_moves(grasp: Grasp, generator: np.random.Generator) -> dict[str, GuardedMoves]:
+    """Motions of each finger from where it is to anywhere within its joints' limits."""
+    moves = {}
+    for name, finger in hand_reach().fingers.items():
+        chain = finger.geometry.chain
+        q_goal = generator.uniform(chain.lower, chain.upper, (MOVES, len(chain.lower)))
+        moves[name] = GuardedMoves.of_finger(finger.geometry, grasp.start[name], q_goal, PLACES)
+    return moves
+
+
+Choice = tuple[str, int]
+Chooser = Callable[[Grasp, PoseBelief, dict[str, GuardedMoves], np.random.Generator], Choice | None]
+
+
+def choose_best(
+    grasp: Grasp, belief: PoseBelief, moves: dict[str, GuardedMoves], generator: np.random.Generator
+) -> Choice | None:
+    """By the expected information."""
+    found = choose_touch(grasp.model, grasp.contacts, grasp.fingers, belief, moves, friction=FRICTION)
+    return None if found is None else (found.finger, found.move)
+
+
+def choose_at_random(
+    grasp: Grasp, belief: PoseBelief, moves: dict[str, GuardedMoves], generator: np.random.Generator
+) -> Choice | None:
+    """One of the allowed motions that meet the object at the most probable pose."""
+    options = []
+    for name, motions in moves.items():
+        allowed = (
+            is_allowed(grasp.model, grasp.contacts, grasp.fingers, belief, name, motions, friction=FRICTION)
+            & motions.feel(grasp.model, belief.X_PO[:1]).is_hit[0]
+        )
+        options += [(name, int(i)) for i in np.flatnonzero(allowed)]
+    return options[generator.integers(len(options))] if options else None
+
+
+CHOOSERS: dict[str, Chooser] = {"by information": choose_best, "at random": choose_at_random}
+
+
+def explore(grasp: Grasp, estimate: tp.PoseEstimate, chooser: Chooser, seed: int) -> Exploration:
+    """Touches until the pose is unique. Motions and noise are those of the seed, whoever chooses."""
+    generator, noise = np.random.default_rng((seed, 1)), np.random.default_rng((seed, 2))
+    choice_generator = np.random.default_rng((seed, 3))
+    contacts, free = grasp.contacts, np.zeros((0, 4))
+    masses = [best_mass(grasp.model, estimate)]
+    touches = 0
+    while masses[-1] < UNIQUE and touches < MOST_TOUCHES:
+        moves = sample_moves(grasp, generator)
+        choice = chooser(grasp, distinct_poses(grasp.model, estimate), moves, choice_generator)
+        touches += 1
+        if choice is not None:
+            contacts, free = touch(grasp, moves[choice[0]].take(np.array([choice[1]])), contacts, free, noise)
+            untouched = tp.HandGeometry(free[:, :3], free[:, 3]) if len(free) else None
+            estimate = estimate_again(grasp, contacts, untouched)
+        masses.append(best_mass(grasp.model, estimate))
+    is_right = same_pose(grasp.model, estimate.belief.X_PO[:1], grasp.X_PO)[0]
+    return Exploration(touches if masses[-1] >= UNIQUE else None, bool(is_right), tuple(masses))
+
+
+def touch(
+    grasp: Grasp, move: GuardedMoves, contacts: tp.Contacts, free: Array, noise: np.random.Generator
+) -> tuple[tp.Contacts, Array]:
+    """Makes a motion: a contact more, or where the fingertip has been without one, spheres (n, 4)."""
+    felt = move.feel(grasp.model, grasp.X_PO[None])
+    if not felt.is_hit[0, 0]:
+        swept = move.tip[0, ::3]
+        return contacts, np.concatenate([free, np.column_stack([swept, np.full(len(swept), move.radius)])])
+    new = measure(felt.p_PC[0], felt.n_PC[0], noise)
+    assert contacts.n_PC is not None
+    assert new.n_PC is not None
+    joined = tp.Contacts(np.concatenate([contacts.p_PC, new.p_PC]), np.concatenate([contacts.n_PC, new.n_PC]))
+    return joined, free
