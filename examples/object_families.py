@@ -110,8 +110,9 @@ def _cup(generator: Generator) -> trimesh.Trimesh:
     place = trimesh.transformations.rotation_matrix(math.pi / 2, [1, 0, 0])
     place[:3, 3] = [radius, 0, height / 2]
     handle.apply_transform(place)
+    # The handle ends within the wall.
     hollow = trimesh.creation.cylinder(
-        radius - wall,
+        radius - wall / 2,
         height,
         sections=_SEGMENTS,
         transform=trimesh.transformations.translation_matrix([0, 0, wall + height / 2]),
