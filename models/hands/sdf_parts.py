@@ -1,4 +1,4 @@
-"""Links, joints and solids as SDF text: what the generators of the hands share."""
+"""Links, joints and solids as SDF text: what the generators of hands and arms share."""
 
 from dataclasses import dataclass, field
 from math import radians
@@ -61,6 +61,7 @@ class Link:
     axis: tuple[float, float, float] = (1.0, 0.0, 0.0)
     limits_deg: tuple[float, float] = (0.0, 0.0)
     effort: float = 2.0  # N m
+    speed: float = 0.0  # largest, rad/s; 0: not limited
     damping: float = 0.03  # N m s/rad
     rotor_inertia: float = 2.0e-4  # kg m^2, as it acts on the joint
     mimic: str = ""  # the joint that moves this one along; then it has no actuator
@@ -120,6 +121,7 @@ def joint_text(link: Link) -> str:
     mimic = f'<drake:mimic joint="{link.mimic}" multiplier="{numbers(link.ratio)}" offset="0"/>' if link.mimic else ""
     rotor = "" if link.mimic else f"<drake:rotor_inertia>{numbers(link.rotor_inertia)}</drake:rotor_inertia>"
     bounds = f"<lower>{numbers(lower)}</lower><upper>{numbers(upper)}</upper><effort>{numbers(effort)}</effort>"
+    bounds += f"<velocity>{numbers(link.speed)}</velocity>" if link.speed else ""
     dynamics = f"<dynamics><damping>{numbers(link.damping)}</damping></dynamics>"
     return (
         f'<joint name="{link.joint}" type="revolute"><parent>{link.parent}</parent><child>{link.name}</child>\n'
@@ -127,21 +129,24 @@ def joint_text(link: Link) -> str:
     )
 
 
-def model_text(name: str, links: list[Link], more_links: list[str]) -> str:
-    """The file of a model: links in order, each with what hangs on it; `more_links` names those among the latter."""
+def model_text(name: str, links: list[Link], more_links: list[str], group: str = "hand") -> str:
+    """The file of a model: links in order, each with what hangs on it; `more_links` names those among the latter.
+
+    No two links of the `group` touch each other.
+    """
     parts = []
     for link in links:
         parts += [link_text(link), *link.extra]
         if link.joint:
             parts.append(joint_text(link))
     members = "\n".join(f"<drake:member>{member}</drake:member>" for member in [*(k.name for k in links), *more_links])
-    # Neighbouring links overlap at their joints, so contact within the hand is not modelled.
-    group = (
-        f'<drake:collision_filter_group name="hand">\n{members}\n'
-        "<drake:ignored_collision_filter_group>hand</drake:ignored_collision_filter_group>\n"
+    # Neighbouring links overlap at their joints, so contact within the model is not modelled.
+    collision_filter = (
+        f'<drake:collision_filter_group name="{group}">\n{members}\n'
+        f"<drake:ignored_collision_filter_group>{group}</drake:ignored_collision_filter_group>\n"
         "</drake:collision_filter_group>"
     )
-    body = "\n".join([*parts, group])
+    body = "\n".join([*parts, collision_filter])
     return (
         '<?xml version="1.0"?>\n<!-- Written by generate.py; change the figures there. -->\n'
         '<sdf version="1.11" xmlns:drake="http://drake.mit.edu">\n'

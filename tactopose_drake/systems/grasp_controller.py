@@ -48,6 +48,7 @@ class GraspController(LeafSystem):
         input_ports:
         - hand_state
         - wrench_<finger> (one for each finger that closes)
+        - open
         output_ports:
         - actuation
         - holding
@@ -55,8 +56,11 @@ class GraspController(LeafSystem):
 
     - hand_state: measured positions and velocities of the hand's joints, shape (nq + nv,), rad and rad/s.
     - wrench_<finger>: F_S, shape (6,), N m and N; NaN counts as no force.
+    - open: shape (1,); above 0 the fingers go back to where they began, and close again afterwards; may stay
+      unconnected.
     - actuation: torques, shape (na,), N m, in the order of the hand's actuators; changes with `hand_state`.
-    - holding: shape (1,), 1 once all fingers carry their set force (or closing took too long), 0 before.
+    - holding: shape (1,), 1 once all fingers carry their set force (or closing took too long), 0 before and while they
+      open.
     - status: str, "closing", "holding", or "holding; not carrying: " and the fingers that never reached their force.
     """
 
@@ -116,8 +120,10 @@ class GraspController(LeafSystem):
         self._nq = nq
         self._state_port = self.DeclareVectorInputPort("hand_state", nq + nv)
         self._wrenches = {finger: self.DeclareVectorInputPort(f"wrench_{finger}", 6) for finger in motions}
-        # Pushes, then since when all fingers carry their set force (s; NaN: they do not), then whether holding.
-        start = np.append(np.full(len(motions), -self._law.approach_push), [np.nan, 0.0])
+        self._open = self.DeclareVectorInputPort("open", 1)
+        # Pushes, then since when all fingers carry their set force (s; NaN: they do not), whether holding, and when the
+        # fingers began to close, s.
+        start = np.append(np.full(len(motions), -self._law.approach_push), [np.nan, 0.0, 0.0])
         state = self.DeclareDiscreteState(start)
         self.DeclarePeriodicDiscreteUpdateEvent(self._params.period, 0.0, self._update)
         self.DeclareVectorOutputPort(
@@ -151,29 +157,32 @@ class GraspController(LeafSystem):
         return force > (1.0 - self._law.carry_share) * motion.set_force
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> EventStatus:
-        value = context.get_discrete_state_vector().value()
-        pushes, since, holding = value[:-2].copy(), value[-2], bool(value[-1])
+        time, value = context.get_time(), context.get_discrete_state_vector().value()
+        pushes, since, holding, began = value[:-3].copy(), value[-3], bool(value[-2]), value[-1]
+        if self._open.HasValue(context) and self._open.Eval(context)[0] > 0.0:
+            pushes = np.maximum(pushes - self._params.period * self._law.push_rate, -self._law.approach_push)
+            discrete_state.set_value(np.append(pushes, [np.nan, 0.0, time]))
+            return EventStatus.Succeeded()
         forces = [self._force(context, finger) for finger in self._motions]
         for i, (motion, force) in enumerate(zip(self._motions.values(), forces, strict=True)):
             pushes[i] = update_push(pushes[i], force, motion.set_force, holding, self._params.period, self._law)
-        time = context.get_time()
         carried = all(self._carries(f, motion) for f, motion in zip(forces, self._motions.values(), strict=True))
         since = (time if np.isnan(since) else since) if carried else np.nan
-        holding = holding or time - since >= self._params.settle_time or time >= self._params.closing_time
-        discrete_state.set_value(np.append(pushes, [since, holding]))
+        holding = holding or time - since >= self._params.settle_time or time - began >= self._params.closing_time
+        discrete_state.set_value(np.append(pushes, [since, holding, began]))
         return EventStatus.Succeeded()
 
     def _calc_actuation(self, context: Context, output: BasicVector) -> None:
         state = self._state_port.Eval(context)
         q, v = state[self._joint_of_actuator], state[self._nq + self._velocity_of_actuator]
-        q_commanded = self.commanded(context.get_discrete_state_vector().value()[:-2])[self._joint_of_actuator]
+        q_commanded = self.commanded(context.get_discrete_state_vector().value()[:-3])[self._joint_of_actuator]
         output.SetFromVector(joint_torques(q, v, q_commanded, self._stiffness, self._damping))
 
     def _calc_holding(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(context.get_discrete_state_vector().value()[-1:])
+        output.SetFromVector(context.get_discrete_state_vector().value()[-2:-1])
 
     def _calc_status(self, context: Context, output: AbstractValue) -> None:
-        if not context.get_discrete_state_vector().value()[-1]:
+        if not context.get_discrete_state_vector().value()[-2]:
             output.set_value("closing")
             return
         slack = [

@@ -100,6 +100,25 @@ def test_a_force_that_comes_and_goes_does_not_count(hand_plant):
     assert not bench.holding()
 
 
+def test_opens_when_it_is_told_to_and_closes_again(hand_plant):
+    bench = Bench(hand_plant)
+    bench.set_forces(SET_FORCE, SET_FORCE)
+    bench.run(0.2)
+    assert bench.holding()
+    bench.controller.GetInputPort("open").FixValue(bench.context, [1.0])
+    bench.run(1.2)
+    assert not bench.holding()
+    assert bench.status() == "closing"
+    assert bench.torque("FFJ3") == pytest.approx(PARAMS.finger_stiffness * 0.1)
+    bench.controller.GetInputPort("open").FixValue(bench.context, [0.0])
+    bench.set_forces(0.0, 0.0)
+    bench.run(0.9)  # the time to close counts from here
+    assert not bench.holding()
+    assert bench.torque("FFJ3") > PARAMS.finger_stiffness * 0.5
+    bench.run(0.2)
+    assert bench.holding()
+
+
 def test_no_reading_counts_as_no_force(hand_plant):
     bench = Bench(hand_plant)
     bench.set_forces(np.nan, np.nan)

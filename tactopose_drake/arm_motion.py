@@ -1,0 +1,112 @@
+"""Where an arm has to go to put a held axis somewhere, and smooth ways there."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.multibody.inverse_kinematics import InverseKinematics
+from pydrake.multibody.optimization import CalcGridPointsOptions, Toppra
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import Frame
+from pydrake.solvers import SnoptSolver
+from pydrake.trajectories import PathParameterizedTrajectory, PiecewisePolynomial
+
+from tactopose_drake.core.validation import FloatArray
+
+# How far a solution may leave its goal.
+_POSITION, _ANGLE = 1e-4, 1e-3  # m, rad
+# Distance from the joints' limits, rad.
+_MARGIN = 0.05
+# Samples of a motion's time, s.
+_STEP = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class AxisGoal:
+    """An axis that is fixed on the flange F, and where it is to be in the world; its spin is free.
+
+    Attributes:
+        p_FQ: a point of the axis, shape (3,), m.
+        direction_F: along the axis, shape (3,).
+        p_WQ: where the point is to be, shape (3,), m.
+        direction_W: where the axis is to point, shape (3,).
+        forward_F: a direction on the flange, shape (3,), that stays within `most_turn` of `forward_W`.
+        forward_W: shape (3,).
+        most_turn: rad.
+    """
+
+    p_FQ: FloatArray
+    direction_F: FloatArray
+    p_WQ: FloatArray
+    direction_W: FloatArray
+    forward_F: FloatArray
+    forward_W: FloatArray
+    most_turn: float
+
+
+def reach_axis(
+    plant: MultibodyPlant, flange: Frame, goal: AxisGoal, q_near: FloatArray, guesses: Sequence[FloatArray]
+) -> FloatArray | None:
+    """The joint positions nearest to `q_near` that any guess leads to, shape (nq,), rad; None where none does.
+
+    Args:
+        plant: finalized plant of the arm alone.
+        flange: F.
+        goal: see there.
+        q_near: shape (nq,), rad.
+        guesses: where the search begins, shape (nq,) each.
+    """
+    world = plant.world_frame()
+    best: FloatArray | None = None
+    for guess in guesses:
+        ik = InverseKinematics(plant, with_joint_limits=False)
+        q = ik.q()
+        program = ik.get_mutable_prog()
+        program.AddBoundingBoxConstraint(
+            plant.GetPositionLowerLimits() + _MARGIN, plant.GetPositionUpperLimits() - _MARGIN, q
+        )
+        ik.AddPositionConstraint(flange, goal.p_FQ, world, goal.p_WQ - _POSITION, goal.p_WQ + _POSITION)
+        ik.AddAngleBetweenVectorsConstraint(flange, goal.direction_F, world, goal.direction_W, 0.0, _ANGLE)
+        ik.AddAngleBetweenVectorsConstraint(flange, goal.forward_F, world, goal.forward_W, 0.0, goal.most_turn)
+        program.AddQuadraticErrorCost(np.eye(len(q)), q_near, q)
+        result = SnoptSolver().Solve(program, guess)
+        if not result.is_success():
+            continue
+        found = result.GetSolution(q)
+        if best is None or np.linalg.norm(found - q_near) < np.linalg.norm(best - q_near):
+            best = found
+    return best
+
+
+def smooth_motion(
+    plant: MultibodyPlant, q: FloatArray, *, speed_share: float, most_acceleration: float
+) -> PiecewisePolynomial:
+    """The fastest motion along a smooth path through joint positions, from rest to rest; its time begins at 0.
+
+    Args:
+        plant: finalized plant of the arm alone, with limits of the joints' speeds.
+        q: shape (n, nq), rad, two or more and no two neighbours alike.
+        speed_share: of the joints' largest speeds that may be used.
+        most_acceleration: of any joint, rad/s^2.
+
+    Returns:
+        Cubic in time, which a system's state may hold.
+    """
+    if len(q) == 2:  # the interpolation needs three
+        q = np.insert(q, 1, q.mean(axis=0), axis=0)
+    lengths = np.linalg.norm(np.diff(q, axis=0), axis=1)
+    path = PiecewisePolynomial.CubicShapePreserving(
+        np.concatenate([[0.0], np.cumsum(lengths)]), q.T, zero_end_point_derivatives=False
+    )
+    toppra = Toppra(path, plant, Toppra.CalcGridPoints(path, CalcGridPointsOptions()))
+    toppra.AddJointVelocityLimit(
+        speed_share * plant.GetVelocityLowerLimits(), speed_share * plant.GetVelocityUpperLimits()
+    )
+    acceleration = np.full(plant.num_velocities(), most_acceleration)
+    toppra.AddJointAccelerationLimit(-acceleration, acceleration)
+    timing = toppra.SolvePathParameterization()
+    motion = PathParameterizedTrajectory(path, timing)
+    times = np.linspace(motion.start_time(), motion.end_time(), max(3, int(np.ceil(motion.end_time() / _STEP))))
+    rates = np.hstack([motion.EvalDerivative(t, 1) for t in times])
+    rates[:, [0, -1]] = 0.0
+    return PiecewisePolynomial.CubicHermite(times, np.hstack([motion.value(t) for t in times]), rates)

@@ -1,0 +1,229 @@
+"""Decides what arm and hand do to put a handed-over rod into a hole: the decision in figure 6.5 of the thesis.
+
+Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016, section 4.3.2.3.
+"""
+
+import dataclasses
+
+import numpy as np
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSystem, State
+from pydrake.trajectories import PiecewisePolynomial
+
+from tactopose_drake.core.contacts import Contacts
+from tactopose_drake.core.held_axis import HeldAxis
+from tactopose_drake.core.validation import FloatArray, positive_number
+from tactopose_drake.estimates import PoseEstimate
+from tactopose_drake.place_planning import PlacePlanner
+from tactopose_drake.systems.ports import eval_input, eval_optional_input
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class PlaceTaskParams:
+    """Times and limits of the task."""
+
+    period: float = 0.02  # s between two decisions
+    tries: int = 4  # to get a grip in which every finger carries its share
+    settle_time: float = 0.5  # from the hand's hold to the first look at the estimate, s
+    patience: float = 2.0  # how long an estimate that is good enough is waited for, s
+    most_sigma: float = 0.005  # standard deviation of the rod's lower end across its axis, m
+    # Of the lower end in the palm while it is carried, beyond three standard deviations of the estimates, m.
+    most_drift: float = 0.005
+    open_time: float = 1.5  # for the fingers to open, s
+
+    def validate(self) -> None:
+        """Raises InvalidInputError if a value is not positive."""
+        for field in dataclasses.fields(self):
+            positive_number(f"PlaceTaskParams.{field.name}", getattr(self, field.name))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class TaskState:
+    """Where the task stands.
+
+    Attributes:
+        phase: see `PlaceTask`.
+        since: when it began, s.
+        q: the arm's positions at its end, or all along it if there is no motion, shape (nq,), rad.
+        motion: of the arm, from `since` on.
+        held: the rod's axis by which the motions were planned.
+        ahead: the motions that follow: the insertion, the retreat.
+        tried: how many grips were not firm.
+    """
+
+    phase: str
+    since: float
+    q: FloatArray
+    motion: PiecewisePolynomial | None = None
+    held: HeldAxis | None = None
+    ahead: tuple[PiecewisePolynomial, ...] = ()
+    tried: int = 0
+
+
+class PlaceTask(LeafSystem):
+    """Waits until a rod is held, feels where it is, and has the arm put it into a hole.
+
+    .. pydrake_system::
+
+        name: PlaceTask
+        input_ports:
+        - holding
+        - grasp_status
+        - contacts
+        - hypotheses
+        - joint_positions
+        output_ports:
+        - arm_reference
+        - open
+        - phase
+
+    All inputs are read once a period.
+
+    - holding: shape (1,), above 0 once the hand holds something.
+    - grasp_status: str, "holding" where every finger carries its share; the `status` of `GraspController`.
+    - contacts: `Contacts` in P.
+    - hypotheses: `PoseEstimate` of X_PO, or None while there is none.
+    - joint_positions: of the hand, shape (nq,), rad.
+    - arm_reference: positions, then velocities of the arm's joints, shape (2 na,), rad and rad/s.
+    - open: shape (1,), 1 where the hand is to open.
+    - phase: str, "receive", "again" (the hand opens for another try; whoever hands over holds on), "feel", "move",
+      "insert", "release", "retreat" and "done"; or "failed: " and why, from when on the arm stays where it is and the
+      hand holds on.
+    """
+
+    def __init__(self, planner: PlacePlanner, q_receive: FloatArray, params: PlaceTaskParams | None = None) -> None:
+        """Keeps a reference to the planner.
+
+        Args:
+            planner: knows arm, hand, rod and hole.
+            q_receive: where the arm waits for the rod, shape (na,), rad.
+            params: times and limits.
+        """
+        super().__init__()
+        self._params = PlaceTaskParams() if params is None else params
+        self._params.validate()
+        self._planner = planner
+        q = np.array(q_receive, dtype=np.float64)
+        self._holding = self.DeclareVectorInputPort("holding", 1)
+        self._grasp_status = self.DeclareAbstractInputPort("grasp_status", AbstractValue.Make(""))
+        self._contacts = self.DeclareAbstractInputPort("contacts", AbstractValue.Make(Contacts.empty()))
+        self._hypotheses = self.DeclareAbstractInputPort("hypotheses", AbstractValue.Make(None))
+        self._positions = self.DeclareVectorInputPort("joint_positions", planner.num_hand_positions)
+        self._state = self.DeclareAbstractState(AbstractValue.Make(TaskState("receive", 0.0, q)))
+        self.DeclarePeriodicUnrestrictedUpdateEvent(self._params.period, 0.0, self._update)
+        ticket = self.abstract_state_ticket(self._state)
+        self.DeclareVectorOutputPort(
+            "arm_reference", 2 * len(q), self._calc_reference, prerequisites_of_calc={ticket, self.time_ticket()}
+        )
+        self.DeclareVectorOutputPort("open", 1, self._calc_open, prerequisites_of_calc={ticket})
+        self.DeclareAbstractOutputPort(
+            "phase", lambda: AbstractValue.Make(""), self._calc_phase, prerequisites_of_calc={ticket}
+        )
+
+    def state(self, context: Context) -> TaskState:
+        """Where the task stands in a context of this system."""
+        state: TaskState = context.get_abstract_state(self._state).get_value()
+        return state
+
+    def _update(self, context: Context, state: State) -> EventStatus:
+        before = self.state(context)
+        decide = {"receive": self._receive, "again": self._again, "feel": self._feel}.get(before.phase, self._go_on)
+        after = before if before.phase == "done" or before.phase.startswith("failed") else decide(context, before)
+        if after is not before:
+            state.get_mutable_abstract_state(self._state).set_value(after)
+        return EventStatus.Succeeded()
+
+    def _receive(self, context: Context, before: TaskState) -> TaskState:
+        if self._holding.Eval(context)[0] <= 0.0:
+            return before
+        status, time = eval_input(self._grasp_status, context, str), context.get_time()
+        if status == "holding":
+            return dataclasses.replace(before, phase="feel", since=time)
+        if before.tried + 1 < self._params.tries:
+            return dataclasses.replace(before, phase="again", since=time, tried=before.tried + 1)
+        return self._fail(context, before, f"no firm grip in {self._params.tries} tries: {status}")
+
+    def _again(self, context: Context, before: TaskState) -> TaskState:
+        if context.get_time() - before.since < self._params.open_time:
+            return before
+        return dataclasses.replace(before, phase="receive", since=context.get_time())
+
+    def _feel(self, context: Context, before: TaskState) -> TaskState:
+        """Waits for an estimate that tells the rod's lower end well enough, then plans."""
+        waited = context.get_time() - before.since
+        if waited < self._params.settle_time:
+            return before
+        held = self._held(context)
+        if held is not None and held.sigma <= self._params.most_sigma:
+            positions = self._positions.Eval(context)
+            plan = self._planner.plan(before.q, positions, held)
+            if plan is None:
+                return self._fail(context, before, "the arm cannot reach the hole")
+            move, insert, retreat = plan
+            return TaskState("move", context.get_time(), _end(move), move, held, (insert, retreat))
+        if waited < self._params.patience:
+            return before
+        if held is None:
+            return self._fail(context, before, "nothing is felt in the hand")
+        return self._fail(context, before, f"ambiguous: the rod's end is known to {1e3 * held.sigma:.1f} mm only")
+
+    def _go_on(self, context: Context, before: TaskState) -> TaskState:
+        """Follows the motions; stops where the rod has moved in the hand."""
+        time, passed = context.get_time(), context.get_time() - before.since
+        if before.phase == "release":
+            if passed < self._params.open_time:
+                return before
+            return TaskState("retreat", time, _end(before.ahead[0]), before.ahead[0])
+        assert before.motion is not None
+        if before.phase in ("move", "insert"):
+            lost = self._lost(context, before)
+            if lost:
+                return self._fail(context, before, f"the rod moved in the hand during {before.phase!r}: {lost}")
+        if passed < before.motion.end_time():
+            return before
+        if before.phase == "move":
+            insert, retreat = before.ahead
+            return TaskState("insert", time, _end(insert), insert, before.held, (retreat,))
+        if before.phase == "insert":
+            return dataclasses.replace(before, phase="release", since=time, motion=None)
+        return dataclasses.replace(before, phase="done", since=time, motion=None)
+
+    def _held(self, context: Context) -> HeldAxis | None:
+        estimate = eval_optional_input(self._hypotheses, context, PoseEstimate)
+        contacts = eval_input(self._contacts, context, Contacts)
+        return None if estimate is None or len(contacts) < 2 else self._planner.held_axis(estimate, contacts)
+
+    def _lost(self, context: Context, before: TaskState) -> str:
+        """What is wrong with the hold; empty while the rod's lower end is where it was."""
+        assert before.held is not None
+        held = self._held(context)
+        if held is None:
+            return "it is no longer felt"
+        drift = self._planner.end_distance(held, before.held)
+        allowed = self._params.most_drift + 3.0 * float(np.hypot(held.sigma, before.held.sigma))
+        return f"its end by {1e3 * drift:.0f} mm" if drift > allowed else ""
+
+    def _fail(self, context: Context, before: TaskState, reason: str) -> TaskState:
+        q = self._reference(context)[0]
+        return TaskState(f"failed: {reason}", context.get_time(), q, held=before.held)
+
+    def _reference(self, context: Context) -> tuple[FloatArray, FloatArray]:
+        state = self.state(context)
+        if state.motion is None:
+            return state.q, np.zeros_like(state.q)
+        time = min(context.get_time() - state.since, state.motion.end_time())
+        return state.motion.value(time)[:, 0], state.motion.EvalDerivative(time, 1)[:, 0]
+
+    def _calc_reference(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(np.concatenate(self._reference(context)))
+
+    def _calc_open(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector([float(self.state(context).phase in ("again", "release", "retreat", "done"))])
+
+    def _calc_phase(self, context: Context, output: AbstractValue) -> None:
+        output.set_value(self.state(context).phase)
+
+
+def _end(motion: PiecewisePolynomial) -> FloatArray:
+    q: FloatArray = motion.value(motion.end_time())[:, 0]
+    return q
