@@ -1,0 +1,194 @@
+"""The columns of the thesis' table 6.1, each shown by an experiment of its own.
+
+    python examples/table_6_1.py --trials 50 --seed 0 --out out
+
+The thesis compares methods by what they can do: poses in six degrees of freedom, of complex objects, without a guess,
+without exploring moves, of objects that are not known yet which, and of objects that move in the hand. Here a column is
+ticked when its experiment succeeds in as many trials as the thesis asks of its own (75 %, section 4.3.1.2). Prints the
+experiments and the table beside the thesis' rows, and writes both as Markdown (table_6_1.md).
+
+Touches are synthetic, with five contacts at random places, 0.9 mm and 5 degrees of noise; the moving objects are those
+of `in_hand_motions.py` that fingertips carry about. Errors are the means over the successful trials, times the median
+CPU time. All poses have six degrees of freedom, and all contacts are one grasp's: nothing is explored.
+
+Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016, table 6.1.
+"""
+
+import functools
+import math
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import click
+import numpy as np
+from in_hand_motions import run_motion
+from numpy.typing import NDArray
+from rich.progress import track
+
+import tactopose_drake as tp
+from tactopose_drake.core.free_spin import turn_toward
+from tactopose_drake.core.poses import compose, increments_between, make_poses, random_rotations, retract
+from tactopose_drake.core.synthetic_touch import touch_surface
+from tactopose_drake.resources import model_path
+
+Array = NDArray[np.float64]
+
+COMPLEX = ("bust", "spray_bottle", "screwdriver", "light_bulb")
+MOST_TRANSLATION, MOST_ROTATION = 0.010, math.radians(15.0)  # of a success. [B16] section 4.3.1
+NEEDED = 0.75
+STEPS = 100  # of a motion, 10 ms each
+# [B16] table 6.1: 6-DOF, complex objects, global pose, no exploration, identification, moving object; mm/deg; s.
+COLUMNS = ("6-DOF", "complex objects", "global pose", "no exploration", "identification", "moving object")
+THESIS = {
+    "thesis, chapter 3": ((1, 1, 0, 1, 0, 0), "20/-", "0.17"),
+    "thesis, chapter 4, local": ((1, 1, 0, 1, 0, 0), "4/5", "0.64"),
+    "thesis, chapter 4, global": ((1, 1, 1, 1, 1, 0), "7/3", "63"),
+    "thesis, chapter 5, local": ((1, 1, 0, 1, 0, 0), "7.6/10.4", "9.7"),
+    "thesis, chapter 5, global": ((1, 1, 1, 1, 1, 0), "-/-", "60"),
+}
+
+
+class Trial(NamedTuple):
+    """How one trial ended: errors in m and rad, NaN where a pose was not asked for."""
+
+    succeeded: bool
+    translation: float
+    rotation: float
+    seconds: float
+
+
+class Experiment(NamedTuple):
+    """An experiment's trials, put together."""
+
+    name: str
+    columns: tuple[str, ...]
+    share: float
+    accuracy: str
+    seconds: float
+
+    @property
+    def succeeded(self) -> bool:
+        """Whether its columns are ticked."""
+        return self.share >= NEEDED
+
+
+@functools.cache
+def load(name: str) -> tp.ObjectModel:
+    """An object of the package; loaded once, for a model keeps what its first estimate has prepared."""
+    return tp.ObjectModel.from_mesh(model_path("objects", f"{name}.obj"))
+
+
+def random_pose(generator: np.random.Generator) -> Array:
+    """Any orientation, some centimetres from the palm's origin."""
+    return make_poses(random_rotations(generator, 1), 0.05 * generator.normal(size=(1, 3)))[0]
+
+
+def judge_pose(model: tp.ObjectModel, X_PO: Array, X_true: Array, seconds: float) -> Trial:
+    """Errors up to the object's symmetries."""
+    alike = turn_toward(compose(X_PO[None], model.symmetry_poses), X_true, model.symmetries)
+    off = increments_between(alike, X_true[None])
+    moved, turned = np.linalg.norm(off[:, 3:], axis=1), np.linalg.norm(off[:, :3], axis=1)
+    i = int(np.argmin(moved / MOST_TRANSLATION + turned / MOST_ROTATION))
+    succeeded = bool(moved[i] < MOST_TRANSLATION and turned[i] < MOST_ROTATION)
+    return Trial(succeeded, float(moved[i]), float(turned[i]), seconds)
+
+
+def find_pose(trial: int, seed: int, has_guess: bool) -> Trial:
+    """A complex object's pose, from one grasp's contacts."""
+    generator = np.random.default_rng((seed, trial))
+    model = load(COMPLEX[trial % len(COMPLEX)])
+    X_PO = random_pose(generator)
+    contacts = touch_surface(model, X_PO, 5, generator)
+    guess = tp.PosePrior(X_PO)
+    guess = tp.PosePrior(retract(X_PO, generator.normal(size=6) * guess.sigmas))
+    started = time.process_time()
+    estimate = tp.estimate_pose(model, contacts, prior=guess if has_guess else None)
+    seconds = time.process_time() - started
+    return judge_pose(model, estimate.best.X_PO.GetAsMatrix34(), X_PO, seconds)
+
+
+def name_object(trial: int, seed: int) -> Trial:
+    """Which of the package's objects it is."""
+    generator = np.random.default_rng((seed, trial))
+    names = sorted(path.stem for path in model_path("objects").glob("*.obj"))
+    models = [load(name) for name in names]
+    touched = int(generator.integers(len(models)))
+    contacts = touch_surface(models[touched], random_pose(generator), 5, generator)
+    started = time.process_time()
+    found = tp.identify(models, contacts)
+    return Trial(found.best.name == names[touched], math.nan, math.nan, time.process_time() - started)
+
+
+def follow(trial: int, seed: int) -> Trial:
+    """The pose at a motion's end, and the median time of an update."""
+    instants = run_motion("carry", seed * 10_000 + trial, STEPS)
+    last = instants[-1]
+    succeeded = last.translation < MOST_TRANSLATION and last.rotation < MOST_ROTATION
+    return Trial(
+        succeeded, last.translation, last.rotation, float(np.median([instant.seconds for instant in instants]))
+    )
+
+
+def run(
+    name: str, columns: tuple[str, ...], trial_of: Callable[[int, int], Trial], trials: int, seed: int
+) -> Experiment:
+    """Runs an experiment; the first trials, which compile and prepare models, once before."""
+    for trial in range(len(COMPLEX)):
+        trial_of(trial, seed)
+    ended = [trial_of(trial, seed) for trial in track(range(trials), description=name, transient=True)]
+    errors = np.array([(trial.translation, trial.rotation) for trial in ended if trial.succeeded]).reshape(-1, 2)
+    accuracy = "-/-"
+    if len(errors) and np.isfinite(errors).all():
+        translation, rotation = errors.mean(axis=0)
+        accuracy = f"{1e3 * translation:.1f}/{math.degrees(rotation):.1f}"
+    share = float(np.mean([trial.succeeded for trial in ended]))
+    return Experiment(name, columns, share, accuracy, float(np.median([trial.seconds for trial in ended])))
+
+
+def experiments(trials: int, seed: int) -> list[Experiment]:
+    """All four."""
+    return [
+        run("with a guess", COLUMNS[:2] + COLUMNS[3:4], lambda i, s: find_pose(i, s, True), trials, seed),
+        run("without a guess", COLUMNS[:4], lambda i, s: find_pose(i, s, False), trials, seed),
+        run("which object", COLUMNS[3:5], name_object, trials, seed),
+        run("moving object", (*COLUMNS[:2], COLUMNS[3], COLUMNS[5]), follow, trials, seed),
+    ]
+
+
+def markdown(made: list[Experiment], trials: int, seed: int) -> str:
+    """The experiments and the table."""
+    lines = [f"# Table 6.1, {trials} trials of each experiment, seed {seed}", ""]
+    lines += ["| experiment | succeeded, % | mm/deg | s |", "|---|---:|---:|---:|"]
+    lines += [f"| {one.name} | {100 * one.share:.0f} | {one.accuracy} | {one.seconds:.4f} |" for one in made]
+    lines += ["", "| method | " + " | ".join(COLUMNS) + " | mm/deg | s |", "|---|" + ":-:|" * 6 + "---:|---:|"]
+
+    def row(name: str, ticked: list[bool], accuracy: str, seconds: str) -> str:
+        return f"| {name} | " + " | ".join("✓" if tick else "×" for tick in ticked) + f" | {accuracy} | {seconds} |"
+
+    for name, (ticks, accuracy, seconds) in THESIS.items():
+        lines.append(row(name, [bool(tick) for tick in ticks], accuracy, seconds))
+    for one in made:
+        ticked = [one.succeeded and column in one.columns for column in COLUMNS]
+        lines.append(row(f"here, {one.name}", ticked, one.accuracy, f"{one.seconds:.4f}"))
+    shown = [any(one.succeeded and column in one.columns for one in made) for column in COLUMNS]
+    lines.append(row("here, all", shown, "", ""))
+    return "\n".join(lines) + "\n"
+
+
+@click.command()
+@click.option("--trials", type=click.IntRange(min=1), default=50, show_default=True, help="Of each experiment.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of all random numbers.")
+@click.option("--out", type=click.Path(path_type=Path), help="Writes the Markdown here.")
+def main(trials: int, seed: int, out: Path | None) -> None:
+    """The columns of the thesis' table 6.1, each shown by an experiment of its own."""
+    text = markdown(experiments(trials, seed), trials, seed)
+    print(text)
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+        (out / "table_6_1.md").write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

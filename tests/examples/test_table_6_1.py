@@ -1,0 +1,44 @@
+import importlib
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+FOLDER = Path(__file__).parents[2] / "examples"
+
+
+@pytest.fixture(scope="module")
+def script() -> ModuleType:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(FOLDER))
+        return importlib.import_module("table_6_1")
+
+
+def test_a_column_is_ticked_by_what_succeeded(script: ModuleType) -> None:
+    works = script.Experiment("works", ("6-DOF", "moving object"), 0.8, "1.0/2.0", 0.002)
+    fails = script.Experiment("fails", ("6-DOF", "identification"), 0.7, "-/-", 0.1)
+    text = script.markdown([works, fails], 10, 3)
+    assert "10 trials of each experiment, seed 3" in text
+    rows = {
+        line.split(" | ")[0].strip("| "): line.split(" | ")[1:7] for line in text.splitlines() if line.count("|") == 10
+    }
+    assert rows["here, works"] == ["✓", "×", "×", "×", "×", "✓"]
+    assert rows["here, fails"] == ["×"] * 6
+    assert rows["here, all"] == ["✓", "×", "×", "×", "×", "✓"]
+
+
+def test_a_pose_that_is_found_counts_and_a_turned_one_does_not(script: ModuleType) -> None:
+    trial = script.find_pose(0, 1, True)
+    assert trial.translation < 0.05
+    model = script.load("bust")
+    X_PO = script.random_pose(np.random.default_rng(0))
+    assert script.judge_pose(model, X_PO, X_PO, 0.0).succeeded
+    assert not script.judge_pose(model, script.retract(X_PO, np.array([0.5, 0, 0, 0, 0, 0])), X_PO, 0.0).succeeded
+
+
+def test_a_carried_object_is_followed(script: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(script, "STEPS", 10)
+    trial = script.follow(0, 0)
+    assert trial.seconds > 0.0
+    assert trial.translation < 0.1
