@@ -2,11 +2,16 @@
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from tactopose_drake.core.contacts import Contacts
 from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.patch_contacts import with_patches
 from tactopose_drake.core.patches import Patch
+from tactopose_drake.core.searches.base import PoseSpace
+from tactopose_drake.core.searches.evolution_strategy import EvolutionStrategy
 from tactopose_drake.core.searches.pair_search import PairSearch
+from tactopose_drake.core.validation import FloatArray
 
 
 def patch_search(model: ObjectModel, patches: Sequence[Patch], contacts: Contacts | None = None) -> PairSearch:
@@ -30,3 +35,24 @@ def patch_search(model: ObjectModel, patches: Sequence[Patch], contacts: Contact
         near_starts=30,
         near_kept=8,
     )
+
+
+def corner_search(model: ObjectModel, patches: Sequence[Patch], contacts: Contacts | None = None) -> EvolutionStrategy:
+    """The same proposals for objectives that jump or bend, as those of point clouds do.
+
+    There the derivative says little: a point that enters a pad's sensing box makes the cost jump, and wherever another
+    point is the nearest it bends. Refined by steps along the derivative the cost stays well above the least.
+
+    Args:
+        model: the object.
+        patches: the touch that poses are proposed from; at least one pad feels the object.
+        contacts: more of it.
+    """
+    pairs = patch_search(model, patches, contacts)
+
+    def propose(space: PoseSpace, generator: np.random.Generator) -> FloatArray:
+        if space.reach[0] < np.pi:
+            return pairs.propose(pairs.near_choice, pairs.near_candidates, space, generator)
+        return pairs.propose(pairs.choice, pairs.candidates, space, generator)
+
+    return EvolutionStrategy(proposals=propose)

@@ -1,19 +1,22 @@
+import dataclasses
 import math
 
 import numpy as np
 import pytest
 
 from tactopose_drake.core.objectives.base import SumObjective
+from tactopose_drake.core.objectives.covariance_matching import CovarianceMatching
 from tactopose_drake.core.objectives.patch_contact import PatchContact
 from tactopose_drake.core.objectives.pose_prior import PriorObjective
 from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.patch_contacts import patch_contacts
 from tactopose_drake.core.patches import Patch
+from tactopose_drake.core.point_grid import build_point_grid
 from tactopose_drake.core.poses import increments_between, make_poses, random_rotations, retract
 from tactopose_drake.core.prior import PosePrior
 from tactopose_drake.core.searches.base import PriorSpace
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
-from tactopose_drake.core.searches.patch_search import patch_search
+from tactopose_drake.core.searches.patch_search import corner_search, patch_search
 from tactopose_drake.core.searches.touch_space import TouchSpace
 from tactopose_drake.core.synthetic_patch import touch_with_pads
 from tests.core.meshes import shape_poor_in_symmetry
@@ -69,3 +72,32 @@ def test_the_same_seed_gives_the_same_poses(model: ObjectModel) -> None:
     search = patch_search(model, patches)
     first, second = (search.minimize(objective, space, np.random.default_rng(5)) for _ in range(2))
     np.testing.assert_array_equal(first.X_PO, second.X_PO)
+
+
+def test_where_the_cost_jumps_it_is_found_without_derivatives(model: ObjectModel) -> None:
+    cloud, costs = build_point_grid(model.samples.points), []
+    for seed in range(4):
+        X_PO, patches = touch(model, seed)
+        off = np.random.default_rng(seed).uniform(-1.0, 1.0, 6) * ([0.35] * 3 + [0.01] * 3)
+        space = PriorSpace(PosePrior(retract(X_PO, off), 0.006, math.radians(12.0)))
+        objective = CovarianceMatching(cloud, patches)
+        found = [
+            search(model, patches).minimize(objective, space, np.random.default_rng(0))
+            for search in (corner_search, patch_search)
+        ]
+        np.testing.assert_allclose(found[0].cost, objective.cost(found[0].X_PO), rtol=1e-12)
+        costs.append([found[0].cost[0], found[1].cost[0], objective.cost(X_PO[None])[0]])
+    by_costs, by_derivatives, at_the_truth = np.mean(costs, axis=0)
+    assert by_costs < 0.8 * min(by_derivatives, at_the_truth)
+
+
+def test_no_population_leaves_the_space(model: ObjectModel) -> None:
+    """Though the touch is a way off."""
+    X_PO, patches = touch(model, 1)
+    space = PriorSpace(PosePrior(retract(X_PO, np.array([0.0, 0.0, 0.0, 0.02, 0.0, 0.0])), 0.001, math.radians(5.0)))
+    objective = CovarianceMatching(build_point_grid(model.samples.points), patches)
+    search = dataclasses.replace(corner_search(model, patches), samples=50, rounds=10)
+    found = search.minimize(objective, space, np.random.default_rng(0))
+    off = np.abs(increments_between(space.center, found.X_PO))
+    assert np.all(off <= np.repeat(space.reach, 3) * (1 + 1e-9))
+    assert off[:, 3].max() > 0.9 * space.reach[1]

@@ -15,6 +15,7 @@ from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.poses import increments_between, retract
 from tactopose_drake.core.prior import PosePrior
 from tactopose_drake.core.searches.base import PriorSpace, Search, SearchResult, StopSignal, never
+from tactopose_drake.core.searches.evolution_strategy import EvolutionStrategy
 from tactopose_drake.core.searches.gradient_descent import GradientDescent
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
 from tactopose_drake.core.searches.monte_carlo import MonteCarlo
@@ -43,6 +44,7 @@ SEARCHES: dict[str, Callable[[ObjectModel], Search]] = {
     "direct": lambda model: Direct(max_evaluations=5000),
     "simulated_annealing": lambda model: SimulatedAnnealing(max_evaluations=5000),
     "scaling_series": lambda model: ScalingSeries(max_regions=100),
+    "evolution_strategy": lambda model: EvolutionStrategy(),
 }
 
 
