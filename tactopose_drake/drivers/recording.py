@@ -1,11 +1,13 @@
 """Recording what happens on CAN buses, with python-can's own log formats."""
 
 import copy
+import struct
 import threading
 from pathlib import Path
 from typing import Self
 
 import can
+from can.io.blf import timestamp_to_systemtime
 
 from tactopose_drake.drivers.device_bus import DeviceBus
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
@@ -13,6 +15,8 @@ from tactopose_drake.errors import InvalidFileError, InvalidInputError
 FORMATS = (".blf", ".asc")
 # What has not filled a container is lost when the process dies: some 150 frames.
 _BLF_CONTAINER = 8192  # bytes
+_FLUSH_AFTER = 100  # frames, after which the file is brought up to date
+_BLF_START = 40  # bytes from the beginning, where the header has the start of the log
 
 
 class CanRecorder:
@@ -44,6 +48,7 @@ class CanRecorder:
             raise InvalidFileError(f"{path}: {error}") from error
         self._lock = threading.Lock()
         self._first: float | None = None
+        self._count = 0  # of frames
         self._recorded: list[tuple[DeviceBus, _Track]] = []
 
     def record(self, bus: DeviceBus, channel: int = 0) -> None:
@@ -75,6 +80,19 @@ class CanRecorder:
             self._first = copied.timestamp if self._first is None else self._first
             copied.timestamp = max(copied.timestamp, self._first)
             self._writer.on_message_received(copied)
+            if isinstance(self._writer, can.BLFWriter) and self._count == 0:
+                self._date(self._writer)
+            self._count += 1
+            if self._count % _FLUSH_AFTER == 0:
+                self._writer.file.flush()
+
+    def _date(self, writer: can.BLFWriter) -> None:
+        """Puts the start into the header, which python-can does at the end: a log that is cut off has its times too."""
+        end = writer.file.tell()
+        writer.file.seek(_BLF_START)
+        writer.file.write(struct.pack("<8H", *timestamp_to_systemtime(writer.start_timestamp)))
+        writer.file.seek(end)
+        writer.file.flush()
 
 
 class _Track:

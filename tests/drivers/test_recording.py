@@ -109,13 +109,17 @@ def test_a_recorder_that_never_finished_leaves_a_log(tmp_path: Path) -> None:
     path = tmp_path / "log.blf"
     record(path)
     frames, _ = frames_of(path)
-    recorder = CanRecorder(tmp_path / "died.blf")
-    for frame in frames:
-        recorder.write(frame, 0)
-    recorder._writer.file.close()
+    with CanRecorder(tmp_path / "alive.blf") as recorder:
+        for frame in frames:
+            recorder.write(frame, frame.channel)
+        # What is on the disk while the recorder still holds the file.
+        (tmp_path / "died.blf").write_bytes((tmp_path / "alive.blf").read_bytes())
     left, end = frames_of(tmp_path / "died.blf")
-    assert len(frames) - 250 < len(left) < len(frames)
+    assert len(frames) - 300 < len(left) < len(frames)
     assert "cut off" in end
+    assert [content(frame) for frame in left] == [content(frame) for frame in frames[: len(left)]]
+    # The end of a recorder brings the header up to date as ever.
+    assert frames_of(tmp_path / "alive.blf")[1].endswith(f"ended after {len(frames)} frames.")
 
 
 @pytest.mark.parametrize("fault", [faults.silence, faults.late(0.15), faults.bus_off, faults.extra_frames])

@@ -18,6 +18,8 @@ from tactopose_drake.fingertip_weights import FingertipWeights
 from tactopose_drake.hand import load_hand_config, make_hand_plant
 from tactopose_drake.recordings.manifest import load_manifest
 from tactopose_drake.recordings.signals import read_signals
+from tactopose_drake.running.advance import RunView
+from tactopose_drake.running.replay import replay
 from tactopose_drake.running.run import run_scenario
 from tactopose_drake.scenario import load_scenario
 from tests import held_cube
@@ -113,13 +115,13 @@ def test_the_folder_says_how_it_was_made(recording: Path) -> None:
     assert set(signals) == {"joint_positions", "prior"}
 
 
-def replay(recording: Path, folder: Path, out: Path) -> int:
+def replay_here(recording: Path, folder: Path, out: Path) -> int:
     return tactopose("replay", recording, "--scenario", folder / "cube.scenario.yaml", "--out", out)
 
 
 def test_another_process_replays_to_the_same_bits(recording: Path, folder: Path, tmp_path: Path) -> None:
     here, there = tmp_path / "here.jsonl", tmp_path / "there.jsonl"
-    assert replay(recording, folder, here) == 0
+    assert replay_here(recording, folder, here) == 0
     moved = shutil.move(shutil.copytree(recording, tmp_path / "copy"), tmp_path / "moved")
     command = [sys.executable, "-c", "from tactopose_drake.cli import main; main()", "replay", str(moved)]
     command += ["--scenario", str(folder / "cube.scenario.yaml"), "--speed", "real", "--out", str(there)]
@@ -136,13 +138,13 @@ def test_a_log_that_was_cut_off_plays_to_its_last_whole_frame(
     recording: Path, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     whole, part = tmp_path / "whole.jsonl", tmp_path / "part.jsonl"
-    replay(recording, folder, whole)
+    replay_here(recording, folder, whole)
     copy = Path(shutil.copytree(recording, tmp_path / "copy"))
     for name in ("left", "right"):
         log = copy / f"{name}.blf"
         log.write_bytes(log.read_bytes()[: log.stat().st_size * 3 // 4])
     capsys.readouterr()
-    assert replay(copy, folder, part) == 0
+    assert replay_here(copy, folder, part) == 0
     printed = capsys.readouterr().out
     assert printed.count("is cut off or damaged after") == 2
     some, all_of_it = part.read_text(), whole.read_text()
@@ -157,7 +159,7 @@ def test_signals_that_were_cut_off_end_the_replay(
     copy = Path(shutil.copytree(recording, tmp_path / "copy"))
     signals = copy / "signals.jsonl"
     signals.write_bytes(signals.read_bytes()[:-30] + b'{"time": 0.5')
-    replay(copy, folder, tmp_path / "out.jsonl")
+    replay_here(copy, folder, tmp_path / "out.jsonl")
     assert "signals.jsonl: is cut off after" in capsys.readouterr().out
 
 
@@ -228,6 +230,23 @@ def test_what_cannot_be_run_is_said_at_once(folder: Path, tmp_path: Path, capsys
     status, message = attempt(f"joints: !JointFile {{path: {folder}/joints.csv}}", "joints: !JointPort {}")
     assert status == 2
     assert "is !JointPort, which is for a diagram of your own" in message
+
+
+def test_an_interrupt_ends_a_run_in_good_order(folder: Path, tmp_path: Path) -> None:
+    looks = []
+
+    def look(view: RunView) -> None:
+        looks.append(view.context.get_time())
+        if len(looks) == 2:
+            raise KeyboardInterrupt
+
+    threads = set(threading.enumerate())
+    view = run_scenario(load_scenario(folder / "cube.scenario.yaml"), record=tmp_path / "run", look=look)
+    assert looks == [0.1, 0.2]
+    assert view.context.get_time() == 0.2
+    assert set(threading.enumerate()) == threads
+    played = replay(tmp_path / "run", load_scenario(folder / "cube.scenario.yaml"))
+    assert played.whole
 
 
 def test_a_bus_that_is_not_there_is_one_error(folder: Path) -> None:
