@@ -115,13 +115,36 @@ def render(surface: Surface, camera: Camera) -> Layer:
     """Draws a surface: nearest triangle per pixel, smooth normals, two lights that go with the camera."""
     R_CP, p_CP = camera.X_CP[:, :3], camera.X_CP[:, 3]
     p_C = surface.vertices @ R_CP.T + p_CP
-    depth = np.maximum(p_C[:, 2], 1e-9)
-    pixels = camera.focal_length * p_C[:, :2] / depth[:, None] + 0.5 * np.array([camera.width, camera.height])
-    visible = np.all(p_C[surface.faces, 2] > _NEAR, axis=1)
-    faces = np.ascontiguousarray(surface.faces[visible], dtype=np.int32)
-    inverse_depth, face, weights = _rasterize(pixels, 1.0 / depth, faces, camera.width, camera.height)
+    inverse_depth, face, weights, faces = _nearest_faces(p_C, surface.faces, camera)
     colour, facing = _shade(face, weights, faces, p_C, surface.normals @ R_CP.T, surface.colour)
     return Layer(colour, inverse_depth, facing)
+
+
+def inverse_depths(vertices: FloatArray, faces: NDArray[np.int32], camera: Camera) -> NDArray[np.float32]:
+    """What a depth camera sees of triangles: 1 / z of the nearest one at each pixel, 0 where there is none.
+
+    Args:
+        vertices: in the scene's frame, shape (v, 3), m.
+        faces: vertex indices, shape (f, 3).
+        camera: where it is seen from.
+
+    Returns:
+        Shape (height, width), 1/m.
+    """
+    nearest: NDArray[np.float32] = _nearest_faces(vertices @ camera.X_CP[:, :3].T + camera.X_CP[:, 3], faces, camera)[0]
+    return nearest
+
+
+def _nearest_faces(
+    p_C: FloatArray, faces: NDArray[np.int32], camera: Camera
+) -> tuple[NDArray[np.float32], NDArray[np.int32], NDArray[np.float32], NDArray[np.int32]]:
+    """Inverse depth, face and weights of its corners at each pixel; the faces that lie before the camera."""
+    depth = np.maximum(p_C[:, 2], 1e-9)
+    pixels = camera.focal_length * p_C[:, :2] / depth[:, None] + 0.5 * np.array([camera.width, camera.height])
+    visible = np.all(p_C[faces, 2] > _NEAR, axis=1)
+    chosen = np.ascontiguousarray(faces[visible], dtype=np.int32)
+    inverse_depth, face, weights = _rasterize(pixels, 1.0 / depth, chosen, camera.width, camera.height)
+    return inverse_depth, face, weights, chosen
 
 
 @njit(cache=True)

@@ -1,0 +1,224 @@
+"""A simulated depth camera and the tracker behind it: late, sometimes wrong or without an answer."""
+
+import dataclasses
+import math
+
+import numpy as np
+from pydrake.common import RandomDistribution
+from pydrake.common.value import AbstractValue
+from pydrake.geometry import SceneGraphInspector
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import Frame, ModelInstanceIndex, RigidBody
+from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSystem, State
+
+from tactopose_drake.core.depth_tracking import DepthTrackerModel, fit_pose, take_picture
+from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.poses import compose, inverse, random_rotations, retract, transform_points
+from tactopose_drake.core.tracking.pose_measurement import PoseMeasurement
+from tactopose_drake.core.validation import FloatArray, positive_number
+from tactopose_drake.display.body_meshes import BodyMeshes
+from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.systems.ports import eval_input
+
+# How far a wrong answer is from the truth, along each axis, m: one standard deviation.
+_WRONG = 0.3
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class DepthTrackerParams:
+    """Camera, tracker, and what goes wrong with them."""
+
+    model: DepthTrackerModel = dataclasses.field(default_factory=DepthTrackerModel)
+    period: float = 0.1  # s between two pictures
+    latency: float = 0.0  # s from a picture to the pose in it
+    # Standard deviations of the detector that finds the object at the beginning, and where the tracker has lost it.
+    detector_translation: float = 0.02  # along each axis, m
+    detector_rotation_deg: float = 10.0  # about each axis
+    wrong_share: float = 0.0  # of answers that are anywhere, with the usual covariance
+    missing_share: float = 0.0  # of pictures without an answer
+    frozen_from: float = math.inf  # time from which on the picture is the last one, s
+
+    def validate(self) -> None:
+        """Raises InvalidInputError if a value is out of its range."""
+        self.model.validate()
+        positive_number("DepthTrackerParams.period", self.period)
+        for name in ("latency", "detector_translation", "detector_rotation_deg", "wrong_share", "missing_share"):
+            positive_number(f"DepthTrackerParams.{name}", getattr(self, name), allow_zero=True)
+        for name in ("wrong_share", "missing_share"):
+            if getattr(self, name) > 1.0:
+                raise InvalidInputError(f"DepthTrackerParams.{name}: is {getattr(self, name):g}; allowed is up to 1.")
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _TrackerState:
+    """Where the object was seen last (X_CO; None: lost), what is under way, and what is out."""
+
+    X_CO: FloatArray | None = None
+    covariance: FloatArray | None = None
+    waiting: tuple[tuple[float, PoseMeasurement | None], ...] = ()
+    measurement: PoseMeasurement | None = None
+    hidden_share: float = 0.0
+
+
+class DepthTracker(LeafSystem):
+    """Sees object and hand in a depth camera and fits the object's model to what the hand leaves of it.
+
+    .. pydrake_system::
+
+        name: DepthTracker
+        input_ports:
+        - body_poses
+        - noise
+        output_ports:
+        - vision
+        - prior
+        - hidden_share
+        - pose_in_world
+
+    - body_poses: list of `RigidTransform` X_WB, the plant's port of that name; read at each picture.
+    - noise: random input, eight standard normal numbers (`AddRandomInputs` connects it): the seed of each picture's.
+    - vision: `PoseMeasurement` X_PO in the palm, as of the time of its picture, or None where the tracker has no
+      answer; changes `latency` after each picture. Your own tracker takes its place by giving this type.
+    - prior: the same as `PosePrior`, at least as wide; None likewise.
+    - hidden_share: size 1, the share of the object's pixels that the hand hides in the last picture, 0 to 1.
+    - pose_in_world: `RigidTransform` X_WO of the last picture's fit, or None.
+    """
+
+    def __init__(
+        self,
+        plant: MultibodyPlant,
+        inspector: SceneGraphInspector,
+        *,
+        object_body: RigidBody,
+        object_model: ObjectModel,
+        palm_frame: Frame,
+        X_WC: RigidTransform,
+        others: tuple[ModelInstanceIndex, ...] = (),
+        params: DepthTrackerParams | None = None,
+    ) -> None:
+        """Takes numbers and shapes from a finalized plant; keeps no reference to it.
+
+        Args:
+            plant: finalized plant that holds the hand and the object.
+            inspector: of the SceneGraph that holds their geometry (`scene_graph.model_inspector()`).
+            object_body: the object; its body frame is the frame O of the model's mesh.
+            object_model: the object.
+            palm_frame: P; the hand is its model instance.
+            X_WC: pose of the camera in the world; z forward, y down.
+            others: more model instances that hide the object, whose pixels count as the hand's: an arm.
+            params: see there.
+        """
+        super().__init__()
+        self._params = DepthTrackerParams() if params is None else params
+        self._params.validate()
+        self._object_model = object_model
+        self._hiding = [
+            BodyMeshes.from_inspector(plant, inspector, instance) for instance in (palm_frame.model_instance(), *others)
+        ]
+        self._object, self._palm = int(object_body.index()), int(palm_frame.body().index())
+        self._X_BP = palm_frame.GetFixedPoseInBodyFrame()
+        self._X_WC = X_WC
+
+        self._body_poses = self.DeclareAbstractInputPort("body_poses", AbstractValue.Make([RigidTransform()]))
+        self._noise = self.DeclareVectorInputPort("noise", 8, RandomDistribution.kGaussian)
+        self._state = self.DeclareAbstractState(AbstractValue.Make(_TrackerState()))
+        ticket = {self.abstract_state_ticket(self._state)}
+        period, latency = self._params.period, self._params.latency
+        self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._take_picture)
+        if latency > 0.0:
+            self.DeclarePeriodicUnrestrictedUpdateEvent(period, math.fmod(latency, period), self._deliver)
+        for name, calc in (
+            ("vision", self._calc_vision),
+            ("prior", self._calc_prior),
+            ("pose_in_world", self._calc_pose),
+        ):
+            self.DeclareAbstractOutputPort(name, lambda: AbstractValue.Make(None), calc, prerequisites_of_calc=ticket)
+        self.DeclareVectorOutputPort("hidden_share", 1, self._calc_hidden, prerequisites_of_calc=ticket)
+
+    def _take_picture(self, context: Context, state: State) -> EventStatus:
+        params, before, time = self._params, self._get(context), context.get_time()
+        X_WB = eval_input(self._body_poses, context, list)
+        generator = np.random.default_rng(np.abs(self._noise.Eval(context)).view(np.uint64))
+        X_CW = self._X_WC.inverse()
+        X_CO = (X_CW @ X_WB[self._object]).GetAsMatrix34()
+        after = before if time >= params.frozen_from else self._track(before, X_CO, [X_CW @ X for X in X_WB], generator)
+        X_CP = (X_CW @ X_WB[self._palm] @ self._X_BP).GetAsMatrix34()
+        waiting = (*before.waiting, (time + params.latency, self._answer(after, X_CP, time, generator)))
+        state.get_mutable_abstract_state(self._state).set_value(
+            _delivered(dataclasses.replace(after, waiting=waiting), time)
+        )
+        return EventStatus.Succeeded()
+
+    def _track(
+        self, before: _TrackerState, X_CO: FloatArray, X_CB: list[RigidTransform], generator: np.random.Generator
+    ) -> _TrackerState:
+        """One picture's fit; X_CO is the true pose, which is rendered."""
+        hiding = [meshes.merged(X_CB) for meshes in self._hiding]
+        starts = np.cumsum([0, *(len(part.vertices) for part in hiding)])
+        picture = take_picture(
+            transform_points(X_CO, self._object_model.vertices),
+            self._object_model.faces,
+            np.concatenate([part.vertices for part in hiding]),
+            np.concatenate([part.faces + start for part, start in zip(hiding, starts, strict=False)]).astype(np.int32),
+            self._params.model,
+            generator,
+        )
+        expected = before.X_CO
+        if expected is None:
+            sigma = np.repeat([math.radians(self._params.detector_rotation_deg), self._params.detector_translation], 3)
+            expected = retract(X_CO, sigma * generator.normal(size=6))
+        found = fit_pose(picture, self._object_model, expected, self._params.model)
+        if found is None:
+            return dataclasses.replace(before, X_CO=None, covariance=None, hidden_share=picture.hidden_share)
+        return dataclasses.replace(
+            before, X_CO=found.X_CO, covariance=found.covariance, hidden_share=picture.hidden_share
+        )
+
+    def _answer(
+        self, tracked: _TrackerState, X_CP: FloatArray, time: float, generator: np.random.Generator
+    ) -> PoseMeasurement | None:
+        """The tracker's answer in the palm, with what goes wrong on its way."""
+        wrong, missing = generator.random(2)
+        if tracked.X_CO is None or tracked.covariance is None or missing < self._params.missing_share:
+            return None
+        X_PC = inverse(X_CP)
+        X_PO = compose(X_PC, tracked.X_CO)
+        if wrong < self._params.wrong_share:
+            X_PO = np.column_stack([random_rotations(generator, 1)[0], X_PO[:, 3] + _WRONG * generator.normal(size=3)])
+        turn = np.eye(6)  # an increment's translation is in C, and is to be in P
+        turn[3:, 3:] = X_PC[:, :3]
+        covariance = turn @ tracked.covariance @ turn.T
+        return PoseMeasurement(time, X_PO, 0.5 * (covariance + covariance.T))
+
+    def _deliver(self, context: Context, state: State) -> EventStatus:
+        delivered = _delivered(self._get(context), context.get_time())
+        state.get_mutable_abstract_state(self._state).set_value(delivered)
+        return EventStatus.Succeeded()
+
+    def _get(self, context: Context) -> _TrackerState:
+        value: _TrackerState = context.get_abstract_state(self._state).get_value()
+        return value
+
+    def _calc_vision(self, context: Context, output: AbstractValue) -> None:
+        output.set_value(self._get(context).measurement)
+
+    def _calc_prior(self, context: Context, output: AbstractValue) -> None:
+        measurement = self._get(context).measurement
+        output.set_value(None if measurement is None else measurement.as_prior())
+
+    def _calc_pose(self, context: Context, output: AbstractValue) -> None:
+        X_CO = self._get(context).X_CO
+        output.set_value(None if X_CO is None else self._X_WC @ RigidTransform(X_CO))
+
+    def _calc_hidden(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector([self._get(context).hidden_share])
+
+
+def _delivered(state: _TrackerState, time: float) -> _TrackerState:
+    """What has arrived by now is out."""
+    arrived = [answer for due, answer in state.waiting if due <= time + 1e-9]
+    if not arrived:
+        return state
+    waiting = tuple(entry for entry in state.waiting if entry[0] > time + 1e-9)
+    return dataclasses.replace(state, waiting=waiting, measurement=arrived[-1])

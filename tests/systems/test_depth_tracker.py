@@ -1,0 +1,145 @@
+"""The depth camera and its tracker in a diagram: what hides the object, and what goes wrong on the way."""
+
+import math
+
+import numpy as np
+import pytest
+import trimesh
+from pydrake.geometry import Box
+from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.multibody.plant import AddMultibodyPlant, CoulombFriction, MultibodyPlantConfig
+from pydrake.multibody.tree import FixedOffsetFrame, SpatialInertia
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context, DiagramBuilder
+from pydrake.systems.primitives import AddRandomInputs
+
+from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.poses import increments_between
+from tactopose_drake.core.prior import PosePrior
+from tactopose_drake.core.tracking.pose_measurement import PoseMeasurement
+from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.systems.depth_tracker import DepthTracker, DepthTrackerParams
+from tactopose_drake.systems.random_sources import seed_random_sources
+
+X_WPalm = RigidTransform(RollPitchYaw(0.2, 0.1, 0.5), [0.1, 0.1, 0.1])
+X_PalmP = RigidTransform(RollPitchYaw(0.0, 0.7, 0.0), [0.0, 0.02, 0.05])
+X_WO = RigidTransform(RollPitchYaw(0.5, -0.3, 1.2), [0.0, 0.05, 0.5])
+X_WC = RigidTransform(RollPitchYaw(math.pi, 0.0, 0.0), [0.0, 0.05, 1.3])  # straight above, looking down
+X_PO = ((X_WPalm @ X_PalmP).inverse() @ X_WO).GetAsMatrix34()
+
+
+@pytest.fixture(scope="module")
+def object_model() -> ObjectModel:
+    return ObjectModel.from_mesh(trimesh.creation.box([0.06, 0.09, 0.13]), cache=False)
+
+
+class Bench:
+    """An object, a palm with a slab in the world, and the tracker."""
+
+    def __init__(self, object_model: ObjectModel, width: float = 0.02, seed: int = 0, **params: float) -> None:
+        builder = DiagramBuilder()
+        plant, scene_graph = AddMultibodyPlant(MultibodyPlantConfig(time_step=1e-3), builder)
+        inertia = SpatialInertia.SolidSphereWithMass(0.1, 0.02)
+        palm = plant.AddRigidBody("palm", plant.AddModelInstance("hand"), inertia)
+        thing = plant.AddRigidBody("object", plant.AddModelInstance("object"), inertia)
+        palm_frame = plant.AddFrame(FixedOffsetFrame("palm_frame", palm.body_frame(), X_PalmP))
+        plant.WeldFrames(plant.world_frame(), palm.body_frame(), X_WPalm)
+        plant.WeldFrames(plant.world_frame(), thing.body_frame(), X_WO)
+        X_PalmG = X_WPalm.inverse() @ RigidTransform([0.0, 0.05, 0.7])
+        plant.RegisterCollisionGeometry(palm, X_PalmG, Box(0.4, width, 0.01), "slab", CoulombFriction(1.0, 1.0))
+        plant.Finalize()
+        self.tracker = builder.AddNamedSystem(
+            "tracker",
+            DepthTracker(
+                plant,
+                scene_graph.model_inspector(),
+                object_body=thing,
+                object_model=object_model,
+                palm_frame=palm_frame,
+                X_WC=X_WC,
+                params=DepthTrackerParams(**params),
+            ),
+        )
+        builder.Connect(plant.get_body_poses_output_port(), self.tracker.GetInputPort("body_poses"))
+        AddRandomInputs(0.1, builder)
+        diagram = builder.Build()
+        self.simulator = Simulator(diagram)
+        seed_random_sources(diagram, self.simulator.get_mutable_context(), seed)
+        self.simulator.Initialize()
+
+    def run(self, until: float) -> "Bench":
+        self.simulator.AdvanceTo(until)
+        return self
+
+    @property
+    def context(self) -> Context:
+        return self.tracker.GetMyContextFromRoot(self.simulator.get_context())
+
+    @property
+    def vision(self) -> PoseMeasurement | None:
+        answer: PoseMeasurement | None = self.tracker.GetOutputPort("vision").Eval(self.context)
+        return answer
+
+
+def test_the_pose_is_the_objects_in_the_palm(object_model: ObjectModel) -> None:
+    bench = Bench(object_model).run(0.35)
+    vision = bench.vision
+    assert vision is not None
+    assert vision.time == pytest.approx(0.3)
+    error = increments_between(vision.X_PO, X_PO)
+    assert np.linalg.norm(error[3:]) < 0.006
+    assert np.linalg.norm(error[:3]) < 0.06
+    assert error @ np.linalg.solve(vision.covariance, error) < 30.0
+    prior = bench.tracker.GetOutputPort("prior").Eval(bench.context)
+    assert isinstance(prior, PosePrior)
+    np.testing.assert_array_equal(prior.X_PO, vision.X_PO)
+    seen = bench.tracker.GetOutputPort("pose_in_world").Eval(bench.context)
+    assert seen.IsNearlyEqualTo(X_WPalm @ X_PalmP @ RigidTransform(vision.X_PO), 1e-9)
+
+
+def test_a_hidden_object_has_no_pose(object_model: ObjectModel) -> None:
+    bench = Bench(object_model, width=0.5).run(0.05)
+    assert bench.vision is None
+    assert bench.tracker.GetOutputPort("prior").Eval(bench.context) is None
+    assert bench.tracker.GetOutputPort("hidden_share").Eval(bench.context)[0] > 0.9
+
+
+def test_it_is_late_by_the_latency_but_stamped_with_its_pictures_time(object_model: ObjectModel) -> None:
+    bench = Bench(object_model, latency=0.25)
+    assert bench.run(0.249).vision is None
+    for until, stamp in ((0.251, 0.0), (0.34, 0.0), (0.36, 0.1), (0.56, 0.3)):
+        vision = bench.run(until).vision
+        assert vision is not None
+        assert vision.time == pytest.approx(stamp)
+
+
+def test_a_frozen_picture_gives_the_last_pose(object_model: ObjectModel) -> None:
+    bench = Bench(object_model, frozen_from=0.15)
+    last = bench.run(0.12).vision
+    frozen = bench.run(0.55).vision
+    assert last is not None
+    assert frozen is not None
+    np.testing.assert_allclose(frozen.X_PO, last.X_PO)
+    assert frozen.time == pytest.approx(0.5)
+    moving = Bench(object_model).run(0.55).vision
+    assert moving is not None
+    assert not np.allclose(moving.X_PO, last.X_PO)
+
+
+def test_some_answers_are_wrong_and_some_missing(object_model: ObjectModel) -> None:
+    wrong = Bench(object_model, wrong_share=1.0).run(0.05).vision
+    assert wrong is not None
+    assert np.linalg.norm(wrong.X_PO[:, 3] - X_PO[:, 3]) > 0.05
+    assert Bench(object_model, missing_share=1.0).run(0.35).vision is None
+
+
+def test_the_same_seed_sees_the_same(object_model: ObjectModel) -> None:
+    seen = [Bench(object_model, seed=seed).run(0.15).vision for seed in (3, 3, 4)]
+    poses = [vision.X_PO for vision in seen if vision is not None]
+    np.testing.assert_array_equal(poses[0], poses[1])
+    assert not np.allclose(poses[0], poses[2])
+
+
+def test_a_bad_parameter_is_named() -> None:
+    with pytest.raises(InvalidInputError, match=r"DepthTrackerParams\.wrong_share: is 2"):
+        DepthTrackerParams(wrong_share=2.0).validate()
