@@ -101,7 +101,11 @@ class WrenchSpace:
 
     @cached_property
     def radius(self) -> float:
-        """Of the largest ball about the origin that fits, N; 0 without force closure. [FC92]"""
+        """Of the largest ball about the origin that fits, N; 0 without force closure. [FC92]
+
+        Five contacts of eight edges take about 7 ms for "L1". For "Linf" they take some 0.2 s, and up to 7 s where the
+        fingers stand so regularly that many facets are equally near.
+        """
         return self.fit(lambda normals: np.ones(len(normals)))
 
     def scale(self, wrenches: FloatArray) -> float:
@@ -115,8 +119,8 @@ class WrenchSpace:
     def volume(self) -> float:
         """Content of the space, N^6; 0 where it is flat.
 
-        For "Linf" all facets of the Minkowski sum are needed: half a second for three contacts of eight edges, six
-        seconds for four, and minutes for five.
+        For "Linf" all facets of the Minkowski sum are needed, which took one core 1.4 s for three contacts of eight
+        edges and 30 s for four.
         """
         hull = convex_hull(self.vertices)
         return 0.0 if hull is None else hull.volume
