@@ -155,7 +155,7 @@ class PoseBeliefEstimator(LeafSystem):
         latest = self._step(pending[-1], frame)
         # Kept are those that are still to be shown.
         oldest = frame.time - self._params.latency - 2.0 * self._params.period
-        pending = (*(timed for timed in pending[1:] if timed.belief.time > oldest), latest)
+        pending = (*(timed for timed in pending if timed.belief.time > oldest), latest)
         state.get_mutable_abstract_state(self._pending).set_value(pending)
         if self._params.latency == 0.0:
             state.get_mutable_abstract_state(self._shown).set_value(latest)

@@ -234,9 +234,10 @@ class PoseTracker:
         troubled = slipped or doubted or not explained or time > belief.touch_time + params.lost_time
         searches, search_time = belief.searches, belief.search_time
         if time >= search_time + (params.search_period_lost if troubled else params.search_period):
-            found = self._search(belief, frame, touch, seen, modes, explained)
+            near = self._where(belief, frame, seen, modes, troubled)
+            found = self._search(belief, frame, touch, near)
             if len(modes):
-                jump = math.log(_JUMP if troubled else _UNSEEN_JUMP)
+                jump = math.log(_UNSEEN_JUMP if near is None else _JUMP)
                 found = dataclasses.replace(found, log_weight=found.log_weight + jump)
             modes = modes.joined(found)
             searches, search_time = searches + 1, time
@@ -252,21 +253,24 @@ class PoseTracker:
             search_time=search_time,
         )
 
-    def _search(
-        self,
-        belief: PoseBelief,
-        frame: Frame,
-        touch: _Touch,
-        seen: PoseMeasurement | None,
-        modes: ModeSet,
-        explained: bool,
-    ) -> ModeSet:
-        """Modes that the belief may lack: near what vision or a prior says, near the best, or anywhere."""
-        near = seen
-        if near is None and not len(modes) and frame.evidence.prior is not None:
-            near = PoseMeasurement.from_prior(frame.evidence.prior, frame.time)
-        if near is None and len(modes) and belief.searches % 2 == 0:
-            near = around(modes.X_PO[0], *SLIPPED, frame.time)
+    def _where(
+        self, belief: PoseBelief, frame: Frame, seen: PoseMeasurement | None, modes: ModeSet, troubled: bool
+    ) -> PoseMeasurement | None:
+        """Where modes that the belief lacks may be: where vision or a prior says, near the best, or anywhere: None."""
+        time = frame.time
+        if seen is not None:
+            return seen
+        if not len(modes):
+            prior = frame.evidence.prior
+            return None if prior is None else PoseMeasurement.from_prior(prior, time)
+        if time > belief.touch_time + self._params.lost_time:
+            return PoseMeasurement(time, belief.modes.X_PO[0], belief.modes.covariance[0])
+        # It slips before it is anywhere: that is asked when near the best there is no explanation.
+        is_near = troubled and time < belief.explained_time + 0.5 * self._params.lost_time
+        return around(modes.X_PO[0], *SLIPPED, time) if is_near else None
+
+    def _search(self, belief: PoseBelief, frame: Frame, touch: _Touch, near: PoseMeasurement | None) -> ModeSet:
+        """Modes that the belief may lack."""
         return find_new_modes(
             self._model,
             frame.evidence,

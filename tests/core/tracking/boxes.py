@@ -1,0 +1,50 @@
+"""A box without symmetries in the hand, touched in the middle of all six faces, where its surface is flat."""
+
+import math
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+
+from tactopose_drake.core.contacts import Contacts
+from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.poses import exp_so3
+from tactopose_drake.core.tracking.object_motion import MotionNoise
+
+SIGMA_POSITION, SIGMA_NORMAL = 0.0009, math.radians(5.0)
+p_OC = np.array(
+    [
+        [0.03, 0.02, 0.03],
+        [-0.03, -0.02, 0.01],
+        [0.01, 0.05, -0.03],
+        [-0.01, -0.05, 0.04],
+        [0, 0.02, 0.07],
+        [0, 0, -0.07],
+    ]
+)
+n_OC = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1.0]])
+STILL = MotionNoise(palm_translation=1e-9, palm_rotation=1e-9)
+
+
+def make_box() -> ObjectModel:
+    return ObjectModel.from_mesh(trimesh.creation.box((0.06, 0.10, 0.14)), cache=False, symmetry="none")
+
+
+def draw_biases(generator: np.random.Generator, position: float, normal: float) -> NDArray[np.float64]:
+    """Of the contacts, (k, 6)."""
+    return generator.normal(size=(len(p_OC), 6)) * np.repeat([position, normal], 3)
+
+
+def touch(
+    X_PO: NDArray[np.float64],
+    generator: np.random.Generator,
+    bias: NDArray[np.float64] | None = None,
+    stable: tuple[float, float] = (0.0, 0.0),
+) -> Contacts:
+    """What is measured at a pose: noise of which the stable part is the bias."""
+    bias = np.zeros((len(p_OC), 6)) if bias is None else bias
+    own = math.sqrt(SIGMA_POSITION**2 - stable[0] ** 2), math.sqrt(SIGMA_NORMAL**2 - stable[1] ** 2)
+    p_PC = p_OC @ X_PO[:, :3].T + X_PO[:, 3] + bias[:, :3] + own[0] * generator.normal(size=p_OC.shape)
+    turn = exp_so3(bias[:, 3:] + own[1] * generator.normal(size=p_OC.shape))
+    n_PC = (turn @ (n_OC @ X_PO[:, :3].T)[..., None])[..., 0]
+    return Contacts(p_PC, n_PC, sigma_position=SIGMA_POSITION, sigma_normal=SIGMA_NORMAL)

@@ -1,0 +1,143 @@
+import math
+
+import numpy as np
+import pytest
+
+from tactopose_drake.core.contacts import Contacts
+from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.poses import increments_between, make_poses, random_rotations, retract
+from tactopose_drake.core.tracking.contact_update import Stable, update_with_contacts
+from tests.core.tracking.boxes import SIGMA_NORMAL, SIGMA_POSITION, draw_biases, make_box, n_OC, p_OC, touch
+
+STABLE = Stable((0.0005, math.radians(2.5)), (0.0, 0.0))
+FRAMES = 60
+
+
+@pytest.fixture(scope="module")
+def box() -> ObjectModel:
+    return make_box()
+
+
+def filter_frames(box, generator, X_PO, bias, stable=STABLE, frames=FRAMES):  # type: ignore[no-untyped-def]
+    """The pose and covariance after frames of one grasp, from a guess a few millimetres off."""
+    X = retract(X_PO, generator.normal(size=(1, 6)) * np.repeat([0.05, 0.005], 3))
+    P, C = np.diag(np.repeat([0.05**2, 0.005**2], 3))[None], np.zeros((1, 6, 36))
+    source = np.arange(6)
+    for _ in range(frames):
+        update = update_with_contacts(box, touch(X_PO, generator, bias, stable.hand), source, stable, X, P, C)
+        X, P, C = update.X_PO, update.covariance, update.cross
+    return X[0], P[0]
+
+
+def expected_covariance(frames: int, stable: Stable) -> np.ndarray:
+    """From nothing known: that of least squares with contacts of covariance B + R / N, at the identity."""
+    information = np.zeros((6, 6))
+    for p, n in zip(p_OC, n_OC, strict=True):
+        row = -np.concatenate([np.cross(p, n), n])  # of the distance; the bias moves the contact as the object does
+        across = np.cross(np.eye(3), n)
+        variances = [
+            part**2 + (total**2 - part**2) / frames
+            for part, total in zip(stable.hand, (SIGMA_POSITION, SIGMA_NORMAL), strict=True)
+        ]
+        information += np.outer(row, row) / variances[0]
+        information[:3, :3] += across @ across.T / variances[1]
+    return np.linalg.inv(information)
+
+
+@pytest.mark.parametrize("frames", [10, 60])
+@pytest.mark.parametrize("stable", [STABLE, Stable((1e-6, 1e-6), (0.0, 0.0))], ids=["calibration", "noise alone"])
+def test_frames_of_one_grasp_leave_the_stable_part(box: ObjectModel, frames: int, stable: Stable) -> None:
+    contacts = Contacts(p_OC, n_OC, sigma_position=SIGMA_POSITION, sigma_normal=SIGMA_NORMAL)
+    X, P, C = np.eye(3, 4)[None], np.diag(np.repeat([0.5**2, 0.05**2], 3))[None], np.zeros((1, 6, 36))
+    for _ in range(frames):
+        update = update_with_contacts(box, contacts, np.arange(6), stable, X, P, C)
+        X, P, C = update.X_PO, update.covariance, update.cross
+    expected = expected_covariance(frames, stable)
+    scale = np.sqrt(np.diag(expected))
+    # The guess, and what the box's edges leave of a regression, are a few per cent.
+    np.testing.assert_allclose(np.sqrt(np.diag(P[0])), scale, rtol=0.1)
+    np.testing.assert_allclose(P[0] / np.outer(scale, scale), expected / np.outer(scale, scale), atol=0.2)
+
+
+@pytest.mark.parametrize("stable", [STABLE, Stable((1e-6, 1e-6), (0.0, 0.0))], ids=["calibration", "noise alone"])
+def test_the_errors_are_those_that_the_covariance_says(box: ObjectModel, stable: Stable) -> None:
+    squares, errors, said = [], [], []
+    for seed in range(40):
+        generator = np.random.default_rng(seed)
+        X_PO = make_poses(random_rotations(generator, 1), 0.05 * generator.normal(size=(1, 3)))[0]
+        X, P = filter_frames(box, generator, X_PO, draw_biases(generator, *stable.hand), stable, 30)
+        u = increments_between(X, X_PO)
+        squares.append(u @ np.linalg.solve(P, u))
+        errors.append(u[3:] @ u[3:])
+        said.append(np.trace(P[3:, 3:]))
+    # The mean of 40 chi-squares of six dimensions is 6 with a standard deviation of 0.55.
+    assert 4.2 < np.mean(squares) < 7.8
+    assert np.sqrt(np.mean(errors)) == pytest.approx(np.sqrt(np.mean(said)), rel=0.25)
+
+
+def test_taking_the_calibration_for_noise_would_be_overconfident(box: ObjectModel) -> None:
+    """What the biases are for: without them the same frames promise far too much."""
+    squares = []
+    for seed in range(10):
+        generator = np.random.default_rng(seed)
+        X_PO = make_poses(random_rotations(generator, 1), np.zeros((1, 3)))[0]
+        bias = draw_biases(generator, *STABLE.hand)
+        X = retract(X_PO, np.zeros((1, 6)))
+        P, C = np.diag(np.repeat([0.05**2, 0.005**2], 3))[None], np.zeros((1, 6, 36))
+        for _ in range(40):
+            contacts = touch(X_PO, generator, bias, STABLE.hand)
+            update = update_with_contacts(box, contacts, np.arange(6), Stable((1e-6, 1e-6), (0.0, 0.0)), X, P, C)
+            X, P, C = update.X_PO, update.covariance, update.cross
+        u = increments_between(X[0], X_PO)
+        squares.append(u @ np.linalg.solve(P[0], u))
+    assert np.mean(squares) > 30.0
+
+
+def test_the_misfit_is_chi_square_of_the_numbers_measured(box: ObjectModel) -> None:
+    misfits = []
+    for seed in range(80):
+        generator = np.random.default_rng(seed)
+        X_PO = make_poses(random_rotations(generator, 1), np.zeros((1, 3)))[0]
+        P = np.diag(np.repeat([0.02**2, 0.002**2], 3))
+        X = retract(X_PO, np.sqrt(np.diag(P)) * generator.normal(size=(1, 6)))
+        contacts = touch(X_PO, generator, draw_biases(generator, *STABLE.hand), STABLE.hand)
+        misfits.append(
+            update_with_contacts(box, contacts, np.arange(6), STABLE, X, P[None], np.zeros((1, 6, 36))).misfit
+        )
+    # Of 18 numbers: a standard deviation of 6 / sqrt(80) = 0.7.
+    assert 15.5 < np.mean(misfits) < 20.5
+
+
+def test_evidence_tells_a_right_mode_from_a_wrong_one(box: ObjectModel) -> None:
+    generator = np.random.default_rng(0)
+    X_PO = make_poses(random_rotations(generator, 1), np.zeros((1, 3)))[0]
+    X = np.stack([X_PO, retract(X_PO, np.array([0, 0, 0, 0.006, 0, 0.0]))])
+    P = np.tile(np.diag(np.repeat([0.02**2, 0.001**2], 3)), (2, 1, 1))
+    update = update_with_contacts(box, touch(X_PO, generator), np.arange(6), STABLE, X, P, np.zeros((2, 6, 36)))
+    assert update.log_evidence[0] > update.log_evidence[1] + 3.0
+    assert update.misfit[1] > update.misfit[0] + 6.0
+
+
+def test_another_order_of_the_contacts_changes_nothing(box: ObjectModel) -> None:
+    generator = np.random.default_rng(3)
+    X_PO = make_poses(random_rotations(generator, 1), np.zeros((1, 3)))
+    contacts = touch(X_PO[0], generator)
+    P, C = np.diag(np.repeat([0.05**2, 0.005**2], 3))[None], np.zeros((1, 6, 36))
+    order = generator.permutation(6)
+    swapped = Contacts(
+        contacts.p_PC[order], contacts.n_PC[order], sigma_position=SIGMA_POSITION, sigma_normal=SIGMA_NORMAL
+    )
+    one = update_with_contacts(box, contacts, np.arange(6), STABLE, X_PO, P, C)
+    other = update_with_contacts(box, swapped, order, STABLE, X_PO, P, C)
+    np.testing.assert_allclose(one.X_PO, other.X_PO, atol=1e-9)
+    np.testing.assert_allclose(one.cross, other.cross, rtol=1e-5, atol=1e-10)
+
+
+def test_contacts_without_normals_say_their_distance_alone(box: ObjectModel) -> None:
+    contacts = Contacts(p_OC, sigma_position=SIGMA_POSITION)
+    P = np.diag(np.repeat([1e-9, 0.05**2], 3))[None]
+    update = update_with_contacts(
+        box, contacts, np.arange(6), Stable((1e-6, 1e-6), (0.0, 0.0)), np.eye(3, 4)[None], P, np.zeros((1, 6, 36))
+    )
+    # Two contacts across each axis.
+    np.testing.assert_allclose(np.diag(update.covariance[0])[3:], SIGMA_POSITION**2 / 2.0, rtol=0.02)

@@ -1,0 +1,203 @@
+import math
+
+import numpy as np
+import pytest
+
+from tactopose_drake.core.contacts import Contacts
+from tactopose_drake.core.evidence import Evidence
+from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.poses import increments_between, make_poses, random_rotations, retract
+from tactopose_drake.core.prior import PosePrior
+from tactopose_drake.core.tracking.frame import Frame
+from tactopose_drake.core.tracking.pose_belief import PoseBelief
+from tactopose_drake.core.tracking.pose_measurement import PoseMeasurement
+from tactopose_drake.core.tracking.pose_tracker import PoseTracker, PoseTrackerParams
+from tactopose_drake.errors import InvalidInputError
+from tests.core.tracking.boxes import make_box, touch
+
+NAMES = tuple("abcdef")
+X_PO = make_poses(random_rotations(np.random.default_rng(0), 1), np.array([[0.02, 0.0, 0.1]]))[0]
+GUESS = PosePrior(retract(X_PO, np.array([0.1, -0.15, 0.1, 0.01, -0.02, 0.01])))
+
+
+@pytest.fixture(scope="module")
+def tracker() -> PoseTracker:
+    return PoseTracker(make_box())
+
+
+class Follower:
+    """A belief that is fed frame after frame, 10 ms apart."""
+
+    def __init__(self, tracker: PoseTracker, seed: int = 0) -> None:
+        self.tracker, self.generator = tracker, np.random.default_rng(seed)
+        self.belief: PoseBelief = tracker.start(0.0)
+
+    def feel(self, X: np.ndarray | None, count: int = 1, vision: PoseMeasurement | None = None) -> PoseBelief:
+        """Frames of a touch at a pose; of none, where that is None."""
+        for _ in range(count):
+            contacts = Contacts.empty() if X is None else touch(X, self.generator)
+            frame = Frame(
+                self.belief.time + 0.01, Evidence(contacts, prior=GUESS), None if X is None else NAMES, vision=vision
+            )
+            self.belief = self.tracker.step(self.belief, frame)
+        return self.belief
+
+
+def error(belief: PoseBelief, X: np.ndarray) -> tuple[float, float]:
+    """m and rad."""
+    u = increments_between(belief.X_PO[0], X)
+    return float(np.linalg.norm(u[3:])), float(np.linalg.norm(u[:3]))
+
+
+def test_it_starts_lost_and_finds_the_pose(tracker: PoseTracker) -> None:
+    follower = Follower(tracker)
+    assert follower.belief.status == "lost"
+    assert not follower.belief.has_pose
+    belief = follower.feel(X_PO, 10)
+    assert belief.status == "ok"
+    translation, rotation = error(belief, X_PO)
+    assert translation < 0.003
+    assert rotation < math.radians(4.0)
+    assert np.sum(belief.probability) == pytest.approx(1.0)
+
+
+def test_the_same_reading_again_tells_nothing(tracker: PoseTracker) -> None:
+    contacts = touch(X_PO, np.random.default_rng(0))
+    belief = tracker.start(0.0)
+    spread = []
+    for i in range(20):
+        belief = tracker.step(belief, Frame(0.01 * (i + 1), Evidence(contacts, prior=GUESS), NAMES))
+        spread.append(np.trace(belief.covariance[0]))
+    assert np.all(np.diff(spread) >= 0.0)
+    assert belief.status == "ok"
+
+
+def test_a_jump_is_called_slipping_and_is_healed_within_200_ms(tracker: PoseTracker) -> None:
+    for seed in range(3):
+        follower = Follower(tracker, seed)
+        follower.feel(X_PO, 30)
+        direction = np.random.default_rng(seed).normal(size=3)
+        X_after = retract(X_PO, np.concatenate([np.zeros(3), 0.02 * direction / np.linalg.norm(direction)]))
+        statuses = {follower.feel(X_after).status for _ in range(5)}
+        assert statuses & {"slipping", "lost"}
+        belief = follower.feel(X_after, 15)
+        assert error(belief, X_after)[0] < 0.003
+        assert follower.feel(X_after, 15).status == "ok"
+
+
+def test_without_touch_the_covariance_grows_until_it_is_lost(tracker: PoseTracker) -> None:
+    follower = Follower(tracker)
+    held = np.trace(follower.feel(X_PO, 20).covariance[0])
+    belief = follower.feel(None, 5)
+    assert belief.status == "no_contact"
+    assert np.trace(belief.covariance[0]) > held
+    before = np.trace(belief.covariance[0])
+    belief = follower.feel(None, 110)
+    assert belief.message.startswith("lost: nothing was touched or seen for 1.")
+    assert np.trace(belief.covariance[0]) > 3.0 * before
+    belief = follower.feel(X_PO, 5)
+    assert belief.status in ("ok", "ambiguous")
+    assert error(belief, X_PO)[0] < 0.005
+
+
+def test_a_dropout_of_one_frame_is_bridged(tracker: PoseTracker) -> None:
+    follower = Follower(tracker)
+    follower.feel(X_PO, 20)
+    assert follower.feel(None).status == "no_contact"
+    belief = follower.feel(X_PO)
+    assert belief.status == "ok"
+    assert error(belief, X_PO)[0] < 0.004
+
+
+def test_a_touch_that_no_pose_explains_is_lost(tracker: PoseTracker) -> None:
+    follower = Follower(tracker)
+    follower.feel(X_PO, 10)
+    generator = np.random.default_rng(1)
+    for _ in range(30):
+        p = np.array([[0.0, 0, 0], [0.5, 0, 0], [0, 0.5, 0]]) + 1e-4 * generator.normal(size=(3, 3))
+        contacts = Contacts(p, np.eye(3))
+        belief = tracker.step(follower.belief, Frame(follower.belief.time + 0.01, Evidence(contacts), ("a", "b", "c")))
+        follower.belief = belief
+    assert belief.message == "lost: no pose explains the touch"
+
+
+def test_vision_that_is_late_counts_as_of_its_time(tracker: PoseTracker) -> None:
+    """The object moves with the fingertips; vision, 0.1 s late, would be 2 cm off without the motion since."""
+    twist = np.array([0.0, 0, 0, 0.2, 0, 0])
+    X, generator, seen = X_PO, np.random.default_rng(0), []
+    belief = tracker.start(0.0)
+    for i in range(40):
+        X = X.copy()
+        X[:, 3] += 0.01 * twist[3:]
+        time = 0.01 * (i + 1)
+        seen.append(PoseMeasurement(time, X, np.diag(np.repeat([1e-4, 1e-7], 3))))
+        # Two contacts that leave most of the pose to vision.
+        full = touch(X, generator)
+        contacts = Contacts(full.p_PC[:2], full.n_PC[:2])
+        tips = dict.fromkeys(NAMES[:2], twist)
+        vision = seen[i - 10] if i >= 10 else None
+        belief = tracker.step(belief, Frame(time, Evidence(contacts, prior=PosePrior(X)), NAMES[:2], tips, vision))
+    assert belief.vision.remark == ""
+    assert error(belief, X)[0] < 0.004
+
+
+def test_vision_alone_is_a_pose_without_contact(tracker: PoseTracker) -> None:
+    follower = Follower(tracker)
+    belief = follower.feel(None, 1, PoseMeasurement.from_prior(PosePrior(X_PO), 0.005))
+    assert belief.status == "no_contact"
+    assert error(belief, X_PO)[0] < 1e-6
+
+
+@pytest.mark.parametrize("fault", ["metres off", "frozen", "old", "of the future"])
+def test_faulty_vision_is_named_and_does_no_harm(tracker: PoseTracker, fault: str) -> None:
+    follower = Follower(tracker)
+    follower.feel(X_PO, 20)
+    X_wrong = X_PO.copy()
+    X_wrong[:, 3] += 2.0
+    time, generator = follower.belief.time, np.random.default_rng(0)
+    for i in range(10):
+        X = retract(X_wrong, 1e-3 * generator.normal(size=6))
+        now = time + 0.01 * (i + 1)
+        stamp = {"metres off": now - 0.005, "frozen": now - 0.005, "old": now - 3.0, "of the future": now + 1.0}[fault]
+        covariance = np.diag(np.repeat([1e-3, 1e-4], 3))
+        follower.feel(X_PO, 1, PoseMeasurement(stamp, X_wrong if fault == "frozen" else X, covariance))
+    belief = follower.belief
+    assert error(belief, X_PO)[0] < 0.004
+    assert belief.status == "ok"
+    words = {"metres off": "not believed", "frozen": "frozen", "old": "ago", "of the future": "of the future"}
+    assert words[fault] in belief.message
+
+
+def test_modes_that_a_symmetry_makes_alike_are_one() -> None:
+    model = ObjectModel.from_mesh(make_box_mesh(), cache=False)
+    assert len(model.symmetry_poses) == 4
+    tracker, generator = PoseTracker(model), np.random.default_rng(0)
+    belief = tracker.start(0.0)
+    for i in range(5):
+        belief = tracker.step(belief, Frame(0.01 * (i + 1), Evidence(touch(X_PO, generator)), NAMES))
+    assert belief.status == "ok"
+    assert belief.probability[0] > 0.9
+
+
+def make_box_mesh():  # type: ignore[no-untyped-def]
+    import trimesh
+
+    return trimesh.creation.box((0.06, 0.10, 0.14))
+
+
+def test_the_same_frames_give_the_same_belief(tracker: PoseTracker) -> None:
+    one, other = (Follower(tracker, 5).feel(X_PO, 15) for _ in range(2))
+    np.testing.assert_array_equal(one.X_PO, other.X_PO)
+    np.testing.assert_array_equal(one.covariance, other.covariance)
+
+
+def test_a_frame_from_before_is_refused(tracker: PoseTracker) -> None:
+    with pytest.raises(InvalidInputError, match="time"):
+        tracker.step(tracker.start(1.0), Frame(0.5, Evidence(Contacts.empty())))
+
+
+def test_parameters_out_of_range_are_refused() -> None:
+    with pytest.raises(InvalidInputError, match="slip_time"):
+        PoseTracker(make_box(), PoseTrackerParams(slip_time=0.0))
+    with pytest.raises(InvalidInputError, match="max_modes"):
+        PoseTracker(make_box(), PoseTrackerParams(max_modes=0))

@@ -1,0 +1,22 @@
+import re
+import runpy
+from pathlib import Path
+
+import pytest
+
+SCRIPT = Path(__file__).parents[2] / "examples" / "in_hand_motions.py"
+
+
+def test_a_few_motions_are_followed_and_drawn(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    arguments = ["in_hand_motions.py", "--motions", "4", "--steps", "40", "--out", str(tmp_path)]
+    monkeypatch.setattr("sys.argv", arguments)
+    runpy.run_path(str(SCRIPT), run_name="__main__")
+    printed = capsys.readouterr().out
+    summary = re.search(r"all: 4 motions, 160 instants; a right mode in ([0-9.]+)%; .* NEES there ([0-9.]+)", printed)
+    assert summary is not None
+    assert float(summary[1]) > 75.0
+    assert 1.0 < float(summary[2]) < 20.0
+    assert (tmp_path / "in_hand_motions.txt").read_text(encoding="utf-8").strip() in printed
+    assert (tmp_path / "in_hand_motions.png").read_bytes().startswith(b"\x89PNG")
