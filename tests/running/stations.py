@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import threading
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -79,6 +80,11 @@ def running(
         simulator.Initialize()
         made.append(Running(station, simulator, devices, rig.devices, bus, adapters))
         yield made[0]
+
+
+def bus_threads() -> set[threading.Thread]:
+    """Threads that work for a bus; the search keeps one of its own, which stays."""
+    return {thread for thread in threading.enumerate() if "devices on" in thread.name}
 
 
 def fingers_scenario(**senses) -> Scenario:

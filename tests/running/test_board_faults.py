@@ -1,7 +1,5 @@
 """Every fault of a force-torque board, while the estimate runs: what is said, what goes on, and that it recovers."""
 
-import threading
-
 import numpy as np
 import pytest
 
@@ -10,7 +8,6 @@ from tactopose_drake.drivers.netcanoem_protocol import StatusBit
 from tactopose_drake.drivers.simulation import faults
 from tests import held_cube
 from tests.drivers.rigs import SLOT, WRENCH_TOLERANCE
-from tests.drivers.test_driver_contract import open_files
 from tests.running.stations import Running, fingers_running, fingers_scenario
 
 ALL = ("first", "middle", "ring", "little", "thumb")
@@ -152,14 +149,3 @@ def test_a_bus_that_fails_holds_the_estimate_until_it_is_back(cube: ObjectModel,
         running.run(4.0)
         assert_all_is_well(running)
         assert (len(running.adapters) > 1) == (name == "adapter is gone")
-
-
-def test_a_run_leaves_no_thread_and_no_file_behind(cube: ObjectModel) -> None:
-    threads, files = set(threading.enumerate()), open_files()
-    with fingers_running(cube) as running:
-        running.rig["thumb"].faults = [faults.silence]
-        running.run(0.2)
-        running.unplug(True)
-        running.run(0.2)
-    assert set(threading.enumerate()) == threads
-    assert open_files() == files

@@ -5,7 +5,6 @@ import os
 import shutil
 import subprocess
 import sys
-import threading
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +23,7 @@ from tactopose_drake.running.run import run_scenario
 from tactopose_drake.scenario import load_scenario
 from tests import held_cube
 from tests.drivers.test_driver_contract import open_files
+from tests.running.stations import bus_threads
 from tests.test_cli import run as tactopose
 
 # The samples may be old: whether they come in time is not the question here, and a machine may be busy.
@@ -78,10 +78,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def recording(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Made by the command line."""
-    threads, files = set(threading.enumerate()), open_files()
+    files = open_files()
     recording = tmp_path_factory.mktemp("recordings") / "grasp"
     assert tactopose("run", folder / "cube.scenario.yaml", "--record", recording, "--monitor") == 0
-    assert set(threading.enumerate()) == threads
+    assert bus_threads() == set()
     # A model's arrays stay mapped from the cache.
     assert {name for name in open_files() - files if not name.endswith(".npy")} == set()
     return recording
@@ -237,14 +237,14 @@ def test_an_interrupt_ends_a_run_in_good_order(folder: Path, tmp_path: Path) -> 
 
     def look(view: RunView) -> None:
         looks.append(view.context.get_time())
+        assert len(bus_threads()) == 4  # two buses, and their other ends
         if len(looks) == 2:
             raise KeyboardInterrupt
 
-    threads = set(threading.enumerate())
     view = run_scenario(load_scenario(folder / "cube.scenario.yaml"), record=tmp_path / "run", look=look)
     assert looks == [0.1, 0.2]
     assert view.context.get_time() == 0.2
-    assert set(threading.enumerate()) == threads
+    assert bus_threads() == set()
     played = replay(tmp_path / "run", load_scenario(folder / "cube.scenario.yaml"))
     assert played.whole
 
@@ -262,7 +262,6 @@ def test_a_board_that_cannot_be_tared_is_named(folder: Path, monkeypatch: pytest
     monkeypatch.setattr("tactopose_drake.can_devices._GREETING_TIME", 0.3)
     scenario = load_scenario(folder / "cube.scenario.yaml")
     scenario.senses.simulated = None
-    threads = set(threading.enumerate())
     with pytest.raises(DeviceTimeoutError, match="first: gave no sample"):
         run_scenario(scenario, duration=0.1)
-    assert set(threading.enumerate()) == threads
+    assert bus_threads() == set()
