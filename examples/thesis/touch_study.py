@@ -8,7 +8,7 @@ closure. What it felt, or that it felt nothing on its way, is added to the evide
 one carries 95 %.
 
 Which finger moves and how is chosen by the expected information, or at random among the same motions that are allowed.
-The object is taken to rest in the hand meanwhile.
+The object is taken to rest in the hand meanwhile, and that fingers may meet each other is left aside.
 
 Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016, section 6.3.
 """

@@ -65,3 +65,27 @@ def are_clear(  # type: ignore[no-untyped-def]
                         break
                 if not clear[b, m]:
                     break
+
+
+@njit(cache=True, nogil=True)
+def stay_apart(tip, tip_radius, body, body_radius, p, radius, end, apart):  # type: ignore[no-untyped-def]
+    """Whether each motion's spheres, tip (m, s, 3) and body (m, s, b, 3), keep off others, p (h, 3).
+
+    Places after `end` (m,) do not count, nor do pairs that meet where the motion starts: they are joined there.
+    """
+    spheres = body.shape[2]
+    for m in range(tip.shape[0]):
+        apart[m] = True
+        for i in range(spheres + 1):
+            for j in range(p.shape[0]):
+                reach = radius[j] + (tip_radius if i == spheres else body_radius[i])
+                for s in range(end[m] + 1):
+                    at = tip[m, s] if i == spheres else body[m, s, i]
+                    dx, dy, dz = at[0] - p[j, 0], at[1] - p[j, 1], at[2] - p[j, 2]
+                    if dx * dx + dy * dy + dz * dz <= reach * reach:
+                        apart[m] = s == 0
+                        break
+                if not apart[m]:
+                    break
+            if not apart[m]:
+                break

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tactopose_drake.core import guarded_kernels
 from tactopose_drake.core.grasping.finger_reach import FingerGeometry
+from tactopose_drake.core.hand_spheres import HandSpheres
 from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.validation import FloatArray, finite_array, positive_number, unit_vectors
 from tactopose_drake.errors import InvalidInputError
@@ -113,6 +114,22 @@ class GuardedMoves:
             n_PC,
             -np.einsum("bmi,bmi->bm", heading, n_PC),
         )
+
+    def stay_apart(self, others: HandSpheres, model: ObjectModel, X_PO: FloatArray) -> NDArray[np.bool_]:
+        """Which motions keep the finger off the rest of the hand until they end, at the last of poses (B, 3, 4), (m,).
+
+        Parts that overlap the rest of the hand where a motion starts are joined to it there.
+        """
+        grid, places = model.grid, self.tip.shape[1]
+        place, gaps = np.empty((len(X_PO), len(self)), dtype=np.intp), np.empty((2, len(X_PO), len(self)))
+        guarded_kernels.first_hits(
+            grid.values, grid.origin, 1.0 / grid.spacing, self.tip, self.radius, X_PO, place, gaps[0], gaps[1]
+        )
+        end, apart = np.minimum(place.max(axis=0), places - 1), np.empty(len(self), dtype=np.bool_)
+        guarded_kernels.stay_apart(
+            self.tip, self.radius, self.body, self.body_radius, others.p_PH, others.radius, end, apart
+        )
+        return apart
 
     def are_clear(self, model: ObjectModel, X_PO: FloatArray) -> NDArray[np.bool_]:
         """Which motions start off the object and bring nothing but the fingertip to it, shape (B, m), at (B, 3, 4).

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from tactopose_drake.core.contacts import Contacts
 from tactopose_drake.core.grasp_quality import grasp_quality
 from tactopose_drake.core.guarded_moves import GuardedMoves
+from tactopose_drake.core.hand_spheres import HandSpheres
 from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.pose_belief import PoseBelief
 from tactopose_drake.core.poses import retract
@@ -80,6 +81,7 @@ def choose_touch(
     *,
     friction: float,
     noise: TouchNoise | None = None,
+    others: Mapping[str, HandSpheres] | None = None,
 ) -> NextTouch | None:
     """The motion that tells most of those that are allowed; None if none is.
 
@@ -93,6 +95,7 @@ def choose_touch(
         moves: what each finger could do.
         friction: coefficient of friction.
         noise: of a touch.
+        others: for each finger the rest of the hand, which it must not meet; None to leave that to the caller.
 
     Raises:
         InvalidInputError: as many names as contacts are needed.
@@ -101,7 +104,16 @@ def choose_touch(
         raise InvalidInputError(f"fingers: are {len(fingers)} names; allowed are as many as contacts, {len(contacts)}.")
     value = {finger: information(model, belief, options, noise) for finger, options in moves.items()}
     allowed = {
-        finger: is_allowed(model, contacts, fingers, belief, finger, options, friction=friction)
+        finger: is_allowed(
+            model,
+            contacts,
+            fingers,
+            belief,
+            finger,
+            options,
+            friction=friction,
+            others=None if others is None else others[finger],
+        )
         for finger, options in moves.items()
     }
     best: tuple[str, int] | None = None
@@ -125,15 +137,22 @@ def is_allowed(
     moves: GuardedMoves,
     *,
     friction: float,
+    others: HandSpheres | None = None,
 ) -> NDArray[np.bool_]:
-    """Which motions of a finger leave a stable grasp and touch with the fingertip alone, at all likely modes, (m,)."""
+    """Which motions of a finger leave a stable grasp and touch with the fingertip alone, at all likely modes, (m,).
+
+    With the rest of the hand given, the finger must not meet `others` either before its motion ends.
+    """
     held = np.array([name != finger for name in fingers], dtype=np.bool_)
     likely = belief.X_PO[belief.likely(_LIKELY)]
     if not held.all():
         rest = Contacts(contacts.p_PC[held])
         if not all(grasp_quality(model, rest, X, friction=friction).force_closure for X in likely):
             return np.zeros(len(moves), dtype=np.bool_)
-    return np.asarray(moves.are_clear(model, likely).all(axis=0))
+    clear: NDArray[np.bool_] = np.logical_and.reduce(moves.are_clear(model, likely))
+    if others is not None:
+        clear[clear] = moves.take(np.flatnonzero(clear)).stay_apart(others, model, likely)
+    return clear
 
 
 def information(

@@ -3,6 +3,7 @@ import pytest
 import trimesh
 
 from tactopose_drake.core.guarded_moves import GuardedMoves
+from tactopose_drake.core.hand_spheres import HandSpheres
 from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.poses import compose, inverse, make_poses, random_rotations, transform_points
 from tactopose_drake.errors import InvalidInputError
@@ -60,6 +61,26 @@ def test_motions_are_clear_when_only_the_fingertip_meets_the_object(ball: Object
     assert list(fingers.are_clear(ball, np.eye(3, 4)[None])[0]) == [True, False, True]
     inside = make_poses(np.eye(3), np.array([0.09, 0.0, 0.0]))
     assert not GuardedMoves.lines(START, TOWARDS, 0.1, radius=TIP).are_clear(ball, inside[None])[0, 0]
+
+
+def test_motions_keep_off_the_rest_of_the_hand_until_they_end(ball: ObjectModel) -> None:
+    tips = GuardedMoves.lines(START[[0, 2]], TOWARDS[:2], 0.2, radius=TIP)
+    # A knuckle that trails the tip, in a base that it never quite leaves.
+    moves = GuardedMoves(tips.tip, TIP, tips.tip[:, :, None] + [0.03, 0.0, 0.0], np.array([0.01]))
+    here = np.eye(3, 4)[None]
+
+    def apart(*centre: float) -> list[bool]:
+        return list(moves.stay_apart(HandSpheres(np.array([centre]), np.array([0.01])), ball, here))
+
+    assert apart(0.06, 0.0, 0.015) == [False, True]
+    assert apart(0.06, 0.06, 0.0) == [True, False]
+    assert apart(0.0, 0.06, 0.0) == [True, False], "the second meets no object and goes on"
+    assert apart(0.0, 0.0, 0.0) == [True, True], "the first has met the object before"
+    assert apart(0.14, 0.0, 0.0) == [True, True], "where it is joined to the hand"
+    assert apart(0.06, 0.0, 0.019) == [True, True]
+    # The farther the object may be, the farther the motion may go.
+    away = make_poses(np.eye(3), np.array([0.0, 0.5, 0.0]))
+    assert not moves.stay_apart(HandSpheres(np.zeros((1, 3)), np.array([0.01])), ball, np.stack([here[0], away]))[0]
 
 
 def test_a_motion_that_starts_inside_ends_at_once(ball: ObjectModel) -> None:

@@ -4,6 +4,7 @@ import trimesh
 
 from tactopose_drake.core.contacts import Contacts
 from tactopose_drake.core.guarded_moves import GuardedMoves
+from tactopose_drake.core.hand_spheres import HandSpheres
 from tactopose_drake.core.next_touch import TouchNoise, choose_touch, information, is_allowed, predict
 from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.pose_belief import PoseBelief
@@ -144,6 +145,19 @@ def test_a_motion_must_be_clear_at_each_likely_mode(mug: ObjectModel) -> None:
     assert not is_allowed(mug, contacts, NAMES, both, "little", moves, friction=0.7).any()
     unlikely = spins(0.0, np.pi, probability=[0.01, 0.99])
     assert is_allowed(mug, contacts, NAMES, unlikely, "little", moves, friction=0.7).all()
+
+
+def test_a_finger_that_would_meet_another_takes_another_way(mug: ObjectModel) -> None:
+    belief, contacts = spins(0.0, np.pi), Contacts(HELD)
+    moves = {"ring": inward(np.pi, 0.0)}
+    barred = {"ring": HandSpheres(np.array([[-0.06, 0.0, 0.0]]), np.array([0.005]))}
+    free = choose_touch(mug, contacts, NAMES, belief, moves, friction=0.7)
+    found = choose_touch(mug, contacts, NAMES, belief, moves, friction=0.7, others=barred)
+    assert free is not None
+    assert found is not None
+    assert list(free.allowed["ring"]) == [True, True]
+    assert list(found.allowed["ring"]) == [False, True]
+    assert found.move == 1
 
 
 def test_each_contact_has_a_name(mug: ObjectModel) -> None:
