@@ -11,6 +11,7 @@ import dataclasses
 
 import numpy as np
 
+from tactopose_drake.core import kernels
 from tactopose_drake.core.coarse_field import contact_table
 from tactopose_drake.core.contact_pairs import PairChoice
 from tactopose_drake.core.contacts import Contacts
@@ -22,6 +23,9 @@ from tactopose_drake.core.pair_poses import distinct_poses, judge_pairs, pair_po
 from tactopose_drake.core.searches.base import PoseSpace, SearchResult, StopSignal, join_results, never
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
 from tactopose_drake.core.validation import FloatArray
+
+# Poses that are still moving lead to the same minimum when they lie within so many standard deviations of each other.
+_SAME_MINIMUM = 1.5
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -50,15 +54,15 @@ class PairSearch:
     choice: PairChoice = dataclasses.field(default_factory=PairChoice)
     candidates: int = 250
     fewest: int = 20
-    starts: int = 90
-    kept: int = 36
-    settled: int = 14
+    starts: int = 100
+    kept: int = 60
+    settled: int = 12
     polished: int = 6
     near_choice: PairChoice = dataclasses.field(default_factory=lambda: PairChoice(pairs=4, poses=4000))
     near_candidates: int = 100
     near_samples: int = 100
-    near_starts: int = 36
-    near_kept: int = 14
+    near_starts: int = 48
+    near_kept: int = 20
     near_polished: int = 3
     near_first: LevenbergMarquardt = dataclasses.field(
         default_factory=lambda: LevenbergMarquardt(max_iterations=5, initial_damping=1e-2)
@@ -100,9 +104,9 @@ class PairSearch:
             touching = self.first.refine(SurfaceContact(self.model.grid, self.contacts), X_PO, should_stop)
             touching = touching._replace(cost=objective.cost(touching.X_PO)).ranked()
         first = self._distinct(touching, self.starts)
-        second = self._distinct(self.second.refine(objective, first, should_stop), self.kept)
+        second = self._apart(self.second.refine(objective, first, should_stop), objective, space, self.kept)
         third = self.third.refine(objective, second, should_stop)
-        last = self.last.refine(objective, self._distinct(third, self.settled), should_stop)
+        last = self.last.refine(objective, self._apart(third, objective, space, self.settled), should_stop)
         polished = self.polish.refine(objective, self._distinct(last, self.polished), should_stop)
         return join_results(third, last, polished).ranked(self.kept)
 
@@ -118,7 +122,7 @@ class PairSearch:
         near = self.propose(self.near_choice, self.near_candidates, space, generator)
         X_PO = np.concatenate([space.center[None], samples, near])
         starts = X_PO[np.argsort(objective.cost(X_PO), kind="stable")[: self.near_starts]]
-        first = self._distinct(self.near_first.refine(objective, starts, should_stop), self.near_kept)
+        first = self._apart(self.near_first.refine(objective, starts, should_stop), objective, space, self.near_kept)
         last = self.last.refine(objective, first, should_stop)
         polished = self.polish.refine(objective, self._distinct(last, self.near_polished), should_stop)
         return join_results(last, polished).ranked()
@@ -127,6 +131,16 @@ class PairSearch:
         """The best poses (count, 3, 4), or fewer, of those that are further apart than the samples blur them."""
         length, angle = 0.5 * self.choice.offset * self.model.pair_features.spacing, 0.5 * self.choice.bend
         return found.X_PO[distinct_poses(found.X_PO, length, angle)][:count]
+
+    def _apart(self, found: SearchResult, objective: LeastSquaresObjective, space: PoseSpace, count: int) -> FloatArray:
+        """The best poses (count, 3, 4), or fewer, of those that are no steps on the way to the same minimum.
+
+        By the local models: along a direction that hardly changes the cost, poses far apart belong together.
+        """
+        information = objective.normal_equations(found.X_PO).hessian + space.information
+        apart = np.empty(len(found.cost), dtype=np.bool_)
+        kernels.mark_distinct(found.X_PO, information, np.eye(3, 4)[None], _SAME_MINIMUM**2, apart)
+        return found.X_PO[apart][:count]
 
     def propose(self, choice: PairChoice, count: int, space: PoseSpace, generator: np.random.Generator) -> FloatArray:
         """Distinct poses within the space's reach that lay two contacts on the surface and suit all, best first."""
@@ -143,6 +157,7 @@ class PairSearch:
         limit = np.partition(cost, count)[count] if len(cost) > count else np.inf
         best = np.flatnonzero(cost < limit)
         X_PO = pair_poses(pairs, features, table, best[np.argsort(cost[best], kind="stable")])
-        if space.reach[0] < np.pi:
+        if len(self.model.symmetry_turns) > 1:
+            # Near the prior; without one, wherever, but of all that look the same only one.
             X_PO = nearest_images(X_PO, space.center, self.model.symmetry_turns, self.model.symmetries)
         return X_PO[distinct_poses(X_PO, offset, bend)]

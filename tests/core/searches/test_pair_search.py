@@ -5,11 +5,19 @@ import pytest
 import trimesh
 
 from tactopose_drake.core.contacts import Contacts
+from tactopose_drake.core.free_spin import nearest_images
 from tactopose_drake.core.objectives.base import SumObjective
 from tactopose_drake.core.objectives.pose_prior import PriorObjective
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.objects import ObjectModel
-from tactopose_drake.core.poses import make_poses, random_rotations, retract, rotation_angles, transform_points
+from tactopose_drake.core.poses import (
+    compose,
+    make_poses,
+    random_rotations,
+    retract,
+    rotation_angles,
+    transform_points,
+)
 from tactopose_drake.core.prior import PosePrior
 from tactopose_drake.core.searches.base import PriorSpace, SearchResult
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
@@ -125,6 +133,23 @@ def test_of_a_symmetric_object_the_images_near_the_prior_are_proposed(name: str)
         assert rotation_angles(near[:, :, :3], X_PO[:, :3]).min() < 0.2
         # Continuous symmetries are turned all the way to the prior, finite ones to within half a turn of theirs.
         assert rotation_angles(near[:, :, :3], X_PO[:, :3]).max() <= space.reach[0] + 1e-9
+
+
+@pytest.mark.parametrize("name", ["cylinder", "soda_can", "cube"])
+def test_of_poses_that_look_the_same_one_is_proposed(name: str) -> None:
+    model = ObjectModel.from_mesh(model_path("objects", f"{name}.obj"))
+    generator = np.random.default_rng(0)
+    contacts = touch_surface(model, random_pose(generator), 5, generator)
+    space = TouchSpace(model, contacts)
+    pairs = PairSearch(model=model, contacts=contacts)
+    X_PO = pairs.propose(pairs.choice, 250, space, generator)
+    alike = nearest_images(X_PO, space.center, model.symmetry_turns, model.symmetries)
+    np.testing.assert_allclose(alike, X_PO, atol=1e-9)
+    # Turned away from there, they would come back.
+    turned = compose(X_PO, model.symmetry_turns[-1])
+    assert np.abs(turned - X_PO).max() > 0.5
+    back = nearest_images(turned, space.center, model.symmetry_turns, model.symmetries)
+    np.testing.assert_allclose(rotation_angles(back[:, :, :3], X_PO[:, :, :3]), 0.0, atol=1e-3)
 
 
 def test_with_a_prior_its_own_samples_are_tried_too(blob: ObjectModel) -> None:
