@@ -9,7 +9,7 @@ Source: [B16] J. Bimbo, thesis, 2016, sections 5.2.1 to 5.2.3.
 import dataclasses
 import functools
 import math
-from typing import Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,6 +18,7 @@ from scipy.spatial import cKDTree
 from tactopose_drake.core.validation import FloatArray, finite_array, positive_number, unit_vectors
 from tactopose_drake.errors import InvalidInputError
 
+_Array = TypeVar("_Array", bound="np.ndarray[Any, Any]")
 PatchStatus = Literal["area", "narrow", "row", "point", "no_contact"]
 
 # A pad is flat, and active cells are in a row, when they reach less than this share of their length across it.
@@ -70,25 +71,25 @@ class Patch:
     eigenvectors: FloatArray
     eigenvalues: FloatArray
 
-    @property
+    @functools.cached_property
     def active(self) -> NDArray[np.bool_]:
         """Cells that feel the object, shape (n,)."""
-        return self.pressure > self.threshold
+        return _fixed(self.pressure > self.threshold)
 
     @property
     def is_felt(self) -> bool:
         """Whether any cell feels the object."""
         return self.status != "no_contact"
 
-    @property
+    @functools.cached_property
     def saturated(self) -> NDArray[np.bool_]:
         """Active cells whose depth is at least what the pressure says, shape (n,)."""
-        return self.pressure >= self.saturation
+        return _fixed(self.pressure >= self.saturation)
 
-    @property
+    @functools.cached_property
     def dead(self) -> NDArray[np.bool_]:
         """Cells that say nothing, shape (n,)."""
-        return np.isnan(self.pressure)
+        return _fixed(np.isnan(self.pressure))
 
     @functools.cached_property
     def half_pitch(self) -> float:
@@ -98,13 +99,13 @@ class Patch:
         gaps = np.asarray(cKDTree(self.p_PT).query(self.p_PT, k=2)[0])
         return 0.5 * float(np.median(gaps[:, 1]))
 
-    @property
+    @functools.cached_property
     def points(self) -> FloatArray:
         """Where the object's surface is under each cell, shape (n, 3), m; NaN where the cell is dead.
 
         [B16] eq. 5.1, before the mean is taken off.
         """
-        return self.p_PT - (self.alpha * self.pressure)[:, None] * self.n_PT
+        return _fixed(self.p_PT - (self.alpha * self.pressure)[:, None] * self.n_PT)
 
 
 def describe_patch(
@@ -160,6 +161,11 @@ def describe_patch(
         if isinstance(value, np.ndarray):
             value.setflags(write=False)
     return patch
+
+
+def _fixed(array: _Array) -> _Array:
+    array.setflags(write=False)
+    return array
 
 
 def _pressures(value: ArrayLike, count: int) -> FloatArray:

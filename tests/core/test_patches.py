@@ -186,6 +186,8 @@ def test_a_patch_cannot_be_changed() -> None:
     assert patch.active.all()
     with pytest.raises(ValueError, match="read-only"):
         patch.centroid[0] = 1.0
+    with pytest.raises(ValueError, match="read-only"):
+        patch.points[0] = 1.0
     with pytest.raises(dataclasses.FrozenInstanceError):
         patch.alpha = 1.0  # type: ignore[misc]
 

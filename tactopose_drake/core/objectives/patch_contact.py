@@ -1,7 +1,7 @@
 """Patches against the signed distance grid, cell by cell: the form that is fast, smooth and a likelihood."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -11,10 +11,14 @@ from tactopose_drake.core.objectives.base import NormalEquations, SumObjective
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.patches import Patch
 from tactopose_drake.core.signed_distance import DistanceGrid
+from tactopose_drake.core.two_cores import in_two_parts
 from tactopose_drake.core.validation import FloatArray, positive_number
 
 # The standard deviation of a position that is to say nothing, m.
 _ANYWHERE = 1e3
+
+# So many poses, at 10 to 30 us each, take longer than it takes to ask another core for help.
+_WORTH_TWO_CORES = 12
 
 
 class PatchCells:
@@ -72,7 +76,11 @@ class PatchCells:
     def cost(self, X_PO: FloatArray) -> FloatArray:
         """Costs (B,) of poses (B, 3, 4)."""
         cost = np.empty(len(X_PO))
-        patch_kernels.patch_costs(*self._arguments, X_PO, cost)
+
+        def work(part: slice) -> None:
+            patch_kernels.patch_costs(*self._arguments, X_PO[part], cost[part])
+
+        _by_halves(work, len(X_PO))
         return cost
 
     def residuals(self, X_PO: FloatArray) -> FloatArray:
@@ -93,7 +101,11 @@ class PatchCells:
         """Cost, gradient, and the Gauss-Newton Hessian along the smooth normals, at poses (B, 3, 4)."""
         count = len(X_PO)
         equations = NormalEquations(np.empty(count), np.empty((count, 6)), np.empty((count, 6, 6)))
-        patch_kernels.patch_normal_equations(*self._arguments, X_PO, *equations)
+
+        def work(part: slice) -> None:
+            patch_kernels.patch_normal_equations(*self._arguments, X_PO[part], *(array[part] for array in equations))
+
+        _by_halves(work, count)
         return equations
 
 
@@ -146,6 +158,14 @@ class PatchContact(SumObjective):
             sigma_normal=positive_number("sigma_lean", sigma_lean),
         )
         super().__init__([cells, SurfaceContact(grid, faces)])
+
+
+def _by_halves(work: Callable[[slice], None], count: int) -> None:
+    """Does the work for all poses, half of them on another core where they are worth it."""
+    if count < _WORTH_TWO_CORES:
+        work(slice(count))
+    else:
+        in_two_parts(lambda part: work(slice(part * count // 2, (part + 1) * count // 2)))
 
 
 def _pad_cells(patch: Patch, sigma_depth: float, share: float) -> tuple[FloatArray, FloatArray, FloatArray]:
