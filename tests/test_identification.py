@@ -1,6 +1,5 @@
 import math
 import multiprocessing
-import pickle
 from collections.abc import Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
 from pathlib import Path
@@ -17,7 +16,6 @@ from tactopose_drake.core.synthetic_touch import touch_surface
 from tactopose_drake.errors import InvalidInputError, TooFewContactsError, UnknownNameError
 from tactopose_drake.identification import Identification
 from tactopose_drake.object_library import ObjectLibrary
-from tactopose_drake.sealed import Sealed
 from tests.core.meshes import random_pose, shape_poor_in_symmetry
 
 MESHES = {
@@ -123,11 +121,12 @@ def test_equal_shapes_are_ties(models: list[ObjectModel], twin: ObjectModel) -> 
 
 
 def test_the_order_of_the_objects_changes_nothing(models: list[ObjectModel], twin: ObjectModel) -> None:
-    contacts, several = touch(models[2], 4), [*models, twin]
-    found = facts(tp.identify(several, contacts))
-    for seed in range(3):
-        order = np.random.default_rng(seed).permutation(len(several))
-        assert facts(tp.identify([several[i] for i in order], contacts)) == found
+    contacts, several = touch(models[0], 4), [*models, twin]
+    found = tp.identify(several, contacts)
+    for order in ([5, 4, 3, 2, 1, 0], [3, 5, 0, 2, 1, 4]):
+        again = tp.identify([several[i] for i in order], contacts)
+        assert facts(again) == facts(found)
+        assert [identity.name for identity in again] == [identity.name for identity in found]
 
 
 def test_another_object_never_raises_the_evidence(models: list[ObjectModel], twin: ObjectModel) -> None:
@@ -191,11 +190,6 @@ def test_what_no_object_explains_is_said(models: list[ObjectModel]) -> None:
 @pytest.mark.parametrize("count", [1, 2])
 def test_few_contacts_leave_it_open(models: list[ObjectModel], count: int) -> None:
     assert tp.identify(models, touch(models[0], 0, count)).status == "ambiguous"
-
-
-def test_models_can_be_sent_to_another_process(models: list[ObjectModel]) -> None:
-    contacts, sent = touch(models[1], 8), pickle.loads(pickle.dumps([Sealed(model) for model in models]))
-    assert facts(tp.identify([sealed.value for sealed in sent], contacts)) == facts(tp.identify(models, contacts))
 
 
 def test_bad_input_is_named(models: list[ObjectModel], tmp_path: Path) -> None:

@@ -59,6 +59,15 @@ def test_equal_areas_and_moments_are_not_enough() -> None:
     assert find_alignment(a, a) is not None
 
 
+def test_a_small_part_makes_another_object() -> None:
+    """A pin on a cube changes area, volume and moments by about a percent, and few samples are on it."""
+    cube = trimesh.creation.box((0.06, 0.06, 0.06))
+    pin = trimesh.creation.box((0.004, 0.004, 0.016), trimesh.transformations.translation_matrix((0.01, 0.005, 0.034)))
+    plain, pinned = make(cube), make(trimesh.boolean.union([cube, pin], engine="manifold"))
+    assert find_alignment(plain, pinned) is None
+    assert find_alignment(pinned, plain) is None
+
+
 def test_a_tolerance_decides_what_is_equal(model: ObjectModel) -> None:
     larger = shape_poor_in_symmetry()
     larger.apply_scale(1.01)
