@@ -21,7 +21,9 @@ from tactopose_drake.scenario import Scenario
 from tactopose_drake.station import Station
 from tactopose_drake.station_grasp import add_planned_grasp
 from tactopose_drake.station_senses import add_noise, add_senses
+from tactopose_drake.systems.palm_pose import PalmPose
 from tactopose_drake.systems.pose_estimation import AddPoseEstimation
+from tactopose_drake.systems.pose_tracking import AddPoseTracking, PoseTrackingParams
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -49,12 +51,16 @@ class ArmSetup:
     stiffness: float = 400.0  # of the controller: acceleration for an error, 1/s^2
     damping: float = 40.0  # 1/s
     scene: list[SceneModel] = dataclasses.field(default_factory=list)
+    # Keeps a belief over time; None: the scenario's estimation, which begins anew each time.
+    tracking: PoseTrackingParams | None = None
 
     def validate(self) -> None:
         """Raises InvalidInputError if a value is out of its range."""
         finite_array("ArmSetup.q_start", self.q_start, (len(self.q_start),))
         positive_number("ArmSetup.stiffness", self.stiffness)
         positive_number("ArmSetup.damping", self.damping)
+        if self.tracking is not None:
+            self.tracking.validate()
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -71,7 +77,7 @@ class ArmParts:
         object_body: the object there.
         model: the object's model for estimation.
         senses: the hand's senses by the names of `AddPoseEstimation`'s inputs.
-        estimation: the diagram of `AddPoseEstimation`; its `prior` is not connected.
+        estimation: the diagram of `AddPoseEstimation` or `AddPoseTracking`; its `prior` or `vision` is not connected.
     """
 
     plant: MultibodyPlant
@@ -153,7 +159,10 @@ def make_arm_station(
     for name, port in senses.items():
         builder.ExportOutput(port, name)
     start = add_planned_grasp(builder, scenario, plant, hand, senses, plan)
-    estimation = AddPoseEstimation(builder, hand.config, model, scenario.estimation)
+    if setup.tracking is None:
+        estimation = AddPoseEstimation(builder, hand.config, model, scenario.estimation)
+    else:
+        estimation = _add_tracking(builder, plant, hand, model, setup.tracking)
     for name, port in senses.items():
         builder.Connect(port, estimation.GetInputPort(name))
     for index in range(estimation.num_output_ports()):
@@ -175,6 +184,20 @@ def make_arm_station(
     return ArmStation(
         diagram, plant, scene_graph, hand, object_body, object_joint, model, start, plan, scenario, arm, setup
     )
+
+
+def _add_tracking(
+    builder: DiagramBuilder, plant: MultibodyPlant, hand: Hand, model: ObjectModel, params: PoseTrackingParams
+) -> Diagram:
+    """The belief over time, with what it takes beyond the senses."""
+    tracking = AddPoseTracking(builder, hand.config, model, params)
+    if params.use_joint_velocities:
+        velocities = builder.GetSubsystemByName("joint_positions").get_output_port(1)
+        builder.Connect(velocities, tracking.GetInputPort("joint_velocities"))
+    palm = builder.AddNamedSystem("palm_pose", PalmPose(hand.palm_frame))
+    builder.Connect(plant.get_body_poses_output_port(), palm.GetInputPort("body_poses"))
+    builder.Connect(palm.GetOutputPort("palm_pose"), tracking.GetInputPort("palm_pose"))
+    return tracking
 
 
 def _add_scene(plant: MultibodyPlant, setup: ArmSetup) -> None:

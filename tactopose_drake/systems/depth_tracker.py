@@ -126,8 +126,10 @@ class DepthTracker(LeafSystem):
         ticket = {self.abstract_state_ticket(self._state)}
         period, latency = self._params.period, self._params.latency
         self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._take_picture)
-        if latency > 0.0:
-            self.DeclarePeriodicUnrestrictedUpdateEvent(period, math.fmod(latency, period), self._deliver)
+        # Where it falls on a picture, delivery is that event's business: of two at one time only one would count.
+        offset = latency - period * math.floor(latency / period + 1e-6)
+        if offset > 1e-6 * period:
+            self.DeclarePeriodicUnrestrictedUpdateEvent(period, offset, self._deliver)
         for name, calc in (
             ("vision", self._calc_vision),
             ("prior", self._calc_prior),

@@ -113,6 +113,14 @@ def test_it_is_late_by_the_latency_but_stamped_with_its_pictures_time(object_mod
         assert vision.time == pytest.approx(stamp)
 
 
+def test_a_latency_of_whole_periods_keeps_what_was_tracked(object_model: ObjectModel) -> None:
+    prompt, late = Bench(object_model).run(0.35).vision, Bench(object_model, latency=0.2).run(0.55).vision
+    assert prompt is not None
+    assert late is not None
+    assert late.time == pytest.approx(prompt.time)
+    np.testing.assert_array_equal(late.X_PO, prompt.X_PO)
+
+
 def test_a_frozen_picture_gives_the_last_pose(object_model: ObjectModel) -> None:
     bench = Bench(object_model, frozen_from=0.15)
     last = bench.run(0.12).vision

@@ -1,0 +1,39 @@
+"""Where the palm is in the world."""
+
+from pydrake.common.value import AbstractValue
+from pydrake.math import RigidTransform
+from pydrake.multibody.tree import Frame
+from pydrake.systems.framework import Context, LeafSystem
+
+from tactopose_drake.systems.ports import eval_input
+
+
+class PalmPose(LeafSystem):
+    """Picks the palm's pose out of those of all bodies.
+
+    .. pydrake_system::
+
+        name: PalmPose
+        input_ports:
+        - body_poses
+        output_ports:
+        - palm_pose
+
+    - body_poses: list of `RigidTransform` X_WB, the plant's port of that name.
+    - palm_pose: `RigidTransform` X_WP; changes with it.
+    """
+
+    def __init__(self, palm_frame: Frame) -> None:
+        """Takes numbers from the frame P of a finalized plant; keeps no reference to it."""
+        super().__init__()
+        self._body, self._X_BP = int(palm_frame.body().index()), palm_frame.GetFixedPoseInBodyFrame()
+        self._body_poses = self.DeclareAbstractInputPort("body_poses", AbstractValue.Make([RigidTransform()]))
+        self.DeclareAbstractOutputPort(
+            "palm_pose",
+            lambda: AbstractValue.Make(RigidTransform()),
+            self._calc,
+            prerequisites_of_calc={self._body_poses.ticket()},
+        )
+
+    def _calc(self, context: Context, output: AbstractValue) -> None:
+        output.set_value(eval_input(self._body_poses, context, list)[self._body] @ self._X_BP)
