@@ -16,6 +16,7 @@ from tactopose_drake.senses import CanSenses, RecordedSenses, SimulatedSenses
 from tactopose_drake.systems.grasp_controller import GraspControllerParams
 from tactopose_drake.systems.grip_controller import GripControllerParams
 from tactopose_drake.systems.pose_estimation import PoseEstimationParams
+from tactopose_drake.systems.pose_tracking import PoseTrackingParams
 from tactopose_drake.systems.simulated_vision import SimulatedVisionParams
 from tactopose_drake.typed_yaml import load_typed_yaml
 
@@ -91,6 +92,7 @@ class Scenario:
     sensor: SensorConfig = dataclasses.field(default_factory=SensorConfig)
     vision: SimulatedVisionParams = dataclasses.field(default_factory=SimulatedVisionParams)
     estimation: PoseEstimationParams = dataclasses.field(default_factory=PoseEstimationParams)
+    tracking: PoseTrackingParams | None = None  # of the belief over time; None: there is none
 
     def validate(self) -> None:
         """Raises InvalidInputError if a value is out of its range, or a file is missing."""
@@ -101,8 +103,9 @@ class Scenario:
         positive_number("Scenario.sensor.period", self.sensor.period)
         for field in dataclasses.fields(self.check):
             positive_number(f"Scenario.check.{field.name}", getattr(self.check, field.name))
-        for part in (self.reach, self.planner, self.controller, self.vision, self.estimation):
-            part.validate()
+        for part in (self.reach, self.planner, self.controller, self.vision, self.estimation, self.tracking):
+            if part is not None:
+                part.validate()
         if self.grip is not None:
             self.grip.validate()
         if isinstance(self.senses, CanSenses):

@@ -21,6 +21,7 @@ from tactopose_drake.systems.grip_controller import set_motor_gains
 from tactopose_drake.systems.patch_display import PatchDisplay
 from tactopose_drake.systems.pose_display import PoseDisplay
 from tactopose_drake.systems.pose_estimation import AddPoseEstimation
+from tactopose_drake.systems.pose_tracking import AddPoseTracking, PoseTrackingParams
 from tactopose_drake.systems.random_sources import seed_random_sources
 from tactopose_drake.systems.simulated_vision import SimulatedVision
 
@@ -32,7 +33,8 @@ class Station:
     Attributes:
         diagram: ports `hand_state`, `joint_positions`, `wrench_<finger>`, `pressures_<pad>`, `holding`, `grasp_status`,
             `prior`, `hidden_share`, all outputs of `AddPoseEstimation`, `contact_results`, `body_poses`, `query`, and
-            of a planned grasp `actuation`.
+            of a planned grasp `actuation`; where the scenario tracks, `tracked_object_pose` and so on:
+            `object_pose`, `covariance`, `hypotheses`, `status` and `belief` of `AddPoseTracking`.
         plant: the simulator's plant: hand and object.
         scene_graph: their geometry.
         hand: the hand in the plant.
@@ -118,6 +120,8 @@ def make_station(
         start = add_planned_grasp(builder, scenario, plant, hand, senses, plan)
     _add_vision(builder, scenario, plant, scene_graph, hand, object_body, model)
     _add_estimation(builder, scenario, hand, model, senses)
+    if scenario.tracking is not None:
+        _add_tracking(builder, scenario.tracking, hand, model, senses)
     if meshcat is not None:
         _add_display(builder, plant, scene_graph, hand, model, meshcat)
     for name in ("contact_results", "body_poses"):
@@ -168,6 +172,25 @@ def _add_estimation(
     for index in range(estimation.num_output_ports()):
         port = estimation.get_output_port(index)
         builder.ExportOutput(port, port.get_name())
+
+
+def _add_tracking(
+    builder: DiagramBuilder,
+    params: PoseTrackingParams,
+    hand: Hand,
+    model: ObjectModel,
+    senses: Mapping[str, OutputPort],
+) -> None:
+    """The belief over time, from the senses, the joints' velocities, and vision."""
+    tracking = AddPoseTracking(builder, hand.config, model, params)
+    for name, port in senses.items():
+        builder.Connect(port, tracking.GetInputPort(name))
+    if params.use_joint_velocities:
+        velocities = builder.GetSubsystemByName("joint_positions").get_output_port(1)
+        builder.Connect(velocities, tracking.GetInputPort("joint_velocities"))
+    builder.Connect(builder.GetSubsystemByName("vision").GetOutputPort("prior"), tracking.GetInputPort("vision"))
+    for name in ("object_pose", "covariance", "hypotheses", "status", "belief"):
+        builder.ExportOutput(tracking.GetOutputPort(name), f"tracked_{name}")
 
 
 def _add_display(
