@@ -45,23 +45,24 @@ def report(benchmark: Any, what: str, share: float, meaning: str) -> None:
     print(f"\n{what}: {1e3 * benchmark.stats.stats.median:.2f} ms, {share:.0%} {meaning}")  # noqa: T201
 
 
-def test_correction(benchmark: Any, model: tp.ObjectModel) -> None:
+@pytest.mark.parametrize("method", ["pair_search", "levenberg_marquardt"])
+def test_correction(benchmark: Any, model: tp.ObjectModel, method: str) -> None:
     trials = make_trials(model)
     endless = itertools.cycle(trials)
 
     def correct() -> tp.PoseEstimate:
         contacts, prior, _ = next(endless)
-        return tp.estimate_pose(model, contacts, prior=prior)
+        return tp.estimate_pose(model, contacts, prior=prior, method=method)
 
     benchmark.pedantic(correct, rounds=TRIALS, warmup_rounds=3)
     near = 0
     for contacts, prior, X_PO in trials:
-        best = tp.estimate_pose(model, contacts, prior=prior).best.X_PO.GetAsMatrix34()
+        best = tp.estimate_pose(model, contacts, prior=prior, method=method).best.X_PO.GetAsMatrix34()
         alike = turn_toward(compose(best[None], model.symmetry_poses), X_PO, model.symmetries)
         off = increments_between(alike, X_PO[None])
         turned, moved = np.linalg.norm(off[:, :3], axis=1), np.linalg.norm(off[:, 3:], axis=1)
         near += bool(np.any((turned < math.radians(10.0)) & (moved < 0.01)))
-    report(benchmark, f"{model.name}, correction", near / TRIALS, "within 10 mm and 10 degrees")
+    report(benchmark, f"{model.name}, correction by {method}", near / TRIALS, "within 10 mm and 10 degrees")
 
 
 def test_global(benchmark: Any, model: tp.ObjectModel) -> None:
