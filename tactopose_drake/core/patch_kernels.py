@@ -83,13 +83,12 @@ class _Pad(NamedTuple):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def patch_costs(grid, pads, sigmas, X, cost):  # type: ignore[no-untyped-def]
-    """Half the sum of squares of the residuals of each pose, into cost (B,)."""
+def patch_costs(grid, pads, sigmas, X, costs):  # type: ignore[no-untyped-def]
+    """Half the sum of squares of the residuals of each pad at each pose, into costs (B, k)."""
     cells, pad = _scratch(len(pads[0]))
     for b in range(X.shape[0]):
-        cost[b] = 0.0
         for k in range(len(pads[4])):
-            cost[b] += _settle(grid, pads, k, sigmas, X[b], cells, pad)
+            costs[b, k] = _settle(grid, pads, k, sigmas, X[b], cells, pad)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -37,8 +37,9 @@ def explain_touch(model: ObjectModel, evidence: Evidence, X_PO: FloatArray) -> N
         if not explained.all():
             # At edges and thin walls the smooth residuals are larger than noise.
             explained[~explained] = SurfaceDensity(model, evidence.contacts).cost(X_PO[~explained]) <= limit
-    for patch in evidence.patches:
-        explained &= PatchContact(model.grid, [patch]).cost(X_PO) <= _limit(_MISPLACEMENTS + _of_patch(patch))
+    if evidence.patches:
+        limits = np.array([_limit(_MISPLACEMENTS + _of_patch(patch)) for patch in evidence.patches])
+        explained &= np.all(PatchContact(model.grid, evidence.patches).pad_costs(X_PO) <= limits, axis=1)
     return explained
 
 

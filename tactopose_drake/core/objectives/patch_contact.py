@@ -71,17 +71,22 @@ class PatchCells:
             (points, normals, traits, starts, middles),
             (sigma_rotation, sigma_position),
         )
-        self._rows = len(points) + 6 * len(pads)
+        self._pads, self._rows = len(pads), len(points) + 6 * len(pads)
 
     def cost(self, X_PO: FloatArray) -> FloatArray:
         """Costs (B,) of poses (B, 3, 4)."""
-        cost = np.empty(len(X_PO))
+        cost: FloatArray = self.pad_costs(X_PO).sum(axis=1)
+        return cost
+
+    def pad_costs(self, X_PO: FloatArray) -> FloatArray:
+        """Costs (B, k) of each of k pads at poses (B, 3, 4)."""
+        costs = np.empty((len(X_PO), self._pads))
 
         def work(part: slice) -> None:
-            patch_kernels.patch_costs(*self._arguments, X_PO[part], cost[part])
+            patch_kernels.patch_costs(*self._arguments, X_PO[part], costs[part])
 
         _by_halves(work, len(X_PO))
-        return cost
+        return costs
 
     def residuals(self, X_PO: FloatArray) -> FloatArray:
         """Residuals (B, n + 6 k) of poses (B, 3, 4): of n live cells, then the misplacements u in P of k pads."""
@@ -157,7 +162,16 @@ class PatchContact(SumObjective):
             sigma_position=_ANYWHERE,
             sigma_normal=positive_number("sigma_lean", sigma_lean),
         )
-        super().__init__([cells, SurfaceContact(grid, faces)])
+        self._cells, self._faces = cells, SurfaceContact(grid, faces)
+        self._felt = np.array([patch.is_felt for patch in patches], dtype=np.bool_)
+        super().__init__([self._cells, self._faces])
+
+    def pad_costs(self, X_PO: FloatArray) -> FloatArray:
+        """Costs (B, k) of each of k pads at poses (B, 3, 4), whose sum is the cost."""
+        costs = self._cells.pad_costs(X_PO)
+        faces = self._faces.residuals(X_PO).reshape(len(X_PO), np.count_nonzero(self._felt), 5)
+        costs[:, self._felt] += 0.5 * np.sum(faces**2, axis=2)
+        return costs
 
 
 def _by_halves(work: Callable[[slice], None], count: int) -> None:

@@ -31,9 +31,10 @@ def patch_search(model: ObjectModel, patches: Sequence[Patch], contacts: Contact
         starts=60,
         kept=15,
         polished=4,
-        near_samples=50,
-        near_starts=30,
+        near_samples=30,
+        near_starts=20,
         near_kept=8,
+        near_polished=2,
     )
 
 

@@ -275,6 +275,17 @@ def test_a_pad_on_the_wrong_side_of_a_thin_wall_costs_more() -> None:
     assert min(costs[2:]) > max(costs[:2]) + 5.0
 
 
+def test_the_cost_is_the_sum_of_what_each_pad_costs_alone(angular: ObjectModel) -> None:
+    X_PO, patches = pads_on(angular, 11)
+    silent = describe_patch(patches[0].p_PT, np.zeros(24), alpha=ALPHA, n_PT=patches[0].n_PT)
+    patches = [patches[0], silent, *patches[1:]]
+    poses = retract(X_PO[None], np.random.default_rng(11).normal(size=(30, 6)) * 0.02)
+    objective = PatchContact(angular.grid, patches)
+    alone = np.stack([PatchContact(angular.grid, [patch]).cost(poses) for patch in patches], axis=1)
+    np.testing.assert_allclose(objective.pad_costs(poses), alone, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(objective.cost(poses), alone.sum(axis=1), rtol=1e-9)
+
+
 def test_pads_that_feel_nothing_keep_the_object_out(slab: ObjectModel) -> None:
     free = [
         describe_patch(flat_pad() + np.array([0.0, 0.0, z]), np.zeros(24), alpha=ALPHA, n_PT=-OUT)
