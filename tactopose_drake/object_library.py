@@ -1,6 +1,6 @@
 """Many known objects: a folder of meshes or a manifest, indexed once, so that few of them need a closer look.
 
-What identification needs of every object is in `JointIndex`, some 50 kB each; an object's model is loaded when it is a
+What identification needs of every object is in `JointIndex`, some 20 kB each; an object's model is loaded when it is a
 candidate. Both are kept on disk by the mesh's content (see `model_cache`), each as soon as it is made: an interrupted
 indexing goes on where it stopped, and a changed mesh is indexed anew.
 """
@@ -24,9 +24,9 @@ from tactopose_drake.errors import InvalidFileError, InvalidInputError
 from tactopose_drake.library_files import LibraryEntry, SkippedObject, make_symmetries, read_library
 
 MAX_GRID_BYTES = 2 * 2**20
-"""The largest distance grid of an object in a library, bytes: a thousand objects take 2.3 GB on disk."""
+"""The largest distance grid of an object in a library, bytes: a thousand objects take 2.2 GB on disk."""
 
-_LOADED = 128  # So many of the models that were used last are kept in memory, some 8 MB each.
+_LOADED = 128  # So many of the models that were used last are kept in memory, some 6 MB each.
 
 Progress = Callable[[int, int], None]
 """Is told how many objects of how many are indexed."""

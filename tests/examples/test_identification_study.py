@@ -1,5 +1,6 @@
 import importlib
 import re
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import ModuleType
 
@@ -67,6 +68,7 @@ def test_the_study_counts_ranks(script: ModuleType, tmp_path: Path, monkeypatch:
 
 def test_the_growth_is_drawn(script: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(script, "SIZES", (2, 4, 1000))
+    monkeypatch.setattr(script, "ProcessPoolExecutor", lambda **options: ThreadPoolExecutor(1))
     out = tmp_path / "out"
     result = CliRunner().invoke(script.main, ["--growth", "--trials", "2", "--largest", "4", "--out", str(out)])
     assert result.exit_code == 0, result.output
