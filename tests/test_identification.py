@@ -12,6 +12,7 @@ import tactopose_drake as tp
 from tactopose_drake.core.contacts import Contacts
 from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.poses import transform_points
+from tactopose_drake.core.synthetic_patch import touch_with_pads
 from tactopose_drake.core.synthetic_touch import touch_surface
 from tactopose_drake.errors import InvalidInputError, TooFewContactsError, UnknownNameError
 from tactopose_drake.identification import Identification
@@ -180,6 +181,13 @@ def test_the_pose_is_that_of_the_touched_object(models: list[ObjectModel]) -> No
     X_hat = found.best.estimate.best.X_PO.GetAsMatrix34()
     vertices = models[0].vertices
     np.testing.assert_allclose(transform_points(X_hat, vertices), transform_points(X_PO, vertices), atol=0.01)
+
+
+def test_patches_alone_name_the_object(models: list[ObjectModel], library: ObjectLibrary) -> None:
+    generator = np.random.default_rng(9)
+    patches = touch_with_pads(models[0], random_pose(generator)[:3], 4, generator)
+    assert tp.identify(models, Contacts.empty(), patches).best.name == "block"
+    assert tp.identify(library, Contacts.empty(), patches, candidates=2).best.name == "block"
 
 
 def test_what_no_object_explains_is_said(models: list[ObjectModel]) -> None:
