@@ -20,6 +20,8 @@ from tactopose_drake.hand_geometry import BodySpheres
 
 # Positions along the straight way into the hole, and guesses of the inverse kinematics at its beginning.
 _INSERT_STEPS, _GUESSES = 5, 8
+# How much higher than its end the way to the hole may lead, m, and at how many places it is looked at.
+_DETOURS, _LOOKS = (0.0, 0.15, 0.3), 40
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -119,7 +121,9 @@ class PlacePlanner:
     def plan(
         self, q: FloatArray, q_hand: FloatArray, held: HeldAxis
     ) -> tuple[PiecewisePolynomial, PiecewisePolynomial, PiecewisePolynomial] | None:
-        """The motions to above the hole, straight down into it, and straight up again; None if the arm cannot.
+        """The motions to above the hole, straight down into it, and straight up again.
+
+        None if the arm cannot: on its way to the hole, hand and rod stay higher than the box.
 
         Args:
             q: where the arm is, shape (na,), rad.
@@ -138,6 +142,8 @@ class PlacePlanner:
         )
         highest = self.longest_end + params.end_clearance
         lowest = self._hand_depth(p_PH, held) + params.hand_clearance
+        lowest_points = np.vstack([X_FP.multiply(p_PH.T).T, X_FP.multiply(held.point(self.longest_end))])
+        below = np.append(self._spheres.radius, 0.0)
         ways: list[FloatArray] = []
         for height in np.linspace(highest, lowest, _INSERT_STEPS):
             near = ways[-1] if ways else q
@@ -149,10 +155,29 @@ class PlacePlanner:
             ways.append(found)
         down = np.array(ways)
         limits = {"most_acceleration": params.most_acceleration}
-        move = smooth_motion(self._arm_plant, np.array([q, ways[0]]), speed_share=params.speed_share, **limits)
+        for detour in _DETOURS:
+            path = [q, ways[0]]
+            if detour:
+                above = self._goal(X_FP, held, float(highest) + detour)
+                found = reach_axis(self._arm_plant, self._arm.flange, above, ways[0], [ways[0]])
+                path = path if found is None else [q, found, ways[0]]
+            move = smooth_motion(self._arm_plant, np.array(path), speed_share=params.speed_share, **limits)
+            if self._is_clear(move, lowest_points, below):
+                break
+        else:
+            return None
         insert = smooth_motion(self._arm_plant, down, speed_share=params.insert_speed_share, **limits)
         retreat = smooth_motion(self._arm_plant, down[::-1], speed_share=params.insert_speed_share, **limits)
         return move, insert, retreat
+
+    def _is_clear(self, motion: PiecewisePolynomial, p_FH: FloatArray, radius: FloatArray) -> bool:
+        """Whether spheres that are fixed on the flange stay higher than the box."""
+        context, lowest = self._arm_plant.CreateDefaultContext(), np.inf
+        for time in np.linspace(0.0, motion.end_time(), _LOOKS):
+            self._arm_plant.SetPositions(context, motion.value(time)[:, 0])
+            X_WF = self._arm.flange.CalcPoseInWorld(context)
+            lowest = min(lowest, float((X_WF.multiply(p_FH.T)[2] - radius).min()))
+        return bool(lowest > self._p_WHole[2] + self._params.hand_clearance)
 
     def _hand_depth(self, p_PH: FloatArray, held: HeldAxis) -> float:
         """How far the hand reaches below the grip where it may be over the box, m."""

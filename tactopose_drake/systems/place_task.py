@@ -29,6 +29,8 @@ class PlaceTaskParams:
     most_sigma: float = 0.005  # standard deviation of the rod's lower end across its axis, m
     # Of the lower end in the palm while it is carried, beyond three standard deviations of the estimates, m.
     most_drift: float = 0.005
+    most_offset: float = 0.003  # of the lower end above the hole, by the estimate then; else the arm aligns it anew, m
+    alignments: int = 2  # of that at the most
     open_time: float = 1.5  # for the fingers to open, s
 
     def validate(self) -> None:
@@ -49,6 +51,7 @@ class TaskState:
         held: the rod's axis by which the motions were planned.
         ahead: the motions that follow: the insertion, the retreat.
         tried: how many grips were not firm.
+        aligned: how often the rod was aligned anew above the hole.
     """
 
     phase: str
@@ -58,6 +61,7 @@ class TaskState:
     held: HeldAxis | None = None
     ahead: tuple[PiecewisePolynomial, ...] = ()
     tried: int = 0
+    aligned: int = 0
 
 
 class PlaceTask(LeafSystem):
@@ -182,11 +186,29 @@ class PlaceTask(LeafSystem):
         if passed < before.motion.end_time():
             return before
         if before.phase == "move":
+            aligned = self._align(context, before)
+            if aligned is not None:
+                return aligned
             insert, retreat = before.ahead
             return TaskState("insert", time, _end(insert), insert, before.held, (retreat,))
         if before.phase == "insert":
             return dataclasses.replace(before, phase="release", since=time, motion=None)
         return dataclasses.replace(before, phase="done", since=time, motion=None)
+
+    def _align(self, context: Context, before: TaskState) -> TaskState | None:
+        """Above the hole: a motion to where the rod has slipped to on the way; None where it is well aligned."""
+        held = self._held(context)
+        if held is None or held.sigma > self._params.most_sigma or before.aligned >= self._params.alignments:
+            return None
+        assert before.held is not None
+        if self._planner.end_distance(held, before.held) <= self._params.most_offset:
+            return None
+        plan = self._planner.plan(before.q, self._positions.Eval(context), held)
+        if plan is None:
+            return None
+        move, insert, retreat = plan
+        time, aligned = context.get_time(), before.aligned + 1
+        return TaskState("move", time, _end(move), move, held, (insert, retreat), aligned=aligned)
 
     def _held(self, context: Context) -> HeldAxis | None:
         estimate = eval_optional_input(self._hypotheses, context, PoseEstimate)

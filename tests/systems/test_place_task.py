@@ -102,6 +102,17 @@ def test_the_whole_way() -> None:
     np.testing.assert_allclose(bench.arm, [1.0, 1.0, 0.0, 0.0], atol=1e-12)
 
 
+def test_a_rod_that_has_slipped_on_the_way_is_aligned_anew() -> None:
+    bench = Bench(Planner())
+    bench.hold()
+    assert bench.run(0.3) == "move"
+    bench.set_object(hypotheses=estimate(0.006))
+    assert bench.run(0.5) == "move"  # once more, from where it is
+    assert 1.0 < bench.arm[0] < 2.0
+    assert bench.run(0.4) == "insert"
+    assert bench.arm[0] >= 2.0
+
+
 def test_a_grip_that_is_not_firm_is_tried_again_and_then_given_up() -> None:
     bench = Bench(Planner())
     bench.hold()
