@@ -14,6 +14,8 @@ _OUT = 2.449489742783178
 # What a regression leaves is no noise that is new at each frame: while the mode stays, it stays. It counts so many
 # times, for about as many frames as the belief remembers.
 _REPEATED = 16.0
+# A slope counts as far as it stands out from the bend beside it: what facets and edges make up is about as large.
+_DOUBT = 4.0
 
 
 @njit(cache=True, nogil=True)
@@ -121,7 +123,9 @@ def regress_modes(  # type: ignore[no-untyped-def]
                         mean[k] += rows[s, i, k] / 12.0
                     # Half the difference along each axis of the spread, back in increments.
                     for j in range(6):
-                        half = 0.5 * (rows[2 * j + 1, i, k] - rows[2 * j + 2, i, k]) / (_OUT * scale[j])
+                        half = 0.5 * (rows[2 * j + 1, i, k] - rows[2 * j + 2, i, k])
+                        bend = 0.5 * (rows[2 * j + 1, i, k] + rows[2 * j + 2, i, k]) - rows[0, i, k]
+                        half *= half * half / (half * half + _DOUBT * bend * bend + 1e-12) / (_OUT * scale[j])
                         for c in range(6):
                             J[k, c] += half * inverse_root[j, c]
                 # What the regression leaves, a 4x4 covariance.
