@@ -3,8 +3,8 @@
     python examples/thesis/table_5_2.py --trials 20 --seed 0 --out out
 
 Prints the table beside the thesis' numbers; writes it as Markdown (table_5_2.md). The input is that of table 5.3: six
-simulated grips (see `pad_grasps.py`), kept under the folder, and displaced poses to correct. 20 trials take about ten
-minutes.
+simulated grips (see `pad_grasps.py`), kept under the folder, and displaced poses to correct. Nearly all of the
+time is that of the thesis' searches.
 
 The thesis' three searches may look at the same number of poses, that of its Monte Carlo method; each ends with a
 refinement of its best. Ours proposes few poses from pairs of patches; populations that start at the best of them find
