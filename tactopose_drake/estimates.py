@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 from pydrake.math import RigidTransform
 
-from tactopose_drake.core.pose_belief import PoseBelief
+from tactopose_drake.core.pose_modes import PoseModes
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
 
@@ -69,9 +69,9 @@ class PoseEstimate:
         return self.hypotheses[0]
 
     @property
-    def belief(self) -> PoseBelief:
+    def modes(self) -> PoseModes:
         """The hypotheses as arrays."""
-        return PoseBelief(
+        return PoseModes(
             np.array([hypothesis.X_PO.GetAsMatrix34() for hypothesis in self.hypotheses]),
             np.array([hypothesis.probability for hypothesis in self.hypotheses]),
             np.array([hypothesis.covariance for hypothesis in self.hypotheses]),

@@ -68,7 +68,7 @@ def print_numbers(result: DemoResult, qualities: dict[str, tp.GraspQuality], con
     console.print(table)
     assert result.estimate is not None
     closure = tp.force_closure_probability(
-        result.scene.model, result.scene.contacts, result.estimate.belief, friction=FRICTION
+        result.scene.model, result.scene.contacts, result.estimate.modes, friction=FRICTION
     )
     console.print(
         f"Force closure with probability {closure.value:.3f} +- {closure.standard_error:.3f} over "

@@ -41,7 +41,7 @@ from touch_study import (
 
 import tactopose_drake as tp
 from tactopose_drake.core.next_touch import choose_touch
-from tactopose_drake.core.pose_belief import PoseBelief
+from tactopose_drake.core.pose_modes import PoseModes
 from tactopose_drake.visualization import add_object, add_touch, move_touch, save_html, set_stage
 
 BLUE, GREEN, PINK = Rgba(0.2, 0.35, 0.9, 0.45), Rgba(0.15, 0.7, 0.3, 0.45), Rgba(0.95, 0.45, 0.7, 0.9)
@@ -138,7 +138,7 @@ def first_grasp() -> tuple[Grasp, tp.PoseEstimate]:
     return next(ambiguous_grasps(OBJECTS[0]))
 
 
-def show(meshcat: Meshcat, grasp: Grasp, belief: PoseBelief) -> str:
+def show(meshcat: Meshcat, grasp: Grasp, belief: PoseModes) -> str:
     """Draws the two most probable poses, the true one and the motion that tells most; says what it tells."""
     for path, X, rgba in zip(("blue", "green"), belief.X_PO, (BLUE, GREEN), strict=False):
         add_object(meshcat, f"/{path}", grasp.model, "estimate", 0.45)

@@ -27,7 +27,7 @@ from tactopose_drake.core.grasping.finger_reach import ReachParams
 from tactopose_drake.core.grasping.grasp_planner import GraspPlan, HandReach, PlannerParams, plan_grasps
 from tactopose_drake.core.guarded_moves import GuardedMoves
 from tactopose_drake.core.next_touch import choose_touch, is_allowed
-from tactopose_drake.core.pose_belief import PoseBelief
+from tactopose_drake.core.pose_modes import PoseModes
 from tactopose_drake.core.poses import compose, exp_so3, increments_between, retract
 from tactopose_drake.grasping.hand_reach import make_hand_reach, rest_positions
 from tactopose_drake.hand import load_hand_config
@@ -176,13 +176,13 @@ def same_pose(model: tp.ObjectModel, X_PO: Array, X_reference: Array) -> NDArray
 
 def best_mass(model: tp.ObjectModel, estimate: tp.PoseEstimate) -> float:
     """Probability of the best pose and all that are the same."""
-    belief = estimate.belief
+    belief = estimate.modes
     return float(belief.probability[same_pose(model, belief.X_PO, belief.X_PO[0])].sum())
 
 
-def distinct_poses(model: tp.ObjectModel, estimate: tp.PoseEstimate) -> PoseBelief:
+def distinct_poses(model: tp.ObjectModel, estimate: tp.PoseEstimate) -> PoseModes:
     """The belief with modes that are the same pose made one, and without those that hardly matter."""
-    belief = estimate.belief
+    belief = estimate.modes
     left = belief.likely(LEAST_PROBABILITY)
     poses, masses, covariances = [], [], []
     while len(left):
@@ -196,7 +196,7 @@ def distinct_poses(model: tp.ObjectModel, estimate: tp.PoseEstimate) -> PoseBeli
             np.einsum("n,nij->ij", share, belief.covariance[members]) + np.einsum("n,ni,nj->ij", share, off, off)
         )
         left = left[~same]
-    return PoseBelief(np.array(poses), np.array(masses), np.array(covariances))
+    return PoseModes(np.array(poses), np.array(masses), np.array(covariances))
 
 
 def sample_moves(grasp: Grasp, generator: np.random.Generator) -> dict[str, GuardedMoves]:
@@ -210,11 +210,11 @@ def sample_moves(grasp: Grasp, generator: np.random.Generator) -> dict[str, Guar
 
 
 Choice = tuple[str, int]
-Chooser = Callable[[Grasp, PoseBelief, dict[str, GuardedMoves], np.random.Generator], Choice | None]
+Chooser = Callable[[Grasp, PoseModes, dict[str, GuardedMoves], np.random.Generator], Choice | None]
 
 
 def choose_best(
-    grasp: Grasp, belief: PoseBelief, moves: dict[str, GuardedMoves], generator: np.random.Generator
+    grasp: Grasp, belief: PoseModes, moves: dict[str, GuardedMoves], generator: np.random.Generator
 ) -> Choice | None:
     """By the expected information."""
     found = choose_touch(grasp.model, grasp.contacts, grasp.fingers, belief, moves, friction=FRICTION)
@@ -222,7 +222,7 @@ def choose_best(
 
 
 def choose_at_random(
-    grasp: Grasp, belief: PoseBelief, moves: dict[str, GuardedMoves], generator: np.random.Generator
+    grasp: Grasp, belief: PoseModes, moves: dict[str, GuardedMoves], generator: np.random.Generator
 ) -> Choice | None:
     """One of the allowed motions that meet the object at the most probable pose."""
     options = []
@@ -254,7 +254,7 @@ def explore(grasp: Grasp, estimate: tp.PoseEstimate, chooser: Chooser, seed: int
             untouched = tp.HandGeometry(free[:, :3], free[:, 3]) if len(free) else None
             estimate = estimate_again(grasp, contacts, untouched)
         masses.append(best_mass(grasp.model, estimate))
-    is_right = same_pose(grasp.model, estimate.belief.X_PO[:1], grasp.X_PO)[0]
+    is_right = same_pose(grasp.model, estimate.modes.X_PO[:1], grasp.X_PO)[0]
     return Exploration(touches if masses[-1] >= UNIQUE else None, bool(is_right), tuple(masses))
 
 

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from tactopose_drake.core.contacts import Contacts
 from tactopose_drake.core.objects import ObjectModel
-from tactopose_drake.core.pose_belief import PoseBelief
+from tactopose_drake.core.pose_modes import PoseModes
 from tactopose_drake.core.validation import FloatArray, finite_array, pose_matrix, positive_number
 from tactopose_drake.core.wrench_space import Norm, WrenchSpace, cone_wrenches
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
@@ -42,7 +42,7 @@ class GraspQuality:
         space: the wrench space.
         length: that torques were divided by, m.
         p_OC: the contacts' places on the surface, shape (k, 3), m.
-        n_OC: outward normals there, shape (k, 3).
+        n_OC: outward unit normals there, shape (k, 3).
         distance: of the measured points from the surface, negative inside, shape (k,), m.
     """
 
@@ -121,7 +121,7 @@ class ClosureProbability(NamedTuple):
 def force_closure_probability(
     model: ObjectModel,
     contacts: Contacts,
-    belief: PoseBelief,
+    belief: PoseModes,
     *,
     friction: float,
     edges: int = 8,
@@ -133,7 +133,7 @@ def force_closure_probability(
     Args:
         model: the object.
         contacts: in the palm frame.
-        belief: of the pose; `PoseEstimate.belief`.
+        belief: of the pose; `PoseEstimate.modes`.
         friction: coefficient of friction.
         edges: of the pyramid that stands for a friction cone.
         samples: poses that are drawn from the belief.

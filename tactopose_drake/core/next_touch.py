@@ -22,7 +22,7 @@ from tactopose_drake.core.grasp_quality import grasp_quality
 from tactopose_drake.core.guarded_moves import GuardedMoves
 from tactopose_drake.core.hand_spheres import HandSpheres
 from tactopose_drake.core.objects import ObjectModel
-from tactopose_drake.core.pose_belief import PoseBelief
+from tactopose_drake.core.pose_modes import PoseModes
 from tactopose_drake.core.poses import retract
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
@@ -76,7 +76,7 @@ def choose_touch(
     model: ObjectModel,
     contacts: Contacts,
     fingers: Sequence[str],
-    belief: PoseBelief,
+    belief: PoseModes,
     moves: Mapping[str, GuardedMoves],
     *,
     friction: float,
@@ -132,7 +132,7 @@ def is_allowed(
     model: ObjectModel,
     contacts: Contacts,
     fingers: Sequence[str],
-    belief: PoseBelief,
+    belief: PoseModes,
     finger: str,
     moves: GuardedMoves,
     *,
@@ -156,7 +156,7 @@ def is_allowed(
 
 
 def information(
-    model: ObjectModel, belief: PoseBelief, moves: GuardedMoves, noise: TouchNoise | None = None
+    model: ObjectModel, belief: PoseModes, moves: GuardedMoves, noise: TouchNoise | None = None
 ) -> FloatArray:
     """How much each motion is expected to tell about which mode is true, at least, shape (m,), nats."""
     noise = TouchNoise() if noise is None else noise
@@ -176,7 +176,7 @@ def information(
 
 
 def predict(
-    model: ObjectModel, belief: PoseBelief, moves: GuardedMoves, noise: TouchNoise
+    model: ObjectModel, belief: PoseModes, moves: GuardedMoves, noise: TouchNoise
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """What each mode foresees of each motion.
 

@@ -116,7 +116,7 @@ class GraspQualityEvaluator(LeafSystem):
         return force_closure_probability(
             self._model,
             contacts,
-            estimate.belief,
+            estimate.modes,
             friction=self._params.friction,
             edges=self._params.edges,
             samples=self._params.samples,

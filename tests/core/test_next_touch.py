@@ -7,7 +7,7 @@ from tactopose_drake.core.guarded_moves import GuardedMoves
 from tactopose_drake.core.hand_spheres import HandSpheres
 from tactopose_drake.core.next_touch import TouchNoise, choose_touch, information, is_allowed, predict
 from tactopose_drake.core.objects import ObjectModel
-from tactopose_drake.core.pose_belief import PoseBelief
+from tactopose_drake.core.pose_modes import PoseModes
 from tactopose_drake.core.poses import exp_so3, make_poses
 from tactopose_drake.errors import InvalidInputError
 
@@ -24,10 +24,10 @@ def mug() -> ObjectModel:
     return ObjectModel.from_mesh(mesh, symmetry="none", max_grid_bytes=8_000_000, samples=300)
 
 
-def spins(*angles: float, probability: list[float] | None = None) -> PoseBelief:
+def spins(*angles: float, probability: list[float] | None = None) -> PoseModes:
     X = make_poses(exp_so3(np.array([[0.0, 0.0, angle] for angle in angles])), np.zeros((len(angles), 3)))
     share = np.ones(len(angles)) if probability is None else np.array(probability)
-    return PoseBelief(X, share, np.tile(COVARIANCE, (len(angles), 1, 1)))
+    return PoseModes(X, share, np.tile(COVARIANCE, (len(angles), 1, 1)))
 
 
 def inward(*angles: float, height: float = 0.0) -> GuardedMoves:
@@ -37,7 +37,7 @@ def inward(*angles: float, height: float = 0.0) -> GuardedMoves:
 
 
 def simulated_information(
-    model: ObjectModel, belief: PoseBelief, moves: GuardedMoves, noise: TouchNoise, draws: int
+    model: ObjectModel, belief: PoseModes, moves: GuardedMoves, noise: TouchNoise, draws: int
 ) -> np.ndarray:
     """Mutual information of mode and touch by Monte Carlo of the predicted Gaussians, for motions that always hit."""
     generator = np.random.default_rng(0)

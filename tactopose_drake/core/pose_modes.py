@@ -1,4 +1,4 @@
-"""What is believed of an object's pose, as a mixture of Gaussians: the form in which an estimate is handed on."""
+"""The modes of what is believed of an object's pose, as a mixture of Gaussians: an estimate in arrays."""
 
 import dataclasses
 
@@ -11,7 +11,7 @@ from tactopose_drake.errors import InvalidInputError
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class PoseBelief:
+class PoseModes:
     """Modes of the object's pose in the palm frame; n of them, one at least.
 
     Attributes:
