@@ -1,0 +1,47 @@
+"""Vision of a carried object, without the long way through all places."""
+
+import importlib
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
+
+import tactopose_drake as tp
+from tactopose_drake.resources import model_path
+
+FOLDER = Path(__file__).parents[2] / "examples" / "thesis"
+
+
+@pytest.fixture(scope="module")
+def example() -> ModuleType:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(FOLDER))
+        return importlib.import_module("figure_3_24")
+
+
+def test_the_camera_looks_where_it_should(example: ModuleType) -> None:
+    p_CQ = example.camera_pose().inverse() @ example.LOOKS_AT
+    np.testing.assert_allclose(p_CQ[:2], 0.0, atol=1e-12)
+    assert p_CQ[2] > 0.5
+    assert (example.camera_pose().rotation().inverse() @ np.array([0.0, 0.0, 1.0]))[1] < 0.0  # up is -y
+
+
+def test_a_box_end_for_end_is_the_same_box(example: ModuleType) -> None:
+    model = tp.ObjectModel.from_mesh(model_path("objects", "tea_box.obj"))
+    truth = RigidTransform(RollPitchYaw(0.3, 0.2, 0.1), [0.5, 0.1, 0.4])
+    turned = truth @ RigidTransform(RotationMatrix.MakeXRotation(np.pi), [0.0, 0.0, 0.135])
+    assert np.linalg.norm(turned.translation() - truth.translation()) > 0.1
+    np.testing.assert_allclose(example._base(turned, truth, model), truth.translation(), atol=2e-3)
+    assert np.isnan(example._base(None, truth, model)).all()
+
+
+def test_the_errors_are_those_at_the_places(example: ModuleType, tmp_path: Path) -> None:
+    truth = np.zeros((4, 3))
+    vision = np.array([[9.0, 0.0, 0.0], [0.02, 0.0, 0.0], [np.nan] * 3, [0.04, 0.0, 0.0]])
+    at_place = np.array([False, True, True, True])
+    track = example.Track(np.arange(4.0), truth, vision, 0.1 * vision, ["ok"] * 4, np.zeros(4), at_place, 0.0)
+    np.testing.assert_allclose(track.errors(track.vision), [20.0, 40.0])
+    example.save_plot({"soda_can": track}, tmp_path / "plot.png")
+    assert (tmp_path / "plot.png").stat().st_size > 10_000

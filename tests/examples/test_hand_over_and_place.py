@@ -1,0 +1,69 @@
+"""Hand over and place, without its long simulations: what is handed over, and the first moments of a trial."""
+
+import importlib.util
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+import trimesh
+
+from tactopose_drake.core.grasping.grasp_planner import GraspPlan
+from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.resources import model_path
+
+PATH = Path(__file__).parents[2] / "examples" / "hand_over_and_place.py"
+
+
+@pytest.fixture(scope="module")
+def example() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("hand_over_and_place", PATH)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["hand_over_and_place"] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="module")
+def plan(example: ModuleType) -> GraspPlan:
+    found: GraspPlan = example.plan_closing()
+    return found
+
+
+def test_the_hand_over_is_random_within_its_bounds(example: ModuleType, plan: GraspPlan) -> None:
+    generator = np.random.default_rng(0)
+    offered = [example.hand_over(plan, generator) for _ in range(200)]
+    axes = np.array([grasp.X_PO[:, 2] for grasp in offered])
+    cosine = axes @ plan.X_PO[:, 2]
+    assert 60 < np.sum(cosine > 0.0) < 140  # either end up
+    assert np.arccos(np.abs(cosine)).max() < np.sqrt(2.0) * example.TURN + 0.02
+    assert np.degrees(np.arccos(np.abs(cosine))).max() > 8.0
+    assert all(grasp.fingers is plan.fingers for grasp in offered)  # the hand knows nothing of it
+
+
+def test_the_simulators_pencil_is_the_packages_pencil(example: ModuleType, tmp_path: Path) -> None:
+    sdf = example.write_collision_pencil(tmp_path)
+    assert sdf.is_file()
+    mesh = trimesh.load_mesh(tmp_path / "pencil.obj")
+    assert mesh.is_watertight
+    assert len(mesh.faces) < 400
+    model = ObjectModel.from_mesh(model_path("objects", "pencil.obj"))
+    points = mesh.sample(2000, seed=0)
+    distance = np.abs(model.grid.distance(points))
+    assert np.quantile(distance[(points[:, 2] > 0.005) & (points[:, 2] < 0.145)], 0.9) < 3e-5
+    assert distance.max() < 4e-4  # where the sharpening begins
+
+
+def test_a_trial_begins_and_is_judged(example: ModuleType, plan: GraspPlan, tmp_path: Path) -> None:
+    pencil = example.write_collision_pencil(tmp_path)
+    trial = example.run_trial(plan, pencil, 0, longest=0.06)
+    assert not trial.success
+    assert trial.outcome == "not finished: receive"
+    assert trial.simulated == pytest.approx(0.06)
+    other = example.Trial(1, success=True, outcome="in the hole", angle_deg=1.0, end_mm=1.0, sigma_mm=3.0, hole_mm=2.0)
+    example.print_table([trial, other])
+    example.save_plot([trial, other], tmp_path / "plot.png")
+    assert (tmp_path / "plot.png").stat().st_size > 10_000
