@@ -27,7 +27,7 @@ _errors = Console(stderr=True, soft_wrap=True, highlight=False)
 @click.option("--record", type=_path, help="Folder for a recording, new or empty: CAN logs, other signals, manifest.")
 @click.option("--monitor", is_flag=True, help="Shows rates, ages, forces, pressures and the estimate live.")
 def run(scenario: str, duration: float | None, record: Path | None, monitor: bool) -> None:
-    """Runs a SCENARIO, simulated or on CAN devices: a name of the package's diagrams or a *.scenario.yaml."""
+    """Runs a SCENARIO, simulated or on CAN devices: one of the package by name, or a YAML file."""
     loaded = load_scenario(scenario)
     with _showing(monitor) as (look, tell):
         view = run_scenario(loaded, duration=duration, record=record, look=look, tell=tell)

@@ -81,7 +81,7 @@ class Scenario:
     duration: float = 4.0  # longest simulated time, s
     # Where the estimation's inputs come from; all that follows on the hand's motion is of the simulator alone.
     senses: SimulatedSenses | CanSenses | RecordedSenses = dataclasses.field(default_factory=SimulatedSenses)
-    plant: MultibodyPlantConfig = dataclasses.field(default_factory=_default_plant)
+    plant: MultibodyPlantConfig = dataclasses.field(default_factory=_default_plant)  # of the simulator
     X_WBase: Transform = dataclasses.field(default_factory=_palm_to_the_side)  # where the hand's base is welded
     X_WC: Transform = dataclasses.field(default_factory=_camera)  # the vision source's camera
     grip: Grip | None = None  # how the object is gripped; None: as planned, by the three fields that follow

@@ -17,15 +17,15 @@ class SimulatedSenses:
 class RecordedSenses:
     """A recording that `tactopose run --record` has made, `!RecordedSenses` in YAML."""
 
-    folder: str = ""
+    folder: str = ""  # that `run --record` made
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class CanBus:
     """A bus, as python-can names it."""
 
-    interface: str = "socketcan"
-    channel: str = "can0"
+    interface: str = "socketcan"  # as python-can names it
+    channel: str = "can0"  # of that interface
     # The interface's own, such as bitrate.
     options: dict[str, str | bool | int | float] = dataclasses.field(default_factory=dict)
 
