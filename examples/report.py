@@ -4,10 +4,12 @@
     python examples/report.py --full     # as many trials as the README's figures have: hours
 
 Writes report.html (one file, pictures included) and report.md into `--out`. Nothing on the page is typed by hand: each
-section is what its own script wrote in this run, with the command that ran it; the machine and the versions are asked.
+section is what its own script wrote or printed in this run, with the command that ran it; the machine and the versions
+are asked.
 A script that fails gets its last words into the report, and the exit status is 1.
 """
 
+import ast
 import base64
 import dataclasses
 import html
@@ -68,12 +70,14 @@ class Run:
         section: which.
         command: what was run, as one would type it.
         seconds: how long it took.
+        output: what it printed.
         failure: its last words, if it failed.
     """
 
     section: Section
     command: str
     seconds: float
+    output: str
     failure: str
 
 
@@ -81,26 +85,40 @@ SECTIONS = (
     Section(
         script="thesis/table_3_1.py",
         covers=("table 3.1", "figures 3.12 to 3.19"),
-        quick=("--trials", "20"),
-        full=("--trials", "100"),
-    ),
-    Section(script="thesis/search_progress.py", covers=("figure 4.5", "figure 4.19")),
-    Section(
-        script="thesis/section_4_3_1.py",
-        covers=("figure 4.8", "figure 4.9", "figure 4.10", "figure 4.12", "figure 4.13", "figure 4.20"),
-        quick=("--trials", "4", "--thesis-trials", "1", "0"),
-        full=("--trials", "100", "--thesis-trials", "100", "10"),
-    ),
-    Section(script="thesis/table_5_1.py", covers=("table 5.1", "figures 5.3 to 5.5")),
-    Section(script="thesis/table_5_2.py", covers=("table 5.2",), quick=("--trials", "1"), full=("--trials", "10")),
-    Section(
-        script="thesis/table_5_3.py",
-        covers=("table 5.3", "figure 5.11", "figure 5.12"),
         quick=("--trials", "10"),
         full=("--trials", "100"),
     ),
-    Section(script="calibration.py", quick=("--trials", "40"), full=("--trials", "1000")),
-    Section(script="cost_growth.py", quick=("--trials", "3"), full=("--trials", "50")),
+    Section(script="thesis/figure_3_24.py", covers=("figures 3.24 to 3.26",), quick=("--objects", "soda_can")),
+    Section(script="thesis/search_progress.py", covers=("figure 4.5", "figure 4.19")),
+    Section(
+        script="thesis/section_4_3_1.py",
+        covers=("figures 4.8 to 4.13", "figure 4.20"),
+        quick=("--trials", "2", "--thesis-trials", "1", "0"),
+        full=("--trials", "100", "--thesis-trials", "100", "10"),
+    ),
+    Section(script="hand_over_and_place.py", covers=("figures 4.17, 4.18",), quick=("--seeds", "1")),
+    Section(script="thesis/table_5_1.py", covers=("table 5.1", "figures 5.3 to 5.5")),
+    Section(script="thesis/table_5_2.py", covers=("table 5.2",), quick=("--trials", "1"), full=("--trials", "20")),
+    Section(
+        script="thesis/table_5_3.py",
+        covers=("table 5.3", "figure 5.12"),
+        quick=("--trials", "3"),
+        full=("--trials", "100"),
+    ),
+    Section(script="thesis/figure_5_11.py", covers=("figure 5.11",)),
+    Section(script="thesis/figure_5_14.py", covers=("figure 5.14",)),
+    Section(script="table_6_1.py", covers=("table 6.1",), quick=("--trials", "8"), full=("--trials", "100")),
+    Section(script="thesis/figure_6_1.py", covers=("figure 6.1",), quick=("--grasps", "1"), full=("--grasps", "10")),
+    Section(script="thesis/figure_6_2.py", covers=("figure 6.2",)),
+    Section(script="thesis/figure_6_3.py", covers=("figure 6.3",)),
+    Section(script="thesis/figure_6_4.py", covers=("figure 6.4",), quick=("--grasps", "2"), full=("--grasps", "100")),
+    Section(script="calibration.py", quick=("--trials", "30"), full=("--trials", "1000")),
+    Section(script="in_hand_motions.py", quick=("--motions", "4", "--steps", "50"), full=("--motions", "200")),
+    Section(script="slip_in_station.py", quick=("--seconds", "0.3")),
+    Section(script="identification_study.py", quick=("--trials", "10"), full=("--trials", "400")),
+    Section(script="grasp_study.py", quick=("--objects", "mug", "--seeds", "1"), full=("--seeds", "10")),
+    Section(script="can_latency.py", quick=("--duration", "3")),
+    Section(script="cost_growth.py", quick=("--trials", "2"), full=("--trials", "50")),
 )
 # What needs the hardware that the thesis had.
 NOT_REPRODUCED = {
@@ -126,15 +144,18 @@ def machine() -> list[str]:
 
 def run(section: Section, is_full: bool, folder: Path) -> Run:
     """Runs a script; what it writes lies in the folder of its name."""
-    options = [*(section.full if is_full else section.quick), "--out", str(folder / section.name)]
+    script = EXAMPLES / section.script
+    options = section.full if is_full else section.quick
+    place = ("--out", str(folder / section.name)) if '"--out"' in script.read_text(encoding="utf-8") else ()
     environment = os.environ | {"PYTHONUNBUFFERED": "1", "COLUMNS": "120"}
     started = time.perf_counter()
     ended = subprocess.run(
-        [sys.executable, str(EXAMPLES / section.script), *options], capture_output=True, text=True, env=environment
+        [sys.executable, str(script), *options, *place], capture_output=True, text=True, env=environment
     )
     words = (ended.stderr or ended.stdout).strip().splitlines()[-15:]
-    command = " ".join(["python", f"examples/{section.script}", *options[:-2]])
-    return Run(section, command, time.perf_counter() - started, "\n".join(words) if ended.returncode else "")
+    command = " ".join(["python", f"examples/{section.script}", *options])
+    failure = "\n".join(words) if ended.returncode else ""
+    return Run(section, command, time.perf_counter() - started, ended.stdout, failure)
 
 
 def to_markdown(runs: Sequence[Run], folder: Path, is_full: bool) -> str:
@@ -153,12 +174,21 @@ def to_markdown(runs: Sequence[Run], folder: Path, is_full: bool) -> str:
             lines += [f"## {made.section.name}", "", f"`{made.command}` failed:", "", "```", made.failure, "```"]
             continue
         written = folder / made.section.name
-        for page in sorted(written.glob("*.md")):
+        pages = sorted(written.glob("*.md"))
+        for page in pages:
             # A script's own page begins with its title: here that is a section.
             lines += [re.sub(r"^#", "##", page.read_text(encoding="utf-8"), flags=re.M), ""]
+        if not pages:
+            lines += [f"## {title(made.section)}", "", "```", made.output.strip(), "```", ""]
         lines += [f"![{plot.stem}]({made.section.name}/{plot.name})" for plot in sorted(written.glob("*.png"))]
         lines += ["", f"Made by `{made.command}` in {made.seconds:.0f} s."]
     return "\n".join(lines) + "\n"
+
+
+def title(section: Section) -> str:
+    """The first line of what the script says of itself."""
+    tree = ast.parse((EXAMPLES / section.script).read_text(encoding="utf-8"))
+    return (ast.get_docstring(tree) or section.name).partition("\n")[0].rstrip(".")
 
 
 def to_html(markdown: str, folder: Path) -> str:

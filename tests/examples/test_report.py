@@ -28,10 +28,13 @@ def script(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> ModuleType:
     monkeypatch.setitem(sys.modules, "report", module)
     spec.loader.exec_module(module)
     (tmp_path / "works.py").write_text(WRITES)
+    (tmp_path / "prints.py").write_text('"""What it says.\n\nMore."""\nprint("7 mm")')
     (tmp_path / "breaks.py").write_text("raise SystemExit('the dog ate it')")
     monkeypatch.setattr(module, "EXAMPLES", tmp_path)
     works = module.Section(script="works.py", covers=("table 9.9",), quick=("--few",), full=("--many",))
-    monkeypatch.setattr(module, "SECTIONS", (works, module.Section(script="breaks.py")))
+    monkeypatch.setattr(
+        module, "SECTIONS", (works, module.Section(script="prints.py"), module.Section(script="breaks.py"))
+    )
     return module
 
 
@@ -56,12 +59,13 @@ def test_a_script_that_fails_is_told_and_the_others_are_there(script: ModuleType
     assert "`python examples/breaks.py` failed:" in text
     assert "the dog ate it" in text
     assert "--many" in text
+    assert "\n## What it says\n\n```\n7 mm\n```\n" in text
 
 
 def test_an_unknown_section_is_an_error_before_any_work(script: ModuleType, tmp_path: Path) -> None:
     result = CliRunner().invoke(script.main, ["--only", "tabel", "--out", str(tmp_path / "report")])
     assert result.exit_code == 2
-    assert "sections are works, breaks" in result.output
+    assert "sections are works, prints, breaks" in result.output
     assert not (tmp_path / "report").exists()
 
 
@@ -76,6 +80,5 @@ def test_every_section_is_a_script_and_nothing_is_covered_twice() -> None:
     assert len(set(covered)) == len(covered)
     for section in module.SECTIONS:
         text = (EXAMPLES / section.script).read_text()
-        assert "--out" in text, section.script
         for option in (*section.quick, *section.full):
             assert not option.startswith("--") or f'"{option}"' in text, f"{section.script}: {option}"
