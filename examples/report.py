@@ -88,7 +88,13 @@ SECTIONS = (
         quick=("--trials", "10"),
         full=("--trials", "100"),
     ),
-    Section(script="thesis/figure_3_24.py", covers=("figures 3.24 to 3.26",), quick=("--objects", "soda_can")),
+    Section(script="thesis/figure_3_24.py", covers=("figure 3.24",), quick=("--objects", "soda_can")),
+    Section(
+        script="thesis/figures_3_25_and_3_26.py",
+        covers=("figure 3.25", "figure 3.26"),
+        quick=("--trials", "40"),
+        full=("--trials", "200"),
+    ),
     Section(script="thesis/search_progress.py", covers=("figure 4.5", "figure 4.19")),
     Section(
         script="thesis/section_4_3_1.py",
