@@ -37,13 +37,13 @@ from rich.progress import track
 from rich.table import Table
 
 import tactopose_drake as tp
-from tactopose_drake.arm_station import ArmParts, ArmSetup, ArmStation, SceneModel, make_arm_station
+from tactopose_drake.arms.place_planning import PlaceParams, PlacePlanner
+from tactopose_drake.arms.station import ArmParts, ArmSetup, ArmStation, SceneModel, make_arm_station
 from tactopose_drake.core.grasping.finger_reach import ReachParams
 from tactopose_drake.core.grasping.grasp_planner import GraspPlan, PlannerParams, plan_grasps
 from tactopose_drake.core.poses import exp_so3
 from tactopose_drake.grasping.hand_reach import make_hand_reach
 from tactopose_drake.hand import load_hand_config
-from tactopose_drake.place_planning import PlaceParams, PlacePlanner
 from tactopose_drake.resources import model_path
 from tactopose_drake.scenario import Scenario
 from tactopose_drake.station_grasp import planned_pose

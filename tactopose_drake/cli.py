@@ -18,6 +18,8 @@ from pydrake.geometry import Meshcat
 from pydrake.math import RigidTransform
 from rich.console import Console
 
+from tactopose_drake.commands.identify import identify_command
+from tactopose_drake.commands.run import replay, run
 from tactopose_drake.core.mesh.repair import MeshRepairWarning
 from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.demo import DemoResult, GraspFailedError, run_demo, save_demo
@@ -26,7 +28,6 @@ from tactopose_drake.display.scene import Scene
 from tactopose_drake.errors import DriverError, InvalidInputError
 from tactopose_drake.estimation import METHODS, estimate_pose
 from tactopose_drake.files import load_contacts, load_prior, save_result
-from tactopose_drake.identify_command import identify_command
 from tactopose_drake.reports import (
     fingers_table,
     free_line,
@@ -35,7 +36,6 @@ from tactopose_drake.reports import (
     poses_table,
     status_line,
 )
-from tactopose_drake.run_commands import replay, run
 from tactopose_drake.scenario import load_scenario
 from tactopose_drake.visualization import aim_camera, draw_scene, save_html, upright
 

@@ -47,7 +47,7 @@ from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimates import PoseEstimate
 from tactopose_drake.hand import Hand, HandConfig, add_hand
 from tactopose_drake.hand_geometry import BodySpheres
-from tactopose_drake.shape_depth import ShapeDepth, shape_depth
+from tactopose_drake.tactile.shape_depth import ShapeDepth, shape_depth
 
 # How far the facets that stand for a round shape may lie below it, m.
 _FACET_ERROR = 5e-5

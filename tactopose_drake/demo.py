@@ -31,7 +31,7 @@ from tactopose_drake.estimates import PoseEstimate
 from tactopose_drake.files import save_result
 from tactopose_drake.grasping.grasp_simulation import GraspResult, simulate_grasp
 from tactopose_drake.scenario import Scenario
-from tactopose_drake.tactile_pads import load_tactile_pad
+from tactopose_drake.tactile.pads import load_tactile_pad
 from tactopose_drake.visualization import aim_camera, save_html
 
 

@@ -25,7 +25,7 @@ from tactopose_drake.systems.measured_joints import MeasuredJoints
 from tactopose_drake.systems.played_signal import PlayedValue, PlayedVector
 from tactopose_drake.systems.pose_estimation import AddPoseEstimation
 from tactopose_drake.systems.sense_status import SenseStatus
-from tactopose_drake.tactile_pads import load_tactile_pad
+from tactopose_drake.tactile.pads import load_tactile_pad
 
 
 @dataclass(frozen=True, eq=False)

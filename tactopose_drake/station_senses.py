@@ -10,7 +10,7 @@ from tactopose_drake.hand import Hand
 from tactopose_drake.scenario import Scenario
 from tactopose_drake.systems.force_torque_sensor import ForceTorqueSensor, load_force_torque_model
 from tactopose_drake.systems.tactile_array import TactileArray
-from tactopose_drake.tactile_pads import load_tactile_pad
+from tactopose_drake.tactile.pads import load_tactile_pad
 
 
 def add_senses(

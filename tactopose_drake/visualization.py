@@ -13,6 +13,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 from tactopose_drake.core.contacts import Contacts
 from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.display.patches import add_patches, move_patches
 from tactopose_drake.display.remote_meshcat import RemoteMeshcat
 from tactopose_drake.display.scene import (
     CONTACT_COLOUR,
@@ -25,7 +26,6 @@ from tactopose_drake.display.scene import (
     arrow_lengths,
 )
 from tactopose_drake.display.viewpoint import choose_view, points_of_interest
-from tactopose_drake.patch_visualization import add_patches, move_patches
 
 Role = Literal["prior", "estimate", "truth"]
 

@@ -32,8 +32,8 @@ from rich.console import Console
 from rich.table import Table
 
 import tactopose_drake as tp
-from tactopose_drake.arm_motion import AxisGoal, reach_axis, smooth_motion
-from tactopose_drake.arm_station import ArmParts, ArmSetup, ArmStation, SceneModel, make_arm_station
+from tactopose_drake.arms.motion import AxisGoal, reach_axis, smooth_motion
+from tactopose_drake.arms.station import ArmParts, ArmSetup, ArmStation, SceneModel, make_arm_station
 from tactopose_drake.core.poses import compose, rotation_angles
 from tactopose_drake.grasping.grasp_planning import plan_scenario
 from tactopose_drake.scenario import Scenario

@@ -26,7 +26,7 @@ from rich.table import Table
 
 import tactopose_drake as tp
 from tactopose_drake.demo import DemoResult, run_demo
-from tactopose_drake.quality_visualization import draw_wrench_space
+from tactopose_drake.display.wrench_spaces import draw_wrench_space
 from tactopose_drake.scenario import load_scenario
 from tactopose_drake.visualization import draw_scene, save_html, set_stage, upright
 

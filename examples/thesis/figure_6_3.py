@@ -24,10 +24,10 @@ from rich.console import Console
 import tactopose_drake as tp
 from tactopose_drake.core.improvement_map import ImprovementMap, improvement_map, reachable_points
 from tactopose_drake.demo import DemoResult, run_demo
+from tactopose_drake.display.wrench_spaces import draw_improvement, level_colours
 from tactopose_drake.errors import UnknownNameError
 from tactopose_drake.grasping.hand_reach import make_hand_reach
 from tactopose_drake.hand import load_hand_config
-from tactopose_drake.quality_visualization import draw_improvement, level_colours
 from tactopose_drake.scenario import load_scenario
 from tactopose_drake.visualization import aim_camera, draw_scene, save_html, upright
 

@@ -44,7 +44,7 @@ GUESS_TRANSLATION, GUESS_ROTATION = 0.033, np.radians(16.0)  # standard deviatio
 MOVES = 200  # of each finger
 PLACES = 40  # along each
 AMBIGUOUS, UNIQUE = 0.8, 0.95
-MOST_TOUCHES = 12
+MOST_TOUCHES = 60
 # Modes of less probability are not asked what they foresee.
 LEAST_PROBABILITY = 0.01
 SAME_TRANSLATION, SAME_ROTATION = 0.010, np.radians(15.0)

@@ -14,6 +14,7 @@ from scipy.ndimage import binary_dilation, binary_erosion
 
 from tactopose_drake.core.rasterizer import Camera, Layer, Surface, render
 from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.display.patches import plate_edges
 from tactopose_drake.display.scene import (
     CONTACT_COLOUR,
     ESTIMATE_COLOUR,
@@ -25,7 +26,6 @@ from tactopose_drake.display.scene import (
     arrow_lengths,
 )
 from tactopose_drake.display.viewpoint import choose_view, points_of_interest
-from tactopose_drake.patch_visualization import plate_edges
 
 Image = NDArray[np.float32]
 

@@ -10,9 +10,9 @@ from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
 from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.validation import positive_number
+from tactopose_drake.display.likelihoods import add_bars, set_bars
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.identification import Identification
-from tactopose_drake.likelihood_visualization import add_bars, set_bars
 from tactopose_drake.systems.ports import eval_optional_input
 
 

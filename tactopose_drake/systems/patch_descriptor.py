@@ -14,7 +14,7 @@ from tactopose_drake.core.validation import FloatArray, positive_number
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand import Hand
 from tactopose_drake.joint_paths import JointPaths
-from tactopose_drake.tactile_pads import TactilePad, load_tactile_pad
+from tactopose_drake.tactile.pads import TactilePad, load_tactile_pad
 
 NO_READING = "no reading"
 

@@ -10,11 +10,11 @@ from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSystem, State
 from pydrake.trajectories import PiecewisePolynomial
 
+from tactopose_drake.arms.place_planning import PlacePlanner
 from tactopose_drake.core.contacts import Contacts
 from tactopose_drake.core.held_axis import HeldAxis
 from tactopose_drake.core.validation import FloatArray, positive_number
 from tactopose_drake.estimates import PoseEstimate
-from tactopose_drake.place_planning import PlacePlanner
 from tactopose_drake.systems.ports import eval_input, eval_optional_input
 
 

@@ -13,7 +13,7 @@ import yaml
 
 from tactopose_drake.hand import HandConfig
 from tactopose_drake.scenario import Scenario
-from tactopose_drake.tactile_pads import TactilePadFile
+from tactopose_drake.tactile.pads import TactilePadFile
 
 ROOT = Path(__file__).parents[2]
 PAGES = {str(path.relative_to(ROOT)): path.read_text() for path in sorted((ROOT / "docs").rglob("*.md"))}

@@ -11,7 +11,7 @@ from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant, Multibody
 from pydrake.multibody.tree import JacobianWrtVariable
 from pydrake.systems.framework import DiagramBuilder
 
-from tactopose_drake.arm import add_arm, load_arm_config, make_arm_plant
+from tactopose_drake.arms.arm import add_arm, load_arm_config, make_arm_plant
 from tactopose_drake.errors import UnknownNameError
 from tactopose_drake.hand import make_parser
 from tactopose_drake.resources import model_path

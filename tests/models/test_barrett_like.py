@@ -26,7 +26,7 @@ from tactopose_drake.hand import Hand, add_hand, load_hand_config, make_hand_pla
 from tactopose_drake.measured_joints import joint_matrix
 from tactopose_drake.resources import model_path
 from tactopose_drake.systems.tactile_array import TactileArray
-from tactopose_drake.tactile_pads import TactilePad, load_tactile_pad
+from tactopose_drake.tactile.pads import TactilePad, load_tactile_pad
 
 FINGERS = ("finger_1", "finger_2", "finger_3")
 FOLDER = model_path("hands", "barrett_like")

@@ -9,8 +9,8 @@ import tactopose_drake as tp
 from tactopose_drake.core.contacts import Contacts
 from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.synthetic_touch import touch_surface
+from tactopose_drake.display.likelihoods import HEIGHT, LENGTH, row_path
 from tactopose_drake.errors import InvalidInputError, PortTypeError, UnknownNameError
-from tactopose_drake.likelihood_visualization import HEIGHT, LENGTH, row_path
 from tactopose_drake.systems.likelihood_display import LikelihoodDisplay, LikelihoodDisplayParams
 from tactopose_drake.systems.object_identifier import ObjectIdentifier, ObjectIdentifierParams
 from tests.core.meshes import random_pose, shape_poor_in_symmetry

@@ -15,7 +15,7 @@ from tactopose_drake.hand import Hand, add_hand, load_hand_config, make_hand_pla
 from tactopose_drake.systems.patch_descriptor import PatchDescriptor, PatchDescriptorParams
 from tactopose_drake.systems.random_sources import seed_random_sources
 from tactopose_drake.systems.tactile_array import TactileArray
-from tactopose_drake.tactile_pads import load_tactile_pad
+from tactopose_drake.tactile.pads import load_tactile_pad
 
 PADS = ("finger_1", "finger_2", "finger_3", "palm")
 

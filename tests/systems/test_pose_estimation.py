@@ -18,7 +18,7 @@ from tactopose_drake.hand import HandConfig, add_hand, load_hand_config, make_ha
 from tactopose_drake.hand_geometry import HandGeometry
 from tactopose_drake.systems.pose_estimation import AddPoseEstimation, MakePoseEstimation, PoseEstimationParams
 from tactopose_drake.systems.pose_estimator import PoseEstimatorParams
-from tactopose_drake.tactile_pads import load_tactile_pad
+from tactopose_drake.tactile.pads import load_tactile_pad
 
 n_S = np.array([0.6, 0.0, 0.8])
 f_S = np.array([-1.1, 0.2, -1.7])

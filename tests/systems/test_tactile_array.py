@@ -22,7 +22,7 @@ from tactopose_drake.core.tactile_patterns import CellRow, RowPattern
 from tactopose_drake.errors import InvalidInputError, PortTypeError
 from tactopose_drake.systems.random_sources import seed_random_sources
 from tactopose_drake.systems.tactile_array import TactileArray
-from tactopose_drake.tactile_pads import TactilePad
+from tactopose_drake.tactile.pads import TactilePad
 
 MASS, THICKNESS, MODULUS = 0.8, 0.006, 2e5
 # T lies in the middle of the pad's upper face, turned: its z is up, its x the world's y.

@@ -5,8 +5,8 @@ import pytest
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 
-from tactopose_drake.arm import Arm, load_arm_config, make_arm_plant
-from tactopose_drake.arm_motion import AxisGoal, reach_axis, smooth_motion
+from tactopose_drake.arms.arm import Arm, load_arm_config, make_arm_plant
+from tactopose_drake.arms.motion import AxisGoal, reach_axis, smooth_motion
 
 Q = np.array([0.0, 0.3, 0.0, 1.4, 0.0, -0.13, 0.0])
 

@@ -7,8 +7,8 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.trajectories import PiecewisePolynomial
 
-from tactopose_drake.arm import Arm
-from tactopose_drake.arm_motion import AxisGoal, reach_axis, smooth_motion
+from tactopose_drake.arms.arm import Arm
+from tactopose_drake.arms.motion import AxisGoal, reach_axis, smooth_motion
 from tactopose_drake.core.contacts import Contacts
 from tactopose_drake.core.held_axis import HeldAxis, find_held_axis
 from tactopose_drake.core.objects import ObjectModel

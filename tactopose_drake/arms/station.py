@@ -11,7 +11,7 @@ from pydrake.multibody.tree import RigidBody
 from pydrake.systems.controllers import InverseDynamicsController
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort
 
-from tactopose_drake.arm import Arm, add_arm, hand_inertia, load_arm_config, make_arm_plant, mount_hand
+from tactopose_drake.arms.arm import Arm, add_arm, hand_inertia, load_arm_config, make_arm_plant, mount_hand
 from tactopose_drake.core.grasping.grasp_planner import GraspPlan
 from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.validation import finite_array, positive_number

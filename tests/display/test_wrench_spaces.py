@@ -8,7 +8,7 @@ from tactopose_drake.core.grasp_quality import grasp_quality
 from tactopose_drake.core.improvement_map import ImprovementMap, improvement_map
 from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.wrench_space import WrenchSpace, convex_hull
-from tactopose_drake.quality_visualization import draw_improvement, draw_wrench_space, level_colours, vertex_levels
+from tactopose_drake.display.wrench_spaces import draw_improvement, draw_wrench_space, level_colours, vertex_levels
 
 BALL = 0.03
 P_OC = BALL * np.array([[1.0, 0.0, 0.0], [-0.5, 0.8, 0.33], [-0.5, -0.8, 0.33]])

@@ -7,7 +7,7 @@ from tactopose_drake.core.surfaces import Capsule
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
 from tactopose_drake.hand import load_hand_config
 from tactopose_drake.resources import model_path
-from tactopose_drake.tactile_pads import load_tactile_pad
+from tactopose_drake.tactile.pads import load_tactile_pad
 
 
 @pytest.mark.parametrize(("name", "cells"), [("bh280_finger", 24), ("bh280_palm", 24), ("fingertip_1mm", 513)])

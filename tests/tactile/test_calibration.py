@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from tactopose_drake.errors import InvalidInputError
-from tactopose_drake.tactile_calibration import (
+from tactopose_drake.tactile.calibration import (
     PAD_SIZE,
     AlphaFit,
     find_alpha,

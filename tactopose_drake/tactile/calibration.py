@@ -35,13 +35,13 @@ from pydrake.geometry import (
 from pydrake.math import RigidTransform, RotationMatrix
 from scipy.optimize import minimize_scalar
 
-from tactopose_drake.contact_pressure import pressure_field
 from tactopose_drake.core.patches import Patch, describe_patch
 from tactopose_drake.core.tactile_array import mean_pressure
 from tactopose_drake.core.tactile_layout import TactileLayout
 from tactopose_drake.core.tactile_patterns import CellRow, RowPattern
 from tactopose_drake.core.validation import FloatArray, positive_number
 from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.tactile.contact_pressure import pressure_field
 
 PAD_SIZE = (0.04, 0.015)  # m, along x and y
 TILTS_DEG = (0.0, 2.0, 5.0, 7.0)  # [B16] table 5.1
