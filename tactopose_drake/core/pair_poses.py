@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from tactopose_drake.core.coarse_field import CoarseField
 from tactopose_drake.core.pair_features import PairFeatures
-from tactopose_drake.core.two_cores import in_two_parts
 from tactopose_drake.core.validation import FloatArray
 
 
@@ -94,7 +93,7 @@ def judge_pairs(
         1.0 + 2.0 * np.cos(reach[0]) if reach[0] < np.pi else -np.inf,
         reach[1] ** 2,
     )
-    in_two_parts(lambda part: _judge(*arguments, part, cost))
+    _judge(*arguments, cost)
     return cost
 
 
@@ -256,17 +255,14 @@ def _judge(  # type: ignore[no-untyped-def]
     center,
     least_trace,
     farthest,
-    part,
     cost,
 ):
-    """One half of each pair's matches. What is worse than its `count` best so far is not of interest."""
+    """Every pair's matches. What is worse than the `count` best so far is not of interest."""
     axes, middle, X = np.empty((3, 3)), np.empty(3), np.empty((3, 4))
     lowest, limit, used, offset = np.empty(count + cost.shape[0], dtype=np.float32), np.inf, 0, 0
     for q in range(spins.shape[0]):
         order, frame = orders[q], frames[q]
-        half = begins[q] + (begins[q + 1] - begins[q]) // 2
-        begin, end = (begins[q], half) if part == 0 else (half, begins[q + 1])
-        for row in range(begin, end):
+        for row in range(begins[q], begins[q + 1]):
             i, j = pairs[matches[row], 0], pairs[matches[row], 1]
             _axes(points[i], points[j], axes, middle)
             for spin in range(spins[q]):

@@ -20,7 +20,6 @@ from numba import njit
 from numpy.typing import NDArray
 
 from tactopose_drake.core.surface_samples import points_along_surface
-from tactopose_drake.core.two_cores import in_two_parts
 from tactopose_drake.core.validation import FloatArray
 
 MAX_SURFELS = 250_000
@@ -32,7 +31,6 @@ _POINTS_PER_DISC = 9
 _FLAT = 0.92  # The mean of a disc's normals is at least so long: they differ by some 20 degrees.
 _CELL_SHARE = 1.6  # A cell's width in the same.
 _REACH = 3.8  # Discs count within so many standard deviations.
-_WORTH_TWO_CORES = 100  # So many densities take longer than it takes to call in a second core.
 _MOST = 24.0  # No disc counts for less than the exponential of minus this.
 _LEAST = 1e-9  # The density far from the surface, as a share of that on it.
 
@@ -126,30 +124,20 @@ def contact_densities(
         X_PO: poses, shape (B, 3, 4).
         cost: the result.
     """
-    half = len(X_PO) // 2
-
-    def work(part: int) -> None:
-        mine = slice(None, half) if part == 0 else slice(half, None)
-        _densities(
-            surfels.discs,
-            surfels.first,
-            surfels.origin,
-            1.0 / surfels.cell,
-            surfels.shape,
-            p,
-            n,
-            sigma_position,
-            weight_normal,
-            surfels.spacing,
-            X_PO[mine],
-            cost[mine],
-        )
-
-    if half * len(p) >= _WORTH_TWO_CORES:
-        in_two_parts(work)
-    else:
-        work(0)
-        work(1)
+    _densities(
+        surfels.discs,
+        surfels.first,
+        surfels.origin,
+        1.0 / surfels.cell,
+        surfels.shape,
+        p,
+        n,
+        sigma_position,
+        weight_normal,
+        surfels.spacing,
+        X_PO,
+        cost,
+    )
 
 
 @njit(cache=True, inline="always")

@@ -1,7 +1,7 @@
 """Patches against the signed distance grid, cell by cell: the form that is fast, smooth and a likelihood."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -11,14 +11,10 @@ from tactopose_drake.core.objectives.base import NormalEquations, SumObjective
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.patches import Patch
 from tactopose_drake.core.signed_distance import DistanceGrid
-from tactopose_drake.core.two_cores import in_two_parts
 from tactopose_drake.core.validation import FloatArray, positive_number
 
 # The standard deviation of a position that is to say nothing, m.
 _ANYWHERE = 1e3
-
-# So many poses, at 10 to 30 us each, take longer than it takes to ask another core for help.
-_WORTH_TWO_CORES = 12
 
 
 class PatchCells:
@@ -81,11 +77,7 @@ class PatchCells:
     def pad_costs(self, X_PO: FloatArray) -> FloatArray:
         """Costs (B, k) of each of k pads at poses (B, 3, 4)."""
         costs = np.empty((len(X_PO), self._pads))
-
-        def work(part: slice) -> None:
-            patch_kernels.patch_costs(*self._arguments, X_PO[part], costs[part])
-
-        _by_halves(work, len(X_PO))
+        patch_kernels.patch_costs(*self._arguments, X_PO, costs)
         return costs
 
     def residuals(self, X_PO: FloatArray) -> FloatArray:
@@ -106,11 +98,7 @@ class PatchCells:
         """Cost, gradient, and the Gauss-Newton Hessian along the smooth normals, at poses (B, 3, 4)."""
         count = len(X_PO)
         equations = NormalEquations(np.empty(count), np.empty((count, 6)), np.empty((count, 6, 6)))
-
-        def work(part: slice) -> None:
-            patch_kernels.patch_normal_equations(*self._arguments, X_PO[part], *(array[part] for array in equations))
-
-        _by_halves(work, count)
+        patch_kernels.patch_normal_equations(*self._arguments, X_PO, *equations)
         return equations
 
 
@@ -172,14 +160,6 @@ class PatchContact(SumObjective):
         faces = self._faces.residuals(X_PO).reshape(len(X_PO), np.count_nonzero(self._felt), 5)
         costs[:, self._felt] += 0.5 * np.sum(faces**2, axis=2)
         return costs
-
-
-def _by_halves(work: Callable[[slice], None], count: int) -> None:
-    """Does the work for all poses, half of them on another core where they are worth it."""
-    if count < _WORTH_TWO_CORES:
-        work(slice(count))
-    else:
-        in_two_parts(lambda part: work(slice(part * count // 2, (part + 1) * count // 2)))
 
 
 def _pad_cells(patch: Patch, sigma_depth: float, share: float) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -15,11 +15,8 @@ from tactopose_drake.core.objectives.base import (
 )
 from tactopose_drake.core.objectives.pose_prior import PriorObjective
 from tactopose_drake.core.signed_distance import DistanceGrid
-from tactopose_drake.core.two_cores import in_two_parts
 from tactopose_drake.core.validation import FloatArray
 
-# So many normal equations take longer than it takes to call in a second core.
-_WORTH_TWO_CORES = 200
 # The kernels' arguments for it.
 _NO_PRIOR = (np.eye(3, 4), np.zeros(6))
 
@@ -110,15 +107,6 @@ def _run(arguments: tuple[Any, ...], rule: DescentRule, X_PO: FloatArray) -> tup
         np.empty(count, dtype=np.int64),
         np.empty(count, dtype=np.bool_),
     )
-    half = count // 2 if count * (rule.max_iterations + 1) >= _WORTH_TWO_CORES else count
-
-    def work(part: int) -> None:
-        mine = slice(None, half) if part == 0 else slice(half, None)
-        everything: tuple[Any, ...] = (*arguments, *rule, X_PO[mine], *(result[mine] for result in results))
-        touch_kernels.descend(*everything)
-
-    if half < count:
-        in_two_parts(work)
-    else:
-        work(0)
+    everything: tuple[Any, ...] = (*arguments, *rule, X_PO, *results)
+    touch_kernels.descend(*everything)
     return results
