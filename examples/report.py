@@ -85,10 +85,10 @@ SECTIONS = (
     Section(
         script="thesis/table_3_1.py",
         covers=("table 3.1", "figures 3.12 to 3.19"),
-        quick=("--trials", "10"),
+        quick=("--trials", "4"),
         full=("--trials", "100"),
     ),
-    Section(script="thesis/figure_3_24.py", covers=("figure 3.24",), quick=("--objects", "soda_can")),
+    Section(script="thesis/figure_3_24.py", covers=("figure 3.24",), quick=("--objects", "soda_can", "--places", "1")),
     Section(
         script="thesis/figures_3_25_and_3_26.py",
         covers=("figure 3.25", "figure 3.26"),
@@ -99,7 +99,7 @@ SECTIONS = (
     Section(
         script="thesis/section_4_3_1.py",
         covers=("figures 4.8 to 4.13", "figure 4.20"),
-        quick=("--trials", "2", "--thesis-trials", "1", "0"),
+        quick=("--trials", "1", "--thesis-trials", "1", "0"),
         full=("--trials", "100", "--thesis-trials", "100", "10"),
     ),
     Section(script="hand_over_and_place.py", covers=("figures 4.17, 4.18",), quick=("--seeds", "1")),
@@ -108,7 +108,7 @@ SECTIONS = (
     Section(
         script="thesis/table_5_3.py",
         covers=("table 5.3", "figure 5.12"),
-        quick=("--trials", "3"),
+        quick=("--trials", "2"),
         full=("--trials", "100"),
     ),
     Section(script="thesis/figure_5_11.py", covers=("figure 5.11",)),
@@ -123,8 +123,8 @@ SECTIONS = (
     Section(script="slip_in_station.py", quick=("--seconds", "0.3")),
     Section(script="identification_study.py", quick=("--trials", "10"), full=("--trials", "400")),
     Section(script="grasp_study.py", quick=("--objects", "mug", "--seeds", "1"), full=("--seeds", "10")),
-    Section(script="can_latency.py", quick=("--duration", "3")),
-    Section(script="cost_growth.py", quick=("--trials", "2"), full=("--trials", "50")),
+    Section(script="can_latency.py", quick=("--duration", "2")),
+    Section(script="cost_growth.py", quick=("--trials", "1"), full=("--trials", "50")),
 )
 # What needs the hardware that the thesis had.
 NOT_REPRODUCED = {

@@ -253,17 +253,19 @@ def main() -> None:
     """Carries both objects, prints the errors, and saves the figure."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--objects", nargs="+", choices=OBJECTS, default=list(OBJECTS))
+    parser.add_argument("--places", type=int, choices=range(1, len(PLACES) + 1), default=len(PLACES))
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--confused", action="store_true")
     parser.add_argument("--out", type=Path, default=Path("out/figure_3_24"))
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
-    table = Table(title="Error of the base centre at the four places, mm: mean (largest)")
+    table = Table(title=f"Error of the base centre at {arguments.places} places, mm: mean (largest)")
     for heading in ("", "thesis: vision", "corrected", "here: vision", "corrected", "hidden", "processor, s"):
         table.add_column(heading)
     tracks = {}
     for name in arguments.objects:
-        track = tracks[name] = carry(name, knows_hand=not arguments.confused, seed=arguments.seed)
+        places = PLACES[: arguments.places]
+        track = tracks[name] = carry(name, knows_hand=not arguments.confused, seed=arguments.seed, places=places)
         cells = []
         for positions in (track.vision, track.corrected):
             errors = track.errors(positions)
