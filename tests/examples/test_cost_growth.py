@@ -1,5 +1,3 @@
-import importlib.util
-import sys
 from pathlib import Path
 from types import ModuleType
 
@@ -7,17 +5,12 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-SCRIPT = Path(__file__).parents[2] / "examples" / "cost_growth.py"
+from tests.examples.scripts import load_script
 
 
 @pytest.fixture
 def script(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    spec = importlib.util.spec_from_file_location("cost_growth", SCRIPT)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    monkeypatch.setitem(sys.modules, "cost_growth", module)
-    spec.loader.exec_module(module)
+    module = load_script("cost_growth.py")
     for name, few in {"CONTACTS": (3, 5), "PADS": ((4, 3),), "SUBDIVISIONS": (2,), "PARTICLES": (500, 2000)}.items():
         monkeypatch.setattr(module, name, few)
     return module

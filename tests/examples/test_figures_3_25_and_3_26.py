@@ -1,14 +1,12 @@
-import importlib
 from pathlib import Path
 
-import pytest
 from click.testing import CliRunner
+
+from tests.examples.scripts import load_script
 
 
 def test_the_pair_search_finds_what_local_searches_miss(tmp_path: Path) -> None:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(Path(__file__).parents[2] / "examples" / "thesis"))
-        script = importlib.import_module("figures_3_25_and_3_26")
+    script = load_script("thesis/figures_3_25_and_3_26.py")
     result = CliRunner().invoke(script.main, ["--trials", "8", "--seed", "1", "--out", str(tmp_path)])
     assert result.exit_code == 0, result.output
     assert (tmp_path / "far_guesses.png").read_bytes().startswith(b"\x89PNG")

@@ -1,12 +1,11 @@
-import importlib.util
-import sys
 from pathlib import Path
 from types import ModuleType
 
 import pytest
 from click.testing import CliRunner
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
+from tests.examples.scripts import EXAMPLES, load_script
+
 WRITES = """
 import sys
 from pathlib import Path
@@ -21,12 +20,7 @@ FigureCanvasAgg(Figure()).print_png(out / "plot.png")
 
 @pytest.fixture
 def script(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> ModuleType:
-    spec = importlib.util.spec_from_file_location("report", EXAMPLES / "report.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    monkeypatch.setitem(sys.modules, "report", module)
-    spec.loader.exec_module(module)
+    module = load_script("report.py")
     (tmp_path / "works.py").write_text(WRITES)
     (tmp_path / "prints.py").write_text('"""What it says.\n\nMore."""\nprint("7 mm")')
     (tmp_path / "breaks.py").write_text("raise SystemExit('the dog ate it')")
@@ -70,12 +64,7 @@ def test_an_unknown_section_is_an_error_before_any_work(script: ModuleType, tmp_
 
 
 def test_every_section_is_a_script_and_nothing_is_covered_twice() -> None:
-    spec = importlib.util.spec_from_file_location("the_report", EXAMPLES / "report.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["the_report"] = module
-    spec.loader.exec_module(module)
+    module = load_script("report.py")
     covered = [item for section in module.SECTIONS for item in section.covers] + list(module.NOT_REPRODUCED)
     assert len(set(covered)) == len(covered)
     for section in module.SECTIONS:

@@ -1,4 +1,3 @@
-import importlib
 from pathlib import Path
 from types import ModuleType
 
@@ -6,14 +5,13 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-FOLDER = Path(__file__).parents[2] / "examples" / "thesis"
+from tactopose_drake.core.searches.monte_carlo import MonteCarlo, MonteCarloDesign
+from tests.examples.scripts import load_script
 
 
 @pytest.fixture(scope="module")
 def script() -> ModuleType:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(FOLDER))
-        return importlib.import_module("search_progress")
+    return load_script("thesis/search_progress.py")
 
 
 def test_least_costs_are_the_least_in_each_bin(script: ModuleType) -> None:
@@ -26,8 +24,6 @@ def test_least_costs_are_the_least_in_each_bin(script: ModuleType) -> None:
 def test_writes_both_figures_and_where_the_search_ended(
     script: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from tactopose_drake.core.searches.monte_carlo import MonteCarlo, MonteCarloDesign
-
     short = MonteCarloDesign(particles=1000, population=200, power=100.0, noise=0.4, cooling=2.0, confidence=50.0)
     monkeypatch.setattr(
         script,

@@ -1,18 +1,14 @@
-import importlib
-from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 import pytest
 
-FOLDER = Path(__file__).parents[2] / "examples"
+from tests.examples.scripts import load_script
 
 
 @pytest.fixture(scope="module")
 def script() -> ModuleType:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(FOLDER))
-        return importlib.import_module("table_6_1")
+    return load_script("table_6_1.py")
 
 
 def test_a_column_is_ticked_by_what_succeeded(script: ModuleType) -> None:
