@@ -35,7 +35,7 @@ _errors = Console(stderr=True, soft_wrap=True, highlight=False)
     type=click.IntRange(min=1),
     default=os.cpu_count() or 1,
     show_default="number of cores",
-    help="Processes that work at a time.",
+    help="Processes that index new objects at a time.",
 )
 @click.option(
     "--likelihood",
@@ -49,8 +49,9 @@ def identify_command(folder: Path, contacts_file: Path, jobs: int, likelihood: L
     contacts = load_contacts(contacts_file)
     with _workers(jobs) as executor:
         library = _open(folder, executor)
-        with _errors.status(f"comparing {len(library)} objects (the first run on a machine compiles its kernels)"):
-            found = identify(library, contacts, executor=executor, likelihood=likelihood)
+    # The few candidates are estimated here: processes would take longer to start than they save.
+    with _errors.status(f"comparing {len(library)} objects (the first run on a machine compiles its kernels)"):
+        found = identify(library, contacts, likelihood=likelihood)
     _console.print(_table(found))
     _console.print(_line(found))
 
