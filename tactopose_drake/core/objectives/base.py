@@ -1,5 +1,6 @@
 """What an objective is, and how objectives add up."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
@@ -66,12 +67,12 @@ class Descent(NamedTuple):
     converged: NDArray[np.bool_]
 
 
-class DescendingObjective:
+class DescendingObjective(ABC):
     """A least-squares objective that makes all of Levenberg-Marquardt's steps in one compiled loop."""
 
+    @abstractmethod
     def descend(self, rule: DescentRule, X_PO: FloatArray) -> Descent:
         """Moves each of the poses (B, 3, 4) on its own."""
-        raise NotImplementedError
 
 
 def form_normal_equations(residuals: FloatArray, jacobian: FloatArray) -> NormalEquations:
