@@ -9,7 +9,7 @@ from pydrake.multibody.plant import MultibodyPlantConfig
 from tactopose_drake.core.grasping.finger_reach import ReachParams
 from tactopose_drake.core.grasping.grasp_planner import PlannerParams
 from tactopose_drake.core.validation import positive_number
-from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.errors import InvalidFileError, InvalidInputError
 from tactopose_drake.hand import load_hand_config
 from tactopose_drake.resources import model_path, resource_root
 from tactopose_drake.senses import CanSenses, RecordedSenses, SimulatedSenses
@@ -136,7 +136,12 @@ def load_scenario(name_or_path: str | Path) -> Scenario:
         InvalidFileError: if the file cannot be read or does not fit `Scenario`.
         InvalidInputError: if a value is out of its range.
     """
-    shipped = resource_root() / "diagrams" / f"{name_or_path}.scenario.yaml"
-    scenario = load_typed_yaml(Scenario, shipped if shipped.is_file() else Path(name_or_path))
+    diagrams, ending = resource_root() / "diagrams", ".scenario.yaml"
+    shipped = diagrams / f"{name_or_path}{ending}"
+    path = shipped if shipped.is_file() else Path(name_or_path)
+    if not path.exists():
+        known = ", ".join(sorted(file.name.removesuffix(ending) for file in diagrams.glob(f"*{ending}")))
+        raise InvalidFileError(f"{path}: there is no such file; the package's scenarios are {known}.")
+    scenario = load_typed_yaml(Scenario, path)
     scenario.validate()
     return scenario

@@ -182,3 +182,8 @@ def test_bad_scenarios_are_refused(tmp_path, line, error, text):
     path.write_text(f"hand: shadow_like\n{line}\n")
     with pytest.raises(error, match=text):
         load_scenario(path)
+
+
+def test_a_scenario_that_is_not_there_is_told_with_those_that_are() -> None:
+    with pytest.raises(InvalidFileError, match=r"nosuch: there is no such file; .* are barrett_like, .*shadow_like"):
+        load_scenario("nosuch")
