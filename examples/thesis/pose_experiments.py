@@ -6,11 +6,14 @@ thesis' search: of our likelihood (`method="monte_carlo"`), and of the thesis' o
 Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016, section 4.3.1.
 """
 
+import contextlib
 import dataclasses
 import itertools
 import math
+import signal
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from types import FrameType
 from typing import NamedTuple
 
 import numpy as np
@@ -149,11 +152,13 @@ def run_experiment(
 ) -> Results:
     """Runs an experiment.
 
+    An interrupt (Ctrl-C) lets the thesis' searches, which take hours, end with the grasp that they are at.
+
     Args:
         experiment: which one.
         model: of its object.
         grasps: of its object; each gives one trial to each cell.
-        counts: how many of the trials of each cell each method runs on.
+        counts: how many of the trials of each cell each method runs on, unless interrupted.
         seed: of the noise, the displacements and the fingers that are left out.
     """
 
@@ -167,10 +172,11 @@ def run_experiment(
             find_poses(model, tried, method)
 
     rows: dict[tuple[Cell, str], list[tuple[float, ...]]] = {}
-    with Progress(console=Console(stderr=True), transient=True) as progress:
+    with Progress(console=Console(stderr=True), transient=True) as progress, noted_interrupts() as interrupts:
         task = progress.add_task(experiment.name, total=len(CELLS) * sum(counts.values()))
-        for i, cell in itertools.product(range(max(counts.values())), CELLS):
-            for method in (method for method, count in counts.items() if i < count):
+        for i in range(max(counts.values())):
+            methods = [m for m, count in counts.items() if i < count and not (interrupts and m in THESIS_METHODS)]
+            for cell, method in itertools.product(CELLS, methods):
                 rows.setdefault((cell, method), []).append(run_trial(model, trial(i, cell), method))
                 progress.advance(task)
     priors = [(trial(i, MAIN_CELL).prior, grasps[i].X_PO) for i in range(max(counts.values()))]
@@ -180,6 +186,23 @@ def run_experiment(
         Errors(*(np.array([errors[part] for errors in initial]).ravel() for part in (0, 1))),
         {key: _gather(values) for key, values in rows.items()},
     )
+
+
+@contextlib.contextmanager
+def noted_interrupts() -> Iterator[list[int]]:
+    """The interrupts since it was entered; a second one ends the program as usual."""
+    seen: list[int] = []
+
+    def note(signal_number: int, _: FrameType | None) -> None:
+        if seen:
+            raise KeyboardInterrupt
+        seen.append(signal_number)
+
+    before = signal.signal(signal.SIGINT, note)
+    try:
+        yield seen
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def find_poses(model: tp.ObjectModel, trial: Trial, method: str) -> tuple[Array, Array]:

@@ -6,8 +6,9 @@ Prints a table for each experiment beside the thesis' numbers, and writes it as 
 plots of figures 4.8 to 4.10, 4.12, 4.13 and 4.20. All methods (`pose_experiments.py`) see the same trials, one after
 the other on the same core. The thesis' search is slow: it sees the first trials of each cell, as many as
 `--thesis-trials` says for the correction and for the global estimation, and ours are compared with it on those. A
-hundred trials of each cell take about half a minute for ours, a quarter of an hour for the thesis' corrections, and ten
-hours for its global searches.
+hundred trials of each cell take about half a minute for ours, a quarter of an hour for the thesis' corrections, and six
+to ten hours for its global searches: an interrupt (Ctrl-C) ends these after the grasp that they are at, and the tables
+say how many there were.
 
 The grasps are simulated once and kept (`grasp_library.py`; about ten minutes for a hundred of each object). How a
 trial is made from a grasp, and what its errors mean, is in `grasp_trials.py`.
