@@ -96,9 +96,10 @@ SECTIONS = (
         full=("--trials", "200"),
     ),
     Section(script="thesis/search_progress.py", covers=("figure 4.5", "figure 4.19")),
+    Section(script="thesis/figures_4_7_and_4_11.py", covers=("figure 4.7", "figure 4.11")),
     Section(
         script="thesis/section_4_3_1.py",
-        covers=("figures 4.8 to 4.13", "figure 4.20"),
+        covers=("figures 4.8 to 4.10", "figures 4.12, 4.13", "figure 4.20"),
         quick=("--trials", "1", "--thesis-trials", "1", "0"),
         full=("--trials", "100", "--thesis-trials", "100", "10"),
     ),

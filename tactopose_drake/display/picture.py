@@ -42,13 +42,20 @@ _PLATE_HEIGHT = 0.0008
 _HAND_LABEL_COLOUR: Colour = (0.62, 0.64, 0.67)
 
 
-def save_picture(path: Path, scene: Scene, *, captions: tuple[str, str] = ("before: vision", "after: touch")) -> None:
+def save_picture(
+    path: Path,
+    scene: Scene,
+    *,
+    captions: tuple[str, str] = ("before: vision", "after: touch"),
+    prior_label: str = "prior",
+) -> None:
     """Writes a picture of a scene: one panel for the prior, one for the estimate, from the same viewpoint.
 
     Args:
         path: the PNG file.
         scene: what to draw.
         captions: titles of the panels of prior and estimate.
+        prior_label: what the legend calls the prior.
     """
     panels = [
         (pose, colour, caption)
@@ -76,7 +83,7 @@ def save_picture(path: Path, scene: Scene, *, captions: tuple[str, str] = ("befo
         axes.imshow(_shrunk(image))
         axes.set_axis_off()
         axes.set_title(caption, fontsize=15, pad=7)
-    figure.legend(handles=_legend(scene), loc="lower center", ncols=7, frameon=False, fontsize=11)
+    figure.legend(handles=_legend(scene, prior_label), loc="lower center", ncols=7, frameon=False, fontsize=11)
     figure.savefig(path, facecolor="white")
 
 
@@ -191,10 +198,10 @@ def _smooth(vertices: FloatArray, faces: NDArray[np.int32], colour: FloatArray |
     )
 
 
-def _legend(scene: Scene) -> list[Patch | Line2D]:
+def _legend(scene: Scene, prior_label: str) -> list[Patch | Line2D]:
     handles: list[Patch | Line2D] = []
     if scene.prior is not None:
-        handles.append(Patch(color=PRIOR_COLOUR, label="prior"))
+        handles.append(Patch(color=PRIOR_COLOUR, label=prior_label))
     if scene.estimate is not None:
         handles.append(Patch(color=ESTIMATE_COLOUR, label="estimate"))
     if scene.truth is not None:
