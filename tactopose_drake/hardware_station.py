@@ -18,12 +18,14 @@ from tactopose_drake.measured_joints import joint_matrix
 from tactopose_drake.recordings.signals import Signal
 from tactopose_drake.scenario import Scenario
 from tactopose_drake.senses import CanSenses
+from tactopose_drake.station_tracking import add_tracking
 from tactopose_drake.systems.can_barrett_hand import PADS, CanBarrettHand
 from tactopose_drake.systems.can_force_torque import CanForceTorque
 from tactopose_drake.systems.fingertip_weight import FingertipWeight
 from tactopose_drake.systems.measured_joints import MeasuredJoints
 from tactopose_drake.systems.played_signal import PlayedValue, PlayedVector
 from tactopose_drake.systems.pose_estimation import AddPoseEstimation
+from tactopose_drake.systems.pose_tracking import PoseTrackingParams
 from tactopose_drake.systems.sense_status import SenseStatus
 from tactopose_drake.tactile.pads import load_tactile_pad
 
@@ -35,8 +37,9 @@ class HardwareStation:
     Attributes:
         diagram: output ports `wrench_<finger>`, `pressures_<pad>`, `joint_positions`, `prior`, all outputs of
             `AddPoseEstimation`, as of a simulated `Station`; `fingertip_torques` of Barrett's hand; `status_<sense>`
-            and `age_<sense>` of each device, where a sense is a finger's name or "hand", and `sense_status`. Input
-            ports `joint_positions` and `prior` where nothing else gives them.
+            and `age_<sense>` of each device, where a sense is a finger's name or "hand", and `sense_status`; where the
+            scenario tracks, `tracked_object_pose` and so on, likewise. Input ports `joint_positions` and `prior` where
+            nothing else gives them, and `joint_velocities`, which may stay unconnected, where the tracking uses them.
         model: the object's model.
         scenario: what all this was made from.
     """
@@ -71,10 +74,11 @@ def make_hardware_station(
     plant, hand = make_hand_plant(config)
     builder = DiagramBuilder()
     known = _add_signals(builder, config, plant, signals or {})
-    senses = dict[str, System]()
+    senses, ages = dict[str, System](), dict[str, OutputPort]()
     if devices is not None and devices.hand is not None:
         known |= _add_barrett_hand(builder, scenario, devices.hand, plant, hand)
         senses["hand"] = builder.GetSubsystemByName("barrett_hand")
+        ages = {f"age_{pad}": senses["hand"].GetOutputPort("age") for pad in PADS}
     if "joint_positions" not in known:
         joints = builder.AddNamedSystem("joint_positions", PassThrough(plant.num_positions()))
         builder.ExportInput(joints.get_input_port(), "joint_positions")
@@ -87,7 +91,7 @@ def make_hardware_station(
     _export_statuses(builder, senses)
 
     estimation = AddPoseEstimation(builder, config, model, scenario.estimation)
-    for name, port in known.items():
+    for name, port in {**known, **ages}.items():
         if estimation.HasInputPort(name):
             builder.Connect(port, estimation.GetInputPort(name))
     if "prior" not in known:
@@ -95,6 +99,8 @@ def make_hardware_station(
     for index in range(estimation.num_output_ports()):
         port = estimation.get_output_port(index)
         builder.ExportOutput(port, port.get_name())
+    if scenario.tracking is not None:
+        _add_tracking(builder, scenario.tracking, config, model, {**known, **ages})
     diagram = builder.Build()
     diagram.set_name("hardware_station")
     return HardwareStation(diagram, model, scenario)
@@ -168,6 +174,23 @@ def _export_statuses(builder: DiagramBuilder, senses: Mapping[str, System]) -> N
         for name in ("status", "age"):
             builder.ExportOutput(system.GetOutputPort(name), f"{name}_{sense}")
     builder.ExportOutput(joined.get_output_port(), "sense_status")
+
+
+def _add_tracking(
+    builder: DiagramBuilder,
+    params: PoseTrackingParams,
+    config: HandConfig,
+    model: ObjectModel,
+    known: Mapping[str, OutputPort],
+) -> None:
+    """The belief over time; what nothing gives comes in through the diagram's own ports."""
+    if "prior" in known:
+        known = {**known, "vision": known["prior"]}
+    tracking = add_tracking(builder, params, config, model, known)
+    if "vision" not in known:
+        builder.ConnectInput("prior", tracking.GetInputPort("vision"))
+    if params.use_joint_velocities:
+        builder.ExportInput(tracking.GetInputPort("joint_velocities"), "joint_velocities")
 
 
 def _senses(scenario: Scenario) -> CanSenses:

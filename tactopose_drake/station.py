@@ -17,11 +17,11 @@ from tactopose_drake.model_packages import make_parser
 from tactopose_drake.scenario import Scenario
 from tactopose_drake.station_grasp import GraspStart, add_grip, add_planned_grasp
 from tactopose_drake.station_senses import add_noise, add_senses
+from tactopose_drake.station_tracking import add_tracking
 from tactopose_drake.systems.grip_controller import set_motor_gains
 from tactopose_drake.systems.patch_display import PatchDisplay
 from tactopose_drake.systems.pose_display import PoseDisplay
 from tactopose_drake.systems.pose_estimation import AddPoseEstimation
-from tactopose_drake.systems.pose_tracking import AddPoseTracking, PoseTrackingParams
 from tactopose_drake.systems.random_sources import seed_random_sources
 from tactopose_drake.systems.simulated_vision import SimulatedVision
 
@@ -121,7 +121,9 @@ def make_station(
     _add_vision(builder, scenario, plant, scene_graph, hand, object_body, model)
     _add_estimation(builder, scenario, hand, model, senses)
     if scenario.tracking is not None:
-        _add_tracking(builder, scenario.tracking, hand, model, senses)
+        joints, vision = (builder.GetSubsystemByName(name) for name in ("joint_positions", "vision"))
+        more = {"joint_velocities": joints.get_output_port(1), "vision": vision.GetOutputPort("prior")}
+        add_tracking(builder, scenario.tracking, hand.config, model, {**senses, **more})
     if meshcat is not None:
         _add_display(builder, plant, scene_graph, hand, model, meshcat)
     for name in ("contact_results", "body_poses"):
@@ -172,25 +174,6 @@ def _add_estimation(
     for index in range(estimation.num_output_ports()):
         port = estimation.get_output_port(index)
         builder.ExportOutput(port, port.get_name())
-
-
-def _add_tracking(
-    builder: DiagramBuilder,
-    params: PoseTrackingParams,
-    hand: Hand,
-    model: ObjectModel,
-    senses: Mapping[str, OutputPort],
-) -> None:
-    """The belief over time, from the senses, the joints' velocities, and vision."""
-    tracking = AddPoseTracking(builder, hand.config, model, params)
-    for name, port in senses.items():
-        builder.Connect(port, tracking.GetInputPort(name))
-    if params.use_joint_velocities:
-        velocities = builder.GetSubsystemByName("joint_positions").get_output_port(1)
-        builder.Connect(velocities, tracking.GetInputPort("joint_velocities"))
-    builder.Connect(builder.GetSubsystemByName("vision").GetOutputPort("prior"), tracking.GetInputPort("vision"))
-    for name in ("object_pose", "covariance", "hypotheses", "status", "belief"):
-        builder.ExportOutput(tracking.GetOutputPort(name), f"tracked_{name}")
 
 
 def _add_display(

@@ -30,9 +30,9 @@ class FingertipVelocities(LeafSystem):
         - tip_velocities
 
     - joint_positions: measured positions of the hand's joints, shape (nq,) of the hand's own plant, rad.
-    - joint_velocities: of the same joints, shape (nv,), rad/s.
+    - joint_velocities: of the same joints, shape (nv,), rad/s; may stay unconnected.
     - tip_velocities: dict of spatial velocities by finger, shape (6,) each, in P: [w, v], rad/s, and m/s of the
-      fingertip's point at the origin of P; None while a position or velocity is not finite. Changes with either input.
+      fingertip's point at the origin of P; None while a position or velocity is not known. Changes with either input.
     """
 
     def __init__(self, plant: MultibodyPlant, tip_frames: Mapping[str, Frame], palm_frame: Frame) -> None:
@@ -63,7 +63,9 @@ class FingertipVelocities(LeafSystem):
         )
 
     def _calc(self, context: Context, output: AbstractValue) -> None:
-        q, v = self._positions.Eval(context), self._velocities.Eval(context)
+        q, v = self._positions.Eval(context), np.array([np.nan])
+        if self._velocities.HasValue(context):
+            v = self._velocities.Eval(context)
         if not (np.all(np.isfinite(q)) and np.all(np.isfinite(v))):
             output.set_value(None)
             return

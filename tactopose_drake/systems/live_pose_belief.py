@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import threading
 from types import TracebackType
 from typing import Self
@@ -9,8 +10,11 @@ from typing import Self
 from pydrake.systems.framework import Context, EventStatus, State
 
 from tactopose_drake.core.objects import ObjectModel
-from tactopose_drake.core.tracking.frame import Frame
+from tactopose_drake.systems.belief_inputs import Reading
 from tactopose_drake.systems.pose_belief import PoseBeliefEstimator, PoseBeliefParams, TimedBelief
+
+# A belief is late that is older than so many periods: one is what the thread has, another what it waits for.
+_PUNCTUAL = 2.5
 
 
 class LivePoseBeliefEstimator(PoseBeliefEstimator):
@@ -18,8 +22,9 @@ class LivePoseBeliefEstimator(PoseBeliefEstimator):
 
     At each period the inputs are handed to the thread, which takes the newest when it is free; what it has not begun by
     then is passed over. The outputs show the last belief that it finished. So the control loop never waits, and what
-    comes out depends on how fast the machine is: simulate with the other one. The belief lives in the thread, not in
-    the context: a system serves one context.
+    comes out depends on how fast the machine is: simulate with the other one. While the thread falls behind, the status
+    tells the belief's age; one older than `PoseTrackerParams.lost_time` is called lost. The belief lives in the thread,
+    not in the context: a system serves one context.
 
     An exception in the thread is raised by the next update of the system, or by `close`.
     """
@@ -33,7 +38,7 @@ class LivePoseBeliefEstimator(PoseBeliefEstimator):
         """
         super().__init__(model, params)
         self._wakened = threading.Condition()
-        self._newest: Frame | None = None
+        self._newest: Reading | None = None
         self._finished = TimedBelief(self._tracker.start())
         self._error: BaseException | None = None
         self._closing = False
@@ -58,17 +63,27 @@ class LivePoseBeliefEstimator(PoseBeliefEstimator):
         self._raise()
 
     def _update(self, context: Context, state: State) -> EventStatus:
-        frame = self._read(context, state)
+        reading = self._read(context, state)
         with self._wakened:
-            self._newest = frame
+            self._newest = reading
             finished = self._finished
             self._wakened.notify()
         self._raise()
-        state.get_mutable_abstract_state(self._shown).set_value(finished)
+        state.get_mutable_abstract_state(self._shown).set_value(self._aged(finished, context.get_time()))
         return EventStatus.Succeeded()
 
     def _show(self, context: Context, state: State) -> EventStatus:
         return EventStatus.Succeeded()
+
+    def _aged(self, timed: TimedBelief, now: float) -> TimedBelief:
+        """What is to be said of a belief some time after it."""
+        belief, age = timed.belief, now - timed.belief.time
+        if 0.0 <= age <= _PUNCTUAL * self._params.period:
+            return timed
+        remarks = (f"the belief is {age:.2f} s old", *belief.remarks)
+        is_late = not 0.0 <= age <= self._params.tracker.lost_time
+        belief = dataclasses.replace(belief, status="lost" if is_late else belief.status, remarks=remarks)
+        return dataclasses.replace(timed, belief=belief)
 
     def _raise(self) -> None:
         with self._wakened:
@@ -83,11 +98,11 @@ class LivePoseBeliefEstimator(PoseBeliefEstimator):
                 self._wakened.wait_for(lambda: self._closing or self._newest is not None)
                 if self._closing:
                     return
-                frame, self._newest = self._newest, None
+                reading, self._newest = self._newest, None
                 before = self._finished
-            assert frame is not None
+            assert reading is not None
             try:
-                finished = self._step(before, frame)
+                finished = self._step(before, reading)
             except BaseException as error:  # Nothing is lost: the control loop raises it.
                 with self._wakened:
                     self._error = error

@@ -60,6 +60,7 @@ class PatchDescriptor(LeafSystem):
         - age_<pad>
         output_ports:
         - patches
+        - pads
         - status
 
     - joint_positions: measured positions of the hand's joints, shape (nq,) of the hand's own plant, rad.
@@ -68,6 +69,7 @@ class PatchDescriptor(LeafSystem):
     - age_<pad>: one per pad, of its pressures, s, shape (1,). May stay unconnected where pressures are never old.
     - patches: tuple of `Patch` in P of the pads with a reading that is not too old, in the order of the hand's
       description; those that nothing touches have the status "no_contact". Changes with any input.
+    - pads: tuple of the names of those pads, one for each patch.
     - status: str, "ok" where every pad feels the object; else each pad that does not, and why: "no contact", "no
       reading", "stale: " and its age, or a joint position that is not finite.
 
@@ -117,7 +119,11 @@ class PatchDescriptor(LeafSystem):
             ValueProducer(allocate=lambda: AbstractValue.Make({}), calc=self._calc_described),
             {self._kinematics.ticket(), *(port.ticket() for port in (*self._pressures.values(), *self._ages.values()))},
         )
-        for name, empty, calc in (("patches", (), self._calc_patches), ("status", "", self._calc_status)):
+        for name, empty, calc in (
+            ("patches", (), self._calc_patches),
+            ("pads", (), self._calc_pads),
+            ("status", "", self._calc_status),
+        ):
             self.DeclareAbstractOutputPort(
                 name, AbstractValue.Make(empty).Clone, calc, prerequisites_of_calc={self._described.ticket()}
             )
@@ -169,6 +175,10 @@ class PatchDescriptor(LeafSystem):
     def _calc_patches(self, context: Context, output: AbstractValue) -> None:
         described: dict[str, Any] = self._described.Eval(context)
         output.set_value(tuple(patch for patch in described.values() if isinstance(patch, Patch)))
+
+    def _calc_pads(self, context: Context, output: AbstractValue) -> None:
+        described: dict[str, Any] = self._described.Eval(context)
+        output.set_value(tuple(name for name, patch in described.items() if isinstance(patch, Patch)))
 
     def _calc_status(self, context: Context, output: AbstractValue) -> None:
         described: dict[str, Any] = self._described.Eval(context)

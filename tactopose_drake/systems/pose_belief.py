@@ -8,20 +8,14 @@ from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSystem, State
 
-from tactopose_drake.core.contacts import Contacts
-from tactopose_drake.core.evidence import Evidence
-from tactopose_drake.core.hand_spheres import HandSpheres
 from tactopose_drake.core.hypotheses import free_directions
 from tactopose_drake.core.objects import ObjectModel
-from tactopose_drake.core.patches import Patch
-from tactopose_drake.core.prior import PosePrior
-from tactopose_drake.core.tracking.frame import Frame
 from tactopose_drake.core.tracking.pose_belief import PoseBelief
-from tactopose_drake.core.tracking.pose_measurement import PoseMeasurement
 from tactopose_drake.core.tracking.pose_tracker import PoseTracker, PoseTrackerParams
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import PortTypeError
 from tactopose_drake.estimates import PoseEstimate, PoseHypothesis, Status
+from tactopose_drake.systems.belief_inputs import BeliefInputs, Reading, Remembered
 from tactopose_drake.systems.ports import eval_optional_input
 
 _STATUSES: dict[str, Status] = {"ok": "ok", "slipping": "ok", "ambiguous": "ambiguous"}
@@ -50,14 +44,6 @@ class TimedBelief:
     duration: float = 0.0
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class StampedPrior:
-    """A prior without a time of its own, and when it first was there, s."""
-
-    prior: PosePrior | None = None
-    time: float = 0.0
-
-
 class PoseBeliefEstimator(LeafSystem):
     """Keeps the belief of a held object's pose up to date, from touch, vision, and the fingers' motion.
 
@@ -68,6 +54,9 @@ class PoseBeliefEstimator(LeafSystem):
         - contacts
         - fingers_in_contact
         - patches
+        - pads
+        - contact_status
+        - patch_status
         - vision
         - hand
         - untouched
@@ -85,21 +74,25 @@ class PoseBeliefEstimator(LeafSystem):
 
     - contacts: `Contacts` in P.
     - fingers_in_contact: tuple of the names of the fingers of its rows, by which a contact is known again.
-    - patches: tuple of `Patch` in P, one for each pad of the hand, those that feel nothing too.
+    - patches: tuple of `Patch` in P, one for each pad that has a reading, those that feel nothing too.
+    - pads: tuple of the names of those pads, by which a patch is known again.
+    - contact_status, patch_status: str, "ok", or which fingers and pads do not feel the object and why; remarks of the
+      status.
     - vision: `PoseMeasurement`, with the time of its picture, or `PosePrior`, which counts as of when it changes; None
       while there is none.
     - hand: `HandSpheres` in P, where the object is not, or None.
     - untouched: `HandSpheres` in P, the parts of the hand that feel no contact, or None.
     - tip_velocities: dict of the fingertips' spatial velocities [w, v] in P by finger, or None: the object then moves
       with the palm.
-    - palm_pose: `RigidTransform` X_WP.
+    - palm_pose: `RigidTransform` X_WP; a NaN where it is not known.
     - object_pose: `RigidTransform` X_PO of the best mode; the identity before the first.
-    - object_pose_in_world: `RigidTransform` X_WO, by palm_pose at the time that it is asked for.
+    - object_pose_in_world: `RigidTransform` X_WO, by palm_pose at the time that it is asked for; NaN where that is.
     - covariance: size 36, that of the increment (w, v) of the best mode row by row, rad and m; before there is one,
       infinite variances.
     - hypotheses: `PoseEstimate`, all modes; None before the first.
     - status: str, that of `PoseBelief` ("ok", "ambiguous", "slipping", "no_contact", "lost"), maybe with ": " and
-      remarks. The pose is an estimate for the first three only.
+      remarks: what is wrong with vision, with the senses, and with the clock. The pose is an estimate for the first
+      three only.
     - belief: `PoseBelief`.
 
     The outputs change once a period, `latency` after the inputs are read.
@@ -118,18 +111,11 @@ class PoseBeliefEstimator(LeafSystem):
         self._model = model
         self._tracker = PoseTracker(model, self._params.tracker)
         make = AbstractValue.Make
-        self._contacts = self.DeclareAbstractInputPort("contacts", make(Contacts.empty()))
-        self._fingers = self.DeclareAbstractInputPort("fingers_in_contact", make(()))
-        self._patches = self.DeclareAbstractInputPort("patches", make(()))
-        self._vision = self.DeclareAbstractInputPort("vision", make(None))
-        self._hand = self.DeclareAbstractInputPort("hand", make(None))
-        self._untouched = self.DeclareAbstractInputPort("untouched", make(None))
-        self._tips = self.DeclareAbstractInputPort("tip_velocities", make(None))
-        self._palm = self.DeclareAbstractInputPort("palm_pose", make(RigidTransform()))
+        self._inputs = BeliefInputs(self)
         start = TimedBelief(self._tracker.start())
         self._pending = self.DeclareAbstractState(make((start,)))  # beliefs, oldest first
         self._shown = self.DeclareAbstractState(make(start))
-        self._prior = self.DeclareAbstractState(make(StampedPrior()))
+        self._remembered = self.DeclareAbstractState(make(Remembered()))
         self.DeclarePeriodicUnrestrictedUpdateEvent(self._params.period, 0.0, self._update)
         if self._params.latency > 0.0:
             self.DeclarePeriodicUnrestrictedUpdateEvent(self._params.period, self._params.latency, self._show)
@@ -146,18 +132,19 @@ class PoseBeliefEstimator(LeafSystem):
             "object_pose_in_world",
             make(RigidTransform()).Clone,
             self._calc_pose_in_world,
-            shown | {self._palm.ticket()},
+            shown | {self._inputs.palm.ticket()},
         )
 
     def _update(self, context: Context, state: State) -> EventStatus:
-        frame = self._read(context, state)
+        reading = self._read(context, state)
         pending = context.get_abstract_state(self._pending).get_value()
-        latest = self._step(pending[-1], frame)
+        latest = self._step(pending[-1], reading)
         # Kept are those that are still to be shown.
-        oldest = frame.time - self._params.latency - 2.0 * self._params.period
-        pending = (*(timed for timed in pending if timed.belief.time > oldest), latest)
-        state.get_mutable_abstract_state(self._pending).set_value(pending)
-        if self._params.latency == 0.0:
+        now = latest.belief.time
+        oldest, set_back = now - self._params.latency - 2.0 * self._params.period, now < pending[-1].belief.time
+        kept = () if set_back else tuple(timed for timed in pending if timed.belief.time > oldest)
+        state.get_mutable_abstract_state(self._pending).set_value((*kept, latest))
+        if self._params.latency == 0.0 or set_back:
             state.get_mutable_abstract_state(self._shown).set_value(latest)
         return EventStatus.Succeeded()
 
@@ -169,62 +156,28 @@ class PoseBeliefEstimator(LeafSystem):
             state.get_mutable_abstract_state(self._shown).set_value(done[-1])
         return EventStatus.Succeeded()
 
-    def _step(self, timed: TimedBelief, frame: Frame) -> TimedBelief:
-        """The next belief. One that cannot be made, of numbers beyond arithmetic, is begun anew and says so."""
+    def _step(self, timed: TimedBelief, reading: Reading) -> TimedBelief:
+        """The next belief. One that cannot be made of the last, as after a jump of the clock, is begun anew."""
         started = time.perf_counter()
+        before, frame, remarks = timed.belief, reading.frame, reading.remarks
+        if frame.time < before.time:
+            remarks = (f"begun anew: the clock went back from {before.time:g} s", *remarks)
+            before = self._tracker.start(frame.time)
         try:
-            belief = self._tracker.step(timed.belief, frame)
-        except np.linalg.LinAlgError as error:
-            belief = dataclasses.replace(
-                self._tracker.start(frame.time), remarks=(f"begun anew: {error}",), vision=timed.belief.vision
-            )
+            belief = self._tracker.step(before, frame)
+        except np.linalg.LinAlgError as error:  # of numbers beyond arithmetic
+            belief = self._tracker.start(frame.time)
+            belief = dataclasses.replace(belief, remarks=(f"begun anew: {error}",), vision=before.vision)
+        belief = dataclasses.replace(belief, remarks=(*belief.remarks, *remarks))
         return TimedBelief(belief, time.perf_counter() - started)
 
-    def _read(self, context: Context, state: State) -> Frame:
-        """All that the inputs say now; writes the time of a new prior into the state."""
-        if not (self._contacts.HasValue(context) or self._patches.HasValue(context)):
-            raise PortTypeError(
-                f"input port 'contacts' of system {self.get_name()!r}: is not connected; it needs a Contacts."
-            )
-        contacts = eval_optional_input(self._contacts, context, Contacts) or Contacts.empty()
-        patches: tuple[Patch, ...] = eval_optional_input(self._patches, context, tuple) or ()
-        fingers = eval_optional_input(self._fingers, context, tuple) or ()
-        if len(fingers) != len(contacts):
-            fingers = tuple(f"contact {i}" for i in range(len(contacts)))
-        pads = tuple(f"pad {i}" for i, patch in enumerate(patches) if patch.is_felt)
-        now = context.get_time()
-        return Frame(
-            now,
-            Evidence(
-                contacts,
-                hand=eval_optional_input(self._hand, context, HandSpheres),
-                untouched=eval_optional_input(self._untouched, context, HandSpheres),
-                patches=patches,
-            ),
-            (*fingers, *pads),
-            eval_optional_input(self._tips, context, dict),
-            self._read_vision(context, state),
-            self._read_palm(context),
-        )
-
-    def _read_palm(self, context: Context) -> np.ndarray | None:
-        palm = eval_optional_input(self._palm, context, RigidTransform)
-        return None if palm is None else palm.GetAsMatrix34()
-
-    def _read_vision(self, context: Context, state: State) -> PoseMeasurement | None:
-        seen = eval_optional_input(self._vision, context, object)
-        if seen is None or isinstance(seen, PoseMeasurement):
-            return seen
-        if not isinstance(seen, PosePrior):
-            raise PortTypeError(
-                f"input port 'vision' of system {self.get_name()!r}: holds a {type(seen).__name__}; allowed are "
-                "PoseMeasurement, PosePrior and None."
-            )
-        stamped = context.get_abstract_state(self._prior).get_value()
-        if stamped.prior is None or not np.array_equal(stamped.prior.X_PO, seen.X_PO):
-            stamped = StampedPrior(seen, context.get_time())
-            state.get_mutable_abstract_state(self._prior).set_value(stamped)
-        return PoseMeasurement.from_prior(seen, stamped.time)
+    def _read(self, context: Context, state: State) -> Reading:
+        """All that the inputs say now; writes what is to be remembered of it into the state."""
+        before = context.get_abstract_state(self._remembered).get_value()
+        reading, remembered = self._inputs.read(context, before)
+        if remembered is not before:
+            state.get_mutable_abstract_state(self._remembered).set_value(remembered)
+        return reading
 
     def _belief(self, context: Context) -> PoseBelief:
         return context.get_abstract_state(self._shown).get_value().belief
@@ -233,7 +186,7 @@ class PoseBeliefEstimator(LeafSystem):
         output.set_value(_pose(self._belief(context)))
 
     def _calc_pose_in_world(self, context: Context, output: AbstractValue) -> None:
-        palm = eval_optional_input(self._palm, context, RigidTransform)
+        palm = eval_optional_input(self._inputs.palm, context, RigidTransform)
         if palm is None:
             raise PortTypeError(
                 f"input port 'palm_pose' of system {self.get_name()!r}: is not connected; "

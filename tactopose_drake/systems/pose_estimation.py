@@ -6,13 +6,12 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from tactopose_drake.collision import HandCollision
 from tactopose_drake.core.objects import ObjectModel
-from tactopose_drake.hand import HandConfig, make_hand_plant
-from tactopose_drake.hand_geometry import BodySpheres
-from tactopose_drake.systems.contact_solver import ContactSolver, ContactSolverParams
-from tactopose_drake.systems.contacts_in_palm import ContactsInPalm, ContactsInPalmParams
-from tactopose_drake.systems.hand_volume import HandVolume
-from tactopose_drake.systems.patch_descriptor import PatchDescriptor, PatchDescriptorParams
+from tactopose_drake.hand import HandConfig
+from tactopose_drake.systems.contact_solver import ContactSolverParams
+from tactopose_drake.systems.contacts_in_palm import ContactsInPalmParams
+from tactopose_drake.systems.patch_descriptor import PatchDescriptorParams
 from tactopose_drake.systems.pose_estimator import PoseEstimator, PoseEstimatorParams
+from tactopose_drake.systems.touch import add_touch
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -91,50 +90,11 @@ def MakePoseEstimation(hand: HandConfig, model: ObjectModel, params: PoseEstimat
     """The diagram that `AddPoseEstimation` adds, by itself."""
     params = PoseEstimationParams() if params is None else params
     params.validate()
-    plant, parts = make_hand_plant(hand)
     builder = DiagramBuilder()
-    solver = builder.AddNamedSystem("contact_solver", ContactSolver(parts.surfaces, params.solver))
-    contacts = builder.AddNamedSystem(
-        "contacts_in_palm", ContactsInPalm(plant, parts.sensor_frames, parts.palm_frame, params.contacts)
-    )
     collision = HandCollision(hand, model) if params.check_collisions else None
     estimator = builder.AddNamedSystem("pose_estimator", PoseEstimator(model, params.estimator, collision))
-    builder.Connect(solver.GetOutputPort("contact_solutions"), contacts.GetInputPort("contact_solutions"))
-    builder.Connect(contacts.GetOutputPort("contacts"), estimator.GetInputPort("contacts"))
-    builder.Connect(contacts.GetOutputPort("status"), estimator.GetInputPort("contact_status"))
-    posed_too = [] if collision is None else [estimator]
-    if hand.pads:
-        descriptor = builder.AddNamedSystem("patch_descriptor", PatchDescriptor(plant, parts, params.patches))
-        builder.Connect(descriptor.GetOutputPort("patches"), estimator.GetInputPort("patches"))
-        builder.Connect(descriptor.GetOutputPort("status"), estimator.GetInputPort("patch_status"))
-        posed_too.append(descriptor)
-        for pad in hand.pads:
-            for port in (f"pressures_{pad.name}", f"age_{pad.name}"):
-                builder.ExportInput(descriptor.GetInputPort(port), port)
-        builder.ExportOutput(descriptor.GetOutputPort("patches"), "patches")
-        builder.ExportOutput(descriptor.GetOutputPort("status"), "patch_status")
-    if params.use_hand_volume:
-        volume = builder.AddNamedSystem("hand_volume", HandVolume(plant, parts, BodySpheres.of_hand(hand)))
-        builder.Connect(contacts.GetOutputPort("fingers_untouched"), volume.GetInputPort("fingers_untouched"))
-        builder.Connect(volume.GetOutputPort("hand"), estimator.GetInputPort("hand"))
-        builder.Connect(volume.GetOutputPort("untouched"), estimator.GetInputPort("untouched"))
-        posed_too.append(volume)
-
-    for finger in parts.sensor_frames:
-        builder.ExportInput(solver.GetInputPort(f"wrench_{finger}"), f"wrench_{finger}")
-    builder.ExportInput(contacts.GetInputPort("joint_positions"), "joint_positions")
-    for system in posed_too:
-        builder.ConnectInput("joint_positions", system.GetInputPort("joint_positions"))
+    add_touch(builder, hand, params, estimator)
     builder.ExportInput(estimator.GetInputPort("prior"), "prior")
-    for port in ("object_pose", "hypotheses", "status"):
-        builder.ExportOutput(estimator.GetOutputPort(port), port)
-    for port, exported in (
-        ("contacts", "contacts"),
-        ("fingers_in_contact", "fingers_in_contact"),
-        ("status", "contact_status"),
-    ):
-        builder.ExportOutput(contacts.GetOutputPort(port), exported)
-    builder.ExportOutput(solver.GetOutputPort("contact_solutions"), "contact_solutions")
     diagram = builder.Build()
     diagram.set_name("pose_estimation")
     return diagram

@@ -5,15 +5,15 @@ import dataclasses
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from tactopose_drake.core.objects import ObjectModel
-from tactopose_drake.hand import HandConfig, make_hand_plant
-from tactopose_drake.hand_geometry import BodySpheres
-from tactopose_drake.systems.contact_solver import ContactSolver, ContactSolverParams
-from tactopose_drake.systems.contacts_in_palm import ContactsInPalm, ContactsInPalmParams
+from tactopose_drake.hand import HandConfig
+from tactopose_drake.systems.belief_inputs import pad_source
+from tactopose_drake.systems.contact_solver import ContactSolverParams
+from tactopose_drake.systems.contacts_in_palm import ContactsInPalmParams
 from tactopose_drake.systems.fingertip_velocities import FingertipVelocities
-from tactopose_drake.systems.hand_volume import HandVolume
 from tactopose_drake.systems.live_pose_belief import LivePoseBeliefEstimator
-from tactopose_drake.systems.patch_descriptor import PatchDescriptor, PatchDescriptorParams
+from tactopose_drake.systems.patch_descriptor import PatchDescriptorParams
 from tactopose_drake.systems.pose_belief import PoseBeliefEstimator, PoseBeliefParams
+from tactopose_drake.systems.touch import add_touch
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -49,6 +49,7 @@ def AddPoseTracking(
         input_ports:
         - wrench_<finger>
         - pressures_<pad>
+        - age_<pad>
         - joint_positions
         - joint_velocities
         - vision
@@ -63,11 +64,15 @@ def AddPoseTracking(
         - contacts
         - fingers_in_contact
         - contact_status
+        - contact_solutions
+        - patches
+        - patch_status
 
-    - wrench_<finger>, pressures_<pad>, joint_positions: as those of `AddPoseEstimation`.
-    - joint_velocities: of the same joints, rad/s; there is such a port only where `use_joint_velocities`.
+    - wrench_<finger>, pressures_<pad>, age_<pad>, joint_positions: as those of `AddPoseEstimation`.
+    - joint_velocities: of the same joints, rad/s; there is such a port only where `use_joint_velocities`. May stay
+      unconnected where they are not measured.
     - vision, palm_pose, and the outputs up to belief: of `PoseBeliefEstimator`.
-    - contacts, fingers_in_contact, contact_status: of `ContactsInPalm` (its `status`).
+    - contacts, and all that follow: as those of `AddPoseEstimation`.
 
     Args:
         builder: receives the diagram.
@@ -86,55 +91,18 @@ def MakePoseTracking(hand: HandConfig, model: ObjectModel, params: PoseTrackingP
     """The diagram that `AddPoseTracking` adds, by itself."""
     params = PoseTrackingParams() if params is None else params
     params.validate()
-    plant, parts = make_hand_plant(hand)
     builder = DiagramBuilder()
-    solver = builder.AddNamedSystem("contact_solver", ContactSolver(parts.surfaces, params.solver))
-    contacts = builder.AddNamedSystem(
-        "contacts_in_palm", ContactsInPalm(plant, parts.sensor_frames, parts.palm_frame, params.contacts)
-    )
     kind = LivePoseBeliefEstimator if params.live else PoseBeliefEstimator
     belief = builder.AddNamedSystem("pose_belief", kind(model, params.belief))
-    builder.Connect(solver.GetOutputPort("contact_solutions"), contacts.GetInputPort("contact_solutions"))
-    for port in ("contacts", "fingers_in_contact"):
-        builder.Connect(contacts.GetOutputPort(port), belief.GetInputPort(port))
-    posed_too = []
-    if hand.pads:
-        descriptor = builder.AddNamedSystem("patch_descriptor", PatchDescriptor(plant, parts, params.patches))
-        builder.Connect(descriptor.GetOutputPort("patches"), belief.GetInputPort("patches"))
-        posed_too.append(descriptor)
-        for pad in hand.pads:
-            builder.ExportInput(descriptor.GetInputPort(f"pressures_{pad.name}"), f"pressures_{pad.name}")
-    if params.use_hand_volume:
-        volume = builder.AddNamedSystem("hand_volume", HandVolume(plant, parts, BodySpheres.of_hand(hand)))
-        builder.Connect(contacts.GetOutputPort("fingers_untouched"), volume.GetInputPort("fingers_untouched"))
-        for port in ("hand", "untouched"):
-            builder.Connect(volume.GetOutputPort(port), belief.GetInputPort(port))
-        posed_too.append(volume)
+    plant, parts = add_touch(builder, hand, params, belief)
     if params.use_joint_velocities:
-        tips = builder.AddNamedSystem(
-            "fingertip_velocities", FingertipVelocities(plant, parts.sensor_frames, parts.palm_frame)
-        )
-        builder.Connect(tips.GetOutputPort("tip_velocities"), belief.GetInputPort("tip_velocities"))
-        posed_too.append(tips)
-
-    for finger in parts.sensor_frames:
-        builder.ExportInput(solver.GetInputPort(f"wrench_{finger}"), f"wrench_{finger}")
-    builder.ExportInput(contacts.GetInputPort("joint_positions"), "joint_positions")
-    for system in posed_too:
-        builder.ConnectInput("joint_positions", system.GetInputPort("joint_positions"))
-    if params.use_joint_velocities:
+        tip_frames = {**parts.sensor_frames, **{pad_source(pad): frame for pad, frame in parts.pad_frames.items()}}
+        tips = builder.AddNamedSystem("fingertip_velocities", FingertipVelocities(plant, tip_frames, parts.palm_frame))
+        builder.ConnectInput("joint_positions", tips.GetInputPort("joint_positions"))
         builder.ExportInput(tips.GetInputPort("joint_velocities"), "joint_velocities")
+        builder.Connect(tips.GetOutputPort("tip_velocities"), belief.GetInputPort("tip_velocities"))
     for port in ("vision", "palm_pose"):
         builder.ExportInput(belief.GetInputPort(port), port)
-    for index in range(belief.num_output_ports()):
-        port = belief.get_output_port(index)
-        builder.ExportOutput(port, port.get_name())
-    for port, exported in (
-        ("contacts", "contacts"),
-        ("fingers_in_contact", "fingers_in_contact"),
-        ("status", "contact_status"),
-    ):
-        builder.ExportOutput(contacts.GetOutputPort(port), exported)
     diagram = builder.Build()
     diagram.set_name("pose_tracking")
     return diagram

@@ -102,9 +102,9 @@ def fingers_running(cube: ObjectModel, scenario: Scenario | None = None) -> cont
     )
 
 
-def pads_running(can: ObjectModel) -> contextlib.AbstractContextManager[Running]:
+def pads_running(can: ObjectModel, scenario: Scenario | None = None) -> contextlib.AbstractContextManager[Running]:
     """Barrett's hand, likewise."""
-    scenario = held_can.scenario()
+    scenario = held_can.scenario() if scenario is None else scenario
     scenario.estimation.use_hand_volume = scenario.estimation.check_collisions = False
     scenario.estimation.estimator.period = 0.3
     return running(scenario, {"hand": held_can.ROW}, {"prior": Signal.constant(held_can.prior())}, can)

@@ -1,5 +1,7 @@
 """Every fault of Barrett's hand, while the estimate runs: what is said, what goes on, and that it recovers."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from tactopose_drake.drivers.barrett_tactile import PASCALS_PER_RAW
 from tactopose_drake.drivers.frames import data_frame
 from tactopose_drake.drivers.simulation import faults
 from tactopose_drake.drivers.simulation.faults import Fault, Reply
+from tactopose_drake.systems.pose_tracking import PoseTrackingParams
 from tests import held_can
 from tests.running.stations import Running, pads_running
 
@@ -126,6 +129,31 @@ def test_a_silent_finger_leaves_the_other_pads(can: ObjectModel) -> None:
         running.rig["hand"].absent = set()
         running.run(3.0)
         assert_all_is_well(running)
+
+
+def test_frames_that_grow_old_before_the_hand_is_given_up_count_for_nothing(can: ObjectModel) -> None:
+    """In the estimate and in the belief, whose pads say from which age on."""
+    scenario = held_can.scenario()
+    scenario.senses.barrett_hand.max_age = 60.0
+    scenario.tracking = PoseTrackingParams(use_hand_volume=False)
+    scenario.estimation.patches.max_age = scenario.tracking.patches.max_age = 0.1
+    with pads_running(can, scenario) as running:
+        running.run(0.4)
+        assert_all_is_well(running)
+        assert running.value("tracked_status").split(":")[0] in ("ok", "ambiguous")
+        running.unplug(True)
+        running.run(0.6)
+        assert all(np.isfinite(running.value(f"pressures_{pad}")).all() for pad in PADS), "the frame is still there"
+        assert running.value("patches") == ()
+        stale = r"finger_1: stale: 0.\d\d s old; .*; palm: stale: 0.\d\d s old$"
+        assert re.match(rf"held: 0 contacts, 2 needed; {stale}", running.value("status"))
+        assert re.match(rf"no_contact: .*{stale}", running.value("tracked_status"))
+        assert running.value("tracked_hypotheses").status == "no_solution"
+        assert running.value("tracked_belief").touch_time < 0.6
+        running.unplug(False)
+        running.run(3.5)
+        assert_all_is_well(running)
+        assert running.value("tracked_status").split(":")[0] in ("ok", "ambiguous", "slipping")
 
 
 def test_a_reboot_in_mid_stream_is_noticed_and_the_hand_woken_again(can: ObjectModel) -> None:

@@ -18,7 +18,7 @@ from tactopose_drake.hand import HandConfig, add_hand, load_hand_config, make_ha
 from tactopose_drake.hand_geometry import HandGeometry
 from tactopose_drake.systems.pose_estimation import AddPoseEstimation, MakePoseEstimation, PoseEstimationParams
 from tactopose_drake.systems.pose_estimator import PoseEstimatorParams
-from tactopose_drake.tactile.pads import load_tactile_pad
+from tests.pressed_ball import SILENT, make_ball, press
 
 n_S = np.array([0.6, 0.0, 0.8])
 f_S = np.array([-1.1, 0.2, -1.7])
@@ -158,44 +158,26 @@ def test_a_bad_parameter_of_any_part_is_named(hand: HandConfig, model: ObjectMod
         MakePoseEstimation(hand, model, params)
 
 
-def test_the_pads_of_a_hand_without_other_sensors_find_a_ball(model: ObjectModel) -> None:
-    """A ball pressed by 2 mm onto the palm's pad, which the open fingers do not reach."""
-    hand = load_hand_config("barrett_like")
-    plant, parts = make_hand_plant(hand)
-    context = plant.CreateDefaultContext()
-    layouts = {pad.name: load_tactile_pad(pad.array).layout for pad in hand.pads}
-    alpha = {pad.name: pad.alpha for pad in hand.pads}
-    X_PT = plant.CalcRelativeTransform(context, parts.palm_frame, parts.pad_frames["palm"])
-    p_PT, n_PT = X_PT.multiply(layouts["palm"].p_TC.T).T, layouts["palm"].n_T @ X_PT.rotation().matrix().T
-    middle = p_PT.mean(axis=0) + (0.04 - 0.002) * n_PT[0]
-
+def test_the_pads_of_a_hand_without_other_sensors_find_a_ball() -> None:
     estimator = PoseEstimatorParams(period=0.1, min_contacts=1)
-    diagram = MakePoseEstimation(hand, model, PoseEstimationParams(estimator=estimator))
+    diagram = MakePoseEstimation(
+        load_hand_config("barrett_like"), make_ball(), PoseEstimationParams(estimator=estimator)
+    )
     simulator = Simulator(diagram)
     context = simulator.get_mutable_context()
-    diagram.GetInputPort("joint_positions").FixValue(context, np.zeros(plant.num_positions()))
-    for name, layout in layouts.items():
-        diagram.GetInputPort(f"pressures_{name}").FixValue(context, np.zeros(len(layout)))
-    # How far the way into the pad leads through the ball from each cell.
-    off = p_PT - middle
-    along = np.einsum("ij,ij->i", off, n_PT)
-    depth = along + np.sqrt(along**2 + np.maximum(0.04**2 - np.sum(off**2, axis=1), 0.0))
-    diagram.GetInputPort("pressures_palm").FixValue(context, depth / alpha["palm"])
-    prior = PosePrior(RigidTransform(middle + 0.006 * n_PT[0]), sigma_translation=0.01)
-    diagram.GetInputPort("prior").FixValue(context, AbstractValue.Make(prior))
+    p_PO = press(diagram, context, "prior")
     simulator.AdvanceTo(0.01)
 
-    silent = "; ".join(f"finger_{i}: no contact" for i in (1, 2, 3))
-    assert diagram.GetOutputPort("patch_status").Eval(context) == silent
+    assert diagram.GetOutputPort("patch_status").Eval(context) == SILENT
     patches = diagram.GetOutputPort("patches").Eval(context)
-    assert [patch.is_felt for patch in patches] == [name == "palm" for name in layouts]
-    assert diagram.GetOutputPort("status").Eval(context) in (f"ok: {silent}", f"ambiguous: {silent}")
+    assert [patch.is_felt for patch in patches] == [False, False, False, True]
+    assert diagram.GetOutputPort("status").Eval(context) in (f"ok: {SILENT}", f"ambiguous: {SILENT}")
     found = diagram.GetOutputPort("object_pose").Eval(context).translation()
-    assert np.linalg.norm(found - middle) < 0.002
+    assert np.linalg.norm(found - p_PO) < 0.002
     # The same frames, when they are old, count for nothing.
     diagram.GetInputPort("age_palm").FixValue(context, [0.5])
     simulator.AdvanceTo(0.11)
     assert diagram.GetOutputPort("status").Eval(context) == (
-        f"held: 0 contacts, 1 needed; {silent}; palm: stale: 0.50 s old"
+        f"held: 0 contacts, 1 needed; {SILENT}; palm: stale: 0.50 s old"
     )
     assert [patch.is_felt for patch in diagram.GetOutputPort("patches").Eval(context)] == [False] * 3

@@ -10,8 +10,9 @@ from tactopose_drake.core.prior import PosePrior
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand import load_hand_config
 from tactopose_drake.systems.pose_belief import PoseBeliefParams
-from tactopose_drake.systems.pose_tracking import AddPoseTracking, PoseTrackingParams
+from tactopose_drake.systems.pose_tracking import AddPoseTracking, MakePoseTracking, PoseTrackingParams
 from tests.core.tracking.boxes import make_box
+from tests.pressed_ball import SILENT, make_ball, press
 
 
 @pytest.fixture(scope="module")
@@ -35,12 +36,71 @@ def test_a_hand_that_feels_nothing_knows_what_vision_says(box: ObjectModel, hand
     X_PO, X_WP = RigidTransform([0.0, -0.5, 0.0]), RigidTransform([1.0, 0.0, 0.0])
     tracking.GetInputPort("palm_pose").FixValue(context, AbstractValue.Make(X_WP))
     simulator.AdvanceTo(0.02)
-    assert tracking.GetOutputPort("status").Eval(context) == "lost: nothing is touched"
+    untouched = "no contact" if config.pads else "the force is below min_force"
+    silent = "; ".join(f"{part.name}: {untouched}" for part in config.pads or config.fingers)
+    assert tracking.GetOutputPort("status").Eval(context) == f"lost: nothing is touched; {silent}"
     tracking.GetInputPort("vision").FixValue(context, AbstractValue.Make(PosePrior(X_PO)))
     simulator.AdvanceTo(0.05)
-    assert tracking.GetOutputPort("status").Eval(context) == "no_contact"
+    assert tracking.GetOutputPort("status").Eval(context) == f"no_contact: {silent}"
     assert tracking.GetOutputPort("object_pose").Eval(context).IsNearlyEqualTo(X_PO, 1e-9)
     assert tracking.GetOutputPort("object_pose_in_world").Eval(context).IsNearlyEqualTo(X_WP @ X_PO, 1e-9)
+
+
+def test_a_frame_that_is_old_counts_for_nothing_and_is_named() -> None:
+    diagram = MakePoseTracking(
+        load_hand_config("barrett_like"), make_ball(), PoseTrackingParams(use_joint_velocities=False)
+    )
+    simulator = Simulator(diagram)
+    context = simulator.get_mutable_context()
+    p_PO = press(diagram, context, "vision")
+
+    def run(duration: float) -> str:
+        simulator.AdvanceTo(context.get_time() + duration)
+        return str(diagram.GetOutputPort("status").Eval(context))
+
+    assert run(0.05) in (f"ok: {SILENT}", f"ambiguous: {SILENT}")
+    assert np.linalg.norm(diagram.GetOutputPort("object_pose").Eval(context).translation() - p_PO) < 0.002
+    diagram.GetInputPort("age_palm").FixValue(context, [0.5])
+    assert run(0.05) == f"no_contact: {SILENT}; palm: stale: 0.50 s old"
+    touched = diagram.GetOutputPort("belief").Eval(context).touch_time
+    assert touched < 0.055
+    status = run(1.0)
+    assert status.startswith("lost: nothing was touched or seen for 1.")
+    assert status.endswith("; palm: stale: 0.50 s old")
+    diagram.GetInputPort("age_palm").FixValue(context, [0.0])
+    assert run(0.2).split(":")[0] in ("ok", "ambiguous")
+
+
+def test_a_pad_is_known_again_when_others_come_and_go() -> None:
+    """Else its systematic error would become another's."""
+    diagram = MakePoseTracking(
+        load_hand_config("barrett_like"),
+        make_ball(),
+        PoseTrackingParams(use_joint_velocities=False, use_hand_volume=False),
+    )
+    simulator = Simulator(diagram)
+    context = simulator.get_mutable_context()
+    press(diagram, context, "vision")
+    simulator.AdvanceTo(0.02)
+    diagram.GetInputPort("age_finger_1").FixValue(context, [9.0])
+    simulator.AdvanceTo(0.04)
+    assert diagram.GetOutputPort("belief").Eval(context).sources == ("pad palm",)
+
+
+def test_pads_that_move_move_what_they_hold() -> None:
+    hand = load_hand_config("barrett_like")
+    diagram = MakePoseTracking(hand, make_ball(), PoseTrackingParams(use_hand_volume=False))
+    simulator = Simulator(diagram)
+    context = simulator.get_mutable_context()
+    press(diagram, context, "vision")
+    size = diagram.GetInputPort("joint_velocities").size()
+    diagram.GetInputPort("joint_velocities").FixValue(context, np.ones(size))
+    simulator.AdvanceTo(0.01)
+    tips = diagram.GetSubsystemByName("fingertip_velocities")
+    velocities = tips.get_output_port().Eval(tips.GetMyContextFromRoot(context))
+    assert set(velocities) == {f"pad {pad.name}" for pad in hand.pads}
+    assert not np.any(velocities["pad palm"])
+    assert np.all([np.any(velocity) for name, velocity in velocities.items() if name != "pad palm"])
 
 
 def test_parameters_out_of_range_are_refused(box: ObjectModel) -> None:

@@ -1,0 +1,159 @@
+"""What a belief is told at one time: its input ports, read with a doubt about each."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+from pydrake.common.value import AbstractValue
+from pydrake.math import RigidTransform
+from pydrake.systems.framework import Context, LeafSystem
+
+from tactopose_drake.core.contacts import Contacts
+from tactopose_drake.core.evidence import Evidence
+from tactopose_drake.core.hand_spheres import HandSpheres
+from tactopose_drake.core.patches import Patch
+from tactopose_drake.core.prior import PosePrior
+from tactopose_drake.core.tracking.frame import Frame
+from tactopose_drake.core.tracking.pose_measurement import PoseMeasurement
+from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.errors import PortTypeError
+from tactopose_drake.systems.ports import eval_optional_input
+
+# Noise moves a reading that is alive within less than this, s.
+_FROZEN = 0.5
+
+
+def pad_source(pad: str) -> str:
+    """What a pad is called among the sources of contacts, where a finger may have its name."""
+    return f"pad {pad}"
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Remembered:
+    """What was read before and tells no time of its own, and since when it is so, s.
+
+    Attributes:
+        prior, prior_time: of vision; None before the first.
+        points, points_time: what was touched, shape (k, 3), m.
+    """
+
+    prior: PosePrior | None = None
+    prior_time: float = 0.0
+    points: FloatArray = dataclasses.field(default_factory=lambda: np.zeros((0, 3)))
+    points_time: float = 0.0
+
+    def __deepcopy__(self, memo: Any) -> Remembered:
+        return self
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Reading:
+    """All inputs at one time, and what is wrong with them."""
+
+    frame: Frame
+    remarks: tuple[str, ...]
+
+
+class BeliefInputs:
+    """The input ports of a system that keeps a belief; `PoseBeliefEstimator` says what they hold."""
+
+    def __init__(self, system: LeafSystem) -> None:
+        """Declares the ports."""
+        self._system = system
+
+        def declare(name: str, model: Any) -> Any:
+            return system.DeclareAbstractInputPort(name, AbstractValue.Make(model))
+
+        self._contacts = declare("contacts", Contacts.empty())
+        self._fingers = declare("fingers_in_contact", ())
+        self._patches = declare("patches", ())
+        self._pads = declare("pads", ())
+        self._statuses = [declare(name, "") for name in ("contact_status", "patch_status")]
+        self._vision = declare("vision", None)
+        self._hand = declare("hand", None)
+        self._untouched = declare("untouched", None)
+        self._tips = declare("tip_velocities", None)
+        self.palm = declare("palm_pose", RigidTransform())
+
+    def read(self, context: Context, before: Remembered) -> tuple[Reading, Remembered]:
+        """All that the inputs say now, and what is to be remembered of it.
+
+        Raises:
+            PortTypeError: if an input holds what it cannot, or neither contacts nor patches are connected.
+        """
+        now = context.get_time()
+        if max(before.prior_time, before.points_time) > now:
+            before = Remembered()
+        contacts, patches, sources = self._read_touch(context)
+        untouched = eval_optional_input(self._untouched, context, HandSpheres)
+        evidence = Evidence(
+            contacts, hand=eval_optional_input(self._hand, context, HandSpheres), untouched=untouched, patches=patches
+        )
+        remarks, points = [], evidence.touch.p_PC
+        if np.array_equal(points, before.points):
+            if len(points) and now > before.points_time + _FROZEN:
+                remarks.append(f"the touch has been the same for {now - before.points_time:.1f} s")
+        else:
+            before = dataclasses.replace(before, points=points, points_time=now)
+        vision, before = self._read_vision(context, before)
+        velocities = self._read_velocities(context, remarks)
+        X_WP = self._read_palm(context, remarks)
+        if not sources and not patches and untouched is None and self._untouched.HasValue(context):
+            # No sensor says that nothing is touched: the object is not known to have left the hand.
+            X_WP = None
+        for port in self._statuses:
+            status = eval_optional_input(port, context, str)
+            remarks += [] if status in (None, "ok") else [status]
+        return Reading(Frame(now, evidence, sources, velocities, vision, X_WP), tuple(remarks)), before
+
+    def _read_touch(self, context: Context) -> tuple[Contacts, tuple[Patch, ...], tuple[str, ...]]:
+        """Contacts, patches, and the names of what touches."""
+        if not (self._contacts.HasValue(context) or self._patches.HasValue(context)):
+            raise PortTypeError(f"{self._name(self._contacts)}: is not connected; it needs a Contacts.")
+        contacts = eval_optional_input(self._contacts, context, Contacts) or Contacts.empty()
+        patches: tuple[Patch, ...] = eval_optional_input(self._patches, context, tuple) or ()
+        fingers = eval_optional_input(self._fingers, context, tuple) or ()
+        if len(fingers) != len(contacts):
+            fingers = tuple(f"contact {i}" for i in range(len(contacts)))
+        pads = eval_optional_input(self._pads, context, tuple) or ()
+        if len(pads) != len(patches):
+            pads = tuple(map(str, range(len(patches))))
+        felt = tuple(pad_source(pad) for pad, patch in zip(pads, patches, strict=True) if patch.is_felt)
+        return contacts, patches, (*fingers, *felt)
+
+    def _read_vision(self, context: Context, before: Remembered) -> tuple[PoseMeasurement | None, Remembered]:
+        seen = eval_optional_input(self._vision, context, object)
+        if seen is None or isinstance(seen, PoseMeasurement):
+            return seen, before
+        if not isinstance(seen, PosePrior):
+            raise PortTypeError(
+                f"{self._name(self._vision)}: holds a {type(seen).__name__}; allowed are PoseMeasurement, PosePrior "
+                "and None."
+            )
+        if before.prior is None or not np.array_equal(before.prior.X_PO, seen.X_PO):
+            before = dataclasses.replace(before, prior=seen, prior_time=context.get_time())
+        return PoseMeasurement.from_prior(seen, before.prior_time), before
+
+    def _read_velocities(self, context: Context, remarks: list[str]) -> dict[str, FloatArray] | None:
+        if not self._tips.HasValue(context):
+            return None
+        velocities = eval_optional_input(self._tips, context, dict)
+        if velocities is None or not all(np.all(np.isfinite(velocity)) for velocity in velocities.values()):
+            remarks.append("the fingertips' velocities are not known")
+            return None
+        return velocities
+
+    def _read_palm(self, context: Context, remarks: list[str]) -> FloatArray | None:
+        palm = eval_optional_input(self.palm, context, RigidTransform)
+        if palm is None:
+            return None
+        X_WP: FloatArray = palm.GetAsMatrix34()
+        if not np.all(np.isfinite(X_WP)):
+            remarks.append("the palm's pose is not finite")
+            return None
+        return X_WP
+
+    def _name(self, port: Any) -> str:
+        return f"input port {port.get_name()!r} of system {self._system.get_name()!r}"

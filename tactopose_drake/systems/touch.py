@@ -1,0 +1,80 @@
+"""From what a hand senses to the touch of one instant: the systems that an estimator and a belief have in common."""
+
+from typing import Protocol
+
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.framework import DiagramBuilder, LeafSystem
+
+from tactopose_drake.hand import Hand, HandConfig, make_hand_plant
+from tactopose_drake.hand_geometry import BodySpheres
+from tactopose_drake.systems.contact_solver import ContactSolver, ContactSolverParams
+from tactopose_drake.systems.contacts_in_palm import ContactsInPalm, ContactsInPalmParams
+from tactopose_drake.systems.hand_volume import HandVolume
+from tactopose_drake.systems.patch_descriptor import PatchDescriptor, PatchDescriptorParams
+
+
+class TouchParams(Protocol):
+    """The parameters of the parts, as those of an estimation and of a tracking hold them."""
+
+    solver: ContactSolverParams
+    contacts: ContactsInPalmParams
+    patches: PatchDescriptorParams
+    use_hand_volume: bool
+
+
+def add_touch(
+    builder: DiagramBuilder, hand: HandConfig, params: TouchParams, estimator: LeafSystem
+) -> tuple[MultibodyPlant, Hand]:
+    """Adds what leads from the senses to an estimator, and gives the diagram its ports.
+
+    Its inputs are `wrench_<finger>`, `pressures_<pad>`, `age_<pad>` and `joint_positions`; its outputs `contacts`,
+    `fingers_in_contact`, `contact_status`, `contact_solutions`, where the hand has pads `patches` and `patch_status`,
+    and all of the estimator's.
+
+    Args:
+        builder: of the diagram; it has the estimator already.
+        hand: the hand's names, fingertips and model.
+        params: parameters of each part.
+        estimator: each of its inputs is connected to what is called as it is, if there is such a thing.
+
+    Returns:
+        The plant of the hand alone, by which the kinematics are computed, and the hand in it.
+    """
+    plant, parts = make_hand_plant(hand)
+    solver = builder.AddNamedSystem("contact_solver", ContactSolver(parts.surfaces, params.solver))
+    contacts = builder.AddNamedSystem(
+        "contacts_in_palm", ContactsInPalm(plant, parts.sensor_frames, parts.palm_frame, params.contacts)
+    )
+    builder.Connect(solver.GetOutputPort("contact_solutions"), contacts.GetInputPort("contact_solutions"))
+    posed: list[LeafSystem] = [contacts]
+    touch = {name: contacts.GetOutputPort(name) for name in ("contacts", "fingers_in_contact")}
+    touch["contact_status"] = contacts.GetOutputPort("status")
+    touch["contact_solutions"] = solver.GetOutputPort("contact_solutions")
+    known = dict(touch)
+    if hand.pads:
+        descriptor = builder.AddNamedSystem("patch_descriptor", PatchDescriptor(plant, parts, params.patches))
+        posed.append(descriptor)
+        touch |= {"patches": descriptor.GetOutputPort("patches"), "patch_status": descriptor.GetOutputPort("status")}
+        known |= touch | {"pads": descriptor.GetOutputPort("pads")}
+        for port in (f"{what}_{pad.name}" for pad in hand.pads for what in ("pressures", "age")):
+            builder.ExportInput(descriptor.GetInputPort(port), port)
+    if params.use_hand_volume:
+        volume = builder.AddNamedSystem("hand_volume", HandVolume(plant, parts, BodySpheres.of_hand(hand)))
+        posed.append(volume)
+        builder.Connect(contacts.GetOutputPort("fingers_untouched"), volume.GetInputPort("fingers_untouched"))
+        known |= {name: volume.GetOutputPort(name) for name in ("hand", "untouched")}
+    for name, port in known.items():
+        if estimator.HasInputPort(name):
+            builder.Connect(port, estimator.GetInputPort(name))
+
+    for finger in parts.sensor_frames:
+        builder.ExportInput(solver.GetInputPort(f"wrench_{finger}"), f"wrench_{finger}")
+    builder.ExportInput(contacts.GetInputPort("joint_positions"), "joint_positions")
+    for system in (*posed[1:], estimator):
+        if system.HasInputPort("joint_positions"):
+            builder.ConnectInput("joint_positions", system.GetInputPort("joint_positions"))
+    for name, port in touch.items():
+        builder.ExportOutput(port, name)
+    for port in map(estimator.get_output_port, range(estimator.num_output_ports())):
+        builder.ExportOutput(port, port.get_name())
+    return plant, parts
