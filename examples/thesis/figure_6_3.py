@@ -4,12 +4,13 @@
 
 The hand takes the glass in the simulator, and touch finds its pose. Each point of the glass is coloured by the quality
 that the grasp would have with the finger there, the others staying: red worse, grey as it is, blue better; dots mark
-what the finger reaches (figure_6_3.html, figure_6_3.png). Prints the quality as it is, and the best within reach. It
-takes some twenty seconds.
+what the finger reaches (figure_6_3.html; on pictures figure_6_3.png, and figure_6_3_unrolled.png with what the hand
+hides). Prints the quality as it is, and the best within reach. It takes some twenty seconds.
 
 Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016, section 6.2.2.
 """
 
+import dataclasses
 import time
 from pathlib import Path
 
@@ -24,7 +25,8 @@ from rich.console import Console
 import tactopose_drake as tp
 from tactopose_drake.core.improvement_map import ImprovementMap, improvement_map, reachable_points
 from tactopose_drake.demo import DemoResult, run_demo
-from tactopose_drake.display.wrench_spaces import draw_improvement, level_colours
+from tactopose_drake.display.picture import save_picture
+from tactopose_drake.display.wrench_spaces import draw_improvement, level_colours, vertex_levels
 from tactopose_drake.errors import UnknownNameError
 from tactopose_drake.grasping.hand_reach import make_hand_reach
 from tactopose_drake.hand import load_hand_config
@@ -139,7 +141,13 @@ def main(finger: str, points: int, seed: int, out: Path | None) -> None:
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
         save_html(out / "figure_6_3.html", draw(result, found, reachable))
-        plot(finger, found, reachable, out / "figure_6_3.png")
+        save_picture(
+            out / "figure_6_3.png",
+            dataclasses.replace(result.scene, prior=None, truth=None),
+            captions=("", f"the {finger} finger elsewhere: red worse, blue better"),
+            colours=level_colours(vertex_levels(result.scene.model, found)),
+        )
+        plot(finger, found, reachable, out / "figure_6_3_unrolled.png")
 
 
 if __name__ == "__main__":

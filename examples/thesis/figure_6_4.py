@@ -4,9 +4,10 @@
 
 The thesis shows a grasp that two poses explain about as well, and says that only exploration could tell them apart,
 and that it must not cost the grasp its stability. Here is such a grasp, with the two poses (blue and green), the true
-one (pink), and the motion of a finger that tells most (figure_6_4.html); and then a study over ambiguous grasps: how
+one (pink), and the motion of a finger that tells most (figure_6_4.html; the poses beside each other in figure_6_4.png);
+and then a study over ambiguous grasps: how
 many touches it takes until one pose is left, when the next touch is chosen by its expected information, and when at
-random among the same motions (touches.png, figure_6_4.md). `touch_study.py` says what counts as what.
+random among the same motions (figure_6_4_touches.png, figure_6_4.md). `touch_study.py` says what counts as what.
 
 A hundred grasps take some ten minutes of one core.
 
@@ -42,6 +43,9 @@ from touch_study import (
 import tactopose_drake as tp
 from tactopose_drake.core.next_touch import choose_touch
 from tactopose_drake.core.pose_modes import PoseModes
+from tactopose_drake.display.body_meshes import sphere_triangles
+from tactopose_drake.display.picture import save_picture
+from tactopose_drake.display.scene import Scene
 from tactopose_drake.visualization import add_object, add_touch, move_touch, save_html, set_stage
 
 BLUE, GREEN, PINK = Rgba(0.2, 0.35, 0.9, 0.45), Rgba(0.15, 0.7, 0.3, 0.45), Rgba(0.95, 0.45, 0.7, 0.9)
@@ -170,6 +174,21 @@ def show(meshcat: Meshcat, grasp: Grasp, belief: PoseModes) -> str:
     )
 
 
+def save_poses(path: Path, grasp: Grasp, belief: PoseModes) -> None:
+    """A picture of the two most probable poses beside each other, with the true one's outline."""
+    first, second = (RigidTransform(X_PO) for X_PO in belief.X_PO[:2])
+    scene = Scene(
+        model=grasp.model,
+        contacts=grasp.contacts,
+        prior=second,
+        estimate=first,
+        truth=RigidTransform(grasp.X_PO),
+        hand=sphere_triangles(grasp.hand.p_PH, grasp.hand.radius),
+    )
+    captions = f"another pose: {belief.probability[1]:.0%}", f"the most probable pose: {belief.probability[0]:.0%}"
+    save_picture(path, scene, captions=captions, prior_label="another pose")
+
+
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
 @click.option("--grasps", type=click.IntRange(min=0), default=100, show_default=True, help="Ambiguous grasps in all.")
 @click.option("--out", type=click.Path(path_type=Path), help="Writes the table, the plot and the scene here.")
@@ -177,10 +196,12 @@ def main(grasps: int, out: Path | None) -> None:
     """Shows an ambiguous grasp, and counts the touches that it takes to make such grasps unique."""
     console, meshcat = Console(), Meshcat()
     grasp, estimate = first_grasp()
-    console.print(show(meshcat, grasp, distinct_poses(grasp.model, estimate)), highlight=False)
+    belief = distinct_poses(grasp.model, estimate)
+    console.print(show(meshcat, grasp, belief), highlight=False)
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
         save_html(out / "figure_6_4.html", meshcat)
+        save_poses(out / "figure_6_4.png", grasp, belief)
     if not grasps:
         return
     runs = study(grasps)
@@ -193,7 +214,7 @@ def main(grasps: int, out: Path | None) -> None:
     console.print(verdict(runs), highlight=False)
     if out is not None:
         (out / "figure_6_4.md").write_text(markdown(runs), encoding="utf-8")
-        plot(runs, out / "touches.png")
+        plot(runs, out / "figure_6_4_touches.png")
 
 
 if __name__ == "__main__":

@@ -3,10 +3,10 @@
     python examples/thesis/figures_4_7_and_4_11.py --trial 0 --seed 0 --out out
 
 Draws one trial of each experiment of section 4.3.1, with five fingers and the thesis' noise (see `grasp_trials.py`):
-the bust from a displaced pose, and the wine glass from none, both with the hand's volume. In figure 4.11 "the initial
-location was placed deliberately far away from the robot hand"; ours is drawn as far, and the estimate is not told of
-it. Prints how far off the poses are, beside the thesis' means, and writes that as Markdown (figures_4_7_and_4_11.md)
-with the pictures (figure_4_7.png, figure_4_11.png).
+the bust from a displaced pose, and the wine glass from none, both with the hand's volume, which is drawn too. In figure
+4.11 "the initial location was placed deliberately far away from the robot hand"; ours is drawn as far, and the estimate
+is not told of it. Prints how far off the poses are, beside the thesis' means, and writes that as Markdown
+(figures_4_7_and_4_11.md) with the pictures (figure_4_7.png, figure_4_11.png).
 
 Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016, section 4.3.1.
 """
@@ -16,21 +16,19 @@ from pathlib import Path
 
 import click
 import numpy as np
-import trimesh
-from grasp_library import Array, SimulatedGrasp, make_library, make_scenario
+from grasp_library import Array, make_library, make_scenario
 from grasp_trials import make_trial, pose_errors
 from pose_experiments import CORRECTION, GLOBAL, MAIN_CELL, Experiment
 from pydrake.math import RigidTransform
 
 import tactopose_drake as tp
 from tactopose_drake.core.poses import make_poses, random_rotations
-from tactopose_drake.display.body_meshes import Triangles
+from tactopose_drake.display.body_meshes import sphere_triangles
 from tactopose_drake.display.picture import save_picture
 from tactopose_drake.display.scene import Scene
 
 FIGURES = {"4.7": CORRECTION, "4.11": GLOBAL}
 FAR = 0.2  # from the palm to the initial pose that has nothing to do with the true one, m
-GREY = 0.63
 
 
 def far_pose(generator: np.random.Generator) -> Array:
@@ -38,16 +36,6 @@ def far_pose(generator: np.random.Generator) -> Array:
     way = generator.normal(size=(1, 3))
     X_PO: Array = make_poses(random_rotations(generator, 1), FAR * way / np.linalg.norm(way))[0]
     return X_PO
-
-
-def hand_surface(grasp: SimulatedGrasp) -> Triangles:
-    """The spheres that fill the hand, which is what the search knows of it."""
-    ball = trimesh.creation.icosphere(subdivisions=1)
-    vertices = grasp.p_PH[:, None] + grasp.radius[:, None, None] * ball.vertices
-    faces = ball.faces + len(ball.vertices) * np.arange(len(grasp.radius))[:, None, None]
-    return Triangles(
-        vertices.reshape(-1, 3), faces.reshape(-1, 3).astype(np.int32), np.full((vertices.size // 3, 3), GREY)
-    )
 
 
 def draw(figure: str, experiment: Experiment, number: int, seed: int, path: Path) -> str:
@@ -64,7 +52,7 @@ def draw(figure: str, experiment: Experiment, number: int, seed: int, path: Path
         prior=RigidTransform(before),
         estimate=best,
         truth=RigidTransform(grasp.X_PO),
-        hand=hand_surface(grasp),
+        hand=sphere_triangles(grasp.p_PH, grasp.radius),
     )
     if trial.prior is None:
         start, label = "a pose far away, not used", "initial pose"

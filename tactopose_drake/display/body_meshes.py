@@ -46,6 +46,14 @@ class Triangles:
     colour: FloatArray
 
 
+def sphere_triangles(centers: FloatArray, radii: FloatArray) -> Triangles:
+    """Grey spheres, as those that fill a hand, in the frame of their centres (n, 3), m; radii (n,), m."""
+    ball = trimesh.creation.icosphere(subdivisions=1)
+    vertices = (centers[:, None] + radii[:, None, None] * ball.vertices).reshape(-1, 3)
+    faces = ball.faces + len(ball.vertices) * np.arange(len(radii))[:, None, None]
+    return Triangles(vertices, faces.reshape(-1, 3).astype(np.int32), np.tile(_GREY, (len(vertices), 1)))
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class BodyMeshes:
     """Triangle meshes that are fixed on bodies of a plant.

@@ -48,6 +48,7 @@ def save_picture(
     *,
     captions: tuple[str, str] = ("before: vision", "after: touch"),
     prior_label: str = "prior",
+    colours: FloatArray | None = None,
 ) -> None:
     """Writes a picture of a scene: one panel for the prior, one for the estimate, from the same viewpoint.
 
@@ -56,34 +57,35 @@ def save_picture(
         scene: what to draw.
         captions: titles of the panels of prior and estimate.
         prior_label: what the legend calls the prior.
+        colours: red, green and blue of the model's vertices at the estimate, 0 to 1, shape (v, 3); None for one colour.
     """
+    paints = (PRIOR_COLOUR, ESTIMATE_COLOUR if colours is None else colours)
     panels = [
-        (pose, colour, caption)
-        for pose, colour, caption in zip(
-            (scene.prior, scene.estimate), (PRIOR_COLOUR, ESTIMATE_COLOUR), captions, strict=True
-        )
+        (pose, _smooth(scene.model.vertices, scene.model.faces, paint), caption)
+        for pose, paint, caption in zip((scene.prior, scene.estimate), paints, captions, strict=True)
         if pose is not None
     ]
     width, height = (int(side * _DPI) * _OVERSAMPLING for side in _PANEL)
     camera = Camera.framing(points_of_interest(scene), choose_view(scene), scene.up_P, width, height)
-    thing, overlay = _smooth(scene.model.vertices, scene.model.faces), _Overlay(scene, camera)
+    overlay = _Overlay(scene, camera)
     figure = Figure(figsize=(_PANEL[0] * max(len(panels), 1), _PANEL[1] + 0.9), dpi=_DPI)
     FigureCanvasAgg(figure)
-    for index, (pose, colour, caption) in enumerate(panels):
+    for index, (pose, thing, caption) in enumerate(panels):
         lines = [(scene.prior, PRIOR_COLOUR), (scene.truth, TRUTH_COLOUR)]
         image = _background(camera)
-        solid = render(_placed(thing, pose, colour), camera)
+        solid = render(_placed(thing, pose), camera)
         image = np.where(solid.covered[..., None], solid.colour, image)
         image = overlay.hand_over(image, solid)
         for other, line_colour in lines:
             if other is not None and other is not pose:
-                image = _outline(image, render(_placed(thing, other, line_colour), camera), line_colour)
+                image = _outline(image, render(_placed(thing, other), camera), line_colour)
         image = overlay.markers_over(image, solid)
         axes = figure.add_axes((index / len(panels), 0.08, 1 / len(panels), 0.86))
         axes.imshow(_shrunk(image))
         axes.set_axis_off()
         axes.set_title(caption, fontsize=15, pad=7)
-    figure.legend(handles=_legend(scene, prior_label), loc="lower center", ncols=7, frameon=False, fontsize=11)
+    handles = _legend(scene, prior_label, is_painted=colours is not None)
+    figure.legend(handles=handles, loc="lower center", ncols=4 if len(panels) < 2 else 7, frameon=False, fontsize=11)
     figure.savefig(path, facecolor="white")
 
 
@@ -136,12 +138,12 @@ def _shrunk(image: Image) -> Image:
     return small
 
 
-def _placed(surface: Surface, X_PO: RigidTransform, colour: Colour) -> Surface:
+def _placed(surface: Surface, X_PO: RigidTransform) -> Surface:
     return Surface(
         X_PO.multiply(surface.vertices.T).T,
         X_PO.rotation().multiply(surface.normals.T).T,
         surface.faces,
-        np.tile(colour, (len(surface.vertices), 1)),
+        surface.colour,
     )
 
 
@@ -185,9 +187,9 @@ def _arrow(length: float) -> tuple[trimesh.Trimesh, trimesh.Trimesh]:
     return shaft, cone.apply_translation([0, 0, length - head])
 
 
-def _smooth(vertices: FloatArray, faces: NDArray[np.int32], colour: FloatArray | None = None) -> Surface:
-    """Normals for smooth shading, with the sharp edges kept; white without colours."""
-    colour = np.ones((len(vertices), 3)) if colour is None else colour
+def _smooth(vertices: FloatArray, faces: NDArray[np.int32], colour: Colour | FloatArray) -> Surface:
+    """Normals for smooth shading, with the sharp edges kept; of one colour, or of one for each vertex."""
+    colour = np.array(np.broadcast_to(colour, vertices.shape))
     mesh = trimesh.Trimesh(vertices, faces, vertex_colors=colour, process=False)
     shaded = trimesh.graph.smooth_shade(mesh, angle=_CREASE)
     return Surface(
@@ -198,11 +200,11 @@ def _smooth(vertices: FloatArray, faces: NDArray[np.int32], colour: FloatArray |
     )
 
 
-def _legend(scene: Scene, prior_label: str) -> list[Patch | Line2D]:
+def _legend(scene: Scene, prior_label: str, *, is_painted: bool) -> list[Patch | Line2D]:
     handles: list[Patch | Line2D] = []
     if scene.prior is not None:
         handles.append(Patch(color=PRIOR_COLOUR, label=prior_label))
-    if scene.estimate is not None:
+    if scene.estimate is not None and not is_painted:
         handles.append(Patch(color=ESTIMATE_COLOUR, label="estimate"))
     if scene.truth is not None:
         handles.append(Line2D([], [], color=TRUTH_COLOUR, linewidth=2.5, label="true pose"))

@@ -6,7 +6,7 @@ from pydrake.multibody.plant import AddMultibodyPlant, CoulombFriction, Multibod
 from pydrake.multibody.tree import RevoluteJoint, SpatialInertia
 from pydrake.systems.framework import Context, DiagramBuilder
 
-from tactopose_drake.display.body_meshes import BodyMeshes, Triangles
+from tactopose_drake.display.body_meshes import BodyMeshes, Triangles, sphere_triangles
 from tactopose_drake.errors import InvalidInputError
 
 X_BG = RigidTransform(RollPitchYaw(0.4, -0.2, 0.9), [0.01, 0.02, -0.03])
@@ -105,3 +105,14 @@ def test_a_context_without_a_scene_graph_is_refused() -> None:
     plant, _ = make_hand(Sphere(0.01))
     with pytest.raises(InvalidInputError, match="not connected to a SceneGraph"):
         BodyMeshes.in_palm(plant, plant.CreateDefaultContext(), plant.GetFrameByName("palm"))
+
+
+def test_spheres_are_where_they_are_said_to_be() -> None:
+    centers, radii = np.array([[0.0, 0.0, 0.1], [0.05, 0.0, 0.0]]), np.array([0.01, 0.02])
+    surface = sphere_triangles(centers, radii)
+    first, second = np.split(surface.vertices, 2)
+    np.testing.assert_allclose(np.linalg.norm(first - centers[0], axis=1), radii[0])
+    np.testing.assert_allclose(np.linalg.norm(second - centers[1], axis=1), radii[1])
+    assert np.all(surface.faces[: len(surface.faces) // 2] < len(first))
+    assert surface.faces[len(surface.faces) // 2 :].min() == len(first)
+    assert surface.colour.shape == surface.vertices.shape

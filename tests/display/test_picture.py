@@ -134,3 +134,16 @@ def test_a_hand_over_the_object_lets_it_shine_through(model: ObjectModel, tmp_pa
         tmp_path / "b.png", Scene(model=model, contacts=Contacts.empty(), estimate=RigidTransform(), hand=hand)
     )
     assert 0.02 < share(inside, ESTIMATE_COLOUR) < share(bare, ESTIMATE_COLOUR)
+
+
+def test_the_estimate_is_painted_as_its_vertices_are(model: ObjectModel, tmp_path: Path) -> None:
+    red, blue = (0.9, 0.1, 0.1), (0.1, 0.1, 0.9)
+    colours = np.where(model.vertices[:, 2:] > 0.0, red, blue)
+    scene = Scene(model=model, contacts=Contacts.empty(), prior=X_off, estimate=RigidTransform())
+    save_picture(tmp_path / "picture.png", scene, colours=colours)
+    left, right = np.split(imread(tmp_path / "picture.png")[..., :3], 2, axis=1)
+    assert share(right, red) > 0.03
+    assert share(right, blue) > 0.03
+    assert share(right, ESTIMATE_COLOUR) < 0.01
+    assert share(left, PRIOR_COLOUR) > 0.1
+    assert share(left, blue) < 0.001

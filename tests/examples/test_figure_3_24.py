@@ -43,5 +43,17 @@ def test_the_errors_are_those_at_the_places(example: ModuleType, tmp_path: Path)
     at_place = np.array([False, True, True, True])
     track = example.Track(np.arange(4.0), truth, vision, 0.1 * vision, ["ok"] * 4, np.zeros(4), at_place, 0.0)
     np.testing.assert_allclose(track.errors(track.vision), [20.0, 40.0])
-    example.save_plot({"soda_can": track}, tmp_path / "plot.png")
+    example.save_plot({("soda_can", tracker): track for tracker in example.TRACKERS}, tmp_path / "plot.png")
     assert (tmp_path / "plot.png").stat().st_size > 10_000
+
+
+def test_the_errors_stand_beside_those_of_the_thesis(example: ModuleType) -> None:
+    truth = np.zeros((2, 3))
+    seen, lost = np.array([[0.02, 0.0, 0.0], [0.04, 0.0, 0.0]]), np.full((2, 3), np.nan)
+    track = example.Track(
+        np.arange(2.0), truth, seen, lost, ["ok"] * 2, np.array([0.1, 0.3]), np.ones(2, dtype=np.bool_), 7.0
+    )
+    (row,) = [
+        line for line in example.markdown({("tea_box", "knows"): track}, 1, 5).splitlines() if line.startswith("| tea")
+    ]
+    assert row == "| tea_box | knows | 10 to 30 | 30.0 (40.0) | no pose | 80.2 | 20.0 | 7 |"

@@ -61,14 +61,3 @@ def test_the_initial_pose_of_the_global_search_is_far_away(script: ModuleType) -
         poses[:, :, :3] @ poses[:, :, :3].swapaxes(1, 2), np.tile(np.eye(3), (50, 1, 1)), atol=1e-9
     )
     assert np.ptp(poses[:, 0, 3]) > script.FAR
-
-
-def test_the_hand_is_drawn_as_its_spheres(script: ModuleType) -> None:
-    grasp = SimpleNamespace(p_PH=np.array([[0.0, 0.0, 0.1], [0.05, 0.0, 0.0]]), radius=np.array([0.01, 0.02]))
-    hand = script.hand_surface(grasp)
-    first, second = np.split(hand.vertices, 2)
-    np.testing.assert_allclose(np.linalg.norm(first - grasp.p_PH[0], axis=1), 0.01)
-    np.testing.assert_allclose(np.linalg.norm(second - grasp.p_PH[1], axis=1), 0.02)
-    assert hand.faces.min() == 0
-    assert hand.faces.max() == len(hand.vertices) - 1
-    assert np.all(hand.faces[: len(hand.faces) // 2] < len(first))
