@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
+from tactopose_drake.core.contacts import Contacts
 from tactopose_drake.core.evidence import Evidence
 from tactopose_drake.core.objectives.patch_contact import PatchContact
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
@@ -16,6 +17,8 @@ from tactopose_drake.core.validation import FloatArray
 _IMPLAUSIBLE = 1e-6
 # What a pad's place and turn may be off by, at the true pose.
 _MISPLACEMENTS = 6
+# A pose is no farther from the truth than so many standard deviations.
+_SIGMAS = 6.0
 
 
 def degrees_of_freedom(evidence: Evidence) -> int:
@@ -41,6 +44,22 @@ def explain_touch(model: ObjectModel, evidence: Evidence, X_PO: FloatArray) -> N
         limits = np.array([_limit(_MISPLACEMENTS + _of_patch(patch)) for patch in evidence.patches])
         explained &= np.all(PatchContact(model.grid, evidence.patches).pad_costs(X_PO) <= limits, axis=1)
     return explained
+
+
+def may_be_touched(model: ObjectModel, X_PO: FloatArray, covariance: FloatArray, contacts: Contacts) -> bool:
+    """Whether an object of which a pose is known may be what is touched: whether any contact is within its reach.
+
+    Args:
+        model: the object.
+        X_PO: where it is or was lately, shape (3, 4).
+        covariance: of the increment (w, v) from it, shape (6, 6), rad and m.
+        contacts: in P, at least one.
+    """
+    rotation, translation = (float(np.linalg.eigvalsh(covariance[part, part])[-1]) for part in (slice(3), slice(3, 6)))
+    # Within its size are the turns about its origin, and what it may have moved in the hand meanwhile.
+    reach = model.size + _SIGMAS * np.sqrt(translation + model.size**2 * rotation)
+    p_OC = (contacts.p_PC - X_PO[:, 3]) @ X_PO[:, :3]
+    return bool(np.any(np.abs(model.grid.distance(p_OC)) < reach))
 
 
 def _limit(count: int) -> float:

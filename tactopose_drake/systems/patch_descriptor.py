@@ -67,14 +67,12 @@ class PatchDescriptor(LeafSystem):
     - pressures_<pad>: one per pad, of its cells, Pa; NaN where a cell is dead or, all of them, where there is no
       reading. May stay unconnected, which counts as no reading.
     - age_<pad>: one per pad, of its pressures, s, shape (1,). May stay unconnected where pressures are never old.
-    - patches: tuple of `Patch` in P of the pads with a reading that is not too old, in the order of the hand's
+    - patches: tuple of `Patch` in P of the pads with a usable reading that is not too old, in the order of the hand's
       description; those that nothing touches have the status "no_contact". Changes with any input.
     - pads: tuple of the names of those pads, one for each patch.
     - status: str, "ok" where every pad feels the object; else each pad that does not, and why: "no contact", "no
-      reading", "stale: " and its age, or a joint position that is not finite.
-
-    Raises:
-        InvalidInputError: when a pressure is negative or infinite; the message names the port.
+      reading", "stale: " and its age, "unusable: " and which pressure is negative or infinite, or a joint position that
+      is not finite.
     """
 
     def __init__(self, plant: MultibodyPlant, hand: Hand, params: PatchDescriptorParams | None = None) -> None:
@@ -158,7 +156,7 @@ class PatchDescriptor(LeafSystem):
                 described[name] = self._describe(name, X_PT[name], pressure)
         cached.set_value(described)
 
-    def _describe(self, name: str, X_PT: RigidTransform, pressure: FloatArray) -> Patch:
+    def _describe(self, name: str, X_PT: RigidTransform, pressure: FloatArray) -> Patch | str:
         pad: TactilePad = self._pads[name]
         try:
             return describe_patch(
@@ -170,7 +168,7 @@ class PatchDescriptor(LeafSystem):
                 saturation=pad.model.range,
             )
         except InvalidInputError as error:
-            raise InvalidInputError(f"input port 'pressures_{name}': {error}") from None
+            return f"unusable: {error}"
 
     def _calc_patches(self, context: Context, output: AbstractValue) -> None:
         described: dict[str, Any] = self._described.Eval(context)

@@ -10,14 +10,18 @@ from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSys
 
 from tactopose_drake.core.hypotheses import free_directions
 from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.plausibility import may_be_touched
+from tactopose_drake.core.tracking.frame import Frame
 from tactopose_drake.core.tracking.pose_belief import PoseBelief
 from tactopose_drake.core.tracking.pose_tracker import PoseTracker, PoseTrackerParams
-from tactopose_drake.core.validation import positive_number
+from tactopose_drake.core.validation import FloatArray, positive_number
 from tactopose_drake.errors import PortTypeError
 from tactopose_drake.estimates import PoseEstimate, PoseHypothesis, Status
 from tactopose_drake.systems.belief_inputs import BeliefInputs, Reading, Remembered
 from tactopose_drake.systems.ports import eval_optional_input
 
+# A mode that carries less is one of several.
+_MOST_OF_THE_MASS = 0.5
 _STATUSES: dict[str, Status] = {"ok": "ok", "slipping": "ok", "ambiguous": "ambiguous"}
 
 
@@ -139,11 +143,11 @@ class PoseBeliefEstimator(LeafSystem):
         reading = self._read(context, state)
         pending = context.get_abstract_state(self._pending).get_value()
         latest = self._step(pending[-1], reading)
+        set_back = latest.belief.time < pending[-1].belief.time
         # Kept are those that are still to be shown.
-        now = latest.belief.time
-        oldest, set_back = now - self._params.latency - 2.0 * self._params.period, now < pending[-1].belief.time
-        kept = () if set_back else tuple(timed for timed in pending if timed.belief.time > oldest)
-        state.get_mutable_abstract_state(self._pending).set_value((*kept, latest))
+        oldest = latest.belief.time - self._params.latency - 2.0 * self._params.period
+        pending = (*(timed for timed in pending if timed.belief.time > oldest), latest)
+        state.get_mutable_abstract_state(self._pending).set_value(pending)
         if self._params.latency == 0.0 or set_back:
             state.get_mutable_abstract_state(self._shown).set_value(latest)
         return EventStatus.Succeeded()
@@ -163,13 +167,34 @@ class PoseBeliefEstimator(LeafSystem):
         if frame.time < before.time:
             remarks = (f"begun anew: the clock went back from {before.time:g} s", *remarks)
             before = self._tracker.start(frame.time)
+        elif before.has_pose and self._says_nothing(before, frame):
+            before = dataclasses.replace(
+                self._tracker.start(before.time), history=before.history, vision=before.vision, X_WP=before.X_WP
+            )
+        seen = frame.vision
+        if seen is not None and not self._may_be_touched(seen.X_PO, seen.covariance, frame):
+            frame = dataclasses.replace(frame, vision=None)
+            remarks = ("vision is not believed: it is out of reach of the touch", *remarks)
         try:
             belief = self._tracker.step(before, frame)
         except np.linalg.LinAlgError as error:  # of numbers beyond arithmetic
             belief = self._tracker.start(frame.time)
             belief = dataclasses.replace(belief, remarks=(f"begun anew: {error}",), vision=before.vision)
+        if belief.status == "slipping" and belief.probability[0] < _MOST_OF_THE_MASS:
+            remarks = ("none of several poses carries most of the mass", *remarks)
         belief = dataclasses.replace(belief, remarks=(*belief.remarks, *remarks))
         return TimedBelief(belief, time.perf_counter() - started)
+
+    def _says_nothing(self, belief: PoseBelief, frame: Frame) -> bool:
+        """Whether something is felt or seen of an object that may be anywhere by now, or that never was in reach."""
+        since = frame.time - max(belief.touch_time, belief.vision.believed_time)
+        is_news = frame.vision is not None and frame.vision.time not in belief.vision.times
+        is_forgotten = since > self._params.tracker.forget_time and (is_news or len(frame.evidence.touch) > 0)
+        return is_forgotten or not self._may_be_touched(belief.X_PO[0], belief.covariance[0], frame)
+
+    def _may_be_touched(self, X_PO: FloatArray, covariance: FloatArray, frame: Frame) -> bool:
+        contacts = frame.evidence.touch
+        return not len(contacts) or may_be_touched(self._model, X_PO, covariance, contacts)
 
     def _read(self, context: Context, state: State) -> Reading:
         """All that the inputs say now; writes what is to be remembered of it into the state."""
@@ -229,7 +254,10 @@ def estimate_of(belief: PoseBelief, size: float, duration: float = 0.0) -> PoseE
             belief.X_PO, belief.probability, belief.covariance, free, belief.explains_touch, strict=True
         )
     )
-    return PoseEstimate(hypotheses, _STATUSES.get(belief.status, "no_solution"), duration)
+    status = _STATUSES.get(belief.status, "no_solution")
+    if status == "ok" and belief.probability[0] < _MOST_OF_THE_MASS:
+        status = "ambiguous"
+    return PoseEstimate(hypotheses, status, duration)
 
 
 def _pose(belief: PoseBelief) -> RigidTransform:

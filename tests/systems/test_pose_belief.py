@@ -1,4 +1,6 @@
 import math
+import re
+import threading
 
 import numpy as np
 import pytest
@@ -10,6 +12,8 @@ from pydrake.systems.framework import Context
 from tactopose_drake.core.contacts import Contacts
 from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.prior import PosePrior
+from tactopose_drake.core.tracking.frame import Frame
+from tactopose_drake.core.tracking.pose_belief import PoseBelief
 from tactopose_drake.core.tracking.pose_measurement import PoseMeasurement
 from tactopose_drake.core.tracking.pose_tracker import PoseTracker
 from tactopose_drake.errors import InvalidInputError, PortTypeError
@@ -121,7 +125,7 @@ def test_sensors_that_drop_out_and_vision_that_fails_change_the_status_alone(box
     bench.feel(10)
     far = PoseMeasurement.from_prior(PosePrior(RigidTransform([3.0, 0.0, 0.0])), bench.context.get_time())
     bench.fix(vision=far)
-    assert bench.feel(5) == "ok: vision is not believed"
+    assert bench.feel(5) == "ok: vision is not believed: it is out of reach of the touch"
     bench.fix(contacts=Contacts.empty(), fingers_in_contact=())
     bench.simulator.AdvanceTo(bench.context.get_time() + 0.05)
     assert str(bench.read("status")).startswith("no_contact")
@@ -194,3 +198,33 @@ def test_live_an_exception_reaches_the_loop(box: ObjectModel, monkeypatch: pytes
     with pytest.raises(RuntimeError, match="no more"):
         bench.feel()
     system.close()
+
+
+def test_live_a_belief_that_falls_behind_tells_its_age_and_is_lost(
+    box: ObjectModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    step, may_go_on = PoseTracker.step, threading.Event()
+
+    def wait(tracker: PoseTracker, belief: PoseBelief, frame: Frame) -> PoseBelief:
+        may_go_on.wait(20.0)
+        return step(tracker, belief, frame)
+
+    with LivePoseBeliefEstimator(box) as system:
+        bench = Bench(system)
+        bench.fix(vision=SEEN)
+        for _ in range(2000):
+            if bench.feel() == "ok":
+                break
+        monkeypatch.setattr(PoseTracker, "step", wait)
+        bench.feel(12)
+        assert re.match(r"ok: the belief is 0\.\d\d s old$", str(bench.read("status")))
+        bench.feel(20)
+        assert re.match(r"lost: the belief is 0\.\d\d s old$", str(bench.read("status")))
+        assert bench.read("hypotheses").status == "no_solution"
+        assert bench.read("belief").status == "lost"
+        may_go_on.set()
+        for _ in range(2000):
+            if bench.feel() == "ok":
+                break
+        else:
+            pytest.fail("the thread never caught up")

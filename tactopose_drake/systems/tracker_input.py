@@ -1,0 +1,62 @@
+"""The pose that somebody else's tracker measures, as an estimate and a belief take it."""
+
+import numpy as np
+from pydrake.common.value import AbstractValue
+from pydrake.math import RigidTransform
+from pydrake.systems.framework import Context, LeafSystem, ValueProducer
+
+from tactopose_drake.core.tracking.pose_measurement import PoseMeasurement
+from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.systems.ports import eval_input
+
+
+class TrackerInput(LeafSystem):
+    """Makes a measurement of what a tracker says; what cannot be one counts as no answer, and the status says why.
+
+    .. pydrake_system::
+
+        name: TrackerInput
+        input_ports:
+        - pose
+        - picture_time
+        - covariance
+        output_ports:
+        - vision
+        - status
+
+    - pose: `RigidTransform` X_PO at the time of the picture.
+    - picture_time: of the picture, not of its delivery, s of the diagram's time, shape (1,).
+    - covariance: of the increment (w, v) from the pose to the true one row by row, shape (36,), rad and m.
+    - vision: `PoseMeasurement`, or None where a number is not finite or the covariance is none; changes with any input.
+    - status: str, "ok", or why there is none; likewise.
+    """
+
+    def __init__(self) -> None:
+        """Declares the ports."""
+        super().__init__()
+        self._pose = self.DeclareAbstractInputPort("pose", AbstractValue.Make(RigidTransform()))
+        self._time = self.DeclareVectorInputPort("picture_time", 1)
+        self._covariance = self.DeclareVectorInputPort("covariance", 36)
+        self._measured = self.DeclareCacheEntry(
+            "measurement and status",
+            ValueProducer(allocate=lambda: AbstractValue.Make((None, "")), calc=self._measure),
+            {port.ticket() for port in (self._pose, self._time, self._covariance)},
+        )
+        for index, (name, model) in enumerate((("vision", None), ("status", ""))):
+            self._declare_output(name, AbstractValue.Make(model), index)
+
+    def _declare_output(self, name: str, model: AbstractValue, index: int) -> None:
+        def calc(context: Context, output: AbstractValue) -> None:
+            output.set_value(self._measured.Eval(context)[index])
+
+        self.DeclareAbstractOutputPort(name, model.Clone, calc, prerequisites_of_calc={self._measured.ticket()})
+
+    def _measure(self, context: Context, cached: AbstractValue) -> None:
+        pose = eval_input(self._pose, context, RigidTransform)
+        covariance = np.asarray(self._covariance.Eval(context)).reshape(6, 6)
+        try:
+            measured = PoseMeasurement(self._time.Eval(context)[0], pose.GetAsMatrix34(), covariance), "ok"
+        except InvalidInputError as error:
+            cached.set_value((None, str(error)))
+            return
+        cached.set_value(measured)
