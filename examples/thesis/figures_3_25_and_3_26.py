@@ -5,8 +5,8 @@
 A bust is touched by five contacts (0.9 mm, 5 degrees); the guess is off by up to 100 mm and 60 degrees. Gradient
 descent (figure 3.25) and Levenberg-Marquardt (figure 3.26) start from it and end in the minimum next to it; the pair
 search looks wherever the guess allows. Prints how often each ends within 10 mm and 15 degrees of the truth and how
-often the errors fall, and writes that as Markdown (far_guesses.md) with the plots of final over initial error
-(far_guesses.png).
+often the errors fall, and writes that as Markdown (figures_3_25_and_3_26.md) with the plots of final over initial error
+(figures_3_25_and_3_26.png).
 
 The guess is given with the sigma of the displacements along each axis. The thesis gives no numbers for these figures.
 
@@ -100,8 +100,8 @@ def main(trials: int, seed: int, out: Path | None) -> None:
     print(text)
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
-        (out / "far_guesses.md").write_text(text, encoding="utf-8")
-        plot(initial, ended, out / "far_guesses.png")
+        (out / "figures_3_25_and_3_26.md").write_text(text, encoding="utf-8")
+        plot(initial, ended, out / "figures_3_25_and_3_26.png")
 
 
 if __name__ == "__main__":

@@ -15,16 +15,19 @@ from numpy.typing import NDArray
 from pose_experiments import FINGER_COUNTS, LEVELS, MAIN_CELL, METHODS, Cell, Results, Runs
 
 PARTS = ("position error, mm", "orientation error, deg")
+# The thesis' figures of mean errors and success rates, by the experiment's name.
+MEAN_ERRORS = {"correction": "figure_4_9", "global": "figure_4_12"}
+SUCCESS_RATES = {"correction": "figure_4_10", "global": "figure_4_13"}
 
 
 def save_figures(results: Results, folder: Path) -> None:
     """Mean errors and success rates; where there is a guess, also the histograms and initial against final error."""
     name = results.experiment.name
-    _print(_mean_errors(results), folder / f"{name}_mean_errors.png")
-    _print(_success_rates(results), folder / f"{name}_success.png")
+    _print(_mean_errors(results), folder / f"{MEAN_ERRORS[name]}.png")
+    _print(_success_rates(results), folder / f"{SUCCESS_RATES[name]}.png")
     if results.experiment.guess:
-        _print(_histograms(results), folder / f"{name}_histograms.png")
-        _print(_initial_against_final(results), folder / f"{name}_initial_against_final.png")
+        _print(_histograms(results), folder / "figure_4_8.png")
+        _print(_initial_against_final(results), folder / "figure_4_20.png")
 
 
 def _methods(results: Results) -> list[str]:

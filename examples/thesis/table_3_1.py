@@ -307,16 +307,18 @@ def markdown(results: Results, seed: int) -> str:
 def plot(results: dict[Row, Array], path: Path) -> None:
     """Initial against final error of the cube, as in figures 3.12 to 3.19, and the same for our row."""
     rows = (THESIS_ROWS[1], THESIS_ROWS[3], OUR_ROWS[1])
+    numbers = (range(12, 16), range(16, 20), ("",) * 4)
     figure = Figure(figsize=(14, 10), layout="constrained")
     axes = figure.subplots(len(rows), 4)
     before = results[INITIAL][:, ERRORS]
-    for line, row in zip(axes, rows, strict=True):
+    for line, row, places in zip(axes, rows, numbers, strict=True):
         after = results[row][:, ERRORS]
-        for axis, x, y, name in zip(line, before.T, after.T, COLUMNS[ERRORS], strict=True):
+        for axis, x, y, name, number in zip(line, before.T, after.T, COLUMNS[ERRORS], places, strict=True):
             better = y < x
             axis.plot(x[better], y[better], "b.", x[~better], y[~better], "rx")
             axis.axline((0, 0), slope=1, color="0.7", linewidth=0.8)
-            axis.set(xlabel=f"initial {name}", ylabel=f"final {name}", title="\n".join(row))
+            figure_name = f"Figure 3.{number}: " if number else ""
+            axis.set(xlabel=f"initial {name}", ylabel=f"final {name}", title=f"{figure_name}{row[0]}\n{row[1]}")
     FigureCanvasAgg(figure).print_png(path)
 
 
