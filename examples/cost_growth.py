@@ -2,8 +2,9 @@
 
     python examples/cost_growth.py --out out
 
-Prints the median CPU time of an estimate over the number of contacts, the cells of four pads, and the mesh's faces, and
-the cost that the thesis' search reaches over its number of particles; writes the tables as Markdown (cost_growth.md)
+Prints the median CPU time of an estimate over the number of contacts, the cells of four pads, and the mesh's faces;
+that of an identification over the number of objects (`identification_study.py --growth` has a thousand of them); and
+the cost and the time of the thesis' search over its number of particles. Writes the tables as Markdown (cost_growth.md)
 and the plots (cost_growth.png). Synthetic touches with 0.9 mm and 5 degrees of noise, and a guess 33 mm and 16 degrees
 off.
 """
@@ -21,6 +22,7 @@ import trimesh
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from object_families import make_object
 
 import tactopose_drake as tp
 from tactopose_drake.core.evidence import Evidence
@@ -37,6 +39,7 @@ Array = NDArray[np.float64]
 CONTACTS = (3, 5, 10, 20, 50)
 PADS = ((4, 3), (8, 3), (12, 6), (20, 12))  # rows and columns of a pad's cells
 SUBDIVISIONS = (2, 3, 4, 5)  # of an icosphere: 320 to 20 480 faces
+OBJECTS = (1, 3, 10, 20)
 PARTICLES = (500, 1000, 2000, 5000, 10_000, 20_000)
 PITCH = 0.02  # of a pad's rows together, m
 SIGMAS = np.repeat([math.radians(16.0 / 1.6), 0.033 / 1.6], 3)  # mean lengths of 16 degrees and 33 mm
@@ -122,30 +125,47 @@ def over_faces(trials: int, seed: int) -> Curve:
     return Curve("Faces of the mesh, a lumpy ball", "faces", "CPU time, ms", faces, lines)
 
 
+def over_library(trials: int, seed: int) -> Curve:
+    """Which of the first objects of `object_families.py` is touched, all of them in memory."""
+    models = [tp.ObjectModel.from_mesh(make_object(index, seed)[1]) for index in range(max(OBJECTS))]
+    line = []
+    for count in OBJECTS:
+
+        def solve(trial: int, count: int = count) -> object:
+            generator = np.random.default_rng((seed, trial))
+            return tp.identify(models[:count], touch_surface(models[trial % count], np.eye(3, 4), 5, generator))
+
+        line.append(milliseconds(solve, trials))
+    return Curve("Objects to tell apart", "objects", "CPU time, ms", OBJECTS, {"identification": line})
+
+
 def over_particles(trials: int, seed: int) -> Curve:
-    """What the thesis' search reaches: the median of the best cost over that at the truth's minimum, and its time."""
+    """What the thesis' search reaches: the median of its least costs, and of its CPU times."""
     model = tp.ObjectModel.from_mesh(model_path("objects", "bust.obj"))
-    lines: dict[str, list[float]] = {"median cost, one at a time": [], "median cost, in batches of 100": []}
+    batches = {1: "one at a time", 100: "in batches of 100"}
+
+    def search(trial: int, particles: int, batch: int) -> tuple[float, float]:
+        design = MonteCarloDesign(
+            particles=particles, population=particles // 20, power=100.0, noise=0.4, cooling=2.0, confidence=99.0
+        )
+        generator = np.random.default_rng((seed, trial))
+        contacts = touch_surface(model, np.eye(3, 4), 5, generator)
+        prior = guess(generator)
+        objective = make_problem(model, Evidence(contacts, prior)).objective
+        started = time.process_time()
+        evolved = MonteCarlo(scale=10.0, batch=batch, correction=design)
+        least = evolved.evolve(objective, PriorSpace(prior), generator)[1].min()
+        return float(least), 1e3 * (time.process_time() - started)
+
+    lines: dict[str, list[float]] = {f"{what}, {how}": [] for what in ("cost", "ms") for how in batches.values()}
+    search(0, PARTICLES[0], 1)  # The first call compiles.
     for particles in PARTICLES:
-        for batch, line in zip((1, 100), lines.values(), strict=True):
-            design = MonteCarloDesign(
-                particles=particles,
-                population=particles // 20,
-                power=100.0,
-                noise=0.4,
-                cooling=2.0,
-                confidence=99.0,
-            )
-            costs = []
-            for trial in range(trials):
-                generator = np.random.default_rng((seed, trial))
-                contacts = touch_surface(model, np.eye(3, 4), 5, generator)
-                prior = guess(generator)
-                problem = make_problem(model, Evidence(contacts, prior))
-                search = MonteCarlo(scale=10.0, batch=batch, correction=design)
-                costs.append(search.evolve(problem.objective, PriorSpace(prior), generator)[1].min())
-            line.append(float(np.median(costs)))
-    return Curve("Particles of the thesis' search, bust", "particles", "cost", PARTICLES, lines)
+        for batch, how in batches.items():
+            for what, values in zip(
+                ("cost", "ms"), np.array([search(i, particles, batch) for i in range(trials)]).T, strict=True
+            ):
+                lines[f"{what}, {how}"].append(float(np.median(values)))
+    return Curve("Particles of the thesis' search, bust", "particles", "cost; CPU time, ms", PARTICLES, lines)
 
 
 def table(curve: Curve) -> list[str]:
@@ -158,9 +178,13 @@ def table(curve: Curve) -> list[str]:
 
 
 def draw(curves: Sequence[Curve], path: Path) -> None:
-    """All curves, beside each other."""
-    figure = Figure(figsize=(4.2 * len(curves), 3.6), layout="constrained")
-    for axes, curve in zip(np.atleast_1d(figure.subplots(1, len(curves))), curves, strict=True):
+    """All curves, three in a row."""
+    rows = math.ceil(len(curves) / 3)
+    figure = Figure(figsize=(13.0, 4.0 * rows), layout="constrained")
+    grid = figure.subplots(rows, 3, squeeze=False).ravel()
+    for axes in grid[len(curves) :]:
+        axes.set_axis_off()
+    for axes, curve in zip(grid[: len(curves)], curves, strict=True):
         for name, line in curve.lines.items():
             axes.plot(curve.x, line, ".-", label=name)
         axes.set(xscale="log", yscale="log", xlabel=curve.x_label, ylabel=curve.y_label, title=curve.title)
@@ -171,7 +195,7 @@ def draw(curves: Sequence[Curve], path: Path) -> None:
     FigureCanvasAgg(figure).print_png(path)
 
 
-STUDIES = (over_contacts, over_cells, over_faces, over_particles)
+STUDIES = (over_contacts, over_cells, over_faces, over_library, over_particles)
 
 
 @click.command()

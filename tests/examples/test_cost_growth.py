@@ -11,8 +11,9 @@ from tests.examples.scripts import load_script
 @pytest.fixture
 def script(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     module = load_script("cost_growth.py")
-    for name, few in {"CONTACTS": (3, 5), "PADS": ((4, 3),), "SUBDIVISIONS": (2,), "PARTICLES": (500, 2000)}.items():
-        monkeypatch.setattr(module, name, few)
+    few = {"CONTACTS": (3, 5), "PADS": ((4, 3),), "SUBDIVISIONS": (2,), "OBJECTS": (1, 2), "PARTICLES": (500, 2000)}
+    for name, values in few.items():
+        monkeypatch.setattr(module, name, values)
     return module
 
 
@@ -25,10 +26,14 @@ def test_each_study_has_a_table_and_a_curve(script: ModuleType, tmp_path: Path) 
     rows = [line.strip("| ").split(" | ") for line in text.splitlines() if line.startswith("| ") and line[2].isdigit()]
     numbers = np.concatenate([np.array(row, dtype=float) for row in rows])
     assert np.all(numbers > 0.0)
-    assert [int(row[0]) for row in rows] == [3, 5, 12, 320, 500, 2000]
+    assert [int(row[0]) for row in rows] == [3, 5, 12, 320, 1, 2, 500, 2000]
 
 
 def test_more_particles_reach_a_lower_cost(script: ModuleType) -> None:
     curve = script.over_particles(6, 1)
-    for line in curve.lines.values():
-        assert line[1] < line[0]
+    assert list(curve.lines) == [
+        f"{x}, {how}" for x in ("cost", "ms") for how in ("one at a time", "in batches of 100")
+    ]
+    for name, line in curve.lines.items():
+        if name.startswith("cost"):
+            assert line[1] < line[0]
