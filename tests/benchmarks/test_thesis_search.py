@@ -5,13 +5,7 @@ The search is taken as `method="monte_carlo"`, which minimises our likelihood, a
 (examples/thesis/published_search.py).
 """
 
-import importlib
 import itertools
-import statistics
-import time
-from collections.abc import Callable
-from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -21,15 +15,9 @@ import tactopose_drake as tp
 from tactopose_drake.core.poses import exp_so3, make_poses
 from tactopose_drake.core.synthetic_touch import touch_surface
 from tactopose_drake.resources import model_path
+from tests.benchmarks.support import load, median_seconds
 
 TRIALS = 50
-EXAMPLES = Path(__file__).parents[2] / "examples" / "thesis"
-
-
-def load(name: str) -> ModuleType:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(EXAMPLES))
-        return importlib.import_module(name)
 
 
 def make_trials(model: tp.ObjectModel, guess: bool) -> list[Any]:
@@ -45,16 +33,6 @@ def make_trials(model: tp.ObjectModel, guess: bool) -> list[Any]:
         noise = load("pose_experiments").MAIN_CELL.noise
         trials.append(grasp_trials.make_trial(model.name, grasp, 5, noise, (0, seed), guess))
     return trials
-
-
-def median_seconds(solve: Callable[[Any], object], trials: list[Any]) -> float:
-    """Of CPU time, after a first call that compiles."""
-    durations = []
-    for trial in (trials[0], *trials):
-        started = time.process_time()
-        solve(trial)
-        durations.append(time.process_time() - started)
-    return statistics.median(durations[1:])
 
 
 @pytest.mark.parametrize(("name", "guess", "rounds"), [("bust", True, 5), ("wine_glass", False, 1)])
