@@ -1,4 +1,4 @@
-"""Milliseconds of processor time of an identification by five contacts, and how many times as long the thesis' way to do it takes.
+"""Milliseconds of processor time of an identification by five contacts, beside the thesis' way to do it.
 
 `pytest -n 0 -s tests/benchmarks/test_identification.py` prints them; --benchmark-json keeps them as extra_info. The
 thesis runs its global search once for each object ([B16] section 6.2.1): here of our likelihood, and of few objects,
