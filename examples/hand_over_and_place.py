@@ -4,8 +4,10 @@ python examples/hand_over_and_place.py --seeds 100 --out out/hand_over
 
 After section 4.3.2.3 of [B16]. The pencil is handed over anyhow: turned by up to 10 degrees about each axis and shifted
 by up to 5 mm along each from where the hand expects it, slid by up to 20 mm along itself, either end up, at any spin.
-Whoever hands it over lets go once all five fingers carry their share; where some do not reach it, the hand opens, and
-gets it once more, elsewhere.
+Whoever hands it over holds on while the hand closes on it and feels where it lies. Mostly that is not where the hand
+holds it well: the hand opens, the arm brings it to where the pencil lies in the middle of the grip, and it closes once
+more. Once the pencil lies well and all five fingers carry their share, it is let go. A first touch that tells too
+little for that is made once more, with the pencil offered elsewhere.
 There is no vision and no prior: its pose comes from the five fingertips' forces alone. They tell the line that the
 pencil lies on. They do not tell its slide, its spin, and hardly which end is up, and the task does not ask for those:
 the hole takes either end, and the arm starts high and stops low enough for any slide that the hand-over allows.
@@ -41,6 +43,7 @@ from tactopose_drake.arms.place_planning import PlaceParams, PlacePlanner
 from tactopose_drake.arms.station import ArmParts, ArmSetup, ArmStation, SceneModel, make_arm_station
 from tactopose_drake.core.grasping.finger_reach import ReachParams
 from tactopose_drake.core.grasping.grasp_planner import GraspPlan, PlannerParams, plan_grasps
+from tactopose_drake.core.held_axis import HeldAxis
 from tactopose_drake.core.poses import exp_so3
 from tactopose_drake.grasping.hand_reach import make_hand_reach
 from tactopose_drake.hand import load_hand_config
@@ -76,20 +79,20 @@ class Trial:
 def plan_closing() -> GraspPlan:
     """How the hand closes: on any pencil alike, across its palm, with all five fingers.
 
-    Two fingers press from behind the bar and two from above, and the thumb presses it into the groove that they are,
-    between them: with hardly any friction the five forces balance. A grip whose balance needs friction holds at first;
-    then the pencil creeps, turns, and springs out.
+    The outer fingers press from the palm's side, the two between them from the front, and the thumb presses the bar
+    into the groove that they are: with hardly any friction the five forces balance. A grip whose balance needs friction
+    holds at first; then the pencil creeps, turns, and springs out.
     """
     bar = trimesh.creation.cylinder(radius=BAR_RADIUS, height=0.175, sections=64)
     bar.apply_translation([0.0, 0.0, 0.0875])
     # Off the joints' limits: a finger that meets the pencil later than planned is to go on closing.
     reach = make_hand_reach(load_hand_config("shadow_like"), ReachParams(lift=0.02, limit_margin=0.12))
     params = PlannerParams(
-        grasps=1, least_fingers=5, tilt_deg=10.0, normal_force=2.0, least_force=1.0, friction=0.15
+        grasps=3, least_fingers=5, tilt_deg=10.0, normal_force=2.0, least_force=1.0, friction=0.15
     )  # fmt: skip
     thumb_up = np.array([-0.05, 0.0, 0.0])  # the weight, N, in P
     model = tp.ObjectModel.from_mesh(bar, mass=0.0055)
-    plan = plan_grasps(model, reach, thumb_up, params, np.random.default_rng(3))[0]
+    plan = plan_grasps(model, reach, thumb_up, params, np.random.default_rng(6))[0]
     fingers = {}
     for name, part in plan.fingers.items():
         motion = part.motion
@@ -97,6 +100,13 @@ def plan_closing() -> GraspPlan:
         motion = dataclasses.replace(motion, q_touch=q_touch, set_force=FIRMNESS * motion.set_force)
         fingers[name] = dataclasses.replace(part, motion=motion)
     return dataclasses.replace(plan, fingers=fingers)
+
+
+def best_grip(closing: GraspPlan) -> HeldAxis:
+    """The axis of the bar that the hand is made to close on, from the middle of its touches towards the lower end."""
+    p_PG = np.mean([part.p_PC for part in closing.fingers.values()], axis=0)
+    direction, p_PB = -closing.X_PO[:, 2], closing.X_PO[:, 3]
+    return HeldAxis(p_PB + ((p_PG - p_PB) @ direction) * direction, direction, 0.0)
 
 
 def hand_over(plan: GraspPlan, generator: np.random.Generator) -> GraspPlan:
@@ -129,7 +139,9 @@ def write_collision_pencil(folder: Path) -> Path:
     return Path(shutil.copy(model_path("objects", "pencil.sdf"), folder / "pencil.sdf"))
 
 
-def make_trial_station(plan: GraspPlan, pencil: Path, seed: int) -> tuple[ArmStation, PlacePlanner]:
+def make_trial_station(
+    closing: GraspPlan, offered: GraspPlan, pencil: Path, seed: int
+) -> tuple[ArmStation, PlacePlanner]:
     """The whole diagram: sensing, estimate, decision, control."""
     scenario = Scenario(object=str(pencil), seed=seed)
     scenario.controller.closing_time = 1.6
@@ -145,7 +157,9 @@ def make_trial_station(plan: GraspPlan, pencil: Path, seed: int) -> tuple[ArmSta
 
     def add_decision(builder: DiagramBuilder, parts: ArmParts) -> OutputPort:
         X_FBase = setup.X_FBase.GetDeterministicValue()
-        planner = PlacePlanner(parts.arm_plant, parts.arm_alone, parts.hand.config, X_FBase, parts.model, place)
+        planner = PlacePlanner(
+            parts.arm_plant, parts.arm_alone, parts.hand.config, X_FBase, parts.model, best_grip(closing), place
+        )  # fmt: skip
         task = builder.AddNamedSystem("place_task", PlaceTask(planner, np.array(setup.q_start)))
         grasp = builder.GetSubsystemByName("grasp_controller")
         builder.Connect(grasp.GetOutputPort("holding"), task.GetInputPort("holding"))
@@ -159,14 +173,14 @@ def make_trial_station(plan: GraspPlan, pencil: Path, seed: int) -> tuple[ArmSta
         return task.GetOutputPort("arm_reference")
 
     model = tp.ObjectModel.from_mesh(model_path("objects", "pencil.obj"), mass=0.0055)
-    return make_arm_station(scenario, plan, setup, add_decision, model=model), planners[0]
+    return make_arm_station(scenario, offered, setup, add_decision, model=model), planners[0]
 
 
 def run_trial(plan: GraspPlan, pencil: Path, seed: int, longest: float = LONGEST) -> Trial:
     """One trial from the hand-over to the end."""
     started, trial = time.process_time(), Trial(seed)
     generator = np.random.default_rng(seed)
-    station, planner = make_trial_station(hand_over(plan, generator), pencil, seed)
+    station, planner = make_trial_station(plan, hand_over(plan, generator), pencil, seed)
     simulator = Simulator(station.diagram)
     context = simulator.get_mutable_context()
     station.start(context)
@@ -178,6 +192,7 @@ def run_trial(plan: GraspPlan, pencil: Path, seed: int, longest: float = LONGEST
             continue
         if phase == "receive":
             trial.tries += 1
+        if phase == "receive" and before == "again":
             _offer(station, context, hand_over(plan, generator))
         elif phase == "feel":
             station.object_joint.Unlock(station.plant.GetMyMutableContextFromRoot(context))

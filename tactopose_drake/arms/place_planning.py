@@ -1,4 +1,4 @@
-"""Plans how an arm puts a held rod into a hole that looks up."""
+"""Plans how an arm meets a rod that is handed over, and how it puts it into a hole that looks up."""
 
 import dataclasses
 
@@ -37,6 +37,7 @@ class PlaceParams:
     end_clearance: float = 0.02  # of the rod's end, were it handed over at its longest, above the box, m
     hand_clearance: float = 0.008  # of the hand above the box, m
     most_turn: float = 1.2  # angle between the fingers and the direction from the arm to the hole, rad
+    meet_turn: float = 0.3  # by which the hand may turn about the rod while it meets it, rad
     speed_share: float = 0.8  # of the joints' largest speeds
     insert_speed_share: float = 0.12
     most_acceleration: float = 3.0  # of any joint of the arm, rad/s^2
@@ -53,7 +54,7 @@ class PlaceParams:
 
 
 class PlacePlanner:
-    """Knows arm, hand, rod and hole; answers how the rod is held, and which motions put it into the hole."""
+    """Knows arm, hand, rod and hole; answers how the rod is held, and which motions lead to it and into the hole."""
 
     def __init__(
         self,
@@ -62,6 +63,7 @@ class PlacePlanner:
         hand: HandConfig,
         X_FBase: RigidTransform,
         model: ObjectModel,
+        grip: HeldAxis,
         params: PlaceParams,
     ) -> None:
         """Keeps references to the arm's plant and the model.
@@ -72,6 +74,7 @@ class PlacePlanner:
             hand: the hand.
             X_FBase: where its base is welded to the flange.
             model: the rod; its axis is its first axis of symmetry.
+            grip: the axis along which the hand holds a rod best.
             params: the hole, and how to go there.
 
         Raises:
@@ -81,6 +84,7 @@ class PlacePlanner:
         if not model.symmetries:
             raise InvalidInputError("model: has no axis of symmetry; allowed are rods.")
         self._arm_plant, self._arm, self._X_FBase, self._params = arm_plant, arm, X_FBase, params
+        self._grip = grip
         self._hand_plant, self._hand = make_hand_plant(hand)
         self._spheres = BodySpheres.of_hand(hand)
         self._axis, self._point = model.symmetries[0].axis, model.symmetries[0].point
@@ -118,6 +122,47 @@ class PlacePlanner:
         apart = held.point(self.longest_end) - before.point(self.longest_end)
         return float(np.linalg.norm(apart - (apart @ before.direction) * before.direction))
 
+    def misplacement(self, held: HeldAxis) -> float:
+        """How far a rod is, at its lower end, from where the hand would hold it best, across the rod, m."""
+        return self.end_distance(held, self._grip)
+
+    def meet(self, q: FloatArray, q_hand: FloatArray, held: HeldAxis) -> PiecewisePolynomial | None:
+        """The motion of the open hand to where a rod that stays where it is lies in it as the grip wants it.
+
+        None if the arm cannot. The hand does not move along the rod.
+
+        Args:
+            q: where the arm is, shape (na,), rad.
+            q_hand: positions of the hand's joints, rad.
+            held: the rod's axis in the palm, as felt at `q`.
+        """
+        context = self._arm_plant.CreateDefaultContext()
+        self._arm_plant.SetPositions(context, q)
+        hand_context = self._hand_plant.CreateDefaultContext()
+        self._hand_plant.SetPositions(hand_context, q_hand)
+        X_FP = self._X_FBase @ self._hand.palm_frame.CalcPoseInWorld(hand_context)
+        X_WP = self._arm.flange.CalcPoseInWorld(context) @ X_FP
+        along = (self._grip.p_PQ - held.p_PQ) @ held.direction
+        forward_P = np.array([0.0, 0.0, 1.0])
+        goal = AxisGoal(
+            p_FQ=X_FP.multiply(self._grip.p_PQ),
+            direction_F=X_FP.rotation().multiply(self._grip.direction),
+            p_WQ=X_WP.multiply(held.point(float(along))),
+            direction_W=X_WP.rotation().multiply(held.direction),
+            forward_F=X_FP.rotation().multiply(forward_P),
+            forward_W=X_WP.rotation().multiply(forward_P),
+            most_turn=self._params.meet_turn,
+        )
+        found = reach_axis(self._arm_plant, self._arm.flange, goal, q, [q])
+        if found is None:
+            return None
+        return smooth_motion(
+            self._arm_plant,
+            np.array([q, found]),
+            speed_share=self._params.insert_speed_share,
+            most_acceleration=self._params.most_acceleration,
+        )
+
     def plan(
         self, q: FloatArray, q_hand: FloatArray, held: HeldAxis
     ) -> tuple[PiecewisePolynomial, PiecewisePolynomial, PiecewisePolynomial] | None:
@@ -133,13 +178,10 @@ class PlacePlanner:
         params, generator = self._params, np.random.default_rng(self._params.seed)
         context = self._hand_plant.CreateDefaultContext()
         self._hand_plant.SetPositions(context, q_hand)
-        X_FP = self._X_FBase @ self._hand.palm_frame.CalcPoseInWorld(context)
-        p_PH = (
-            self._hand.palm_frame.CalcPoseInWorld(context)
-            .inverse()
-            .multiply(self._spheres.positions(self._hand_plant.get_body_poses_output_port().Eval(context)).T)
-            .T
-        )
+        X_BaseP = self._hand.palm_frame.CalcPoseInWorld(context)
+        X_FP = self._X_FBase @ X_BaseP
+        p_BaseH = self._spheres.positions(self._hand_plant.get_body_poses_output_port().Eval(context))
+        p_PH = X_BaseP.inverse().multiply(p_BaseH.T).T
         highest = self.longest_end + params.end_clearance
         lowest = self._hand_depth(p_PH, held) + params.hand_clearance
         lowest_points = np.vstack([X_FP.multiply(p_PH.T).T, X_FP.multiply(held.point(self.longest_end))])

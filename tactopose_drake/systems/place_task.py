@@ -17,14 +17,21 @@ from tactopose_drake.core.validation import FloatArray, positive_number
 from tactopose_drake.estimates import PoseEstimate
 from tactopose_drake.systems.ports import eval_input, eval_optional_input
 
+# Phases in which the hand is to be open.
+_OPEN = ("open", "meet", "again", "release", "retreat", "done")
+
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class PlaceTaskParams:
     """Times and limits of the task."""
 
     period: float = 0.02  # s between two decisions
-    tries: int = 4  # to get a grip in which every finger carries its share
-    settle_time: float = 0.5  # from the hand's hold to the first look at the estimate, s
+    # To get a grip in which every finger carries its share and the rod lies where the hand holds it best.
+    tries: int = 5
+    most_misplaced: float = 0.006  # of the lower end from there, across the rod, m
+    settle_time: float = (
+        0.5  # from the hand's hold, or from being left alone with the rod, to the look at the estimate, s
+    )
     patience: float = 2.0  # how long an estimate that is good enough is waited for, s
     most_sigma: float = 0.005  # standard deviation of the rod's lower end across its axis, m
     # Of the lower end in the palm while it is carried, beyond three standard deviations of the estimates, m.
@@ -49,8 +56,8 @@ class TaskState:
         q: the arm's positions at its end, or all along it if there is no motion, shape (nq,), rad.
         motion: of the arm, from `since` on.
         held: the rod's axis by which the motions were planned.
-        ahead: the motions that follow: the insertion, the retreat.
-        tried: how many grips were not firm.
+        ahead: the motions that follow: the insertion, the retreat; or the one to meet the rod.
+        tried: how many grips were given up.
         aligned: how often the rod was aligned anew above the hole.
     """
 
@@ -90,9 +97,13 @@ class PlaceTask(LeafSystem):
     - joint_positions: of the hand, shape (nq,), rad.
     - arm_reference: positions, then velocities of the arm's joints, shape (2 na,), rad and rad/s.
     - open: shape (1,), 1 where the hand is to open.
-    - phase: str, "receive", "again" (the hand opens for another try; whoever hands over holds on), "feel", "move",
-      "insert", "release", "retreat" and "done"; or "failed: " and why, from when on the arm stays where it is and the
-      hand holds on.
+    - phase: str, "receive", "touch", "open", "meet", "again", "feel", "move", "insert", "release", "retreat" and
+      "done"; or "failed: " and why, from when on the arm stays where it is and the hand holds on.
+
+    Whoever hands over holds on until "feel". Before, the rod's place is felt ("touch"); where it does not lie in the
+    hand as it should, the hand opens ("open"), the arm brings it to where it does ("meet"), and it closes once more.
+    Where a grip tells too little for that, or is not firm although the rod lies well, the hand opens too ("again"), and
+    the rod is to be offered anew.
     """
 
     def __init__(self, planner: PlacePlanner, q_receive: FloatArray, params: PlaceTaskParams | None = None) -> None:
@@ -131,7 +142,12 @@ class PlaceTask(LeafSystem):
 
     def _update(self, context: Context, state: State) -> EventStatus:
         before = self.state(context)
-        decide = {"receive": self._receive, "again": self._again, "feel": self._feel}.get(before.phase, self._go_on)
+        decide = {
+            "receive": self._receive,
+            "touch": self._touch,
+            "again": self._again,
+            "feel": self._feel,
+        }.get(before.phase, self._go_on)
         after = before if before.phase == "done" or before.phase.startswith("failed") else decide(context, before)
         if after is not before:
             state.get_mutable_abstract_state(self._state).set_value(after)
@@ -140,12 +156,26 @@ class PlaceTask(LeafSystem):
     def _receive(self, context: Context, before: TaskState) -> TaskState:
         if self._holding.Eval(context)[0] <= 0.0:
             return before
-        status, time = eval_input(self._grasp_status, context, str), context.get_time()
-        if status == "holding":
+        return dataclasses.replace(before, phase="touch", since=context.get_time())
+
+    def _touch(self, context: Context, before: TaskState) -> TaskState:
+        """Decides, while the rod is still held by whoever hands it over, whether the grip is good."""
+        time = context.get_time()
+        if time - before.since < self._params.settle_time:
+            return before
+        held, status = self._held(context), eval_input(self._grasp_status, context, str)
+        misplacement = np.inf if held is None else self._planner.misplacement(held)
+        if misplacement <= self._params.most_misplaced and status == "holding":
             return dataclasses.replace(before, phase="feel", since=time)
-        if before.tried + 1 < self._params.tries:
-            return dataclasses.replace(before, phase="again", since=time, tried=before.tried + 1)
-        return self._fail(context, before, f"no firm grip in {self._params.tries} tries: {status}")
+        if before.tried + 1 >= self._params.tries:
+            return self._fail(context, before, f"no firm grip in {self._params.tries} tries: {status}")
+        after = dataclasses.replace(before, phase="again", since=time, tried=before.tried + 1)
+        # By an estimate that is less exact than the rod is misplaced, the hand gets nearer to it.
+        if held is not None and max(held.sigma, self._params.most_misplaced) < misplacement:
+            meet = self._planner.meet(before.q, self._positions.Eval(context), held)
+            if meet is not None:
+                return dataclasses.replace(after, phase="open", ahead=(meet,))
+        return after
 
     def _again(self, context: Context, before: TaskState) -> TaskState:
         if context.get_time() - before.since < self._params.open_time:
@@ -174,10 +204,11 @@ class PlaceTask(LeafSystem):
     def _go_on(self, context: Context, before: TaskState) -> TaskState:
         """Follows the motions; stops where the rod has moved in the hand."""
         time, passed = context.get_time(), context.get_time() - before.since
-        if before.phase == "release":
+        if before.phase in ("open", "release"):
             if passed < self._params.open_time:
                 return before
-            return TaskState("retreat", time, _end(before.ahead[0]), before.ahead[0])
+            following, motion = "meet" if before.phase == "open" else "retreat", before.ahead[0]
+            return TaskState(following, time, _end(motion), motion, tried=before.tried)
         assert before.motion is not None
         if before.phase in ("move", "insert"):
             lost = self._lost(context, before)
@@ -191,8 +222,9 @@ class PlaceTask(LeafSystem):
                 return aligned
             insert, retreat = before.ahead
             return TaskState("insert", time, _end(insert), insert, before.held, (retreat,))
-        if before.phase == "insert":
-            return dataclasses.replace(before, phase="release", since=time, motion=None)
+        if before.phase in ("meet", "insert"):
+            following = "receive" if before.phase == "meet" else "release"
+            return dataclasses.replace(before, phase=following, since=time, motion=None)
         return dataclasses.replace(before, phase="done", since=time, motion=None)
 
     def _align(self, context: Context, before: TaskState) -> TaskState | None:
@@ -240,7 +272,7 @@ class PlaceTask(LeafSystem):
         output.SetFromVector(np.concatenate(self._reference(context)))
 
     def _calc_open(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector([float(self.state(context).phase in ("again", "release", "retreat", "done"))])
+        output.SetFromVector([float(self.state(context).phase in _OPEN)])
 
     def _calc_phase(self, context: Context, output: AbstractValue) -> None:
         output.set_value(self.state(context).phase)
