@@ -20,54 +20,29 @@ far the bottle of grip f) has slid along its axis.
 
 Spearman's rho is between cost and error, twice. Once over the trials' final poses, as in the thesis. There it tells of
 search and objective together: where a search ends in the same minimum in every trial, all costs are the same but for
-what the minimum leaves open, and rho ranks that. How large a share of the trials ends so is printed with it. Once
-"on the way": over the true pose displaced by a random share, from none to all, of the trials' displacements. No search
-takes part, so this is the objective's own quality, which the thesis argues by rho; and those poses are off by about as
-much as the thesis' final poses are. The cost is the objective's, without the prior.
+what the minimum leaves open, and rho ranks that. A second table shows it: our objective minimised by three searches, of
+which the better ones have the smaller errors and the smaller rho. Once "on the way": over the true pose displaced by a
+random share, from none to all, of the trials' displacements. No search takes part, so this is the objective's own
+quality, which the thesis argues by rho; and those poses are off by about as much as the thesis' final poses are. The
+cost is the objective's, without the prior.
 
 The thesis' grasps are of other objects and hold others of their features: its a) to f) are beside ours by the letter.
 
 Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016, section 5.3.
 """
 
-import dataclasses
-import time
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import click
 import numpy as np
-from grasp_trials import pose_errors
 from matplotlib.figure import Figure
-from pad_grasps import (
-    DISTANCE,
-    GRIPS,
-    OURS,
-    PCA,
-    SIGMA_SHIFT,
-    SIGMA_TURN,
-    Array,
-    DisplacedSpace,
-    PadGrasp,
-    displaced_poses,
-    load_pad_grasp,
-)
+from pad_corrections import METHODS, SEARCHES, Trials, run_trials
+from pad_grasps import DISTANCE, GRIPS, OURS, PCA, Array, load_pad_grasp
 from rich import box
 from rich.console import Console
-from rich.progress import track
 from rich.table import Table
-from scipy.stats import spearmanr
 
-import tactopose_drake as tp
-from tactopose_drake.core.objectives.base import SumObjective
-from tactopose_drake.core.objectives.pose_prior import PriorObjective
-from tactopose_drake.core.poses import increments_between, retract
-from tactopose_drake.core.searches.base import PriorSpace
-from tactopose_drake.core.searches.patch_search import patch_search
-from tactopose_drake.programs.direct import Direct
-
-METHODS = (PCA, DISTANCE, OURS)
-DIRECT = Direct(max_evaluations=5000, refined=10)
 MEAN_LIMIT = (4.0, 5.0)  # mm, deg, asked of ours
 THESIS_MEAN = (7.6, 10.4)  # mm, deg, [B16] table 6.1
 GRASPS_ASKED = 5  # in which ours is to have a rho above the thesis'
@@ -76,6 +51,17 @@ COLUMNS = ("mean, mm", "mean, deg", "at least cost, mm", "at least cost, deg", "
 WAY_COLUMNS = ("rho on the way, mm", "rho on the way, deg")
 SAME_COST = 0.1  # trials of ours whose final costs differ from the least by less than this end in the same minimum
 DIGITS = (1, 1, 1, 1, 2, 2, 2, 2)
+SEARCH_COLUMNS = (
+    "in the least minimum, %",
+    "mean, mm",
+    "mean, deg",
+    "rho, mm",
+    "rho, deg",
+    "above in mm",
+    "above in deg",
+)
+SEARCH_DIGITS = (0, 1, 1, 2, 2, 0, 0)
+SEARCH_LEGEND = "Our objective by three searches, means over the grips, and in how many rho is above the thesis'"
 # [B16] table 5.3, in the order of `COLUMNS`.
 THESIS = {
     "a": {PCA: (7.8, 4.73, 0.5, 1.24, 0.57, 0.70), DISTANCE: (7.5, 23.7, 7.1, 25.34, 0.31, 0.41)},
@@ -87,75 +73,31 @@ THESIS = {
 }
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Trials:
-    """One objective's trials on one grasp.
-
-    Attributes:
-        cost: of the final poses, shape (n,).
-        error: of the final poses, mm and deg, shape (n, 2).
-        way_cost, way_error: the same of poses on the way from the true one to the displaced ones.
-        seconds: processor time of a trial, mean.
-    """
-
-    cost: Array
-    error: Array
-    way_cost: Array
-    way_error: Array
-    seconds: float
-
-    def numbers(self) -> Array:
-        """The columns, shape (8,)."""
-        at_least = self.error[self.cost.argmin()]
-        ends = rank_correlations(self.cost, self.error), rank_correlations(self.way_cost, self.way_error)
-        return np.concatenate([self.error.mean(axis=0), at_least, *ends])
-
-
-def rank_correlations(cost: Array, error: Array) -> Array:
-    """Spearman's rho, [B16] eq. 5.12, between costs (n,) and each column of errors (n, 2), shape (2,)."""
-    return np.array([spearmanr(cost, column).statistic for column in error.T])
-
-
-def errors_of(grasp: PadGrasp, X_PO: Array) -> Array:
-    """Errors of poses (n, 3, 4), mm and deg, shape (n, 2)."""
-    errors = pose_errors(grasp.model, X_PO, grasp.X_PO)
-    return np.stack([1e3 * errors.translation, np.degrees(errors.rotation)], axis=1)
-
-
-def correct(grasp: PadGrasp, method: str, X_PO: Array, generator: np.random.Generator) -> Array:
-    """The best pose (3, 4) that a method finds from a displaced one (3, 4)."""
-    objective = grasp.objectives[method]
-    if method != OURS:
-        found = DIRECT.minimize(objective, DisplacedSpace(X_PO), generator)
-    else:
-        prior = tp.PosePrior(X_PO, SIGMA_SHIFT, SIGMA_TURN)
-        search = patch_search(grasp.model, grasp.patches)
-        found = search.minimize(SumObjective([objective, PriorObjective(prior)]), PriorSpace(prior), generator)
-    best: Array = found.X_PO[0]
-    return best
-
-
-def run_trials(grasp: PadGrasp, trials: int, seed: tuple[int, int], label: str) -> dict[str, Trials]:
-    """Corrects the same displaced poses by every method."""
-    generator = np.random.default_rng(seed)
-    starts = displaced_poses(grasp.X_PO, trials, generator)
-    shares = generator.uniform(size=(trials, 1))
-    true = np.repeat(grasp.X_PO[None], trials, axis=0)
-    way = retract(true, shares * increments_between(true, starts))
-    console = Console(stderr=True)
-    results = {}
-    for method in METHODS:
-        correct(grasp, method, starts[0], np.random.default_rng(0))  # Compiles, and makes what a model keeps.
-        begin = time.process_time()
-        described = track(starts, f"{label}: {method}", console=console, transient=True)
-        X_PO = np.array([correct(grasp, method, start, generator) for start in described])
-        seconds = (time.process_time() - begin) / trials
-        cost = grasp.objectives[method].cost
-        results[method] = Trials(cost(X_PO), errors_of(grasp, X_PO), cost(way), errors_of(grasp, way), seconds)
-    return results
-
-
 Results = dict[str, dict[str, Trials]]  # by grip, by method
+
+
+def above_thesis(rho: Array, results: Results) -> Array:
+    """In how many grips rho (grips, 2) is above that of the thesis' PCA, for mm and deg, shape (2,)."""
+    above: Array = np.sum(rho > [THESIS[name[0]][PCA][4:] for name in results], axis=0)
+    return above
+
+
+def share_in_least_minimum(results: Results, search: str) -> float:
+    """Of the trials of each grip, the mean share that ends within `SAME_COST` of the least cost."""
+    costs = [trials[search].cost for trials in results.values()]
+    return float(np.mean([np.mean(cost < cost.min() + SAME_COST) for cost in costs]))
+
+
+def search_rows(results: Results) -> list[tuple[str, ...]]:
+    """For each search of our objective, means over the grips, and in how many rho is above the thesis'."""
+    lines = []
+    for search in SEARCHES:
+        numbers = np.array([trials[search].numbers() for trials in results.values()])
+        means = numbers.mean(axis=0)
+        share = 100.0 * share_in_least_minimum(results, search)
+        values = (share, *means[:2], *means[4:6], *above_thesis(numbers[:, 4:6], results))
+        lines.append((search, *(f"{x:.{digits}f}" for x, digits in zip(values, SEARCH_DIGITS, strict=True))))
+    return lines
 
 
 def verdicts(results: Results) -> list[str]:
@@ -164,12 +106,12 @@ def verdicts(results: Results) -> list[str]:
     means = {method: values[:, :2].mean(axis=0) for method, values in numbers.items()}
     held = bool(np.all(means[OURS] <= MEAN_LIMIT))
     over = [name for name, row in zip(results, numbers[OURS], strict=True) if np.any(row[:2] > MEAN_LIMIT)]
-    thesis = np.array([THESIS[name[0]][PCA][4:] for name in results])
-    above = np.sum(numbers[OURS][:, 4:6] > thesis, axis=0)
+    above = above_thesis(numbers[OURS][:, 4:6], results)
     way = np.array([numbers[method][:, 6:] for method in METHODS])
-    way_above, own_above = np.sum(way[2] > thesis, axis=0), np.sum(way[2] > way[:2].max(axis=0), axis=0)
+    way_above = above_thesis(way[2], results)
+    own_above = np.sum(way[2] > way[:2].max(axis=0), axis=0)
     off = np.mean([trials[OURS].way_error.mean(axis=0) for trials in results.values()], axis=0)
-    same = np.mean([np.mean(trials[OURS].cost < trials[OURS].cost.min() + SAME_COST) for trials in results.values()])
+    same = share_in_least_minimum(results, OURS)
     enough, way_enough = ("held" if min(count) >= GRASPS_ASKED else "NOT held" for count in (above, way_above))
     seconds = {method: np.mean([trials[method].seconds for trials in results.values()]) for method in METHODS}
     better = np.sum(np.where([True] * 4 + [False] * 4, numbers[OURS] < numbers[PCA], numbers[OURS] > numbers[PCA]))
@@ -221,6 +163,9 @@ def markdown(results: Results, seed: int) -> str:
         "|---|---|" + "---:|" * len(DIGITS),
     ]
     lines += ["| " + " | ".join(row) + " |" for row in rows(results)]
+    lines += ["", SEARCH_LEGEND, "", "| search | " + " | ".join(SEARCH_COLUMNS) + " |"]
+    lines.append("|---|" + "---:|" * len(SEARCH_DIGITS))
+    lines += ["| " + " | ".join(row) + " |" for row in search_rows(results)]
     return "\n".join([*lines, "", *(f"- {line}" for line in verdicts(results)), ""])
 
 
@@ -234,6 +179,13 @@ def print_table(results: Results, console: Console) -> None:
         table.add_row(f"{name[:2]} {method}", *(cell.replace(" ", "\n") for cell in cells), end_section=method == OURS)
     console.print(table)
     console.print("; ".join(results))
+    searches = Table(title=SEARCH_LEGEND, box=box.SIMPLE_HEAD, padding=0)
+    searches.add_column("search", no_wrap=True)
+    for heading in SEARCH_COLUMNS:
+        searches.add_column(heading.replace(", ", "\n"), justify="right")
+    for row in search_rows(results):
+        searches.add_row(*row)
+    console.print(searches)
     for line in verdicts(results):
         console.print(f"- {line}")
 
