@@ -25,8 +25,9 @@ class PoseHypothesis:
     """One pose that explains the touch.
 
     Attributes:
-        X_PO: the object's pose in the palm frame.
-        cost: negative log likelihood up to a constant: half the sum of squared whitened residuals.
+        X_PO: the object's pose in the palm frame: the mean of its mode, as far as that explains the touch about as
+            well as the mode's minimum does (its cost is higher by 0.3 at the most).
+        cost: its negative log likelihood up to a constant: half the sum of squared whitened residuals.
         probability: posterior weight among the hypotheses.
         covariance: (6, 6) of the increment (w, v): R_PO = R_hat exp(w), p_PO = p_hat + v; rad, m (v in P).
         free_directions: increments that the touch does not determine, orthonormal rows (f, 6); f = 0 where the pose is

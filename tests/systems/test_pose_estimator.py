@@ -232,24 +232,24 @@ def heights(estimate: PoseEstimate) -> list[float]:
 def test_hypotheses_that_collide_are_dropped(box: ObjectModel, slab: HandCollision) -> None:
     """Upright the box reaches down to z = -0.07, lying to -0.03."""
     estimate, status = step_over_slab(slab, box, -0.1)
-    assert sorted(heights(estimate)) == pytest.approx([0.10, 0.14], abs=1e-6)
+    assert sorted(heights(estimate)) == pytest.approx([0.10, 0.14], abs=2e-3)
     assert status == estimate.status
     estimate, status = step_over_slab(slab, box, -0.05)
-    assert heights(estimate) == pytest.approx([0.10], abs=1e-6)
+    assert heights(estimate) == pytest.approx([0.10], abs=2e-3)
     assert estimate.best.probability == pytest.approx(1.0)
     assert status == estimate.status == "ok"
 
 
 def test_the_tolerance_says_what_a_collision_is(box: ObjectModel, slab: HandCollision) -> None:
-    for tolerance, remaining in ((0.0007, 1), (0.0003, 2)):
-        estimate, status = step_over_slab(slab, box, -0.0295, collision_tolerance=tolerance)
+    for tolerance, remaining in ((0.007, 1), (0.003, 2)):
+        estimate, status = step_over_slab(slab, box, -0.025, collision_tolerance=tolerance)
         assert len(estimate.hypotheses) == remaining
         assert (status == "ok") == (remaining == 1)
 
 
 def test_where_every_hypothesis_collides_all_stay_and_the_status_says_so(box: ObjectModel, slab: HandCollision) -> None:
     estimate, status = step_over_slab(slab, box, -0.01)
-    assert sorted(heights(estimate)) == pytest.approx([0.10, 0.14], abs=1e-6)
+    assert sorted(heights(estimate)) == pytest.approx([0.10, 0.14], abs=2e-3)
     assert estimate.status == "ambiguous"
     assert status == "ambiguous: every hypothesis collides with the hand"
 
@@ -258,7 +258,7 @@ def test_where_every_hypothesis_collides_all_stay_and_the_status_says_so(box: Ob
 def test_the_hands_volume_is_evidence(box: ObjectModel, port: str) -> None:
     bench = Bench(box)
     bench.fix(contacts=from_above())
-    assert sorted(heights(bench.step()[1])) == pytest.approx([0.10, 0.14], abs=1e-6)
+    assert sorted(heights(bench.step()[1])) == pytest.approx([0.10, 0.14], abs=2e-3)
     below = HandGeometry([X_PO @ [0.0, 0.0, -0.05]], [0.01])
     bench.fix(**{port: below})
     estimate = bench.step()[1]
