@@ -51,7 +51,9 @@ from tactopose_drake.resources import model_path
 from tactopose_drake.scenario import Scenario
 from tactopose_drake.station_grasp import planned_pose
 from tactopose_drake.systems.place_task import PlaceTask
+from tactopose_drake.systems.random_sources import seed_random_sources
 
+DOWN_P = np.array(PlaceParams().down_P)
 HOLE_RADIUS, RIM = 0.015, 0.1  # m; the rim's height above the table
 TURN, SHIFT, SLIDE = math.radians(10.0), 0.005, 0.020  # of the hand-over, either way
 # The hand closes as it would on this bar, on beyond its surface and with more force: whatever it meets stops it.
@@ -66,11 +68,16 @@ class Trial:
     seed: int
     success: bool = False
     tries: int = 1  # until the hand had a firm grip
+    met: int = 0  # how often the arm brought the hand to the pencil
     outcome: str = ""
     angle_deg: float = math.nan  # between the pencil's axis as felt and in truth
     end_mm: float = math.nan  # how far the pencil's lower end is from where it is felt, across the pencil
     sigma_mm: float = math.nan  # its standard deviation as stated
     upside_down: float = math.nan  # probability that the hypotheses give to the wrong end up
+    # In truth, from when it was let go until the task failed or the hand was to open: how far the pencil turned in the
+    # hand, and how far its lower end moved.
+    turned_deg: float = math.nan
+    moved_mm: float = math.nan
     hole_mm: float = math.nan  # distance of the pencil's axis from the hole's in the rim's plane, before the release
     simulated: float = 0.0  # s
     cpu: float = 0.0  # s
@@ -139,11 +146,9 @@ def write_collision_pencil(folder: Path) -> Path:
     return Path(shutil.copy(model_path("objects", "pencil.sdf"), folder / "pencil.sdf"))
 
 
-def make_trial_station(
-    closing: GraspPlan, offered: GraspPlan, pencil: Path, seed: int
-) -> tuple[ArmStation, PlacePlanner]:
+def make_trial_station(closing: GraspPlan, pencil: Path) -> tuple[ArmStation, PlacePlanner]:
     """The whole diagram: sensing, estimate, decision, control."""
-    scenario = Scenario(object=str(pencil), seed=seed)
+    scenario = Scenario(object=str(pencil))
     scenario.controller.closing_time = 1.6
     # All of a pencil is within two millimetres of an edge, where the normal says little.
     scenario.estimation.contacts.sigma_position = 0.0006
@@ -173,18 +178,21 @@ def make_trial_station(
         return task.GetOutputPort("arm_reference")
 
     model = tp.ObjectModel.from_mesh(model_path("objects", "pencil.obj"), mass=0.0055)
-    return make_arm_station(scenario, offered, setup, add_decision, model=model), planners[0]
+    return make_arm_station(scenario, closing, setup, add_decision, model=model), planners[0]
 
 
-def run_trial(plan: GraspPlan, pencil: Path, seed: int, longest: float = LONGEST) -> Trial:
+def run_trial(
+    closing: GraspPlan, station: ArmStation, planner: PlacePlanner, seed: int, longest: float = LONGEST
+) -> Trial:
     """One trial from the hand-over to the end."""
     started, trial = time.process_time(), Trial(seed)
     generator = np.random.default_rng(seed)
-    station, planner = make_trial_station(plan, hand_over(plan, generator), pencil, seed)
     simulator = Simulator(station.diagram)
     context = simulator.get_mutable_context()
     station.start(context)
-    phase, ends_at = "receive", longest
+    seed_random_sources(station.diagram, context, seed)
+    _offer(station, context, hand_over(closing, generator))
+    phase, ends_at, let_go = "receive", longest, None
     while context.get_time() < ends_at - 1e-9:
         simulator.AdvanceTo(context.get_time() + 0.02)
         before, phase = phase, station.diagram.GetOutputPort("phase").Eval(context)
@@ -193,14 +201,19 @@ def run_trial(plan: GraspPlan, pencil: Path, seed: int, longest: float = LONGEST
         if phase == "receive":
             trial.tries += 1
         if phase == "receive" and before == "again":
-            _offer(station, context, hand_over(plan, generator))
+            _offer(station, context, hand_over(closing, generator))
+        elif phase == "meet":
+            trial.met += 1
         elif phase == "feel":
             station.object_joint.Unlock(station.plant.GetMyMutableContextFromRoot(context))
+            let_go = _lower_half(station, context)
         elif phase == "move":
             _note_touch(trial, station, planner, context)
         elif phase == "release":
             trial.hole_mm = 1e3 * float(np.linalg.norm(_at_rim(station, context) - planner_hole()))
-        elif phase == "retreat" or phase.startswith("failed"):
+        if let_go is not None and (phase == "release" or phase.startswith("failed")):
+            _note_motion(trial, let_go, _lower_half(station, context))
+        if phase == "retreat" or phase.startswith("failed"):
             ends_at = context.get_time() + REST
     trial.success, trial.outcome = _judge(station, context, phase, trial)
     trial.simulated, trial.cpu = context.get_time(), time.process_time() - started
@@ -235,6 +248,20 @@ def _note_touch(trial: Trial, station: ArmStation, planner: PlacePlanner, contex
         for hypothesis in estimate.hypotheses
         if hypothesis.X_PO.rotation().col(2) @ X_PO.rotation().col(2) < 0.0
     )
+
+
+def _lower_half(station: ArmStation, context: Context) -> np.ndarray:
+    """The pencil's middle and lower end in the palm, shape (2, 3), m."""
+    X_PO = station.object_pose(context)
+    points = np.array([X_PO.multiply(np.array([0.0, 0.0, z])) for z in (0.0875, 0.0, 0.175)])
+    return points[[0, 1 + int(points[2] @ DOWN_P > points[1] @ DOWN_P)]]
+
+
+def _note_motion(trial: Trial, before: np.ndarray, after: np.ndarray) -> None:
+    """How the pencil has moved in the hand."""
+    (a, b), lengths = (half[1] - half[0] for half in (before, after)), 0.0875**2
+    trial.turned_deg = math.degrees(math.acos(max(-1.0, min(1.0, float(a @ b) / lengths))))
+    trial.moved_mm = 1e3 * float(np.linalg.norm(after[1] - before[1]))
 
 
 def _ends(station: ArmStation, context: Context) -> np.ndarray:
@@ -289,25 +316,38 @@ def save_plot(trials: list[Trial], path: Path) -> None:
     plt.close(figure)
 
 
+_of_process: list[tuple[GraspPlan, ArmStation, PlacePlanner]] = []
+
+
+def _begin_process(closing: GraspPlan, pencil: Path) -> None:
+    """Builds the station that all trials of a process use."""
+    _of_process.append((closing, *make_trial_station(closing, pencil)))
+
+
+def _run_in_process(seed: int) -> Trial:
+    return run_trial(*_of_process[0], seed)
+
+
 def main() -> None:
-    """Runs the trials, each in a process of its own, and prints a table."""
+    """Runs the trials and prints a table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--seeds", type=int, default=100)
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--out", type=Path, default=Path("out/hand_over"))
     arguments = parser.parse_args()
-    pencil, plan = write_collision_pencil(arguments.out / "model"), plan_closing()
+    setting = (plan_closing(), write_collision_pencil(arguments.out / "model"))
     seeds, trials = range(arguments.first_seed, arguments.first_seed + arguments.seeds), []
     with (arguments.out / "trials.csv").open("w", newline="") as file:
         writer = csv.DictWriter(file, [field.name for field in dataclasses.fields(Trial)])
         writer.writeheader()
-        # A diagram with systems in Python is not freed: each trial has a process of its own, which ends.
-        with ProcessPoolExecutor(arguments.jobs, get_context("spawn"), max_tasks_per_child=1) as pool:
-            waiting = [pool.submit(run_trial, plan, pencil, seed) for seed in seeds]
-            for future in track(waiting, description="trials"):
-                trials.append(future.result())
-                writer.writerow(dataclasses.asdict(trials[-1]))
+        # What a trial takes of memory is not all given back: processes end after some.
+        with ProcessPoolExecutor(
+            arguments.jobs, get_context("spawn"), _begin_process, setting, max_tasks_per_child=10
+        ) as pool:
+            for trial in track(pool.map(_run_in_process, seeds), total=len(seeds), description="trials"):
+                trials.append(trial)
+                writer.writerow(dataclasses.asdict(trial))
                 file.flush()
     save_plot(trials, arguments.out / "figures_4_17_and_4_18.png")
     print_table(trials)
@@ -324,7 +364,9 @@ def print_table(trials: list[Trial]) -> None:
         ("sigma_mm", "its stated standard deviation, mm"),
         ("upside_down", "probability of the wrong end up"),
         ("hole_mm", "axis from the hole's at the rim, mm"),
-        ("tries", "hand-overs until the grip was firm"),
+        ("turned_deg", "turned in the hand, °"),
+        ("tries", "grips until one was firm"),
+        ("met", "times that the arm met the pencil"),
         ("simulated", "simulated time, s"),
         ("cpu", "processor time, s"),
     ):
@@ -336,7 +378,22 @@ def print_table(trials: list[Trial]) -> None:
     console.print(table)
     for trial in trials:
         if not trial.success:
-            console.print(f"seed {trial.seed}: {trial.outcome}")
+            console.print(f"seed {trial.seed}: {explain(trial)}")
+
+
+def explain(trial: Trial) -> str:
+    """What the task says of a failure, and what the simulator knows of it."""
+    if math.isnan(trial.turned_deg):
+        return f"{trial.outcome}; the pencil was not let go"
+    touch = "the arm did not set off"
+    if not math.isnan(trial.end_mm):
+        touch = (
+            f"touch was {trial.end_mm:.1f} mm off at the lower end when the arm set off ({trial.sigma_mm:.1f} stated)"
+        )
+    return (
+        f"{trial.outcome}; {touch}; since the pencil was let go, it turned by {trial.turned_deg:.0f}° in the hand and "
+        f"its lower end moved by {trial.moved_mm:.0f} mm"
+    )
 
 
 if __name__ == "__main__":

@@ -58,8 +58,8 @@ def test_the_simulators_pencil_is_the_packages_pencil(example: ModuleType, tmp_p
 
 
 def test_a_trial_begins_and_is_judged(example: ModuleType, plan: GraspPlan, tmp_path: Path) -> None:
-    pencil = example.write_collision_pencil(tmp_path)
-    trial = example.run_trial(plan, pencil, 0, longest=0.06)
+    station = example.make_trial_station(plan, example.write_collision_pencil(tmp_path))
+    trial = example.run_trial(plan, *station, 0, longest=0.06)
     assert not trial.success
     assert trial.outcome == "not finished: receive"
     assert trial.simulated == pytest.approx(0.06)

@@ -1,0 +1,62 @@
+"""Where the palm is, and with it where a tracked object is in the world."""
+
+import numpy as np
+from pydrake.common.schema import Rotation, Transform
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlantConfig
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+
+from tactopose_drake.arms.arm import add_arm, load_arm_config, mount_hand
+from tactopose_drake.arms.station import ArmSetup
+from tactopose_drake.hand import add_hand, load_hand_config
+from tactopose_drake.scenario import load_scenario
+from tactopose_drake.station import make_station
+from tactopose_drake.systems.palm_pose import PalmPose
+from tactopose_drake.systems.pose_tracking import AddPoseTracking, PoseTrackingParams
+
+
+def test_on_an_arm_it_is_the_plants_own() -> None:
+    builder, generator = DiagramBuilder(), np.random.default_rng(0)
+    plant, _ = AddMultibodyPlant(MultibodyPlantConfig(time_step=0.001), builder)
+    arm = add_arm(plant, load_arm_config("seven_axis"), RigidTransform([0.3, 0.1, 0.0]))
+    hand = add_hand(plant, load_hand_config("shadow_like"))
+    mount_hand(plant, arm, hand, ArmSetup().X_FBase.GetDeterministicValue())
+    plant.Finalize()
+    palm = builder.AddNamedSystem("palm_pose", PalmPose(hand.palm_frame))
+    builder.Connect(plant.get_body_poses_output_port(), palm.GetInputPort("body_poses"))
+    context = builder.Build().CreateDefaultContext()
+    plant_context = plant.GetMyMutableContextFromRoot(context)
+    for _ in range(3):
+        plant.SetPositions(plant_context, generator.uniform(-0.5, 0.5, plant.num_positions()))
+        X_WP = palm.GetOutputPort("palm_pose").Eval(palm.GetMyContextFromRoot(context))
+        assert X_WP.IsNearlyEqualTo(hand.palm_frame.CalcPoseInWorld(plant_context), 1e-12)
+
+
+def test_in_a_station_it_tells_where_the_object_is_in_the_world() -> None:
+    scenario = load_scenario("barrett_like_can")
+    scenario.X_WBase = Transform(translation=[0.4, -0.2, 0.7], rotation=Rotation(value=Rotation.Rpy(deg=[50, 20, 70])))
+    station, builder = make_station(scenario), DiagramBuilder()
+    builder.AddSystem(station.diagram)
+    params = PoseTrackingParams(use_joint_velocities=False)
+    tracking = AddPoseTracking(builder, station.hand.config, station.model, params)
+    palm = builder.AddNamedSystem("palm_pose", PalmPose(station.hand.palm_frame))
+    builder.Connect(station.diagram.GetOutputPort("body_poses"), palm.GetInputPort("body_poses"))
+    builder.Connect(palm.GetOutputPort("palm_pose"), tracking.GetInputPort("palm_pose"))
+    builder.Connect(station.diagram.GetOutputPort("prior"), tracking.GetInputPort("vision"))
+    for name in ("joint_positions", *(f"pressures_{pad.name}" for pad in station.hand.config.pads)):
+        builder.Connect(station.diagram.GetOutputPort(name), tracking.GetInputPort(name))
+    simulator = Simulator(builder.Build())
+    root = simulator.get_mutable_context()
+    station.start(root)
+    simulator.AdvanceTo(0.05)
+    plant_context = station.plant.GetMyContextFromRoot(root)
+    X_WP = station.hand.palm_frame.CalcPoseInWorld(plant_context)
+    context = tracking.GetMyContextFromRoot(root)
+    X_PO, X_WO = (tracking.GetOutputPort(name).Eval(context) for name in ("object_pose", "object_pose_in_world"))
+    assert X_WO.IsNearlyEqualTo(X_WP @ X_PO, 1e-9)
+    # In the world and not in the palm, which is far from it: as near to the true pose as vision is.
+    truth = station.object_body.EvalPoseInWorld(plant_context).translation()
+    assert tracking.GetOutputPort("belief").Eval(context).has_pose
+    assert np.linalg.norm(X_WO.translation() - truth) < 3.0 * scenario.vision.model.translation_hidden
+    assert np.linalg.norm(X_PO.translation() - truth) > 0.5
