@@ -1,6 +1,7 @@
 """The hand as spheres, at one instant and posed by its joints."""
 
 import dataclasses
+import functools
 from collections.abc import Sequence
 from typing import Self
 
@@ -104,11 +105,16 @@ class BodySpheres:
 
     def positions(self, X_WB: Sequence[RigidTransform]) -> FloatArray:
         """Centres in the world, shape (h, 3), m, for the poses of all bodies (the plant's port `body_poses`)."""
-        p_WH = np.empty_like(self.p_BH)
-        for index in np.unique(self.body):
-            on_body = self.body == index
-            p_WH[on_body] = X_WB[index].multiply(self.p_BH[on_body].T).T
+        bodies, of_sphere = self._bodies
+        X = np.array([X_WB[index].GetAsMatrix34() for index in bodies])[of_sphere]
+        p_WH: FloatArray = np.einsum("hij,hj->hi", X[:, :, :3], self.p_BH) + X[:, :, 3]
         return p_WH
+
+    @functools.cached_property
+    def _bodies(self) -> tuple[NDArray[np.int64], NDArray[np.intp]]:
+        """The bodies that have spheres, and which of them each sphere is on."""
+        bodies, of_sphere = np.unique(self.body, return_inverse=True)
+        return bodies, of_sphere
 
 
 def _pack(shape: Shape) -> Spheres:

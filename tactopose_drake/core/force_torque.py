@@ -92,7 +92,7 @@ def weight_wrench(mass: float, p_SScm: FloatArray, g_S: FloatArray) -> FloatArra
         Shape (6,), N m and N.
     """
     f_S = mass * g_S
-    return np.concatenate([np.cross(p_SScm, f_S), f_S])
+    return np.concatenate([_cross(p_SScm, f_S), f_S])
 
 
 def shift_wrench(F_J: FloatArray, X_SJ: FloatArray) -> FloatArray:
@@ -107,4 +107,10 @@ def shift_wrench(F_J: FloatArray, X_SJ: FloatArray) -> FloatArray:
     """
     R_SJ, p_SJ = X_SJ[:, :3], X_SJ[:, 3]
     f_S = R_SJ @ F_J[3:]
-    return np.concatenate([R_SJ @ F_J[:3] + np.cross(p_SJ, f_S), f_S])
+    return np.concatenate([R_SJ @ F_J[:3] + _cross(p_SJ, f_S), f_S])
+
+
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """The cross product of two vectors (3,): for one pair, numpy's takes ten times as long."""
+    (x, y, z), (u, v, w) = a.tolist(), b.tolist()
+    return np.array([y * w - z * v, z * u - x * w, x * v - y * u])

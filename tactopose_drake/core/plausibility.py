@@ -55,11 +55,12 @@ def may_be_touched(model: ObjectModel, X_PO: FloatArray, covariance: FloatArray,
         covariance: of the increment (w, v) from it, shape (6, 6), rad and m.
         contacts: in P, at least one.
     """
-    rotation, translation = (float(np.linalg.eigvalsh(covariance[part, part])[-1]) for part in (slice(3), slice(3, 6)))
+    spread = np.trace(covariance[3:, 3:]) + model.size**2 * np.trace(covariance[:3, :3])
     # Within its size are the turns about its origin, and what it may have moved in the hand meanwhile.
-    reach = model.size + _SIGMAS * np.sqrt(translation + model.size**2 * rotation)
+    reach = model.size + _SIGMAS * np.sqrt(spread)
     p_OC = (contacts.p_PC - X_PO[:, 3]) @ X_PO[:, :3]
-    return bool(np.any(np.abs(model.grid.distance(p_OC)) < reach))
+    out_of_box = p_OC - np.clip(p_OC, model.grid.origin, model.grid.upper)
+    return bool(np.square(out_of_box).sum(axis=1).min() < reach**2)
 
 
 def _limit(count: int) -> float:

@@ -22,11 +22,11 @@ def finite_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> 
     if not fits:
         wanted = "(" + ", ".join("n" if n is None else str(n) for n in shape) + ("," if len(shape) == 1 else "") + ")"
         raise InvalidInputError(f"{name}: has shape {array.shape}; allowed is {wanted}.")
-    bad = np.argwhere(~np.isfinite(array))
-    if len(bad):
-        index = ", ".join(str(int(i)) for i in bad[0])
+    if not np.isfinite(array).all():
+        bad = np.argwhere(~np.isfinite(array))[0]
+        index = ", ".join(str(int(i)) for i in bad)
         where = f"{name}[{index}]" if index else name
-        raise InvalidInputError(f"{where}: is {array[tuple(bad[0])]}; allowed are finite numbers.")
+        raise InvalidInputError(f"{where}: is {array[tuple(bad)]}; allowed are finite numbers.")
     return array
 
 

@@ -35,12 +35,11 @@ class Remembered:
     """What was read before and tells no time of its own, and since when it is so, s.
 
     Attributes:
-        prior, prior_time: of vision; None before the first.
+        prior: what vision said, as a measurement of then; None before the first.
         points, points_time: what was touched, shape (k, 3), m.
     """
 
-    prior: PosePrior | None = None
-    prior_time: float = 0.0
+    prior: PoseMeasurement | None = None
     points: FloatArray = dataclasses.field(default_factory=lambda: np.zeros((0, 3)))
     points_time: float = 0.0
 
@@ -84,7 +83,7 @@ class BeliefInputs:
             PortTypeError: if an input holds what it cannot, or neither contacts nor patches are connected.
         """
         now = context.get_time()
-        if max(before.prior_time, before.points_time) > now:
+        if before.points_time > now or (before.prior is not None and before.prior.time > now):
             before = Remembered()
         contacts, patches, sources = self._read_touch(context)
         untouched = eval_optional_input(self._untouched, context, HandSpheres)
@@ -133,8 +132,8 @@ class BeliefInputs:
                 "and None."
             )
         if before.prior is None or not np.array_equal(before.prior.X_PO, seen.X_PO):
-            before = dataclasses.replace(before, prior=seen, prior_time=context.get_time())
-        return PoseMeasurement.from_prior(seen, before.prior_time), before
+            before = dataclasses.replace(before, prior=PoseMeasurement.from_prior(seen, context.get_time()))
+        return before.prior, before
 
     def _read_velocities(self, context: Context, remarks: list[str]) -> dict[str, FloatArray] | None:
         if not self._tips.HasValue(context):

@@ -2,6 +2,7 @@
 
 import dataclasses
 import time
+from typing import Any
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -46,6 +47,9 @@ class TimedBelief:
 
     belief: PoseBelief
     duration: float = 0.0
+
+    def __deepcopy__(self, memo: Any) -> "TimedBelief":
+        return self
 
 
 class PoseBeliefEstimator(LeafSystem):
