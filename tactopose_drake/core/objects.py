@@ -21,7 +21,7 @@ from tactopose_drake.core.mesh.loading import MeshSource, RawMesh, load_mesh, me
 from tactopose_drake.core.mesh.repair import MeshRepairWarning, repair_mesh
 from tactopose_drake.core.model_cache import Arrays
 from tactopose_drake.core.pair_features import PairFeatures, build_pair_features
-from tactopose_drake.core.poses import compose
+from tactopose_drake.core.poses import compose, transform_points
 from tactopose_drake.core.signed_distance import DistanceGrid, build_grid
 from tactopose_drake.core.surface_samples import SurfaceSamples, sample_surface
 from tactopose_drake.core.surfels import Surfels, make_surfels, surfel_spacing
@@ -123,6 +123,14 @@ class ObjectModel:
                 steps = RotationalSymmetry(symmetry.axis, symmetry.point, _CONTINUOUS_TURNS).poses()
                 turns = compose(turns[:, None], steps[None]).reshape(-1, 3, 4)
         return turns
+
+    @cached_property
+    def symmetry_misfits(self) -> FloatArray:
+        """How far the samples are off the surface when each of the finite symmetries turns them, rms, m, shape (g,)."""
+        turned = transform_points(self.symmetry_poses, self.samples.points)
+        distance = self.grid.distance(turned.reshape(-1, 3)).reshape(len(turned), -1)
+        misfits: FloatArray = np.sqrt(np.mean(distance**2, axis=1))
+        return misfits
 
     @classmethod
     def from_mesh(

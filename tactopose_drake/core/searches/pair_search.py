@@ -20,12 +20,16 @@ from tactopose_drake.core.objectives.base import LeastSquaresObjective
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.pair_poses import distinct_poses, judge_pairs, pair_poses
+from tactopose_drake.core.poses import compose
 from tactopose_drake.core.searches.base import PoseSpace, SearchResult, StopSignal, join_results, never
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
 from tactopose_drake.core.validation import FloatArray
 
 # Poses that are still moving lead to the same minimum when they lie within so many standard deviations of each other.
 _SAME_MINIMUM = 1.5
+# An object that is symmetric within so much of the contacts' sigma is so for any touch. Of the images of one that is
+# less so the proposals hold but one; so the images of so many of the best poses are refined, too.
+_NOTICED, _IMAGED = 0.1, 2
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -107,7 +111,8 @@ class PairSearch:
         second = self._apart(self.second.refine(objective, first, should_stop), objective, space, self.kept)
         third = self.third.refine(objective, second, should_stop)
         last = self.last.refine(objective, self._apart(third, objective, space, self.settled), should_stop)
-        polished = self.polish.refine(objective, self._distinct(last, self.polished), should_stop)
+        best = self._distinct(last, self.polished)
+        polished = self.polish.refine(objective, np.concatenate([best, self._images(best[:_IMAGED])]), should_stop)
         return join_results(third, last, polished).ranked(self.kept)
 
     def _minimize_near(
@@ -126,6 +131,12 @@ class PairSearch:
         last = self.last.refine(objective, first, should_stop)
         polished = self.polish.refine(objective, self._distinct(last, self.near_polished), should_stop)
         return join_results(last, polished).ranked()
+
+    def _images(self, X_PO: FloatArray) -> FloatArray:
+        """Poses (n, 3, 4) by those of the object's symmetries that the touch may tell apart, shape (m, 3, 4)."""
+        misfits = self.model.symmetry_misfits
+        turns = self.model.symmetry_poses[misfits > _NOTICED * np.min(self.contacts.sigma_position)]
+        return compose(X_PO[:, None], turns[None]).reshape(-1, 3, 4)
 
     def _distinct(self, found: SearchResult, count: int) -> FloatArray:
         """The best poses (count, 3, 4), or fewer, of those that are further apart than the samples blur them."""

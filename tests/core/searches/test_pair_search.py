@@ -23,6 +23,7 @@ from tactopose_drake.core.searches.base import PriorSpace, SearchResult
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
 from tactopose_drake.core.searches.pair_search import PairSearch
 from tactopose_drake.core.searches.touch_space import TouchSpace
+from tactopose_drake.core.symmetry import RotationalSymmetry
 from tactopose_drake.core.synthetic_touch import touch_surface
 from tactopose_drake.resources import model_path
 from tests.core.searches.problems import make_blob
@@ -189,3 +190,23 @@ def test_random_poses_touch_the_object(blob: ObjectModel) -> None:
     np.testing.assert_allclose(
         transform_points(space.center, blob.samples.points).mean(axis=0), contacts.p_PC.mean(axis=0)
     )
+
+
+def test_of_nearly_equal_images_the_better_one_is_found() -> None:
+    """A box whose one end is 0.7 mm narrower passes for symmetric, but ten contacts tell which end is which."""
+    mesh = trimesh.creation.box([0.06, 0.09, 0.14])
+    vertices = np.array(mesh.vertices)
+    vertices[vertices[:, 2] > 0, :2] *= 0.99
+    flip = RotationalSymmetry(np.array([1.0, 0.0, 0.0]), np.zeros(3), 2)
+    box = ObjectModel.from_mesh(trimesh.Trimesh(vertices, mesh.faces).subdivide().subdivide(), symmetry=[flip])
+    assert box.symmetry_misfits[1] > 1e-4 > box.symmetry_misfits[0]
+    worse = 0
+    for seed in range(12):
+        generator = np.random.default_rng(seed)
+        X_PO = random_pose(generator)
+        contacts = touch_surface(box, X_PO, 10, generator, sigma_position=0.0, sigma_normal=0.0)
+        ends = np.stack([X_PO, compose(X_PO, flip.poses()[1])])
+        least, other = LevenbergMarquardt().refine(SurfaceContact(box.grid, contacts), ends).cost
+        worse += other > least + 0.5
+        assert search(box, contacts).cost[0] <= least + 0.05
+    assert worse > 8
