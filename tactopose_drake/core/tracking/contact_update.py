@@ -15,7 +15,8 @@ frames of one grasp, each with own error covariance R, give P = B + R / N in the
 
 What a contact says of the pose is regressed over the spread of the mode [G15] rather than read off a tangent. Tangents
 at one estimate after the other are all different, by bends, facets and edges, and together claim to know what none
-does.
+does. What slopes leave over is the surface's roughness about the contact. It stays while the contact stays, and so do
+most errors of the normal that is expected near an edge: roughness adds to the variances B, by mode and source.
 
 Sources: [G15] A. Garcia-Fernandez et al., Posterior linearization filter: principles and implementation using sigma
 points, IEEE Trans. Signal Processing, 2015; [S66] S. Schmidt, Application of state-space methods to navigation
@@ -70,6 +71,9 @@ class ContactUpdate(NamedTuple):
         log_evidence: of the contacts by each mode, up to a constant of all modes, shape (n,).
         misfit: squared length of the whitened innovation, shape (n,): chi-square with as many degrees of freedom as the
             contacts are numbers.
+        roughness: of the surface about each of k contacts: variances of its distance, m^2, and of its normal about
+            each axis, rad^2, shape (n, k, 2).
+        stays: the share of the contacts' variances that is the same at all times.
     """
 
     X_PO: FloatArray
@@ -77,6 +81,8 @@ class ContactUpdate(NamedTuple):
     cross: FloatArray
     log_evidence: FloatArray
     misfit: FloatArray
+    roughness: FloatArray
+    stays: float
 
 
 def update_with_contacts(
@@ -87,6 +93,7 @@ def update_with_contacts(
     X_prior: FloatArray,
     covariance: FloatArray,
     cross: FloatArray,
+    roughness: FloatArray,
     X_start: FloatArray | None = None,
 ) -> ContactUpdate:
     """Updates modes, each a Gaussian of the increments from its pose.
@@ -99,10 +106,13 @@ def update_with_contacts(
         X_prior: the modes, shape (n, 3, 4).
         covariance: of their increments, shape (n, 6, 6).
         cross: covariances of the increments with the biases, shape (n, 6, 6 s).
+        roughness: by which the surface adds to the biases' variances: of positions, m^2, and of normals, rad^2, shape
+            (n, s, 2).
         X_start: where to start from, shape (n, 3, 4), where that is not the prior's pose.
     """
     count, size = len(X_prior), 6 + cross.shape[2]
-    information, log_determinant = _joint_information(covariance, cross, stable)
+    own = (stable.variances + np.repeat(roughness, 3, axis=2)).reshape(count, size - 6)
+    information, log_determinant = _joint_information(covariance, cross, own)
     weights = [
         1.0 / np.sqrt(np.maximum(np.square(sigma) - part**2, np.square(_OWN * np.asarray(sigma))))
         for sigma, part in zip((contacts.sigma_position, contacts.sigma_normal), stable.hand, strict=True)
@@ -123,9 +133,9 @@ def update_with_contacts(
         information,
         X_PO,
     )
-    outcome = cost, spread, hessian
-    refine_modes(*problem, _STEPS, _TOLERANCE, *outcome)
-    regress_modes(*problem, _ARM * model.size, _REACH, _ROUNDS, *outcome)
+    felt = np.zeros((count, len(contacts), 2))
+    refine_modes(*problem, _STEPS, _TOLERANCE, hessian)
+    regress_modes(*problem, _ARM * model.size, _REACH, _ROUNDS, cost, spread, hessian, felt)
     joint = np.linalg.solve(hessian, np.broadcast_to(np.eye(size, 6), (count, size, 6)))
     P = joint[:, :6]
     return ContactUpdate(
@@ -134,22 +144,34 @@ def update_with_contacts(
         np.swapaxes(joint[:, 6:], 1, 2),
         0.5 * (log_determinant - np.linalg.slogdet(hessian)[1]) - cost,
         2.0 * (cost - spread),
+        felt,
+        _share_that_stays(own.reshape(count, -1, 6)[:, source], weights, contacts.n_PC is not None),
     )
 
 
-def _joint_information(covariance: FloatArray, cross: FloatArray, stable: Stable) -> tuple[FloatArray, FloatArray]:
-    """The inverse of [P C; C^T B] by its Schur complement (n, m, m), and the logarithm of its determinant (n,)."""
+def _joint_information(covariance: FloatArray, cross: FloatArray, own: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The inverse of [P C; C^T B] by its Schur complement (n, m, m), and the logarithm of its determinant (n,).
+
+    Of B the diagonals `own` are given, shape (n, m - 6).
+    """
     count, biases = len(covariance), cross.shape[2]
-    own = np.tile(stable.variances, biases // 6)
-    gain = cross / own
+    gain = cross / own[:, None]
     A = np.linalg.inv(covariance - gain @ np.swapaxes(cross, 1, 2))
     information = np.empty((count, 6 + biases, 6 + biases))
     information[:, :6, :6] = 0.5 * (A + np.swapaxes(A, 1, 2))
     information[:, :6, 6:] = -A @ gain
     information[:, 6:, :6] = np.swapaxes(information[:, :6, 6:], 1, 2)
     information[:, 6:, 6:] = np.swapaxes(gain, 1, 2) @ A @ gain
-    information[:, 6:, 6:] += np.diag(1.0 / own)
-    return information, np.linalg.slogdet(A)[1] - np.sum(np.log(own))
+    at = np.arange(6, 6 + biases)
+    information[:, at, at] += 1.0 / own
+    return information, np.linalg.slogdet(A)[1] - np.sum(np.log(own), axis=1)
+
+
+def _share_that_stays(own: FloatArray, weights: list[FloatArray], has_normals: bool) -> float:
+    """The mean of B / (B + R) over what contacts measure, by variances B (n, k, 6) and 1 / sqrt(R), (k,) each."""
+    distance, normal = (own[:, :, at] * weight**2 for at, weight in zip((0, 3), weights, strict=True))
+    share = float(np.mean(distance / (1.0 + distance)))
+    return (share + 2.0 * float(np.mean(normal / (1.0 + normal)))) / 3.0 if has_normals else share
 
 
 def number_of_numbers(contacts: Contacts) -> int:

@@ -17,6 +17,8 @@ from tactopose_drake.core.validation import FloatArray
 
 # Two poses are one mode when they lie within this many standard deviations of each other.
 _SAME_MODE = 3.0
+# The roughness that a contact is taken to feel follows the measured one by this share a frame: noise makes it jump.
+_FOLLOW = 0.2
 # Nothing is known of a rotation with this variance about each axis, rad^2: the mean square of a random rotation's.
 _ANY_ROTATION = (np.pi**2 / 3.0 + 2.0) / 3.0
 # Nor of a translation with this one, m^2.
@@ -31,7 +33,10 @@ class ModeSet:
         X_PO: the modes' poses, shape (n, 3, 4).
         covariance: of the increments (w, v) from them, shape (n, 6, 6), rad and m.
         cross: covariance of the increments with the biases of s sources of contacts, shape (n, 6, 6 s).
-        log_weight: logarithms of the modes' shares, shape (n,).
+        roughness: of the surface where each source touches: by how much it adds to the biases' variances, of positions,
+            m^2, and of normals, rad^2, shape (n, s, 2).
+        log_prior: logarithms of the modes' shares but for the touch's part, shape (n,).
+        log_touch: that part, see `surprise`, shape (n,).
         misfit: of the touch lately, see `surprise`, shape (n, 2).
         drift: likewise, shape (n, 6).
         drift_covariance: likewise, shape (n, 6, 6).
@@ -40,7 +45,9 @@ class ModeSet:
     X_PO: FloatArray
     covariance: FloatArray
     cross: FloatArray
-    log_weight: FloatArray
+    roughness: FloatArray
+    log_prior: FloatArray
+    log_touch: FloatArray
     misfit: FloatArray
     drift: FloatArray
     drift_covariance: FloatArray
@@ -49,15 +56,39 @@ class ModeSet:
         return len(self.X_PO)
 
     @classmethod
-    def make(cls, X_PO: FloatArray, covariance: FloatArray, cross: FloatArray, log_weight: FloatArray) -> ModeSet:
+    def make(
+        cls,
+        X_PO: FloatArray,
+        covariance: FloatArray,
+        cross: FloatArray,
+        roughness: FloatArray,
+        log_prior: FloatArray,
+        log_touch: FloatArray,
+    ) -> ModeSet:
         """Modes that nothing surprised yet."""
         n = len(X_PO)
-        return cls(X_PO, covariance, cross, log_weight, np.zeros((n, 2)), np.zeros((n, 6)), np.zeros((n, 6, 6)))
+        return cls(
+            X_PO,
+            covariance,
+            cross,
+            roughness,
+            log_prior,
+            log_touch,
+            np.zeros((n, 2)),
+            np.zeros((n, 6)),
+            np.zeros((n, 6, 6)),
+        )
 
     @classmethod
     def empty(cls, sources: int = 0) -> ModeSet:
         """No mode at all."""
-        return cls.make(np.zeros((0, 3, 4)), np.zeros((0, 6, 6)), np.zeros((0, 6, 6 * sources)), np.zeros(0))
+        poses, covariance, cross = np.zeros((0, 3, 4)), np.zeros((0, 6, 6)), np.zeros((0, 6, 6 * sources))
+        return cls.make(poses, covariance, cross, np.zeros((0, sources, 2)), np.zeros(0), np.zeros(0))
+
+    @property
+    def log_weight(self) -> FloatArray:
+        """Logarithms of the modes' shares, shape (n,)."""
+        return self.log_prior + self.log_touch
 
     def chosen(self, index: Any) -> ModeSet:
         """Some of the modes, in the order of the index."""
@@ -73,7 +104,24 @@ class ModeSet:
         missing = 6 * count - self.cross.shape[2]
         if missing <= 0:
             return self
-        return dataclasses.replace(self, cross=np.pad(self.cross, ((0, 0), (0, 0), (0, missing))))
+        return dataclasses.replace(
+            self,
+            cross=np.pad(self.cross, ((0, 0), (0, 0), (0, missing))),
+            roughness=np.pad(self.roughness, ((0, 0), (0, missing // 6), (0, 0))),
+        )
+
+    def touched(self, source: NDArray[np.intp], roughness: FloatArray, variances: FloatArray) -> ModeSet:
+        """The modes when some sources (k,) touch a surface of this roughness (n, k, 2).
+
+        A bias is the sum of the hand's, of variances (2,) of positions and of normals, and the surface's. Where the
+        latter's variance grows, the pose knows nothing of what is added. Where the sum's falls from T to t, of the bias
+        a share t / T is expected to be left.
+        """
+        after = self.roughness.copy()
+        after[:, source] += _FOLLOW * (roughness - after[:, source])
+        left = np.minimum(1.0, (variances + after) / (variances + self.roughness))
+        cross = self.cross * np.repeat(left, 3, axis=2).reshape(len(self), 1, -1)
+        return dataclasses.replace(self, cross=cross, roughness=after)
 
     def moved(self, motion: Motion) -> ModeSet:
         """The modes after a motion of the object; what is no knowledge any more does not grow further."""
@@ -109,7 +157,7 @@ class ModeSet:
             X_PO=retract(self.X_PO, np.einsum("nij,nj->ni", gain, innovation)),
             covariance=0.5 * (covariance + np.swapaxes(covariance, 1, 2)),
             cross=self.cross - gain @ self.cross,
-            log_weight=self.log_weight + np.maximum(log_density, log_outlier),
+            log_prior=self.log_prior + np.maximum(log_density, log_outlier),
         )
         return after, believes
 
@@ -118,7 +166,14 @@ class ModeSet:
         owner = _owners(self.X_PO, np.asarray(np.linalg.inv(self.covariance)), symmetry_poses)
         log_weight = np.full(len(self), -np.inf)
         np.logaddexp.at(log_weight, owner, self.log_weight)
-        return dataclasses.replace(self, log_weight=log_weight).chosen(np.flatnonzero(owner == np.arange(len(self))))
+        return dataclasses.replace(self, log_prior=log_weight - self.log_touch).chosen(
+            np.flatnonzero(owner == np.arange(len(self)))
+        )
+
+    def distinct(self, symmetry_poses: FloatArray) -> ModeSet:
+        """Distinct modes up to the object's symmetries: of equal ones the first, which was found more than once."""
+        owner = _owners(self.X_PO, np.asarray(np.linalg.inv(self.covariance)), symmetry_poses)
+        return self.chosen(np.flatnonzero(owner == np.arange(len(self))))
 
     def best(self, count: int, least: float) -> ModeSet:
         """The modes of most weight, which then sum to one: at most so many, and none below a share of the first's."""
@@ -126,7 +181,7 @@ class ModeSet:
         order = order[self.log_weight[order] >= self.log_weight[order[:1]] + np.log(least)]
         modes = self.chosen(order)
         total = np.logaddexp.reduce(modes.log_weight) if len(modes) else 0.0
-        return dataclasses.replace(modes, log_weight=modes.log_weight - total)
+        return dataclasses.replace(modes, log_prior=modes.log_prior - total)
 
 
 def _owners(X_PO: FloatArray, information: FloatArray, symmetry_poses: FloatArray) -> NDArray[np.intp]:

@@ -10,6 +10,7 @@ matrix; hard and soft finger contacts).
 """
 
 import dataclasses
+import math
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
@@ -112,7 +113,10 @@ def move_with_fingertips(
     known = np.array([source in tip_velocity for source in sources], dtype=np.bool_)
     velocity = np.array([tip_velocity[source] for source in sources if source in tip_velocity]).reshape(-1, 6)
     p_PC = contacts.p_PC[known]
-    tangential = np.full(len(p_PC), noise.slipping if slips else noise.rolling)
+    tangential = np.full(len(p_PC), noise.rolling)
+    if slips:
+        # An object slips as a whole: the fingertips' errors are one, which more of them do not average out.
+        tangential[:] = noise.slipping * math.sqrt(len(p_PC))
     turning = np.full(len(p_PC), noise.twisting)
     if noise.friction is not None and contacts.f_PC is not None and contacts.n_PC is not None:
         tangential[_slides(contacts.n_PC[known], contacts.f_PC[known], noise.friction)] = noise.slipping

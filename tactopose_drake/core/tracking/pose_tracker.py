@@ -151,7 +151,8 @@ class PoseTracker:
                 vision = dataclasses.replace(vision, believed_time=frame.time)
         elif seen is not None and not touch.is_felt:
             cross = np.zeros((1, 6, 6 * len(touch.sources)))
-            modes = ModeSet.make(seen.X_PO[None], seen.covariance[None], cross, np.zeros(1))
+            flat, even = np.zeros((1, len(touch.sources), 2)), np.zeros(1)
+            modes = ModeSet.make(seen.X_PO[None], seen.covariance[None], cross, flat, even, even)
             vision = dataclasses.replace(vision, believed_time=frame.time)
         belief = dataclasses.replace(
             belief,
@@ -221,12 +222,14 @@ class PoseTracker:
                 modes.X_PO,
                 modes.covariance,
                 modes.cross,
+                modes.roughness,
             )
+            evidence = np.logaddexp.reduce(modes.log_weight + update.log_evidence)
             modes = watch(modes, update, number_of_numbers(touch.contacts))
-            modes = modes.chosen(np.argsort(-modes.log_weight, kind="stable"))
-            modes = dataclasses.replace(
-                modes, log_weight=modes.log_weight - np.logaddexp.reduce(belief.modes.log_weight)
-            )
+            modes = modes.touched(touch.source, update.roughness, self._stable.variances[[0, 3]])
+            order = np.argsort(-modes.log_weight, kind="stable")
+            modes = modes.chosen(order)
+            recent = modes.log_touch[0] - update.log_evidence[order[0]]
         slipped = bool(len(modes) and is_surprised(modes.chosen([0]))[0])
         if slipped:
             modes, slip_time = calmed(modes), time
@@ -238,7 +241,9 @@ class PoseTracker:
             found = self._search(belief, frame, touch, near)
             if len(modes):
                 jump = math.log(_UNSEEN_JUMP if near is None else _JUMP)
-                found = dataclasses.replace(found, log_weight=found.log_weight + jump)
+                total = np.logaddexp.reduce(modes.log_weight) + jump + found.log_weight - evidence
+                log_touch = found.log_touch + recent
+                found = dataclasses.replace(found, log_prior=total - log_touch, log_touch=log_touch)
             modes = modes.joined(found)
             searches, search_time = searches + 1, time
         modes = modes.merged(self._model.symmetry_poses) if len(modes) else modes

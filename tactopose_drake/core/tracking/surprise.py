@@ -5,6 +5,10 @@ summed, in units of the sum's standard deviation. The drift test asks whether co
 of covariance P- and an update to P+, a correction has the covariance P- - P+ and is independent of the next, so the
 squared length of their sum is chi-square with six degrees of freedom at most. Slow slip hides from the first test and
 shows in the second.
+
+The evidence of frames that follow each other is in part the same, as their errors are. Where a share s of a variance
+B + R = B / s stays, N frames together are worth no more than (B + R) / B = 1 / s of them: their mean has the variance
+B + R / N. Therefore what the touch says for a mode fades by the share s a frame.
 """
 
 import dataclasses
@@ -18,8 +22,11 @@ from tactopose_drake.core.tracking.mode_set import ModeSet
 
 # What is left after one frame of the sums: half of them is of the last seven frames.
 _FADE = 0.9
-# The misfit of so many standard deviations, and the squared drift that noise exceeds once in a million times.
-_MISFIT, _DRIFT = 6.0, 38.3
+# The pose also wanders, where the touch tells nothing: a frame adds so much of its variance.
+_WANDER = 0.1
+# The misfit of so many standard deviations, and the squared drift, that say that the object slips. Motion noise is
+# stated wider than it is, so the drift of an object that is held is far below six on average.
+_MISFIT, _DRIFT = 6.0, 8.0
 
 
 def watch(before: ModeSet, update: ContactUpdate, degrees: int) -> ModeSet:
@@ -36,11 +43,11 @@ def watch(before: ModeSet, update: ContactUpdate, degrees: int) -> ModeSet:
         X_PO=update.X_PO,
         covariance=update.covariance,
         cross=update.cross,
-        log_weight=before.log_weight + update.log_evidence,
+        log_touch=(1.0 - update.stays) * before.log_touch + update.log_evidence,
         misfit=before.misfit * [_FADE, _FADE**2]
         + np.stack([update.misfit - degrees, np.full(len(before), 2.0 * degrees)], axis=1),
         drift=_FADE * before.drift + correction,
-        drift_covariance=_FADE**2 * before.drift_covariance + before.covariance - update.covariance,
+        drift_covariance=_FADE**2 * before.drift_covariance + (1.0 + _WANDER) * before.covariance - update.covariance,
     )
 
 
@@ -57,4 +64,4 @@ def is_surprised(modes: ModeSet) -> NDArray[np.bool_]:
 
 def calmed(modes: ModeSet) -> ModeSet:
     """The modes without what surprised them."""
-    return ModeSet.make(modes.X_PO, modes.covariance, modes.cross, modes.log_weight)
+    return ModeSet.make(modes.X_PO, modes.covariance, modes.cross, modes.roughness, modes.log_prior, modes.log_touch)

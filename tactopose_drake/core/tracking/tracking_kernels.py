@@ -16,11 +16,11 @@ def _evaluate(  # type: ignore[no-untyped-def]
 ):
     """Cost of one pose (1, 3, 4) with its biases (6 s,), its gradient g (m,) and Gauss-Newton Hessian H (m, m).
 
+    Where normals are spread, as at an edge, they say less. That this explains any normal, but none well, has no part in
+    the cost: an edge is no less likely to be touched than what lies beside it.
+
     The bias shifts the contact as a shift of the object would: by its position the rows change as by v. A turn b of the
     normal m = R^T n in O changes them by -[m]x R^T b.
-
-    Returns:
-        The cost, and the part of it that is the logarithm of the normals' variance rather than a square.
     """
     size = g.shape[0]
     residual, J, smooth, work = np.empty(5), np.empty((5, 6)), np.empty((4, 6)), np.empty((10, 4))
@@ -48,7 +48,6 @@ def _evaluate(  # type: ignore[no-untyped-def]
     H[:6, :] = np.ascontiguousarray(A.T) @ np.ascontiguousarray(H[:6, :])
     H[:, :6] = np.ascontiguousarray(H[:, :6]) @ A
 
-    spread = 0.0
     pose = X[0]
     for i in range(p.shape[0]):
         at = 6 * source[i]
@@ -64,9 +63,8 @@ def _evaluate(  # type: ignore[no-untyped-def]
         weight = 0.0
         if weight_n[i] > 0.0:
             weight, _ = kernels._normal_weight(work[4], weight_n[i])
-        for k in range(5):
+        for k in range(4):
             half += 0.5 * residual[k] * residual[k]
-        spread += 0.5 * residual[4] * residual[4]
         if weight_n[i] > 0.0:
             # Row a of -[m]x R^T is the cross product of the a-th axis of O, seen from P, with n.
             for a in range(3):
@@ -78,10 +76,10 @@ def _evaluate(  # type: ignore[no-untyped-def]
             by_turn[:] = 0.0
         column = 6 + at
         for a in range(6):
-            for k in range(5):
+            for k in range(4):
                 g[a] += J[k, a] * residual[k]
         for a in range(3):
-            for k in range(5):
+            for k in range(4):
                 g[column + a] += J[k, 3 + a] * residual[k]
             for k in range(3):
                 g[column + 3 + a] += by_turn[k, a] * residual[k + 1]
@@ -105,7 +103,7 @@ def _evaluate(  # type: ignore[no-untyped-def]
                         H[column + a, column + 3 + c] += both
                         H[column + 3 + c, column + a] += both
                         H[column + 3 + a, column + 3 + c] += by_turn[k - 1, a] * by_turn[k - 1, c]
-    return half, spread
+    return half
 
 
 @njit(cache=True, nogil=True)
@@ -123,14 +121,11 @@ def refine_modes(  # type: ignore[no-untyped-def]
     X,
     steps,
     tolerance,
-    cost,
-    spread,
     hessian,
 ):
     """Moves poses X (B, 3, 4) to minima of their priors (B, 3, 4), (B, m, m) with the contacts: Levenberg-Marquardt.
 
-    Writes each minimum's cost (B,), the logarithms' part of it (B,), and the Hessian (B, m, m) by the increment there
-    and the biases, m = 6 + 6 s.
+    Writes each minimum's Hessian (B, m, m) by the increment there and the biases, m = 6 + 6 s.
     """
     size = information.shape[1]
     here, there = np.empty((1, 3, 4)), np.empty((1, 3, 4))
@@ -142,7 +137,7 @@ def refine_modes(  # type: ignore[no-untyped-def]
         here[0] = X[b]
         bias[:] = 0.0
         damping[0] = 1e-4
-        total, logarithms = _evaluate(
+        total = _evaluate(
             values,
             origin,
             inverse_spacing,
@@ -168,7 +163,7 @@ def refine_modes(  # type: ignore[no-untyped-def]
             kernels.retract(here, step[:, :6], there)
             for i in range(size - 6):
                 moved[i] = bias[i] + step[0, 6 + i]
-            new, new_logarithms = _evaluate(
+            new = _evaluate(
                 values,
                 origin,
                 inverse_spacing,
@@ -185,8 +180,8 @@ def refine_modes(  # type: ignore[no-untyped-def]
                 H_new[0],
             )
             if new < total:
-                total, logarithms, damping[0] = new, new_logarithms, 0.1 * damping[0]
+                total, damping[0] = new, 0.1 * damping[0]
                 here[0], bias[:], g[0], H[0] = there[0], moved, g_new[0], H_new[0]
             else:
                 damping[0] = max(10.0 * damping[0], 1e-2)
-        X[b], cost[b], spread[b], hessian[b] = here[0], total, logarithms, H[0]
+        X[b], hessian[b] = here[0], H[0]

@@ -11,6 +11,7 @@ from tests.core.tracking.boxes import SIGMA_NORMAL, SIGMA_POSITION, draw_biases,
 
 STABLE = Stable((0.0005, math.radians(2.5)), (0.0, 0.0))
 FRAMES = 60
+EVEN = np.zeros((1, 6, 2))  # surfaces without roughness
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +25,7 @@ def filter_frames(box, generator, X_PO, bias, stable=STABLE, frames=FRAMES):  # 
     P, C = np.diag(np.repeat([0.05**2, 0.005**2], 3))[None], np.zeros((1, 6, 36))
     source = np.arange(6)
     for _ in range(frames):
-        update = update_with_contacts(box, touch(X_PO, generator, bias, stable.hand), source, stable, X, P, C)
+        update = update_with_contacts(box, touch(X_PO, generator, bias, stable.hand), source, stable, X, P, C, EVEN)
         X, P, C = update.X_PO, update.covariance, update.cross
     return X[0], P[0]
 
@@ -50,7 +51,7 @@ def test_frames_of_one_grasp_leave_the_stable_part(box: ObjectModel, frames: int
     contacts = Contacts(p_OC, n_OC, sigma_position=SIGMA_POSITION, sigma_normal=SIGMA_NORMAL)
     X, P, C = np.eye(3, 4)[None], np.diag(np.repeat([0.5**2, 0.05**2], 3))[None], np.zeros((1, 6, 36))
     for _ in range(frames):
-        update = update_with_contacts(box, contacts, np.arange(6), stable, X, P, C)
+        update = update_with_contacts(box, contacts, np.arange(6), stable, X, P, C, EVEN)
         X, P, C = update.X_PO, update.covariance, update.cross
     expected = expected_covariance(frames, stable)
     scale = np.sqrt(np.diag(expected))
@@ -86,7 +87,7 @@ def test_taking_the_calibration_for_noise_would_be_overconfident(box: ObjectMode
         P, C = np.diag(np.repeat([0.05**2, 0.005**2], 3))[None], np.zeros((1, 6, 36))
         for _ in range(40):
             contacts = touch(X_PO, generator, bias, STABLE.hand)
-            update = update_with_contacts(box, contacts, np.arange(6), Stable((1e-6, 1e-6), (0.0, 0.0)), X, P, C)
+            update = update_with_contacts(box, contacts, np.arange(6), Stable((1e-6, 1e-6), (0.0, 0.0)), X, P, C, EVEN)
             X, P, C = update.X_PO, update.covariance, update.cross
         u = increments_between(X[0], X_PO)
         squares.append(u @ np.linalg.solve(P[0], u))
@@ -102,7 +103,7 @@ def test_the_misfit_is_chi_square_of_the_numbers_measured(box: ObjectModel) -> N
         X = retract(X_PO, np.sqrt(np.diag(P)) * generator.normal(size=(1, 6)))
         contacts = touch(X_PO, generator, draw_biases(generator, *STABLE.hand), STABLE.hand)
         misfits.append(
-            update_with_contacts(box, contacts, np.arange(6), STABLE, X, P[None], np.zeros((1, 6, 36))).misfit
+            update_with_contacts(box, contacts, np.arange(6), STABLE, X, P[None], np.zeros((1, 6, 36)), EVEN).misfit
         )
     # Of 18 numbers: a standard deviation of 6 / sqrt(80) = 0.7.
     assert 15.5 < np.mean(misfits) < 20.5
@@ -113,7 +114,9 @@ def test_evidence_tells_a_right_mode_from_a_wrong_one(box: ObjectModel) -> None:
     X_PO = make_poses(random_rotations(generator, 1), np.zeros((1, 3)))[0]
     X = np.stack([X_PO, retract(X_PO, np.array([0, 0, 0, 0.006, 0, 0.0]))])
     P = np.tile(np.diag(np.repeat([0.02**2, 0.001**2], 3)), (2, 1, 1))
-    update = update_with_contacts(box, touch(X_PO, generator), np.arange(6), STABLE, X, P, np.zeros((2, 6, 36)))
+    update = update_with_contacts(
+        box, touch(X_PO, generator), np.arange(6), STABLE, X, P, np.zeros((2, 6, 36)), np.zeros((2, 6, 2))
+    )
     assert update.log_evidence[0] > update.log_evidence[1] + 3.0
     assert update.misfit[1] > update.misfit[0] + 6.0
 
@@ -127,8 +130,8 @@ def test_another_order_of_the_contacts_changes_nothing(box: ObjectModel) -> None
     swapped = Contacts(
         contacts.p_PC[order], contacts.n_PC[order], sigma_position=SIGMA_POSITION, sigma_normal=SIGMA_NORMAL
     )
-    one = update_with_contacts(box, contacts, np.arange(6), STABLE, X_PO, P, C)
-    other = update_with_contacts(box, swapped, order, STABLE, X_PO, P, C)
+    one = update_with_contacts(box, contacts, np.arange(6), STABLE, X_PO, P, C, EVEN)
+    other = update_with_contacts(box, swapped, order, STABLE, X_PO, P, C, EVEN)
     np.testing.assert_allclose(one.X_PO, other.X_PO, atol=1e-9)
     np.testing.assert_allclose(one.cross, other.cross, rtol=1e-5, atol=1e-10)
 
@@ -137,7 +140,7 @@ def test_contacts_without_normals_say_their_distance_alone(box: ObjectModel) -> 
     contacts = Contacts(p_OC, sigma_position=SIGMA_POSITION)
     P = np.diag(np.repeat([1e-9, 0.05**2], 3))[None]
     update = update_with_contacts(
-        box, contacts, np.arange(6), Stable((1e-6, 1e-6), (0.0, 0.0)), np.eye(3, 4)[None], P, np.zeros((1, 6, 36))
+        box, contacts, np.arange(6), Stable((1e-6, 1e-6), (0.0, 0.0)), np.eye(3, 4)[None], P, np.zeros((1, 6, 36)), EVEN
     )
     # Two contacts across each axis.
     np.testing.assert_allclose(np.diag(update.covariance[0])[3:], SIGMA_POSITION**2 / 2.0, rtol=0.02)
