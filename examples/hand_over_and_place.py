@@ -1,6 +1,7 @@
 """Hand over and place: a pencil is put into the closing hand, felt, and stuck into a hole of 15 mm radius in a box.
 
 python examples/hand_over_and_place.py --seeds 100 --out out/hand_over
+python examples/hand_over_and_place.py --first-seed 0 --scene --out out/hand_over
 
 After section 4.3.2.3 of [B16]. The pencil is handed over anyhow: turned by up to 10 degrees about each axis and shifted
 by up to 5 mm along each from where the hand expects it, slid by up to 20 mm along itself, either end up, at any spin.
@@ -24,7 +25,6 @@ import dataclasses
 import math
 import shutil
 import time
-from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -32,6 +32,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import trimesh
 from pydrake.common.schema import Transform
+from pydrake.geometry import Meshcat, MeshcatParams
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, DiagramBuilder, OutputPort
 from rich.console import Console
@@ -52,6 +53,7 @@ from tactopose_drake.scenario import Scenario
 from tactopose_drake.station_grasp import planned_pose
 from tactopose_drake.systems.place_task import PlaceTask
 from tactopose_drake.systems.random_sources import seed_random_sources
+from tactopose_drake.visualization import save_html, set_stage
 
 DOWN_P = np.array(PlaceParams().down_P)
 HOLE_RADIUS, RIM = 0.015, 0.1  # m; the rim's height above the table
@@ -146,8 +148,10 @@ def write_collision_pencil(folder: Path) -> Path:
     return Path(shutil.copy(model_path("objects", "pencil.sdf"), folder / "pencil.sdf"))
 
 
-def make_trial_station(closing: GraspPlan, pencil: Path) -> tuple[ArmStation, PlacePlanner]:
-    """The whole diagram: sensing, estimate, decision, control."""
+def make_trial_station(
+    closing: GraspPlan, pencil: Path, meshcat: Meshcat | None = None
+) -> tuple[ArmStation, PlacePlanner]:
+    """The whole diagram: sensing, estimate, decision, control; shown by Meshcat, if there is one."""
     scenario = Scenario(object=str(pencil))
     scenario.controller.closing_time = 1.6
     # All of a pencil is within two millimetres of an edge, where the normal says little.
@@ -178,7 +182,7 @@ def make_trial_station(closing: GraspPlan, pencil: Path) -> tuple[ArmStation, Pl
         return task.GetOutputPort("arm_reference")
 
     model = tp.ObjectModel.from_mesh(model_path("objects", "pencil.obj"), mass=0.0055)
-    return make_arm_station(scenario, closing, setup, add_decision, model=model), planners[0]
+    return make_arm_station(scenario, closing, setup, add_decision, model=model, meshcat=meshcat), planners[0]
 
 
 def run_trial(
@@ -328,6 +332,18 @@ def _run_in_process(seed: int) -> Trial:
     return run_trial(*_of_process[0], seed)
 
 
+def save_scene(closing: GraspPlan, pencil: Path, seed: int, path: Path, longest: float = LONGEST) -> Trial:
+    """One trial, and a page that replays it in any browser."""
+    meshcat = Meshcat(MeshcatParams(host="localhost"))
+    station, planner = make_trial_station(closing, pencil, meshcat)
+    set_stage(meshcat, np.array([0.4, -0.1, 0.35]), 1.2, np.array([0.7, -1.0, 0.35]))
+    meshcat.StartRecording()
+    trial = run_trial(closing, station, planner, seed, longest)
+    meshcat.PublishRecording()
+    save_html(path, meshcat)
+    return trial
+
+
 def main() -> None:
     """Runs the trials and prints a table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -335,17 +351,19 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=100)
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--out", type=Path, default=Path("out/hand_over"))
+    parser.add_argument("--scene", action="store_true", help="replay the first trial in scene.html, and do no other")
     arguments = parser.parse_args()
     setting = (plan_closing(), write_collision_pencil(arguments.out / "model"))
+    if arguments.scene:
+        print_table([save_scene(*setting, arguments.first_seed, arguments.out / "scene.html")])
+        return
     seeds, trials = range(arguments.first_seed, arguments.first_seed + arguments.seeds), []
     with (arguments.out / "trials.csv").open("w", newline="") as file:
         writer = csv.DictWriter(file, [field.name for field in dataclasses.fields(Trial)])
         writer.writeheader()
         # What a trial takes of memory is not all given back: processes end after some.
-        with ProcessPoolExecutor(
-            arguments.jobs, get_context("spawn"), _begin_process, setting, max_tasks_per_child=10
-        ) as pool:
-            for trial in track(pool.map(_run_in_process, seeds), total=len(seeds), description="trials"):
+        with get_context("spawn").Pool(arguments.jobs, _begin_process, setting, maxtasksperchild=10) as pool:
+            for trial in track(pool.imap(_run_in_process, seeds), total=len(seeds), description="trials"):
                 trials.append(trial)
                 writer.writerow(dataclasses.asdict(trial))
                 file.flush()

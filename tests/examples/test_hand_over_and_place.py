@@ -8,6 +8,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 import trimesh
+from pydrake.geometry import Meshcat, MeshcatParams
 
 from tactopose_drake.core.grasping.grasp_planner import GraspPlan
 from tactopose_drake.core.objects import ObjectModel
@@ -57,9 +58,11 @@ def test_the_simulators_pencil_is_the_packages_pencil(example: ModuleType, tmp_p
     assert distance.max() < 4e-4  # where the sharpening begins
 
 
-def test_a_trial_begins_and_is_judged(example: ModuleType, plan: GraspPlan, tmp_path: Path) -> None:
-    station = example.make_trial_station(plan, example.write_collision_pencil(tmp_path))
-    trial = example.run_trial(plan, *station, 0, longest=0.06)
+def test_a_trial_begins_is_judged_and_shown(example: ModuleType, plan: GraspPlan, tmp_path: Path) -> None:
+    page = tmp_path / "scene.html"
+    trial = example.save_scene(plan, example.write_collision_pencil(tmp_path), 0, page, longest=0.06)
+    empty = Meshcat(MeshcatParams(host="localhost")).StaticHtml()
+    assert page.stat().st_size > len(empty) + 100_000  # with the shapes of arm and hand
     assert not trial.success
     assert trial.outcome == "not finished: receive"
     assert trial.simulated == pytest.approx(0.06)
@@ -67,3 +70,21 @@ def test_a_trial_begins_and_is_judged(example: ModuleType, plan: GraspPlan, tmp_
     example.print_table([trial, other])
     example.save_plot([trial, other], tmp_path / "plot.png")
     assert (tmp_path / "plot.png").stat().st_size > 10_000
+
+
+def test_failures_are_explained(example: ModuleType) -> None:
+    Trial = example.Trial
+    assert example.explain(Trial(3, outcome="no firm grip")) == "no firm grip; the pencil was not let go"
+    dropped = Trial(4, outcome="it moved", end_mm=1.2, sigma_mm=3.4, turned_deg=61.0, moved_mm=40.0)
+    assert example.explain(dropped) == (
+        "it moved; touch was 1.2 mm off at the lower end when the arm set off (3.4 stated); since the pencil was let "
+        "go, it turned by 61° in the hand and its lower end moved by 40 mm"
+    )
+    assert "the arm did not set off" in example.explain(Trial(5, outcome="ambiguous", turned_deg=0.0, moved_mm=0.0))
+
+
+def test_motion_in_the_hand_is_that_of_the_lower_end(example: ModuleType) -> None:
+    trial, before = example.Trial(0), np.array([[0.0, 0.0, 0.0], [-0.0875, 0.0, 0.0]])
+    example._note_motion(trial, before, 0.0875 * np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]))
+    assert trial.turned_deg == pytest.approx(90.0)
+    assert trial.moved_mm == pytest.approx(87.5 * np.sqrt(2.0))
