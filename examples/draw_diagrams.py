@@ -1,26 +1,38 @@
 """Draws the diagrams of the documentation: the pose estimation by itself, and the simulated station around it.
 
-Both for a hand with fingertip sensors, and for one with tactile pads. `diagram.GetGraphvizString()` shows a diagram
+Both for a hand with fingertip sensors, and for one with tactile pads; and the belief in a control stack, as figure 6.5
+of the thesis proposes it: sensing, prediction, update, and decision. `diagram.GetGraphvizString()` shows a diagram
 whole. These pictures are for reading: what there is once for each finger or pad is drawn once, as `<finger>` or
 `<pad>`; what nothing is connected to is left out, and so are sources of noise and the scene graph.
 """
 
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 from itertools import zip_longest
 from pathlib import Path
+from types import MappingProxyType
 
-from pydrake.systems.framework import Diagram, InputPortIndex, OutputPortIndex, System
+import numpy as np
+from pydrake.math import RigidTransform
+from pydrake.systems.framework import Diagram, DiagramBuilder, InputPortIndex, OutputPort, OutputPortIndex, System
 
+from tactopose_drake.arms.place_planning import PlaceParams, PlacePlanner
+from tactopose_drake.arms.station import ArmParts, ArmSetup, ArmStation, make_arm_station
+from tactopose_drake.core.grasping.grasp_planner import GraspPlan
+from tactopose_drake.core.held_axis import HeldAxis
 from tactopose_drake.resources import resource_root
-from tactopose_drake.scenario import load_scenario
+from tactopose_drake.scenario import Scenario, load_scenario
 from tactopose_drake.station import make_station
+from tactopose_drake.systems.place_task import PlaceTask
+from tactopose_drake.systems.pose_tracking import PoseTrackingParams
+from tactopose_drake.systems.simulated_vision import SimulatedVision, SimulatedVisionParams
 
 LEFT_OUT = ("RandomSource", "SceneGraph")
 STYLE = """rankdir=LR; ranksep=0.6; nodesep=0.12; bgcolor=white;
 node [shape=plain, fontname="Arial,Helvetica,sans-serif", fontsize=13]; edge [arrowsize=0.7, color="#5b6470"];"""
+FRAME = 'style="rounded,filled"; color="#c9d3e0"; fillcolor="#eef2f8"; fontname="Arial,Helvetica,sans-serif";'
 INPUT, OUTPUT = "#1f5fa8", "#2e7d32"  # colours of what goes into the diagram, and what comes out
 
 # A tail and a head, each a system and a port of it; the system of the diagram's own ports is "".
@@ -51,31 +63,54 @@ def kind(system: System) -> str:
     return re.sub(r"<.*", "", system.GetSystemType()).split("::")[-1].split(".")[-1]
 
 
-def to_dot(diagram: Diagram, endings: Sequence[str], ending: str) -> str:
+def opened(diagram: Diagram, name: str) -> tuple[dict[str, System], list[Edge]]:
+    """The systems of a diagram, and all connections between them, with one of them opened up to show its own."""
+    part = diagram.GetSubsystemByName(name)
+    systems = {system.get_name(): system for system in (*diagram.GetSystems(), *part.GetSystems()) if system != part}
+    outer, inner = connections(diagram), connections(part)
+    edges = [edge for edge in outer if name not in (edge[0], edge[2])] + [edge for edge in inner if edge[0] and edge[2]]
+    for tail, out, head, into in outer:
+        if head == name:
+            edges += [(tail, out, *edge[2:]) for edge in inner if edge[:2] == ("", into)]
+        if tail == name:
+            edges += [(*edge[:2], head, into) for edge in inner if edge[2:] == ("", out)]
+    return systems, edges
+
+
+def to_dot(
+    systems: Mapping[str, System],
+    connected: Sequence[Edge],
+    endings: Sequence[str],
+    ending: str,
+    groups: Mapping[str, Sequence[str]] = MappingProxyType({}),
+) -> str:
     """A diagram in the language of Graphviz.
 
     Args:
-        diagram: what to draw.
+        systems: those in it, by name.
+        connected: what is connected in it.
         endings: of names that are drawn once, where there is one with each of them.
         ending: what they end in then.
+        groups: names of systems that are drawn in a frame, by its title.
     """
-    names = {system.get_name() for system in diagram.GetSystems()}
-    names |= {name for _, out, _, into in connections(diagram) for name in (out, into)}
+    names = {*systems} | {name for _, out, _, into in connected for name in (out, into)}
 
     def once(name: str) -> str:
         stem = re.sub(rf"(?<=_)({'|'.join(endings)})$", "", name)
         return stem + ending if all(stem + each in names for each in endings) else name
 
-    edges = {tuple(once(name) for name in edge) for edge in connections(diagram)}
+    edges = {tuple(once(name) for name in edge) for edge in connected}
     lines = [STYLE]
-    for system in {once(system.get_name()): system for system in diagram.GetSystems()}.values():
-        name = once(system.get_name())
+    for name, system in {once(name): system for name, system in systems.items()}.items():
         inputs = [once(system.get_input_port(i).get_name()) for i in range(system.num_input_ports())]
         outputs = [once(system.get_output_port(i).get_name()) for i in range(system.num_output_ports())]
         used_in = [port for port in dict.fromkeys(inputs) if any(edge[2:] == (name, port) for edge in edges)]
         used_out = [port for port in dict.fromkeys(outputs) if any(edge[:2] == (name, port) for edge in edges)]
         if used_in or used_out:
             lines.append(f'"{name}" [label={box(name, kind(system), used_in, used_out)}];')
+    for index, (title, members) in enumerate(groups.items()):
+        inside = " ".join(f'"{name}";' for name in dict.fromkeys(map(once, members)))
+        lines.append(f"subgraph cluster_{index} {{ label=<<B>{title}</B>>; {FRAME} {inside} }}")
     for tail, out, head, into in sorted(edges):
         if not tail:
             lines.append(f'"in {out}" [label=<{escape(out)}>, fontcolor="{INPUT}"];')
@@ -105,6 +140,59 @@ def box(name: str, title: str, inputs: Sequence[str], outputs: Sequence[str]) ->
     )
 
 
+def make_control_stack(plan: GraspPlan) -> ArmStation:
+    """A hand on an arm that puts a handed-over pencil into a hole, by its belief; closed as anyhow planned."""
+    setup = ArmSetup(tracking=PoseTrackingParams())
+
+    def add_decision(builder: DiagramBuilder, parts: ArmParts) -> OutputPort:
+        vision = builder.AddNamedSystem(
+            "vision",
+            SimulatedVision(
+                parts.plant,
+                parts.scene_graph.model_inspector(),
+                object_body=parts.object_body,
+                object_model=parts.model,
+                palm_frame=parts.hand.palm_frame,
+                X_WC=RigidTransform(),
+                params=SimulatedVisionParams(),
+            ),
+        )
+        builder.Connect(parts.plant.get_body_poses_output_port(), vision.GetInputPort("body_poses"))
+        builder.Connect(vision.GetOutputPort("prior"), parts.estimation.GetInputPort("vision"))
+        grip = HeldAxis(np.array([0.0, -0.05, 0.11]), np.array([-1.0, 0.0, 0.0]), 0.0)
+        X_FBase = setup.X_FBase.GetDeterministicValue()
+        planner = PlacePlanner(
+            parts.arm_plant, parts.arm_alone, parts.hand.config, X_FBase, parts.model, grip, PlaceParams()
+        )
+        task = builder.AddNamedSystem("place_task", PlaceTask(planner, np.array(setup.q_start)))
+        grasp = builder.GetSubsystemByName("grasp_controller")
+        builder.Connect(grasp.GetOutputPort("holding"), task.GetInputPort("holding"))
+        builder.Connect(grasp.GetOutputPort("status"), task.GetInputPort("grasp_status"))
+        builder.Connect(task.GetOutputPort("open"), grasp.GetInputPort("open"))
+        for name in ("contacts", "hypotheses"):
+            builder.Connect(parts.estimation.GetOutputPort(name), task.GetInputPort(name))
+        builder.Connect(parts.senses["joint_positions"], task.GetInputPort("joint_positions"))
+        return task.GetOutputPort("arm_reference")
+
+    return make_arm_station(Scenario(object="pencil"), plan, setup, add_decision)
+
+
+def draw_control_stack(plan: GraspPlan) -> str:
+    """Figure 6.5 of the thesis as a diagram, in the language of Graphviz."""
+    station = make_control_stack(plan)
+    fingers = tuple(station.hand.sensor_frames)
+    systems, edges = opened(station.diagram, "pose_tracking")
+    sensors = [f"sensor_{finger}" for finger in fingers]
+    groups = {
+        "Sensing": [*sensors, "joint_positions", "vision", "palm_pose", "contact_solver", "contacts_in_palm"],
+        "Prediction": ["fingertip_velocities"],
+        "Update": ["hand_volume", "pose_belief"],
+        "Decision": ["place_task", "grasp_controller", "arm_controller"],
+    }
+    inside = [edge for edge in edges if edge[0] and edge[2]]
+    return to_dot(systems, inside, fingers, "<finger>", groups)
+
+
 def main() -> None:
     """Writes the pictures into docs/pictures, or the folder that is named."""
     try:
@@ -113,6 +201,10 @@ def main() -> None:
         sys.exit("draw_diagrams.py: pygraphviz is missing; `pip install pygraphviz` brings Graphviz with it.")
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else resource_root() / "docs" / "pictures"
     folder.mkdir(parents=True, exist_ok=True)
+
+    def draw(dot: str, path: Path) -> None:
+        path.write_bytes(AGraph(dot).draw(format="svg", prog="dot"))
+
     for scenario, suffix in (("shadow_like", ""), ("barrett_like", "_barrett")):
         station = make_station(load_scenario(scenario))
         fingers, pads = tuple(station.hand.sensor_frames), tuple(station.hand.pad_frames)
@@ -122,8 +214,10 @@ def main() -> None:
             "station": station.diagram,
         }
         for name, diagram in pictures.items():
-            picture = AGraph(to_dot(diagram, endings, ending)).draw(format="svg", prog="dot")
-            (folder / f"{name}{suffix}.svg").write_bytes(picture)
+            systems = {system.get_name(): system for system in diagram.GetSystems()}
+            draw(to_dot(systems, connections(diagram), endings, ending), folder / f"{name}{suffix}.svg")
+        if station.plan is not None:
+            draw(draw_control_stack(station.plan), folder / "control_stack.svg")
 
 
 if __name__ == "__main__":

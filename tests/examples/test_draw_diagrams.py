@@ -1,3 +1,4 @@
+import itertools
 import re
 import runpy
 import sys
@@ -28,7 +29,9 @@ def arrows(picture: Path) -> list[str]:
     return sorted(re.findall(r"<title>([^<]*&#45;&gt;[^<]*)</title>", picture.read_text()))
 
 
-@pytest.mark.parametrize("name", ["pose_estimation", "station", "pose_estimation_barrett", "station_barrett"])
+@pytest.mark.parametrize(
+    "name", ["pose_estimation", "station", "pose_estimation_barrett", "station_barrett", "control_stack"]
+)
 def test_the_pictures_in_the_documentation_are_up_to_date(drawn: Path, name: str) -> None:
     committed = resource_root() / "docs" / "pictures" / f"{name}.svg"
     assert words(drawn / f"{name}.svg") == words(committed)
@@ -50,6 +53,21 @@ def test_what_there_is_for_each_pad_is_drawn_once(drawn: Path) -> None:
     assert shown.count("tactile_array_&lt;pad&gt;") == 1
     assert not {f"pressures_{pad}" for pad in ("finger_1", "palm")} & set(shown)
     assert "contacts_in_palm" in words(drawn / "pose_estimation_barrett.svg")
+
+
+def test_the_control_stack_is_one_loop_from_sensing_to_decision(drawn: Path) -> None:
+    """Figure 6.5 of the thesis: what is sensed, predicted and believed leads to what hand and arm do, and back."""
+    shown = words(drawn / "control_stack.svg")
+    assert {"Sensing", "Prediction", "Update", "Decision"} <= set(shown)
+    assert "pose_tracking" not in shown, "it is opened up"
+    systems = {
+        tuple(re.sub(r":.*", "", end) for end in arrow.split("&#45;&gt;"))
+        for arrow in arrows(drawn / "control_stack.svg")
+    }
+    loop = ("plant", "sensor_&lt;finger&gt;", "contact_solver", "contacts_in_palm", "pose_belief", "place_task")
+    assert {*itertools.pairwise(loop)} <= systems
+    assert {("joint_positions", "fingertip_velocities"), ("fingertip_velocities", "pose_belief")} <= systems
+    assert {("vision", "pose_belief"), ("place_task", "arm_controller"), ("arm_controller", "plant")} <= systems
 
 
 def test_the_pictures_leave_out_noise_and_the_scene_graph(drawn: Path) -> None:
