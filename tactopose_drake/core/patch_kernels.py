@@ -216,13 +216,12 @@ def _misplace(u, sigmas, run, cells, pad):  # type: ignore[no-untyped-def]
         places[i, 2] = c + arms[i, 2] + x * arms[i, 1] - y * arms[i, 0]
 
 
-@njit(cache=True, error_model="numpy", fastmath=_FAST)
-def _slack(slope, outward, depth, width):  # type: ignore[no-untyped-def]
-    """How far a pressed cell's point may be from a surface that only a part of the cell feels, see `PatchCells`."""
-    dot, square = 0.0, 0.0
-    for a in range(3):
-        dot -= slope[a] * outward[a]
-        square += slope[a] * slope[a]
+@njit(cache=True, inline="always")
+def _slack(dot, square, depth, width):  # type: ignore[no-untyped-def]
+    """How far a pressed cell's point may be from a surface that only a part of the cell feels, see `PatchCells`.
+
+    Given are the gradient's part along the pad's inward normal, and its square.
+    """
     along = max(square - dot * dot, 0.0)
     dot = max(dot, 0.0)
     if width * width * along <= depth * depth * dot * dot:
@@ -240,13 +239,14 @@ def _look(grid, traits, run, cells, pad):  # type: ignore[no-untyped-def]
     flat = values.reshape(-1)
     nx, ny, nz = values.shape[0], values.shape[1], values.shape[2]
     sy, sx = np.uintp(4 * nz), np.uintp(4 * nz * ny)
-    places, slopes = cells.places, cells.slopes
+    places, slopes, arms, outward, middle = cells.places, cells.slopes, cells.arms, cells.outward, pad.middle
+    weights, residual, clear = cells.weights, cells.residual, cells.clear
     for i in range(run[0], run[1]):
         moved = 0.0
         for a in range(3):
-            moved += (places[i, a] - pad.middle[a] - cells.arms[i, a]) ** 2
-        if moved < cells.clear[i] ** 2:
-            cells.weights[i] = cells.residual[i] = slopes[i, 0] = slopes[i, 1] = slopes[i, 2] = 0.0
+            moved += (places[i, a] - middle[a] - arms[i, a]) ** 2
+        if moved < clear[i] ** 2:
+            weights[i] = residual[i] = slopes[i, 0] = slopes[i, 1] = slopes[i, 2] = 0.0
             continue
         ix, fx, ox = _cell(places[i, 0], origin[0], inverse_spacing, nx - 1.0)
         iy, fy, oy = _cell(places[i, 1], origin[1], inverse_spacing, ny - 1.0)
@@ -262,13 +262,14 @@ def _look(grid, traits, run, cells, pad):  # type: ignore[no-untyped-def]
         side, weight = traits[i, 0], traits[i, 1]
         if side * distance < 0.0:
             if moved == 0.0:
-                cells.clear[i] = max(distance, 0.0)
+                clear[i] = max(distance, 0.0)
             weight = 0.0
         elif side >= 0.0:
-            slack = _slack(slopes[i], cells.outward[i], traits[i, 2], traits[i, 3])
+            dot = -dx * outward[i, 0] - dy * outward[i, 1] - dz * outward[i, 2]
+            slack = _slack(dot, dx * dx + dy * dy + dz * dz, traits[i, 2], traits[i, 3])
             if slack > 0.0:
                 weight /= np.sqrt(1.0 + (weight * slack) ** 2 / 3.0)
-        cells.weights[i], cells.residual[i] = weight, weight * distance
+        weights[i], residual[i] = weight, weight * distance
         for a in range(3):
             slopes[i, a] *= weight
 
@@ -298,37 +299,42 @@ def _look_along(grid, run, cells):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, inline="always")
-def _row(lever, direction, turn, shift, row):  # type: ignore[no-untyped-def]
-    """The derivatives (6,) by a turn and a shift of a point at the lever (3,), given those by the point (3,)."""
-    x, y, z = direction[0], direction[1], direction[2]
-    row[0] = turn * (lever[1] * z - lever[2] * y)
-    row[1] = turn * (lever[2] * x - lever[0] * z)
-    row[2] = turn * (lever[0] * y - lever[1] * x)
-    row[3], row[4], row[5] = shift * x, shift * y, shift * z
+def _row(i, levers, directions, turn, shift, rows):  # type: ignore[no-untyped-def]
+    """The derivatives by a turn and a shift of the i-th point at its lever, given those by the point, of (n, 3) each.
+
+    Whole arrays are given, because a row of one that is given has its references counted.
+    """
+    x, y, z = directions[i, 0], directions[i, 1], directions[i, 2]
+    rows[i, 0] = turn * (levers[i, 1] * z - levers[i, 2] * y)
+    rows[i, 1] = turn * (levers[i, 2] * x - levers[i, 0] * z)
+    rows[i, 2] = turn * (levers[i, 0] * y - levers[i, 1] * x)
+    rows[i, 3], rows[i, 4], rows[i, 5] = shift * x, shift * y, shift * z
 
 
 @njit(cache=True, error_model="numpy", fastmath=_FAST)
 def _make_rows(directions, sigmas, run, cells):  # type: ignore[no-untyped-def]
     """The derivatives by misplacement and pose, given those by the places: the directions (n, 3)."""
+    arms, places, by_pad, by_pose = cells.arms, cells.places, cells.by_pad, cells.by_pose
     for i in range(run[0], run[1]):
-        _row(cells.arms[i], directions[i], sigmas[0], sigmas[1], cells.by_pad[i])
-        _row(cells.places[i], directions[i], -1.0, -1.0, cells.by_pose[i])
+        _row(i, arms, directions, sigmas[0], sigmas[1], by_pad)
+        _row(i, places, directions, -1.0, -1.0, by_pose)
 
 
 @njit(cache=True, error_model="numpy", fastmath=_FAST)
 def _couple(run, cells, C, L):  # type: ignore[no-untyped-def]
     """A pad's second derivatives: C (6, 6) by misplacement and pose, and the factor L of that by the misplacement."""
+    weights, by_pad, by_pose = cells.weights, cells.by_pad, cells.by_pose
     C[:] = 0.0
     L[:] = 0.0
     for a in range(6):
         L[a, a] = 1.0
     for i in range(run[0], run[1]):
-        if cells.weights[i] > 0.0:
+        if weights[i] > 0.0:
             for a in range(6):
                 for c in range(6):
-                    C[a, c] += cells.by_pad[i, a] * cells.by_pose[i, c]
+                    C[a, c] += by_pad[i, a] * by_pose[i, c]
                 for c in range(a + 1):
-                    L[a, c] += cells.by_pad[i, a] * cells.by_pad[i, c]
+                    L[a, c] += by_pad[i, a] * by_pad[i, c]
     _factor(L)
 
 
@@ -336,17 +342,17 @@ def _couple(run, cells, C, L):  # type: ignore[no-untyped-def]
 def _expand(sigmas, run, cells, pad):  # type: ignore[no-untyped-def]
     """The gradient and Gauss-Newton Hessian of a pad's cost by its misplacement."""
     g, H = pad.g, pad.H
+    arms, slopes, weights, residual, rows = cells.arms, cells.slopes, cells.weights, cells.residual, cells.by_pad
     H[:] = 0.0
     for a in range(6):
         H[a, a], g[a] = 1.0, pad.u[a]
     for i in range(run[0], run[1]):
-        if cells.weights[i] > 0.0:
-            row = cells.by_pad[i]
-            _row(cells.arms[i], cells.slopes[i], sigmas[0], sigmas[1], row)
+        if weights[i] > 0.0:
+            _row(i, arms, slopes, sigmas[0], sigmas[1], rows)
             for a in range(6):
-                g[a] += row[a] * cells.residual[i]
+                g[a] += rows[i, a] * residual[i]
                 for c in range(a + 1):
-                    H[a, c] += row[a] * row[c]
+                    H[a, c] += rows[i, a] * rows[i, c]
 
 
 @njit(cache=True, error_model="numpy", fastmath=_FAST)
