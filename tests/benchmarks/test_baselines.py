@@ -108,6 +108,7 @@ def judge(
     return statistics.median(seconds), near / len(trials)
 
 
+@pytest.mark.benchmark(timer=time.process_time)
 @pytest.mark.parametrize("name", OBJECTS)
 def test_correction_beside_others(benchmark: Any, name: str) -> None:
     model = tp.ObjectModel.from_mesh(model_path("objects", f"{name}.obj"))
