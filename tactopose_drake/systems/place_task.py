@@ -168,7 +168,11 @@ class PlaceTask(LeafSystem):
         if misplacement <= self._params.most_misplaced and status == "holding":
             return dataclasses.replace(before, phase="feel", since=time)
         if before.tried + 1 >= self._params.tries:
-            return self._fail(context, before, f"no firm grip in {self._params.tries} tries: {status}")
+            reason = status
+            if status == "holding":
+                where = f"the rod's end is {1e3 * misplacement:.0f} mm off its place"
+                reason = "nothing is felt in the hand" if held is None else where
+            return self._fail(context, before, f"no good grip in {self._params.tries} tries: {reason}")
         after = dataclasses.replace(before, phase="again", since=time, tried=before.tried + 1)
         # By an estimate that is less exact than the rod is misplaced, the hand gets nearer to it.
         if held is not None and max(held.sigma, self._params.most_misplaced) < misplacement:

@@ -164,13 +164,26 @@ def test_a_grip_that_is_not_firm_is_tried_again_and_then_given_up() -> None:
     assert bench.run(0.25) == "receive"
     assert not bench.is_open
     bench.set(holding=[1.0])
-    assert bench.run(0.15) == "failed: no firm grip in 2 tries: holding; not carrying: thumb"
+    assert bench.run(0.15) == "failed: no good grip in 2 tries: holding; not carrying: thumb"
+
+
+def test_a_rod_that_never_lies_well_is_given_up() -> None:
+    bench = Bench(Planner())
+    bench.hold()
+    bench.set_object(hypotheses=estimate(misplaced=0.02))
+    assert bench.run(0.4) == "meet"
+    bench.set(holding=[0.0])
+    assert bench.run(0.4) == "receive"
+    bench.set(holding=[1.0])
+    assert bench.run(0.2) == "failed: no good grip in 2 tries: the rod's end is 20 mm off its place"
+    assert not bench.is_open
 
 
 def test_nothing_felt_while_handed_over_is_no_grip() -> None:
     bench = Bench(Planner())
     bench.hold(contacts=touch(1))
     assert bench.run(0.15) == "again"
+    assert bench.run(0.4) == "failed: no good grip in 2 tries: nothing is felt in the hand"
 
 
 @pytest.mark.parametrize(
