@@ -2,8 +2,9 @@
 
 import numpy as np
 from pydrake.common.schema import Rotation, Transform
-from pydrake.math import RigidTransform
+from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlantConfig
+from pydrake.multibody.tree import FixedOffsetFrame
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
@@ -22,15 +23,17 @@ def test_on_an_arm_it_is_the_plants_own() -> None:
     arm = add_arm(plant, load_arm_config("seven_axis"), RigidTransform([0.3, 0.1, 0.0]))
     hand = add_hand(plant, load_hand_config("shadow_like"))
     mount_hand(plant, arm, hand, ArmSetup().X_FBase.GetDeterministicValue())
+    X_BP = RigidTransform(RollPitchYaw(0.4, -0.2, 0.9), [0.01, -0.02, 0.03])
+    palm_frame = plant.AddFrame(FixedOffsetFrame("tilted_palm", hand.palm_frame, X_BP))
     plant.Finalize()
-    palm = builder.AddNamedSystem("palm_pose", PalmPose(hand.palm_frame))
+    palm = builder.AddNamedSystem("palm_pose", PalmPose(palm_frame))
     builder.Connect(plant.get_body_poses_output_port(), palm.GetInputPort("body_poses"))
     context = builder.Build().CreateDefaultContext()
     plant_context = plant.GetMyMutableContextFromRoot(context)
     for _ in range(3):
         plant.SetPositions(plant_context, generator.uniform(-0.5, 0.5, plant.num_positions()))
         X_WP = palm.GetOutputPort("palm_pose").Eval(palm.GetMyContextFromRoot(context))
-        assert X_WP.IsNearlyEqualTo(hand.palm_frame.CalcPoseInWorld(plant_context), 1e-12)
+        assert X_WP.IsNearlyEqualTo(palm_frame.CalcPoseInWorld(plant_context), 1e-12)
 
 
 def test_in_a_station_it_tells_where_the_object_is_in_the_world() -> None:
