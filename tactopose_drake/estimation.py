@@ -20,10 +20,10 @@ from tactopose_drake.core.model_evidence import log_evidence
 from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.patches import Patch
 from tactopose_drake.core.plausibility import degrees_of_freedom, explain_touch
-from tactopose_drake.core.pose_problem import make_problem
+from tactopose_drake.core.pose_problem import PoseProblem, make_problem
 from tactopose_drake.core.posterior import make_posterior
 from tactopose_drake.core.prior import PosePrior
-from tactopose_drake.core.searches.base import Search
+from tactopose_drake.core.searches.base import Search, StopSignal
 from tactopose_drake.core.searches.gradient_descent import GradientDescent
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
 from tactopose_drake.core.searches.monte_carlo import MonteCarlo
@@ -110,21 +110,16 @@ def estimate_pose(
     problem = make_problem(model, evidence)
     search = METHODS[method](model, evidence)
     generator = np.random.default_rng(seed)
-    found = search.minimize(problem.objective, problem.space, generator, deadline)
-    if prior is None and any(symmetry.is_continuous for symmetry in model.symmetries):
-        turned = turn_toward(found.X_PO, found.X_PO[0], model.symmetries)
-        found = found._replace(X_PO=turned, cost=problem.objective.cost(turned)).ranked()
-    modes = find_modes(
-        found,
-        problem.determining.normal_equations(found.X_PO).hessian,
-        problem.space.information,
-        model.symmetry_poses,
-        model.size,
-        max_hypotheses,
-    )
-    if explain_touch(model, evidence, modes.X_PO).any() and not deadline():
-        modes = BeliefSampling().weigh(modes, make_posterior(model, evidence, problem), generator)
+    modes = _find_modes(model, evidence, problem, search, generator, deadline, max_hypotheses)
     explained = explain_touch(model, evidence, modes.X_PO)
+    if not explained.any() and prior is not None and isinstance(search, PairSearch) and not deadline():
+        # The valley with the pose may be a narrow one that no start has led to.
+        wider = _find_modes(model, evidence, problem, search.widened(), generator, deadline, max_hypotheses)
+        modes = min(modes, wider, key=lambda found: float(found.cost.min()))
+        explained = explain_touch(model, evidence, modes.X_PO)
+    if explained.any() and not deadline():
+        modes = BeliefSampling().weigh(modes, make_posterior(model, evidence, problem), generator)
+        explained = explain_touch(model, evidence, modes.X_PO)
     hypotheses = _hypotheses(modes, explained)
     undetermined = prior is None and len(evidence.touch) < _FEWEST_FOR_A_POSE
     return PoseEstimate(
@@ -150,6 +145,30 @@ class _Deadline:
     def elapsed(self) -> float:
         """Since it was made, s."""
         return time.perf_counter() - self._started
+
+
+def _find_modes(
+    model: ObjectModel,
+    evidence: Evidence,
+    problem: PoseProblem,
+    search: Search,
+    generator: np.random.Generator,
+    deadline: StopSignal,
+    limit: int,
+) -> Modes:
+    """What a search finds, as modes; so many at the most."""
+    found = search.minimize(problem.objective, problem.space, generator, deadline)
+    if evidence.prior is None and any(symmetry.is_continuous for symmetry in model.symmetries):
+        turned = turn_toward(found.X_PO, found.X_PO[0], model.symmetries)
+        found = found._replace(X_PO=turned, cost=problem.objective.cost(turned)).ranked()
+    return find_modes(
+        found,
+        problem.determining.normal_equations(found.X_PO).hessian,
+        problem.space.information,
+        model.symmetry_poses,
+        model.size,
+        limit,
+    )
 
 
 def _pair_search(model: ObjectModel, evidence: Evidence) -> PairSearch:

@@ -9,6 +9,7 @@ from pydrake.math import RigidTransform
 from scipy.stats import chi2
 
 import tactopose_drake as tp
+from tactopose_drake import estimation
 from tactopose_drake.core.hypotheses import determined_part
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.poses import (
@@ -20,7 +21,9 @@ from tactopose_drake.core.poses import (
     rotation_angles,
     transform_points,
 )
+from tactopose_drake.core.searches.base import SearchResult, never
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
+from tactopose_drake.core.searches.pair_search import PairSearch
 from tactopose_drake.core.synthetic_touch import touch_surface
 from tactopose_drake.resources import model_path
 from tests.core.searches.problems import make_blob
@@ -71,6 +74,25 @@ def test_a_doubtful_prior_is_corrected(bottle: tp.ObjectModel) -> None:
         off = error(estimate, X_PO)
         near += np.linalg.norm(off[3:]) < 0.01 and np.linalg.norm(off[:3]) < math.radians(10)
     assert near >= 19
+
+
+def test_a_touch_that_the_near_search_does_not_explain_is_looked_at_again(bottle: tp.ObjectModel) -> None:
+    class Stuck(PairSearch):
+        """Its starts lead nowhere, unless there are many."""
+
+        def minimize(self, objective, space, generator, should_stop=never):  # type: ignore[no-untyped-def]
+            if self.near_starts > PairSearch.near_starts:
+                return super().minimize(objective, space, generator, should_stop)
+            return SearchResult(space.center[None], objective.cost(space.center[None]), np.ones(1), np.ones(1, bool))
+
+    X_PO = random_pose(3)
+    contacts = touch_surface(bottle, X_PO, 5, np.random.default_rng(3))
+    prior = tp.PosePrior(displaced(X_PO, 3))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(estimation, "PairSearch", Stuck)
+        estimate = tp.estimate_pose(bottle, contacts, prior=prior)
+    assert estimate.best.explains_touch
+    assert estimate.best.cost == pytest.approx(tp.estimate_pose(bottle, contacts, prior=prior).best.cost, abs=0.3)
 
 
 @pytest.mark.parametrize("count", [3, 5])

@@ -87,6 +87,16 @@ class PairSearch:
         default_factory=lambda: LevenbergMarquardt(max_iterations=40, tolerance=1e-5)
     )
 
+    def widened(self) -> "PairSearch":
+        """The search with four times the starts where there is a prior."""
+        return dataclasses.replace(
+            self,
+            near_candidates=4 * self.near_candidates,
+            near_samples=4 * self.near_samples,
+            near_starts=4 * self.near_starts,
+            near_kept=3 * self.near_kept,
+        )
+
     def minimize(
         self,
         objective: LeastSquaresObjective,
