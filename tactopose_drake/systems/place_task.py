@@ -29,9 +29,8 @@ class PlaceTaskParams:
     # To get a grip in which every finger carries its share and the rod lies where the hand holds it best.
     tries: int = 5
     most_misplaced: float = 0.006  # of the lower end from there, across the rod, m
-    settle_time: float = (
-        0.5  # from the hand's hold, or from being left alone with the rod, to the look at the estimate, s
-    )
+    # From the hand's hold, and again from the rod being let go, to the look at the estimate, s.
+    settle_time: float = 0.5
     patience: float = 2.0  # how long an estimate that is good enough is waited for, s
     most_sigma: float = 0.005  # standard deviation of the rod's lower end across its axis, m
     # Of the lower end in the palm while it is carried, beyond three standard deviations of the estimates, m.
