@@ -336,7 +336,7 @@ def save_scene(closing: GraspPlan, pencil: Path, seed: int, path: Path, longest:
     """One trial, and a page that replays it in any browser."""
     meshcat = Meshcat(MeshcatParams(host="localhost"))
     station, planner = make_trial_station(closing, pencil, meshcat)
-    set_stage(meshcat, np.array([0.4, -0.1, 0.35]), 1.2, np.array([0.7, -1.0, 0.35]))
+    set_stage(meshcat, np.array([0.5, -0.1, 0.4]), 1.3, np.array([0.3, -1.0, 0.35]))
     meshcat.StartRecording()
     trial = run_trial(closing, station, planner, seed, longest)
     meshcat.PublishRecording()
