@@ -16,9 +16,9 @@ test: $(STAMP)
 	$(BIN)/pytest
 
 bench: $(STAMP)
-	$(BIN)/pytest -n 0 tests/benchmarks
+	$(BIN)/pytest -n 0 -s tests/benchmarks
 
-# A few trials of everything, some minutes; `full-report` makes all of them, hours.
+# A few trials of everything, some minutes, two scripts at a time; `full-report` makes all of them, hours.
 report: $(STAMP)
 	$(BIN)/python examples/report.py
 
