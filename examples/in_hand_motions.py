@@ -8,8 +8,10 @@ with a guess that is 33 mm and 16 degrees off. The estimate knows the noise, and
 of the slip nobody tells it.
 
 A mode is right when the truth, or an image of it under the object's symmetries, lies in the ellipsoid that holds 99.9 %
-of its Gaussian. Where one mode has all but 1 % of the mass the normalised estimation error squared is taken: its mean
-is 6 for an honest belief; spins that change nothing have no part in it, and it is scaled from five dimensions to six.
+of its Gaussian. Where one mode has all but 1 % of the mass, and the belief does not call itself lost, the normalised
+estimation error squared is taken: its mean is 6 for an honest belief; spins that change nothing have no part in it, and
+it is scaled from five dimensions to six. The errors of one motion are much the same from its first instant to its last,
+as the calibration's are: the standard error of the mean is that of the motions' means.
 """
 
 import argparse
@@ -58,7 +60,7 @@ class Instant:
         time: s.
         status: the belief's.
         right: whether one of the modes is right.
-        unique: whether one mode has all but 1 % of the mass.
+        unique: whether one mode has all but 1 % of the mass, and the belief does not call itself lost.
         square: normalised estimation error squared of the best mode.
         translation, rotation: its error, m and rad.
         said_translation, said_rotation: root mean squares of what it says these are.
@@ -219,7 +221,7 @@ def judge(model: tp.ObjectModel, belief: PoseBelief, X_true: Array, seconds: flo
         belief.time,
         belief.status,
         right,
-        bool(len(belief.X_PO) and belief.probability[0] > UNIQUE),
+        bool(len(belief.X_PO) and belief.probability[0] > UNIQUE and belief.status != "lost"),
         float(square) * 6.0 / dimensions,
         float(np.linalg.norm(error[3:])),
         float(np.linalg.norm(error[:3])),
@@ -260,6 +262,7 @@ class Figures:
     right: float
     unique: float
     square: float
+    square_error: float
     translation: float
     rotation: float
     median: float
@@ -271,7 +274,9 @@ class Figures:
 def figures(runs: list[list[Instant]]) -> Figures:
     """Means over all instants of all motions."""
     instants = [instant for run in runs for instant in run]
-    squares = [instant.square for instant in instants if instant.unique]
+    of_runs = [[instant.square for instant in run if instant.unique] for run in runs]
+    squares = np.array([square for of_run in of_runs for square in of_run])
+    sums = np.array([np.sum(np.array(of_run) - squares.mean()) for of_run in of_runs]) if len(squares) else np.zeros(1)
     seconds = [instant.seconds for instant in instants]
     detected, recovered = [], []
     for run in runs:
@@ -284,7 +289,8 @@ def figures(runs: list[list[Instant]]) -> Figures:
         instants=len(instants),
         right=float(np.mean([instant.right for instant in instants])),
         unique=len(squares) / len(instants),
-        square=float(np.mean(squares)) if squares else np.nan,
+        square=float(squares.mean()) if len(squares) else np.nan,
+        square_error=float(np.sqrt(np.sum(sums**2)) / len(squares)) if len(squares) else np.nan,
         translation=float(np.sqrt(np.nanmean([instant.translation**2 for instant in instants]))),
         rotation=float(np.sqrt(np.nanmean([instant.rotation**2 for instant in instants]))),
         median=float(np.median(seconds)),
@@ -298,8 +304,9 @@ def line(name: str, f: Figures) -> str:
     """The figures in words."""
     text = (
         f"{name}: {f.motions} motions, {f.instants} instants; a right mode in {f.right:.1%}; unique in {f.unique:.0%}, "
-        f"NEES there {f.square:.2f} (honest: 6); errors {1e3 * f.translation:.2f} mm, {np.degrees(f.rotation):.2f} deg "
-        f"rms; update {1e3 * f.median:.2f} ms median, {1e3 * f.slowest:.2f} ms at 99 %"
+        f"NEES there {f.square:.2f} +- {f.square_error:.2f} (honest: 6); "
+        f"errors {1e3 * f.translation:.2f} mm, {np.degrees(f.rotation):.2f} deg rms; "
+        f"update {1e3 * f.median:.2f} ms median, {1e3 * f.slowest:.2f} ms at 99 %"
     )
     if f.recovered:
         late = [seconds for seconds in f.recovered if seconds > 0.2]

@@ -75,7 +75,7 @@ def find_new_modes(
     if not len(X_start):
         return ModeSet.empty(num_sources)
 
-    spread: FloatArray = np.linalg.inv(problem.space.information)
+    spread = np.asarray(np.linalg.inv(problem.space.information), dtype=np.float64)
     prior: PoseMeasurement | FloatArray = spread if near is None else near
 
     def update(X_start: FloatArray) -> ModeSet:

@@ -2,10 +2,11 @@ import math
 
 import numpy as np
 import pytest
+import trimesh
 
 from tactopose_drake.core.contacts import Contacts
 from tactopose_drake.core.objects import ObjectModel
-from tactopose_drake.core.poses import increments_between, make_poses, random_rotations, retract
+from tactopose_drake.core.poses import exp_so3, increments_between, make_poses, random_rotations, retract
 from tactopose_drake.core.tracking.contact_update import Stable, update_with_contacts
 from tests.core.tracking.boxes import SIGMA_NORMAL, SIGMA_POSITION, draw_biases, make_box, n_OC, p_OC, touch
 
@@ -144,3 +145,54 @@ def test_contacts_without_normals_say_their_distance_alone(box: ObjectModel) -> 
     )
     # Two contacts across each axis.
     np.testing.assert_allclose(np.diag(update.covariance[0])[3:], SIGMA_POSITION**2 / 2.0, rtol=0.02)
+
+
+def test_noise_of_normals_tells_nothing_of_a_spin_that_changes_nothing() -> None:
+    """Each frame's noise has a slope by the spin, but no two the same: their squares must not add up."""
+    cylinder = ObjectModel.from_mesh(trimesh.creation.cylinder(0.03, 0.12, sections=64), cache=False)
+    angles, heights = np.array([0.1, 1.5, 2.4, 3.6, 5.2]), np.array([0.03, -0.02, 0.01, 0.035, -0.03])
+    n_PC = np.stack([np.cos(angles), np.sin(angles), 0.0 * angles], axis=1)
+    p_PC = 0.03 * n_PC + heights[:, None] * [0.0, 0.0, 1.0]
+    generator = np.random.default_rng(0)
+    X, P, C = np.eye(3, 4)[None], np.diag([0.05, 0.05, 0.3, 0.003, 0.003, 0.003])[None] ** 2, np.zeros((1, 6, 30))
+    for _ in range(100):
+        turn = exp_so3(SIGMA_NORMAL * generator.normal(size=(5, 3)))
+        contacts = Contacts(
+            p_PC + SIGMA_POSITION * generator.normal(size=(5, 3)),
+            (turn @ n_PC[..., None])[..., 0],
+            sigma_position=SIGMA_POSITION,
+            sigma_normal=SIGMA_NORMAL,
+        )
+        update = update_with_contacts(cylinder, contacts, np.arange(5), STABLE, X, P, C, EVEN[:, :5])
+        X, P, C = update.X_PO, update.covariance, update.cross
+    assert np.sqrt(P[0, 2, 2]) > 0.2
+    assert np.sqrt(P[0, 0, 0]) < 0.02
+
+
+def test_a_surface_is_rough_at_its_edges_and_even_on_its_faces(box: ObjectModel) -> None:
+    generator = np.random.default_rng(0)
+    contacts = touch(np.eye(3, 4), generator)
+    at_edge = contacts.p_PC.copy()
+    at_edge[0] = [0.03, 0.05, 0.03]
+    contacts = Contacts(at_edge, contacts.n_PC, sigma_position=SIGMA_POSITION, sigma_normal=SIGMA_NORMAL)
+    P = np.diag(np.repeat([0.01**2, 0.0005**2], 3))[None]
+    roughness = update_with_contacts(
+        box, contacts, np.arange(6), STABLE, np.eye(3, 4)[None], P, np.zeros((1, 6, 36)), EVEN
+    ).roughness[0]
+    assert np.sqrt(roughness[0, 1]) > math.radians(10.0)
+    assert np.all(np.sqrt(roughness[1:, 1]) < math.radians(2.0))
+    assert np.all(np.sqrt(roughness[1:, 0]) < 1e-4)
+
+
+def test_the_share_that_stays_is_that_of_the_variances(box: ObjectModel) -> None:
+    contacts = touch(np.eye(3, 4), np.random.default_rng(0))
+    P = np.diag(np.repeat([0.01**2, 0.0005**2], 3))[None]
+    rough = EVEN + np.array([1e-6, 0.01])
+    for roughness in (EVEN, rough):
+        update = update_with_contacts(
+            box, contacts, np.arange(6), STABLE, np.eye(3, 4)[None], P, np.zeros((1, 6, 36)), roughness
+        )
+        stays = np.square(STABLE.hand) + np.square(STABLE.surface) + roughness[0, 0]
+        new = np.square([SIGMA_POSITION, SIGMA_NORMAL]) - np.square(STABLE.hand)
+        shares = stays / (stays + new)
+        assert update.stays == pytest.approx((shares[0] + 2.0 * shares[1]) / 3.0)

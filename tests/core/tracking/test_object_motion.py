@@ -51,6 +51,22 @@ def test_noise_grows_with_slip_but_not_through_the_fingertips() -> None:
     assert slipping[3, 3] == pytest.approx(held[3, 3], rel=0.5)
 
 
+def test_more_fingertips_do_not_average_out_a_slip() -> None:
+    """It slips as a whole: along x, between fingertips on the faces across y and z."""
+    few, many = ([2, 3], [2, 3, 4, 5])
+    spread = {
+        slips: [
+            move_with_fingertips(
+                Contacts(p_OC[at], n_OC[at]), [NAMES[i] for i in at], velocities(np.zeros(6)), NOISE, 0.01, slips=slips
+            ).covariance[3, 3]
+            for at in (few, many)
+        ]
+        for slips in (False, True)
+    }
+    assert spread[False][1] < 0.8 * spread[False][0]
+    assert spread[True][1] > 0.9 * spread[True][0]
+
+
 def test_forces_at_the_friction_cone_let_go_of_the_tangent() -> None:
     noise = MotionNoise(friction=0.5)
     along = {"inside": 0.2, "outside": 0.6}
