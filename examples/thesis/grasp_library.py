@@ -96,8 +96,11 @@ def _grasps(name: str, folder: Path) -> Iterator[SimulatedGrasp]:
 
 
 def _save(path: Path, grasp: SimulatedGrasp | None) -> None:
-    """Writes a grasp, or an empty file for a seed without one, in one step: no reader sees half a file."""
-    partial = path.with_suffix(".partial")
+    """Writes a grasp, or an empty file for a seed without one, in one step: no reader sees half a file.
+
+    Another process may be at the same grasp, and comes to the same.
+    """
+    partial = path.with_suffix(f".{os.getpid()}.partial")
     with partial.open("wb") as file:
         np.savez(file, **({} if grasp is None else vars(grasp)))
     os.replace(partial, path)

@@ -61,6 +61,26 @@ def test_the_little_finger_touches_the_stem(grasp: Any) -> None:
     assert 0.015 < z < 0.09
 
 
+def test_two_processes_may_write_the_same_grasp(
+    library: ModuleType, tmp_path: Path, grasp: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, save, written = tmp_path / "grasp.npz", np.savez, []
+
+    def save_while_another_does(file: Any, **arrays: Any) -> None:
+        if not written:
+            written.append(path)
+            with monkeypatch.context() as patch:
+                patch.setattr(library.os, "getpid", lambda: -1)
+                library._save(path, grasp)
+        save(file, **arrays)
+
+    monkeypatch.setattr(library.np, "savez", save_while_another_does)
+    library._save(path, grasp)
+    assert list(tmp_path.iterdir()) == [path]
+    with np.load(path) as arrays:
+        np.testing.assert_array_equal(arrays["X_PO"], grasp.X_PO)
+
+
 def test_what_is_there_is_not_simulated_again(
     library: ModuleType, folder: Path, grasp: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
