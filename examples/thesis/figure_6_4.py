@@ -114,7 +114,7 @@ def verdict(runs: Runs) -> str:
 def markdown(runs: Runs) -> str:
     """The table and the verdict."""
     lines = [
-        "# Touches until the pose is unique",
+        "# Figure 6.4: touches until the pose is unique",
         "",
         "| " + " | ".join(HEADINGS) + " |",
         "|---|---:|---|---:|---:|---:|",
