@@ -135,6 +135,9 @@ def update_with_contacts(
     )
     felt = np.zeros((count, len(contacts), 2))
     refine_modes(*problem, _STEPS, _TOLERANCE, hessian)
+    if X_start is None:
+        # A frame tells little that is new: what holds over the prediction's whole spread, not about the minimum alone.
+        hessian[:] = information
     regress_modes(*problem, _ARM * model.size, _REACH, _ROUNDS, cost, spread, hessian, felt)
     joint = np.linalg.solve(hessian, np.broadcast_to(np.eye(size, 6), (count, size, 6)))
     P = joint[:, :6]
