@@ -15,8 +15,9 @@ from tactopose_drake.core.tracking.object_motion import Motion
 from tactopose_drake.core.tracking.pose_measurement import PoseMeasurement
 from tactopose_drake.core.validation import FloatArray
 
-# Two poses are one mode when they lie within this many standard deviations of each other.
-_SAME_MODE = 3.0
+# Two poses are one mode when they lie within this many standard deviations of each other. What lies farther off may be
+# another minimum, on the flank of a mode that is still wide.
+_SAME_MODE = 2.0
 # The roughness that a contact is taken to feel follows the measured one by this share a frame: noise makes it jump.
 _FOLLOW = 0.2
 # Nothing is known of a rotation with this variance about each axis, rad^2: the mean square of a random rotation's.
