@@ -3,7 +3,7 @@
     python examples/thesis/figure_5_11.py --out out
 
 Prints where each cost is least beside what the thesis reads off its figure; writes the figure (figure_5_11.png). The
-grip is that of the lying bottle of table 5.3 (see `pad_grasps.py`), which is kept under the folder.
+grip is that of the lying bottle of table 5.3 (see `pad_grasps.py`), which is kept in the cache folder.
 
 The object is turned from its true pose by up to 57 deg either way about the palm's normal through the palm's middle,
 as the thesis does, and judged by algorithm 5.2 ("PCA"), algorithm 5.3 ("distance") and our likelihood of the cells.
@@ -12,7 +12,6 @@ Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping,
 """
 
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import click
 import numpy as np
@@ -77,18 +76,17 @@ def blue_to_red(count: int) -> Array:
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
-@click.option("--out", type=click.Path(path_type=Path), help="Writes the figure here; keeps the grip.")
+@click.option("--out", type=click.Path(path_type=Path), help="Writes the figure here.")
 def main(out: Path | None) -> None:
     """Regenerates figure 5.11 of the thesis."""
-    with TemporaryDirectory() as temporary:
-        folder = Path(temporary) if out is None else out / "pad_grips"
-        grasp = load_pad_grasp(GRIP, GRIPS[GRIP], folder)
+    grasp = load_pad_grasp(GRIP, GRIPS[GRIP])
     costs = turned_costs(grasp)
     console = Console()
     console.print(f"Figure 5.11, grip {GRIP}")
     for line in verdicts(costs):
         console.print(f"- {line}")
     if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
         plot(grasp, costs, out / "figure_5_11.png")
 
 

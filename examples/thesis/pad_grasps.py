@@ -5,7 +5,7 @@ thesis' first experiment, the pads lie where the shape has something to tell: an
 grip is the thesis' horizontal bottle, which has nothing but a cylinder under the pads: no touch tells how far it has
 slid along its axis.
 
-Each grip is kept as a file, named by what it was simulated from (but for the hand), so that the next run only reads.
+Each grip is kept as a file, named by what it was simulated from, so that the next run only reads.
 
 Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016, section 5.3.
 """
@@ -23,6 +23,7 @@ from pydrake.common.schema import Rotation, Transform
 from pydrake.common.yaml import yaml_dump_typed
 
 import tactopose_drake as tp
+from tactopose_drake.core.model_cache import cache_folder
 from tactopose_drake.core.objectives.base import LeastSquaresObjective
 from tactopose_drake.core.objectives.cell_distance import CellDistance
 from tactopose_drake.core.objectives.covariance_matching import CovarianceMatching
@@ -32,6 +33,7 @@ from tactopose_drake.core.point_grid import build_point_grid
 from tactopose_drake.core.poses import retract
 from tactopose_drake.errors import TactoposeError
 from tactopose_drake.grasping.grasp_simulation import simulate_grasp
+from tactopose_drake.resources import model_path
 from tactopose_drake.scenario import Grip, Scenario, load_scenario
 
 Array = NDArray[np.float64]
@@ -90,8 +92,8 @@ class GripLostError(TactoposeError):
     """A simulated hand does not hold its object."""
 
 
-def load_pad_grasp(name: str, scenario: Scenario, folder: Path) -> PadGrasp:
-    """Reads a grip from the folder; simulates it, and writes it there, where it is not there yet.
+def load_pad_grasp(name: str, scenario: Scenario) -> PadGrasp:
+    """Reads a grip from the package's cache folder; simulates it, and writes it there, where it is not there yet.
 
     Raises:
         GripLostError: if the hand does not hold the object.
@@ -99,6 +101,9 @@ def load_pad_grasp(name: str, scenario: Scenario, folder: Path) -> PadGrasp:
     mesh = trimesh.load_mesh(scenario.object_mesh())
     content = yaml_dump_typed(scenario).encode() + scenario.object_sdf().read_bytes()
     content += np.asarray(mesh.vertices).tobytes()
+    hand_files = sorted(path for path in model_path("hands", scenario.hand).iterdir() if path.is_file())
+    content += b"".join(path.read_bytes() for path in hand_files)
+    folder = cache_folder() / "pad_grips"
     path = folder / f"{scenario.object}_{hashlib.blake2b(content, digest_size=6).hexdigest()}.npz"
     if not path.is_file():
         folder.mkdir(parents=True, exist_ok=True)
@@ -130,12 +135,15 @@ def load_pad_grasp(name: str, scenario: Scenario, folder: Path) -> PadGrasp:
 
 
 def _save(path: Path, name: str, scenario: Scenario) -> None:
-    """Simulates a grip and writes it in one step: no reader sees half a file."""
+    """Simulates a grip and writes it in one step: no reader sees half a file.
+
+    Another process may be at the same grip, and comes to the same.
+    """
     result = simulate_grasp(scenario)
     if not result.stable:
         raise GripLostError(f"{name}: {result.reason}.")
     patches = result.station.diagram.GetOutputPort("patches").Eval(result.context)
-    partial = path.with_suffix(".partial")
+    partial = path.with_suffix(f".{os.getpid()}.partial")
     with partial.open("wb") as file:
         np.savez(
             file,

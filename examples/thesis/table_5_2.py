@@ -3,7 +3,7 @@
     python examples/thesis/table_5_2.py --trials 20 --seed 0 --out out
 
 Prints the table beside the thesis' numbers; writes it as Markdown (table_5_2.md). The input is that of table 5.3: six
-simulated grips (see `pad_grasps.py`), kept under the folder, and displaced poses to correct. Nearly all of the
+simulated grips (see `pad_grasps.py`), kept in the cache folder, and displaced poses to correct. Nearly all of the
 time is that of the thesis' searches.
 
 The thesis' three searches may look at the same number of poses, that of its Monte Carlo method; each ends with a
@@ -18,7 +18,6 @@ Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping,
 
 import time
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
 import click
@@ -148,15 +147,14 @@ def print_table(results: Results, console: Console) -> None:
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
 @click.option("--trials", type=click.IntRange(min=1), default=20, show_default=True, help="Trials of each grip.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the displacements.")
-@click.option("--out", type=click.Path(path_type=Path), help="Writes the Markdown table here; keeps the grips.")
+@click.option("--out", type=click.Path(path_type=Path), help="Writes the Markdown table here.")
 def main(trials: int, seed: int, out: Path | None) -> None:
     """Regenerates table 5.2 of the thesis, beside its numbers."""
-    with TemporaryDirectory() as temporary:
-        folder = Path(temporary) if out is None else out / "pad_grips"
-        grasps = {name: load_pad_grasp(name, grip, folder) for name, grip in GRIPS.items()}
+    grasps = {name: load_pad_grasp(name, grip) for name, grip in GRIPS.items()}
     results = {name: run_trials(grasp, trials, (seed, i), name) for i, (name, grasp) in enumerate(grasps.items())}
     print_table(results, Console())
     if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
         (out / "table_5_2.md").write_text(markdown(results, trials, seed), encoding="utf-8")
 
 

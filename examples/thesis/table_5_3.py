@@ -3,7 +3,7 @@
     python examples/thesis/table_5_3.py --trials 100 --seed 0 --out out
 
 Prints the table beside the thesis' numbers; writes it as Markdown (table_5_3.md) with figure 5.12 (figure_5_12.png).
-The grips (see `pad_grasps.py`) are kept under the folder, so only the first run simulates
+The grips (see `pad_grasps.py`) are kept in the cache folder, so only the first run simulates
 them: half a minute. 100 trials take about five minutes.
 
 A trial turns and shifts the true pose, evenly by up to 20 deg about and 10 mm along each axis, either way, and corrects
@@ -32,7 +32,6 @@ Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping,
 """
 
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import click
 import numpy as np
@@ -210,15 +209,14 @@ def plot(trials: dict[str, Trials], path: Path) -> None:
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
 @click.option("--trials", type=click.IntRange(min=3), default=100, show_default=True, help="Trials of each grip.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the displacements.")
-@click.option("--out", type=click.Path(path_type=Path), help="Writes the table and the plots here; keeps the grips.")
+@click.option("--out", type=click.Path(path_type=Path), help="Writes the table and the plots here.")
 def main(trials: int, seed: int, out: Path | None) -> None:
     """Regenerates table 5.3 of the thesis, beside its numbers."""
-    with TemporaryDirectory() as temporary:
-        folder = Path(temporary) if out is None else out / "pad_grips"
-        grasps = {name: load_pad_grasp(name, grip, folder) for name, grip in GRIPS.items()}
+    grasps = {name: load_pad_grasp(name, grip) for name, grip in GRIPS.items()}
     results = {name: run_trials(grasp, trials, (seed, i), name) for i, (name, grasp) in enumerate(grasps.items())}
     print_table(results, Console())
     if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
         (out / "table_5_3.md").write_text(markdown(results, seed), encoding="utf-8")
         plot(list(results.values())[-1], out / "figure_5_12.png")
 

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from tactopose_drake.core.model_cache import FOLDER_VARIABLE
+
 FOLDER = Path(__file__).parents[2] / "examples" / "thesis"
 
 
@@ -21,7 +23,9 @@ def script() -> ModuleType:
 @pytest.fixture(scope="module")
 def folder(script: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("figure_5_11") / "new"
-    result = CliRunner().invoke(script.main, ["--out", str(folder)])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(FOLDER_VARIABLE, str(folder.parent / "cache"))
+        result = CliRunner().invoke(script.main, ["--out", str(folder)])
     assert result.exit_code == 0, result.output
     text = " ".join(result.output.split())
     assert "algorithm 5.2: least at" in text
@@ -31,8 +35,9 @@ def folder(script: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> Path
 
 
 @pytest.fixture
-def grasp(script: ModuleType, folder: Path) -> Any:
-    return script.load_pad_grasp(script.GRIP, script.GRIPS[script.GRIP], folder / "pad_grips")
+def grasp(script: ModuleType, folder: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+    monkeypatch.setenv(FOLDER_VARIABLE, str(folder.parent / "cache"))
+    return script.load_pad_grasp(script.GRIP, script.GRIPS[script.GRIP])
 
 
 def test_the_figure_is_drawn(folder: Path) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from tactopose_drake.core.model_cache import FOLDER_VARIABLE
 from tactopose_drake.core.poses import retract
 
 FOLDER = Path(__file__).parents[2] / "examples" / "thesis"
@@ -42,6 +43,7 @@ def folder(script: ModuleType, corrections: ModuleType, tmp_path_factory: pytest
     """What the script writes for one of the grips."""
     folder = tmp_path_factory.mktemp("table_5_3") / "new"
     with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(FOLDER_VARIABLE, str(folder.parent / "cache"))
         patch.setattr(script, "GRIPS", {BOTTLE: script.GRIPS[BOTTLE]})
         patch.setattr(corrections, "DIRECT", dataclasses.replace(corrections.DIRECT, max_evaluations=500))
         result = CliRunner().invoke(script.main, ["--trials", "4", "--seed", "2", "--out", str(folder)])
@@ -52,9 +54,10 @@ def folder(script: ModuleType, corrections: ModuleType, tmp_path_factory: pytest
 
 @pytest.fixture
 def grasp(grasps: ModuleType, folder: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
-    """The grip that the script left in its folder; nothing is simulated again."""
+    """The grip that the script left in the cache folder; nothing is simulated again."""
+    monkeypatch.setenv(FOLDER_VARIABLE, str(folder.parent / "cache"))
     monkeypatch.delattr(grasps, "simulate_grasp")
-    return grasps.load_pad_grasp(BOTTLE, grasps.GRIPS[BOTTLE], folder / "pad_grips")
+    return grasps.load_pad_grasp(BOTTLE, grasps.GRIPS[BOTTLE])
 
 
 def test_every_cell_stands_beside_the_thesis_number(folder: Path) -> None:
@@ -94,10 +97,11 @@ def test_a_hand_that_loses_its_object_is_an_error(
         stable: bool = False
         reason: str = "the object slipped by 20.0 mm"
 
+    monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
     monkeypatch.setattr(grasps, "simulate_grasp", lambda scenario: Lost())
     with pytest.raises(grasps.GripLostError, match=r"thermal bottle, lying: the object slipped by 20.0 mm\."):
-        grasps.load_pad_grasp(BOTTLE, grasps.GRIPS[BOTTLE], tmp_path)
-    assert not list(tmp_path.iterdir())
+        grasps.load_pad_grasp(BOTTLE, grasps.GRIPS[BOTTLE])
+    assert not list((tmp_path / "pad_grips").iterdir())
 
 
 def test_displacements_fill_the_box_and_come_from_the_seed(
