@@ -19,6 +19,7 @@ from tactopose_drake.station_grasp import GraspStart, add_grip, add_planned_gras
 from tactopose_drake.station_senses import add_noise, add_senses
 from tactopose_drake.station_tracking import add_tracking
 from tactopose_drake.systems.grip_controller import set_motor_gains
+from tactopose_drake.systems.palm_pose import PalmPose
 from tactopose_drake.systems.patch_display import PatchDisplay
 from tactopose_drake.systems.pose_display import PoseDisplay
 from tactopose_drake.systems.pose_estimation import AddPoseEstimation
@@ -34,7 +35,8 @@ class Station:
         diagram: ports `hand_state`, `joint_positions`, `wrench_<finger>`, `pressures_<pad>`, `holding`, `grasp_status`,
             `prior`, `hidden_share`, all outputs of `AddPoseEstimation`, `contact_results`, `body_poses`, `query`, and
             of a planned grasp `actuation`; where the scenario tracks, `tracked_object_pose` and so on:
-            `object_pose`, `covariance`, `hypotheses`, `status` and `belief` of `AddPoseTracking`.
+            `object_pose`, `object_pose_in_world`, `covariance`, `hypotheses`, `status` and `belief` of
+            `AddPoseTracking`.
         plant: the simulator's plant: hand and object.
         scene_graph: their geometry.
         hand: the hand in the plant.
@@ -122,7 +124,13 @@ def make_station(
     _add_estimation(builder, scenario, hand, model, senses)
     if scenario.tracking is not None:
         joints, vision = (builder.GetSubsystemByName(name) for name in ("joint_positions", "vision"))
-        more = {"joint_velocities": joints.get_output_port(1), "vision": vision.GetOutputPort("prior")}
+        palm = builder.AddNamedSystem("palm_pose", PalmPose(hand.palm_frame))
+        builder.Connect(plant.get_body_poses_output_port(), palm.GetInputPort("body_poses"))
+        more = {
+            "joint_velocities": joints.get_output_port(1),
+            "vision": vision.GetOutputPort("prior"),
+            "palm_pose": palm.GetOutputPort("palm_pose"),
+        }
         add_tracking(builder, scenario.tracking, hand.config, model, {**senses, **more})
     if meshcat is not None:
         _add_display(builder, plant, scene_graph, hand, model, meshcat)

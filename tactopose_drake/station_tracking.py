@@ -25,7 +25,8 @@ def add_tracking(
         params: parameters of each part.
         hand: the hand.
         model: the object.
-        known: what the station has, by the names of `AddPoseTracking`'s inputs; what else there is, is left out.
+        known: what the station has, by the names of `AddPoseTracking`'s inputs; what else there is, is left out. With a
+            `palm_pose` there is a `tracked_object_pose_in_world`, too.
 
     Returns:
         The belief's diagram.
@@ -34,6 +35,6 @@ def add_tracking(
     for name, port in known.items():
         if tracking.HasInputPort(name):
             builder.Connect(port, tracking.GetInputPort(name))
-    for name in _SHOWN:
+    for name in (*_SHOWN, *(("object_pose_in_world",) if "palm_pose" in known else ())):
         builder.ExportOutput(tracking.GetOutputPort(name), f"tracked_{name}")
     return tracking

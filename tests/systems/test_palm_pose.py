@@ -14,7 +14,7 @@ from tactopose_drake.hand import add_hand, load_hand_config
 from tactopose_drake.scenario import load_scenario
 from tactopose_drake.station import make_station
 from tactopose_drake.systems.palm_pose import PalmPose
-from tactopose_drake.systems.pose_tracking import AddPoseTracking, PoseTrackingParams
+from tactopose_drake.systems.pose_tracking import PoseTrackingParams
 
 
 def test_on_an_arm_it_is_the_plants_own() -> None:
@@ -39,27 +39,21 @@ def test_on_an_arm_it_is_the_plants_own() -> None:
 def test_in_a_station_it_tells_where_the_object_is_in_the_world() -> None:
     scenario = load_scenario("barrett_like_can")
     scenario.X_WBase = Transform(translation=[0.4, -0.2, 0.7], rotation=Rotation(value=Rotation.Rpy(deg=[50, 20, 70])))
-    station, builder = make_station(scenario), DiagramBuilder()
-    builder.AddSystem(station.diagram)
-    params = PoseTrackingParams(use_joint_velocities=False)
-    tracking = AddPoseTracking(builder, station.hand.config, station.model, params)
-    palm = builder.AddNamedSystem("palm_pose", PalmPose(station.hand.palm_frame))
-    builder.Connect(station.diagram.GetOutputPort("body_poses"), palm.GetInputPort("body_poses"))
-    builder.Connect(palm.GetOutputPort("palm_pose"), tracking.GetInputPort("palm_pose"))
-    builder.Connect(station.diagram.GetOutputPort("prior"), tracking.GetInputPort("vision"))
-    for name in ("joint_positions", *(f"pressures_{pad.name}" for pad in station.hand.config.pads)):
-        builder.Connect(station.diagram.GetOutputPort(name), tracking.GetInputPort(name))
-    simulator = Simulator(builder.Build())
+    scenario.tracking = PoseTrackingParams()
+    station = make_station(scenario)
+    simulator = Simulator(station.diagram)
     root = simulator.get_mutable_context()
     station.start(root)
     simulator.AdvanceTo(0.05)
     plant_context = station.plant.GetMyContextFromRoot(root)
     X_WP = station.hand.palm_frame.CalcPoseInWorld(plant_context)
-    context = tracking.GetMyContextFromRoot(root)
-    X_PO, X_WO = (tracking.GetOutputPort(name).Eval(context) for name in ("object_pose", "object_pose_in_world"))
+    X_PO, X_WO, belief = (
+        station.diagram.GetOutputPort(f"tracked_{name}").Eval(root)
+        for name in ("object_pose", "object_pose_in_world", "belief")
+    )
     assert X_WO.IsNearlyEqualTo(X_WP @ X_PO, 1e-9)
     # In the world and not in the palm, which is far from it: as near to the true pose as vision is.
     truth = station.object_body.EvalPoseInWorld(plant_context).translation()
-    assert tracking.GetOutputPort("belief").Eval(context).has_pose
+    assert belief.has_pose
     assert np.linalg.norm(X_WO.translation() - truth) < 3.0 * scenario.vision.model.translation_hidden
     assert np.linalg.norm(X_PO.translation() - truth) > 0.5
