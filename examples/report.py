@@ -39,6 +39,7 @@ STYLE = """
 body { font: 16px/1.5 system-ui, sans-serif; max-width: 60rem; margin: 2rem auto; padding: 0 1rem; color: #1f2328; }
 table { border-collapse: collapse; display: block; overflow-x: auto; margin: 1rem 0; font-size: 0.9rem; }
 th, td { border: 1px solid #d0d7de; padding: 0.2rem 0.6rem; } th { background: #f6f8fa; }
+td:last-child { white-space: nowrap; }
 img { display: block; max-width: 100%; }
 pre { background: #f6f8fa; padding: 0.6rem; overflow-x: auto; font-size: 0.85rem; }
 h2 { border-bottom: 1px solid #d0d7de; margin-top: 3rem; }
