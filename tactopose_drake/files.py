@@ -43,8 +43,9 @@ def load_contacts(path: Path) -> Contacts:
     if "sigma_normal_deg" in data:
         sigmas["sigma_normal"] = math.radians(_number(path, "sigma_normal_deg", data))
     position = [_vector(path, f"contacts[{i}].position", row["position"], 3) for i, row in enumerate(rows)]
+    normal, force = (_column(path, rows, key) for key in ("normal", "force"))
     try:
-        return Contacts(np.stack(position), _column(path, rows, "normal"), _column(path, rows, "force"), **sigmas)
+        return Contacts(np.stack(position), normal, force, **sigmas)
     except InvalidInputError as error:
         raise InvalidFileError(f"{path}: {error}") from None
 

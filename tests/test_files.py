@@ -64,6 +64,7 @@ def test_a_prior_is_read(tmp_path: Path) -> None:
         ("contacts: [7]", r"contacts\[0\]: is 7; allowed is a mapping with the keys position"),
         ("contacts: [{normal: [0, 0, 1]}]", r"contacts\[0\]: key 'position' is missing"),
         ("contacts: [{position: [0, 0]}]", r"contacts\[0\].position: has shape \(2,\); allowed is \(3,\)"),
+        ("contacts: [{position: [0, 0, 0], normal: [0, 1]}]", r"contacts\[0\].normal: has shape \(2,\)"),
         ("contacts: [{position: [0, .nan, 0]}]", r"contacts\[0\].position\[1\]: is nan; allowed are finite numbers"),
         ("contacts: [{position: [a, b, c]}]", r"contacts\[0\].position: not an array of numbers"),
         ("contacts: [{position: [0, 0, 0], normal: [0, 0, 2]}]", r"n_PC\[0\]: has length 2; allowed is 1 within"),
@@ -80,6 +81,7 @@ def test_each_fault_of_contacts_is_one_line_with_its_place(tmp_path: Path, text:
     with pytest.raises(InvalidFileError, match=message) as caught:
         load_contacts(path)
     assert str(caught.value).startswith(f"{path}: ")
+    assert str(caught.value).count(str(path)) == 1
     assert "\n" not in str(caught.value)
 
 
