@@ -192,13 +192,13 @@ def _toward_the_mean(
     """
     mean, n = moments.first[known], len(X_PO)
     square = np.einsum("ni,nij,nj->n", mean, np.linalg.inv(laplace), mean)
-    mean = mean * np.maximum(0.0, 1.0 - _CHANCE / np.maximum(moments.worth[known] * square, _CHANCE))[:, None]
-    way = mean[:, None] * _WAY[:, None]
-    tried = retract(np.repeat(X_PO[:, None], len(_WAY), axis=1), way)
+    certain = np.maximum(0.0, 1.0 - _CHANCE / np.maximum(moments.worth[known] * square, _CHANCE))
+    shares = certain[:, None] * _WAY
+    tried = retract(np.repeat(X_PO[:, None], len(_WAY), axis=1), shares[..., None] * mean[:, None])
     costs = posterior.objective.cost(tried.reshape(-1, 3, 4)).reshape(n, -1)
     costs[:, -1] = cost
     chosen = np.arange(n), (costs <= cost[:, None] + _AS_GOOD).argmax(axis=1)
-    share = _WAY[chosen[1]]
+    share = shares[chosen]
     left = (share * (2.0 - share))[:, None, None] * mean[:, :, None] * mean[:, None]
     return tried[chosen], costs[chosen], moments.second[known] - left
 

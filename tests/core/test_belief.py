@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from tactopose_drake.core.belief import BeliefSampling, weigh_moments
+from tactopose_drake.core.belief import BeliefSampling, _toward_the_mean, weigh_moments
 from tactopose_drake.core.hypotheses import Modes
 from tactopose_drake.core.objectives.base import NormalEquations, form_normal_equations
 from tactopose_drake.core.poses import exp_so3, increments_between, make_poses, retract
@@ -93,6 +93,23 @@ def test_the_pose_is_the_mean_as_far_as_it_explains_the_touch() -> None:
         np.testing.assert_allclose(moved / SIGMAS, allowed * share * u / SIGMAS, atol=0.1)
         assert found.cost[0] == pytest.approx(smooth.cost(found.X_PO)[0], abs=1e-12)
         assert found.cost[0] <= 0.3
+
+
+@pytest.mark.parametrize("count", [15, 120, 400])
+def test_the_spread_is_about_the_pose_wherever_it_ends(count: int) -> None:
+    # Of few samples a part of their mean may be chance: the pose stops short of it.
+    valley = Valley(pose(), SIGMAS)
+    start = modes(valley, pose()[None])
+    normal = np.random.default_rng(1).normal(size=(count, 6)) + np.array([0.9, 0, 0, 0, 0, 0])
+    X_PO, weights = retract(pose(), 0.5 * normal * SIGMAS), np.ones((count, 1))
+    moments = weigh_moments(pose()[None], X_PO, weights)
+    moved, _, second = _toward_the_mean(
+        start.X_PO, start.cost, start.covariance, moments, np.array([True]), posterior(valley)
+    )
+    share = increments_between(pose(), moved[0])[0] / moments.first[0, 0]
+    assert share == pytest.approx(0.0) if count == 15 else 0.1 < share < 1.0
+    scale = np.outer(SIGMAS, SIGMAS)
+    np.testing.assert_allclose(second[0] / scale, weigh_moments(moved, X_PO, weights).second[0] / scale, atol=0.01)
 
 
 def test_the_masses_are_those_of_the_exact_posterior() -> None:
