@@ -19,6 +19,12 @@ _FLUSH_AFTER = 100  # frames, after which the file is brought up to date
 _BLF_START = 40  # bytes from the beginning, where the header has the start of the log
 
 
+class _TextWriter(can.ASCWriter):
+    """Writes the milliseconds of the log's start with all three digits: python-can's 62 would be read as 0.62 s."""
+
+    FORMAT_DATE = "%a %b %d %H:%M:%S.{:03d} %Y"
+
+
 class CanRecorder:
     """A log of one or more buses, with every frame that was received or sent; a context manager.
 
@@ -42,7 +48,7 @@ class CanRecorder:
             self._writer: can.BLFWriter | can.ASCWriter = (
                 can.BLFWriter(path, max_container_size=_BLF_CONTAINER)
                 if path.suffix.lower() == ".blf"
-                else can.ASCWriter(path)
+                else _TextWriter(path)
             )
         except OSError as error:
             raise InvalidFileError(f"{path}: {error}") from error

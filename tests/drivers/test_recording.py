@@ -94,6 +94,16 @@ def test_a_text_log_loses_its_last_line_wherever_that_is_cut_off(tmp_path: Path)
 
 
 @BOTH
+@pytest.mark.parametrize("start", [1_700_000_000.007, 1_700_000_000.0629, 1_700_000_000.5])
+def test_the_start_of_a_log_is_kept_to_the_millisecond(tmp_path: Path, suffix: str, start: float) -> None:
+    path = tmp_path / f"log{suffix}"
+    with CanRecorder(path) as recorder:
+        recorder.write(can.Message(arbitration_id=1, data=b"1", timestamp=start), 0)
+    (frame,), _ = frames_of(path)
+    assert abs(frame.timestamp - start) < 0.0011
+
+
+@BOTH
 def test_frames_before_the_first_get_its_time(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"log{suffix}"
     with CanRecorder(path) as recorder:
