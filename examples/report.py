@@ -123,8 +123,8 @@ SECTIONS = (
     Section(
         script="thesis/section_4_3_1.py",
         covers=("figures 4.8 to 4.10", "figures 4.12 and 4.13", "figure 4.20"),
-        quick=("--trials", "4", "--thesis-trials", "1", "0", "--seed", "0"),
-        full=("--trials", "100", "--thesis-trials", "100", "10", "--seed", "0"),
+        quick=("--trials", "4", "--thesis-trials", "1", "0", "--likelihood-trials", "1", "0", "--seed", "0"),
+        full=("--trials", "100", "--thesis-trials", "40", "2", "--likelihood-trials", "40", "2", "--seed", "0"),
     ),
     Section(
         script="hand_over_and_place.py",

@@ -1,4 +1,4 @@
-"""Runs the experiments of section 4.3.1: four methods on the same trials of each cell, a number of fingers and a noise.
+"""The experiments of section 4.3.1: four methods on the same trials of each cell, a number of fingers and a noise.
 
 Two are `tp.estimate_pose` as it is called by default: from the contacts alone, and with the hand's volume. Two are the
 thesis' search: of our likelihood (`method="monte_carlo"`), and of the thesis' own cost (`published_search.py`).
@@ -6,22 +6,17 @@ thesis' search: of our likelihood (`method="monte_carlo"`), and of the thesis' o
 Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016, section 4.3.1.
 """
 
-import contextlib
 import dataclasses
 import itertools
 import math
-import signal
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from types import FrameType
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
-from grasp_library import Array, SimulatedGrasp
-from grasp_trials import Errors, Noise, Trial, make_trial, pose_errors
+from grasp_library import Array
+from grasp_trials import Errors, Noise, Trial, pose_errors
 from published_search import search_as_published
-from rich.console import Console
-from rich.progress import Progress
 
 import tactopose_drake as tp
 
@@ -143,68 +138,6 @@ class Results:
     runs: Mapping[tuple[Cell, str], Runs]
 
 
-def run_experiment(
-    experiment: Experiment,
-    model: tp.ObjectModel,
-    grasps: Sequence[SimulatedGrasp],
-    counts: Mapping[str, int],
-    seed: int,
-) -> Results:
-    """Runs an experiment.
-
-    An interrupt (Ctrl-C) lets the thesis' searches, which take hours, end with the grasp that they are at.
-
-    Args:
-        experiment: which one.
-        model: of its object.
-        grasps: of its object; each gives one trial to each cell.
-        counts: how many of the trials of each cell each method runs on, unless interrupted.
-        seed: of the noise, the displacements and the fingers that are left out.
-    """
-
-    def trial(i: int, cell: Cell) -> Trial:
-        return make_trial(experiment.object, grasps[i], cell.fingers, cell.noise, (seed, i), experiment.guess)
-
-    # The first calls compile, or load what is compiled. The thesis' search is only fast about a guess.
-    rehearsal = make_trial(experiment.object, grasps[0], 5, LEVELS[0], (seed, 0), True)
-    for method in (method for method, count in counts.items() if count):
-        for tried in (trial(0, cell) for cell in CELLS) if method in OUR_METHODS else (rehearsal,):
-            find_poses(model, tried, method)
-
-    rows: dict[tuple[Cell, str], list[tuple[float, ...]]] = {}
-    with Progress(console=Console(stderr=True), transient=True) as progress, noted_interrupts() as interrupts:
-        task = progress.add_task(experiment.name, total=len(CELLS) * sum(counts.values()))
-        for i in range(max(counts.values())):
-            methods = [m for m, count in counts.items() if i < count and not (interrupts and m in THESIS_METHODS)]
-            for cell, method in itertools.product(CELLS, methods):
-                rows.setdefault((cell, method), []).append(run_trial(model, trial(i, cell), method))
-                progress.advance(task)
-    priors = [(trial(i, MAIN_CELL).prior, grasps[i].X_PO) for i in range(max(counts.values()))]
-    initial = [pose_errors(model, prior.X_PO[None], X_PO) for prior, X_PO in priors if prior is not None]
-    return Results(
-        experiment,
-        Errors(*(np.array([errors[part] for errors in initial]).ravel() for part in (0, 1))),
-        {key: _gather(values) for key, values in rows.items()},
-    )
-
-
-@contextlib.contextmanager
-def noted_interrupts() -> Iterator[list[int]]:
-    """The interrupts since it was entered; a second one ends the program as usual."""
-    seen: list[int] = []
-
-    def note(signal_number: int, _: FrameType | None) -> None:
-        if seen:
-            raise KeyboardInterrupt
-        seen.append(signal_number)
-
-    before = signal.signal(signal.SIGINT, note)
-    try:
-        yield seen
-    finally:
-        signal.signal(signal.SIGINT, before)
-
-
 def find_poses(model: tp.ObjectModel, trial: Trial, method: str) -> tuple[Array, Array]:
     """Poses (B, 3, 4), best first, and their probabilities (B,), NaN where the method gives none."""
     if method == PUBLISHED:
@@ -230,8 +163,3 @@ def run_trial(model: tp.ObjectModel, trial: Trial, method: str) -> tuple[float, 
     good = errors.success
     mass = math.nan if np.isnan(probability).any() else float(probability[good].sum())
     return errors.translation[0], errors.rotation[0], float(good.any()), mass, seconds
-
-
-def _gather(rows: list[tuple[float, ...]]) -> Runs:
-    translation, rotation, found, mass, seconds = np.array(rows).T
-    return Runs(Errors(translation, rotation), found, mass, seconds)

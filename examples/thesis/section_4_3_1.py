@@ -1,14 +1,17 @@
 """The experiments of section 4.3.1 of the thesis again: a pose corrected, and one found without a guess.
 
     python examples/thesis/section_4_3_1.py --trials 100 --thesis-trials 20 2 --seed 0 --out out
+    python examples/thesis/section_4_3_1.py --trials 100 --thesis-trials 100 100 --jobs 2 --journal trials.jsonl
 
 Prints a table for each experiment beside the thesis' numbers, and writes it as Markdown (section_4_3_1.md) with the
 plots of figures 4.8 to 4.10, 4.12, 4.13 and 4.20. All methods (`pose_experiments.py`) see the same trials, one after
-the other on the same core. The thesis' search is slow: it sees the first trials of each cell, as many as
-`--thesis-trials` says for the correction and for the global estimation, and ours are compared with it on those. A
-hundred trials of each cell take about half a minute for ours, a quarter of an hour for the thesis' corrections, and six
-to ten hours for its global searches: an interrupt (Ctrl-C) ends these after the grasp that they are at, and the tables
-say how many there were.
+the other. The thesis' searches are slow: they see the first trials of each cell, as many as `--thesis-trials` says of
+its own cost and `--likelihood-trials` of our likelihood, for the correction and for the global estimation, and ours are
+compared with them on those. A hundred trials of each cell take about half a minute for ours, a quarter of an hour for
+the thesis' corrections, and four hours of processor time for its global searches of its own cost. So several processes
+(`--jobs`) may share them; an interrupt (Ctrl-C) ends the thesis' searches after the grasp that they are at, and the
+tables say how many there were; and a run with the same `--journal` goes on where the last one ended. The journal knows
+nothing of the code: delete it when a method has changed. All times are of the processor, and of one process.
 
 The grasps are simulated once and kept (`grasp_library.py`; about ten minutes for a hundred of each object). How a
 trial is made from a grasp, and what its errors mean, is in `grasp_trials.py`.
@@ -23,6 +26,7 @@ from typing import Literal
 
 import click
 import numpy as np
+from experiment_runs import Bench, run_experiment
 from grasp_library import make_library, make_scenario
 from pose_experiments import (
     CELLS,
@@ -31,17 +35,20 @@ from pose_experiments import (
     MAIN_CELL,
     METHODS,
     OUR_METHODS,
+    PUBLISHED,
+    SAME_COST,
     THESIS_METHODS,
     Results,
     Runs,
-    run_experiment,
 )
 from pose_plots import save_figures
 from rich import box
 from rich.console import Console
 from rich.table import Table
+from trial_journal import TrialJournal
 
 import tactopose_drake as tp
+from tactopose_drake.errors import InvalidInputError
 
 COLUMNS = ("trials", "success, %", "found, %", "said, %", "mm", "deg", "ms")
 DIGITS = (0, 0, 0, 0, 1, 1, 1)  # fewer where the number has three before the point
@@ -163,19 +170,44 @@ def save(all_results: Sequence[Results], seed: int, folder: Path) -> None:
     type=(click.IntRange(min=0), click.IntRange(min=0)),
     default=(20, 2),
     show_default=True,
-    help="How many of them the thesis' searches see: corrections, global estimates.",
+    help="How many of them the thesis' search of its own cost sees: corrections, global estimates.",
+)
+@click.option(
+    "--likelihood-trials",
+    type=(click.IntRange(min=0), click.IntRange(min=0)),
+    default=(20, 2),
+    show_default=True,
+    help="The same for the thesis' search of our likelihood.",
 )
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of noise and displacements.")
 @click.option("--out", type=click.Path(path_type=Path), help="Writes the Markdown tables and the plots here.")
 @click.option("--grasps", type=click.Path(path_type=Path), help="Keeps the grasps here, not in the cache folder.")
-def main(trials: int, thesis_trials: tuple[int, int], seed: int, out: Path | None, grasps: Path | None) -> None:
+@click.option("--journal", type=click.Path(path_type=Path, dir_okay=False), help="Keeps what came of each trial here.")
+@click.option("--jobs", type=click.IntRange(min=1), default=1, show_default=True, help="Processes that run trials.")
+def main(
+    trials: int,
+    thesis_trials: tuple[int, int],
+    likelihood_trials: tuple[int, int],
+    seed: int,
+    out: Path | None,
+    grasps: Path | None,
+    journal: Path | None,
+    jobs: int,
+) -> None:
     """Regenerates the experiments of section 4.3.1 of the thesis, beside its numbers."""
+    try:
+        kept = TrialJournal(journal)
+    except InvalidInputError as error:
+        raise click.ClickException(str(error)) from error
     console, all_results = Console(), []
-    for experiment, slow in zip((CORRECTION, GLOBAL), thesis_trials, strict=True):
+    if len(kept):
+        console.print(f"{journal}: has {len(kept)} trials of earlier runs.")
+    for experiment, slow in zip((CORRECTION, GLOBAL), zip(thesis_trials, likelihood_trials, strict=True), strict=True):
         library = make_library(experiment.object, trials, grasps)
         model = tp.ObjectModel.from_mesh(make_scenario(experiment.object).object_mesh())
-        counts = dict.fromkeys(OUR_METHODS, trials) | dict.fromkeys(THESIS_METHODS, min(slow, trials))
-        all_results.append(run_experiment(experiment, model, library, counts, seed))
+        most = dict(zip((PUBLISHED, SAME_COST), slow, strict=True))
+        counts = {method: min(most.get(method, trials), trials) for method in METHODS}
+        all_results.append(run_experiment(Bench(experiment, model, library, seed), counts, kept, jobs))
         print_table(all_results[-1], console)
         if out is not None:
             save(all_results, seed, out)

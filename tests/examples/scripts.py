@@ -11,7 +11,12 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 
 def load_script(path: str) -> ModuleType:
     """A script by its path from examples/, loaded anew."""
+    return importlib.reload(share_script(path))
+
+
+def share_script(path: str) -> ModuleType:
+    """The same module that other scripts import."""
     file = EXAMPLES / path
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(str(file.parent))
-        return importlib.reload(importlib.import_module(file.stem))
+        return importlib.import_module(file.stem)

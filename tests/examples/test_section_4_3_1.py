@@ -1,4 +1,3 @@
-import importlib
 import itertools
 import math
 import re
@@ -13,15 +12,13 @@ from click.testing import CliRunner
 import tactopose_drake as tp
 from tactopose_drake.core.poses import compose, exp_so3, retract
 from tactopose_drake.core.synthetic_touch import touch_surface
+from tests.examples.scripts import share_script
 
-FOLDER = Path(__file__).parents[2] / "examples" / "thesis"
 X_PO = retract(np.eye(3, 4), np.array([0.3, -0.5, 1.0, 0.02, -0.05, 0.1]))
 
 
 def load(name: str) -> ModuleType:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(FOLDER))
-        return importlib.import_module(name)
+    return share_script(f"thesis/{name}.py")
 
 
 @pytest.fixture(scope="module")
@@ -67,8 +64,8 @@ def folder(
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(script, "make_library", lambda name, count, folder: make_grasps(models, name, count))
         patch.setattr(experiments, "search_as_published", lambda model, trial: X_PO[None])
-        arguments = ["--trials", "2", "--thesis-trials", "1", "0", "--seed", "1", "--out", str(folder)]
-        result = CliRunner().invoke(script.main, arguments)
+        arguments = ["--trials", "2", "--thesis-trials", "1", "0", "--likelihood-trials", "1", "0", "--seed", "1"]
+        result = CliRunner().invoke(script.main, [*arguments, "--out", str(folder)])
     assert result.exit_code == 0, result.output
     assert "Pose correction of the bust" in result.output
     assert "Global pose estimation of the wine glass" in result.output
