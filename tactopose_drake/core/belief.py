@@ -16,13 +16,12 @@ import dataclasses
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from tactopose_drake.core import kernels
+from tactopose_drake.core import belief_kernels
 from tactopose_drake.core.hypotheses import Modes
-from tactopose_drake.core.pose_mixture import PoseMixture, across_turns, in_chart
-from tactopose_drake.core.poses import retract
+from tactopose_drake.core.matrix_kernels import inverses
+from tactopose_drake.core.pose_mixture import PoseMixture, across_turns, draw, in_chart
 from tactopose_drake.core.posterior import Posterior
 from tactopose_drake.core.validation import FloatArray
 
@@ -63,11 +62,9 @@ class Moments(NamedTuple):
 
 def weigh_moments(X_group: FloatArray, X_PO: FloatArray, weights: FloatArray) -> Moments:
     """The moments of samples X_PO (B, 3, 4) by their weights (B, g) about the groups' poses (g, 3, 4)."""
-    mass, squares = weights.sum(axis=0), np.sum(weights**2, axis=0)
-    share = weights / np.where(mass > 0.0, mass, 1.0)
-    first, second = np.zeros((len(X_group), 6)), np.zeros((len(X_group), 6, 6))
-    _add_moments(X_group, X_PO, share, first, second)
-    return Moments(mass**2 / np.where(squares > 0.0, squares, 1.0), first, second)
+    moments = Moments(np.empty(len(X_group)), np.zeros((len(X_group), 6)), np.zeros((len(X_group), 6, 6)))
+    belief_kernels.add_moments(X_group, X_PO, weights, *moments)
+    return moments
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -88,7 +85,7 @@ class BeliefSampling:
         """The modes with the mass and covariance that samples of the exact posterior give them."""
         close = np.flatnonzero(modes.probability > _WORTH_A_LOOK * modes.probability.max())
         X_close = modes.X_PO[close]
-        information = np.linalg.inv(modes.covariance[close]) + posterior.gauge
+        information = inverses(modes.covariance[close])[0] + posterior.gauge
         least = np.minimum(posterior.exact_cost(X_close), modes.cost[close])
         laplace = -least - 0.5 * across_turns(information, posterior.turn_directions(X_close))[1]
         share = np.exp(laplace - laplace.max())
@@ -99,9 +96,8 @@ class BeliefSampling:
         mixture = self._cover(modes.X_PO[sampled], share[worthy], information[worthy], posterior, generator)
         X_PO = mixture.sample(generator)
         densities = mixture.densities(X_PO)
-        density = np.maximum(densities.sum(axis=1), np.finfo(float).tiny)
-        weights = np.exp(least.min() - posterior.exact_cost(X_PO)) / (len(X_PO) * density)
-        weights = weights[:, None] * (densities / density[:, None])
+        weights = np.empty_like(densities)
+        belief_kernels.weigh(posterior.exact_cost(X_PO), least.min(), densities, weights)
         mass = weights.sum(axis=0)
         if not mass.sum() > 0.0:
             return modes
@@ -128,10 +124,10 @@ class BeliefSampling:
         counts = 1 + np.rint(self.tiles * root_share / root_share.sum()).astype(np.intp)
         group = np.repeat(np.arange(len(X_mode)), counts)
         is_first = np.diff(group, prepend=-1) > 0
-        root = np.linalg.inv(np.linalg.cholesky(information))[group]
-        normal = _WIDER * generator.normal(size=(len(group), 6)) * ~is_first[:, None]
-        center = np.einsum("bji,bj->bi", root, normal)
-        X_PO = self._to_the_floor(retract(X_mode[group], center), posterior)
+        normal = generator.normal(scale=_WIDER, size=(len(group), 6))
+        normal[is_first] = 0.0
+        laplace = draw(X_mode, np.arange(len(X_mode)), np.zeros((len(X_mode), 6)), information, counts, normal)
+        X_PO = self._to_the_floor(laplace, posterior)
         equations = posterior.objective.normal_equations(X_PO)
         # As wide as that and the tile's own reach allow.
         local = equations.hessian + np.diag(widest / units**2) + posterior.gauge
@@ -142,12 +138,11 @@ class BeliefSampling:
         return PoseMixture(X_mode, group, center, local, turns, count)
 
     def _to_the_floor(self, X_PO: FloatArray, posterior: Posterior) -> FloatArray:
-        """Poses (B, 3, 4) moved in the directions that the touch determines well, and little in others."""
-        X_PO = X_PO.copy()
+        """Moves poses (B, 3, 4) in the directions that the touch determines well, and little in others."""
         soft = 1.0 / (posterior.units * posterior.straight) ** 2
         for _ in range(self.steps):
             _, gradient, hessian = posterior.likelihood.normal_equations(X_PO)
-            _step_down(gradient, hessian, soft, posterior.units, _LONGEST_STEP * posterior.size, X_PO)
+            belief_kernels.step_down(gradient, hessian, soft, posterior.units, _LONGEST_STEP * posterior.size, X_PO)
         return X_PO
 
     def _update(
@@ -190,47 +185,12 @@ def _toward_the_mean(
     Returns:
         The poses, their costs, and the mean products (n, 6, 6) of the increments from them.
     """
-    mean, n = moments.first[known], len(X_PO)
-    square = np.einsum("ni,nij,nj->n", mean, np.linalg.inv(laplace), mean)
-    certain = np.maximum(0.0, 1.0 - _CHANCE / np.maximum(moments.worth[known] * square, _CHANCE))
-    shares = certain[:, None] * _WAY
-    tried = retract(np.repeat(X_PO[:, None], len(_WAY), axis=1), shares[..., None] * mean[:, None])
+    n, mean = len(X_PO), moments.first[known]
+    shares, tried = np.empty((n, len(_WAY))), np.empty((n, len(_WAY), 3, 4))
+    belief_kernels.try_shares(X_PO, laplace, mean, moments.worth[known], _WAY, _CHANCE, shares, tried)
     costs = posterior.objective.cost(tried.reshape(-1, 3, 4)).reshape(n, -1)
     costs[:, -1] = cost
     chosen = np.arange(n), (costs <= cost[:, None] + _AS_GOOD).argmax(axis=1)
     share = shares[chosen]
     left = (share * (2.0 - share))[:, None, None] * mean[:, :, None] * mean[:, None]
     return tried[chosen], costs[chosen], moments.second[known] - left
-
-
-@njit(cache=True)
-def _step_down(gradient, hessian, soft, units, longest, X):  # type: ignore[no-untyped-def]
-    """Moves poses X (B, 3, 4) by -(H + diag soft)^-1 g, or as much of it as is no longer than that, m, in the units."""
-    H, L, forward, step, moved = np.empty((6, 6)), np.empty((6, 6)), np.empty(6), np.empty(6), np.empty((3, 4))
-    for b in range(X.shape[0]):
-        for i in range(6):
-            for j in range(i + 1):
-                H[i, j] = hessian[b, i, j]
-            H[i, i] += soft[i]
-        kernels._damped_step(6, H, gradient[b], 0.0, L, forward, step)
-        square = 0.0
-        for i in range(6):
-            square += (step[i] / units[i]) ** 2
-        share = min(1.0, longest / np.sqrt(square)) if square > 0.0 else 1.0
-        for i in range(6):
-            step[i] *= share
-        kernels._retract(X[b], step, moved)
-        X[b] = moved
-
-
-@njit(cache=True, nogil=True)
-def _add_moments(X_group, X, share, first, second):  # type: ignore[no-untyped-def]
-    u = np.empty(6)
-    for b in range(X.shape[0]):
-        for g in range(X_group.shape[0]):
-            if share[b, g] > 1e-12:
-                kernels._increment(X_group[g], X[b], u)
-                for i in range(6):
-                    first[g, i] += share[b, g] * u[i]
-                    for j in range(6):
-                        second[g, i, j] += share[b, g] * u[i] * u[j]

@@ -8,6 +8,7 @@ import dataclasses
 import numpy as np
 
 from tactopose_drake.core import kernels
+from tactopose_drake.core.matrix_kernels import inverses
 from tactopose_drake.core.searches.base import SearchResult
 from tactopose_drake.core.validation import FloatArray
 
@@ -61,8 +62,8 @@ def find_modes(
     representative = np.empty(len(found.cost), dtype=np.bool_)
     kernels.mark_distinct(found.X_PO, information, symmetry_poses, _SAME_MODE**2, representative)
     index = np.flatnonzero(representative)
-    sign, log_determinant = np.linalg.slogdet(information[index])
-    log_weight = np.where(sign > 0, -found.cost[index] - 0.5 * log_determinant, -np.inf)
+    covariance, log_determinant = inverses(information[index])
+    log_weight = -found.cost[index] - 0.5 * log_determinant
     order = np.argsort(-log_weight, kind="stable")[:max_modes]
     index, log_weight = index[order], log_weight[order]
     weight = np.exp(log_weight - log_weight[0])
@@ -70,7 +71,7 @@ def find_modes(
         X_PO=found.X_PO[index],
         cost=found.cost[index],
         probability=weight / weight.sum(),
-        covariance=np.asarray(np.linalg.inv(information[index]), dtype=np.float64),
+        covariance=covariance[order],
         free_directions=tuple(free_directions(touch_information[index], size)),
         log_mass=float(log_weight[0] + np.log(weight.sum()) + 3.0 * np.log(2.0 * np.pi)),
     )
@@ -83,15 +84,13 @@ def free_directions(touch_information: FloatArray, size: float) -> list[FloatArr
     direction is free when its standard deviation from the touch alone exceeds a tenth of the size.
     """
     units = np.repeat([2.0 / size, 1.0], 3)  # Increments of one metre.
-    eigenvalues, eigenvectors = np.linalg.eigh(touch_information * np.outer(units, units))
-    is_free = eigenvalues < 1.0 / (_FREE_SHARE * size) ** 2
-    free = []
-    for mask, vectors in zip(is_free, eigenvectors, strict=True):
-        if not mask.any():
-            free.append(np.empty((0, 6)))
-            continue
-        rows = np.linalg.qr(vectors[:, mask] * units[:, None])[0].T
-        free.append(rows)
+    limit = 1.0 / (_FREE_SHARE * size) ** 2
+    scaled = touch_information * np.outer(units, units)
+    free = [np.empty((0, 6))] * len(scaled)
+    # Most are determined in all directions: what is left of them beyond the limit is positive definite.
+    for i in np.flatnonzero(np.isinf(inverses(scaled - limit * np.eye(6))[1])):
+        eigenvalues, eigenvectors = np.linalg.eigh(scaled[i])
+        free[i] = np.linalg.qr(eigenvectors[:, eigenvalues < limit] * units[:, None])[0].T
     return free
 
 

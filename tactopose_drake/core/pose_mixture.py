@@ -15,9 +15,10 @@ from numba import njit
 from numpy.typing import NDArray
 
 from tactopose_drake.core import kernels
+from tactopose_drake.core.matrix_kernels import _cholesky, _invert, _solve_transposed
 from tactopose_drake.core.validation import FloatArray
 
-_FREEDOM = 6.0
+_FREEDOM = 6
 # A component counts up to this squared Mahalanobis distance; one sample in half a million lies further out.
 _FAR = 1500.0
 
@@ -48,14 +49,11 @@ class PoseMixture:
 
         Means over them are less noisy so: what is odd about a component's middle cancels.
         """
-        index = np.repeat(np.arange(len(self.count)), self.count)
-        normal = generator.normal(size=(len(index), 6))
-        normal /= np.sqrt(generator.chisquare(_FREEDOM, size=(len(index), 1)) / _FREEDOM)
-        is_second = (np.arange(len(index)) - (np.cumsum(self.count) - self.count)[index]) % 2 == 1
-        normal[is_second] = -normal[np.flatnonzero(is_second) - 1]
-        X_PO = np.empty((len(index), 3, 4))
-        _draw(self.X_PO, self.group, self.center, np.linalg.cholesky(self.information), index, normal, X_PO)
-        return X_PO
+        total = int(self.count.sum())
+        normal = generator.standard_normal((total, 6))
+        normal /= np.sqrt(generator.chisquare(_FREEDOM, size=(total, 1)) / _FREEDOM)
+        _oppose(self.count, normal)
+        return draw(self.X_PO, self.group, self.center, self.information, self.count, normal)
 
     def densities(self, X_PO: FloatArray) -> FloatArray:
         """Densities (B, g) of poses (B, 3, 4), each group's share; they add up to the mixture's.
@@ -66,18 +64,26 @@ class PoseMixture:
         information, log_determinant = across_turns(self.information, self.turns)
         power = 0.5 * (_FREEDOM + n)
         constant = math.lgamma(power) - math.lgamma(0.5 * _FREEDOM) - 0.5 * n * math.log(math.pi * _FREEDOM)
-        scale = self.count / self.count.sum() * np.exp(constant + 0.5 * log_determinant)
-        density = np.zeros((len(X_PO), len(self.X_PO)))
+        scale = self.count * (np.exp(constant + 0.5 * log_determinant) / self.count.sum())
+        density, reach = np.zeros((len(X_PO), len(self.X_PO))), np.zeros(len(self.X_PO))
+        _find_reach(self.group, self.center, self.information, reach)
         first = np.searchsorted(self.group, np.arange(len(self.X_PO) + 1))
-        _add_densities(self.X_PO, first, self.center, information, self._reach(first), scale, power, X_PO, density)
+        _add_densities(self.X_PO, first, self.center, information, reach, scale, _FREEDOM + n, X_PO, density)
         return density
 
-    def _reach(self, first: NDArray[np.intp]) -> FloatArray:
-        """The squared distance in translation, m^2, within which a pose may belong to each group, shape (g,)."""
-        spread = np.einsum("jaa->j", np.linalg.inv(self.information)[:, 3:, 3:])
-        way = np.linalg.norm(self.center[:, 3:], axis=1) + np.sqrt(_FAR * spread)
-        reach: FloatArray = np.maximum.reduceat(way, first[:-1]) ** 2
-        return reach
+
+def draw(
+    X_group: FloatArray,
+    group: NDArray[np.intp],
+    center: FloatArray,
+    information: FloatArray,
+    count: NDArray[np.intp],
+    normal: FloatArray,
+) -> FloatArray:
+    """Poses (B, 3, 4), so many (J,) of each component, from white increments (B, 6); see `PoseMixture`."""
+    X_PO = np.empty((len(normal), 3, 4))
+    _draw(X_group, group, center, information, count, normal, X_PO)
+    return X_PO
 
 
 def across_turns(information: FloatArray, turns: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -111,21 +117,11 @@ def in_chart(
 
 @njit(cache=True)
 def _leave_out(turns, across, logarithm):  # type: ignore[no-untyped-def]
-    """Leaves one turn out after the other, then takes the determinants' logarithms from Cholesky factors."""
+    """Leaves one turn out after the other."""
     L, image = np.empty((6, 6)), np.empty(6)
     for j in range(across.shape[0]):
         A = across[j]
-        total = 0.0
-        for i in range(6):
-            for k in range(i + 1):
-                s = A[i, k]
-                for c in range(k):
-                    s -= L[i, c] * L[k, c]
-                if i == k:
-                    total += np.log(s)
-                    L[i, i] = np.sqrt(s)
-                else:
-                    L[i, k] = s / L[k, k]
+        logarithm[j] = _cholesky(A, L)
         for c in range(turns.shape[2]):
             along = 0.0
             for i in range(6):
@@ -133,11 +129,10 @@ def _leave_out(turns, across, logarithm):  # type: ignore[no-untyped-def]
                 for k in range(6):
                     image[i] += A[i, k] * turns[j, k, c]
                 along += image[i] * turns[j, i, c]
-            total -= np.log(along)
+            logarithm[j] -= np.log(along)
             for i in range(6):
                 for k in range(6):
                     A[i, k] -= image[i] * image[k] / along
-        logarithm[j] = total
 
 
 @njit(cache=True)
@@ -184,24 +179,47 @@ def _enter_chart(X_group, group, X, information, center, inside, turns):  # type
 
 
 @njit(cache=True)
-def _draw(X_group, group, center, roots, index, normal, X):  # type: ignore[no-untyped-def]
-    """With H = L L^T, L^-T z has the covariance H^-1."""
-    u = np.empty(6)
-    for b in range(X.shape[0]):
-        j = index[b]
-        L = roots[j]
-        for i in range(5, -1, -1):
-            s = normal[b, i]
-            for k in range(i + 1, 6):
-                s -= L[k, i] * u[k]
-            u[i] = s / L[i, i]
-        for i in range(6):
-            u[i] += center[j, i]
-        kernels._retract(X_group[group[j]], u, X[b])
+def _oppose(count, normal):  # type: ignore[no-untyped-def]
+    """Makes every second row of each component's the opposite of the row before."""
+    first = 0
+    for j in range(count.shape[0]):
+        for b in range(first + 1, first + count[j], 2):
+            for i in range(6):
+                normal[b, i] = -normal[b - 1, i]
+        first += count[j]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True)
+def _draw(X_group, group, center, information, count, normal, X):  # type: ignore[no-untyped-def]
+    u, L = np.empty(6), np.empty((6, 6))
+    b = 0
+    for j in range(count.shape[0]):
+        _cholesky(information[j], L)
+        for _ in range(count[j]):
+            _solve_transposed(L, normal[b], u)
+            for i in range(6):
+                u[i] += center[j, i]
+            kernels._retract(X_group[group[j]], u, X[b])
+            b += 1
+
+
+@njit(cache=True)
+def _find_reach(group, center, information, reach):  # type: ignore[no-untyped-def]
+    """The squared distance in translation, m^2, within which a pose may belong to each group, into reach (g,)."""
+    L, covariance = np.empty((6, 6)), np.empty((6, 6))
+    for j in range(group.shape[0]):
+        _cholesky(information[j], L)
+        _invert(L, covariance)
+        spread, square = 0.0, 0.0
+        for i in range(3, 6):
+            spread += covariance[i, i]
+            square += center[j, i] ** 2
+        reach[group[j]] = max(reach[group[j]], (np.sqrt(square) + np.sqrt(_FAR * spread)) ** 2)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
 def _add_densities(X_group, first, center, information, reach, scale, power, X, density):  # type: ignore[no-untyped-def]
+    """Adds (1 + d^T H d / f)^(-power / 2) of each component, d from its center, times its scale."""
     u, d = np.empty(6), np.empty(6)
     for b in range(X.shape[0]):
         for g in range(X_group.shape[0]):
@@ -222,7 +240,7 @@ def _add_densities(X_group, first, center, information, reach, scale, power, X, 
                         half += information[j, a, c] * d[c]
                     square += 2.0 * half * d[a]
                 if square < _FAR:
-                    total += scale[j] * (1.0 + square / _FREEDOM) ** (-power)
+                    total += scale[j] * np.sqrt(_FREEDOM / (_FREEDOM + square)) ** power
             if total > 0.0:
                 # From the volume of increments to that of poses: the determinant of the right Jacobian.
                 angle2 = u[0] ** 2 + u[1] ** 2 + u[2] ** 2
