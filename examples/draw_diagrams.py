@@ -18,14 +18,14 @@ import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Diagram, DiagramBuilder, InputPortIndex, OutputPort, OutputPortIndex, System
 
-from tactopose_drake.arms.place_planning import PlaceParams, PlacePlanner
+from tactopose_drake.arms.place_decision import AddPlaceTask
+from tactopose_drake.arms.place_planning import PlaceParams
 from tactopose_drake.arms.station import ArmParts, ArmSetup, ArmStation, make_arm_station
 from tactopose_drake.core.grasping.grasp_planner import GraspPlan
 from tactopose_drake.core.held_axis import HeldAxis
 from tactopose_drake.resources import resource_root
 from tactopose_drake.scenario import Scenario, load_scenario
 from tactopose_drake.station import make_station
-from tactopose_drake.systems.place_task import PlaceTask
 from tactopose_drake.systems.pose_tracking import PoseTrackingParams
 from tactopose_drake.systems.simulated_vision import SimulatedVision, SimulatedVisionParams
 
@@ -160,18 +160,7 @@ def make_control_stack(plan: GraspPlan) -> ArmStation:
         builder.Connect(parts.plant.get_body_poses_output_port(), vision.GetInputPort("body_poses"))
         builder.Connect(vision.GetOutputPort("prior"), parts.estimation.GetInputPort("vision"))
         grip = HeldAxis(np.array([0.0, -0.05, 0.11]), np.array([-1.0, 0.0, 0.0]), 0.0)
-        X_FBase = setup.X_FBase.GetDeterministicValue()
-        planner = PlacePlanner(
-            parts.arm_plant, parts.arm_alone, parts.hand.config, X_FBase, parts.model, grip, PlaceParams()
-        )
-        task = builder.AddNamedSystem("place_task", PlaceTask(planner, np.array(setup.q_start)))
-        grasp = builder.GetSubsystemByName("grasp_controller")
-        builder.Connect(grasp.GetOutputPort("holding"), task.GetInputPort("holding"))
-        builder.Connect(grasp.GetOutputPort("status"), task.GetInputPort("grasp_status"))
-        builder.Connect(task.GetOutputPort("open"), grasp.GetInputPort("open"))
-        for name in ("contacts", "hypotheses"):
-            builder.Connect(parts.estimation.GetOutputPort(name), task.GetInputPort(name))
-        builder.Connect(parts.senses["joint_positions"], task.GetInputPort("joint_positions"))
+        task = AddPlaceTask(builder, parts, setup, grip, PlaceParams())
         return task.GetOutputPort("arm_reference")
 
     return make_arm_station(Scenario(object="pencil"), plan, setup, add_decision)

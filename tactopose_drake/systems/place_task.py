@@ -134,6 +134,11 @@ class PlaceTask(LeafSystem):
             "phase", lambda: AbstractValue.Make(""), self._calc_phase, prerequisites_of_calc={ticket}
         )
 
+    @property
+    def planner(self) -> PlacePlanner:
+        """What knows arm, hand, rod and hole."""
+        return self._planner
+
     def state(self, context: Context) -> TaskState:
         """Where the task stands in a context of this system."""
         state: TaskState = context.get_abstract_state(self._state).get_value()
