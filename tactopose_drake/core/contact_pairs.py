@@ -1,9 +1,9 @@
 """Which two contacts say most about the pose: those that few pairs of surface samples match."""
 
 import dataclasses
-import math
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from tactopose_drake.core.contacts import Contacts
@@ -62,42 +62,82 @@ class PairChoice:
         and the turns (q,) that each match stands for; not of contacts that together say nothing, or are too far apart.
         """
         among = spread_out(contacts.p_PC, self.contacts)
-        i, j = np.triu_indices(len(among), 1)
-        first, second = among[i], among[j]
-        p_a, p_b = contacts.p_PC[first], contacts.p_PC[second]
-        sigma_p = np.asarray(contacts.sigma_position)
-        noise = np.hypot(sigma_p[first], sigma_p[second])
-        way = p_b - p_a
-        distance, sigma_distance = np.sqrt(np.sum(way * way, axis=1)), np.hypot(noise, offset)
-        tell = (distance >= 3.0 * noise) & (distance <= features.length + 3.0 * sigma_distance)
-        first, second, distance, sigma_distance = first[tell], second[tell], distance[tell], sigma_distance[tell]
-        feature, sigma = np.zeros((len(first), 4)), np.full((len(first), 4), np.inf)
-        feature[:, 0], sigma[:, 0] = distance, sigma_distance
-        if contacts.n_PC is None:
-            return first, second, feature, sigma, np.full(len(first), self.spins)
-        along = way[tell] / distance[:, None]
-        n_a, n_b = contacts.n_PC[first], contacts.n_PC[second]
-        cosines = np.stack(
-            [np.sum(n_a * along, axis=1), np.sum(n_b * along, axis=1), np.sum(n_a * n_b, axis=1)], axis=1
+        most = len(among) * (len(among) - 1) // 2
+        pairs, spins = np.empty((2, most), dtype=np.intp), np.empty(most, dtype=np.int64)
+        feature, sigma = np.empty((most, 4)), np.empty((most, 4))
+        arguments = (
+            contacts.p_PC,
+            np.zeros_like(contacts.p_PC) if contacts.n_PC is None else contacts.n_PC,
+            np.asarray(contacts.sigma_position),
+            np.asarray(contacts.sigma_normal),
+            contacts.n_PC is not None,
+            among,
+            features.length,
+            offset,
+            self.bend,
+            self.spins,
         )
-        feature[:, 1:] = np.arccos(np.clip(cosines, -1.0, 1.0))
-        tilt = math.sqrt(2.0) * sigma_distance / distance
-        sigma_n = np.asarray(contacts.sigma_normal)
-        turn_a, turn_b = np.hypot(sigma_n[first], self.bend), np.hypot(sigma_n[second], self.bend)
-        sigma[:, 1], sigma[:, 2] = np.hypot(turn_a, tilt), np.hypot(turn_b, tilt)
-        sigma[:, 3] = np.hypot(turn_a, sigma_n[second])
-        # The normals' parts across the line, which say the spin, against their errors.
-        across = np.hypot(np.sin(feature[:, 1]), np.sin(feature[:, 2]))
-        return first, second, feature, sigma, np.where(across > 2.0 * sigma[:, 3], 1, self.spins)
+        count = _measure_pairs(*arguments, pairs, feature, sigma, spins)
+        return pairs[0, :count], pairs[1, :count], feature[:count], sigma[:count], spins[:count]
 
 
 def spread_out(points: FloatArray, count: int) -> NDArray[np.intp]:
     """Indices of `count` of the points (n, 3), or all: first the farthest from the middle, each next from those."""
-    nearest = np.linalg.norm(points - points.mean(axis=0), axis=1)
-    chosen = [int(nearest.argmax())]
-    nearest = np.full(len(points), np.inf)
-    while len(chosen) < min(count, len(points)):
-        nearest = np.minimum(nearest, np.linalg.norm(points - points[chosen[-1]], axis=1))
-        nearest[chosen] = -1.0
-        chosen.append(int(nearest.argmax()))
-    return np.array(chosen)
+    chosen = np.empty(min(count, len(points)), dtype=np.intp)
+    _spread_out(points, chosen)
+    return chosen
+
+
+@njit(cache=True)
+def _spread_out(points, chosen):  # type: ignore[no-untyped-def]
+    start, nearest = np.zeros(3), np.full(points.shape[0], np.inf)
+    for i in range(points.shape[0]):
+        for a in range(3):
+            start[a] += points[i, a] / points.shape[0]
+    for k in range(chosen.shape[0]):
+        for i in range(points.shape[0]):
+            square = 0.0
+            for a in range(3):
+                square += (points[i, a] - start[a]) ** 2
+            # Those that are chosen are no more asked; the middle's distances count for the first one alone.
+            nearest[i] = square if k < 2 and nearest[i] >= 0.0 else min(nearest[i], square)
+        chosen[k] = np.argmax(nearest)
+        nearest[chosen[k]] = -1.0
+        for a in range(3):
+            start[a] = points[chosen[k], a]
+
+
+@njit(cache=True)
+def _measure_pairs(  # type: ignore[no-untyped-def]
+    p, n, sigma_p, sigma_n, has_normals, among, length, offset, bend, open_spins, pairs, feature, sigma, spins
+):
+    """See `PairChoice._queries`; returns their number."""
+    count = 0
+    cosines = np.empty(3)
+    for i in range(among.shape[0]):
+        for j in range(i + 1, among.shape[0]):
+            a, b = among[i], among[j]
+            noise = sigma_p[a] ** 2 + sigma_p[b] ** 2
+            x, y, z = p[b, 0] - p[a, 0], p[b, 1] - p[a, 1], p[b, 2] - p[a, 2]
+            distance, off = np.sqrt(x * x + y * y + z * z), np.sqrt(noise + offset**2)
+            if distance < 3.0 * np.sqrt(noise) or distance > length + 3.0 * off:
+                continue
+            pairs[0, count], pairs[1, count], spins[count] = a, b, open_spins
+            feature[count], sigma[count] = 0.0, np.inf
+            feature[count, 0], sigma[count, 0] = distance, off
+            if has_normals:
+                cosines[0] = (n[a, 0] * x + n[a, 1] * y + n[a, 2] * z) / distance
+                cosines[1] = (n[b, 0] * x + n[b, 1] * y + n[b, 2] * z) / distance
+                cosines[2] = n[a, 0] * n[b, 0] + n[a, 1] * n[b, 1] + n[a, 2] * n[b, 2]
+                for c in range(3):
+                    feature[count, 1 + c] = np.arccos(min(1.0, max(-1.0, cosines[c])))
+                turn_a, turn_b = sigma_n[a] ** 2 + bend**2, sigma_n[b] ** 2 + bend**2
+                tilt = 2.0 * (off / distance) ** 2
+                sigma[count, 1], sigma[count, 2] = np.sqrt(turn_a + tilt), np.sqrt(turn_b + tilt)
+                sigma[count, 3] = np.sqrt(turn_a + sigma_n[b] ** 2)
+                # The normals' parts across the line, which say the spin, against their errors.
+                across = np.sin(feature[count, 1]) ** 2 + np.sin(feature[count, 2]) ** 2
+                if across > 4.0 * sigma[count, 3] ** 2:
+                    spins[count] = 1
+            count += 1
+    return count

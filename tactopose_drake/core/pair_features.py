@@ -196,27 +196,41 @@ def _find_matches(features, first, feature, weight, reach, step, found):  # type
 
     All is in units of bytes. Of the rows only those are read whose number is a multiple of the step.
     """
-    low, high = np.empty(4, dtype=np.int64), np.empty(4, dtype=np.int64)
-    for a in range(4):
-        shift = _DISTANCE_SHIFT if a == 0 else _ANGLE_SHIFT
-        way = 256.0 if weight[a] * 256.0 < reach else reach / weight[a]
-        low[a] = int(max(0.0, min(_BYTE, np.floor(feature[a] - way)))) >> shift
-        high[a] = int(max(0.0, min(_BYTE, np.ceil(feature[a] + way)))) >> shift
-    count = 0
-    square = reach * reach
-    for d in range(low[0], high[0] + 1):
-        for a in range(low[1], high[1] + 1):
-            for b in range(low[2], high[2] + 1):
+    count, square = 0, reach * reach
+    begin, end = _bins(feature[0], weight[0], reach, _DISTANCE_SHIFT)
+    for d in range(begin, end):
+        left_d = max(0.0, square - _least_square(d, feature[0], weight[0], _DISTANCE_SHIFT))
+        begin_a, end_a = _bins(feature[1], weight[1], np.sqrt(left_d), _ANGLE_SHIFT)
+        for a in range(begin_a, end_a):
+            left_a = max(0.0, left_d - _least_square(a, feature[1], weight[1], _ANGLE_SHIFT))
+            begin_b, end_b = _bins(feature[2], weight[2], np.sqrt(left_a), _ANGLE_SHIFT)
+            for b in range(begin_b, end_b):
+                left_b = max(0.0, left_a - _least_square(b, feature[2], weight[2], _ANGLE_SHIFT))
+                begin_c, end_c = _bins(feature[3], weight[3], np.sqrt(left_b), _ANGLE_SHIFT)
                 row = ((d * _ANGLE_BINS + a) * _ANGLE_BINS + b) * _ANGLE_BINS
                 # Bins that differ in the last angle alone lie next to each other.
-                begin, end = first[row + low[3]], first[row + high[3] + 1]
-                for k in range(-(-begin // step) * step, end, step):
-                    total = 0.0
+                for k in range(-(-first[row + begin_c] // step) * step, first[row + end_c], step):
+                    at, total = np.uintp(k), 0.0
                     for c in range(4):
-                        difference = (features[k, c] - feature[c]) * weight[c]
+                        difference = (features[at, c] - feature[c]) * weight[c]
                         total += difference * difference
                     if total <= square:
                         if count < found.shape[0]:
                             found[count] = k
                         count += 1
     return count
+
+
+@njit(cache=True, inline="always")
+def _bins(value, weight, reach, shift):  # type: ignore[no-untyped-def]
+    """The first bin within reach of a feature's number, and the one after the last; at least one."""
+    way = 256.0 if weight * 256.0 <= reach else reach / weight
+    begin = int(max(0.0, min(_BYTE, np.floor(value - way)))) >> shift
+    return begin, (int(max(0.0, min(_BYTE, np.ceil(value + way)))) >> shift) + 1
+
+
+@njit(cache=True, inline="always")
+def _least_square(b, value, weight, shift):  # type: ignore[no-untyped-def]
+    """The least squared whitened difference between a feature's number and those of a bin."""
+    low = float(b << shift)
+    return (max(0.0, low - value, value - (low + ((1 << shift) - 1))) * weight) ** 2
