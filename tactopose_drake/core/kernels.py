@@ -9,6 +9,8 @@ Source: [B16] J. Bimbo, thesis, 2016, eqs. 3.3 and 3.5, whitened by the sensors'
 import numpy as np
 from numba import njit
 
+from tactopose_drake.core.prefetch import prefetch
+
 # Where interpolated normals nearly cancel (the middle of a thin wall) their direction means little: this bounds it.
 _SOFT_LENGTH = 0.05
 # Bounds the derivative of the square root in the residual that normalises the normals' likelihood.
@@ -32,6 +34,23 @@ def _cell(q, origin, inverse_spacing, limit):  # type: ignore[no-untyped-def]
     if i > limit - 1:
         i = int(limit) - 1
     return i, u - i, outside
+
+
+@njit(cache=True, inline="always")
+def _prefetch_cells(flat, shape, origin, inverse_spacing, X, p, q):  # type: ignore[no-untyped-def]
+    """Asks for what the contacts p (k, 3) will read of the flattened grid at the pose X (3, 4); q (3,) is for work."""
+    nx, ny, nz = shape[0], shape[1], shape[2]
+    sy, sx = np.uintp(4 * nz), np.uintp(4 * nz * ny)
+    for i in range(p.shape[0]):
+        _to_object(X, p[i], q)
+        ix = _cell(q[0], origin[0], inverse_spacing, nx - 1.0)[0]
+        iy = _cell(q[1], origin[1], inverse_spacing, ny - 1.0)[0]
+        iz = _cell(q[2], origin[2], inverse_spacing, nz - 1.0)[0]
+        at = np.uintp(4 * ((ix * ny + iy) * nz + iz))
+        prefetch(flat, at)
+        prefetch(flat, at + sy)
+        prefetch(flat, at + sx)
+        prefetch(flat, at + sx + sy)
 
 
 @njit(cache=True)
@@ -106,8 +125,10 @@ def _rotate_to_object(X, n, m):  # type: ignore[no-untyped-def]
 @njit(cache=True, nogil=True)
 def contact_costs(values, origin, inverse_spacing, p, n, weight_p, weight_n, X, cost):  # type: ignore[no-untyped-def]
     """Half the sum of squares of the contact residuals of each pose, into cost (B,)."""
+    flat = values.reshape(-1)
     q, m, field = np.empty(3), np.empty(3), np.empty(4)
     for b in range(X.shape[0]):
+        _prefetch_cells(flat, values.shape, origin, inverse_spacing, X[b], p, q)
         total = 0.0
         for i in range(p.shape[0]):
             _to_object(X[b], p[i], q)

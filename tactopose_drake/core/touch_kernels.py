@@ -15,6 +15,7 @@ from tactopose_drake.core.kernels import (
     _extend,
     _interpolate,
     _normal_weight,
+    _prefetch_cells,
     _prior_row,
     _retract,
     _rotate_to_object,
@@ -77,6 +78,7 @@ def descend(  # type: ignore[no-untyped-def]
             # Where no step follows, the cost is enough.
             derive = iteration == 0 or iteration < max_iterations
             total = 0.0
+            _prefetch_cells(flat, values.shape, origin, inverse_spacing, there, p, q)
             for a in range(6):
                 g[a] = 0.0
                 for c in range(a + 1):
