@@ -55,19 +55,19 @@ class PairSearch:
 
     model: ObjectModel
     contacts: Contacts
-    choice: PairChoice = dataclasses.field(default_factory=PairChoice)
-    candidates: int = 250
+    choice: PairChoice = dataclasses.field(default_factory=lambda: PairChoice(poses=2500))
+    candidates: int = 150
     fewest: int = 20
-    starts: int = 100
+    starts: int = 80
     kept: int = 60
     settled: int = 12
-    polished: int = 6
-    near_choice: PairChoice = dataclasses.field(default_factory=lambda: PairChoice(pairs=4, poses=4000))
-    near_candidates: int = 100
-    near_samples: int = 100
-    near_starts: int = 48
-    near_kept: int = 20
-    near_polished: int = 3
+    polished: int = 4
+    near_choice: PairChoice = dataclasses.field(default_factory=lambda: PairChoice(pairs=4, poses=1500))
+    near_candidates: int = 50
+    near_samples: int = 50
+    near_starts: int = 32
+    near_kept: int = 16
+    near_polished: int = 2
     near_first: LevenbergMarquardt = dataclasses.field(
         default_factory=lambda: LevenbergMarquardt(max_iterations=5, initial_damping=1e-2)
     )
@@ -84,7 +84,7 @@ class PairSearch:
         default_factory=lambda: LevenbergMarquardt(max_iterations=15, tolerance=1e-3)
     )
     polish: LevenbergMarquardt = dataclasses.field(
-        default_factory=lambda: LevenbergMarquardt(max_iterations=40, tolerance=1e-5)
+        default_factory=lambda: LevenbergMarquardt(max_iterations=40, tolerance=1e-4)
     )
 
     def widened(self) -> "PairSearch":

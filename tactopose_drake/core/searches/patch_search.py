@@ -30,11 +30,9 @@ def patch_search(model: ObjectModel, patches: Sequence[Patch], contacts: Contact
         contacts=with_patches(Contacts.empty() if contacts is None else contacts, patches),
         starts=60,
         kept=15,
-        polished=4,
         near_samples=30,
         near_starts=20,
         near_kept=8,
-        near_polished=2,
     )
 
 
