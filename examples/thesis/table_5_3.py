@@ -31,10 +31,12 @@ The thesis' grasps are of other objects and hold others of their features: its a
 Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016, section 5.3.
 """
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import click
 import numpy as np
+from ideal_corrections import IdealTrials, ideal_trials
 from matplotlib.figure import Figure
 from pad_corrections import METHODS, SEARCHES, Trials, run_trials
 from pad_grasps import DISTANCE, GRIPS, OURS, PCA, Array, load_pad_grasp
@@ -48,6 +50,7 @@ GRASPS_ASKED = 5  # in which ours is to have a rho above the thesis'
 
 COLUMNS = ("mean, mm", "mean, deg", "at least cost, mm", "at least cost, deg", "rho, mm", "rho, deg")
 WAY_COLUMNS = ("rho on the way, mm", "rho on the way, deg")
+DRAWS = 100  # of the noise, for the ideal estimator
 SAME_COST = 0.1  # trials of ours whose final costs differ from the least by less than this end in the same minimum
 DIGITS = (1, 1, 1, 1, 2, 2, 2, 2)
 SEARCH_COLUMNS = (
@@ -73,11 +76,12 @@ THESIS = {
 
 
 Results = dict[str, dict[str, Trials]]  # by grip, by method
+Ideal = dict[str, IdealTrials]  # by grip
 
 
-def above_thesis(rho: Array, results: Results) -> Array:
-    """In how many grips rho (grips, 2) is above that of the thesis' PCA, for mm and deg, shape (2,)."""
-    above: Array = np.sum(rho > [THESIS[name[0]][PCA][4:] for name in results], axis=0)
+def above_thesis(rho: Array, grips: Iterable[str]) -> Array:
+    """In how many grips rho (..., grips, 2) is above that of the thesis' PCA, for mm and deg, shape (..., 2)."""
+    above: Array = np.sum(rho > [THESIS[name[0]][PCA][4:] for name in grips], axis=-2)
     return above
 
 
@@ -135,6 +139,21 @@ def verdicts(results: Results) -> list[str]:
     ]
 
 
+def ideal_verdict(ideal: Ideal) -> str:
+    """What the best estimator would do."""
+    errors, rho = (
+        np.stack([getattr(trials, name) for trials in ideal.values()], axis=1) for name in IdealTrials._fields
+    )
+    above, (mm, deg), means = above_thesis(rho, ideal), errors.mean(axis=(0, 1)), rho.mean(axis=(0, 1))
+    enough = 100.0 * np.mean(above >= GRASPS_ASKED, axis=0)
+    return (
+        f"An ideal estimator, the mean of the exact posterior of touches as informative as these ({len(rho)} draws of "
+        f"their noise), is {mm:.1f} mm and {deg:.1f} deg off; its rho over the final poses is {means[0]:.2f} for mm "
+        f"and {means[1]:.2f} for deg, above the thesis' PCA in {above[:, 0].mean():.1f} and {above[:, 1].mean():.1f} of "
+        f"{len(ideal)} grips, and in {GRASPS_ASKED} or more in {enough[0]:.0f} % and {enough[1]:.0f} % of the draws."
+    )
+
+
 def rows(results: Results) -> list[tuple[str, ...]]:
     """The table's cells as text, in brackets the thesis' numbers."""
     lines = []
@@ -147,7 +166,7 @@ def rows(results: Results) -> list[tuple[str, ...]]:
     return lines
 
 
-def markdown(results: Results, seed: int) -> str:
+def markdown(results: Results, ideal: Ideal, seed: int) -> str:
     """The table and the verdicts as Markdown."""
     trials = len(next(iter(results.values()))[OURS].cost)
     headings = ("grip", "objective", *COLUMNS, *WAY_COLUMNS)
@@ -165,10 +184,10 @@ def markdown(results: Results, seed: int) -> str:
     lines += ["", SEARCH_LEGEND, "", "| search | " + " | ".join(SEARCH_COLUMNS) + " |"]
     lines.append("|---|" + "---:|" * len(SEARCH_DIGITS))
     lines += ["| " + " | ".join(row) + " |" for row in search_rows(results)]
-    return "\n".join([*lines, "", *(f"- {line}" for line in verdicts(results)), ""])
+    return "\n".join([*lines, "", *(f"- {line}" for line in (*verdicts(results), ideal_verdict(ideal))), ""])
 
 
-def print_table(results: Results, console: Console) -> None:
+def print_table(results: Results, ideal: Ideal, console: Console) -> None:
     """The table for the terminal."""
     table = Table(title="Table 5.3 (in brackets: the thesis)", box=box.SIMPLE_HEAD, padding=0)
     table.add_column("grip, objective", no_wrap=True)
@@ -185,7 +204,7 @@ def print_table(results: Results, console: Console) -> None:
     for row in search_rows(results):
         searches.add_row(*row)
     console.print(searches)
-    for line in verdicts(results):
+    for line in (*verdicts(results), ideal_verdict(ideal)):
         console.print(f"- {line}")
 
 
@@ -214,10 +233,12 @@ def main(trials: int, seed: int, out: Path | None) -> None:
     """Regenerates table 5.3 of the thesis, beside its numbers."""
     grasps = {name: load_pad_grasp(name, grip) for name, grip in GRIPS.items()}
     results = {name: run_trials(grasp, trials, (seed, i), name) for i, (name, grasp) in enumerate(grasps.items())}
-    print_table(results, Console())
+    noise = np.random.default_rng(seed)
+    ideal = {name: ideal_trials(grasp, trials, DRAWS, noise) for name, grasp in grasps.items()}
+    print_table(results, ideal, Console())
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
-        (out / "table_5_3.md").write_text(markdown(results, seed), encoding="utf-8")
+        (out / "table_5_3.md").write_text(markdown(results, ideal, seed), encoding="utf-8")
         plot(list(results.values())[-1], out / "figure_5_12.png")
 
 

@@ -178,3 +178,18 @@ def test_the_verdicts_are_those_of_the_numbers(script: ModuleType) -> None:
     ):
         rho = script.verdicts(dict.fromkeys(names, good) | dict.fromkeys(names[:count], other))[1]
         assert verdict in rho.replace("5 of 6 grips", "5 grips")
+
+
+def test_the_ideal_estimator_is_as_sure_as_the_touch_and_the_prior_let_it_be(
+    corrections: ModuleType, grasp: Any
+) -> None:
+    ideal = load("ideal_corrections").ideal_trials(grasp, 200, 50, np.random.default_rng(3))
+    assert ideal.error.shape == ideal.rho.shape == (50, 2)
+    assert np.all(np.abs(ideal.rho) <= 1.0)
+    # The mean squared error of a posterior's mean is the trace of its covariance; the touch does not tell the slide.
+    H = grasp.objectives[corrections.OURS].normal_equations(grasp.X_PO[None]).hessian[0]
+    sigma = np.repeat([corrections.SIGMA_TURN, corrections.SIGMA_SHIFT], 3)
+    covariance = np.linalg.inv(H + np.diag(sigma**-2.0))
+    rms = 1e3 * math.sqrt(np.trace(covariance[3:, 3:]))
+    assert 0.7 * rms < ideal.error[:, 0].mean() < rms
+    assert 5.0 < rms < 10.0  # the slide alone is 5.8 mm
