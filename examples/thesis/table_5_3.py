@@ -149,8 +149,8 @@ def ideal_verdict(ideal: Ideal) -> str:
     return (
         f"An ideal estimator, the mean of the exact posterior of touches as informative as these ({len(rho)} draws of "
         f"their noise), is {mm:.1f} mm and {deg:.1f} deg off; its rho over the final poses is {means[0]:.2f} for mm "
-        f"and {means[1]:.2f} for deg, above the thesis' PCA in {above[:, 0].mean():.1f} and {above[:, 1].mean():.1f} of "
-        f"{len(ideal)} grips, and in {GRASPS_ASKED} or more in {enough[0]:.0f} % and {enough[1]:.0f} % of the draws."
+        f"and {means[1]:.2f} for deg, above the thesis' PCA in {above[:, 0].mean():.1f} and {above[:, 1].mean():.1f} "
+        f"of {len(ideal)} grips, and in {GRASPS_ASKED} or more in {enough[0]:.0f} % and {enough[1]:.0f} % of the draws."
     )
 
 
