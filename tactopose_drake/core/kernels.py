@@ -9,6 +9,7 @@ Source: [B16] J. Bimbo, thesis, 2016, eqs. 3.3 and 3.5, whitened by the sensors'
 import numpy as np
 from numba import njit
 
+from tactopose_drake.core.matrix_kernels import _cholesky, _invert
 from tactopose_drake.core.prefetch import prefetch
 
 # Where interpolated normals nearly cancel (the middle of a thin wall) their direction means little: this bounds it.
@@ -529,9 +530,12 @@ def mark_distinct(X, information, symmetries, threshold, distinct):  # type: ign
     """Marks, of poses X (B, 3, 4) by rising cost, each that no better marked one equals up to a symmetry.
 
     Two poses are equal when the squared Mahalanobis length of the increment between them, by the information (B, 6, 6)
-    of the better one, is below the threshold for one of the symmetries (g, 3, 4).
+    of the better one, is below the threshold for one of the symmetries (g, 3, 4). Most are told apart sooner, by how
+    far such increments move and turn at the most: their squares are below the threshold times the covariance's traces.
     """
     u, Y = np.empty(6), np.empty((symmetries.shape[0], 3, 4))
+    L, covariance = np.empty((6, 6)), np.empty((6, 6))
+    farthest, least_trace = np.empty(X.shape[0]), np.empty(X.shape[0])
     for b in range(X.shape[0]):
         for s in range(symmetries.shape[0]):
             S = symmetries[s]
@@ -545,6 +549,13 @@ def mark_distinct(X, information, symmetries, threshold, distinct):  # type: ign
                 continue
             H = information[a]
             for s in range(symmetries.shape[0]):
+                way, trace = 0.0, 0.0
+                for i in range(3):
+                    way += (Y[s, i, 3] - X[a, i, 3]) ** 2
+                    for j in range(3):
+                        trace += X[a, i, j] * Y[s, i, j]
+                if way > farthest[a] or trace < least_trace[a]:
+                    continue
                 _increment(X[a], Y[s], u)
                 total = 0.0
                 for i in range(6):
@@ -557,3 +568,9 @@ def mark_distinct(X, information, symmetries, threshold, distinct):  # type: ign
                     break
             if not distinct[b]:
                 break
+        if distinct[b]:
+            _cholesky(information[b], L)
+            _invert(L, covariance)
+            farthest[b] = threshold * (covariance[3, 3] + covariance[4, 4] + covariance[5, 5])
+            widest = np.sqrt(threshold * (covariance[0, 0] + covariance[1, 1] + covariance[2, 2]))
+            least_trace[b] = 1.0 + 2.0 * np.cos(min(widest, np.pi))

@@ -46,6 +46,8 @@ class SearchResult(NamedTuple):
 
 def join_results(*results: SearchResult) -> SearchResult:
     """The poses of several results, one after the other."""
+    if len(results) == 1:
+        return results[0]
     return SearchResult(*(np.concatenate(columns) for columns in zip(*results, strict=True)))
 
 
