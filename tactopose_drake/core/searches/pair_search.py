@@ -62,12 +62,12 @@ class PairSearch:
     kept: int = 60
     settled: int = 12
     polished: int = 4
-    near_choice: PairChoice = dataclasses.field(default_factory=lambda: PairChoice(pairs=4, poses=1500))
-    near_candidates: int = 50
-    near_samples: int = 50
-    near_starts: int = 32
+    near_choice: PairChoice = dataclasses.field(default_factory=lambda: PairChoice(contacts=4, poses=1500))
+    near_candidates: int = 60
+    near_samples: int = 40
+    near_starts: int = 40
     near_kept: int = 16
-    near_polished: int = 2
+    near_polished: int = 3
     near_first: LevenbergMarquardt = dataclasses.field(
         default_factory=lambda: LevenbergMarquardt(max_iterations=5, initial_damping=1e-2)
     )

@@ -33,6 +33,7 @@ def patch_search(model: ObjectModel, patches: Sequence[Patch], contacts: Contact
         near_samples=30,
         near_starts=20,
         near_kept=8,
+        near_polished=2,
     )
 
 
