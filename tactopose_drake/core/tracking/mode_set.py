@@ -37,7 +37,8 @@ class ModeSet:
         roughness: of the surface where each source touches: by how much it adds to the biases' variances, of positions,
             m^2, and of normals, rad^2, shape (n, s, 2).
         log_prior: logarithms of the modes' shares but for the touch's part, shape (n,).
-        log_touch: that part, see `surprise`, shape (n,).
+        log_touch: that part, see `touch_memory`, shape (n,).
+        frames: how many of them it is the mean of, shape (n,).
         misfit: of the touch lately, see `surprise`, shape (n, 2).
         drift: likewise, shape (n, 6).
         drift_covariance: likewise, shape (n, 6, 6).
@@ -49,6 +50,7 @@ class ModeSet:
     roughness: FloatArray
     log_prior: FloatArray
     log_touch: FloatArray
+    frames: FloatArray
     misfit: FloatArray
     drift: FloatArray
     drift_covariance: FloatArray
@@ -75,6 +77,7 @@ class ModeSet:
             roughness,
             log_prior,
             log_touch,
+            np.zeros(n),
             np.zeros((n, 2)),
             np.zeros((n, 6)),
             np.zeros((n, 6, 6)),

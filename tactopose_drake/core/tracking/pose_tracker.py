@@ -28,13 +28,17 @@ from tactopose_drake.core.tracking.pose_belief import BeliefStatus, PoseBelief, 
 from tactopose_drake.core.tracking.pose_measurement import PoseMeasurement
 from tactopose_drake.core.tracking.present_bounds import bound_modes
 from tactopose_drake.core.tracking.surprise import calmed, is_surprised, watch
+from tactopose_drake.core.tracking.touch_memory import fade, remember, worth_of_a_frame
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import InvalidInputError
 
 # The mode that carries more than this share of the mass is the answer.
 _MOST_OF_THE_MASS = 0.5
-# Prior probabilities that the object is where no mode has it: when nothing says so, and when the touch does.
-_UNSEEN_JUMP, _JUMP = 1e-4, 0.1
+# Prior probabilities that the object is where no mode has it: anywhere when nothing says so; near the best mode, which
+# may be too sure of itself; and when the touch or vision say so.
+_UNSEEN_JUMP, _TOO_SURE, _JUMP = 1e-4, 0.01, 0.1
+# While all is well every so many-th look is anywhere, the others near the best mode.
+_ANYWHERE = 8
 # The density of poses of vision that are errors: one in twenty, turned at random, within a cubic metre.
 _LOG_OUTLIER = math.log(0.05 / (8.0 * math.pi**2))
 # So many times of poses of vision are remembered.
@@ -55,7 +59,8 @@ class PoseTrackerParams:
     slip_time: float = 0.1  # s for which a slip that was found is taken to go on
     lost_time: float = 0.2  # s without an explanation of the touch, after which the pose is lost
     forget_time: float = 1.0  # s without touch or vision, after which the pose is lost
-    search_period: float = 2.0  # s between two looks elsewhere, while all is well
+    memory_time: float = 0.3  # s after which what the touch told of the pose has faded
+    search_period: float = 0.4  # s between two looks elsewhere, while all is well
     search_period_lost: float = 0.05  # s between two looks elsewhere, while it is not
     vision_time: float = 0.5  # s after which the error of vision is a new one; more frequent poses count less
     vision_memory: float = 1.0  # s; what vision saw earlier is of no use
@@ -164,7 +169,7 @@ class PoseTracker:
             X_WP=frame.X_WP,
         )
         if touch.is_new:
-            belief = self._feel(belief, frame, touch, seen, doubted)
+            belief = self._feel(belief, frame, touch, seen, doubted, duration)
         elif touch.is_felt:
             belief = dataclasses.replace(belief, touch_time=frame.time)
         return self._conclude(belief, frame, touch)
@@ -208,12 +213,19 @@ class PoseTracker:
         return here, record
 
     def _feel(
-        self, belief: PoseBelief, frame: Frame, touch: _Touch, seen: PoseMeasurement | None, doubted: bool
+        self,
+        belief: PoseBelief,
+        frame: Frame,
+        touch: _Touch,
+        seen: PoseMeasurement | None,
+        doubted: bool,
+        duration: float,
     ) -> PoseBelief:
         """The belief with a new touch."""
         time, params = frame.time, self._params
         modes, slip_time = belief.modes, belief.slip_time
         if len(modes):
+            modes = fade(self._model, touch.contacts, modes, min(1.0, duration / params.memory_time))
             update = update_with_contacts(
                 self._model,
                 touch.contacts,
@@ -225,11 +237,12 @@ class PoseTracker:
                 modes.roughness,
             )
             evidence = np.logaddexp.reduce(modes.log_weight + update.log_evidence)
-            modes = watch(modes, update, number_of_numbers(touch.contacts))
+            modes = remember(watch(modes, update, number_of_numbers(touch.contacts)), update.log_evidence, update.stays)
             modes = modes.touched(touch.source, update.roughness, self._stable.variances[[0, 3]])
             order = np.argsort(-modes.log_weight, kind="stable")
             modes = modes.chosen(order)
-            recent = modes.log_touch[0] - update.log_evidence[order[0]]
+            of_this_frame = worth_of_a_frame(modes, update.stays)[0]
+            before = modes.log_touch[0] - of_this_frame * update.log_evidence[order[0]]
         slipped = bool(len(modes) and is_surprised(modes.chosen([0]))[0])
         if slipped:
             modes, slip_time = calmed(modes), time
@@ -240,10 +253,17 @@ class PoseTracker:
             near = self._where(belief, frame, seen, modes, troubled)
             found = self._search(belief, frame, touch, near)
             if len(modes):
-                jump = math.log(_UNSEEN_JUMP if near is None else _JUMP)
-                total = np.logaddexp.reduce(modes.log_weight) + jump + found.log_weight - evidence
-                log_touch = found.log_touch + recent
-                found = dataclasses.replace(found, log_prior=total - log_touch, log_touch=log_touch)
+                jump = _UNSEEN_JUMP if near is None else _JUMP if troubled or seen is not None else _TOO_SURE
+                total = np.logaddexp.reduce(modes.log_weight) + math.log(jump) + found.log_weight - evidence
+                log_touch = before + of_this_frame * found.log_touch
+                found = dataclasses.replace(
+                    found,
+                    log_prior=total - log_touch,
+                    log_touch=log_touch,
+                    frames=np.full(len(found), modes.frames[0]),
+                )
+            else:
+                found = dataclasses.replace(found, frames=np.ones(len(found)))
             modes = modes.joined(found)
             searches, search_time = searches + 1, time
         modes = modes.merged(self._model.symmetry_poses) if len(modes) else modes
@@ -271,7 +291,8 @@ class PoseTracker:
         if time > belief.touch_time + self._params.lost_time:
             return PoseMeasurement(time, belief.modes.X_PO[0], belief.modes.covariance[0])
         # It slips before it is anywhere: that is asked when near the best there is no explanation.
-        is_near = troubled and time < belief.explained_time + 0.5 * self._params.lost_time
+        explained = time < belief.explained_time + 0.5 * self._params.lost_time
+        is_near = explained if troubled else belief.searches % _ANYWHERE > 0
         return around(modes.X_PO[0], *SLIPPED, time) if is_near else None
 
     def _search(self, belief: PoseBelief, frame: Frame, touch: _Touch, near: PoseMeasurement | None) -> ModeSet:

@@ -5,10 +5,6 @@ summed, in units of the sum's standard deviation. The drift test asks whether co
 of covariance P- and an update to P+, a correction has the covariance P- - P+ and is independent of the next, so the
 squared length of their sum is chi-square with six degrees of freedom at most. Slow slip hides from the first test and
 shows in the second.
-
-The evidence of frames that follow each other is in part the same, as their errors are. Where a share s of a variance
-B + R = B / s stays, N frames together are worth no more than (B + R) / B = 1 / s of them: their mean has the variance
-B + R / N. Therefore what the touch says for a mode fades by the share s a frame.
 """
 
 import dataclasses
@@ -26,7 +22,7 @@ _FADE = 0.9
 _WANDER = 0.1
 # The misfit of so many standard deviations, and the squared drift, that say that the object slips. Motion noise is
 # stated wider than it is, so the drift of an object that is held is far below six on average.
-_MISFIT, _DRIFT = 6.0, 8.0
+_MISFIT, _DRIFT = 6.0, 6.0
 
 
 def watch(before: ModeSet, update: ContactUpdate, degrees: int) -> ModeSet:
@@ -43,7 +39,6 @@ def watch(before: ModeSet, update: ContactUpdate, degrees: int) -> ModeSet:
         X_PO=update.X_PO,
         covariance=update.covariance,
         cross=update.cross,
-        log_touch=(1.0 - update.stays) * before.log_touch + update.log_evidence,
         misfit=before.misfit * [_FADE, _FADE**2]
         + np.stack([update.misfit - degrees, np.full(len(before), 2.0 * degrees)], axis=1),
         drift=_FADE * before.drift + correction,
@@ -54,14 +49,21 @@ def watch(before: ModeSet, update: ContactUpdate, degrees: int) -> ModeSet:
 def is_surprised(modes: ModeSet) -> NDArray[np.bool_]:
     """Which of the modes the touch contradicts, shape (n,)."""
     misfit = modes.misfit[:, 0] / np.sqrt(np.maximum(modes.misfit[:, 1], 1.0))
-    values, vectors = np.linalg.eigh(modes.drift_covariance)
-    # Where next to nothing was to be corrected, only rounding was.
-    values = np.maximum(values, np.array([1e-12]))
-    along = np.einsum("nij,ni->nj", vectors, modes.drift)
+    # By the mode's own covariance: of that each frame's wandering is the least which is expected, also where a turn of
+    # the tangent space from frame to frame seems to take it away.
+    unit = np.linalg.inv(np.linalg.cholesky(modes.covariance))
+    values, vectors = np.linalg.eigh(unit @ modes.drift_covariance @ np.swapaxes(unit, 1, 2))
+    along = np.einsum("nij,nik,nk->nj", vectors, unit, modes.drift)
+    values = np.maximum(values, _WANDER)
     surprised: NDArray[np.bool_] = (misfit > _MISFIT) | (np.sum(along**2 / values, axis=1) > _DRIFT)
     return surprised
 
 
 def calmed(modes: ModeSet) -> ModeSet:
     """The modes without what surprised them."""
-    return ModeSet.make(modes.X_PO, modes.covariance, modes.cross, modes.roughness, modes.log_prior, modes.log_touch)
+    return dataclasses.replace(
+        modes,
+        misfit=np.zeros_like(modes.misfit),
+        drift=np.zeros_like(modes.drift),
+        drift_covariance=np.zeros_like(modes.drift_covariance),
+    )
