@@ -77,8 +77,8 @@ class BeliefSampling:
         steps: Gauss-Newton steps that bring them to the valley's floor.
     """
 
-    samples: int = 160
-    tiles: int = 20
+    samples: int = 128
+    tiles: int = 16
     steps: int = 3
 
     def weigh(self, modes: Modes, posterior: Posterior, generator: np.random.Generator) -> Modes:
@@ -122,11 +122,11 @@ class BeliefSampling:
         # The root leaves something for modes that Laplace's approximation underrates.
         root_share = np.sqrt(share)
         counts = 1 + np.rint(self.tiles * root_share / root_share.sum()).astype(np.intp)
-        group = np.repeat(np.arange(len(X_mode)), counts)
-        is_first = np.diff(group, prepend=-1) > 0
+        each = np.arange(len(X_mode))
+        group = np.repeat(each, counts)
         normal = generator.normal(scale=_WIDER, size=(len(group), 6))
-        normal[is_first] = 0.0
-        laplace = draw(X_mode, np.arange(len(X_mode)), np.zeros((len(X_mode), 6)), information, counts, normal)
+        normal[np.cumsum(counts) - counts] = 0.0  # The first at each mode stands in its middle.
+        laplace = draw(X_mode, each, np.zeros((len(X_mode), 6)), information, counts, normal)
         X_PO = self._to_the_floor(laplace, posterior)
         equations = posterior.objective.normal_equations(X_PO)
         # As wide as that and the tile's own reach allow.

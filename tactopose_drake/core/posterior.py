@@ -53,7 +53,8 @@ class Posterior(NamedTuple):
     def gauge(self) -> FloatArray:
         """Information (6, 6) that holds the turns in place; it changes no density over the other directions."""
         gauge = np.zeros((6, 6))
-        gauge[:3, :3] = self.turns[0].T @ self.turns[0] / _TURN**2
+        if len(self.turns[0]):
+            gauge[:3, :3] = self.turns[0].T @ self.turns[0] / _TURN**2
         return gauge
 
     @property

@@ -172,7 +172,7 @@ class PairSearch:
         if not pairs:
             return np.empty((0, 3, 4))
         turns, reach = self.model.symmetry_turns, space.reach
-        if np.sum([symmetry.is_continuous for symmetry in self.model.symmetries]) > 1:
+        if sum(symmetry.is_continuous for symmetry in self.model.symmetries) > 1:
             turns, reach = turns[:1], (np.pi, reach[1])  # A sphere's rotation is always within reach.
         cost = judge_pairs(pairs, features, field, table, count, space.center, reach, turns)
         limit = np.partition(cost, count)[count] if len(cost) > count else np.inf
