@@ -14,7 +14,8 @@ from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.plausibility import may_be_touched
 from tactopose_drake.core.tracking.frame import Frame
 from tactopose_drake.core.tracking.pose_belief import PoseBelief
-from tactopose_drake.core.tracking.pose_tracker import PoseTracker, PoseTrackerParams
+from tactopose_drake.core.tracking.pose_tracker import PoseTracker
+from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tactopose_drake.core.validation import FloatArray, positive_number
 from tactopose_drake.errors import PortTypeError
 from tactopose_drake.estimates import PoseEstimate, PoseHypothesis, Status

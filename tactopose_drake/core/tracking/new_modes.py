@@ -109,9 +109,10 @@ def _update(
     roughness[:, source] = first.roughness
     update = update_with_contacts(model, contacts, source, stable, X_prior, covariance, cross, roughness, X_start)
     log_touch = -0.5 * update.misfit
-    return ModeSet.make(
+    modes = ModeSet.make(
         update.X_PO, update.covariance, update.cross, roughness, update.log_evidence - log_touch, log_touch
     )
+    return dataclasses.replace(modes, frames=np.ones(n))
 
 
 def _beside(X_PO: FloatArray, covariance: FloatArray, size: float) -> FloatArray:

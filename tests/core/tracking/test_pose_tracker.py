@@ -11,7 +11,8 @@ from tactopose_drake.core.prior import PosePrior
 from tactopose_drake.core.tracking.frame import Frame
 from tactopose_drake.core.tracking.pose_belief import PoseBelief
 from tactopose_drake.core.tracking.pose_measurement import PoseMeasurement
-from tactopose_drake.core.tracking.pose_tracker import PoseTracker, PoseTrackerParams
+from tactopose_drake.core.tracking.pose_tracker import PoseTracker
+from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tactopose_drake.errors import InvalidInputError
 from tests.core.tracking.boxes import make_box, touch
 
