@@ -4,11 +4,12 @@ The posterior is approximated by a Gaussian at each mode (Laplace): weight exp(-
 """
 
 import dataclasses
+import math
 
 import numpy as np
 
 from tactopose_drake.core import kernels
-from tactopose_drake.core.matrix_kernels import inverses
+from tactopose_drake.core.matrix_kernels import eigenpairs, inverses
 from tactopose_drake.core.searches.base import SearchResult
 from tactopose_drake.core.validation import FloatArray
 
@@ -87,10 +88,11 @@ def free_directions(touch_information: FloatArray, size: float) -> list[FloatArr
     limit = 1.0 / (_FREE_SHARE * size) ** 2
     scaled = touch_information * np.outer(units, units)
     free = [np.empty((0, 6))] * len(scaled)
-    # Most are determined in all directions: what is left of them beyond the limit is positive definite.
-    for i in np.flatnonzero(np.isinf(inverses(scaled - limit * np.eye(6))[1])):
-        eigenvalues, eigenvectors = np.linalg.eigh(scaled[i])
-        free[i] = np.linalg.qr(eigenvectors[:, eigenvalues < limit] * units[:, None])[0].T
+    eigenvalues, eigenvectors = eigenpairs(scaled)
+    is_free = eigenvalues < limit
+    for i in np.flatnonzero(is_free.any(axis=1)):
+        rows = eigenvectors[i, is_free[i]] * units
+        free[i] = np.linalg.qr(rows.T)[0].T if len(rows) > 1 else rows / math.sqrt(float(np.sum(rows * rows)))
     return free
 
 

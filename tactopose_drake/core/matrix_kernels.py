@@ -1,9 +1,14 @@
-"""Compiled algebra of small positive definite matrices, beside which numpy's calls would take most of the time."""
+"""Compiled algebra of small symmetric matrices, beside which numpy's calls would take most of the time.
+
+Source: [GV] G. Golub and C. Van Loan, Matrix Computations, 4th ed., 2013, section 8.5 (Jacobi's method).
+"""
 
 import numpy as np
 from numba import njit
 
 from tactopose_drake.core.validation import FloatArray
+
+_MOST_SWEEPS = 30  # Six or seven are enough for any matrix of six rows.
 
 
 def inverses(matrices: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -14,6 +19,53 @@ def inverses(matrices: FloatArray) -> tuple[FloatArray, FloatArray]:
     inverse, logarithm = np.empty_like(matrices), np.empty(len(matrices))
     _invert_all(matrices, inverse, logarithm)
     return inverse, logarithm
+
+
+def eigenpairs(matrices: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Eigenvalues (B, n), in any order, and the eigenvectors (B, n, n), rows, of symmetric matrices (B, n, n)."""
+    values, rows = np.empty(matrices.shape[:2]), np.empty_like(matrices)
+    _diagonalize_all(matrices.copy(), values, rows)
+    return values, rows
+
+
+@njit(cache=True, nogil=True)
+def _diagonalize_all(matrices, values, rows):  # type: ignore[no-untyped-def]
+    """Jacobi's rotations, row by row, until what is off the diagonal is rounding; the matrices are for work."""
+    n = matrices.shape[1]
+    for b in range(matrices.shape[0]):
+        A, V = matrices[b], rows[b]
+        size = 0.0
+        for i in range(n):
+            for k in range(n):
+                V[i, k] = 1.0 if i == k else 0.0
+                size += A[i, k] ** 2
+        for _ in range(_MOST_SWEEPS):
+            off = 0.0
+            for i in range(n):
+                for k in range(i):
+                    off += A[i, k] ** 2
+            if off <= 1e-30 * size:
+                break
+            for i in range(1, n):
+                for k in range(i):
+                    if A[i, k] != 0.0:
+                        _rotate(A, V, k, i)
+        for i in range(n):
+            values[b, i] = A[i, i]
+
+
+@njit(cache=True, inline="always")
+def _rotate(A, V, p, q):  # type: ignore[no-untyped-def]
+    """Makes A[p, q] vanish by a rotation in the plane of both axes. [GV] algorithm 8.5.1."""
+    tau = 0.5 * (A[q, q] - A[p, p]) / A[p, q]
+    t = 1.0 / (tau + np.sqrt(1.0 + tau * tau)) if tau >= 0.0 else -1.0 / (np.sqrt(1.0 + tau * tau) - tau)
+    c = 1.0 / np.sqrt(1.0 + t * t)
+    s = t * c
+    for k in range(A.shape[0]):
+        A[k, p], A[k, q] = c * A[k, p] - s * A[k, q], s * A[k, p] + c * A[k, q]
+    for k in range(A.shape[0]):
+        A[p, k], A[q, k] = c * A[p, k] - s * A[q, k], s * A[p, k] + c * A[q, k]
+        V[p, k], V[q, k] = c * V[p, k] - s * V[q, k], s * V[p, k] + c * V[q, k]
 
 
 @njit(cache=True, nogil=True)

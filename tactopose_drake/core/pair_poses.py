@@ -66,20 +66,17 @@ def judge_pairs(
         reach: the largest rotation from there, rad, and the largest translation, m.
         turns: the object's symmetries as poses X_OO', shape (g, 3, 4).
     """
-    matches, begins, frames, spins = _joined(pairs, table)
-    # The contacts of a pair fit by construction: the others say sooner that a pose is bad.
-    others = np.array([[pair.first, pair.second] for pair in pairs])
-    order = np.argsort(np.any(np.arange(len(table)) == others[:, :, None], axis=1), axis=1, kind="stable")
-    cost = np.empty(int(np.sum(np.diff(begins) * spins)), dtype=np.float32)
+    matches, begins, ends, frames, spins = _joined(pairs, table)
+    cost = np.empty(sum(pair.count for pair in pairs), dtype=np.float32)
     arguments = (
         features.points,
         features.normals,
         features.pairs,
         matches,
         begins,
+        ends,
         frames,
         spins,
-        order,
         field.values,
         field.shape,
         field.origin,
@@ -102,20 +99,22 @@ def pair_poses(
 ) -> FloatArray:
     """The poses (chosen, 3, 4) of the chosen ones among those that `judge_pairs` judges."""
     X_PO = np.empty((len(chosen), 3, 4))
-    _make(features.points, features.normals, features.pairs, *_joined(pairs, table), chosen, X_PO)
+    matches, begins, _, frames, spins = _joined(pairs, table)
+    _make(features.points, features.normals, features.pairs, matches, begins, frames, spins, chosen, X_PO)
     return X_PO
 
 
 def _joined(
     pairs: Sequence[ContactPair], table: FloatArray
-) -> tuple[NDArray[np.int32], NDArray[np.intp], FloatArray, NDArray[np.int64]]:
-    """All matches, the number of them before each pair (q + 1,), contact frames (q, 6, 3) and spins (q,)."""
+) -> tuple[NDArray[np.int32], NDArray[np.intp], NDArray[np.intp], FloatArray, NDArray[np.int64]]:
+    """All matches, the number of them before each pair (q + 1,), the pairs' contacts (q, 2), their frames (q, 6, 3) and
+    spins (q,).
+    """
     begins = np.cumsum([0] + [len(pair.matches) for pair in pairs])
-    frames = np.empty((len(pairs), 6, 3))
-    for pair, frame in zip(pairs, frames, strict=True):
-        _contact_frame(table[pair.first], table[pair.second], frame)
+    ends, frames = np.array([(pair.first, pair.second) for pair in pairs]), np.empty((len(pairs), 6, 3))
+    _contact_frames(table, ends, frames)
     matches = np.concatenate([pair.matches for pair in pairs])
-    return matches, begins, frames, np.array([pair.spins for pair in pairs])
+    return matches, begins, ends, frames, np.array([pair.spins for pair in pairs])
 
 
 def distinct_poses(X_PO: FloatArray, length: float, angle: float) -> NDArray[np.bool_]:
@@ -146,14 +145,16 @@ def _axes(p, q, axes, middle):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _contact_frame(a, b, frame):  # type: ignore[no-untyped-def]
+def _contact_frames(table, ends, frames):  # type: ignore[no-untyped-def]
     """Rows: the point between two contacts; axes, x from the first to the second; y and z of each normal, (6, 3)."""
-    frame[4:] = 0.0
-    _axes(a[:3], b[:3], frame[1:4], frame[0])
-    for row, contact in ((4, a), (5, b)):
-        for axis in range(2):
-            for c in range(3):
-                frame[row, axis] += contact[3 + c] * frame[2 + axis, c]
+    for q in range(ends.shape[0]):
+        frame = frames[q]
+        frame[4:] = 0.0
+        _axes(table[ends[q, 0], :3], table[ends[q, 1], :3], frame[1:4], frame[0])
+        for end in range(2):
+            for axis in range(2):
+                for c in range(3):
+                    frame[4 + end, axis] += table[ends[q, end], 3 + c] * frame[2 + axis, c]
 
 
 @njit(cache=True, inline="always")
@@ -240,9 +241,9 @@ def _judge(  # type: ignore[no-untyped-def]
     pairs,
     matches,
     begins,
+    ends,
     frames,
     spins,
-    orders,
     values,
     shape,
     origin,
@@ -260,8 +261,16 @@ def _judge(  # type: ignore[no-untyped-def]
     """Every pair's matches. What is worse than the `count` best so far is not of interest."""
     axes, middle, X = np.empty((3, 3)), np.empty(3), np.empty((3, 4))
     lowest, limit, used, offset = np.empty(count + cost.shape[0], dtype=np.float32), np.inf, 0, 0
+    order = np.empty(table.shape[0], dtype=np.intp)
     for q in range(spins.shape[0]):
-        order, frame = orders[q], frames[q]
+        frame = frames[q]
+        # The contacts of a pair fit by construction: the others say sooner that a pose is bad.
+        place = 0
+        for m in range(table.shape[0]):
+            if m != ends[q, 0] and m != ends[q, 1]:
+                order[place] = m
+                place += 1
+        order[place], order[place + 1] = ends[q, 0], ends[q, 1]
         for row in range(begins[q], begins[q + 1]):
             i, j = pairs[matches[row], 0], pairs[matches[row], 1]
             _axes(points[i], points[j], axes, middle)

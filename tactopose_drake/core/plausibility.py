@@ -1,5 +1,7 @@
 """Whether noise alone explains what a touch leaves over at a pose."""
 
+import functools
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
@@ -63,6 +65,7 @@ def may_be_touched(model: ObjectModel, X_PO: FloatArray, covariance: FloatArray,
     return bool(np.square(out_of_box).sum(axis=1).min() < reach**2)
 
 
+@functools.cache
 def _limit(count: int) -> float:
     return 0.5 * float(chdtri(count, _IMPLAUSIBLE))
 
