@@ -43,12 +43,12 @@ def _diagonalize_all(matrices, values, rows):  # type: ignore[no-untyped-def]
             off = 0.0
             for i in range(n):
                 for k in range(i):
-                    off += A[i, k] ** 2
+                    off += A[k, i] ** 2
             if off <= 1e-30 * size:
                 break
             for i in range(1, n):
                 for k in range(i):
-                    if A[i, k] != 0.0:
+                    if A[k, i] != 0.0:
                         _rotate(A, V, k, i)
         for i in range(n):
             values[b, i] = A[i, i]
