@@ -68,7 +68,7 @@ def test_the_files_were_found() -> None:
 @pytest.mark.parametrize("module", room("core"))
 def test_core_knows_neither_drake_nor_the_rest_of_the_package(module: str) -> None:
     foreign = {name.split(".")[0] for name in imports(module)} - sys.stdlib_module_names - {"tactopose_drake"}
-    assert foreign <= {"numpy", "scipy", "numba", "trimesh", "manifold3d", "platformdirs"}
+    assert foreign <= {"numpy", "scipy", "numba", "llvmlite", "trimesh", "manifold3d", "platformdirs"}
     assert own_imports(module) <= {*room("core", "errors")}
 
 
