@@ -4,7 +4,7 @@ import pytest
 from tactopose_drake.core.coarse_field import contact_table
 from tactopose_drake.core.contacts import Contacts
 from tactopose_drake.core.objects import ObjectModel
-from tactopose_drake.core.pair_poses import ContactPair, distinct_poses, judge_pairs, pair_poses
+from tactopose_drake.core.pair_poses import ContactPair, coarse_cost, distinct_poses, judge_pairs, pair_poses
 from tactopose_drake.core.poses import compose, make_poses, random_rotations, rotation_angles, transform_points
 from tactopose_drake.core.symmetry import RotationalSymmetry
 from tests.core.searches.problems import make_blob
@@ -115,3 +115,17 @@ def test_of_poses_close_together_the_first_is_kept() -> None:
     assert kept[:50].all()
     assert kept[50:].sum() <= 2
     assert len(distinct_poses(far[:0], 0.004, 0.1)) == 0
+
+
+def test_the_cost_is_that_of_each_contact_once(blob: ObjectModel) -> None:
+    contacts = touch_samples(blob, pose(4), [10, 500, 700, 900, 300])
+    contacts = Contacts(contacts.p_PC + 0.003 * np.random.default_rng(0).normal(size=(5, 3)), contacts.n_PC)
+    features, field = blob.pair_features, blob.coarse_field
+    table = contact_table(field, contacts, 0.004, 0.2)
+    matches = np.arange(0, len(features.pairs), 9973, dtype=np.int32)
+    pairs = [ContactPair(a, b, matches, 1) for a, b in ((0, 1), (2, 3), (4, 2))]
+    found = judge_pairs(pairs, features, field, table, EVERY, *EVERYWHERE)
+    X_PO = pair_poses(pairs, features, table, np.arange(len(found)))
+    arguments = (field.values, field.shape, field.origin, 1 / field.spacing, field.spacing / field.step, table)
+    expected = [coarse_cost(*arguments, np.arange(5), X, np.inf) for X in X_PO]
+    np.testing.assert_allclose(found, expected, rtol=1e-3)

@@ -79,3 +79,14 @@ def test_a_direction_that_changes_nothing_does_not_count() -> None:
 def test_far_away_there_is_nothing() -> None:
     far = retract(poses(2)[:1], np.array([[0.0, 0.0, 0.0, 50.0, 0.0, 0.0]]))
     assert mixture().densities(far).sum() == pytest.approx(0.0)
+
+
+def test_every_second_sample_of_a_component_is_opposite_to_the_one_before_it() -> None:
+    whole = mixture(40)
+    X_PO = whole.sample(np.random.default_rng(0))
+    begin = 0
+    for j, count in enumerate(whole.count.tolist()):
+        u = increments_between(whole.X_PO[whole.group[j]], X_PO[begin : begin + count]) - whole.center[j]
+        np.testing.assert_allclose(u[::2], -u[1::2], atol=1e-9)
+        assert np.linalg.norm(u[::2], axis=1).min() > 0.0
+        begin += count

@@ -111,3 +111,29 @@ def test_the_spacing_follows_the_noise_within_what_the_surface_allows() -> None:
     assert surfel_spacing(1e-5, 0.01) == pytest.approx(FINEST, rel=0.1)
     assert surfel_spacing(0.002, 0.01) == pytest.approx(2 * surfel_spacing(0.001, 0.01))
     assert surfel_spacing(1e-5, 100.0) > 0.01
+
+
+@pytest.mark.parametrize("height", [0.06, 0.002])
+def test_it_is_the_sum_over_all_discs_each_once(height: float) -> None:
+    # Contacts at faces, edges and corners, so that runs of discs begin and end anywhere; in the plate they follow on
+    # each other.
+    half = np.array([0.03, 0.03, 0.5 * height])
+    model = ObjectModel.from_mesh(trimesh.creation.box(2.0 * half))
+    generator = np.random.default_rng(0)
+    p = np.sign(generator.normal(size=(300, 3))) * (half + 0.0005)
+    inside = generator.uniform(size=(300, 3)) < 0.5
+    p[inside] = (generator.uniform(-1.0, 1.0, size=(300, 3)) * half)[inside]
+    p[inside.all(axis=1), 2] = half[2] + 0.0005
+    n = np.sign(p) * (np.abs(p) > half)
+    n /= np.linalg.norm(n, axis=1, keepdims=True)
+    x, m, (area, spread, rough) = (rows.astype(float) for rows in np.split(model.surfels(SIGMA).discs, [3, 6]))
+    for i in range(len(p)):
+        way = p[i][:, None] - x
+        d = np.sum(way * m, axis=0)
+        across = np.sum(way**2, axis=0) - d**2
+        wider, rougher = SIGMA**2 + spread, 1.0 + rough / BEND**2
+        exponent = 0.5 * d**2 / SIGMA**2 + 0.5 * across / wider + (1.0 - n[i] @ m) / (BEND**2 * rougher)
+        density = np.sum(area / (2.0 * np.pi * wider * rougher) * np.exp(-exponent))
+        found = cost(model, p[i].tolist(), n[i].tolist())
+        # Where hardly any disc counts, it is as good as nothing.
+        assert min(found, 12.0) == pytest.approx(min(-math.log(density), 12.0), abs=0.03)
