@@ -1,4 +1,9 @@
-"""Where the modes may be that a belief lacks, and how probable that is."""
+"""Where the modes may be that a belief lacks, and how probable that is.
+
+Either the object jumped, or the belief was wrong all along: too sure of its best mode, or without the right one from
+the start. What jumped may be anywhere within the Gaussian in which is searched, and a mode that foretold the touch is
+rightly far more probable. A belief that was wrong has no right to that: what is found is then weighed among itself.
+"""
 
 from typing import NamedTuple
 
@@ -8,9 +13,9 @@ from tactopose_drake.core.tracking.new_modes import SLIPPED, around
 from tactopose_drake.core.tracking.pose_belief import PoseBelief
 from tactopose_drake.core.tracking.pose_measurement import PoseMeasurement
 
-# Prior probabilities that the object is where no mode has it: anywhere when nothing says so; near the best mode, which
-# may be too sure of itself; and when the touch or vision say so.
-_UNSEEN_JUMP, _TOO_SURE, _JUMP = 1e-4, 0.01, 0.1
+# Prior probabilities that the object jumped when nothing says so, and when the touch or vision do; and that the belief
+# was wrong since the last look.
+_UNSEEN_JUMP, _JUMP, _WRONG = 1e-4, 0.1, 0.02
 # While all is well every so many-th look is anywhere, the others near the best mode.
 _ANYWHERE = 8
 
@@ -20,11 +25,13 @@ class Look(NamedTuple):
 
     Attributes:
         near: a Gaussian; None for anywhere.
-        jump: the prior probability that the object is there and no mode has it.
+        probability: that the object is there and no mode has it, a priori.
+        jumped: whether it would have jumped there; otherwise the belief was wrong.
     """
 
     near: PoseMeasurement | None
-    jump: float
+    probability: float
+    jumped: bool
 
 
 def where_to_look(
@@ -56,5 +63,6 @@ def where_to_look(
         elif time < belief.explained_time + 0.5 * lost_time if troubled else belief.searches % _ANYWHERE > 0:
             near = around(modes.X_PO[0], *SLIPPED, time)
     if near is None:
-        return Look(None, _UNSEEN_JUMP)
-    return Look(near, _JUMP if troubled or seen is not None else _TOO_SURE)
+        return Look(None, _UNSEEN_JUMP, True)
+    jumped = troubled or seen is not None
+    return Look(near, _JUMP if jumped else _WRONG, jumped)

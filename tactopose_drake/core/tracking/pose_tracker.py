@@ -134,7 +134,7 @@ class PoseTracker:
                 params.max_modes,
                 np.random.default_rng([params.seed, searches]),
             )
-            modes = found if felt is None else join(felt, found, look.jump)
+            modes = found if felt is None else join(felt, found, look)
             searches, search_time = searches + 1, time
         modes = modes.merged(self._model.symmetry_poses) if len(modes) else modes
         return dataclasses.replace(

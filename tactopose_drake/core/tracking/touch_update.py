@@ -9,6 +9,7 @@ import numpy as np
 from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.tracking.contact_update import Stable, number_of_numbers, update_with_contacts
 from tactopose_drake.core.tracking.frame_touch import FrameTouch
+from tactopose_drake.core.tracking.looking_elsewhere import Look
 from tactopose_drake.core.tracking.mode_set import ModeSet
 from tactopose_drake.core.tracking.surprise import calmed, is_surprised, watch
 from tactopose_drake.core.tracking.touch_memory import fade, remember, worth_of_a_frame
@@ -57,15 +58,19 @@ def feel(model: ObjectModel, touch: FrameTouch, stable: Stable, modes: ModeSet, 
     return Felt(calmed(modes) if slipped else modes, slipped, evidence, before, worth)
 
 
-def join(felt: Felt, found: ModeSet, jump: float) -> ModeSet:
+def join(felt: Felt, found: ModeSet, look: Look) -> ModeSet:
     """The modes and those that were found by the same touch, weighed with what the best has felt before.
 
     Args:
         felt: the modes after the touch.
         found: those of a search.
-        jump: the prior probability that the object is where the search looked and no mode has it.
+        look: where it looked, and how probable it is that the object is there and no mode has it.
     """
-    weight = np.logaddexp.reduce(felt.modes.log_weight) + math.log(jump) + found.log_weight - felt.log_evidence
+    if not len(found):
+        return felt.modes
+    log_evidence = felt.log_evidence if look.jumped else np.logaddexp.reduce(found.log_weight)
+    total = np.logaddexp.reduce(felt.modes.log_weight) + math.log(look.probability)
+    weight = total + found.log_weight - log_evidence
     log_touch = felt.log_before + felt.worth * found.log_touch
     frames = np.full(len(found), felt.modes.frames[0])
     found = dataclasses.replace(found, log_prior=weight - log_touch, log_touch=log_touch, frames=frames)

@@ -7,6 +7,7 @@ from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.poses import retract
 from tactopose_drake.core.tracking.contact_update import Stable
 from tactopose_drake.core.tracking.frame_touch import FrameTouch
+from tactopose_drake.core.tracking.looking_elsewhere import Look
 from tactopose_drake.core.tracking.mode_set import ModeSet
 from tactopose_drake.core.tracking.touch_memory import remember
 from tactopose_drake.core.tracking.touch_update import Felt, feel, join
@@ -49,7 +50,7 @@ def test_what_is_found_weighs_what_it_explains_and_has_felt_what_the_best_has(bo
     found = ModeSet.make(
         one.X_PO, one.covariance, cross, one.roughness, np.array([felt.log_evidence + 22.0]), np.array([-2.0])
     )
-    joined = join(felt, found, 0.01)
+    joined = join(felt, found, Look(None, 0.01, True))
     gain = joined.log_weight[-1] - np.logaddexp.reduce(felt.modes.log_weight)
     assert gain == pytest.approx(20.0 + math.log(0.01))
     # Frames that say the same of both never tell them apart, as the found one has no better past.
@@ -59,6 +60,19 @@ def test_what_is_found_weighs_what_it_explains_and_has_felt_what_the_best_has(bo
         after = remember(after, np.zeros(len(joined)), 0.3)
     changed = np.diff(after.log_weight[[0, -1]])[0] - np.diff(joined.log_weight[[0, -1]])[0]
     assert changed == pytest.approx(0.0, abs=0.3 * abs(felt.log_before))
+
+
+def test_a_belief_that_was_wrong_gives_what_is_found_its_share_however_well_it_foretold_the_touch(
+    box: ObjectModel,
+) -> None:
+    felt = felt_often(box, 5)
+    cross, even = np.zeros((2, 6, 36)), np.zeros((2, 6, 2))
+    log_prior = felt.log_evidence - np.array([20.0, 20.0 + math.log(3.0)])
+    found = ModeSet.make(felt.modes.X_PO, felt.modes.covariance, cross, even, log_prior, np.zeros(2))
+    joined = join(felt, found, Look(None, 0.02, False))
+    gain = np.exp(joined.log_weight[2:] - np.logaddexp.reduce(felt.modes.log_weight))
+    np.testing.assert_allclose(gain, [0.015, 0.005])
+    assert join(felt, found.chosen([]), Look(None, 0.02, False)) is felt.modes
 
 
 def test_what_fades_leaves_the_pose_less_sure(box: ObjectModel) -> None:
