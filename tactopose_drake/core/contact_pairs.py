@@ -30,7 +30,7 @@ class PairChoice:
     bend: float = 0.12
     reach: float = 2.0
     contacts: int = 5
-    pairs: int = 6
+    pairs: int = 8
     spins: int = 24
     poses: int = 4000
 

@@ -55,12 +55,12 @@ class PairSearch:
 
     model: ObjectModel
     contacts: Contacts
-    choice: PairChoice = dataclasses.field(default_factory=lambda: PairChoice(poses=2500))
-    candidates: int = 150
+    choice: PairChoice = dataclasses.field(default_factory=PairChoice)
+    candidates: int = 250
     fewest: int = 20
-    starts: int = 80
+    starts: int = 100
     kept: int = 60
-    settled: int = 12
+    settled: int = 20
     polished: int = 4
     near_choice: PairChoice = dataclasses.field(default_factory=lambda: PairChoice(contacts=4, poses=1500))
     near_candidates: int = 60
