@@ -26,10 +26,10 @@ from rich.progress import track
 from scipy.stats import chi2
 
 import tactopose_drake as tp
-from tactopose_drake.core.cramer_rao import cramer_rao_bound
-from tactopose_drake.core.free_spin import turn_toward
+from tactopose_drake.core.evidence.synthetic_touch import touch_surface
 from tactopose_drake.core.poses import compose, exp_so3, increments_between, make_poses, random_rotations, retract
-from tactopose_drake.core.synthetic_touch import touch_surface
+from tactopose_drake.core.posterior.cramer_rao import cramer_rao_bound
+from tactopose_drake.core.shape.free_spin import turn_toward
 from tactopose_drake.resources import model_path
 
 OBJECTS = (

@@ -21,7 +21,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, EventStatus
 
 from tactopose_drake.can_devices import CanDevices, live_buses
-from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.drivers.netcanoem import NetCanOemForceTorque
 from tactopose_drake.hardware_station import HardwareStation, make_hardware_station
 from tactopose_drake.running.device_run import warm_up

@@ -22,7 +22,7 @@ from tactopose_drake.arms.place_decision import AddPlaceTask
 from tactopose_drake.arms.place_planning import PlaceParams
 from tactopose_drake.arms.station import ArmParts, ArmSetup, ArmStation, make_arm_station
 from tactopose_drake.core.grasping.grasp_planner import GraspPlan
-from tactopose_drake.core.held_axis import HeldAxis
+from tactopose_drake.core.grasping.held_axis import HeldAxis
 from tactopose_drake.resources import resource_root
 from tactopose_drake.scenario import Scenario, load_scenario
 from tactopose_drake.station import make_station

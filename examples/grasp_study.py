@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.demo import DemoResult, GraspFailedError, run_demo
 from tactopose_drake.reports import direction_names
 from tactopose_drake.scenario import load_scenario

@@ -28,13 +28,13 @@ from rich.progress import track
 from scipy.stats import chi2
 
 import tactopose_drake as tp
-from tactopose_drake.core.evidence import Evidence
-from tactopose_drake.core.free_spin import turn_toward
+from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.poses import compose, exp_so3, increments_between, make_poses, random_rotations, retract
-from tactopose_drake.core.rolling_touch import RollingTouch
+from tactopose_drake.core.shape.free_spin import turn_toward
 from tactopose_drake.core.tracking.frame import Frame
 from tactopose_drake.core.tracking.pose_belief import PoseBelief
 from tactopose_drake.core.tracking.pose_tracker import PoseTracker
+from tactopose_drake.core.tracking.rolling_touch import RollingTouch
 from tactopose_drake.resources import model_path
 
 Array = NDArray[np.float64]

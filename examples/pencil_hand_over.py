@@ -20,7 +20,7 @@ from tactopose_drake.arms.place_planning import PlaceParams
 from tactopose_drake.arms.station import ArmParts, ArmSetup, ArmStation, SceneModel, make_arm_station
 from tactopose_drake.core.grasping.finger_reach import ReachParams
 from tactopose_drake.core.grasping.grasp_planner import GraspPlan, PlannerParams, plan_grasps
-from tactopose_drake.core.held_axis import HeldAxis
+from tactopose_drake.core.grasping.held_axis import HeldAxis
 from tactopose_drake.core.poses import exp_so3
 from tactopose_drake.grasping.hand_reach import make_hand_reach
 from tactopose_drake.hand import load_hand_config

@@ -1,12 +1,12 @@
 """Touch-based pose estimation of grasped objects, as systems for Drake."""
 
-from tactopose_drake.core.contacts import Contacts
-from tactopose_drake.core.force_balance import ForceBalance
-from tactopose_drake.core.grasp_quality import GraspQuality, force_closure_probability, grasp_quality
-from tactopose_drake.core.intrinsic_contact import ContactSolution, solve_contact, solve_contacts
-from tactopose_drake.core.objects import ObjectModel
-from tactopose_drake.core.patches import Patch, describe_patch
-from tactopose_drake.core.prior import PosePrior
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.evidence.force_balance import ForceBalance
+from tactopose_drake.core.evidence.prior import PosePrior
+from tactopose_drake.core.grasping.grasp_quality import GraspQuality, force_closure_probability, grasp_quality
+from tactopose_drake.core.sensing.intrinsic_contact import ContactSolution, solve_contact, solve_contacts
+from tactopose_drake.core.sensing.patches import Patch, describe_patch
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.core.surfaces import Capsule, Cylinder, Ellipsoid, Sphere, Superquadric
 from tactopose_drake.errors import TactoposeError
 from tactopose_drake.estimates import PoseEstimate, PoseHypothesis

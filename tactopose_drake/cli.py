@@ -21,7 +21,7 @@ from rich.console import Console
 from tactopose_drake.commands.identify import identify_command
 from tactopose_drake.commands.run import replay, run
 from tactopose_drake.core.mesh.repair import MeshRepairWarning
-from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.demo import DemoResult, GraspFailedError, run_demo, save_demo
 from tactopose_drake.display.remote_meshcat import RemoteMeshcat
 from tactopose_drake.display.scene import Scene

@@ -40,8 +40,8 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, RigidBody
 from pydrake.systems.framework import Context, DiagramBuilder
 
-from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.poses import inverse, transform_points
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.core.validation import FloatArray, finite_array
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimates import PoseEstimate

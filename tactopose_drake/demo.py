@@ -8,11 +8,11 @@ import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.math import RigidTransform
 
-from tactopose_drake.core.contacts import Contacts
-from tactopose_drake.core.objects import ObjectModel
-from tactopose_drake.core.patch_contacts import with_patches
-from tactopose_drake.core.patches import Patch
-from tactopose_drake.core.prior import PosePrior
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.evidence.prior import PosePrior
+from tactopose_drake.core.sensing.patch_contacts import with_patches
+from tactopose_drake.core.sensing.patches import Patch
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.demo_reports import (
     FingerReport,

@@ -5,12 +5,12 @@ import dataclasses
 import numpy as np
 from pydrake.math import RigidTransform
 
-from tactopose_drake.core.contacts import Contacts
-from tactopose_drake.core.hypotheses import determined_part
-from tactopose_drake.core.metrics import touch_errors, truth_errors
-from tactopose_drake.core.objects import ObjectModel
-from tactopose_drake.core.patches import Patch
+from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.poses import increments_between
+from tactopose_drake.core.posterior.hypotheses import determined_part
+from tactopose_drake.core.posterior.metrics import touch_errors, truth_errors
+from tactopose_drake.core.sensing.patches import Patch
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.grasping.contact_truth import PartContact
 

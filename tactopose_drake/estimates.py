@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 from pydrake.math import RigidTransform
 
-from tactopose_drake.core.pose_modes import PoseModes
+from tactopose_drake.core.posterior.pose_modes import PoseModes
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
 

@@ -8,21 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.math import RigidTransform
 
-from tactopose_drake.core.belief import BeliefSampling
-from tactopose_drake.core.contacts import Contacts
-from tactopose_drake.core.evidence import Evidence
-from tactopose_drake.core.force_balance import ForceBalance
-from tactopose_drake.core.free_spin import turn_toward
-from tactopose_drake.core.hand_clearance import HandClearance
-from tactopose_drake.core.hand_spheres import HandSpheres
-from tactopose_drake.core.hypotheses import Modes, find_modes
-from tactopose_drake.core.model_evidence import log_evidence
-from tactopose_drake.core.objects import ObjectModel
-from tactopose_drake.core.patches import Patch
-from tactopose_drake.core.plausibility import degrees_of_freedom, explain_touch
-from tactopose_drake.core.pose_problem import PoseProblem, make_problem
-from tactopose_drake.core.posterior import make_posterior
-from tactopose_drake.core.prior import PosePrior
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.evidence.evidence import Evidence
+from tactopose_drake.core.evidence.force_balance import ForceBalance
+from tactopose_drake.core.evidence.hand_clearance import HandClearance
+from tactopose_drake.core.evidence.hand_spheres import HandSpheres
+from tactopose_drake.core.evidence.plausibility import degrees_of_freedom, explain_touch
+from tactopose_drake.core.evidence.pose_problem import PoseProblem, make_problem
+from tactopose_drake.core.evidence.prior import PosePrior
+from tactopose_drake.core.pairs.model_evidence import log_evidence
+from tactopose_drake.core.posterior.belief import BeliefSampling
+from tactopose_drake.core.posterior.hypotheses import Modes, find_modes
+from tactopose_drake.core.posterior.posterior import make_posterior
 from tactopose_drake.core.searches.base import Search, StopSignal
 from tactopose_drake.core.searches.gradient_descent import GradientDescent
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
@@ -31,6 +28,9 @@ from tactopose_drake.core.searches.pair_search import PairSearch
 from tactopose_drake.core.searches.patch_search import patch_search
 from tactopose_drake.core.searches.scaling_series import ScalingSeries
 from tactopose_drake.core.searches.simulated_annealing import SimulatedAnnealing
+from tactopose_drake.core.sensing.patches import Patch
+from tactopose_drake.core.shape.free_spin import turn_toward
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import InvalidInputError, TooFewContactsError, UnknownNameError
 from tactopose_drake.estimates import PoseEstimate, PoseHypothesis, status_of

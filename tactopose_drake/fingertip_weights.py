@@ -4,7 +4,7 @@ import numpy as np
 from pydrake.math import RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 
-from tactopose_drake.core.force_torque import weight_wrench
+from tactopose_drake.core.sensing.force_torque import weight_wrench
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.hand import Hand
 from tactopose_drake.joint_paths import JointPaths

@@ -13,8 +13,8 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.multibody.tree import Frame, ModelInstanceIndex
 from pydrake.systems.framework import Context, DiagramBuilder
 
-from tactopose_drake.core.hand_spheres import HandSpheres
-from tactopose_drake.core.sphere_packing import Spheres, pack_box, pack_capsule, pack_convex
+from tactopose_drake.core.evidence.hand_spheres import HandSpheres
+from tactopose_drake.core.shape.sphere_packing import Spheres, pack_box, pack_capsule, pack_convex
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand import HandConfig, add_hand

@@ -8,7 +8,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, Syste
 from pydrake.systems.primitives import PassThrough
 
 from tactopose_drake.can_devices import CanDevices
-from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.drivers.barrett_hand import BarrettHand
 from tactopose_drake.drivers.netcanoem import NetCanOemForceTorque
 from tactopose_drake.errors import InvalidInputError, UnknownNameError

@@ -23,14 +23,14 @@ from typing import Literal, cast, get_args, overload
 
 import numpy as np
 
-from tactopose_drake.core.contacts import Contacts
-from tactopose_drake.core.evidence import Evidence
-from tactopose_drake.core.hypotheses import find_modes
-from tactopose_drake.core.model_evidence import log_evidence
-from tactopose_drake.core.objects import ObjectModel
-from tactopose_drake.core.patches import Patch
-from tactopose_drake.core.pose_problem import make_problem
-from tactopose_drake.core.shape_equality import find_alignment
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.evidence.evidence import Evidence
+from tactopose_drake.core.evidence.pose_problem import make_problem
+from tactopose_drake.core.pairs.model_evidence import log_evidence
+from tactopose_drake.core.posterior.hypotheses import find_modes
+from tactopose_drake.core.sensing.patches import Patch
+from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.shape.shape_equality import find_alignment
 from tactopose_drake.errors import InvalidInputError, TooFewContactsError, UnknownNameError
 from tactopose_drake.estimates import PoseEstimate, Status
 from tactopose_drake.estimation import METHODS, estimate_pose

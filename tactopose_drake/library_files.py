@@ -10,7 +10,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 import yaml
 
-from tactopose_drake.core.symmetry import RotationalSymmetry, symmetry_group
+from tactopose_drake.core.shape.symmetry import RotationalSymmetry, symmetry_group
 from tactopose_drake.core.validation import finite_array, positive_number
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
 

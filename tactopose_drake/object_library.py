@@ -15,11 +15,11 @@ from concurrent.futures import Executor, Future, as_completed
 from pathlib import Path
 from typing import NamedTuple
 
-from tactopose_drake.core import model_cache
-from tactopose_drake.core.joint_index import SAMPLES, JointIndex, PairCounts, count_pairs
 from tactopose_drake.core.mesh.loading import load_mesh
 from tactopose_drake.core.mesh.repair import MeshRepairWarning
-from tactopose_drake.core.objects import ObjectModel, file_content
+from tactopose_drake.core.pairs.joint_index import SAMPLES, JointIndex, PairCounts, count_pairs
+from tactopose_drake.core.shape import model_cache
+from tactopose_drake.core.shape.objects import ObjectModel, file_content
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
 from tactopose_drake.library_files import LibraryEntry, SkippedObject, make_symmetries, read_library
 

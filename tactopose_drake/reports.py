@@ -6,8 +6,8 @@ import numpy as np
 from rich import box
 from rich.table import Table
 
-from tactopose_drake.core.hypotheses import determined_part
-from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.posterior.hypotheses import determined_part
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.demo_reports import FingerReport, PadReport, PoseReport
 from tactopose_drake.estimates import PoseEstimate, PoseHypothesis

@@ -10,7 +10,7 @@ from pydrake.multibody.tree import Joint, RigidBody
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus, OutputPort
 
 from tactopose_drake.core.grasping.grasp_planner import GraspPlan
-from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.grasping.grasp_planning import plan_scenario
 from tactopose_drake.hand import Hand, add_hand, load_hand_config
 from tactopose_drake.model_packages import make_parser

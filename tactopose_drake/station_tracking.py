@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 
-from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.hand import HandConfig
 from tactopose_drake.systems.pose_tracking import AddPoseTracking, PoseTrackingParams
 

@@ -10,8 +10,8 @@ import numpy as np
 from pydrake.geometry import Cylinder, Meshcat, MeshcatCone, Rgba, Sphere
 from pydrake.math import RigidTransform, RotationMatrix
 
-from tactopose_drake.core.contacts import Contacts
-from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.display.patches import add_patches, move_patches
 from tactopose_drake.display.remote_meshcat import RemoteMeshcat

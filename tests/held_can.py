@@ -6,7 +6,7 @@ simulation.
 
 import numpy as np
 
-from tactopose_drake.core.prior import PosePrior
+from tactopose_drake.core.evidence.prior import PosePrior
 from tactopose_drake.scenario import Scenario, load_scenario
 from tactopose_drake.senses import CanBus
 

@@ -8,10 +8,10 @@ import trimesh
 import yaml
 
 from tactopose_drake import cli
-from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.evidence.synthetic_touch import touch_surface
 from tactopose_drake.core.poses import increments_between, make_poses, quaternion_from_matrix, retract
 from tactopose_drake.core.poses import matrix_from_quaternion as rotation
-from tactopose_drake.core.synthetic_touch import touch_surface
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.display import remote_meshcat
 from tactopose_drake.resources import model_path
 

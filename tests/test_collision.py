@@ -9,8 +9,8 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
 from tactopose_drake.collision import Collisions, HandCollision, check_collisions, keep_clear
-from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.poses import random_rotations
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimates import PoseEstimate, PoseHypothesis
 from tactopose_drake.hand import HandConfig, add_hand, load_hand_config

@@ -3,9 +3,9 @@ import pytest
 import trimesh
 from pydrake.math import RigidTransform, RollPitchYaw
 
-from tactopose_drake.core.contacts import Contacts
-from tactopose_drake.core.objects import ObjectModel
-from tactopose_drake.core.patches import Patch, describe_patch
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.sensing.patches import Patch, describe_patch
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.demo_reports import pad_force, report_finger, report_pad, report_pose
 from tactopose_drake.grasping.contact_truth import PartContact
 

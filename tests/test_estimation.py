@@ -10,7 +10,7 @@ from scipy.stats import chi2
 
 import tactopose_drake as tp
 from tactopose_drake import estimation
-from tactopose_drake.core.hypotheses import determined_part
+from tactopose_drake.core.evidence.synthetic_touch import touch_surface
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.poses import (
     exp_so3,
@@ -21,10 +21,10 @@ from tactopose_drake.core.poses import (
     rotation_angles,
     transform_points,
 )
+from tactopose_drake.core.posterior.hypotheses import determined_part
 from tactopose_drake.core.searches.base import SearchResult, never
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
 from tactopose_drake.core.searches.pair_search import PairSearch
-from tactopose_drake.core.synthetic_touch import touch_surface
 from tactopose_drake.resources import model_path
 from tests.core.searches.problems import make_blob
 

@@ -7,8 +7,8 @@ import pytest
 import trimesh
 
 import tactopose_drake as tp
+from tactopose_drake.core.evidence.synthetic_touch import touch_surface
 from tactopose_drake.core.poses import increments_between, make_poses, random_rotations, transform_points
-from tactopose_drake.core.synthetic_touch import touch_surface
 from tests.core.balanced_forces import balanced_forces
 from tests.core.searches.problems import make_blob
 

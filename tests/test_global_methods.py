@@ -7,14 +7,14 @@ import pytest
 import trimesh
 
 import tactopose_drake as tp
-from tactopose_drake.core.evidence import Evidence
-from tactopose_drake.core.hand_spheres import HandSpheres
+from tactopose_drake.core.evidence.evidence import Evidence
+from tactopose_drake.core.evidence.hand_spheres import HandSpheres
+from tactopose_drake.core.evidence.prior import PosePrior
+from tactopose_drake.core.evidence.synthetic_touch import touch_surface
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.poses import exp_so3, make_poses, transform_points
-from tactopose_drake.core.prior import PosePrior
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
 from tactopose_drake.core.searches.monte_carlo import MonteCarlo
-from tactopose_drake.core.synthetic_touch import touch_surface
 from tactopose_drake.estimation import GLOBAL_METHODS, METHODS
 from tests.core.searches.problems import make_blob
 

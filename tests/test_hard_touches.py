@@ -5,9 +5,9 @@ import pytest
 import trimesh
 
 import tactopose_drake as tp
-from tactopose_drake.core.cramer_rao import cramer_rao_bound
+from tactopose_drake.core.evidence.synthetic_touch import touch_surface
 from tactopose_drake.core.poses import increments_between, make_poses, random_rotations
-from tactopose_drake.core.synthetic_touch import touch_surface
+from tactopose_drake.core.posterior.cramer_rao import cramer_rao_bound
 from tactopose_drake.resources import model_path
 
 

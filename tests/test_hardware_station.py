@@ -10,7 +10,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram
 
 from tactopose_drake.can_devices import CanDevices, live_buses
-from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.errors import InvalidFileError, InvalidInputError, UnknownNameError
 from tactopose_drake.hand import load_hand_config, make_hand_plant
 from tactopose_drake.hardware_station import make_hardware_station

@@ -9,11 +9,11 @@ import pytest
 import trimesh
 
 import tactopose_drake as tp
-from tactopose_drake.core.contacts import Contacts
-from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.evidence.synthetic_touch import touch_surface
 from tactopose_drake.core.poses import transform_points
-from tactopose_drake.core.synthetic_patch import touch_with_pads
-from tactopose_drake.core.synthetic_touch import touch_surface
+from tactopose_drake.core.sensing.synthetic_patch import touch_with_pads
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.errors import InvalidInputError, TooFewContactsError, UnknownNameError
 from tactopose_drake.identification import Identification
 from tactopose_drake.object_library import ObjectLibrary

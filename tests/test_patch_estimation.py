@@ -8,10 +8,10 @@ import pytest
 import trimesh
 
 import tactopose_drake as tp
-from tactopose_drake.core.hypotheses import determined_part
+from tactopose_drake.core.evidence.synthetic_touch import touch_surface
 from tactopose_drake.core.poses import increments_between, make_poses, random_rotations, retract, transform_points
-from tactopose_drake.core.synthetic_patch import flat_pad, touch_with_pads
-from tactopose_drake.core.synthetic_touch import touch_surface
+from tactopose_drake.core.posterior.hypotheses import determined_part
+from tactopose_drake.core.sensing.synthetic_patch import flat_pad, touch_with_pads
 from tactopose_drake.estimation import GLOBAL_METHODS
 from tests.core.meshes import shape_poor_in_symmetry
 

@@ -2,7 +2,7 @@ import pickle
 
 import numpy as np
 
-from tactopose_drake.core.patches import describe_patch
+from tactopose_drake.core.sensing.patches import describe_patch
 from tactopose_drake.sealed import Sealed
 
 

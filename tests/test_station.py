@@ -5,8 +5,8 @@ import pytest
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.analysis import Simulator
 
-from tactopose_drake.core.contacts import Contacts
-from tactopose_drake.core.prior import PosePrior
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.evidence.prior import PosePrior
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
 from tactopose_drake.grasping.grasp_planning import plan_scenario
 from tactopose_drake.grasping.grasp_simulation import run_grasp, simulate_grasp

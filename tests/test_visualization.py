@@ -6,9 +6,9 @@ import trimesh
 from pydrake.geometry import Meshcat
 from pydrake.math import RigidTransform, RollPitchYaw
 
-from tactopose_drake.core.contacts import Contacts
-from tactopose_drake.core.objects import ObjectModel
-from tactopose_drake.core.patches import describe_patch
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.sensing.patches import describe_patch
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.display.body_meshes import Triangles
 from tactopose_drake.display.scene import LONGEST_ARROW, Scene, arrow_lengths
 from tactopose_drake.visualization import add_touch, aim_camera, draw_scene, move_touch, save_html, upright

@@ -23,7 +23,7 @@ from pydrake.geometry import Meshcat
 from rich.console import Console
 
 import tactopose_drake as tp
-from tactopose_drake.core.improvement_map import ImprovementMap, improvement_map, reachable_points
+from tactopose_drake.core.grasping.improvement_map import ImprovementMap, improvement_map, reachable_points
 from tactopose_drake.demo import DemoResult, run_demo
 from tactopose_drake.display.picture import save_picture
 from tactopose_drake.display.wrench_spaces import draw_improvement, level_colours, vertex_levels

@@ -41,8 +41,8 @@ from touch_study import (
 )
 
 import tactopose_drake as tp
-from tactopose_drake.core.next_touch import choose_touch
-from tactopose_drake.core.pose_modes import PoseModes
+from tactopose_drake.core.exploration.next_touch import choose_touch
+from tactopose_drake.core.posterior.pose_modes import PoseModes
 from tactopose_drake.display.body_meshes import sphere_triangles
 from tactopose_drake.display.picture import save_picture
 from tactopose_drake.display.scene import Scene

@@ -30,7 +30,7 @@ from rich.console import Console
 from rich.progress import track
 
 import tactopose_drake as tp
-from tactopose_drake.core.model_cache import cache_folder
+from tactopose_drake.core.shape.model_cache import cache_folder
 from tactopose_drake.grasping.grasp_planning import plan_scenario
 from tactopose_drake.grasping.grasp_simulation import GraspResult, run_grasp
 from tactopose_drake.scenario import Scenario, load_scenario

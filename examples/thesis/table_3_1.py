@@ -42,11 +42,11 @@ from rich.table import Table
 from scipy.spatial.distance import cdist
 
 import tactopose_drake as tp
-from tactopose_drake.core.evidence import Evidence
-from tactopose_drake.core.metrics import touch_errors, truth_errors
+from tactopose_drake.core.evidence.evidence import Evidence
+from tactopose_drake.core.evidence.pose_problem import make_problem
 from tactopose_drake.core.objectives.point_cloud_contact import PointCloudContact
-from tactopose_drake.core.pose_problem import make_problem
 from tactopose_drake.core.poses import identity_poses, retract
+from tactopose_drake.core.posterior.metrics import touch_errors, truth_errors
 from tactopose_drake.core.searches.base import PriorSpace, Search
 from tactopose_drake.core.searches.gradient_descent import GradientDescent
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt, pseudo_inverse_steps

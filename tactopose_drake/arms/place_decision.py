@@ -5,7 +5,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 from tactopose_drake.arms.place_planning import PlaceParams, PlacePlanner
 from tactopose_drake.arms.station import ArmParts, ArmSetup
-from tactopose_drake.core.held_axis import HeldAxis
+from tactopose_drake.core.grasping.held_axis import HeldAxis
 from tactopose_drake.systems.place_task import PlaceTask
 
 

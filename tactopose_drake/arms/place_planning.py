@@ -9,9 +9,9 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from tactopose_drake.arms.arm import Arm
 from tactopose_drake.arms.motion import AxisGoal, reach_axis, smooth_motion
-from tactopose_drake.core.contacts import Contacts
-from tactopose_drake.core.held_axis import HeldAxis, find_held_axis
-from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.grasping.held_axis import HeldAxis, find_held_axis
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.core.validation import FloatArray, finite_array, positive_number
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimates import PoseEstimate

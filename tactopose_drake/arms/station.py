@@ -13,7 +13,7 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPo
 
 from tactopose_drake.arms.arm import Arm, add_arm, hand_inertia, load_arm_config, make_arm_plant, mount_hand
 from tactopose_drake.core.grasping.grasp_planner import GraspPlan
-from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.core.validation import finite_array, positive_number
 from tactopose_drake.hand import Hand, add_hand, load_hand_config
 from tactopose_drake.model_packages import make_parser

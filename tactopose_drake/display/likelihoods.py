@@ -11,7 +11,7 @@ import numpy as np
 from pydrake.geometry import Box, Meshcat, Rgba
 from pydrake.math import RigidTransform, RotationMatrix
 
-from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.display.scene import ESTIMATE_COLOUR, TRUTH_COLOUR
 from tactopose_drake.identification import Identification

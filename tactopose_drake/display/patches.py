@@ -11,7 +11,7 @@ from pydrake.geometry import Box, Cylinder, Meshcat, Rgba
 from pydrake.math import RigidTransform, RotationMatrix
 from scipy.spatial.distance import pdist
 
-from tactopose_drake.core.patches import Patch
+from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.display.scene import PRESSURE_COLOUR
 

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from pydrake.math import RigidTransform, RotationMatrix
 from scipy.ndimage import binary_dilation, binary_erosion
 
-from tactopose_drake.core.rasterizer import Camera, Layer, Surface, render
 from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.core.vision.rasterizer import Camera, Layer, Surface, render
 from tactopose_drake.display.patches import plate_edges
 from tactopose_drake.display.scene import (
     CONTACT_COLOUR,

@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from tactopose_drake.core.rasterizer import Camera, Surface, render
 from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.core.vision.rasterizer import Camera, Surface, render
 from tactopose_drake.display.scene import Scene, arrow_lengths
 
 # The hand is of interest this far from the object, m.

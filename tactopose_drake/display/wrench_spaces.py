@@ -6,10 +6,10 @@ from pydrake.geometry import Meshcat, Rgba, Sphere
 from pydrake.math import RigidTransform
 from scipy.spatial import cKDTree
 
-from tactopose_drake.core.improvement_map import ImprovementMap
-from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.grasping.improvement_map import ImprovementMap
+from tactopose_drake.core.grasping.wrench_space import WrenchSpace
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.core.validation import FloatArray
-from tactopose_drake.core.wrench_space import WrenchSpace
 
 FORCE_RGBA, TORQUE_RGBA = Rgba(0.13, 0.62, 0.24, 0.45), Rgba(0.85, 0.16, 0.12, 0.45)
 _WIRE_WIDTH = 1.0

@@ -4,7 +4,7 @@ import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 
 from tactopose_drake.core.grasping.grasp_planner import GraspPlan, plan_grasps
-from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.grasping.hand_reach import make_hand_reach
 from tactopose_drake.hand import load_hand_config, make_hand_plant

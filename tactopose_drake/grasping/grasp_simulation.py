@@ -11,7 +11,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context
 
 from tactopose_drake.core.grasping.grasp_planner import GraspPlan
-from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.grasping.contact_truth import ContactTruth, contact_truth
 from tactopose_drake.grasping.grasp_planning import plan_scenario
 from tactopose_drake.scenario import Scenario

@@ -15,7 +15,7 @@ from typing import Any, Self, TextIO, TypeAlias
 import numpy as np
 from pydrake.math import RigidTransform
 
-from tactopose_drake.core.prior import PosePrior
+from tactopose_drake.core.evidence.prior import PosePrior
 from tactopose_drake.errors import InvalidFileError
 
 # A vector (FloatArray), a pose (RigidTransform), what is known of a pose (PosePrior), or None: not known yet.

@@ -10,8 +10,8 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, EventStatus
 
 from tactopose_drake.can_devices import CanDevices, live_buses
-from tactopose_drake.core.objects import ObjectModel
-from tactopose_drake.core.prior import PosePrior
+from tactopose_drake.core.evidence.prior import PosePrior
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.hardware_station import HardwareStation, make_hardware_station
 from tactopose_drake.recordings.recording import Recording
 from tactopose_drake.recordings.signals import Signal

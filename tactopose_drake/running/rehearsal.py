@@ -2,7 +2,7 @@
 
 import dataclasses
 
-from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.recordings.signals import Signal, SignalRecorder
 from tactopose_drake.running.simulation import start_simulation
 from tactopose_drake.scenario import Scenario

@@ -8,7 +8,7 @@ from pathlib import Path
 from pydrake.systems.analysis import Simulator
 
 from tactopose_drake.can_devices import CanDevices, logged_buses
-from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.hardware_station import make_hardware_station
 from tactopose_drake.recordings.manifest import SIGNALS, load_manifest
 from tactopose_drake.recordings.signals import read_signals

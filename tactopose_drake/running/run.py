@@ -3,7 +3,7 @@
 import contextlib
 from pathlib import Path
 
-from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.recordings.recording import Recording

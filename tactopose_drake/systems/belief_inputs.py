@@ -10,11 +10,11 @@ from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, LeafSystem
 
-from tactopose_drake.core.contacts import Contacts
-from tactopose_drake.core.evidence import Evidence
-from tactopose_drake.core.hand_spheres import HandSpheres
-from tactopose_drake.core.patches import Patch
-from tactopose_drake.core.prior import PosePrior
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.evidence.evidence import Evidence
+from tactopose_drake.core.evidence.hand_spheres import HandSpheres
+from tactopose_drake.core.evidence.prior import PosePrior
+from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.tracking.frame import Frame
 from tactopose_drake.core.tracking.pose_measurement import PoseMeasurement
 from tactopose_drake.core.validation import FloatArray

@@ -7,8 +7,8 @@ import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import Context, LeafSystem
 
-from tactopose_drake.core.intrinsic_contact import MIN_FORCE, solve_contacts
-from tactopose_drake.core.soft_layer import SoftLayer
+from tactopose_drake.core.sensing.intrinsic_contact import MIN_FORCE, solve_contacts
+from tactopose_drake.core.sensing.soft_layer import SoftLayer
 from tactopose_drake.core.surfaces import Surface
 from tactopose_drake.core.validation import positive_number
 

@@ -12,8 +12,8 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import Context, LeafSystem, ValueProducer
 
-from tactopose_drake.core.contacts import Contacts
-from tactopose_drake.core.intrinsic_contact import ContactSolution
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.sensing.intrinsic_contact import ContactSolution
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.joint_paths import JointPaths
 from tactopose_drake.systems.ports import eval_input

@@ -12,7 +12,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, WeldJoint
 from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
 
-from tactopose_drake.core.force_torque import ForceTorqueModel, measure, shift_wrench, weight_wrench
+from tactopose_drake.core.sensing.force_torque import ForceTorqueModel, measure, shift_wrench, weight_wrench
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import UnknownNameError
 from tactopose_drake.resources import model_path

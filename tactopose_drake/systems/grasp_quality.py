@@ -7,11 +7,11 @@ from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSystem, State
 
-from tactopose_drake.core.contacts import Contacts
-from tactopose_drake.core.grasp_quality import ClosureProbability, force_closure_probability, grasp_quality
-from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.grasping.grasp_quality import ClosureProbability, force_closure_probability, grasp_quality
+from tactopose_drake.core.grasping.wrench_space import Norm
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.core.validation import positive_number
-from tactopose_drake.core.wrench_space import Norm
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimates import PoseEstimate
 from tactopose_drake.systems.ports import eval_input, eval_optional_input

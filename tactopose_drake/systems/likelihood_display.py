@@ -8,7 +8,7 @@ from pydrake.geometry import Meshcat
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
-from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.display.likelihoods import add_bars, set_bars
 from tactopose_drake.errors import InvalidInputError

@@ -9,7 +9,7 @@ from typing import Self
 
 from pydrake.systems.framework import Context, EventStatus, State
 
-from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.systems.belief_inputs import Reading
 from tactopose_drake.systems.pose_belief import PoseBeliefEstimator, PoseBeliefParams, TimedBelief
 

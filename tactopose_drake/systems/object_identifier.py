@@ -7,9 +7,9 @@ from concurrent.futures import Executor
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
 
-from tactopose_drake.core.contacts import Contacts
-from tactopose_drake.core.objects import ObjectModel
-from tactopose_drake.core.patches import Patch
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.sensing.patches import Patch
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.identification import Likelihood, check_likelihood, identify

@@ -9,7 +9,7 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context, LeafSystem, ValueProducer
 
-from tactopose_drake.core.patches import Patch, describe_patch
+from tactopose_drake.core.sensing.patches import Patch, describe_patch
 from tactopose_drake.core.validation import FloatArray, positive_number
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand import Hand

@@ -11,8 +11,8 @@ from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSys
 from pydrake.trajectories import PiecewisePolynomial
 
 from tactopose_drake.arms.place_planning import PlacePlanner
-from tactopose_drake.core.contacts import Contacts
-from tactopose_drake.core.held_axis import HeldAxis
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.grasping.held_axis import HeldAxis
 from tactopose_drake.core.validation import FloatArray, positive_number
 from tactopose_drake.estimates import PoseEstimate
 from tactopose_drake.systems.ports import eval_input, eval_optional_input

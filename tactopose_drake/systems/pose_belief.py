@@ -9,9 +9,9 @@ from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSystem, State
 
-from tactopose_drake.core.hypotheses import free_directions
-from tactopose_drake.core.objects import ObjectModel
-from tactopose_drake.core.plausibility import may_be_touched
+from tactopose_drake.core.evidence.plausibility import may_be_touched
+from tactopose_drake.core.posterior.hypotheses import free_directions
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.core.tracking.frame import Frame
 from tactopose_drake.core.tracking.pose_belief import PoseBelief
 from tactopose_drake.core.tracking.pose_tracker import PoseTracker

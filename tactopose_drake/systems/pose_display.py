@@ -8,9 +8,9 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
-from tactopose_drake.core.contacts import Contacts
-from tactopose_drake.core.objects import ObjectModel
-from tactopose_drake.core.prior import PosePrior
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.evidence.prior import PosePrior
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.systems.ports import eval_input, eval_optional_input

@@ -8,11 +8,11 @@ from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, EventStatus, LeafSystem, State, ValueProducer
 
 from tactopose_drake.collision import HandCollision, keep_clear
-from tactopose_drake.core.contacts import Contacts
-from tactopose_drake.core.hand_spheres import HandSpheres
-from tactopose_drake.core.objects import ObjectModel
-from tactopose_drake.core.patches import Patch
-from tactopose_drake.core.prior import PosePrior
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.evidence.hand_spheres import HandSpheres
+from tactopose_drake.core.evidence.prior import PosePrior
+from tactopose_drake.core.sensing.patches import Patch
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimates import PoseEstimate

@@ -4,7 +4,7 @@ import dataclasses
 
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.hand import HandConfig
 from tactopose_drake.systems.belief_inputs import pad_source
 from tactopose_drake.systems.contact_solver import ContactSolverParams

@@ -11,10 +11,10 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, RigidBody
 from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
 
-from tactopose_drake.core.objects import ObjectModel
-from tactopose_drake.core.occlusion import hidden_share
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.core.validation import positive_number
-from tactopose_drake.core.vision import VisionModel, look
+from tactopose_drake.core.vision.occlusion import hidden_share
+from tactopose_drake.core.vision.vision import VisionModel, look
 from tactopose_drake.hand_geometry import BodySpheres
 from tactopose_drake.systems.ports import eval_input
 

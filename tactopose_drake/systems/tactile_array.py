@@ -8,7 +8,7 @@ from pydrake.multibody.plant import ContactResults, MultibodyPlant
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
 
-from tactopose_drake.core.tactile_array import PressureField, mean_pressure, read_cells, spread_matrix
+from tactopose_drake.core.sensing.tactile_array import PressureField, mean_pressure, read_cells, spread_matrix
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.systems.ports import eval_input
 from tactopose_drake.tactile.contact_pressure import pressure_field

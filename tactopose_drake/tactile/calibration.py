@@ -35,10 +35,10 @@ from pydrake.geometry import (
 from pydrake.math import RigidTransform, RotationMatrix
 from scipy.optimize import minimize_scalar
 
-from tactopose_drake.core.patches import Patch, describe_patch
-from tactopose_drake.core.tactile_array import mean_pressure
-from tactopose_drake.core.tactile_layout import TactileLayout
-from tactopose_drake.core.tactile_patterns import CellRow, RowPattern
+from tactopose_drake.core.sensing.patches import Patch, describe_patch
+from tactopose_drake.core.sensing.tactile_array import mean_pressure
+from tactopose_drake.core.sensing.tactile_layout import TactileLayout
+from tactopose_drake.core.sensing.tactile_patterns import CellRow, RowPattern
 from tactopose_drake.core.validation import FloatArray, positive_number
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.tactile.contact_pressure import pressure_field

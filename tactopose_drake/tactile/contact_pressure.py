@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 from pydrake.geometry import ContactSurface
 from pydrake.math import RigidTransform
 
-from tactopose_drake.core.tactile_array import PressureField
+from tactopose_drake.core.sensing.tactile_array import PressureField
 
 
 def pressure_field(surface: ContactSurface, X_TW: RigidTransform, *, pad_is_M: bool) -> PressureField:

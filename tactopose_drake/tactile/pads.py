@@ -3,9 +3,9 @@
 import dataclasses
 from pathlib import Path
 
-from tactopose_drake.core.tactile_array import TactileModel
-from tactopose_drake.core.tactile_layout import TactileLayout
-from tactopose_drake.core.tactile_patterns import CapsulePattern, RowPattern
+from tactopose_drake.core.sensing.tactile_array import TactileModel
+from tactopose_drake.core.sensing.tactile_layout import TactileLayout
+from tactopose_drake.core.sensing.tactile_patterns import CapsulePattern, RowPattern
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.resources import model_path

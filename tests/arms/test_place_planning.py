@@ -9,7 +9,7 @@ import tactopose_drake as tp
 from tactopose_drake.arms.arm import add_arm, load_arm_config, make_arm_plant, mount_hand
 from tactopose_drake.arms.place_planning import PlaceParams, PlacePlanner
 from tactopose_drake.arms.station import ArmSetup
-from tactopose_drake.core.held_axis import HeldAxis
+from tactopose_drake.core.grasping.held_axis import HeldAxis
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand import add_hand, load_hand_config
 from tactopose_drake.resources import model_path

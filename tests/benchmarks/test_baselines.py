@@ -19,9 +19,9 @@ import small_gicp
 from scipy.optimize import least_squares
 
 import tactopose_drake as tp
-from tactopose_drake.core.evidence import Evidence
-from tactopose_drake.core.free_spin import turn_toward
-from tactopose_drake.core.pose_problem import make_problem
+from tactopose_drake.core.evidence.evidence import Evidence
+from tactopose_drake.core.evidence.pose_problem import make_problem
+from tactopose_drake.core.evidence.synthetic_touch import touch_surface
 from tactopose_drake.core.poses import (
     compose,
     increments_between,
@@ -30,7 +30,7 @@ from tactopose_drake.core.poses import (
     random_rotations,
     retract,
 )
-from tactopose_drake.core.synthetic_touch import touch_surface
+from tactopose_drake.core.shape.free_spin import turn_toward
 from tactopose_drake.resources import model_path
 
 TRIALS = 50

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tactopose_drake.core.intrinsic_contact import solve_contact, solve_contacts
-from tactopose_drake.core.soft_layer import SoftLayer
+from tactopose_drake.core.sensing.intrinsic_contact import solve_contact, solve_contacts
+from tactopose_drake.core.sensing.soft_layer import SoftLayer
 from tactopose_drake.core.surfaces import Surface
 from tests.core.touches import SURFACES, touch
 

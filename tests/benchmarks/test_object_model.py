@@ -14,13 +14,13 @@ import numpy as np
 import pytest
 import trimesh
 
-from tactopose_drake.core import model_cache
 from tactopose_drake.core.mesh.loading import RawMesh
 from tactopose_drake.core.mesh.repair import repair_mesh
-from tactopose_drake.core.objects import ObjectModel
-from tactopose_drake.core.signed_distance import build_grid
-from tactopose_drake.core.surface_samples import sample_surface
-from tactopose_drake.core.symmetry_detection import detect_symmetries
+from tactopose_drake.core.shape import model_cache
+from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.shape.signed_distance import build_grid
+from tactopose_drake.core.shape.surface_samples import sample_surface
+from tactopose_drake.core.shape.symmetry_detection import detect_symmetries
 from tactopose_drake.resources import model_path
 from tests.core.meshes import arrays, create
 
@@ -112,7 +112,7 @@ def test_lookup(benchmark: Any, points: int) -> None:
 
 COLD = """
 import time
-from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.shape.objects import ObjectModel
 begin = time.perf_counter()
 ObjectModel.from_mesh({path!r}, cache=False)
 print(time.perf_counter() - begin)

@@ -6,8 +6,8 @@ import trimesh
 import yaml
 
 from tactopose_drake import cli
-from tactopose_drake.core.objects import ObjectModel
-from tactopose_drake.core.synthetic_touch import touch_surface
+from tactopose_drake.core.evidence.synthetic_touch import touch_surface
+from tactopose_drake.core.shape.objects import ObjectModel
 from tests.core.meshes import random_pose, shape_poor_in_symmetry
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from hypothesis import strategies as st
 
 from tactopose_drake.core import poses
-from tactopose_drake.core.soft_layer import SoftLayer
+from tactopose_drake.core.sensing.soft_layer import SoftLayer
 from tactopose_drake.core.surfaces import Capsule, Cylinder, Ellipsoid, Sphere, Superquadric, Surface
 from tactopose_drake.core.validation import FloatArray
 

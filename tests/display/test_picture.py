@@ -6,9 +6,9 @@ import trimesh
 from matplotlib.image import imread
 from pydrake.math import RigidTransform
 
-from tactopose_drake.core.contacts import Contacts
-from tactopose_drake.core.objects import ObjectModel
-from tactopose_drake.core.patches import Patch, describe_patch
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.sensing.patches import Patch, describe_patch
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.display.body_meshes import Triangles
 from tactopose_drake.display.picture import save_picture
 from tactopose_drake.display.scene import (

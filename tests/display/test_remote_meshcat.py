@@ -9,8 +9,8 @@ import zmq
 from pydrake.geometry import Box, Cylinder, MeshcatCone, Rgba, Sphere
 from pydrake.math import RigidTransform, RotationMatrix
 
-from tactopose_drake.core.contacts import Contacts
-from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.display import remote_meshcat
 from tactopose_drake.display.remote_meshcat import RemoteMeshcat
 from tactopose_drake.display.scene import Scene

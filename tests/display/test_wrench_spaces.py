@@ -3,11 +3,11 @@ import pytest
 import trimesh
 from pydrake.geometry import Meshcat
 
-from tactopose_drake.core.contacts import Contacts
-from tactopose_drake.core.grasp_quality import grasp_quality
-from tactopose_drake.core.improvement_map import ImprovementMap, improvement_map
-from tactopose_drake.core.objects import ObjectModel
-from tactopose_drake.core.wrench_space import WrenchSpace, convex_hull
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.grasping.grasp_quality import grasp_quality
+from tactopose_drake.core.grasping.improvement_map import ImprovementMap, improvement_map
+from tactopose_drake.core.grasping.wrench_space import WrenchSpace, convex_hull
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.display.wrench_spaces import draw_improvement, draw_wrench_space, level_colours, vertex_levels
 
 BALL = 0.03

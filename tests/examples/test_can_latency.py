@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from tactopose_drake.can_devices import CanDevices, live_buses
-from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.hardware_station import make_hardware_station
 from tactopose_drake.recordings.signals import Signal
 from tactopose_drake.resources import model_path

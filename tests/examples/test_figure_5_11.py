@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from tactopose_drake.core.model_cache import FOLDER_VARIABLE
+from tactopose_drake.core.shape.model_cache import FOLDER_VARIABLE
 
 FOLDER = Path(__file__).parents[2] / "examples" / "thesis"
 

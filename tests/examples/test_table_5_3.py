@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from tactopose_drake.core.model_cache import FOLDER_VARIABLE
 from tactopose_drake.core.poses import retract
+from tactopose_drake.core.shape.model_cache import FOLDER_VARIABLE
 
 FOLDER = Path(__file__).parents[2] / "examples" / "thesis"
 BOTTLE = "f) thermal bottle, lying"

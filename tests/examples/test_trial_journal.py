@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import tactopose_drake as tp
-from tactopose_drake.core.synthetic_touch import touch_surface
+from tactopose_drake.core.evidence.synthetic_touch import touch_surface
 from tactopose_drake.errors import InvalidInputError
 from tests.examples.scripts import EXAMPLES, share_script
 
@@ -114,6 +114,7 @@ def test_two_processes_come_to_the_same(runs: ModuleType, bench: Any, monkeypatc
     alone, shared = (runs.run_experiment(bench, {"pair_search": 2}, jobs=jobs) for jobs in (1, 2))
     assert alone.runs.keys() == shared.runs.keys()
     for key, expected in alone.runs.items():
-        np.testing.assert_array_equal(shared.runs[key].errors, expected.errors)
-        np.testing.assert_array_equal(shared.runs[key].mass, expected.mass)
+        # But for the last digits: sums depend on where in memory an array begins.
+        np.testing.assert_allclose(shared.runs[key].errors, expected.errors, rtol=1e-6)
+        np.testing.assert_allclose(shared.runs[key].mass, expected.mass, rtol=1e-6)
         assert np.all(shared.runs[key].seconds > 0)

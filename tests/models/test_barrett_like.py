@@ -18,9 +18,9 @@ from pydrake.multibody.tree import RevoluteJoint, SpatialInertia, default_model_
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from tactopose_drake.core.tactile_array import TactileModel
-from tactopose_drake.core.tactile_layout import TactileLayout
-from tactopose_drake.core.tactile_patterns import CellRow, RowPattern
+from tactopose_drake.core.sensing.tactile_array import TactileModel
+from tactopose_drake.core.sensing.tactile_layout import TactileLayout
+from tactopose_drake.core.sensing.tactile_patterns import CellRow, RowPattern
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
 from tactopose_drake.hand import Hand, add_hand, load_hand_config, make_hand_plant
 from tactopose_drake.measured_joints import joint_matrix

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.searches.base import PriorSpace
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
 from tactopose_drake.programs.pose_program import PoseProgram, cost_and_gradient
 from tests.core.searches.problems import make_blob, make_touch

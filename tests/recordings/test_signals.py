@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pydrake.math import RigidTransform, RollPitchYaw
 
-from tactopose_drake.core.prior import PosePrior
+from tactopose_drake.core.evidence.prior import PosePrior
 from tactopose_drake.errors import InvalidFileError
 from tactopose_drake.recordings.signals import Signal, SignalRecorder, read_signals
 

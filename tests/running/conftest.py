@@ -1,6 +1,6 @@
 import pytest
 
-from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.resources import model_path
 
 

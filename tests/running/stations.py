@@ -10,7 +10,7 @@ import numpy as np
 from pydrake.systems.analysis import Simulator
 
 from tactopose_drake.can_devices import CanDevices
-from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.drivers.clock import VirtualClock
 from tactopose_drake.drivers.device_bus import DeviceBus
 from tactopose_drake.drivers.simulation.simulated_device import SimulatedDevice

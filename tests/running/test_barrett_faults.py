@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.drivers.barrett_protocol import Puck
 from tactopose_drake.drivers.barrett_tactile import PASCALS_PER_RAW
 from tactopose_drake.drivers.frames import data_frame

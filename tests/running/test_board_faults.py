@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.drivers.netcanoem_protocol import StatusBit
 from tactopose_drake.drivers.simulation import faults
 from tests import held_cube

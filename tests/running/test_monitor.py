@@ -5,7 +5,7 @@ import re
 
 from rich.console import Console
 
-from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.drivers.simulation import faults
 from tactopose_drake.running.advance import RunView
 from tactopose_drake.running.monitor import Monitor, monitor_table

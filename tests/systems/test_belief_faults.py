@@ -14,11 +14,11 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, LeafSystem
 
-from tactopose_drake.core.contacts import Contacts
-from tactopose_drake.core.hand_spheres import HandSpheres
-from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.evidence.hand_spheres import HandSpheres
+from tactopose_drake.core.evidence.prior import PosePrior
 from tactopose_drake.core.poses import increments_between
-from tactopose_drake.core.prior import PosePrior
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.core.tracking.pose_belief import PoseBelief
 from tactopose_drake.core.tracking.pose_measurement import PoseMeasurement
 from tactopose_drake.hand import load_hand_config

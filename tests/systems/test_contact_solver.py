@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from pydrake.math import RigidTransform
 
-from tactopose_drake.core.intrinsic_contact import ContactSolution
+from tactopose_drake.core.sensing.intrinsic_contact import ContactSolution
 from tactopose_drake.core.surfaces import Capsule, Sphere
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.systems.contact_solver import ContactSolver, ContactSolverParams

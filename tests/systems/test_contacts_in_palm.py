@@ -8,8 +8,8 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import FixedOffsetFrame, RevoluteJoint, SpatialInertia
 from pydrake.systems.framework import Context
 
-from tactopose_drake.core.contacts import Contacts
-from tactopose_drake.core.intrinsic_contact import ContactSolution, solve_contacts
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.sensing.intrinsic_contact import ContactSolution, solve_contacts
 from tactopose_drake.core.surfaces import Sphere
 from tactopose_drake.errors import PortTypeError
 from tactopose_drake.systems.contacts_in_palm import ContactsInPalm, ContactsInPalmParams

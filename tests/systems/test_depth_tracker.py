@@ -13,9 +13,9 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, DiagramBuilder
 from pydrake.systems.primitives import AddRandomInputs
 
-from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.evidence.prior import PosePrior
 from tactopose_drake.core.poses import increments_between
-from tactopose_drake.core.prior import PosePrior
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.core.tracking.pose_measurement import PoseMeasurement
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.systems.depth_tracker import DepthTracker, DepthTrackerParams

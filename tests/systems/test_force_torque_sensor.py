@@ -9,7 +9,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram
 from pydrake.systems.primitives import AddRandomInputs, LogVectorOutput
 
-from tactopose_drake.core.force_torque import ForceTorqueModel
+from tactopose_drake.core.sensing.force_torque import ForceTorqueModel
 from tactopose_drake.errors import InvalidFileError, UnknownNameError
 from tactopose_drake.systems.force_torque_sensor import ForceTorqueSensor, load_force_torque_model
 from tactopose_drake.systems.random_sources import seed_random_sources

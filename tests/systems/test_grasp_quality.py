@@ -8,9 +8,9 @@ from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from tactopose_drake.core.contacts import Contacts
-from tactopose_drake.core.grasp_quality import GraspQuality, grasp_quality
-from tactopose_drake.core.objects import ObjectModel
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.grasping.grasp_quality import GraspQuality, grasp_quality
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.errors import InvalidInputError, PortTypeError, UnknownNameError
 from tactopose_drake.estimates import PoseEstimate, PoseHypothesis
 from tactopose_drake.systems.grasp_quality import GraspQualityEvaluator, GraspQualityParams

@@ -6,9 +6,9 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 import tactopose_drake as tp
-from tactopose_drake.core.contacts import Contacts
-from tactopose_drake.core.objects import ObjectModel
-from tactopose_drake.core.synthetic_touch import touch_surface
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.evidence.synthetic_touch import touch_surface
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.display.likelihoods import HEIGHT, LENGTH, row_path
 from tactopose_drake.errors import InvalidInputError, PortTypeError, UnknownNameError
 from tactopose_drake.systems.likelihood_display import LikelihoodDisplay, LikelihoodDisplayParams

@@ -9,7 +9,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, DiagramBuilder
 from pydrake.systems.primitives import AddRandomInputs
 
-from tactopose_drake.core.patches import Patch, describe_patch
+from tactopose_drake.core.sensing.patches import Patch, describe_patch
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand import Hand, add_hand, load_hand_config, make_hand_plant
 from tactopose_drake.systems.patch_descriptor import PatchDescriptor, PatchDescriptorParams

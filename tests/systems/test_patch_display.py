@@ -9,7 +9,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import FixedOffsetFrame
 from pydrake.systems.analysis import Simulator
 
-from tactopose_drake.core.patches import Patch, describe_patch
+from tactopose_drake.core.sensing.patches import Patch, describe_patch
 from tactopose_drake.display.patches import plate_edges
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand import Hand, add_hand, load_hand_config, make_hand_plant

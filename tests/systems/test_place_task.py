@@ -8,8 +8,8 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context
 from pydrake.trajectories import PiecewisePolynomial
 
-from tactopose_drake.core.contacts import Contacts
-from tactopose_drake.core.held_axis import HeldAxis
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.grasping.held_axis import HeldAxis
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimates import PoseEstimate, PoseHypothesis
 from tactopose_drake.systems.place_task import PlaceTask, PlaceTaskParams

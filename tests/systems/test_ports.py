@@ -2,7 +2,7 @@ import pytest
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import LeafSystem
 
-from tactopose_drake.core.contacts import Contacts
+from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.errors import PortTypeError
 from tactopose_drake.systems.ports import eval_input, eval_optional_input
 

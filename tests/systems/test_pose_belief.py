@@ -10,9 +10,9 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context
 
-from tactopose_drake.core.contacts import Contacts
-from tactopose_drake.core.objects import ObjectModel
-from tactopose_drake.core.prior import PosePrior
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.evidence.prior import PosePrior
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.core.tracking.frame import Frame
 from tactopose_drake.core.tracking.pose_belief import PoseBelief
 from tactopose_drake.core.tracking.pose_measurement import PoseMeasurement

@@ -8,9 +8,9 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import FixedOffsetFrame, SpatialInertia
 from pydrake.systems.analysis import Simulator
 
-from tactopose_drake.core.contacts import Contacts
-from tactopose_drake.core.objects import ObjectModel
-from tactopose_drake.core.prior import PosePrior
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.evidence.prior import PosePrior
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.systems.pose_display import PoseDisplay, PoseDisplayParams
 from tests.recording_meshcat import RecordingMeshcat

@@ -9,9 +9,9 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
-from tactopose_drake.core.contacts import Contacts
-from tactopose_drake.core.objects import ObjectModel
-from tactopose_drake.core.prior import PosePrior
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.evidence.prior import PosePrior
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation import estimate_pose
 from tactopose_drake.hand import HandConfig, add_hand, load_hand_config, make_hand_plant

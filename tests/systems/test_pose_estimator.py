@@ -9,12 +9,12 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context
 
 from tactopose_drake.collision import HandCollision
-from tactopose_drake.core.contacts import Contacts
-from tactopose_drake.core.objects import ObjectModel
-from tactopose_drake.core.patches import Patch, describe_patch
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.evidence.prior import PosePrior
 from tactopose_drake.core.poses import retract
-from tactopose_drake.core.prior import PosePrior
-from tactopose_drake.core.synthetic_patch import flat_pad, touch_with_pads
+from tactopose_drake.core.sensing.patches import Patch, describe_patch
+from tactopose_drake.core.sensing.synthetic_patch import flat_pad, touch_with_pads
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.errors import InvalidInputError, PortTypeError, UnknownNameError
 from tactopose_drake.estimates import PoseEstimate
 from tactopose_drake.estimation import estimate_pose

@@ -5,8 +5,8 @@ from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from tactopose_drake.core.objects import ObjectModel
-from tactopose_drake.core.prior import PosePrior
+from tactopose_drake.core.evidence.prior import PosePrior
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand import load_hand_config
 from tactopose_drake.systems.pose_belief import PoseBeliefParams

@@ -11,9 +11,9 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.primitives import AddRandomInputs
 
-from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.poses import increments_between
-from tactopose_drake.core.vision import VisionModel
+from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.vision.vision import VisionModel
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.systems.random_sources import seed_random_sources
 from tactopose_drake.systems.simulated_vision import SimulatedVision, SimulatedVisionParams

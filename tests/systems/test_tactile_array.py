@@ -17,8 +17,8 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import AddRandomInputs
 
-from tactopose_drake.core.tactile_array import TactileModel
-from tactopose_drake.core.tactile_patterns import CellRow, RowPattern
+from tactopose_drake.core.sensing.tactile_array import TactileModel
+from tactopose_drake.core.sensing.tactile_patterns import CellRow, RowPattern
 from tactopose_drake.errors import InvalidInputError, PortTypeError
 from tactopose_drake.systems.random_sources import seed_random_sources
 from tactopose_drake.systems.tactile_array import TactileArray

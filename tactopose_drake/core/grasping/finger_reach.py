@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from tactopose_drake.core import poses
 from tactopose_drake.core.grasping.serial_chain import SerialChain
-from tactopose_drake.core.signed_distance import DistanceGrid
+from tactopose_drake.core.shape.signed_distance import DistanceGrid
 from tactopose_drake.core.validation import FloatArray, positive_number
 
 # Steps of the search for exact contact, and how exact it gets.

@@ -8,10 +8,10 @@ from collections.abc import Sequence
 import numpy as np
 from numba import njit
 
-from tactopose_drake.core.kernels import _to_object
+from tactopose_drake.core.kernels.pose_kernels import _to_object
 from tactopose_drake.core.objectives.differenced import DifferencedObjective
-from tactopose_drake.core.patches import Patch
-from tactopose_drake.core.point_grid import PointGrid, nearest_square
+from tactopose_drake.core.sensing.patches import Patch
+from tactopose_drake.core.shape.point_grid import PointGrid, nearest_square
 from tactopose_drake.core.validation import FloatArray
 
 

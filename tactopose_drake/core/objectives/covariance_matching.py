@@ -9,11 +9,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike
 
-from tactopose_drake.core.kernels import _to_object
+from tactopose_drake.core.kernels.pose_kernels import _to_object
 from tactopose_drake.core.objectives.differenced import DifferencedObjective
-from tactopose_drake.core.patches import Patch
-from tactopose_drake.core.point_grid import PointGrid, nearest_square, slot_of
-from tactopose_drake.core.sensing_box import sensing_box
+from tactopose_drake.core.sensing.patches import Patch
+from tactopose_drake.core.sensing.sensing_box import sensing_box
+from tactopose_drake.core.shape.point_grid import PointGrid, nearest_square, slot_of
 from tactopose_drake.core.validation import FloatArray, finite_array, positive_number
 
 

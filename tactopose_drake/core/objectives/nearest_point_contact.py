@@ -6,7 +6,7 @@ Source: [B16] J. Bimbo, thesis, 2016, section 4.2.1.
 import numpy as np
 from scipy.spatial import cKDTree
 
-from tactopose_drake.core.contacts import Contacts
+from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.objectives.differenced import DifferencedObjective
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError

@@ -5,12 +5,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tactopose_drake.core import patch_kernels
-from tactopose_drake.core.contacts import Contacts
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.kernels import patch_kernels
 from tactopose_drake.core.objectives.base import NormalEquations, SumObjective
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
-from tactopose_drake.core.patches import Patch
-from tactopose_drake.core.signed_distance import DistanceGrid
+from tactopose_drake.core.sensing.patches import Patch
+from tactopose_drake.core.shape.signed_distance import DistanceGrid
 from tactopose_drake.core.validation import FloatArray, positive_number
 
 # The standard deviation of a position that is to say nothing, m.

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from tactopose_drake.core import evidence_kernels
-from tactopose_drake.core.hand_spheres import HandSpheres
+from tactopose_drake.core.evidence.hand_spheres import HandSpheres
+from tactopose_drake.core.kernels import evidence_kernels
 from tactopose_drake.core.objectives.base import NormalEquations
-from tactopose_drake.core.signed_distance import DistanceGrid
+from tactopose_drake.core.shape.signed_distance import DistanceGrid
 from tactopose_drake.core.validation import FloatArray
 
 # Spheres whose centres are this near to each other, m, are misplaced together: about a finger's link.

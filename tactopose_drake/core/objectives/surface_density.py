@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from tactopose_drake.core.contacts import Contacts
-from tactopose_drake.core.objects import ObjectModel
-from tactopose_drake.core.surfels import contact_densities
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.shape.surfels import contact_densities
 from tactopose_drake.core.validation import FloatArray
 
 

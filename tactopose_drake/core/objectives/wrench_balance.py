@@ -5,9 +5,9 @@ Source: R. M. Murray, Z. Li and S. S. Sastry, A Mathematical Introduction to Rob
 
 import numpy as np
 
-from tactopose_drake.core import evidence_kernels
-from tactopose_drake.core.contacts import Contacts
-from tactopose_drake.core.force_balance import ForceBalance
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.evidence.force_balance import ForceBalance
+from tactopose_drake.core.kernels import evidence_kernels
 from tactopose_drake.core.objectives.base import NormalEquations, form_normal_equations
 from tactopose_drake.core.poses import skew
 from tactopose_drake.core.validation import FloatArray

@@ -5,9 +5,9 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from tactopose_drake.core import kernels
+from tactopose_drake.core.evidence.prior import PosePrior
+from tactopose_drake.core.kernels import pose_kernels
 from tactopose_drake.core.objectives.base import LeastSquaresObjective
-from tactopose_drake.core.prior import PosePrior
 from tactopose_drake.core.validation import FloatArray
 
 StopSignal = Callable[[], bool]
@@ -99,7 +99,7 @@ class PriorSpace:
         """Random poses, shape (count, 3, 4)."""
         X_PO = np.empty((count, 3, 4))
         increments = generator.normal(size=(count, 6)) * self._prior.sigmas
-        kernels.retract(np.broadcast_to(self._prior.X_PO, X_PO.shape), increments, X_PO)
+        pose_kernels.retract(np.broadcast_to(self._prior.X_PO, X_PO.shape), increments, X_PO)
         return X_PO
 
 

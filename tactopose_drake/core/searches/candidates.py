@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from tactopose_drake.core import kernels
+from tactopose_drake.core.kernels import pose_kernels
 from tactopose_drake.core.objectives.base import LeastSquaresObjective
-from tactopose_drake.core.pair_poses import distinct_poses
+from tactopose_drake.core.pairs.pair_poses import distinct_poses
 from tactopose_drake.core.searches.base import SearchResult, StopSignal
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
 from tactopose_drake.core.validation import FloatArray
@@ -34,7 +34,7 @@ class CandidatePoses:
 
     def _poses(self, y: FloatArray) -> FloatArray:
         X_PO = np.empty((len(y), 3, 4))
-        kernels.retract(np.repeat(self._center[None], len(y), axis=0), y * self._units, X_PO)
+        pose_kernels.retract(np.repeat(self._center[None], len(y), axis=0), y * self._units, X_PO)
         return X_PO
 
     def try_pose(self, y: FloatArray) -> float:

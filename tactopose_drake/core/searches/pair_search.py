@@ -11,18 +11,18 @@ import dataclasses
 
 import numpy as np
 
-from tactopose_drake.core import kernels
-from tactopose_drake.core.coarse_field import contact_table
-from tactopose_drake.core.contact_pairs import PairChoice
-from tactopose_drake.core.contacts import Contacts
-from tactopose_drake.core.free_spin import nearest_images
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.kernels import pose_kernels
 from tactopose_drake.core.objectives.base import LeastSquaresObjective
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
-from tactopose_drake.core.objects import ObjectModel
-from tactopose_drake.core.pair_poses import distinct_poses, judge_pairs, pair_poses
+from tactopose_drake.core.pairs.contact_pairs import PairChoice
+from tactopose_drake.core.pairs.pair_poses import distinct_poses, judge_pairs, pair_poses
 from tactopose_drake.core.poses import compose
 from tactopose_drake.core.searches.base import PoseSpace, SearchResult, StopSignal, join_results, never
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
+from tactopose_drake.core.shape.coarse_field import contact_table
+from tactopose_drake.core.shape.free_spin import nearest_images
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 
 # Poses that are still moving lead to the same minimum when they lie within so many standard deviations of each other.
@@ -61,7 +61,7 @@ class PairSearch:
     starts: int = 100
     kept: int = 60
     settled: int = 20
-    polished: int = 4
+    polished: int = 6
     near_choice: PairChoice = dataclasses.field(default_factory=lambda: PairChoice(contacts=4, poses=1500))
     near_candidates: int = 60
     near_samples: int = 40
@@ -160,7 +160,7 @@ class PairSearch:
         """
         information = objective.normal_equations(found.X_PO).hessian + space.information
         apart = np.empty(len(found.cost), dtype=np.bool_)
-        kernels.mark_distinct(found.X_PO, information, np.eye(3, 4)[None], _SAME_MINIMUM**2, apart)
+        pose_kernels.mark_distinct(found.X_PO, information, np.eye(3, 4)[None], _SAME_MINIMUM**2, apart)
         return found.X_PO[apart][:count]
 
     def propose(self, choice: PairChoice, count: int, space: PoseSpace, generator: np.random.Generator) -> FloatArray:

@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from tactopose_drake.core import kernels
+from tactopose_drake.core.kernels import pose_kernels
 from tactopose_drake.core.objectives.base import LeastSquaresObjective, NormalEquations, form_normal_equations
 from tactopose_drake.core.poses import compose, inverse, make_poses, matrix_from_quaternion
 from tactopose_drake.core.validation import FloatArray
@@ -62,7 +62,7 @@ class IncrementParameters:
     def move(self, state: FloatArray, step: FloatArray) -> FloatArray:
         """R exp(w), p + v."""
         out = np.empty_like(state)
-        kernels.retract(state, step, out)
+        pose_kernels.retract(state, step, out)
         return out
 
     def scales(self, length: float) -> FloatArray:

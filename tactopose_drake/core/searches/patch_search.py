@@ -4,13 +4,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tactopose_drake.core.contacts import Contacts
-from tactopose_drake.core.objects import ObjectModel
-from tactopose_drake.core.patch_contacts import with_patches
-from tactopose_drake.core.patches import Patch
+from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.searches.base import PoseSpace
 from tactopose_drake.core.searches.evolution_strategy import EvolutionStrategy
 from tactopose_drake.core.searches.pair_search import PairSearch
+from tactopose_drake.core.sensing.patch_contacts import with_patches
+from tactopose_drake.core.sensing.patches import Patch
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 
 

@@ -8,7 +8,7 @@ import dataclasses
 import numpy as np
 from numba import njit
 
-from tactopose_drake.core import kernels
+from tactopose_drake.core.kernels import pose_kernels
 from tactopose_drake.core.objectives.base import LeastSquaresObjective
 from tactopose_drake.core.searches.base import PoseSpace, SearchResult, StopSignal, never
 from tactopose_drake.core.searches.candidates import refine_best
@@ -86,7 +86,7 @@ class ScalingSeries:
         count = len(X_region) * self.per_region
         increments = np.concatenate([_in_ball(generator, count) * radius for radius in radii], axis=1)
         samples = np.empty((count, 3, 4))
-        kernels.retract(np.repeat(X_region, self.per_region, axis=0), increments, samples)
+        pose_kernels.retract(np.repeat(X_region, self.per_region, axis=0), increments, samples)
         alone = np.empty(count, dtype=np.bool_)
         mark_first(X_region, samples, self.per_region, radii, alone)
         samples = samples[alone]

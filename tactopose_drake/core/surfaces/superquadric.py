@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from tactopose_drake.core import contact_kernels
+from tactopose_drake.core.sensing import contact_kernels
 from tactopose_drake.core.surfaces.surface import Surface, random_directions, three_lengths
 from tactopose_drake.core.validation import FloatArray, finite_array
 from tactopose_drake.errors import InvalidInputError

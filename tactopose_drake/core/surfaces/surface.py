@@ -10,7 +10,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tactopose_drake.core import contact_kernels, poses
+from tactopose_drake.core import poses
+from tactopose_drake.core.sensing import contact_kernels
 from tactopose_drake.core.validation import FloatArray, finite_array
 from tactopose_drake.errors import InvalidInputError
 

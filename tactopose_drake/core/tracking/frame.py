@@ -3,7 +3,7 @@
 import dataclasses
 from collections.abc import Mapping
 
-from tactopose_drake.core.evidence import Evidence
+from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.tracking.pose_measurement import PoseMeasurement
 from tactopose_drake.core.validation import FloatArray, finite_array, pose_matrix
 from tactopose_drake.errors import InvalidInputError

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tactopose_drake.core.contacts import Contacts
+from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.tracking.frame import Frame
 from tactopose_drake.core.tracking.pose_belief import PoseBelief
 

@@ -7,7 +7,7 @@ rightly far more probable. A belief that was wrong has no right to that: what is
 
 from typing import NamedTuple
 
-from tactopose_drake.core.prior import PosePrior
+from tactopose_drake.core.evidence.prior import PosePrior
 from tactopose_drake.core.tracking.mode_set import ModeSet
 from tactopose_drake.core.tracking.new_modes import SLIPPED, around
 from tactopose_drake.core.tracking.pose_belief import PoseBelief

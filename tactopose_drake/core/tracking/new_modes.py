@@ -10,16 +10,16 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from tactopose_drake.core.contacts import Contacts
-from tactopose_drake.core.evidence import Evidence
-from tactopose_drake.core.free_spin import turn_toward
-from tactopose_drake.core.hypotheses import find_modes
-from tactopose_drake.core.objects import ObjectModel
-from tactopose_drake.core.plausibility import explain_touch
-from tactopose_drake.core.pose_problem import make_problem
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.evidence.evidence import Evidence
+from tactopose_drake.core.evidence.plausibility import explain_touch
+from tactopose_drake.core.evidence.pose_problem import make_problem
 from tactopose_drake.core.poses import retract
+from tactopose_drake.core.posterior.hypotheses import find_modes
 from tactopose_drake.core.searches.pair_search import PairSearch
 from tactopose_drake.core.searches.patch_search import patch_search
+from tactopose_drake.core.shape.free_spin import turn_toward
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.core.tracking.contact_update import Stable, update_with_contacts
 from tactopose_drake.core.tracking.mode_set import ModeSet
 from tactopose_drake.core.tracking.pose_measurement import PoseMeasurement

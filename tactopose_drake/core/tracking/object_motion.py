@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactopose_drake.core.contacts import Contacts
+from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.poses import compose, exp_so3, inverse, log_so3, skew
 from tactopose_drake.core.validation import FloatArray, positive_number
 

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from tactopose_drake.core.prior import PosePrior
+from tactopose_drake.core.evidence.prior import PosePrior
 from tactopose_drake.core.validation import FloatArray, finite_array, pose_matrix
 from tactopose_drake.errors import InvalidInputError
 

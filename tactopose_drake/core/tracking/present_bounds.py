@@ -6,12 +6,12 @@ outweigh all else. Therefore they are no part of what is handed on: at each time
 
 import numpy as np
 
-from tactopose_drake.core.evidence import Evidence
+from tactopose_drake.core.evidence.evidence import Evidence
+from tactopose_drake.core.evidence.pose_problem import balance_term, bounding_terms
 from tactopose_drake.core.objectives.base import LeastSquaresObjective, SumObjective
 from tactopose_drake.core.objectives.pose_gaussian import PoseGaussian
-from tactopose_drake.core.objects import ObjectModel
-from tactopose_drake.core.pose_problem import balance_term, bounding_terms
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.core.tracking.mode_set import ModeSet
 from tactopose_drake.core.validation import FloatArray
 

@@ -7,7 +7,7 @@ position in P, m, and a turn of its normal, rad, in P. Contacts are compared wit
 import numpy as np
 from numba import njit
 
-from tactopose_drake.core import kernels
+from tactopose_drake.core.kernels import pose_kernels
 
 
 @njit(cache=True, nogil=True)
@@ -28,7 +28,7 @@ def _evaluate(  # type: ignore[no-untyped-def]
     shifted, leaned, by_turn = np.empty(3), np.empty(3), np.empty((3, 3))
     # The prior: z = (increment from its pose, biases), whose derivative by the increment here is not quite one.
     z, slope = np.empty(size), np.empty(size)
-    kernels.prior_residuals(X_prior, np.ones(6), X, whitened, turned)
+    pose_kernels.prior_residuals(X_prior, np.ones(6), X, whitened, turned)
     z[:6], z[6:] = whitened[0], bias
     half = 0.0
     for i in range(size):
@@ -57,12 +57,12 @@ def _evaluate(  # type: ignore[no-untyped-def]
         leaned[0] = n[i, 0] - (y * n[i, 2] - w * n[i, 1])
         leaned[1] = n[i, 1] - (w * n[i, 0] - x * n[i, 2])
         leaned[2] = n[i, 2] - (x * n[i, 1] - y * n[i, 0])
-        kernels._contact_rows(
+        pose_kernels._contact_rows(
             values, origin, inverse_spacing, shifted, leaned, weight_p[i], weight_n[i], pose, residual, J, smooth, work
         )
         weight = 0.0
         if weight_n[i] > 0.0:
-            weight, _ = kernels._normal_weight(work[4], weight_n[i])
+            weight, _ = pose_kernels._normal_weight(work[4], weight_n[i])
         for k in range(4):
             half += 0.5 * residual[k] * residual[k]
         if weight_n[i] > 0.0:
@@ -154,13 +154,13 @@ def refine_modes(  # type: ignore[no-untyped-def]
             H[0],
         )
         for _ in range(steps):
-            kernels.damped_steps(H, g, damping, step)
+            pose_kernels.damped_steps(H, g, damping, step)
             promised = 0.0
             for i in range(size):
                 promised -= 0.5 * g[0, i] * step[0, i]
             if promised < tolerance:
                 break
-            kernels.retract(here, step[:, :6], there)
+            pose_kernels.retract(here, step[:, :6], there)
             for i in range(size - 6):
                 moved[i] = bias[i] + step[0, 6 + i]
             new = _evaluate(

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from tactopose_drake.core.contacts import Contacts
+from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.objectives.friction_cone import FrictionCone
-from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.poses import exp_so3, make_poses, retract
+from tactopose_drake.core.shape.objects import ObjectModel
 from tests.core.objectives.laws import check_derivatives
 from tests.core.searches.problems import make_blob
 

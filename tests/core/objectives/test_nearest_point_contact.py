@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from tactopose_drake.core.contacts import Contacts
+from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.objectives.nearest_point_contact import NearestPointContact
 from tactopose_drake.core.poses import exp_so3, make_poses, retract
 from tactopose_drake.errors import InvalidInputError

@@ -5,12 +5,10 @@ import pytest
 import trimesh
 from scipy.optimize import minimize
 
-from tactopose_drake.core.contacts import Contacts
+from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.objectives.base import SumObjective
 from tactopose_drake.core.objectives.patch_contact import PatchCells, PatchContact
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
-from tactopose_drake.core.objects import ObjectModel
-from tactopose_drake.core.patches import Patch, describe_patch
 from tactopose_drake.core.poses import (
     exp_so3,
     increments_between,
@@ -21,7 +19,9 @@ from tactopose_drake.core.poses import (
     transform_points,
 )
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
-from tactopose_drake.core.synthetic_patch import flat_pad, touch_with_pads
+from tactopose_drake.core.sensing.patches import Patch, describe_patch
+from tactopose_drake.core.sensing.synthetic_patch import flat_pad, touch_with_pads
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.errors import InvalidInputError
 from tests.core.meshes import shape_poor_in_symmetry, smooth_shape
 

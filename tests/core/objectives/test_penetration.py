@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from tactopose_drake.core.hand_spheres import HandSpheres
+from tactopose_drake.core.evidence.hand_spheres import HandSpheres
 from tactopose_drake.core.objectives.penetration import Penetration
-from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.poses import compose, exp_so3, make_poses, random_rotations, retract, transform_points
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.resources import model_path
 from tests.core.objectives.laws import check_derivatives
 from tests.core.searches.problems import make_blob

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from tactopose_drake.core.contacts import Contacts
+from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.objectives.point_cloud_contact import PointCloudContact
 from tactopose_drake.core.poses import retract
 from tactopose_drake.errors import InvalidInputError

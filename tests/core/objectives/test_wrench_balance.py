@@ -3,8 +3,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from tactopose_drake.core.contacts import Contacts
-from tactopose_drake.core.force_balance import ForceBalance
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.evidence.force_balance import ForceBalance
 from tactopose_drake.core.objectives.wrench_balance import WrenchBalance
 from tactopose_drake.core.poses import exp_so3, make_poses, random_rotations, retract, transform_points
 from tactopose_drake.errors import InvalidInputError

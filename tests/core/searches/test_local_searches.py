@@ -9,7 +9,6 @@ from tactopose_drake.core.objectives.base import (
 )
 from tactopose_drake.core.objectives.pose_prior import PriorObjective
 from tactopose_drake.core.objectives.surface_contact import ContactWithPrior, SurfaceContact
-from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.poses import increments_between, rotation_angles
 from tactopose_drake.core.searches.base import PriorSpace, Search
 from tactopose_drake.core.searches.gradient_descent import GradientDescent
@@ -20,6 +19,7 @@ from tactopose_drake.core.searches.levenberg_marquardt import (
 )
 from tactopose_drake.core.searches.multi_start import MultiStart
 from tactopose_drake.core.searches.parameters import QuaternionParameters
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.programs.pose_program import PoseProgram
 from tests.core.searches.problems import make_blob, make_touch

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy.stats import chisquare, kstest
 
-from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.poses import make_poses, matrix_from_quaternion, rotation_angles
 from tactopose_drake.core.searches.base import PriorSpace
 from tactopose_drake.core.searches.initial_population import (
@@ -23,6 +22,7 @@ from tactopose_drake.core.searches.roulette import (
     place,
     weigh,
 )
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
 from tests.core.searches.problems import make_blob, make_touch

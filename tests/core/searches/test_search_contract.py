@@ -8,12 +8,11 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from tactopose_drake.core.contacts import Contacts
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.evidence.prior import PosePrior
 from tactopose_drake.core.objectives.base import LeastSquaresObjective, NormalEquations
 from tactopose_drake.core.objectives.pose_prior import PriorObjective
-from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.poses import increments_between, retract
-from tactopose_drake.core.prior import PosePrior
 from tactopose_drake.core.searches.base import PriorSpace, Search, SearchResult, StopSignal, never
 from tactopose_drake.core.searches.evolution_strategy import EvolutionStrategy
 from tactopose_drake.core.searches.gradient_descent import GradientDescent
@@ -23,6 +22,7 @@ from tactopose_drake.core.searches.multi_start import MultiStart
 from tactopose_drake.core.searches.pair_search import PairSearch
 from tactopose_drake.core.searches.scaling_series import ScalingSeries
 from tactopose_drake.core.searches.simulated_annealing import SimulatedAnnealing
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.programs.direct import Direct
 from tactopose_drake.programs.pose_program import PoseProgram

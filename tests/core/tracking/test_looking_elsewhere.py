@@ -3,8 +3,8 @@ import dataclasses
 import numpy as np
 import pytest
 
+from tactopose_drake.core.evidence.prior import PosePrior
 from tactopose_drake.core.poses import increments_between
-from tactopose_drake.core.prior import PosePrior
 from tactopose_drake.core.tracking.looking_elsewhere import Look, where_to_look
 from tactopose_drake.core.tracking.mode_set import ModeSet
 from tactopose_drake.core.tracking.motion_history import MotionHistory

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from tactopose_drake.core.contacts import Contacts
+from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.poses import compose, exp_so3, make_poses
 from tactopose_drake.core.tracking.object_motion import (
     MotionNoise,

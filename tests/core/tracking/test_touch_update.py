@@ -3,8 +3,8 @@ import math
 import numpy as np
 import pytest
 
-from tactopose_drake.core.objects import ObjectModel
 from tactopose_drake.core.poses import retract
+from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.core.tracking.contact_update import Stable
 from tactopose_drake.core.tracking.frame_touch import FrameTouch
 from tactopose_drake.core.tracking.looking_elsewhere import Look

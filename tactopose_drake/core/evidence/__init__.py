@@ -1,0 +1,1 @@
+"""What is known at one instant of where the object is."""

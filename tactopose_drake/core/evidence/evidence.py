@@ -1,0 +1,63 @@
+"""All that is known at one instant of where the object is."""
+
+import dataclasses
+import functools
+from collections.abc import Sequence
+
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.evidence.force_balance import ForceBalance
+from tactopose_drake.core.evidence.hand_spheres import HandSpheres
+from tactopose_drake.core.evidence.prior import PosePrior
+from tactopose_drake.core.sensing.patch_contacts import with_patches
+from tactopose_drake.core.sensing.patches import Patch
+from tactopose_drake.core.validation import positive_number
+from tactopose_drake.errors import InvalidInputError
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Evidence:
+    """What an estimate is made from, in the palm frame; None is what is not known.
+
+    Attributes:
+        contacts: the touch at single points.
+        patches: the touch of tactile arrays; pads that feel nothing say where the object is not.
+        prior: what is known of the pose without it; None where the object may be anywhere that the contacts touch it.
+        hand: the hand's volume, which the object keeps out of but for what soft skin gives way.
+        untouched: parts of the hand that feel no contact, which the object does not press at all.
+        balance: that the object is at rest under the contacts' forces and gravity alone.
+        friction: coefficient of friction between fingertips and object, by which no contact slips.
+
+    Raises:
+        InvalidInputError: a friction below 0, balance or friction without forces, or patches that are none.
+    """
+
+    contacts: Contacts
+    prior: PosePrior | None = None
+    hand: HandSpheres | None = None
+    untouched: HandSpheres | None = None
+    balance: ForceBalance | None = None
+    friction: float | None = None
+    patches: Sequence[Patch] = ()
+
+    def __post_init__(self) -> None:
+        if self.friction is not None:
+            object.__setattr__(self, "friction", positive_number("friction", self.friction, allow_zero=True))
+        for name in ("balance", "friction"):
+            if getattr(self, name) is not None and self.contacts.f_PC is None:
+                raise InvalidInputError(f"contacts: have no forces; {name} needs them.")
+        if not isinstance(self.patches, Sequence):
+            raise InvalidInputError(f"patches: is a {type(self.patches).__name__}; allowed is a sequence of Patch.")
+        object.__setattr__(self, "patches", tuple(self.patches))
+        for i, patch in enumerate(self.patches):
+            if not isinstance(patch, Patch):
+                raise InvalidInputError(f"patches[{i}]: is a {type(patch).__name__}; allowed is a Patch.")
+
+    @property
+    def felt(self) -> tuple[Patch, ...]:
+        """The patches of the pads that feel the object."""
+        return tuple(patch for patch in self.patches if patch.is_felt)
+
+    @functools.cached_property
+    def touch(self) -> Contacts:
+        """Contacts and patches as contacts: what poses are proposed from."""
+        return with_patches(self.contacts, self.patches)

@@ -1,0 +1,32 @@
+"""A quick check whether the object is where the hand is, for many poses.
+
+Source: [B16] J. Bimbo, thesis, 2016, section 4.2.7 and figure 4.6.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from tactopose_drake.core.evidence.hand_spheres import HandSpheres
+from tactopose_drake.core.validation import FloatArray
+
+# The share of a sphere's radius that the object's points keep from its centre: fingertips touch the object, with noise.
+_VICINITY = 0.5
+
+
+class HandClearance:
+    """Poses at which no point of the object lies in the vicinity of the points inside the hand.
+
+    The points inside the hand are its spheres' centres, the vicinity of each is half of its radius.
+    """
+
+    def __init__(self, points: FloatArray, hand: HandSpheres) -> None:
+        """Takes the object's point cloud in O (n, 3), m, and the hand."""
+        self._tree, self._hand = cKDTree(points), hand
+
+    def __call__(self, X_PO: FloatArray) -> NDArray[np.bool_]:
+        """Whether the hand is clear of the object at each of the poses (B, 3, 4), shape (B,)."""
+        q = (self._hand.p_PH - X_PO[:, None, :, 3]) @ X_PO[:, :, :3]
+        distance, _ = self._tree.query(q)
+        clear: NDArray[np.bool_] = np.all(distance >= _VICINITY * self._hand.radius, axis=1)
+        return clear

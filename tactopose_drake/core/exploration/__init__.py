@@ -1,0 +1,1 @@
+"""Which touch to make next: guarded moves, and what each would tell."""

@@ -1,0 +1,91 @@
+"""The inner loops of guarded moves, in the style of `pose_kernels.py`: one loop over poses and motions.
+
+Poses are (B, 3, 4). A distance costs one gather of the first of the grid's four channels.
+"""
+
+import numpy as np
+from numba import njit
+
+from tactopose_drake.core.kernels.pose_kernels import _cell
+
+
+@njit(cache=True)
+def _distance(values, origin, inverse_spacing, X, p):  # type: ignore[no-untyped-def]
+    """Of a point p (3,) in P from the object at pose X (3, 4); outside of the grid the way to it is added."""
+    dx, dy, dz = p[0] - X[0, 3], p[1] - X[1, 3], p[2] - X[2, 3]
+    x = X[0, 0] * dx + X[1, 0] * dy + X[2, 0] * dz
+    y = X[0, 1] * dx + X[1, 1] * dy + X[2, 1] * dz
+    z = X[0, 2] * dx + X[1, 2] * dy + X[2, 2] * dz
+    i, fx, ox = _cell(x, origin[0], inverse_spacing, values.shape[0] - 1.0)
+    j, fy, oy = _cell(y, origin[1], inverse_spacing, values.shape[1] - 1.0)
+    k, fz, oz = _cell(z, origin[2], inverse_spacing, values.shape[2] - 1.0)
+    d00 = values[i, j, k, 0] + fz * (values[i, j, k + 1, 0] - values[i, j, k, 0])
+    d01 = values[i, j + 1, k, 0] + fz * (values[i, j + 1, k + 1, 0] - values[i, j + 1, k, 0])
+    d10 = values[i + 1, j, k, 0] + fz * (values[i + 1, j, k + 1, 0] - values[i + 1, j, k, 0])
+    d11 = values[i + 1, j + 1, k, 0] + fz * (values[i + 1, j + 1, k + 1, 0] - values[i + 1, j + 1, k, 0])
+    d0, d1 = d00 + fy * (d01 - d00), d10 + fy * (d11 - d10)
+    return d0 + fx * (d1 - d0) + np.sqrt(ox * ox + oy * oy + oz * oz) / inverse_spacing
+
+
+@njit(cache=True, nogil=True)
+def first_hits(values, origin, inverse_spacing, tip, radius, X, place, before, after):  # type: ignore[no-untyped-def]
+    """The first place of each motion's tip (m, s, 3) within a radius of the object, into place (B, m); else s.
+
+    The gaps to the object there and at the place before it go to after and before (B, m); a motion that starts within
+    the object has hit at its second place.
+    """
+    places = tip.shape[1]
+    for b in range(X.shape[0]):
+        for m in range(tip.shape[0]):
+            last, place[b, m] = 0.0, places
+            for s in range(places):
+                gap = _distance(values, origin, inverse_spacing, X[b], tip[m, s]) - radius
+                if gap <= 0.0 and s > 0:
+                    place[b, m], before[b, m], after[b, m] = s, max(last, 0.0), gap
+                    break
+                last = gap
+
+
+@njit(cache=True, nogil=True)
+def are_clear(  # type: ignore[no-untyped-def]
+    values, origin, inverse_spacing, tip, tip_radius, body, body_radius, X, clear
+):
+    """Whether the tip (m, s, 3) starts off the object, and no body sphere (m, s, b, 3) meets it before the tip does."""
+    for b in range(X.shape[0]):
+        for m in range(tip.shape[0]):
+            clear[b, m] = True
+            for s in range(tip.shape[1]):
+                if _distance(values, origin, inverse_spacing, X[b], tip[m, s]) <= tip_radius:
+                    if s == 0:
+                        clear[b, m] = False
+                    break
+                for i in range(body.shape[2]):
+                    if _distance(values, origin, inverse_spacing, X[b], body[m, s, i]) <= body_radius[i]:
+                        clear[b, m] = False
+                        break
+                if not clear[b, m]:
+                    break
+
+
+@njit(cache=True, nogil=True)
+def stay_apart(tip, tip_radius, body, body_radius, p, radius, end, apart):  # type: ignore[no-untyped-def]
+    """Whether each motion's spheres, tip (m, s, 3) and body (m, s, b, 3), keep off others, p (h, 3).
+
+    Places after `end` (m,) do not count, nor do pairs that meet where the motion starts: they are joined there.
+    """
+    spheres = body.shape[2]
+    for m in range(tip.shape[0]):
+        apart[m] = True
+        for i in range(spheres + 1):
+            for j in range(p.shape[0]):
+                reach = radius[j] + (tip_radius if i == spheres else body_radius[i])
+                for s in range(end[m] + 1):
+                    at = tip[m, s] if i == spheres else body[m, s, i]
+                    dx, dy, dz = at[0] - p[j, 0], at[1] - p[j, 1], at[2] - p[j, 2]
+                    if dx * dx + dy * dy + dz * dz <= reach * reach:
+                        apart[m] = s == 0
+                        break
+                if not apart[m]:
+                    break
+            if not apart[m]:
+                break

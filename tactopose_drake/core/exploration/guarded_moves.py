@@ -1,0 +1,169 @@
+"""Motions of a fingertip that end where it meets the object, and what they would feel there."""
+
+import dataclasses
+from typing import NamedTuple, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tactopose_drake.core.evidence.hand_spheres import HandSpheres
+from tactopose_drake.core.exploration import guarded_kernels
+from tactopose_drake.core.grasping.finger_reach import FingerGeometry
+from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.validation import FloatArray, finite_array, positive_number, unit_vectors
+from tactopose_drake.errors import InvalidInputError
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class GuardedMoves:
+    """Motions of one finger, m of them, in the palm frame, each as s places that it passes in turn.
+
+    Attributes:
+        tip: centres of the fingertip's round end, shape (m, s, 3), m; no farther apart than the object is thin.
+        radius: of the round end, m; 0 for a needle.
+        body: centres of spheres that fill the rest of the finger, shape (m, s, b, 3), m.
+        body_radius: their radii, shape (b,), m.
+
+    Raises:
+        InvalidInputError: a shape that does not fit, fewer than two places, or a number that is not finite.
+    """
+
+    tip: FloatArray
+    radius: float
+    body: FloatArray
+    body_radius: FloatArray
+
+    def __post_init__(self) -> None:
+        tip = finite_array("tip", self.tip, (None, None, 3))
+        if tip.shape[1] < 2:
+            raise InvalidInputError(f"tip: has shape {tip.shape}; allowed are two places or more along each motion.")
+        body_radius = finite_array("body_radius", self.body_radius, (None,))
+        body = finite_array("body", self.body, (*tip.shape[:2], len(body_radius), 3))
+        radius = positive_number("radius", self.radius, allow_zero=True)
+        for name, value in (("tip", tip), ("radius", radius), ("body", body), ("body_radius", body_radius)):
+            object.__setattr__(self, name, value)
+
+    def __len__(self) -> int:
+        return len(self.tip)
+
+    @classmethod
+    def lines(
+        cls, start: ArrayLike, direction: ArrayLike, length: float, *, radius: float = 0.0, step: float = 0.001
+    ) -> Self:
+        """Straight motions of a fingertip alone.
+
+        Args:
+            start: where its centre starts, shape (m, 3), m.
+            direction: unit vectors, shape (m, 3).
+            length: of the way, m.
+            radius: of the fingertip, m; 0 for a ray.
+            step: between the places along the way, m.
+        """
+        start = finite_array("start", start, (None, 3))
+        direction = unit_vectors("direction", direction, (len(start), 3))
+        places = max(2, 1 + int(np.ceil(positive_number("length", length) / positive_number("step", step))))
+        way = np.linspace(0.0, length, places)[:, None] * direction[:, None]
+        return cls(start[:, None] + way, radius, np.zeros((len(start), places, 0, 3)), np.zeros(0))
+
+    @classmethod
+    def of_finger(cls, finger: FingerGeometry, q_start: FloatArray, q_goal: FloatArray, places: int = 40) -> Self:
+        """Motions of a finger, straight in its joints.
+
+        Args:
+            finger: the finger.
+            q_start: joint positions to start from, shape (n,) or (m, n), rad.
+            q_goal: joint positions to go to, shape (m, n), rad.
+            places: along each.
+        """
+        share = np.linspace(0.0, 1.0, places)[:, None]
+        q = np.broadcast_to(q_start, q_goal.shape)[:, None] * (1.0 - share) + share * q_goal[:, None]
+        rows = q.reshape(-1, q_goal.shape[1])
+        tip, body = finger.tip(rows), np.concatenate([finger.spheres(rows), finger.tip(rows, 0.0)[:, None]], axis=1)
+        return cls(
+            tip.reshape(len(q_goal), places, 3),
+            finger.tip_radius,
+            body.reshape(len(q_goal), places, -1, 3),
+            np.append(finger.radius, finger.tip_radius),
+        )
+
+    def take(self, index: NDArray[np.intp]) -> Self:
+        """Some of them."""
+        return dataclasses.replace(self, tip=self.tip[index], body=self.body[index])
+
+    def feel(self, model: ObjectModel, X_PO: FloatArray) -> "Felt":
+        """What each motion meets, for each of B poses (B, 3, 4) of the object."""
+        grid, places = model.grid, self.tip.shape[1]
+        place, before, after = np.empty((len(X_PO), len(self)), dtype=np.intp), *np.ones((2, len(X_PO), len(self)))
+        guarded_kernels.first_hits(
+            grid.values, grid.origin, 1.0 / grid.spacing, self.tip, self.radius, X_PO, place, before, after
+        )
+        steps = np.diff(self.tip, axis=1)
+        lengths = np.linalg.norm(steps, axis=2)
+        travelled = np.concatenate([np.zeros((len(self), 1)), np.cumsum(lengths, axis=1)], axis=1)
+        row, at = np.arange(len(self)), np.minimum(place, places - 1) - 1
+        share = np.clip(before / np.maximum(before - after, 1e-12), 0.0, 1.0)
+        step, p_PT = steps[row, at], self.tip[row, at] + share[..., None] * steps[row, at]
+        R_PO = X_PO[:, :, :3]
+        distance, n_O = grid.distance_and_normal(np.einsum("bmi,bij->bmj", p_PT - X_PO[:, None, :, 3], R_PO))
+        n_PC = np.einsum("bij,bmj->bmi", R_PO, n_O)
+        heading = step / np.maximum(lengths[row, at], 1e-12)[..., None]
+        return Felt(
+            place < places,
+            travelled[row, at] + share * lengths[row, at],
+            p_PT - distance[..., None] * n_PC,
+            n_PC,
+            -np.einsum("bmi,bmi->bm", heading, n_PC),
+        )
+
+    def stay_apart(self, others: HandSpheres, model: ObjectModel, X_PO: FloatArray) -> NDArray[np.bool_]:
+        """Which motions keep the finger off the rest of the hand until they end, at the last of poses (B, 3, 4), (m,).
+
+        Parts that overlap the rest of the hand where a motion starts are joined to it there.
+        """
+        grid, places = model.grid, self.tip.shape[1]
+        place, gaps = np.empty((len(X_PO), len(self)), dtype=np.intp), np.empty((2, len(X_PO), len(self)))
+        guarded_kernels.first_hits(
+            grid.values, grid.origin, 1.0 / grid.spacing, self.tip, self.radius, X_PO, place, gaps[0], gaps[1]
+        )
+        end, apart = np.minimum(place.max(axis=0), places - 1), np.empty(len(self), dtype=np.bool_)
+        guarded_kernels.stay_apart(
+            self.tip, self.radius, self.body, self.body_radius, others.p_PH, others.radius, end, apart
+        )
+        return apart
+
+    def are_clear(self, model: ObjectModel, X_PO: FloatArray) -> NDArray[np.bool_]:
+        """Which motions start off the object and bring nothing but the fingertip to it, shape (B, m), at (B, 3, 4).
+
+        What comes after the fingertip's contact does not count: the motion has ended there.
+        """
+        grid, clear = model.grid, np.empty((len(X_PO), len(self)), dtype=np.bool_)
+        guarded_kernels.are_clear(
+            grid.values,
+            grid.origin,
+            1.0 / grid.spacing,
+            self.tip,
+            self.radius,
+            self.body,
+            self.body_radius,
+            X_PO,
+            clear,
+        )
+        return clear
+
+
+class Felt(NamedTuple):
+    """What m motions meet at B poses.
+
+    Attributes:
+        is_hit: whether they meet the object, shape (B, m); the rest counts only then.
+        way: that the fingertip's centre has gone, shape (B, m), m.
+        p_PC: the points of contact, shape (B, m, 3), m.
+        n_PC: outward normals of the object there, shape (B, m, 3).
+        facing: cosine between the fingertip's heading and the inward normal, shape (B, m).
+    """
+
+    is_hit: NDArray[np.bool_]
+    way: FloatArray
+    p_PC: FloatArray
+    n_PC: FloatArray
+    facing: FloatArray

@@ -1,0 +1,1 @@
+"""The inner loops of objectives and searches, compiled by numba and cached on disk."""

@@ -1,0 +1,87 @@
+"""The belief's compiled loops: importance weights, their moments, and steps to a valley's floor; see `belief.py`.
+
+With the exact posterior exp(-c) and the groups' densities q_g that add up to the mixture's q = sum_g q_g, a sample x
+of N weighs w = exp(-c(x)) / (N q(x)), of which w q_g(x) / q(x) belongs to group g [OZ00]. For increments u from the
+group's pose the moments are sum w u / sum w and sum w u u^T / sum w; the weights are worth (sum w)^2 / sum w^2 equal
+ones.
+
+Of a mean m, of n samples' worth, of increments with the covariance S, the share max(0, 1 - chance / (n m^T S^-1 m)) is
+not by chance [JS61].
+"""
+
+import numpy as np
+from numba import njit
+
+from tactopose_drake.core.kernels import pose_kernels
+from tactopose_drake.core.kernels.matrix_kernels import _cholesky, _invert
+
+
+@njit(cache=True)
+def weigh(cost, lowest, densities, weights):  # type: ignore[no-untyped-def]
+    """The weights of samples of these costs (B,), in the groups' shares (B, g); at the cost `lowest` exp(-c) is 1."""
+    for b in range(densities.shape[0]):
+        density = 1e-300
+        for g in range(densities.shape[1]):
+            density += densities[b, g]
+        weight = np.exp(lowest - cost[b]) / (densities.shape[0] * density)
+        for g in range(densities.shape[1]):
+            weights[b, g] = weight * (densities[b, g] / density)
+
+
+@njit(cache=True)
+def try_shares(X, laplace, mean, worth, way, chance, shares, tried):  # type: ignore[no-untyped-def]
+    """The share of each mean that counts times those of the way (s,), into (n, s); poses so far from X (n, s, 3, 4)."""
+    L, information, u = np.empty((6, 6)), np.empty((6, 6)), np.empty(6)
+    for j in range(X.shape[0]):
+        _cholesky(laplace[j], L)
+        _invert(L, information)
+        square = 0.0
+        for i in range(6):
+            for k in range(6):
+                square += mean[j, i] * information[i, k] * mean[j, k]
+        certain = max(0.0, 1.0 - chance / max(worth[j] * square, chance))
+        for t in range(way.shape[0]):
+            shares[j, t] = certain * way[t]
+            for i in range(6):
+                u[i] = shares[j, t] * mean[j, i]
+            pose_kernels._retract(X[j], u, tried[j, t])
+
+
+@njit(cache=True)
+def step_down(gradient, hessian, soft, units, longest, X):  # type: ignore[no-untyped-def]
+    """Moves poses X (B, 3, 4) by -(H + diag soft)^-1 g, or as much of it as is no longer than that, m, in the units."""
+    H, L, forward, step, moved = np.empty((6, 6)), np.empty((6, 6)), np.empty(6), np.empty(6), np.empty((3, 4))
+    for b in range(X.shape[0]):
+        for i in range(6):
+            for j in range(i + 1):
+                H[i, j] = hessian[b, i, j]
+            H[i, i] += soft[i]
+        pose_kernels._damped_step(6, H, gradient[b], 0.0, L, forward, step)
+        square = 0.0
+        for i in range(6):
+            square += (step[i] / units[i]) ** 2
+        share = min(1.0, longest / np.sqrt(square)) if square > 0.0 else 1.0
+        for i in range(6):
+            step[i] *= share
+        pose_kernels._retract(X[b], step, moved)
+        X[b] = moved
+
+
+@njit(cache=True, nogil=True)
+def add_moments(X_group, X, weights, worth, first, second):  # type: ignore[no-untyped-def]
+    """Fills `belief.Moments`, of which the second and third are zero on entry, from weights (B, g)."""
+    u = np.empty(6)
+    for g in range(X_group.shape[0]):
+        mass, squares = 0.0, 0.0
+        for b in range(X.shape[0]):
+            mass += weights[b, g]
+            squares += weights[b, g] ** 2
+        worth[g] = mass * mass / squares if squares > 0.0 else 0.0
+        for b in range(X.shape[0]):
+            if weights[b, g] > 1e-12 * mass:
+                share = weights[b, g] / mass
+                pose_kernels._increment(X_group[g], X[b], u)
+                for i in range(6):
+                    first[g, i] += share * u[i]
+                    for j in range(6):
+                        second[g, i, j] += share * u[i] * u[j]

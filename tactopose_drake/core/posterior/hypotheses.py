@@ -1,0 +1,105 @@
+"""From refined poses to hypotheses: distinct modes with probabilities, covariances and free directions.
+
+The posterior is approximated by a Gaussian at each mode (Laplace): weight exp(-cost) / sqrt(det H), covariance H^-1.
+"""
+
+import dataclasses
+import math
+
+import numpy as np
+
+from tactopose_drake.core.kernels import pose_kernels
+from tactopose_drake.core.kernels.matrix_kernels import eigenpairs, inverses
+from tactopose_drake.core.searches.base import SearchResult
+from tactopose_drake.core.validation import FloatArray
+
+# Two poses are one mode when they lie within this many standard deviations of each other.
+_SAME_MODE = 3.0
+# The touch determines a direction when it fixes the surface to better than this share of the object's size.
+_FREE_SHARE = 0.1
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Modes:
+    """Distinct modes of the posterior, by falling probability.
+
+    Attributes:
+        X_PO: poses, shape (n, 3, 4).
+        cost: negative log likelihoods up to a constant, shape (n,).
+        probability: posterior weights, shape (n,); they sum to 1.
+        covariance: of the increments (w, v), shape (n, 6, 6), rad and m.
+        free_directions: for each mode the increments that the touch does not determine, unit rows (f, 6).
+        log_mass: logarithm of the integral of exp(-cost) over all modes, by the volume of poses, rad^3 m^3. Of the
+            images that the object's finite symmetries make of a mode one counts.
+    """
+
+    X_PO: FloatArray
+    cost: FloatArray
+    probability: FloatArray
+    covariance: FloatArray
+    free_directions: tuple[FloatArray, ...]
+    log_mass: float
+
+
+def find_modes(
+    found: SearchResult,
+    touch_information: FloatArray,
+    prior_information: FloatArray,
+    symmetry_poses: FloatArray,
+    size: float,
+    max_modes: int,
+) -> Modes:
+    """Merges poses that are one mode up to the object's symmetries, and weighs the modes.
+
+    Args:
+        found: refined poses by rising cost, B of them.
+        touch_information: Gauss-Newton Hessians of the touch alone, shape (B, 6, 6).
+        prior_information: what else is known (the prior, or the extent of the searched space), shape (B, 6, 6).
+        symmetry_poses: the object's finite symmetry group as poses X_OO', the identity first, shape (g, 3, 4).
+        size: the object's size, m; rotations count by the way of a point at half of it.
+        max_modes: how many modes are kept at the most.
+    """
+    information = touch_information + prior_information
+    representative = np.empty(len(found.cost), dtype=np.bool_)
+    pose_kernels.mark_distinct(found.X_PO, information, symmetry_poses, _SAME_MODE**2, representative)
+    index = np.flatnonzero(representative)
+    covariance, log_determinant = inverses(information[index])
+    log_weight = -found.cost[index] - 0.5 * log_determinant
+    order = np.argsort(-log_weight, kind="stable")[:max_modes]
+    index, log_weight = index[order], log_weight[order]
+    weight = np.exp(log_weight - log_weight[0])
+    return Modes(
+        X_PO=found.X_PO[index],
+        cost=found.cost[index],
+        probability=weight / weight.sum(),
+        covariance=covariance[order],
+        free_directions=tuple(free_directions(touch_information[index], size)),
+        log_mass=float(log_weight[0] + np.log(weight.sum()) + 3.0 * np.log(2.0 * np.pi)),
+    )
+
+
+def free_directions(touch_information: FloatArray, size: float) -> list[FloatArray]:
+    """For each information matrix (n, 6, 6) the directions that it leaves free, as orthonormal rows (f, 6).
+
+    Rotations and translations are compared as motions of a point at half the object's size (m) from its origin. A
+    direction is free when its standard deviation from the touch alone exceeds a tenth of the size.
+    """
+    units = np.repeat([2.0 / size, 1.0], 3)  # Increments of one metre.
+    limit = 1.0 / (_FREE_SHARE * size) ** 2
+    scaled = touch_information * np.outer(units, units)
+    free = [np.empty((0, 6))] * len(scaled)
+    eigenvalues, eigenvectors = eigenpairs(scaled)
+    is_free = eigenvalues < limit
+    for i in np.flatnonzero(is_free.any(axis=1)):
+        rows = eigenvectors[i, is_free[i]] * units
+        free[i] = np.linalg.qr(rows.T)[0].T if len(rows) > 1 else rows / math.sqrt(float(np.sum(rows * rows)))
+    return free
+
+
+def determined_part(increments: FloatArray, free: FloatArray, size: float) -> FloatArray:
+    """Increments (..., 6) without their part along the free directions (f, 6), in the metric of `free_directions`."""
+    units = np.repeat([2.0 / size, 1.0], 3)
+    basis = np.linalg.qr((free / units).T)[0]  # (6, f)
+    metres = increments / units
+    determined: FloatArray = (metres - (metres @ basis) @ basis.T) * units
+    return determined

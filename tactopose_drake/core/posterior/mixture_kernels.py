@@ -1,0 +1,168 @@
+"""The compiled loops of a mixture of Student-t densities over poses; see `pose_mixture.py`.
+
+A component is a density of increments u from its group's pose, with middle m, information H and f degrees of freedom
+over n dimensions: scale (f / (f + (u - m)^T H (u - m)))^((f + n) / 2). Its samples are m + L^-T z sqrt(f / c) with
+H = L L^T, z white and c of chi-square with f degrees of freedom. By the volume of poses it is divided by the
+determinant of the right Jacobian of the increment's rotation vector.
+"""
+
+import numpy as np
+from numba import njit
+
+from tactopose_drake.core.kernels import pose_kernels
+from tactopose_drake.core.kernels.matrix_kernels import _cholesky, _invert, _solve_transposed
+
+FREEDOM = 6
+# A group counts up to this squared Mahalanobis distance; one sample in half a million lies further out.
+_FAR = 1500.0
+
+
+@njit(cache=True)
+def leave_out(turns, across, logarithm):  # type: ignore[no-untyped-def]
+    """Leaves one turn out after the other."""
+    L, image = np.empty((6, 6)), np.empty(6)
+    for j in range(across.shape[0]):
+        A = across[j]
+        logarithm[j] = _cholesky(A, L)
+        for c in range(turns.shape[2]):
+            along = 0.0
+            for i in range(6):
+                image[i] = 0.0
+                for k in range(6):
+                    image[i] += A[i, k] * turns[j, k, c]
+                along += image[i] * turns[j, i, c]
+            logarithm[j] -= np.log(along)
+            for i in range(6):
+                for k in range(6):
+                    A[i, k] -= image[i] * image[k] / along
+
+
+@njit(cache=True)
+def enter_chart(X_group, group, X, information, center, inside, turns):  # type: ignore[no-untyped-def]
+    """By the right Jacobian of the rotations and its inverse: J. Sola et al., A micro Lie theory for state estimation,
+    2018, eqs. 143 and 144.
+    """
+    J, inverse, W, part = np.empty((3, 3)), np.empty((3, 3)), np.zeros((3, 3)), np.empty((3, 6))
+    for j in range(X.shape[0]):
+        u = center[j]
+        pose_kernels._increment(X_group[group[j]], X[j], u)
+        W[0, 1], W[0, 2], W[1, 2] = -u[2], u[1], -u[0]
+        W[1, 0], W[2, 0], W[2, 1] = u[2], -u[1], u[0]
+        angle2 = u[0] * u[0] + u[1] * u[1] + u[2] * u[2]
+        if angle2 < 1e-6:
+            first, second, back = 0.5 - angle2 / 24.0, 1.0 / 6.0 - angle2 / 120.0, 1.0 / 12.0 + angle2 / 720.0
+        else:
+            angle = np.sqrt(angle2)
+            first, second = (1.0 - np.cos(angle)) / angle2, (angle - np.sin(angle)) / (angle * angle2)
+            back = 1.0 / angle2 - np.cos(0.5 * angle) / (2.0 * angle * np.sin(0.5 * angle))
+        for a in range(3):
+            for c in range(3):
+                square = W[a, 0] * W[0, c] + W[a, 1] * W[1, c] + W[a, 2] * W[2, c]
+                J[a, c] = -first * W[a, c] + second * square
+                inverse[a, c] = 0.5 * W[a, c] + back * square
+            J[a, a] += 1.0
+            inverse[a, a] += 1.0
+        # Only the rows and columns of the rotation change.
+        A, B = information[j], inside[j]
+        for a in range(3):
+            for c in range(6):
+                part[a, c] = J[0, a] * A[0, c] + J[1, a] * A[1, c] + J[2, a] * A[2, c]
+        for a in range(6):
+            for c in range(6):
+                B[a, c] = part[a, c] if a < 3 else A[a, c]
+        for a in range(3):
+            for c in range(3):
+                B[3 + a, c] = B[c, 3 + a]
+                B[a, c] = part[a, 0] * J[0, c] + part[a, 1] * J[1, c] + part[a, 2] * J[2, c]
+        for c in range(turns.shape[2]):
+            x, y, z = turns[j, 0, c], turns[j, 1, c], turns[j, 2, c]
+            for a in range(3):
+                turns[j, a, c] = inverse[a, 0] * x + inverse[a, 1] * y + inverse[a, 2] * z
+
+
+@njit(cache=True)
+def oppose(count, normal):  # type: ignore[no-untyped-def]
+    """Makes every second row of each component's the opposite of the row before."""
+    first = 0
+    for j in range(count.shape[0]):
+        for b in range(first + 1, first + count[j], 2):
+            for i in range(6):
+                normal[b, i] = -normal[b - 1, i]
+        first += count[j]
+
+
+@njit(cache=True)
+def draw(X_group, group, center, information, count, normal, X):  # type: ignore[no-untyped-def]
+    u, L = np.empty(6), np.empty((6, 6))
+    b = 0
+    for j in range(count.shape[0]):
+        _cholesky(information[j], L)
+        for _ in range(count[j]):
+            _solve_transposed(L, normal[b], u)
+            for i in range(6):
+                u[i] += center[j, i]
+            pose_kernels._retract(X_group[group[j]], u, X[b])
+            b += 1
+
+
+@njit(cache=True)
+def find_reach(group, center, information, reach):  # type: ignore[no-untyped-def]
+    """The squared distance in translation, m^2, within which a pose may belong to each group, into reach (g,)."""
+    L, covariance = np.empty((6, 6)), np.empty((6, 6))
+    for j in range(group.shape[0]):
+        _cholesky(information[j], L)
+        _invert(L, covariance)
+        spread, square = 0.0, 0.0
+        for i in range(3, 6):
+            spread += covariance[i, i]
+            square += center[j, i] ** 2
+        reach[group[j]] = max(reach[group[j]], (np.sqrt(square) + np.sqrt(_FAR * spread)) ** 2)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+def add_densities(X_group, first, center, information, reach, scale, power, X, density):  # type: ignore[no-untyped-def]
+    """Adds scale (f / (f + d^T H d))^(power / 2) of each component, d from its center.
+
+    Each number of the components is an array by itself, so that several components are reckoned at once.
+    """
+    count = center.shape[0]
+    c, H = np.empty((6, count)), np.empty((21, count))
+    for j in range(count):
+        row = 0
+        for a in range(6):
+            c[a, j] = center[j, a]
+            for i in range(a):
+                H[row, j] = 2.0 * information[j, a, i]
+                row += 1
+            H[row, j] = information[j, a, a]
+            row += 1
+    u, ratio, share = np.empty(6), np.empty(count), np.empty(count)
+    for b in range(X.shape[0]):
+        for g in range(X_group.shape[0]):
+            square = 0.0
+            for a in range(3):
+                square += (X[b, a, 3] - X_group[g, a, 3]) ** 2
+            if square > reach[g]:
+                continue
+            pose_kernels._increment(X_group[g], X[b], u)
+            begin, end = np.uintp(first[g]), np.uintp(first[g + 1])
+            for j in range(begin, end):
+                x, y, z = u[0] - c[0, j], u[1] - c[1, j], u[2] - c[2, j]
+                r, s, t = u[3] - c[3, j], u[4] - c[4, j], u[5] - c[5, j]
+                square = x * (H[0, j] * x) + y * (H[1, j] * x + H[2, j] * y)
+                square += z * (H[3, j] * x + H[4, j] * y + H[5, j] * z)
+                square += r * (H[6, j] * x + H[7, j] * y + H[8, j] * z + H[9, j] * r)
+                square += s * (H[10, j] * x + H[11, j] * y + H[12, j] * z + H[13, j] * r + H[14, j] * s)
+                square += t * (H[15, j] * x + H[16, j] * y + H[17, j] * z + H[18, j] * r + H[19, j] * s + H[20, j] * t)
+                ratio[j] = FREEDOM / (FREEDOM + square)
+                share[j] = scale[j] * (np.sqrt(ratio[j]) if power % 2 else 1.0)
+            for _ in range(power // 2):
+                for j in range(begin, end):
+                    share[j] *= ratio[j]
+            total = 0.0
+            for j in range(begin, end):
+                total += share[j]
+            # From the volume of increments to that of poses: the determinant of the right Jacobian.
+            angle2 = u[0] ** 2 + u[1] ** 2 + u[2] ** 2
+            volume = 1.0 - angle2 / 12.0 if angle2 < 1e-4 else 2.0 * (1.0 - np.cos(np.sqrt(angle2))) / angle2
+            density[b, g] += total / volume

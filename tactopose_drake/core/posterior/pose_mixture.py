@@ -1,0 +1,112 @@
+"""A mixture of Student-t densities over poses: what a belief is sampled from.
+
+Their tails are heavier than a Gaussian's, so that no sample that a Gaussian would hardly propose counts for all others.
+The components come in groups; all of a group are over the increments (w, v) from one pose, so that a sample is compared
+with all of them by one logarithm.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactopose_drake.core.posterior import mixture_kernels
+from tactopose_drake.core.posterior.mixture_kernels import FREEDOM
+from tactopose_drake.core.validation import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class PoseMixture:
+    """Student-t densities with `FREEDOM` degrees of freedom.
+
+    Attributes:
+        X_PO: the groups' poses, shape (g, 3, 4).
+        group: which group each component belongs to, rising, shape (J,).
+        center: the components' middles, increments from their groups' poses, shape (J, 6).
+        information: the inverses of their scale matrices, over the same increments, shape (J, 6, 6).
+        turns: the increments that change nothing, shape (J, 6, c). The densities are then over the other 6 - c
+            dimensions.
+        count: how many samples are drawn of each, shape (J,), at least one: its share of the density is theirs.
+    """
+
+    X_PO: FloatArray
+    group: NDArray[np.intp]
+    center: FloatArray
+    information: FloatArray
+    turns: FloatArray
+    count: NDArray[np.intp]
+
+    def sample(self, generator: np.random.Generator) -> FloatArray:
+        """Poses, shape (count.sum(), 3, 4), every second one of a component opposite to the one before it.
+
+        Means over them are less noisy so: what is odd about a component's middle cancels.
+        """
+        total = int(self.count.sum())
+        normal = generator.standard_normal((total, 6))
+        normal /= np.sqrt(generator.chisquare(FREEDOM, size=(total, 1)) / FREEDOM)
+        mixture_kernels.oppose(self.count, normal)
+        return draw(self.X_PO, self.group, self.center, self.information, self.count, normal)
+
+    def densities(self, X_PO: FloatArray) -> FloatArray:
+        """Densities (B, g) of poses (B, 3, 4), each group's share; they add up to the mixture's.
+
+        They are by the volume of poses: of rotations, as small turns measure it, and translations, rad^3 m^3.
+        """
+        n = 6 - self.turns.shape[2]
+        information, log_determinant = across_turns(self.information, self.turns)
+        power = 0.5 * (FREEDOM + n)
+        constant = math.lgamma(power) - math.lgamma(0.5 * FREEDOM) - 0.5 * n * math.log(math.pi * FREEDOM)
+        scale = self.count * (np.exp(constant + 0.5 * log_determinant) / self.count.sum())
+        density, reach = np.zeros((len(X_PO), len(self.X_PO))), np.zeros(len(self.X_PO))
+        mixture_kernels.find_reach(self.group, self.center, self.information, reach)
+        first = np.searchsorted(self.group, np.arange(len(self.X_PO) + 1))
+        mixture_kernels.add_densities(
+            self.X_PO, first, self.center, information, reach, scale, FREEDOM + n, X_PO, density
+        )
+        return density
+
+
+def draw(
+    X_group: FloatArray,
+    group: NDArray[np.intp],
+    center: FloatArray,
+    information: FloatArray,
+    count: NDArray[np.intp],
+    normal: FloatArray,
+) -> FloatArray:
+    """Poses (B, 3, 4), so many (J,) of each component, from white increments (B, 6); see `PoseMixture`."""
+    X_PO = np.empty((len(normal), 3, 4))
+    mixture_kernels.draw(X_group, group, center, information, count, normal, X_PO)
+    return X_PO
+
+
+def across_turns(information: FloatArray, turns: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Information (J, 6, 6) over the directions across the turns (J, 6, c) alone, and the logarithms (J,) of what is
+    left of its determinants.
+    """
+    across, logarithm = information.copy(), np.empty(len(information))
+    mixture_kernels.leave_out(np.ascontiguousarray(turns), across, logarithm)
+    return across, logarithm
+
+
+def in_chart(
+    X_group: FloatArray, group: NDArray[np.intp], X_PO: FloatArray, information: FloatArray, turns: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Poses, information and directions at them, as increments from their groups' poses and changes of those.
+
+    Args:
+        X_group: the groups' poses, shape (g, 3, 4).
+        group: which group each pose belongs to, shape (J,).
+        X_PO: the poses, shape (J, 3, 4).
+        information: by the increments at the poses, shape (J, 6, 6).
+        turns: directions at the poses, shape (J, 6, c).
+
+    Returns:
+        The increments (J, 6), the information (J, 6, 6) and the directions (J, 6, c).
+    """
+    center, inside, moved = np.empty((len(X_PO), 6)), np.empty((len(X_PO), 6, 6)), turns.copy()
+    mixture_kernels.enter_chart(X_group, group, X_PO, information, center, inside, moved)
+    return center, inside, moved

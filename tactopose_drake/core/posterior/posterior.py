@@ -1,0 +1,100 @@
+"""The posterior of an object's pose, and the scales on which it changes."""
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from tactopose_drake.core.evidence.evidence import Evidence
+from tactopose_drake.core.evidence.pose_problem import PoseProblem
+from tactopose_drake.core.objectives.base import LeastSquaresObjective, Objective, SumObjective
+from tactopose_drake.core.objectives.surface_density import SurfaceDensity
+from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.validation import FloatArray
+
+# A mode is wide in a direction when the arc of a turn about the object's middle leaves its tangent by this share of the
+# contacts' sigma.
+_SAGITTA = 0.25
+# A turn about a continuous axis is held to this, rad, where nothing tells one from another.
+_TURN = 0.02
+
+
+class Posterior(NamedTuple):
+    """What is sampled.
+
+    Attributes:
+        likelihood: the smooth objective of all evidence but the prior.
+        objective: that of all evidence.
+        exact_cost: the negative log posterior of poses (B, 3, 4), up to a constant.
+        turns: axes, unit rows (c, 3), and points on them (c, 3), m, in O, about which turns change nothing.
+        turn_variance: what is reported as the variance of such a turn, rad^2.
+        size: the object's, m.
+        sigma: of the positions of contacts and pads, m.
+    """
+
+    likelihood: LeastSquaresObjective
+    objective: LeastSquaresObjective
+    exact_cost: Callable[[FloatArray], FloatArray]
+    turns: tuple[FloatArray, FloatArray]
+    turn_variance: float
+    size: float
+    sigma: float
+
+    def turn_directions(self, X_PO: FloatArray) -> FloatArray:
+        """The increments of turns about the axes at poses (B, 3, 4), shape (B, 6, c)."""
+        axes, points = self.turns
+        if not len(axes):
+            return np.empty((len(X_PO), 6, 0))
+        shifts = -np.einsum("bij,cj->bic", X_PO[:, :, :3], np.cross(axes, points))
+        return np.concatenate([np.broadcast_to(axes.T, (len(X_PO), 3, len(axes))), shifts], axis=1)
+
+    @property
+    def gauge(self) -> FloatArray:
+        """Information (6, 6) that holds the turns in place; it changes no density over the other directions."""
+        gauge = np.zeros((6, 6))
+        if len(self.turns[0]):
+            gauge[:3, :3] = self.turns[0].T @ self.turns[0] / _TURN**2
+        return gauge
+
+    @property
+    def units(self) -> FloatArray:
+        """Increments (6,) that move a point at half the object's size by one metre."""
+        return np.repeat([2.0 / self.size, 1.0], 3)
+
+    @property
+    def straight(self) -> float:
+        """Within this way, m, a turn's arc is as good as straight."""
+        return math.sqrt(2.0 * _SAGITTA * self.sigma * self.size / 2.0)
+
+
+def make_posterior(model: ObjectModel, evidence: Evidence, problem: PoseProblem) -> Posterior:
+    """The posterior of a search's problem, with the contacts' exact likelihood in place of the smooth one.
+
+    Patches have no other likelihood than theirs on the signed distance: it counts as exact.
+    """
+    objective = problem.objective
+    terms: list[Objective] = [SurfaceDensity(model, evidence.contacts)] if len(evidence.contacts) else []
+    smooth = objective.terms if isinstance(objective, SumObjective) else (objective,)
+    terms += [term for term in smooth if term is not problem.touch]
+
+    def exact_cost(X_PO: FloatArray) -> FloatArray:
+        cost = terms[0].cost(X_PO)
+        for term in terms[1:]:
+            cost = cost + term.cost(X_PO)
+        return cost
+
+    # A prior tells the turns about a continuous axis apart; no other evidence does.
+    axes = [] if evidence.prior is not None else [symmetry for symmetry in model.symmetries if symmetry.is_continuous]
+    return Posterior(
+        likelihood=problem.likelihood,
+        objective=problem.objective,
+        exact_cost=exact_cost,
+        turns=(
+            np.array([symmetry.axis for symmetry in axes]).reshape(-1, 3),
+            np.array([symmetry.point for symmetry in axes]).reshape(-1, 3),
+        ),
+        turn_variance=1.0 / float(problem.space.information[0, 0]),
+        size=model.size,
+        sigma=float(np.min(evidence.touch.sigma_position)),
+    )

@@ -1,0 +1,247 @@
+"""Intrinsic contact sensing: where and how a fingertip is touched, from one wrench.
+
+A single contact at p, with force f and a local torque about the normal n, loads the sensor with
+
+    m = p x f + torque n,   S(p) = 0,   n = grad S / |grad S|        [B16] eqs. 2.2 to 2.4
+
+four equations for p and the torque. Split along n and across it, they are two equations on the surface: the part of
+m - p x f in the tangent plane is zero. Their Jacobian has the determinant (f.n)^2 + torque^2 K, with K >= 0 the
+surface's Gaussian curvature, so every solution counts +1 in the index of that field. On a closed convex surface the
+indices add up to 2: there is one solution that pushes (f.n < 0) and one that pulls, and only the first is a contact.
+So no choice among solutions is ever needed, and a damped Newton iteration on the surface finds the one.
+
+Six measured numbers determine the six unknowns (two of p, three of f, the torque), so the exact solution is also the
+weighted least-squares and maximum-likelihood estimate, whatever the covariances of m and f: weights change nothing.
+
+Sphere, ellipsoid ([BSB93]), cylinder and capsule are solved in closed form, superquadrics and soft layers by
+iteration.
+
+Sources: [B16] J. Bimbo, thesis, 2016, section 2.2.1; [BSB93] A. Bicchi, J. K. Salisbury, D. L. Brock, Contact sensing
+from force measurements, 1993.
+"""
+
+import dataclasses
+import math
+from typing import Final, Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tactopose_drake.core.sensing import contact_kernels
+from tactopose_drake.core.sensing.soft_layer import SoftLayer
+from tactopose_drake.core.surfaces.surface import Surface
+from tactopose_drake.core.validation import FloatArray, finite_array, positive_number
+from tactopose_drake.errors import InvalidInputError, UnknownNameError
+
+# Below this force (N) a Nano17's noise moves the point on a 9 mm fingertip by 0.9 mm rms: no better than a guess.
+MIN_FORCE: Final = 0.05
+
+Method = Literal["auto", "newton"]
+
+_REASONS: Final[dict[int, str]] = {
+    contact_kernels.VALID: "",
+    contact_kernels.NOT_FINITE: "the wrench is not finite",
+    contact_kernels.TOO_WEAK: "the force is below min_force",
+    contact_kernels.MISSES: "no single contact explains the wrench: the force passes the surface by",
+    contact_kernels.TENSION: "the force pulls on the surface; a contact can only push",
+    contact_kernels.OUTSIDE: "the contact would lie outside of the part of the surface that can be touched",
+    contact_kernels.FRICTION: "the friction force exceeds what friction_coefficient allows",
+    contact_kernels.TORQUE: "the local torque exceeds what friction on a patch of the fingertip's size can give",
+    contact_kernels.LAYER: "the soft layer is pressed in by more than its thickness or the surface's radius",
+}
+_REASON_TABLE: Final = np.array([_REASONS[code] for code in range(len(_REASONS))], dtype=object)
+
+
+@dataclasses.dataclass(frozen=True, eq=False, slots=True)
+class ContactSolution:
+    """One contact of a fingertip, in the sensor frame S. NaN throughout where it is not valid.
+
+    Attributes:
+        p_SC: contact point, shape (3,), m.
+        n_S: outward unit normal of the fingertip's surface there, shape (3,); the normal force points against it.
+        normal_force: shape (3,), N. [B16] eq. 2.5
+        friction_force: shape (3,), N. [B16] eq. 2.6
+        local_torque: torque about the normal, shape (3,), N m.
+        residual: length of what the contact leaves unexplained of the moment, N m: rounding error.
+        deformation: how far the soft layer is pressed in, m.
+        iterations: of Newton's method; 0 in closed form.
+        valid: whether one contact explains the wrench.
+        reason: why not; empty where valid.
+    """
+
+    p_SC: FloatArray
+    n_S: FloatArray
+    normal_force: FloatArray
+    friction_force: FloatArray
+    local_torque: FloatArray
+    residual: float
+    deformation: float
+    iterations: int
+    valid: bool
+    reason: str
+
+    @property
+    def is_untouched(self) -> bool:
+        """Whether the sensor says that nothing touches the fingertip."""
+        return self.reason == _REASONS[contact_kernels.TOO_WEAK]
+
+
+@dataclasses.dataclass(frozen=True, eq=False, slots=True)
+class ContactSolutions:
+    """Contacts of a batch of wrenches on one fingertip: as `ContactSolution`, with a leading axis (B,).
+
+    Attributes:
+        p_SC, n_S, normal_force, friction_force, local_torque: shape (B, 3).
+        residual, deformation, iterations, valid: shape (B,).
+        reason: shape (B,), strings.
+    """
+
+    p_SC: FloatArray
+    n_S: FloatArray
+    normal_force: FloatArray
+    friction_force: FloatArray
+    local_torque: FloatArray
+    residual: FloatArray
+    deformation: FloatArray
+    iterations: NDArray[np.int64]
+    valid: NDArray[np.bool_]
+    reason: NDArray[np.object_]
+
+    def __len__(self) -> int:
+        return len(self.valid)
+
+    def __getitem__(self, index: int) -> ContactSolution:
+        return ContactSolution(
+            self.p_SC[index],
+            self.n_S[index],
+            self.normal_force[index],
+            self.friction_force[index],
+            self.local_torque[index],
+            float(self.residual[index]),
+            float(self.deformation[index]),
+            int(self.iterations[index]),
+            bool(self.valid[index]),
+            str(self.reason[index]),
+        )
+
+
+def solve_contact(
+    F_S: ArrayLike,
+    surface: Surface,
+    *,
+    layer: SoftLayer | None = None,
+    min_force: float = MIN_FORCE,
+    friction_coefficient: float | None = None,
+    method: Method = "auto",
+) -> ContactSolution:
+    """Finds the contact that explains one wrench. [B16] eqs. 2.2 to 2.6.
+
+    Args:
+        F_S: wrench [m, f] that the environment exerts on the fingertip, about S's origin, in S, shape (6,), N m and N.
+        surface: the fingertip's surface; `X_SF` places it in S.
+        layer: soft layer on the fingertip; rigid without.
+        min_force: force below which no contact is reported, N, >= 0.
+        friction_coefficient: the largest that can occur, > 0; leave a margin for the sensor's noise. It bounds the
+            friction force, and the local torque by that of a contact patch as large as the fingertip. Without it, the
+            bounds are those of a coefficient of 10.
+        method: "auto" solves in closed form where there is one, "newton" always iterates.
+
+    A pull on a closed surface, or on a cylinder's side, is the same wrench as a push on its far side, and is returned
+    as that.
+
+    Raises:
+        InvalidInputError: a wrench of another shape or not finite, an option out of its range, or a layer as thick as
+            the fingertip.
+        UnknownNameError: another method.
+    """
+    wrench = finite_array("F_S", F_S, (6,))
+    out, codes = _solve(wrench[None], surface, layer, min_force, friction_coefficient, method)
+    row, code = out[0], int(codes[0])
+    return ContactSolution(
+        row[0:3],
+        row[3:6],
+        row[6:9],
+        row[9:12],
+        row[12:15],
+        float(row[15]),
+        float(row[16]),
+        0 if code else int(row[17]),
+        code == contact_kernels.VALID,
+        _REASONS[code],
+    )
+
+
+def solve_contacts(
+    F_S: ArrayLike,
+    surface: Surface,
+    *,
+    layer: SoftLayer | None = None,
+    min_force: float = MIN_FORCE,
+    friction_coefficient: float | None = None,
+    method: Method = "auto",
+) -> ContactSolutions:
+    """Finds the contacts that explain wrenches on one fingertip, each on its own; as `solve_contact`.
+
+    A wrench with a NaN or infinite number is not an error here but a row that is not valid.
+
+    Args:
+        F_S: wrenches on the fingertip about S's origin, shape (B, 6), N m and N.
+        surface: the fingertip's surface.
+        layer: its soft layer; rigid without.
+        min_force: force below which there is no contact, N.
+        friction_coefficient: the largest that can occur; a wrench that needs more is not valid. Not checked without.
+        method: as of `solve_contact`.
+
+    Raises:
+        InvalidInputError: wrenches of another shape, an option out of its range, or a layer as thick as the fingertip.
+        UnknownNameError: another method.
+    """
+    try:
+        wrenches = np.ascontiguousarray(F_S, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InvalidInputError(f"F_S: not an array of numbers ({error}).") from None
+    if wrenches.ndim != 2 or wrenches.shape[1] != 6:
+        raise InvalidInputError(f"F_S: has shape {wrenches.shape}; allowed is (n, 6).")
+    out, codes = _solve(wrenches, surface, layer, min_force, friction_coefficient, method)
+    valid = codes == contact_kernels.VALID
+    return ContactSolutions(
+        out[:, 0:3],
+        out[:, 3:6],
+        out[:, 6:9],
+        out[:, 9:12],
+        out[:, 12:15],
+        out[:, 15],
+        out[:, 16],
+        np.where(valid, out[:, 17], 0.0).astype(np.int64),
+        valid,
+        _REASON_TABLE[codes],
+    )
+
+
+def _solve(
+    wrenches: FloatArray,
+    surface: Surface,
+    layer: SoftLayer | None,
+    min_force: float,
+    friction_coefficient: float | None,
+    method: str,
+) -> tuple[FloatArray, NDArray[np.int64]]:
+    """Checks the options and runs the kernel: rows (B, RESULT_SIZE) and codes (B,)."""
+    if method not in get_args(Method):
+        raise UnknownNameError("method", method, get_args(Method))
+    limits = np.array(
+        [
+            positive_number("min_force", min_force, allow_zero=True),
+            math.inf if friction_coefficient is None else positive_number("friction_coefficient", friction_coefficient),
+            0.0,
+            0.0,
+        ]
+    )
+    if layer is not None:
+        layer.check_fits(surface.half_width)
+        limits[2:] = 1.0 / layer.stiffness, layer.thickness
+    out = np.empty((len(wrenches), contact_kernels.RESULT_SIZE))
+    codes = np.empty(len(wrenches), dtype=np.int64)
+    contact_kernels.solve(surface.kind, surface.shape, surface.X_SF, wrenches, limits, method == "newton", out, codes)
+    out.setflags(write=False)
+    return out, codes

@@ -1,0 +1,75 @@
+"""Patches as contacts with normals: what a search proposes poses from, before the cells refine them."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.sensing.patches import Patch
+
+# The standard deviation of the normal of a contact without one, rad: it says nothing.
+_ANY_NORMAL = 1e3
+
+
+def patch_contacts(
+    patches: Sequence[Patch],
+    *,
+    sigma_depth: float = 0.0005,
+    sigma_position: float = 0.0009,
+    sigma_rotation: float = math.radians(5.0),
+    sigma_lean: float = math.radians(30.0),
+) -> Contacts:
+    """One contact for each pad that feels the object: the patch's centroid and the surface's normal there.
+
+    Where the patch is an area the normal is its third eigenvector. The errors sigma_depth of its m cells turn that
+    about the first axis, across which the patch is narrow, by sigma_depth / sqrt(m lambda_2); the pad itself is turned
+    by sigma_rotation. Elsewhere the normal is the pad's, within sigma_lean.
+
+    Args:
+        patches: what the pads feel, in P.
+        sigma_depth: standard deviation of the depth of the surface in a pad, of each cell, m.
+        sigma_position: standard deviation of each coordinate of a pad's place, m.
+        sigma_rotation: standard deviation of a small turn of a pad about each axis, rad.
+        sigma_lean: standard deviation of the turn of a touched surface from the pad about each axis, rad.
+
+    Raises:
+        InvalidInputError: a sigma that is not positive.
+    """
+    felt = [patch for patch in patches if patch.status != "no_contact"]
+    normals, sigmas = np.empty((len(felt), 3)), np.full(len(felt), float(sigma_lean))
+    for i, patch in enumerate(felt):
+        if patch.status == "area":
+            normals[i] = patch.eigenvectors[:, 2]
+            bend = sigma_depth / math.sqrt(np.count_nonzero(patch.active) * patch.eigenvalues[1])
+            sigmas[i] = min(math.hypot(bend, sigma_rotation), sigma_lean)
+        else:
+            normals[i] = -patch.n_PT[patch.active].mean(axis=0)
+    return Contacts(
+        np.array([patch.centroid for patch in felt]).reshape(-1, 3),
+        normals / np.linalg.norm(normals, axis=1, keepdims=True),
+        sigma_position=sigma_position,
+        sigma_normal=sigmas,
+    )
+
+
+def with_patches(contacts: Contacts, patches: Sequence[Patch]) -> Contacts:
+    """The contacts and, after them, those of the patches: all that is touched, without forces.
+
+    Where only some have normals the others' are any, with a sigma that leaves them without a say.
+    """
+    if not any(patch.is_felt for patch in patches):
+        return contacts
+    felt = patch_contacts(patches)
+    if len(contacts) == 0:
+        return felt
+    assert felt.n_PC is not None
+    n_PC, sigma_normal = contacts.n_PC, np.asarray(contacts.sigma_normal)
+    if n_PC is None:
+        n_PC, sigma_normal = np.tile(np.eye(3)[2], (len(contacts), 1)), np.full(len(contacts), _ANY_NORMAL)
+    return Contacts(
+        np.concatenate([contacts.p_PC, felt.p_PC]),
+        np.concatenate([n_PC, felt.n_PC]),
+        sigma_position=np.concatenate([contacts.sigma_position, felt.sigma_position], axis=None),
+        sigma_normal=np.concatenate([sigma_normal, felt.sigma_normal], axis=None),
+    )

@@ -1,0 +1,121 @@
+"""Regular patterns of cells, from few numbers."""
+
+import dataclasses
+import math
+
+import numpy as np
+
+from tactopose_drake.core.sensing.tactile_layout import TactileLayout
+from tactopose_drake.core.validation import finite_array, positive_number, unit_vectors
+from tactopose_drake.errors import InvalidInputError
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class CellRow:
+    """Equal rectangular cells side by side."""
+
+    center: list[float] = dataclasses.field(default_factory=lambda: [0.0, 0.0, 0.0])  # of the row, m
+    tangent_deg: float = 0.0  # how far the pad has bent away from its normal here, deg
+    count: int = 1  # of cells in the row
+    cell: list[float] = dataclasses.field(default_factory=lambda: [0.001, 0.001])  # along the pad, across it, m
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class RowPattern:
+    """Rows of cells on a pad that is flat or bent one way, `!RowPattern` in YAML.
+
+    Cells are numbered row by row. Within a row they follow each other in the direction `along` x `normal`, about which
+    the pad bends.
+    """
+
+    along: list[float] = dataclasses.field(default_factory=lambda: [1.0, 0.0, 0.0])  # from row to row, unit vector
+    normal: list[float] = dataclasses.field(default_factory=lambda: [0.0, 0.0, 1.0])  # out of the pad, unit vector
+    pitch: float = 0.001  # from one cell of a row to the next, m
+    rows: list[CellRow] = dataclasses.field(default_factory=list)
+
+    def make(self) -> TactileLayout:
+        """The layout.
+
+        Raises:
+            InvalidInputError: a value out of its range; the message names it.
+        """
+        along = unit_vectors("RowPattern.along", self.along, (3,))
+        normal = unit_vectors("RowPattern.normal", self.normal, (3,))
+        if abs(along @ normal) > 1e-6:
+            raise InvalidInputError(f"RowPattern.normal: is {self.normal}; allowed is one at right angles to `along`.")
+        positive_number("RowPattern.pitch", self.pitch)
+        if not self.rows:
+            raise InvalidInputError("RowPattern.rows: is empty; allowed is a row or more.")
+        across = np.cross(along, normal)
+        angles = np.radians([self._check(i, row).tangent_deg for i, row in enumerate(self.rows)])[:, None]
+        tangents = np.cos(angles) * along - np.sin(angles) * normal
+        normals = np.cos(angles) * normal + np.sin(angles) * along
+        # The wall between two rows halves the angle between them.
+        rising = normals + np.concatenate([normals[:1], normals[:-1]])
+        ending = normals + np.concatenate([normals[1:], normals[-1:]])
+        corners, rays = [], []
+        for i, row in enumerate(self.rows):
+            length, width = row.cell
+            steps = self.pitch * (np.arange(row.count) - 0.5 * (row.count - 1))
+            centers = np.array(row.center) + np.outer(steps, across)
+            # Seen from outside, `across` points to the right when `along` points up.
+            halves = ((-1, -1), (-1, 1), (1, 1), (1, -1))
+            corners.append(
+                centers[:, None] + [0.5 * (a * length * tangents[i] + b * width * across) for a, b in halves]
+            )
+            rays.append(np.broadcast_to([rising[i], rising[i], ending[i], ending[i]], (row.count, 4, 3)))
+        return TactileLayout(np.concatenate(corners), np.concatenate(rays))
+
+    def _check(self, index: int, row: CellRow) -> CellRow:
+        name = f"RowPattern.rows[{index}]"
+        finite_array(f"{name}.center", row.center, (3,))
+        finite_array(f"{name}.tangent_deg", row.tangent_deg, ())
+        length, width = finite_array(f"{name}.cell", row.cell, (2,))
+        if row.count < 1 or length <= 0 or width <= 0:
+            raise InvalidInputError(f"{name}: has {row.count} cells of {row.cell} m; allowed are numbers > 0.")
+        if row.count > 1 and width > self.pitch * (1 + 1e-9):
+            raise InvalidInputError(f"{name}.cell: is {width:g} m across; allowed is the pitch {self.pitch:g} at most.")
+        return row
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class CapsulePattern:
+    """Cells without gaps on one side and the end of a capsule, `!CapsulePattern` in YAML.
+
+    The capsule stands along z; its hemisphere's centre is at z = `length`. The cells cover the side towards -y from
+    z = 0 on and bend over the end. They are numbered row by row, from z = 0 to the end, each row from -x to x. On the
+    hemisphere cells get narrower towards the rim.
+    """
+
+    radius: float = 0.009  # m
+    length: float = 0.014  # of the cylindrical part that is covered, m
+    cell: float = 0.001  # largest edge of a cell, m
+    half_angle_deg: float = 60.0  # from -y to the rim on either side, deg
+    end_angle_deg: float = 80.0  # from the hemisphere's root to the last row, deg
+
+    def make(self) -> TactileLayout:
+        """The layout.
+
+        Raises:
+            InvalidInputError: a value out of its range; the message names it.
+        """
+        for name in ("radius", "length", "cell"):
+            positive_number(f"CapsulePattern.{name}", getattr(self, name))
+        for name in ("half_angle_deg", "end_angle_deg"):
+            if not 0 < getattr(self, name) < 90:
+                raise InvalidInputError(f"CapsulePattern.{name}: is {getattr(self, name):g}; allowed are 0 to 90.")
+        half, end = math.radians(self.half_angle_deg), math.radians(self.end_angle_deg)
+        columns = math.ceil(2 * half * self.radius / self.cell)
+        z = np.linspace(0.0, self.length, math.ceil(self.length / self.cell) + 1)
+        bend = np.linspace(0.0, end, math.ceil(end * self.radius / self.cell) + 1)[1:]
+        psi = np.linspace(-half, half, columns + 1)
+        x, down = self.radius * np.sin(psi), self.radius * np.cos(psi)
+        side = np.stack(np.broadcast_arrays(x, -down, z[:, None]), axis=2)
+        over = np.stack(
+            np.broadcast_arrays(x, -down * np.cos(bend)[:, None], self.length + down * np.sin(bend)[:, None]), axis=2
+        )
+        nodes = np.concatenate([side, over])
+        corners = np.stack([nodes[:-1, :-1], nodes[:-1, 1:], nodes[1:, 1:], nodes[1:, :-1]], axis=2).reshape(-1, 4, 3)
+        rays = corners.copy()
+        rays[..., 2] -= np.clip(corners[..., 2], 0.0, self.length)
+        return TactileLayout(corners, rays)

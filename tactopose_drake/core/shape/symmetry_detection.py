@@ -1,0 +1,211 @@
+"""Finds the rotations that leave an object unchanged, from its shape.
+
+A rotation about an axis through the centroid is a symmetry if the turned surface samples lie on the surface again, with
+the normals turned along. Where to look for axes follows from the inertia: an axis of symmetry is a principal axis, and
+one of order three or more makes the two other principal moments equal. So distinct moments leave three candidates; two
+equal ones add every direction of a plane (order two only); three equal ones add every direction. Each candidate is
+refined by Gauss-Newton on the distances before it is judged.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactopose_drake.core.poses import exp_so3
+from tactopose_drake.core.shape.signed_distance import DistanceGrid
+from tactopose_drake.core.shape.surface_samples import SurfaceSamples
+from tactopose_drake.core.shape.symmetry import CONTINUOUS, RotationalSymmetry, symmetry_group
+from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.errors import InvalidInputError
+
+HIGHEST_ORDER = 12
+TOLERANCE = 0.005
+"""Default tolerance: the 95th percentile of the turned samples' distances, as a share of the object's size."""
+
+# The same as a share of the mean distance from the longest axis: a hexagonal rod is no cylinder.
+_RADIUS_SHARE = 0.05
+_OUTLIER_FACTOR = 3.0  # the largest distance, in tolerances: a small handle breaks the symmetry
+_NORMAL_ANGLE = np.radians(5.0)
+_CONTINUOUS_NORMAL_ANGLE = np.radians(7.5)  # half the angle between the sides of a prism of 24
+_EQUAL_MOMENTS = 0.05
+_SEARCHED_ORDERS = (5, 4, 3, 2)  # of a body with three equal moments; higher ones are multiples of these
+_EVERY_TURN = (
+    2 * np.pi * np.array([*(1 / np.arange(2, HIGHEST_ORDER + 1)), *np.modf(0.6180339887 * np.arange(1, 7))[0]])
+)
+
+
+def detect_symmetries(
+    samples: SurfaceSamples,
+    grid: DistanceGrid,
+    centroid: FloatArray,
+    inertia: FloatArray,
+    size: float,
+    tolerance: float = TOLERANCE,
+) -> tuple[RotationalSymmetry, ...]:
+    """The axes about which the object may be turned without a change, highest order first, continuous before all.
+
+    A turn counts if the 95th percentile of the turned samples' distances is at most `tolerance` times the size (and
+    5 % of the samples' mean distance from the longest axis), the largest three times that, and the median angle between
+    the normals 5 degrees (7.5 for a continuous axis; the grid's normals are smooth across edges below 30 degrees, so a
+    prism of 16 sides and more counts as a cylinder). A cylinder's flips, about any axis across the first, are
+    represented by one of order two; a sphere by three continuous axes.
+
+    Args:
+        samples: points on the surface, in O.
+        grid: the signed distance grid.
+        centroid: the volume's centroid, through which all axes pass, shape (3,), m.
+        inertia: uniform density, about the centroid, shape (3, 3).
+        size: diagonal of the bounding box, m.
+        tolerance: see above.
+    """
+    moments, directions = np.linalg.eigh(inertia)
+    principal = directions.T
+    judge = _Judge(samples, grid, centroid, principal[0], tolerance * size)
+    gaps = np.array([moments[2] - moments[1], moments[2] - moments[0], moments[1] - moments[0]]) / moments[2]
+    alike = gaps < _EQUAL_MOMENTS
+    if alike.all() and all(judge.turns_freely(axis) for axis in _sphere_directions(6)):
+        return tuple(RotationalSymmetry(axis, centroid, CONTINUOUS) for axis in np.eye(3))
+
+    for k in np.flatnonzero(alike):
+        axis = judge.refine(principal[k : k + 1], 2 * np.pi / 3, 6)[0]
+        if judge.turns_freely(axis):
+            across = np.linalg.svd(axis[None])[2][1]
+            flips = [RotationalSymmetry(across, centroid, 2)] if judge.holds(across, _turns_of(2)) else []
+            return (RotationalSymmetry(axis, centroid, CONTINUOUS), *flips)
+
+    found: list[tuple[int, FloatArray]] = []
+    for order in _SEARCHED_ORDERS if alike.all() else range(HIGHEST_ORDER, 1, -1):
+        turn = 2 * np.pi / order
+        near = _distinct(judge.refine(judge.most_promising(_seeds(order, principal, alike), turn), turn, 3))
+        for axis in _distinct(judge.refine(near, turn, 4)):
+            known = any(_parallel(axis, other) for _, other in found)
+            if not known and judge.holds(axis, _turns_of(order)):
+                multiples = range(order * (HIGHEST_ORDER // order), order, -order)
+                found.append((next((m for m in multiples if judge.holds(axis, _turns_of(m))), order), axis))
+    found.sort(key=lambda item: -item[0])
+    return _one_group(RotationalSymmetry(axis, centroid, order) for order, axis in found)
+
+
+def _seeds(order: int, principal: FloatArray, alike: NDArray[np.bool_]) -> FloatArray:
+    """Directions (n, 3) near which an axis of this order may lie, given which pairs of moments are alike."""
+    if alike.all():
+        return np.concatenate([principal, _sphere_directions(250)])
+    if order > 2:
+        return principal[alike]
+    angles = np.arange(0.0, np.pi, np.radians(3.0))
+    planes = [
+        np.outer(np.cos(angles), principal[k - 2]) + np.outer(np.sin(angles), principal[k - 1])
+        for k in np.flatnonzero(alike)
+    ]
+    return np.concatenate([principal, *planes])
+
+
+def _turns_of(order: int) -> FloatArray:
+    """The turns 2 pi j / order up to half a turn; the others are their inverses."""
+    return np.arange(1.0, order // 2 + 1) * (2 * np.pi / order)
+
+
+def _parallel(axis: FloatArray, other: FloatArray) -> bool:
+    return abs(float(axis @ other)) > 0.9986  # 3 degrees
+
+
+def _distinct(axes: FloatArray) -> FloatArray:
+    """The axes (n, 3) without those parallel to an earlier one."""
+    kept: list[FloatArray] = []
+    for axis in axes:
+        if not any(_parallel(axis, other) for other in kept):
+            kept.append(axis)
+    return np.array(kept).reshape(-1, 3)
+
+
+def _one_group(symmetries: Iterable[RotationalSymmetry]) -> tuple[RotationalSymmetry, ...]:
+    """Those symmetries, in order, that generate one finite group: an almost symmetric object may show more."""
+    kept: tuple[RotationalSymmetry, ...] = ()
+    for symmetry in symmetries:
+        try:
+            symmetry_group([*kept, symmetry])
+        except InvalidInputError:
+            continue
+        kept = (*kept, symmetry)
+    return kept
+
+
+def _sphere_directions(count: int) -> FloatArray:
+    """Unit vectors spread evenly over a half sphere (Fibonacci), shape (count, 3)."""
+    z = (np.arange(count) + 0.5) / count
+    angle = np.pi * (1.0 + np.sqrt(5.0)) * np.arange(count)
+    radius = np.sqrt(1.0 - z * z)
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle), z], axis=1)
+
+
+class _Judge:
+    """Says how well an object covers itself when turned about an axis through its centroid."""
+
+    def __init__(
+        self,
+        samples: SurfaceSamples,
+        grid: DistanceGrid,
+        centroid: FloatArray,
+        longest_axis: FloatArray,
+        tolerance: float,
+    ) -> None:
+        fine, coarse = max(1, len(samples) // 1000), max(1, len(samples) // 150)
+        self._grid, self._centroid = grid, centroid
+        self._points = samples.points[::fine] - centroid
+        # The grid's normals on both sides: rounding of the edges by the interpolation then cancels.
+        self._normals = grid.distance_and_normal(samples.points[::fine])[1]
+        self._few = samples.points[::coarse] - centroid
+        radius = float(np.linalg.norm(np.cross(self._points, longest_axis), axis=1).mean())
+        self._limit = min(tolerance, _RADIUS_SHARE * radius)
+        self._outlier_limit = _OUTLIER_FACTOR * tolerance
+
+    def turns_freely(self, axis: FloatArray) -> bool:
+        """Whether the axis is one of continuous symmetry."""
+        return self.holds(axis, _EVERY_TURN, _CONTINUOUS_NORMAL_ANGLE)
+
+    def holds(self, axis: FloatArray, angles: FloatArray, normal_angle: float = _NORMAL_ANGLE) -> bool:
+        """Whether the turns about the axis by all these angles leave the object unchanged, within the tolerance."""
+        for angle in angles:
+            R = exp_so3(angle * axis)
+            distance, normal = self._grid.distance_and_normal(self._points @ R.T + self._centroid)
+            distance = np.abs(distance)
+            cosine = np.clip(np.sum(normal * (self._normals @ R.T), axis=1), -1.0, 1.0)
+            if (
+                np.percentile(distance, 95) > self._limit
+                or distance.max() > self._outlier_limit
+                or np.median(np.arccos(cosine)) > normal_angle
+            ):
+                return False
+        return True
+
+    def most_promising(self, axes: FloatArray, angle: float, count: int = 48) -> FloatArray:
+        """The `count` axes of (n, 3) about which the turn leaves the smallest mean distance."""
+        if len(axes) <= count:
+            return axes
+        R = exp_so3(angle * axes)
+        turned = np.einsum("bij,nj->bni", R, self._few) + self._centroid
+        misfit = np.abs(self._grid.distance(turned)).mean(axis=1)
+        return axes[np.argsort(misfit, kind="stable")[:count]]
+
+    def refine(self, axes: FloatArray, angle: float, iterations: int) -> FloatArray:
+        """Turns axes (n, 3) by Gauss-Newton to where the mean square distance of the turned samples is least.
+
+        With the axis turned by a small w, R becomes exp(w) R exp(-w), so a turned sample q = R p moves by
+        w x q - R (w x p), and its distance by w . (q x n - p x R^T n).
+        """
+        for _ in range(iterations):
+            R = exp_so3(angle * axes)
+            turned = np.einsum("bij,nj->bni", R, self._few)
+            distance, normal = self._grid.distance_and_normal(turned + self._centroid)
+            J = np.cross(turned, normal) - np.cross(self._few, np.einsum("bji,bnj->bni", R, normal))
+            H = np.einsum("bni,bnj->bij", J, J)
+            damping = 1e-6 * np.trace(H, axis1=1, axis2=2) + 1e-12
+            gradient = np.einsum("bni,bn->bi", J, distance)
+            w = -np.linalg.solve(H + damping[:, None, None] * np.eye(3), gradient[..., None])[..., 0]
+            length = np.linalg.norm(w, axis=1, keepdims=True)
+            w *= np.minimum(1.0, 0.1 / np.maximum(length, 1e-12))
+            axes = np.einsum("bij,bj->bi", exp_so3(w), axes)
+        return axes

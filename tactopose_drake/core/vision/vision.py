@@ -1,0 +1,57 @@
+"""A model of visual pose estimation: the more of the object is hidden, the larger the error."""
+
+import dataclasses
+import math
+
+import numpy as np
+
+from tactopose_drake.core.evidence.prior import PosePrior
+from tactopose_drake.core.poses import retract
+from tactopose_drake.core.validation import FloatArray, finite_array, positive_number
+from tactopose_drake.errors import InvalidInputError
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class VisionModel:
+    """The size of the error: it grows linearly with the object's hidden share, until the view is lost."""
+
+    translation_clear: float = 0.005  # error when nothing is hidden, m
+    translation_hidden: float = 0.036  # error when the view is lost, m
+    rotation_clear_deg: float = 2.0  # likewise, deg
+    rotation_hidden_deg: float = 18.0  # deg
+    lost_share: float = 0.25  # the hidden share at which the view is lost, up to 1
+
+    def validate(self) -> None:
+        """Raises InvalidInputError if an error is not positive; a prior needs a sigma."""
+        for field in dataclasses.fields(self):
+            positive_number(f"VisionModel.{field.name}", getattr(self, field.name))
+        if self.lost_share > 1.0:
+            raise InvalidInputError(f"VisionModel.lost_share: is {self.lost_share:g}; allowed are numbers up to 1.")
+
+
+def look(X_PO: FloatArray, hidden: float, normal_noise: FloatArray, model: VisionModel) -> PosePrior:
+    """What vision makes of the object's true pose.
+
+    The size of the error follows from the hidden share alone, its direction is random. An error of length e in a random
+    direction has a standard deviation of e / sqrt(3) along each axis, which is what the prior states.
+
+    Args:
+        X_PO: true pose in the palm frame, shape (3, 4).
+        hidden: the hidden share, 0 to 1.
+        normal_noise: standard normal numbers, shape (6,): directions of the rotation (in O) and the translation (in P).
+        model: size of the error, valid.
+    """
+    lost = min(hidden / model.lost_share, 1.0)
+    translation = (1.0 - lost) * model.translation_clear + lost * model.translation_hidden
+    rotation = math.radians((1.0 - lost) * model.rotation_clear_deg + lost * model.rotation_hidden_deg)
+    increment = np.concatenate([rotation * _unit(normal_noise[:3]), translation * _unit(normal_noise[3:])])
+    return PosePrior(
+        retract(finite_array("X_PO", X_PO, (3, 4)), increment),
+        sigma_translation=translation / math.sqrt(3.0),
+        sigma_rotation=rotation / math.sqrt(3.0),
+    )
+
+
+def _unit(v: FloatArray) -> FloatArray:
+    length = float(np.linalg.norm(v))
+    return v / length if length > 0.0 else np.array([1.0, 0.0, 0.0])

@@ -1,0 +1,118 @@
+import math
+
+import numpy as np
+import pytest
+
+from tactopose_drake.core.kernels import pose_kernels
+from tactopose_drake.core.poses import (
+    compose,
+    exp_so3,
+    identity_poses,
+    increments_between,
+    make_poses,
+    random_rotations,
+    retract,
+)
+from tactopose_drake.core.posterior.hypotheses import determined_part, find_modes, free_directions
+from tactopose_drake.core.searches.base import SearchResult
+from tactopose_drake.core.shape.symmetry import RotationalSymmetry, symmetry_group
+
+SIZE = 0.2
+INFORMATION = np.diag([1e4] * 3 + [1e6] * 3)  # 0.01 rad and 1 mm
+
+
+def found(X_PO: np.ndarray, cost: list[float]) -> SearchResult:
+    count = len(X_PO)
+    return SearchResult(X_PO, np.array(cost), np.ones(count, dtype=np.int64), np.ones(count, dtype=np.bool_)).ranked()
+
+
+def modes(X_PO: np.ndarray, cost: list[float], symmetries: np.ndarray | None = None, information=INFORMATION, limit=64):  # type: ignore[no-untyped-def]
+    touch = np.tile(information, (len(X_PO), 1, 1))
+    prior = np.tile(np.eye(6), (len(X_PO), 1, 1))
+    return find_modes(
+        found(X_PO, cost), touch, prior, identity_poses(1) if symmetries is None else symmetries, SIZE, limit
+    )
+
+
+def test_poses_within_three_sigma_are_one_mode() -> None:
+    X_PO = retract(np.eye(3, 4), np.array([[0.0] * 6, [0, 0, 0, 0.002, 0, 0], [0, 0, 0, 0.004, 0, 0]]))
+    assert len(modes(X_PO, [1.0, 1.1, 1.2]).cost) == 2
+    assert len(modes(X_PO, [1.0, 1.1, 1.2], limit=1).cost) == 1
+
+
+def test_poses_that_a_symmetry_joins_are_one_mode() -> None:
+    flip = make_poses(exp_so3(np.array([[0, 0, 0], [0, 0, math.pi]])), np.zeros((2, 3)))
+    X_PO = np.stack([np.eye(3, 4), flip[1]])
+    assert len(modes(X_PO, [1.0, 1.0]).cost) == 2
+    assert len(modes(X_PO, [1.0, 1.0], flip).cost) == 1
+
+
+def test_probabilities_follow_cost_and_volume() -> None:
+    X_PO = retract(np.eye(3, 4), np.array([[0.0] * 6, [0, 0, 0, 0.05, 0, 0]]))
+    equal = modes(X_PO, [1.0, 1.0])
+    np.testing.assert_allclose(equal.probability, [0.5, 0.5])
+    one_better = modes(X_PO, [1.0, 2.0])
+    np.testing.assert_allclose(one_better.probability[0] / one_better.probability[1], math.e)
+    # Four times the information halves a standard deviation, and with it the volume under the peak.
+    touch = np.stack([INFORMATION, INFORMATION])
+    touch[1, 0, 0] *= 4.0
+    narrow = find_modes(found(X_PO, [1.0, 1.0]), touch, np.zeros((2, 6, 6)), identity_poses(1), SIZE, 64)
+    np.testing.assert_allclose(narrow.probability, [2 / 3, 1 / 3])
+    np.testing.assert_allclose(narrow.covariance[0], np.linalg.inv(INFORMATION))
+
+
+def test_a_far_worse_pose_has_no_weight_and_no_overflow() -> None:
+    X_PO = retract(np.eye(3, 4), np.array([[0.0] * 6, [0, 0, 0, 0.05, 0, 0]]))
+    np.testing.assert_array_equal(modes(X_PO, [1e5, 2e5]).probability, [1.0, 0.0])
+
+
+@pytest.mark.parametrize("axis", range(6))
+def test_a_direction_without_information_is_free(axis: int) -> None:
+    information = INFORMATION.copy()
+    information[axis, axis] = 0.0
+    (free,) = free_directions(information[None], SIZE)
+    assert free.shape == (1, 6)
+    np.testing.assert_allclose(np.abs(free[0]), np.eye(6)[axis], atol=1e-12)
+
+
+def test_free_means_worse_than_a_tenth_of_the_size() -> None:
+    # 10 % of the size is 20 mm, or 0.2 rad at half the size.
+    for sigma, count in ((0.019, 0), (0.021, 1)):
+        information = INFORMATION.copy()
+        information[5, 5] = 1.0 / sigma**2
+        assert len(free_directions(information[None], SIZE)[0]) == count
+    for sigma, count in ((0.19, 0), (0.21, 1)):
+        information = INFORMATION.copy()
+        information[2, 2] = 1.0 / sigma**2
+        assert len(free_directions(information[None], SIZE)[0]) == count
+
+
+def test_the_determined_part_leaves_out_the_free_one() -> None:
+    free = np.stack([np.eye(6)[2], np.array([0, 0, 0, 0.6, 0.8, 0])])
+    increment = np.array([0.1, 0.2, 0.3, 0.01, 0.02, 0.03])
+    along = increment[3:5] @ np.array([0.6, 0.8])
+    expected = [0.1, 0.2, 0.0, 0.01 - 0.6 * along, 0.02 - 0.8 * along, 0.03]
+    np.testing.assert_allclose(determined_part(increment, free, SIZE), expected, atol=1e-12)
+    np.testing.assert_allclose(determined_part(increment, np.zeros((0, 6)), SIZE), increment)
+    screw = np.array([[0.0, 0.0, 1.0, 0.05, 0.0, 0.0]]) / np.linalg.norm([1.0, 0.05])
+    np.testing.assert_allclose(determined_part(3.0 * screw[0], screw, SIZE), 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("wide", [0.02, 0.3, 3.0])
+def test_modes_are_told_apart_by_their_distance_alone(wide: float) -> None:
+    generator = np.random.default_rng(0)
+    symmetries = symmetry_group([RotationalSymmetry(np.array([0.0, 0.0, 1.0]), np.array([0.01, 0.0, 0.0]), 4)])
+    places = make_poses(random_rotations(generator, 5), 0.05 * generator.normal(size=(5, 3)))
+    X_PO = retract(places[generator.integers(5, size=60)], generator.normal(size=(60, 6)) * np.repeat([wide, 0.003], 3))
+    root = generator.normal(size=(60, 6, 6)) / np.repeat([wide, 0.003], 3)[:, None]
+    information = root @ np.swapaxes(root, 1, 2)
+    marked = np.empty(60, dtype=np.bool_)
+    pose_kernels.mark_distinct(X_PO, information, symmetries, 9.0, marked)
+    distinct: list[int] = []
+    for b in range(60):
+        images = compose(X_PO[b][None], symmetries)
+        u = [increments_between(X_PO[a][None], images) for a in distinct]
+        if all(np.einsum("si,ij,sj->s", v, information[a], v).min() >= 9.0 for a, v in zip(distinct, u, strict=True)):
+            distinct.append(b)
+    assert np.flatnonzero(marked).tolist() == distinct
+    assert 5 < len(distinct) < 60

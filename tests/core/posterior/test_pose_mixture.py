@@ -1,0 +1,92 @@
+import numpy as np
+import pytest
+
+from tactopose_drake.core.poses import increments_between, make_poses, random_rotations, retract
+from tactopose_drake.core.posterior.pose_mixture import PoseMixture, in_chart
+
+
+def poses(count: int) -> np.ndarray:
+    generator = np.random.default_rng(3)
+    return make_poses(random_rotations(generator, count), generator.normal(size=(count, 3)))
+
+
+def information(count: int) -> np.ndarray:
+    root = np.random.default_rng(4).normal(size=(count, 6, 6)) + 3.0 * np.eye(6)
+    scale = np.repeat([0.1, 0.01], 3)
+    return root @ np.swapaxes(root, 1, 2) / np.outer(scale, scale)
+
+
+def mixture(count: int = 4000) -> PoseMixture:
+    center = np.array([[0.0] * 6, [0.4, -0.3, 0.2, 0.02, 0.0, 0.01], [0.0] * 6])
+    share = np.array([2, 1, 1]) * count // 4
+    return PoseMixture(poses(2), np.array([0, 0, 1]), center, information(3), np.empty((3, 6, 0)), share)
+
+
+def test_the_densities_add_up_to_one() -> None:
+    # By importance sampling from one wide mixture, whose own density must be right for all of them.
+    narrow, wide = mixture(), mixture(200_000)
+    wide = PoseMixture(wide.X_PO, wide.group, wide.center, wide.information / 1.5, wide.turns, wide.count)
+    X_PO = wide.sample(np.random.default_rng(0))
+    ratio = narrow.densities(X_PO) / wide.densities(X_PO).sum(axis=1, keepdims=True)
+    np.testing.assert_allclose(ratio.mean(axis=0), [0.75, 0.25], rtol=0.03)
+
+
+def test_the_density_is_by_the_volume_of_poses() -> None:
+    # The same density about a pose, told from another pose: the volume of increments there differs, that of poses not.
+    X, center = poses(1)[0], np.array([0.9, -0.5, 0.3, 0.02, 0.0, 0.01])
+    H = information(1)
+    there = retract(X[None], center[None])
+    found, local, turns = in_chart(X[None], np.array([0]), there, H, np.empty((1, 6, 0)))
+    np.testing.assert_allclose(found[0], center, atol=1e-12)
+    away = PoseMixture(X[None], np.array([0]), found, local, turns, np.array([10]))
+    here = PoseMixture(
+        retract(X[None], center[None]), np.array([0]), np.zeros((1, 6)), H, np.empty((1, 6, 0)), np.array([10])
+    )
+    near = retract(here.X_PO, 0.003 * np.random.default_rng(1).normal(size=(20, 6)) * [1, 1, 1, 0.1, 0.1, 0.1])
+    np.testing.assert_allclose(away.densities(near), here.densities(near), rtol=0.02)
+
+
+def test_the_samples_scatter_as_they_should() -> None:
+    whole = mixture(80_000)
+    X_PO = whole.sample(np.random.default_rng(2))
+    assert len(X_PO) == whole.count.sum()
+    last = increments_between(whole.X_PO[1], X_PO[-whole.count[2] :])
+    # A Student-t density's covariance is its scale matrix times f / (f - 2).
+    scatter = last.T @ last / len(last)
+    np.testing.assert_allclose(np.trace(scatter @ whole.information[2]) / 6, 1.5, rtol=0.1)
+
+
+def test_a_direction_that_changes_nothing_does_not_count() -> None:
+    H, X = information(1), poses(1)
+    turn = np.array([0.3, 0.0, 0.8, 0.1, -0.2, 0.05])
+    free = PoseMixture(X, np.array([0]), np.zeros((1, 6)), H, turn[None, :, None], np.array([10]))
+    u = np.array([0.02, 0.01, -0.03, 0.001, 0.0, 0.002])
+    along = retract(X, np.stack([u, u + 0.1 * turn, u - 0.05 * turn]))
+    density = free.densities(along)[:, 0]
+    # But for the volume of increments, which differs a little.
+    np.testing.assert_allclose(density, density[0], rtol=2e-3)
+    # And the scale along it changes nothing either.
+    n = np.eye(6) - np.outer(turn, turn) / (turn @ turn)
+    held = PoseMixture(
+        X, np.array([0]), np.zeros((1, 6)), n @ H @ n + 1e5 * np.outer(turn, turn), turn[None, :, None], np.array([10])
+    )
+    loose = PoseMixture(
+        X, np.array([0]), np.zeros((1, 6)), n @ H @ n + 1e3 * np.outer(turn, turn), turn[None, :, None], np.array([10])
+    )
+    np.testing.assert_allclose(held.densities(along), loose.densities(along), rtol=1e-6)
+
+
+def test_far_away_there_is_nothing() -> None:
+    far = retract(poses(2)[:1], np.array([[0.0, 0.0, 0.0, 50.0, 0.0, 0.0]]))
+    assert mixture().densities(far).sum() == pytest.approx(0.0)
+
+
+def test_every_second_sample_of_a_component_is_opposite_to_the_one_before_it() -> None:
+    whole = mixture(40)
+    X_PO = whole.sample(np.random.default_rng(0))
+    begin = 0
+    for j, count in enumerate(whole.count.tolist()):
+        u = increments_between(whole.X_PO[whole.group[j]], X_PO[begin : begin + count]) - whole.center[j]
+        np.testing.assert_allclose(u[::2], -u[1::2], atol=1e-9)
+        assert np.linalg.norm(u[::2], axis=1).min() > 0.0
+        begin += count

@@ -1,0 +1,77 @@
+import numpy as np
+import pytest
+
+from tactopose_drake.core.poses import compose, exp_so3, make_poses, random_rotations, rotation_angles, transform_points
+from tactopose_drake.core.shape.free_spin import nearest_images, turn_toward
+from tactopose_drake.core.shape.symmetry import RotationalSymmetry, symmetry_group
+
+POINT = np.array([0.02, -0.01, 0.03])
+
+
+def axis(direction: list[float], order: int = 0) -> RotationalSymmetry:
+    return RotationalSymmetry(np.array(direction), POINT, order)
+
+
+def poses(count: int) -> np.ndarray:
+    generator = np.random.default_rng(1)
+    return make_poses(random_rotations(generator, count), generator.normal(size=(count, 3)))
+
+
+def test_a_turn_keeps_the_axis_in_place_and_comes_nearest() -> None:
+    X, reference = poses(20), np.eye(3, 4)
+    symmetry = axis([0.6, 0.0, 0.8])
+    turned = turn_toward(X, reference, [symmetry])
+    for t in (0.0, 0.1):
+        on_axis = (POINT + t * symmetry.axis)[None]
+        np.testing.assert_allclose(transform_points(turned, on_axis), transform_points(X, on_axis), atol=1e-12)
+    angle = rotation_angles(turned[:, :, :3], reference[:, :3])
+    for t in np.linspace(0.05, 6.2, 50):
+        assert np.all(angle <= rotation_angles(turned[:, :, :3] @ exp_so3(t * symmetry.axis), reference[:, :3]) + 1e-7)
+
+
+def test_poses_that_differ_by_a_turn_become_the_same() -> None:
+    X = poses(1)[0]
+    symmetry = axis([0.0, 0.0, 1.0])
+    R = exp_so3(np.array([[0, 0, 0.3], [0, 0, 2.9], [0, 0, -1.2]]))
+    turned = make_poses(X[:, :3] @ R, X[:, 3] + (POINT - R @ POINT) @ X[:, :3].T)
+    found = turn_toward(turned, poses(2)[1], [symmetry])
+    np.testing.assert_allclose(found, np.broadcast_to(found[0], found.shape), atol=1e-12)
+
+
+def test_a_sphere_has_but_one_rotation() -> None:
+    sphere = [axis(row) for row in np.eye(3).tolist()]
+    found = turn_toward(poses(30), np.eye(3, 4), sphere)
+    assert rotation_angles(found[:, :, :3], np.eye(3)).max() < np.radians(2.0)
+
+
+def test_finite_symmetries_turn_nothing() -> None:
+    np.testing.assert_array_equal(turn_toward(poses(3), np.eye(3, 4), [axis([0.0, 0.0, 1.0], order=4)]), poses(3))
+
+
+@pytest.mark.parametrize("angle", [1e-9, np.pi])
+def test_small_and_half_turns_are_no_exception(angle: float) -> None:
+    R = exp_so3(np.array([[0.0, 0.0, angle]]))
+    X = make_poses(R, (POINT - R @ POINT))
+    np.testing.assert_allclose(turn_toward(X, np.eye(3, 4), [axis([0.0, 0.0, 1.0])])[0], np.eye(3, 4), atol=1e-8)
+
+
+def test_the_nearest_image_looks_the_same_and_no_image_is_nearer() -> None:
+    X, reference = poses(40), poses(1)[0]
+    turns = symmetry_group([axis([0.0, 0.0, 1.0], order=6), axis([1.0, 0.0, 0.0], order=2)])
+    found = nearest_images(X, reference, turns, [])
+    images = compose(X[:, None], turns)
+    assert np.all(np.abs(images - found[:, None]).max(axis=(2, 3)).min(axis=1) < 1e-9)
+    angles = rotation_angles(images[..., :3], reference[:, :3])
+    np.testing.assert_allclose(rotation_angles(found[:, :, :3], reference[:, :3]), angles.min(axis=1), atol=1e-6)
+    assert np.any(angles.argmin(axis=1) != 0)
+
+
+def test_the_nearest_image_of_a_body_of_revolution_that_may_be_flipped() -> None:
+    X = poses(1)[0]
+    symmetries = [axis([0.0, 0.0, 1.0]), axis([1.0, 0.0, 0.0], order=2)]
+    turns = compose(
+        symmetry_group(symmetries)[:, None], RotationalSymmetry(symmetries[0].axis, POINT, 12).poses()
+    ).reshape(-1, 3, 4)
+    R = exp_so3(np.array([0.0, 0.0, 1.0])) @ exp_so3(np.array([np.pi, 0.0, 0.0]))
+    image = compose(X, make_poses(R, POINT - R @ POINT))
+    np.testing.assert_allclose(nearest_images(image[None], X, turns, symmetries)[0], X, atol=1e-9)

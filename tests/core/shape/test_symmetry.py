@@ -1,0 +1,52 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tactopose_drake.core.poses import compose, exp_so3, rotation_angles, transform_points
+from tactopose_drake.core.shape.symmetry import RotationalSymmetry, symmetry_group
+from tactopose_drake.errors import InvalidInputError
+from tests.core.meshes import random_pose
+
+Z = np.array([0.0, 0.0, 1.0])
+
+
+@given(seed=st.integers(0, 2**32 - 1), order=st.integers(2, 12))
+@settings(max_examples=20)
+def test_groups_are_closed_and_fix_the_point(seed: int, order: int) -> None:
+    generator = np.random.default_rng(seed)
+    R, point = random_pose(generator)[:3, :3], generator.uniform(-0.1, 0.1, 3)
+    group = symmetry_group([RotationalSymmetry(R[:, 2], point, order), RotationalSymmetry(R[:, 0], point, 2)])
+    assert len(group) == 2 * order
+    np.testing.assert_allclose(group[0], np.eye(3, 4))
+    np.testing.assert_allclose(transform_points(group, point[None])[:, 0], np.tile(point, (len(group), 1)), atol=1e-12)
+    products = compose(group[:, None], group[None]).reshape(-1, 3, 4)
+    for product in products:
+        assert rotation_angles(group[:, :, :3], product[:, :3]).min() < 1e-6
+
+
+def test_continuous_symmetries_are_not_in_the_group() -> None:
+    axis = RotationalSymmetry(Z, np.zeros(3), 0)
+    assert axis.is_continuous
+    np.testing.assert_array_equal(symmetry_group([axis]), np.eye(3, 4)[None])
+    np.testing.assert_array_equal(axis.poses(), np.eye(3, 4)[None])
+
+
+def test_axes_that_belong_to_no_finite_group_are_refused() -> None:
+    tilted = exp_so3(np.array([0.5, 0.0, 0.0])) @ Z
+    with pytest.raises(InvalidInputError, match="symmetry: the axes generate more than 60 rotations"):
+        symmetry_group([RotationalSymmetry(Z, np.zeros(3), 4), RotationalSymmetry(tilted, np.zeros(3), 4)])
+
+
+@pytest.mark.parametrize(
+    ("axis", "point", "order", "message"),
+    [
+        ([0, 0, 2], [0, 0, 0], 2, "axis: has length 2"),
+        ([0, 0, 1], [0, np.nan, 0], 2, r"point\[1\]: is nan"),
+        ([0, 0, 1], [0, 0, 0], 1, "order: is 1; allowed are 0"),
+        ([0, 0, 1], [0, 0, 0], -2, "order: is -2"),
+    ],
+)
+def test_impossible_symmetries_are_refused(axis: list[float], point: list[float], order: int, message: str) -> None:
+    with pytest.raises(InvalidInputError, match=message):
+        RotationalSymmetry(np.array(axis, dtype=float), np.array(point, dtype=float), order)
