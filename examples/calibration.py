@@ -21,15 +21,15 @@ from pathlib import Path
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from nearest_images import nearest_increments
 from numpy.typing import NDArray
 from rich.progress import track
 from scipy.stats import chi2
 
 import tactopose_drake as tp
 from tactopose_drake.core.evidence.synthetic_touch import touch_surface
-from tactopose_drake.core.poses import compose, exp_so3, increments_between, make_poses, random_rotations, retract
+from tactopose_drake.core.poses import make_poses, random_rotations, retract
 from tactopose_drake.core.posterior.cramer_rao import cramer_rao_bound
-from tactopose_drake.core.shape.free_spin import turn_toward
 from tactopose_drake.resources import model_path
 
 OBJECTS = (
@@ -48,9 +48,8 @@ OBJECTS = (
 )
 LEVELS = np.array([0.2, 0.4, 0.6, 0.8, 0.9, 0.95, 0.99])
 LEVEL = 0.95
-UNIQUE = (
-    0.99  # A pose is unique when its hypothesis carries more of the mass, and nothing is free there or at the truth.
-)
+# A pose is unique when its hypothesis carries more of the mass, and nothing is free there or at the truth.
+UNIQUE = 0.99
 DRAWS = 20  # Truths drawn from each belief.
 
 Array = NDArray[np.float64]
@@ -84,24 +83,6 @@ class Trial:
     least_translation: float
     least_rotation: float
     seconds: float
-
-
-def nearest_increments(model: tp.ObjectModel, X_PO: Array, information: Array, X_true: Array) -> Array:
-    """From a pose (3, 4) to the images of true poses (n, 3, 4) that are nearest by its information, shape (n, 6)."""
-    images = compose(X_true[:, None], model.symmetry_poses[None])
-    images = turn_toward(images.reshape(-1, 3, 4), X_PO, model.symmetries)
-    for symmetry in [symmetry for symmetry in model.symmetries if symmetry.is_continuous] * 4:
-        # A Newton step in the angle of the turn.
-        u = increments_between(X_PO, images)
-        shift = -np.einsum("bij,j->bi", images[:, :, :3], np.cross(symmetry.axis, symmetry.point))
-        turn = np.concatenate([np.broadcast_to(symmetry.axis, shift.shape), shift], axis=1)
-        slope, bend = np.einsum("bi,ij,bj->b", turn, information, u), np.einsum("bi,ij,bj->b", turn, information, turn)
-        R = exp_so3(-(slope / bend)[:, None] * symmetry.axis)
-        images = compose(images, make_poses(R, symmetry.point - R @ symmetry.point))
-    u = increments_between(X_PO, images).reshape(len(X_true), -1, 6)
-    least = np.einsum("bsi,ij,bsj->bs", u, information, u).argmin(axis=1)
-    nearest: Array = u[np.arange(len(X_true)), least]
-    return nearest
 
 
 def region_holds(

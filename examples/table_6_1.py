@@ -8,7 +8,7 @@ ticked when its experiment succeeds in as many trials as the thesis asks of its 
 experiments and the table beside the thesis' rows, and writes both as Markdown (table_6_1.md).
 
 Touches are synthetic, with five contacts at random places, 0.9 mm and 5 degrees of noise; the moving objects are those
-of `in_hand_motions.py` that fingertips carry about. Errors are the means over the successful trials, times the median
+of `motion_families.py` that fingertips carry about. Errors are the means over the successful trials, times the median
 CPU time. All poses have six degrees of freedom, and all contacts are one grasp's: nothing is explored.
 
 Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016, table 6.1.
@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 import click
 import numpy as np
-from in_hand_motions import run_motion
+from motion_trial import run_motion
 from numpy.typing import NDArray
 from rich.progress import track
 

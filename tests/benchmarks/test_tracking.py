@@ -1,7 +1,7 @@
 """Milliseconds of processor time of an update of the belief over time, beside correcting the pose of each instant anew.
 
 `pytest -n 0 -s tests/benchmarks/test_tracking.py` prints them; --benchmark-json keeps them as extra_info. Objects are
-carried about by five fingertips (examples/in_hand_motions.py); anew corrects by the same contacts from the same guess,
+carried about by five fingertips (examples/motion_families.py); anew corrects by the same contacts from the same guess,
 with our search and with the thesis', as published.
 """
 
@@ -33,7 +33,7 @@ class Motion(NamedTuple):
 
 
 def make_motion(seed: int) -> Motion:
-    motions = load("in_hand_motions")
+    motions = load("motion_families")
     generator = np.random.default_rng(seed)
     model, p_OC, motion = motions.carry(generator, STEPS)
     R_PO = random_rotations(generator, 1)[0]

@@ -1,10 +1,9 @@
 import re
-import runpy
 from pathlib import Path
 
 import pytest
 
-SCRIPT = Path(__file__).parents[2] / "examples" / "in_hand_motions.py"
+from tests.examples.scripts import load_script
 
 
 def test_a_few_motions_are_followed_and_drawn(
@@ -12,7 +11,7 @@ def test_a_few_motions_are_followed_and_drawn(
 ) -> None:
     arguments = ["in_hand_motions.py", "--motions", "4", "--steps", "40", "--out", str(tmp_path)]
     monkeypatch.setattr("sys.argv", arguments)
-    runpy.run_path(str(SCRIPT), run_name="__main__")
+    load_script("in_hand_motions.py").main()
     printed = capsys.readouterr().out
     summary = re.search(
         r"all: 4 motions, 160 instants; a right mode in ([0-9.]+)%, the best is right in ([0-9.]+)%; "

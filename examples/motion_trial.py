@@ -1,0 +1,119 @@
+"""Follows the pose of one object that moves in the hand, and judges the belief at each instant.
+
+The contacts are on the true mesh. The belief begins with a guess that is off by its own standard deviations; it knows
+the noise, and the fingertips' velocities with theirs. A mode is right when the truth, or an image of it under the
+object's symmetries, lies in the ellipsoid that holds 99.9 % of its Gaussian.
+"""
+
+import dataclasses
+import time
+
+import numpy as np
+from motion_families import FAMILIES, PERIOD
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+import tactopose_drake as tp
+from tactopose_drake.core.evidence.evidence import Evidence
+from tactopose_drake.core.poses import compose, exp_so3, increments_between, make_poses, random_rotations, retract
+from tactopose_drake.core.shape.free_spin import turn_toward
+from tactopose_drake.core.tracking.frame import Frame
+from tactopose_drake.core.tracking.pose_belief import PoseBelief
+from tactopose_drake.core.tracking.pose_tracker import PoseTracker
+from tactopose_drake.core.tracking.rolling_touch import RollingTouch
+
+Array = NDArray[np.float64]
+UNIQUE = 0.99
+
+
+@dataclasses.dataclass(frozen=True)
+class Instant:
+    """What the belief said at one time, and the truth.
+
+    Attributes:
+        time: s.
+        status: the belief's.
+        right: whether one of the modes is right.
+        best_right: whether the best of them is.
+        unique: whether one mode has all but 1 % of the mass, and the belief does not call itself lost.
+        square: normalised estimation error squared of the best mode.
+        translation, rotation: its error, m and rad.
+        said_translation, said_rotation: root mean squares of what it says these are.
+        seconds: that the update took.
+        slides: whether the object truly slid.
+    """
+
+    time: float
+    status: str
+    right: bool
+    best_right: bool
+    unique: bool
+    square: float
+    translation: float
+    rotation: float
+    said_translation: float
+    said_rotation: float
+    seconds: float
+    slides: bool
+
+
+def images(model: tp.ObjectModel, X_PO: Array, information: Array, X_true: Array) -> Array:
+    """Increments from a pose (3, 4) to the true one's images, nearest about continuous axes, shape (g, 6)."""
+    turned = turn_toward(compose(X_true, model.symmetry_poses), X_PO, model.symmetries)
+    for symmetry in [symmetry for symmetry in model.symmetries if symmetry.is_continuous] * 3:
+        u = increments_between(X_PO, turned)
+        shift = -turned[:, :, :3] @ np.cross(symmetry.axis, symmetry.point)
+        turn = np.concatenate([np.broadcast_to(symmetry.axis, shift.shape), shift], axis=1)
+        slope, bend = np.einsum("bi,ij,bj->b", turn, information, u), np.einsum("bi,ij,bj->b", turn, information, turn)
+        R = exp_so3(-(slope / bend)[:, None] * symmetry.axis)
+        turned = compose(turned, make_poses(R, symmetry.point - R @ symmetry.point))
+    return increments_between(X_PO, turned)
+
+
+def judge(model: tp.ObjectModel, belief: PoseBelief, X_true: Array, seconds: float, slides: bool) -> Instant:
+    """Compares a belief with the truth."""
+    dimensions = 6 - sum(symmetry.is_continuous for symmetry in model.symmetries)
+    right: list[bool] = []
+    square, error, covariance = np.nan, np.full(6, np.nan), np.full((6, 6), np.nan)
+    for b in range(len(belief.X_PO)):
+        information = np.linalg.inv(belief.covariance[b])
+        u = images(model, belief.X_PO[b], information, X_true)
+        squares = np.einsum("bi,ij,bj->b", u, information, u)
+        right.append(bool(squares.min() < chi2.ppf(0.999, dimensions)))
+        if b == 0:
+            square, error, covariance = squares.min(), u[squares.argmin()], belief.covariance[0]
+    return Instant(
+        belief.time,
+        belief.status,
+        any(right),
+        bool(right and right[0]),
+        bool(len(belief.X_PO) and belief.probability[0] > UNIQUE and belief.status != "lost"),
+        float(square) * 6.0 / dimensions,
+        float(np.linalg.norm(error[3:])),
+        float(np.linalg.norm(error[:3])),
+        float(np.sqrt(np.trace(covariance[3:, 3:]))),
+        float(np.sqrt(np.trace(covariance[:3, :3]))),
+        seconds,
+        slides,
+    )
+
+
+def run_motion(family: str, seed: int, steps: int) -> list[Instant]:
+    """Moves one object, and follows it."""
+    generator = np.random.default_rng([sorted(FAMILIES).index(family), seed])
+    model, p_OC, motion = FAMILIES[family](generator, steps)
+    R_PO = random_rotations(generator, 1)[0]
+    X_PO = make_poses(R_PO, 0.03 * generator.normal(size=3) - R_PO @ model.vertices.mean(axis=0))
+    touch = RollingTouch(model, X_PO, p_OC, generator)
+    guess = tp.PosePrior(X_PO)
+    guess = tp.PosePrior(retract(X_PO, generator.normal(size=6) * guess.sigmas))
+    tracker = PoseTracker(model)
+    belief, instants = tracker.start(0.0), []
+    for i, step in enumerate(motion(touch)):
+        touch.move(step.twist, step.tip_turn, step.slides, PERIOD)
+        contacts, velocities = touch.measure()
+        started = time.process_time()
+        frame = Frame(PERIOD * (i + 1), Evidence(contacts, prior=guess), touch.sources, velocities)
+        belief = tracker.step(belief, frame)
+        instants.append(judge(model, belief, touch.X_PO, time.process_time() - started, step.slides))
+    return instants

@@ -1,0 +1,28 @@
+"""How far a pose is from the truth, when an object's symmetries make images of the truth as good as itself."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+import tactopose_drake as tp
+from tactopose_drake.core.poses import compose, exp_so3, increments_between, make_poses
+from tactopose_drake.core.shape.free_spin import turn_toward
+
+Array = NDArray[np.float64]
+
+
+def nearest_increments(model: tp.ObjectModel, X_PO: Array, information: Array, X_true: Array) -> Array:
+    """From a pose (3, 4) to the images of true poses (n, 3, 4) that are nearest by its information, shape (n, 6)."""
+    images = compose(X_true[:, None], model.symmetry_poses[None])
+    images = turn_toward(images.reshape(-1, 3, 4), X_PO, model.symmetries)
+    for symmetry in [symmetry for symmetry in model.symmetries if symmetry.is_continuous] * 4:
+        # A Newton step in the angle of the turn.
+        u = increments_between(X_PO, images)
+        shift = -np.einsum("bij,j->bi", images[:, :, :3], np.cross(symmetry.axis, symmetry.point))
+        turn = np.concatenate([np.broadcast_to(symmetry.axis, shift.shape), shift], axis=1)
+        slope, bend = np.einsum("bi,ij,bj->b", turn, information, u), np.einsum("bi,ij,bj->b", turn, information, turn)
+        R = exp_so3(-(slope / bend)[:, None] * symmetry.axis)
+        images = compose(images, make_poses(R, symmetry.point - R @ symmetry.point))
+    u = increments_between(X_PO, images).reshape(len(X_true), -1, 6)
+    least = np.einsum("bsi,ij,bsj->bs", u, information, u).argmin(axis=1)
+    nearest: Array = u[np.arange(len(X_true)), least]
+    return nearest
