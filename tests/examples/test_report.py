@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from tests.examples.scripts import EXAMPLES, load_script
+from tests.examples.scripts import load_script, share_script
 
 WRITES = """
 import sys
@@ -31,16 +31,18 @@ WANTED = {
 
 @pytest.fixture
 def script(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> ModuleType:
-    module = load_script("report.py")
+    module, sections = load_script("report.py"), share_script("report_sections.py")
     (tmp_path / "works.py").write_text(WRITES)
     (tmp_path / "prints.py").write_text(
         '"""What it says.\n\nMore."""\nprint("trials ━━━━━━━ 100% 0:00:11")\nprint("7 mm at 100% of ━━━")'
     )
     (tmp_path / "breaks.py").write_text("raise SystemExit('the dog ate it')")
-    monkeypatch.setattr(module, "EXAMPLES", tmp_path)
-    works = module.Section(script="works.py", covers=("table 9.9",), quick=("--few",), full=("--many",))
+    monkeypatch.setattr(sections, "EXAMPLES", tmp_path)
+    works = sections.Section(script="works.py", covers=("table 9.9",), quick=("--few",), full=("--many",))
     monkeypatch.setattr(
-        module, "SECTIONS", (works, module.Section(script="prints.py", alone=True), module.Section(script="breaks.py"))
+        module,
+        "SECTIONS",
+        (works, sections.Section(script="prints.py", alone=True), sections.Section(script="breaks.py")),
     )
     return module
 
@@ -90,6 +92,7 @@ def test_nothing_of_an_earlier_run_is_on_the_page(script: ModuleType, tmp_path: 
 def test_what_needs_the_machine_to_itself_gets_it(
     script: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    runs_module = share_script("report_runs.py")
     running: list[str] = []
     beside: dict[str, int] = {}
     both = threading.Barrier(2, timeout=20)
@@ -102,10 +105,10 @@ def test_what_needs_the_machine_to_itself_gets_it(
             beside[section.name] = len(running)
             both.wait()
         running.remove(section.name)
-        return script.Run(section, "", 0.0, "", "")
+        return runs_module.Run(section, "", 0.0, "", "")
 
-    monkeypatch.setattr(script, "run", run)
-    runs = script.run_all(script.SECTIONS, False, tmp_path, 2, lambda section: None)
+    monkeypatch.setattr(runs_module, "run", run)
+    runs = runs_module.run_all(script.SECTIONS, False, tmp_path, 2, lambda section: None)
     assert [made.section.name for made in runs] == ["works", "prints", "breaks"]
     assert beside == {"works": 2, "breaks": 2, "prints": 1}
 
@@ -120,7 +123,7 @@ def test_an_unknown_section_is_an_error_before_any_work(script: ModuleType, tmp_
 def test_all_that_is_wanted_is_covered() -> None:
     covered = {
         (kind, number)
-        for section in load_script("report.py").SECTIONS
+        for section in share_script("report_sections.py").SECTIONS
         for item in section.covers
         for kind, number in numbers(item)
     }
@@ -139,10 +142,10 @@ def numbers(item: str) -> list[tuple[str, str]]:
 
 
 def test_every_section_is_a_script_and_nothing_is_covered_twice() -> None:
-    module = load_script("report.py")
+    module = share_script("report_sections.py")
     covered = [item for section in module.SECTIONS for item in section.covers] + list(module.NOT_REPRODUCED)
     assert len(set(covered)) == len(covered)
     for section in module.SECTIONS:
-        text = (EXAMPLES / section.script).read_text()
+        text = section.path.read_text()
         for option in (*section.quick, *section.full):
             assert not option.startswith("--") or f'"{option}"' in text, f"{section.script}: {option}"

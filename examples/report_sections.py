@@ -1,0 +1,141 @@
+"""The sections of the report: which scripts regenerate the thesis' tables and figures, and with which options."""
+
+import dataclasses
+from pathlib import Path
+
+EXAMPLES = Path(__file__).parent
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Section:
+    """One script of the examples, and what it regenerates.
+
+    Attributes:
+        script: its path from `examples/`.
+        covers: what of the thesis it regenerates, as the thesis names it; empty where it goes beyond.
+        quick: its options for a few trials.
+        full: its options for all of them.
+        alone: whether nothing else may run beside it, because its numbers are of the clock.
+    """
+
+    script: str
+    covers: tuple[str, ...] = ()
+    quick: tuple[str, ...] = ()
+    full: tuple[str, ...] = ()
+    alone: bool = False
+
+    @property
+    def name(self) -> str:
+        """The script's name without its ending: the section's anchor and folder."""
+        return Path(self.script).stem
+
+    @property
+    def path(self) -> Path:
+        """Where the script lies."""
+        return EXAMPLES / self.script
+
+
+SECTIONS = (
+    Section(
+        script="thesis/table_3_1.py",
+        covers=("table 3.1", "figures 3.12 to 3.19"),
+        quick=("--trials", "8", "--seed", "0"),
+        full=("--trials", "100", "--seed", "0"),
+    ),
+    Section(
+        script="thesis/figure_3_24.py",
+        covers=("figure 3.24",),
+        quick=("--objects", "soda_can", "--places", "1", "--seed", "0"),
+        full=("--seed", "0"),
+    ),
+    Section(
+        script="thesis/figures_3_25_and_3_26.py",
+        covers=("figures 3.25 and 3.26",),
+        quick=("--trials", "40", "--seed", "0"),
+        full=("--trials", "200", "--seed", "0"),
+    ),
+    Section(
+        script="thesis/search_progress.py",
+        covers=("figure 4.5", "figure 4.19"),
+        quick=("--seed", "0"),
+        full=("--seed", "0"),
+    ),
+    Section(
+        script="thesis/figures_4_7_and_4_11.py",
+        covers=("figure 4.7", "figure 4.11"),
+        quick=("--seed", "0"),
+        full=("--seed", "0"),
+    ),
+    Section(
+        script="thesis/section_4_3_1.py",
+        covers=("figures 4.8 to 4.10", "figures 4.12 and 4.13", "figure 4.20"),
+        quick=("--trials", "4", "--thesis-trials", "1", "0", "--likelihood-trials", "1", "0", "--seed", "0"),
+        full=("--trials", "100", "--thesis-trials", "40", "2", "--likelihood-trials", "40", "2", "--seed", "0"),
+    ),
+    Section(
+        script="hand_over_and_place.py",
+        covers=("figures 4.17 and 4.18",),
+        quick=("--seeds", "1", "--first-seed", "0"),
+        full=("--seeds", "100", "--first-seed", "0"),
+    ),
+    Section(script="thesis/table_5_1.py", covers=("table 5.1", "figures 5.3 to 5.5")),
+    Section(
+        script="thesis/table_5_2.py",
+        covers=("table 5.2",),
+        quick=("--trials", "1", "--seed", "0"),
+        full=("--trials", "20", "--seed", "0"),
+    ),
+    Section(
+        script="thesis/table_5_3.py",
+        covers=("table 5.3", "figure 5.12"),
+        quick=("--trials", "3", "--seed", "0"),
+        full=("--trials", "100", "--seed", "0"),
+    ),
+    Section(script="thesis/figure_5_11.py", covers=("figure 5.11",)),
+    Section(script="thesis/figure_5_14.py", covers=("figure 5.14",), quick=("--seed", "0"), full=("--seed", "0")),
+    Section(
+        script="table_6_1.py",
+        covers=("table 6.1",),
+        quick=("--trials", "8", "--seed", "0"),
+        full=("--trials", "100", "--seed", "0"),
+    ),
+    Section(
+        script="thesis/figure_6_1.py",
+        covers=("figure 6.1",),
+        quick=("--grasps", "1", "--seed", "0"),
+        full=("--grasps", "10", "--seed", "0"),
+    ),
+    Section(script="thesis/figure_6_2.py", covers=("figure 6.2",), quick=("--seed", "0"), full=("--seed", "0")),
+    Section(script="thesis/figure_6_3.py", covers=("figure 6.3",), quick=("--seed", "0"), full=("--seed", "0")),
+    Section(script="thesis/figure_6_4.py", covers=("figure 6.4",), quick=("--grasps", "2"), full=("--grasps", "100")),
+    Section(
+        script="calibration.py",
+        quick=("--trials", "30", "--first-seed", "0"),
+        full=("--trials", "1000", "--first-seed", "0"),
+    ),
+    Section(
+        script="in_hand_motions.py",
+        quick=("--motions", "4", "--steps", "50", "--first-seed", "0"),
+        full=("--motions", "200", "--first-seed", "0"),
+    ),
+    Section(script="slip_in_station.py", quick=("--seconds", "0.3")),
+    Section(
+        script="identification_study.py",
+        quick=("--trials", "10", "--seed", "0"),
+        full=("--trials", "400", "--seed", "0"),
+    ),
+    Section(
+        script="grasp_study.py",
+        quick=("--objects", "mug", "--seeds", "1", "--first-seed", "0"),
+        full=("--seeds", "10", "--first-seed", "0"),
+    ),
+    Section(script="can_latency.py", quick=("--duration", "2"), alone=True),
+    Section(script="cost_growth.py", quick=("--trials", "1", "--seed", "0"), full=("--trials", "50", "--seed", "0")),
+)
+# What needs the hardware that the thesis had.
+NOT_REPRODUCED = {
+    "figures 3.20 to 3.23": "photographs and single runs of the real arm, hand and camera",
+    "figures 4.14 to 4.16": "runs of the real hand and camera",
+    "figures 5.8 to 5.10": "photographs and single runs of the real Barrett hand",
+    "figure 5.13": "a run of the real Barrett hand",
+}
