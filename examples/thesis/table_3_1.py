@@ -3,14 +3,8 @@
     python examples/thesis/table_3_1.py --trials 100 --seed 0 --out out
 
 Prints the table beside the thesis' numbers, and writes it as Markdown (table_3_1.md) together with the scatter plots of
-figures 3.12 to 3.19 (figures_3_12_to_3_19.png). With 100 trials it takes about a minute.
-
-What the thesis says is done as it says: seven parameters (quaternion and translation) that move the contacts, forward
-differences, each contact against its 50 nearest points of a point cloud, at most 200 iterations, Levenberg-Marquardt
-with pseudo-inverse and tenfold damping rule, four exact contacts chosen among the cloud's points. It does not say how
-large the objects are and how far they are displaced: the numbers below make its 'Initial' rows come out. One
-distribution of displacements does so for both objects if the cube turns about one of its corners. Nor does it name its
-accuracies and the step of its gradient descent: here a search also stops where it gets no further, and the step adapts.
+figures 3.12 to 3.19 (figures_3_12_to_3_19.png). With 100 trials it takes about a minute. The trials are those of
+`cube_and_cylinder.py`, the methods those of `chapter_3_methods.py`.
 
 `tp.estimate_pose` is called as by default; its prior is the displaced pose with the spread of the displacements, where
 the searches of the thesis start. Its row without normals is the counterpart of w_n = 0.
@@ -21,17 +15,13 @@ about 5 deg here, whatever the method.
 Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016, chapter 3.
 """
 
-import dataclasses
-import functools
 import math
-import time
-from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
 
 import click
 import numpy as np
-import trimesh
+from chapter_3_methods import GD, LM, OUR_ROWS, THESIS_ROWS, Outcome, Row, make_solvers
+from cube_and_cylinder import Shape, make_shapes, make_trial
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
@@ -39,38 +29,17 @@ from rich import box
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
-from scipy.spatial.distance import cdist
 
-import tactopose_drake as tp
-from tactopose_drake.core.evidence.evidence import Evidence
-from tactopose_drake.core.evidence.pose_problem import make_problem
-from tactopose_drake.core.objectives.point_cloud_contact import PointCloudContact
-from tactopose_drake.core.poses import identity_poses, retract
+from tactopose_drake.core.poses import identity_poses
 from tactopose_drake.core.posterior.metrics import touch_errors, truth_errors
-from tactopose_drake.core.searches.base import PriorSpace, Search
-from tactopose_drake.core.searches.gradient_descent import GradientDescent
-from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt, pseudo_inverse_steps
-from tactopose_drake.core.searches.parameters import QuaternionParameters
-from tactopose_drake.estimation import METHODS
 
 Array = NDArray[np.float64]
-
-SIGMA_ROTATION = math.radians(7.25)  # of the displacement about each axis
-SIGMA_TRANSLATION = 0.002  # m, along each axis
-CONTACTS = 4
-NORMAL_WEIGHT = 20e-4  # w_n, m^2: the thesis' 20 cm^2
-# What the exact contacts claim to be, for the likelihood of `tp.estimate_pose`: about what its grid resolves.
-SIGMA_POSITION, SIGMA_NORMAL = 1e-4, math.radians(2.0)
 
 COLUMNS = ("Its.", "MDTS, cm", "MATN, deg", "RME, cm", "MAE, deg", "Speed, s")
 DIGITS = (1, 3, 2, 3, 2, 3)
 ERRORS = slice(1, 5)
 
-GD, LM, OURS = "Gradient descent", "Levenberg-Marquardt", "tp.estimate_pose"
-Row = tuple[str, str]  # method, what it looks at
 INITIAL: Row = ("Initial", "")
-OUR_ROWS: tuple[Row, Row] = ((OURS, "distance"), (OURS, "distance, normals"))
-THESIS_ROWS: tuple[Row, ...] = ((GD, "w_n = 0"), (GD, "w_n = 20"), (LM, "w_n = 0"), (LM, "w_n = 20"))
 ROWS = (INITIAL, *THESIS_ROWS, *OUR_ROWS)
 # [B16] table 3.1; of its two 'Initial' blocks the first (the second differs by 0.07 cm and 0.15 deg at most).
 THESIS: dict[tuple[Row, str], tuple[float, ...]] = {
@@ -85,126 +54,6 @@ THESIS: dict[tuple[Row, str], tuple[float, ...]] = {
     ((LM, "w_n = 20"), "cube"): (94.2, 0.113, 4.619, 0.572, 4.638, 3.54),
     ((LM, "w_n = 20"), "cylinder"): (18.4, 0.083, 2.670, 0.397, 4.925, 0.813),
 }
-
-
-@dataclasses.dataclass(frozen=True)
-class Shape:
-    """An object of the table; its surface samples are the thesis' point cloud, about eight points a square centimetre.
-
-    Attributes:
-        model: the object.
-        touchable: which of its samples may be touched, shape (n,): those at least some way from every edge.
-    """
-
-    model: tp.ObjectModel
-    touchable: NDArray[np.intp]
-
-
-@dataclasses.dataclass(frozen=True)
-class Trial:
-    """Four exact contacts with the object at X_PO = 1, and a displaced first guess."""
-
-    contacts: tp.Contacts
-    prior: tp.PosePrior
-
-
-class Outcome(NamedTuple):
-    """Where a method ended: the pose (3, 4), its iterations, and the seconds it took."""
-
-    X_PO: Array
-    iterations: float
-    seconds: float
-
-
-Solver = Callable[[Shape, Trial], Outcome]
-
-
-@functools.cache
-def make_shapes() -> dict[str, Shape]:
-    """A cube with its frame at a corner, and a cylinder with its frame at the centre."""
-    edge = 0.095
-    cube = trimesh.creation.box((edge, edge, edge))
-    cube.apply_translation([edge / 2, edge / 2, edge / 2])
-    cylinder = trimesh.creation.cylinder(radius=0.035, height=0.11, sections=720)
-    return {"cube": make_shape(cube, "cube", margin=0.01), "cylinder": make_shape(cylinder, "cylinder", margin=0.015)}
-
-
-def make_shape(mesh: trimesh.Trimesh, name: str, margin: float) -> Shape:
-    """A shape that is touched at least `margin` (m) away from its edges, as a fingertip would."""
-    model = tp.ObjectModel.from_mesh(mesh, name=name, cache=False)
-    points, normals = model.samples.points, model.samples.normals
-    beyond_an_edge = normals @ normals.T < math.cos(math.radians(60))
-    gap = np.where(beyond_an_edge, cdist(points, points), math.inf).min(axis=1)
-    return Shape(model, np.flatnonzero(gap >= margin))
-
-
-def make_trial(shape: Shape, generator: np.random.Generator) -> Trial:
-    """Four random contacts, exact, and the displaced pose, which is all that is known beforehand."""
-    touched = generator.choice(shape.touchable, CONTACTS, replace=False)
-    samples = shape.model.samples
-    contacts = tp.Contacts(
-        samples.points[touched],
-        samples.normals[touched],
-        sigma_position=SIGMA_POSITION,
-        sigma_normal=SIGMA_NORMAL,
-    )
-    increment = generator.normal(size=6) * np.repeat([SIGMA_ROTATION, SIGMA_TRANSLATION], 3)
-    return Trial(contacts, tp.PosePrior(retract(np.eye(3, 4), increment), SIGMA_TRANSLATION, SIGMA_ROTATION))
-
-
-def thesis_solver(search: Search, normal_weight: float) -> Solver:
-    """A search of the thesis on the objective of the thesis."""
-
-    def solve(shape: Shape, trial: Trial) -> Outcome:
-        started = time.perf_counter()
-        cloud = shape.model.samples
-        objective = PointCloudContact(cloud.points, cloud.normals, trial.contacts, trial.prior.X_PO, normal_weight)
-        found = search.minimize(objective, PriorSpace(trial.prior), np.random.default_rng(0))
-        return Outcome(found.X_PO[0], float(found.iterations[0]), time.perf_counter() - started)
-
-    return solve
-
-
-def our_solver(with_normals: bool) -> Solver:
-    """`tp.estimate_pose` as it is called by default."""
-
-    def solve(shape: Shape, trial: Trial) -> Outcome:
-        contacts = trial.contacts if with_normals else dataclasses.replace(trial.contacts, n_PC=None)
-        estimate = tp.estimate_pose(shape.model, contacts, prior=trial.prior)
-        X_PO = estimate.best.X_PO.GetAsMatrix34()
-        return Outcome(X_PO, count_iterations(shape.model, contacts, trial.prior), estimate.duration)
-
-    return solve
-
-
-def count_iterations(model: tp.ObjectModel, contacts: tp.Contacts, prior: tp.PosePrior) -> float:
-    """Steps on the way to the best pose: what the estimate does not tell, the search by itself does.
-
-    Many poses step side by side; this counts as one, as it is one after the other that takes iterations.
-    """
-    evidence = Evidence(contacts, prior)
-    problem, search = make_problem(model, evidence), METHODS["pair_search"](model, evidence)
-    return float(search.minimize(problem.objective, problem.space, np.random.default_rng(0)).iterations[0])
-
-
-def make_solvers() -> dict[Row, Solver]:
-    """A solver for each row but the first."""
-    # In the thesis' units, a quaternion and centimetres: lambda is the same for all seven.
-    descent = GradientDescent(max_iterations=200, tolerance=1e-6, length=0.01, parameters=QuaternionParameters())
-    # The tolerance, in m^4, is the cost of a single contact 0.4 mm from its nearest point.
-    marquardt = LevenbergMarquardt(
-        max_iterations=200,
-        tolerance=1e-14,
-        max_damping=1e100,
-        parameters=QuaternionParameters(),
-        solver=pseudo_inverse_steps,
-    )
-    solvers: dict[Row, Solver] = {
-        (method, f"w_n = {1e4 * weight:g}"): thesis_solver(search, weight)
-        for method, search in ((GD, descent), (LM, marquardt))
-        for weight in (0.0, NORMAL_WEIGHT)
-    }
-    return solvers | {row: our_solver(with_normals) for row, with_normals in zip(OUR_ROWS, (False, True), strict=True)}
 
 
 def run_trials(shape: Shape, trials: int, seed: int, description: str) -> dict[Row, Array]:

@@ -1,7 +1,4 @@
-import dataclasses
-import importlib.util
 import re
-import sys
 from pathlib import Path
 from types import ModuleType
 
@@ -9,7 +6,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-SCRIPT = Path(__file__).parents[2] / "examples" / "thesis" / "table_3_1.py"
+from tests.examples.scripts import share_script
+
 METHODS = ["Gradient descent", "Levenberg-Marquardt"]
 THESIS_ROWS = [(method, uses) for method in METHODS for uses in ("w_n = 0", "w_n = 20")]
 OUR_ROWS = [("tp.estimate_pose", "distance"), ("tp.estimate_pose", "distance, normals")]
@@ -19,13 +17,7 @@ ITS, MDTS, MATN, RME, MAE, SPEED = range(6)
 
 @pytest.fixture(scope="module")
 def script() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("table_3_1", SCRIPT)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["table_3_1"] = module  # Dataclasses look their module up.
-    spec.loader.exec_module(module)
-    return module
+    return share_script("thesis/table_3_1.py")
 
 
 @pytest.fixture(scope="module")
@@ -80,36 +72,6 @@ def test_every_method_improves_and_ours_explains_the_touch_best(rows: dict[tuple
 
 def test_the_plots_are_drawn(folder: Path) -> None:
     assert (folder / "figures_3_12_to_3_19.png").read_bytes().startswith(b"\x89PNG")
-
-
-def test_a_trial_is_a_pure_function_of_its_seed(script: ModuleType) -> None:
-    shape = script.make_shapes()["cylinder"]
-    first, again, other = (script.make_trial(shape, np.random.default_rng(seed)) for seed in (5, 5, 6))
-    np.testing.assert_array_equal(first.contacts.p_PC, again.contacts.p_PC)
-    np.testing.assert_array_equal(first.prior.X_PO, again.prior.X_PO)
-    assert not np.array_equal(first.prior.X_PO, other.prior.X_PO)
-
-
-@pytest.mark.parametrize("row", [THESIS_ROWS[2], THESIS_ROWS[3], *OUR_ROWS])
-def test_a_row_looks_at_normals_only_if_it_says_so(script: ModuleType, row: tuple[str, str]) -> None:
-    shape = script.make_shapes()["cube"]
-    trial = script.make_trial(shape, np.random.default_rng(0))
-    other_normals = dataclasses.replace(trial.contacts, n_PC=np.roll(trial.contacts.n_PC, 1, axis=1))
-    solve = script.make_solvers()[row]
-    X_PO, X_PO_other = (
-        solve(shape, script.Trial(contacts, trial.prior)).X_PO for contacts in (trial.contacts, other_normals)
-    )
-    assert np.array_equal(X_PO, X_PO_other) == (row[1] in ("w_n = 0", "distance"))
-
-
-def test_contacts_are_exact_and_away_from_the_edges(script: ModuleType) -> None:
-    cylinder = script.make_shapes()["cylinder"]
-    points = cylinder.model.samples.points[cylinder.touchable]
-    radius, height = np.linalg.norm(points[:, :2], axis=1), np.abs(points[:, 2])
-    on_side, on_cap = np.isclose(radius, 0.035, atol=1e-5), np.isclose(height, 0.055, atol=1e-9)
-    assert np.all(on_side ^ on_cap)
-    assert height[on_side].max() < 0.055 - 0.014
-    assert radius[on_cap].max() < 0.035 - 0.014
 
 
 def test_a_cell_that_is_not_beaten_is_named(script: ModuleType) -> None:

@@ -1,0 +1,103 @@
+"""The methods of table 3.1: the thesis' two local searches on its objective, and `tp.estimate_pose` as by default.
+
+What the thesis says is done as it says: seven parameters (quaternion and translation) that move the contacts, forward
+differences, each contact against its 50 nearest points of a point cloud, at most 200 iterations, Levenberg-Marquardt
+with pseudo-inverse and tenfold damping rule. It does not name its accuracies and the step of its gradient descent:
+here a search also stops where it gets no further, and the step adapts.
+
+Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016, chapter 3.
+"""
+
+import dataclasses
+import time
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from cube_and_cylinder import Shape, Trial
+from numpy.typing import NDArray
+
+import tactopose_drake as tp
+from tactopose_drake.core.evidence.evidence import Evidence
+from tactopose_drake.core.evidence.pose_problem import make_problem
+from tactopose_drake.core.objectives.point_cloud_contact import PointCloudContact
+from tactopose_drake.core.searches.base import PriorSpace, Search
+from tactopose_drake.core.searches.gradient_descent import GradientDescent
+from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt, pseudo_inverse_steps
+from tactopose_drake.core.searches.parameters import QuaternionParameters
+from tactopose_drake.estimation import METHODS
+
+Array = NDArray[np.float64]
+
+NORMAL_WEIGHT = 20e-4  # w_n, m^2: the thesis' 20 cm^2
+
+GD, LM, OURS = "Gradient descent", "Levenberg-Marquardt", "tp.estimate_pose"
+Row = tuple[str, str]  # method, what it looks at
+OUR_ROWS: tuple[Row, Row] = ((OURS, "distance"), (OURS, "distance, normals"))
+THESIS_ROWS: tuple[Row, ...] = ((GD, "w_n = 0"), (GD, "w_n = 20"), (LM, "w_n = 0"), (LM, "w_n = 20"))
+
+
+class Outcome(NamedTuple):
+    """Where a method ended: the pose (3, 4), its iterations, and the seconds it took."""
+
+    X_PO: Array
+    iterations: float
+    seconds: float
+
+
+Solver = Callable[[Shape, Trial], Outcome]
+
+
+def thesis_solver(search: Search, normal_weight: float) -> Solver:
+    """A search of the thesis on the objective of the thesis."""
+
+    def solve(shape: Shape, trial: Trial) -> Outcome:
+        started = time.perf_counter()
+        cloud = shape.model.samples
+        objective = PointCloudContact(cloud.points, cloud.normals, trial.contacts, trial.prior.X_PO, normal_weight)
+        found = search.minimize(objective, PriorSpace(trial.prior), np.random.default_rng(0))
+        return Outcome(found.X_PO[0], float(found.iterations[0]), time.perf_counter() - started)
+
+    return solve
+
+
+def our_solver(with_normals: bool) -> Solver:
+    """`tp.estimate_pose` as it is called by default."""
+
+    def solve(shape: Shape, trial: Trial) -> Outcome:
+        contacts = trial.contacts if with_normals else dataclasses.replace(trial.contacts, n_PC=None)
+        estimate = tp.estimate_pose(shape.model, contacts, prior=trial.prior)
+        X_PO = estimate.best.X_PO.GetAsMatrix34()
+        return Outcome(X_PO, count_iterations(shape.model, contacts, trial.prior), estimate.duration)
+
+    return solve
+
+
+def count_iterations(model: tp.ObjectModel, contacts: tp.Contacts, prior: tp.PosePrior) -> float:
+    """Steps on the way to the best pose: what the estimate does not tell, the search by itself does.
+
+    Many poses step side by side; this counts as one, as it is one after the other that takes iterations.
+    """
+    evidence = Evidence(contacts, prior)
+    problem, search = make_problem(model, evidence), METHODS["pair_search"](model, evidence)
+    return float(search.minimize(problem.objective, problem.space, np.random.default_rng(0)).iterations[0])
+
+
+def make_solvers() -> dict[Row, Solver]:
+    """A solver for each row but the first."""
+    # In the thesis' units, a quaternion and centimetres: lambda is the same for all seven.
+    descent = GradientDescent(max_iterations=200, tolerance=1e-6, length=0.01, parameters=QuaternionParameters())
+    # The tolerance, in m^4, is the cost of a single contact 0.4 mm from its nearest point.
+    marquardt = LevenbergMarquardt(
+        max_iterations=200,
+        tolerance=1e-14,
+        max_damping=1e100,
+        parameters=QuaternionParameters(),
+        solver=pseudo_inverse_steps,
+    )
+    solvers: dict[Row, Solver] = {
+        (method, f"w_n = {1e4 * weight:g}"): thesis_solver(search, weight)
+        for method, search in ((GD, descent), (LM, marquardt))
+        for weight in (0.0, NORMAL_WEIGHT)
+    }
+    return solvers | {row: our_solver(with_normals) for row, with_normals in zip(OUR_ROWS, (False, True), strict=True)}
