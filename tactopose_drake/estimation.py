@@ -187,7 +187,7 @@ def _monte_carlo(model: ObjectModel, evidence: Evidence) -> MonteCarlo:
 
 def _hypotheses(modes: Modes, explained: NDArray[np.bool_]) -> tuple[PoseHypothesis, ...]:
     return tuple(
-        PoseHypothesis(RigidTransform(X_PO), float(cost), float(probability), covariance, free, bool(explains))
+        PoseHypothesis(RigidTransform(pose=X_PO), float(cost), float(probability), covariance, free, bool(explains))
         for X_PO, cost, probability, covariance, free, explains in zip(
             modes.X_PO,
             modes.cost,

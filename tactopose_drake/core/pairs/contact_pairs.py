@@ -7,9 +7,14 @@ from numba import njit
 from numpy.typing import NDArray
 
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.pairs.pair_features import PairFeatures
-from tactopose_drake.core.pairs.pair_poses import ContactPair
+from tactopose_drake.core.pairs.pair_features import PairFeatures, find_matches
+from tactopose_drake.core.pairs.pair_poses import MatchedPairs
 from tactopose_drake.core.validation import FloatArray
+
+# The number of matches is guessed from every so many pairs of samples: as many as the processor reads at once.
+_GUESS_STEP = 16
+# For so many matches of a pair of contacts there is room at first.
+_ROOM = 1 << 14
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -34,51 +39,35 @@ class PairChoice:
     spins: int = 24
     poses: int = 4000
 
-    def choose(self, features: PairFeatures, contacts: Contacts, generator: np.random.Generator) -> list[ContactPair]:
-        """The pairs of contacts, the most telling first; none where no two contacts match any samples."""
-        offset = self.offset * features.spacing
-        first, second, feature, sigma, spins = self._queries(features, contacts, offset)
-        guess = features.guess_match_counts(feature, sigma, self.reach) * spins
-        chosen: list[ContactPair] = []
-        room = self.poses
-        for row in np.argsort(guess, kind="stable").tolist():
-            most = min(room, self.poses // 4) // int(spins[row])
-            if most == 0 or len(chosen) == self.pairs:
-                break
-            # Of more matches than there is room for, every second or third, and so on: evenly over the features.
-            step = max(1, int(guess[row]) // (int(spins[row]) * most))
-            matches = features.matches(feature[row], sigma[row], self.reach, step)
-            if len(matches) > most:
-                matches = matches[((np.arange(most) + generator.random()) * (len(matches) / most)).astype(np.intp)]
-            if len(matches):
-                chosen.append(ContactPair(int(first[row]), int(second[row]), matches, int(spins[row])))
-                room -= chosen[-1].count
-        return chosen
+    def choose(self, features: PairFeatures, contacts: Contacts, generator: np.random.Generator) -> MatchedPairs:
+        """The pairs of contacts, the most telling first; none where no two contacts match any samples.
 
-    def _queries(
-        self, features: PairFeatures, contacts: Contacts, offset: float
-    ) -> tuple[NDArray[np.intp], NDArray[np.intp], FloatArray, FloatArray, NDArray[np.int64]]:
-        """What is looked up: the contacts' indices (q,) and (q,), features (q, 4), their standard deviations (q, 4),
-        and the turns (q,) that each match stands for; not of contacts that together say nothing, or are too far apart.
+        Contacts that nearly coincide say nothing together, nor do those that are too far apart for the object.
         """
-        among = spread_out(contacts.p_PC, self.contacts)
-        most = len(among) * (len(among) - 1) // 2
-        pairs, spins = np.empty((2, most), dtype=np.intp), np.empty(most, dtype=np.int64)
-        feature, sigma = np.empty((most, 4)), np.empty((most, 4))
-        arguments = (
+        ends, spins = np.empty((self.pairs, 2), dtype=np.intp), np.empty(self.pairs, dtype=np.int64)
+        begins, matches = np.zeros(self.pairs + 1, dtype=np.intp), np.empty(self.poses, dtype=np.int32)
+        count = _choose(
             contacts.p_PC,
             np.zeros_like(contacts.p_PC) if contacts.n_PC is None else contacts.n_PC,
             np.asarray(contacts.sigma_position),
             np.asarray(contacts.sigma_normal),
             contacts.n_PC is not None,
-            among,
+            features.features,
+            features.first,
+            features.unit,
             features.length,
-            offset,
+            self.contacts,
+            self.offset * features.spacing,
             self.bend,
+            self.reach,
             self.spins,
+            generator.random(self.pairs),
+            ends,
+            spins,
+            begins,
+            matches,
         )
-        count = _measure_pairs(*arguments, pairs, feature, sigma, spins)
-        return pairs[0, :count], pairs[1, :count], feature[:count], sigma[:count], spins[:count]
+        return MatchedPairs(ends[:count], spins[:count], begins[: count + 1], matches)
 
 
 def spread_out(points: FloatArray, count: int) -> NDArray[np.intp]:
@@ -107,11 +96,74 @@ def _spread_out(points, chosen):  # type: ignore[no-untyped-def]
             start[a] = points[chosen[k], a]
 
 
+@njit(cache=True, nogil=True)
+def _choose(  # type: ignore[no-untyped-def]
+    p,
+    n,
+    sigma_p,
+    sigma_n,
+    has_normals,
+    features,
+    first,
+    unit,
+    length,
+    most_contacts,
+    offset,
+    bend,
+    reach,
+    open_spins,
+    phase,
+    ends,
+    spins,
+    begins,
+    matches,
+):
+    """Fills `MatchedPairs`, and returns the number of pairs of contacts; see `PairChoice`."""
+    among = np.empty(min(most_contacts, p.shape[0]), dtype=np.intp)
+    _spread_out(p, among)
+    most = among.shape[0] * (among.shape[0] - 1) // 2
+    asked, turns = np.empty((most, 2), dtype=np.intp), np.empty(most, dtype=np.int64)
+    feature, weight = np.empty((most, 4)), np.empty((most, 4))
+    arguments = (p, n, sigma_p, sigma_n, has_normals, among, length, offset, bend, open_spins)
+    queries = _measure_pairs(*arguments, asked, feature, weight, turns)
+    guess, nothing = np.empty(queries, dtype=np.int64), np.empty(0, dtype=np.int32)
+    for q in range(queries):
+        for c in range(4):
+            feature[q, c] /= unit[c]
+            weight[q, c] *= unit[c]
+        guess[q] = _GUESS_STEP * find_matches(features, first, feature[q], weight[q], reach, _GUESS_STEP, nothing)
+        guess[q] *= turns[q]
+
+    found = np.empty(_ROOM, dtype=np.int32)
+    used, room, poses = 0, matches.shape[0], matches.shape[0]
+    for q in np.argsort(guess, kind="mergesort"):
+        most = min(room, poses // 4) // turns[q]
+        if most == 0 or used == ends.shape[0]:
+            break
+        # Of more matches than there is room for, every second or third, and so on: evenly over the features.
+        step = max(1, guess[q] // (turns[q] * most))
+        count = find_matches(features, first, feature[q], weight[q], reach, step, found)
+        if count > found.shape[0]:
+            found = np.empty(count, dtype=np.int32)
+            find_matches(features, first, feature[q], weight[q], reach, step, found)
+        kept = min(count, most)
+        if kept == 0:
+            continue
+        for k in range(kept):
+            matches[begins[used] + k] = found[k if count <= most else int((k + phase[used]) * (count / most))]
+        ends[used], spins[used], begins[used + 1] = asked[q], turns[q], begins[used] + kept
+        used += 1
+        room -= kept * turns[q]
+    return used
+
+
 @njit(cache=True)
 def _measure_pairs(  # type: ignore[no-untyped-def]
-    p, n, sigma_p, sigma_n, has_normals, among, length, offset, bend, open_spins, pairs, feature, sigma, spins
+    p, n, sigma_p, sigma_n, has_normals, among, length, offset, bend, open_spins, pairs, feature, weight, spins
 ):
-    """See `PairChoice._queries`; returns their number."""
+    """What is looked up: pairs of contacts (q, 2), their features (q, 4), one over the standard deviations of those
+    (q, 4), and the turns (q,) that each match stands for; returns their number.
+    """
     count = 0
     cosines = np.empty(3)
     for i in range(among.shape[0]):
@@ -122,9 +174,9 @@ def _measure_pairs(  # type: ignore[no-untyped-def]
             distance, off = np.sqrt(x * x + y * y + z * z), np.sqrt(noise + offset**2)
             if distance < 3.0 * np.sqrt(noise) or distance > length + 3.0 * off:
                 continue
-            pairs[0, count], pairs[1, count], spins[count] = a, b, open_spins
-            feature[count], sigma[count] = 0.0, np.inf
-            feature[count, 0], sigma[count, 0] = distance, off
+            pairs[count, 0], pairs[count, 1], spins[count] = a, b, open_spins
+            feature[count], weight[count] = 0.0, 0.0
+            feature[count, 0], weight[count, 0] = distance, 1.0 / off
             if has_normals:
                 cosines[0] = (n[a, 0] * x + n[a, 1] * y + n[a, 2] * z) / distance
                 cosines[1] = (n[b, 0] * x + n[b, 1] * y + n[b, 2] * z) / distance
@@ -133,11 +185,13 @@ def _measure_pairs(  # type: ignore[no-untyped-def]
                     feature[count, 1 + c] = np.arccos(min(1.0, max(-1.0, cosines[c])))
                 turn_a, turn_b = sigma_n[a] ** 2 + bend**2, sigma_n[b] ** 2 + bend**2
                 tilt = 2.0 * (off / distance) ** 2
-                sigma[count, 1], sigma[count, 2] = np.sqrt(turn_a + tilt), np.sqrt(turn_b + tilt)
-                sigma[count, 3] = np.sqrt(turn_a + sigma_n[b] ** 2)
+                turned = turn_a + sigma_n[b] ** 2
+                weight[count, 1] = 1.0 / np.sqrt(turn_a + tilt)
+                weight[count, 2] = 1.0 / np.sqrt(turn_b + tilt)
+                weight[count, 3] = 1.0 / np.sqrt(turned)
                 # The normals' parts across the line, which say the spin, against their errors.
                 across = np.sin(feature[count, 1]) ** 2 + np.sin(feature[count, 2]) ** 2
-                if across > 4.0 * sigma[count, 3] ** 2:
+                if across > 4.0 * turned:
                     spins[count] = 1
             count += 1
     return count

@@ -25,8 +25,6 @@ MAX_POINTS = 1000
 _BYTE = 255.0
 _DISTANCE_SHIFT = 3  # 32 bins
 _ANGLE_SHIFT = 4  # 16 bins
-_GUESS_STEP = 8
-_ROOM = 1 << 14  # For so many matches there is room at first.
 _DISTANCE_BINS = 256 >> _DISTANCE_SHIFT
 _ANGLE_BINS = 256 >> _ANGLE_SHIFT
 
@@ -56,33 +54,10 @@ class PairFeatures:
     pairs: NDArray[np.int16]
     first: NDArray[np.int32]
 
-    def guess_match_counts(self, feature: FloatArray, sigma: FloatArray, reach: float) -> NDArray[np.int64]:
-        """About how many matches there are of each of q features (q, 4), from an eighth of the pairs; see `matches`."""
-        scale = _BYTE / np.array([self.length, np.pi, np.pi, np.pi])
-        count = np.empty(len(feature), dtype=np.int64)
-        _count_matches(self.features, self.first, feature * scale, 1.0 / (sigma * scale), reach, _GUESS_STEP, count)
-        return _GUESS_STEP * count
-
-    def matches(self, feature: FloatArray, sigma: FloatArray, reach: float, step: int = 1) -> NDArray[np.int32]:
-        """The pairs whose features differ from a measured one by at most `reach` standard deviations.
-
-        Args:
-            feature: distance (m) and three angles (rad), shape (4,); see `pair_feature`.
-            sigma: their standard deviations, shape (4,); infinite where nothing was measured.
-            reach: of the root of the sum of the four squared whitened differences.
-            step: of the pairs only every so many are looked at.
-
-        Returns:
-            Indices into `pairs`, shape (matches,), sorted.
-        """
-        scale = _BYTE / np.array([self.length, np.pi, np.pi, np.pi])
-        arguments = (self.features, self.first, feature * scale, 1.0 / (sigma * scale), reach, step)
-        found = np.empty(_ROOM, dtype=np.int32)
-        count = _find_matches(*arguments, found)
-        if count > _ROOM:
-            found = np.empty(count, dtype=np.int32)
-            _find_matches(*arguments, found)
-        return found[:count]
+    @property
+    def unit(self) -> FloatArray:
+        """One step of each of a feature's bytes, m and rad, shape (4,)."""
+        return np.array([self.length, np.pi, np.pi, np.pi]) / _BYTE
 
 
 def build_pair_features(
@@ -184,17 +159,20 @@ def _sort_pairs(points, normals, firsts, length, features, pairs, first):  # typ
 
 
 @njit(cache=True, nogil=True)
-def _count_matches(features, first, feature, weight, reach, step, count):  # type: ignore[no-untyped-def]
-    nothing = np.empty(0, dtype=np.int32)
-    for q in range(feature.shape[0]):
-        count[q] = _find_matches(features, first, feature[q], weight[q], reach, step, nothing)
+def find_matches(features, first, feature, weight, reach, step, found):  # type: ignore[no-untyped-def]
+    """Finds the pairs whose features differ from a measured one by at most `reach` standard deviations.
 
+    Args:
+        features: of `PairFeatures`.
+        first: the same.
+        feature: what was measured, in units of bytes, shape (4,).
+        weight: one over its standard deviations, in the same, shape (4,); zero where nothing was measured.
+        reach: of the root of the sum of the four squared whitened differences.
+        step: of the pairs only those are looked at whose number is a multiple of it.
+        found: indices of the pairs, rising, are written here as far as there is room, shape (n,).
 
-@njit(cache=True, nogil=True)
-def _find_matches(features, first, feature, weight, reach, step, found):  # type: ignore[no-untyped-def]
-    """Writes the rows of features within reach into found, as far as there is room, and returns their number.
-
-    All is in units of bytes. Of the rows only those are read whose number is a multiple of the step.
+    Returns:
+        Their number.
     """
     count, square = 0, reach * reach
     begin, end = _bins(feature[0], weight[0], reach, _DISTANCE_SHIFT)

@@ -7,7 +7,6 @@ both lie along the line, the spin is free, and turns of a full circle are tried.
 Source: [K76] W. Kabsch, A solution for the best rotation to relate two sets of vectors, Acta Cryst. A32, 1976.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,29 +19,30 @@ from tactopose_drake.core.validation import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
-class ContactPair:
-    """Two contacts, and the surface samples that they may lie on.
+class MatchedPairs:
+    """Pairs of contacts, and the surface samples that they may lie on.
 
     Attributes:
-        first, second: the contacts' indices.
-        matches: indices of pairs of samples, shape (matches,).
-        spins: how many turns about the line between the contacts each match stands for; 1: the one that fits the
-            normals best.
+        ends: the contacts' indices, shape (q, 2).
+        spins: how many turns about the line between the contacts each match stands for, shape (q,); 1: the one that
+            fits the normals best.
+        begins: the number of matches before each pair, and of all, shape (q + 1,).
+        matches: indices of pairs of samples; what is behind the last pair's counts for nothing.
     """
 
-    first: int
-    second: int
+    ends: NDArray[np.intp]
+    spins: NDArray[np.int64]
+    begins: NDArray[np.intp]
     matches: NDArray[np.int32]
-    spins: int
 
     @property
     def count(self) -> int:
-        """The number of its poses."""
-        return len(self.matches) * self.spins
+        """The number of their poses."""
+        return int(np.diff(self.begins) @ self.spins)
 
 
-def judge_pairs(
-    pairs: Sequence[ContactPair],
+def best_poses(
+    pairs: MatchedPairs,
     features: PairFeatures,
     field: CoarseField,
     table: FloatArray,
@@ -50,78 +50,49 @@ def judge_pairs(
     center: FloatArray,
     reach: tuple[float, float],
     turns: FloatArray,
-) -> NDArray[np.float32]:
-    """Coarse costs of all poses of the pairs, one pair after the other, shape (sum of their counts,).
+) -> tuple[FloatArray, NDArray[np.float32]]:
+    """Of the poses of all pairs those within reach that cost least, `count` at the most.
 
-    Infinite are those of poses out of reach, and of some that are certainly not among the `count` best. A pose is in
-    reach when one of its images is, which the object's symmetries make: of those only one is looked up.
+    A pose is in reach when one of its images is, which the object's symmetries make: of those only one is looked up.
 
     Args:
         pairs: contacts and their matches.
         features: the object's pairs of samples.
         field: the object's coarse field.
         table: all contacts, from `coarse_field.contact_table`.
-        count: how many of the best are of interest.
+        count: so many, at the most.
         center: the middle of the poses that count, shape (3, 4).
         reach: the largest rotation from there, rad, and the largest translation, m.
         turns: the object's symmetries as poses X_OO', shape (g, 3, 4).
+
+    Returns:
+        The poses (n, 3, 4), and their coarse costs, rising, shape (n,).
     """
-    matches, begins, ends, frames, spins = _joined(pairs, table)
-    cost = np.empty(sum(pair.count for pair in pairs), dtype=np.float32)
-    arguments = (
+    most = min(count, pairs.count)
+    X_PO, cost = np.empty((most, 3, 4)), np.empty(most, dtype=np.float32)
+    found = _best_poses(
         features.points,
         features.normals,
         features.pairs,
-        matches,
-        begins,
-        ends,
-        frames,
-        spins,
+        pairs.matches,
+        pairs.begins,
+        pairs.ends,
+        pairs.spins,
         field.values,
         field.shape,
         field.origin,
         1.0 / field.spacing,
         field.spacing / field.step,
         table,
-        count,
         np.ascontiguousarray(center[:, :3] @ np.swapaxes(turns[:, :, :3], 1, 2)),
         np.ascontiguousarray(turns[:, :, 3]),
         center[:, 3],
         1.0 + 2.0 * np.cos(reach[0]) if reach[0] < np.pi else -np.inf,
         reach[1] ** 2,
+        X_PO,
+        cost,
     )
-    _judge(*arguments, cost)
-    return cost
-
-
-def pair_poses(
-    pairs: Sequence[ContactPair], features: PairFeatures, table: FloatArray, chosen: NDArray[np.intp]
-) -> FloatArray:
-    """The poses (chosen, 3, 4) of the chosen ones among those that `judge_pairs` judges."""
-    X_PO = np.empty((len(chosen), 3, 4))
-    matches, begins, _, frames, spins = _joined(pairs, table)
-    _make(features.points, features.normals, features.pairs, matches, begins, frames, spins, chosen, X_PO)
-    return X_PO
-
-
-def _joined(
-    pairs: Sequence[ContactPair], table: FloatArray
-) -> tuple[NDArray[np.int32], NDArray[np.intp], NDArray[np.intp], FloatArray, NDArray[np.int64]]:
-    """All matches, the number of them before each pair (q + 1,), the pairs' contacts (q, 2), their frames (q, 6, 3) and
-    spins (q,).
-    """
-    begins = np.cumsum([0] + [len(pair.matches) for pair in pairs])
-    ends, frames = np.array([(pair.first, pair.second) for pair in pairs]), np.empty((len(pairs), 6, 3))
-    _contact_frames(table, ends, frames)
-    matches = np.concatenate([pair.matches for pair in pairs])
-    return matches, begins, ends, frames, np.array([pair.spins for pair in pairs])
-
-
-def distinct_poses(X_PO: FloatArray, length: float, angle: float) -> NDArray[np.bool_]:
-    """Marks, of poses (B, 3, 4), the first in each cell of this size, m and about rad; shape (B,)."""
-    distinct = np.empty(len(X_PO), dtype=np.bool_)
-    _mark_first_in_cell(X_PO, 1.0 / length, 1.0 / angle, distinct)
-    return distinct
+    return X_PO[:found], cost[:found]
 
 
 @njit(cache=True, inline="always")
@@ -144,17 +115,17 @@ def _axes(p, q, axes, middle):  # type: ignore[no-untyped-def]
     axes[2, 2] = x * axes[1, 1] - y * axes[1, 0]
 
 
-@njit(cache=True)
-def _contact_frames(table, ends, frames):  # type: ignore[no-untyped-def]
-    """Rows: the point between two contacts; axes, x from the first to the second; y and z of each normal, (6, 3)."""
-    for q in range(ends.shape[0]):
-        frame = frames[q]
-        frame[4:] = 0.0
-        _axes(table[ends[q, 0], :3], table[ends[q, 1], :3], frame[1:4], frame[0])
-        for end in range(2):
-            for axis in range(2):
-                for c in range(3):
-                    frame[4 + end, axis] += table[ends[q, end], 3 + c] * frame[2 + axis, c]
+@njit(cache=True, inline="always")
+def _contact_frame(first, second, frame):  # type: ignore[no-untyped-def]
+    """Of two rows of `contact_table` into the frame (6, 3): the point between them; axes, x from the first to the
+    second; y and z of each normal.
+    """
+    _axes(first[:3], second[:3], frame[1:4], frame[0])
+    for axis in range(2):
+        frame[4, axis], frame[5, axis] = 0.0, 0.0
+        for c in range(3):
+            frame[4, axis] += first[3 + c] * frame[2 + axis, c]
+            frame[5, axis] += second[3 + c] * frame[2 + axis, c]
 
 
 @njit(cache=True, inline="always")
@@ -235,14 +206,13 @@ def _is_near(X, rotations, origins, center, least_trace, farthest):  # type: ign
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
-def _judge(  # type: ignore[no-untyped-def]
+def _best_poses(  # type: ignore[no-untyped-def]
     points,
     normals,
     pairs,
     matches,
     begins,
     ends,
-    frames,
     spins,
     values,
     shape,
@@ -250,77 +220,57 @@ def _judge(  # type: ignore[no-untyped-def]
     inverse_spacing,
     steps,
     table,
-    count,
     rotations,
     origins,
     center,
     least_trace,
     farthest,
+    X_best,
     cost,
 ):
-    """Every pair's matches. What is worse than the `count` best so far is not of interest."""
-    axes, middle, X = np.empty((3, 3)), np.empty(3), np.empty((3, 4))
-    lowest, limit, used, offset = np.empty(count + cost.shape[0], dtype=np.float32), np.inf, 0, 0
+    """Fills the poses and costs, and returns their number. What is worse than so many already is left as it is."""
+    axes, middle, X, frame = np.empty((3, 3)), np.empty(3), np.empty((3, 4)), np.empty((6, 3))
+    count, used, limit = cost.shape[0], 0, np.inf
+    # A pose is kept as its pair, its match and its spin; before a pair is done, there may be more than are wanted.
+    room = 0
+    for q in range(spins.shape[0]):
+        room = max(room, count + (begins[q + 1] - begins[q]) * spins[q])
+    kept, kept_cost = np.empty((room, 3), dtype=np.int32), np.empty(room, dtype=np.float32)
     order = np.empty(table.shape[0], dtype=np.intp)
     for q in range(spins.shape[0]):
-        frame = frames[q]
+        a, b = ends[q, 0], ends[q, 1]
+        _contact_frame(table[a], table[b], frame)
         # The contacts of a pair fit by construction: the others say sooner that a pose is bad.
         place = 0
         for m in range(table.shape[0]):
-            if m != ends[q, 0] and m != ends[q, 1]:
+            if m != a and m != b:
                 order[place] = m
                 place += 1
-        order[place], order[place + 1] = ends[q, 0], ends[q, 1]
+        order[place], order[place + 1] = a, b
         for row in range(begins[q], begins[q + 1]):
             i, j = pairs[matches[row], 0], pairs[matches[row], 1]
             _axes(points[i], points[j], axes, middle)
             for spin in range(spins[q]):
                 _pair_pose(points, normals, i, j, axes, middle, frame, spin, spins[q], X)
-                at = offset + (row - begins[q]) * spins[q] + spin
-                cost[at] = np.inf
                 if _is_near(X, rotations, origins, center, least_trace, farthest):
                     total = coarse_cost(values, shape, origin, inverse_spacing, steps, table, order, X, limit)
                     if total <= limit:
-                        cost[at] = total
-                        lowest[used] = total
+                        kept[used, 0], kept[used, 1], kept[used, 2] = q, row, spin
+                        kept_cost[used] = total
                         used += 1
-        offset += (begins[q + 1] - begins[q]) * spins[q]
         if used > count:
-            lowest[:used] = np.partition(lowest[:used], count)
-            used = count
-            limit = lowest[count]
-
-
-@njit(cache=True)
-def _make(points, normals, pairs, matches, begins, frames, spins, chosen, X):  # type: ignore[no-untyped-def]
-    axes, middle = np.empty((3, 3)), np.empty(3)
-    for row in range(chosen.shape[0]):
-        q, rest = 0, chosen[row]
-        while rest >= (begins[q + 1] - begins[q]) * spins[q]:
-            rest -= (begins[q + 1] - begins[q]) * spins[q]
-            q += 1
-        match = matches[begins[q] + rest // spins[q]]
-        i, j = pairs[match, 0], pairs[match, 1]
+            limit = np.partition(kept_cost[:used], count - 1)[count - 1]
+            now = 0
+            for k in range(used):
+                if kept_cost[k] <= limit and now < count:
+                    kept[now], kept_cost[now] = kept[k], kept_cost[k]
+                    now += 1
+            used = now
+    for place, k in enumerate(np.argsort(kept_cost[:used], kind="mergesort")):
+        q, row, spin = kept[k, 0], kept[k, 1], kept[k, 2]
+        i, j = pairs[matches[row], 0], pairs[matches[row], 1]
+        _contact_frame(table[ends[q, 0]], table[ends[q, 1]], frame)
         _axes(points[i], points[j], axes, middle)
-        _pair_pose(points, normals, i, j, axes, middle, frames[q], rest % spins[q], spins[q], X[row])
-
-
-@njit(cache=True)
-def _mark_first_in_cell(X, per_length, per_angle, distinct):  # type: ignore[no-untyped-def]
-    """By a table of hashes: cells that share all 64 bits are taken for one."""
-    size = 16
-    while size < 4 * X.shape[0]:
-        size *= 2
-    table = np.zeros(size, dtype=np.uint64)
-    for b in range(X.shape[0]):
-        key = np.uint64(14695981039346656037)
-        for a in range(3):
-            for c in range(1, 4):  # Two columns of the rotation say the third.
-                cell = np.int64(np.floor(X[b, a, c] * (per_length if c == 3 else per_angle)))
-                key = (key ^ np.uint64(cell)) * np.uint64(1099511628211)
-        key |= np.uint64(1)
-        place = np.int64(key >> np.uint64(32)) & (size - 1)
-        while table[place] != 0 and table[place] != key:
-            place = (place + 1) & (size - 1)
-        distinct[b] = table[place] == 0
-        table[place] = key
+        _pair_pose(points, normals, i, j, axes, middle, frame, spin, spins[q], X_best[place])
+        cost[place] = kept_cost[k]
+    return used

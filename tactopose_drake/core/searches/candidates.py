@@ -4,7 +4,7 @@ import numpy as np
 
 from tactopose_drake.core.kernels import pose_kernels
 from tactopose_drake.core.objectives.base import LeastSquaresObjective
-from tactopose_drake.core.pairs.pair_poses import distinct_poses
+from tactopose_drake.core.pairs.distinct_poses import distinct_poses
 from tactopose_drake.core.searches.base import SearchResult, StopSignal
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
 from tactopose_drake.core.validation import FloatArray

@@ -16,7 +16,8 @@ from tactopose_drake.core.kernels import pose_kernels
 from tactopose_drake.core.objectives.base import LeastSquaresObjective
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.pairs.contact_pairs import PairChoice
-from tactopose_drake.core.pairs.pair_poses import distinct_poses, judge_pairs, pair_poses
+from tactopose_drake.core.pairs.distinct_poses import distinct_poses
+from tactopose_drake.core.pairs.pair_poses import best_poses
 from tactopose_drake.core.poses import compose
 from tactopose_drake.core.searches.base import PoseSpace, SearchResult, StopSignal, join_results, never
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
@@ -55,37 +56,25 @@ class PairSearch:
 
     model: ObjectModel
     contacts: Contacts
-    choice: PairChoice = dataclasses.field(default_factory=PairChoice)
+    choice: PairChoice = PairChoice()
     candidates: int = 250
     fewest: int = 20
     starts: int = 100
     kept: int = 60
     settled: int = 20
     polished: int = 6
-    near_choice: PairChoice = dataclasses.field(default_factory=lambda: PairChoice(contacts=4, poses=1500))
+    near_choice: PairChoice = PairChoice(contacts=4, poses=1500)
     near_candidates: int = 60
     near_samples: int = 40
     near_starts: int = 40
     near_kept: int = 16
     near_polished: int = 3
-    near_first: LevenbergMarquardt = dataclasses.field(
-        default_factory=lambda: LevenbergMarquardt(max_iterations=5, initial_damping=1e-2)
-    )
-    first: LevenbergMarquardt = dataclasses.field(
-        default_factory=lambda: LevenbergMarquardt(max_iterations=1, initial_damping=1e-2)
-    )
-    second: LevenbergMarquardt = dataclasses.field(
-        default_factory=lambda: LevenbergMarquardt(max_iterations=4, initial_damping=1e-2)
-    )
-    third: LevenbergMarquardt = dataclasses.field(
-        default_factory=lambda: LevenbergMarquardt(max_iterations=4, tolerance=1e-3)
-    )
-    last: LevenbergMarquardt = dataclasses.field(
-        default_factory=lambda: LevenbergMarquardt(max_iterations=15, tolerance=1e-3)
-    )
-    polish: LevenbergMarquardt = dataclasses.field(
-        default_factory=lambda: LevenbergMarquardt(max_iterations=40, tolerance=1e-4)
-    )
+    near_first: LevenbergMarquardt = LevenbergMarquardt(max_iterations=5, initial_damping=1e-2)
+    first: LevenbergMarquardt = LevenbergMarquardt(max_iterations=1, initial_damping=1e-2)
+    second: LevenbergMarquardt = LevenbergMarquardt(max_iterations=4, initial_damping=1e-2)
+    third: LevenbergMarquardt = LevenbergMarquardt(max_iterations=4, tolerance=1e-3)
+    last: LevenbergMarquardt = LevenbergMarquardt(max_iterations=15, tolerance=1e-3)
+    polish: LevenbergMarquardt = LevenbergMarquardt(max_iterations=40, tolerance=1e-4)
 
     def widened(self) -> "PairSearch":
         """The search with four times the starts where there is a prior."""
@@ -169,15 +158,10 @@ class PairSearch:
         offset, bend = choice.offset * features.spacing, choice.bend
         table = contact_table(field, self.contacts, offset, 2.0 * bend)
         pairs = choice.choose(features, self.contacts, generator)
-        if not pairs:
-            return np.empty((0, 3, 4))
         turns, reach = self.model.symmetry_turns, space.reach
         if sum(symmetry.is_continuous for symmetry in self.model.symmetries) > 1:
             turns, reach = turns[:1], (np.pi, reach[1])  # A sphere's rotation is always within reach.
-        cost = judge_pairs(pairs, features, field, table, count, space.center, reach, turns)
-        limit = np.partition(cost, count)[count] if len(cost) > count else np.inf
-        best = np.flatnonzero(cost < limit)
-        X_PO = pair_poses(pairs, features, table, best[np.argsort(cost[best], kind="stable")])
+        X_PO, _ = best_poses(pairs, features, field, table, count, space.center, reach, turns)
         if len(self.model.symmetry_turns) > 1:
             # Near the prior; without one, wherever, but of all that look the same only one.
             X_PO = nearest_images(X_PO, space.center, self.model.symmetry_turns, self.model.symmetries)

@@ -17,7 +17,12 @@ def blob() -> ObjectModel:
 
 def choose(model: ObjectModel, touch: Contacts, /, **choice: int) -> list[tuple[int, int, int, int]]:
     pairs = PairChoice(**choice).choose(model.pair_features, touch, np.random.default_rng(0))
-    return [(pair.first, pair.second, len(pair.matches), pair.spins) for pair in pairs]
+    counts = np.diff(pairs.begins)
+    assert pairs.count == counts @ pairs.spins
+    return [
+        (int(first), int(second), int(count), int(spins))
+        for (first, second), count, spins in zip(pairs.ends, counts, pairs.spins, strict=True)
+    ]
 
 
 def test_the_true_samples_are_among_the_matches(blob: ObjectModel) -> None:
@@ -28,9 +33,10 @@ def test_the_true_samples_are_among_the_matches(blob: ObjectModel) -> None:
         contacts = touch_surface(blob, X_PO, 2, generator)
         features = blob.pair_features
         p_OC = (contacts.p_PC - X_PO[:, 3]) @ X_PO[:, :3]
-        (pair,) = PairChoice().choose(features, contacts, generator)
-        ends = p_OC[[pair.first, pair.second]]
-        off = np.linalg.norm(features.points[features.pairs[pair.matches]] - ends, axis=2).max(axis=1)
+        pairs = PairChoice().choose(features, contacts, generator)
+        assert len(pairs.ends) == 1
+        samples = features.points[features.pairs[pairs.matches[: pairs.begins[1]]]]
+        off = np.linalg.norm(samples - p_OC[pairs.ends[0]], axis=2).max(axis=1)
         missed += off.min() > 2 * features.spacing
     assert missed <= 1
 
@@ -40,6 +46,7 @@ def test_those_with_few_matches_come_first_and_no_more_than_there_is_room_for(bl
     pairs = choose(blob, contacts, contacts=6, poses=10**7, pairs=15)
     counts = [count for _, _, count, _ in pairs]
     assert len(pairs) == 15
+    assert len({(first, second) for first, second, *_ in pairs}) == 15
     # By a guess, so about in order.
     assert np.corrcoef(counts, np.argsort(np.argsort(counts)))[0, 1] > 0.5
     assert max(counts[:4]) < max(counts[-4:])

@@ -2,7 +2,13 @@ import numpy as np
 import pytest
 import trimesh
 
-from tactopose_drake.core.pairs.pair_features import build_pair_features, fundamental_points, pair_feature
+from tactopose_drake.core.pairs.pair_features import (
+    PairFeatures,
+    build_pair_features,
+    find_matches,
+    fundamental_points,
+    pair_feature,
+)
 from tactopose_drake.core.poses import compose, make_poses, random_rotations, transform_points
 from tactopose_drake.core.shape.objects import ObjectModel
 from tests.core.searches.problems import make_blob
@@ -18,6 +24,16 @@ def blob() -> ObjectModel:
 @pytest.fixture(scope="module")
 def box() -> ObjectModel:
     return ObjectModel.from_mesh(trimesh.creation.box((0.06, 0.09, 0.14)).subdivide().subdivide())
+
+
+def matches(
+    features: PairFeatures, wanted: np.ndarray, sigma: np.ndarray, step: int = 1, room: int = 10**6
+) -> np.ndarray:
+    found = np.empty(room, dtype=np.int32)
+    arguments = (wanted / features.unit, features.unit / sigma, 2.0, step, found)
+    count = find_matches(features.features, features.first, *arguments)
+    assert count == find_matches(features.features, features.first, *arguments[:-1], found[:1].copy())
+    return found[:count]
 
 
 def test_no_motion_changes_a_feature() -> None:
@@ -44,7 +60,7 @@ def test_matches_are_those_that_a_search_of_all_pairs_finds(blob: ObjectModel, s
     features = build_pair_features(blob.samples, blob.area, NO_SYMMETRY, max_points=100)
     n = len(features.points)
     wanted = pair_feature(features.points[3], features.normals[3], features.points[70], features.normals[70])
-    found = {tuple(pair) for pair in features.pairs[features.matches(wanted, sigma, 2.0)].tolist()}
+    found = {tuple(pair) for pair in features.pairs[matches(features, wanted, sigma)].tolist()}
     rounding = np.array([features.length, np.pi, np.pi, np.pi]) / 255 / sigma
     for i in range(n):
         for j in range(n):
@@ -57,13 +73,13 @@ def test_matches_are_those_that_a_search_of_all_pairs_finds(blob: ObjectModel, s
                 assert ((i, j) in found) == (off < 2.0)
 
 
-def test_a_guess_of_the_number_of_matches_is_about_right(blob: ObjectModel) -> None:
+def test_every_so_many_pairs_are_looked_at_with_a_step(blob: ObjectModel) -> None:
     features = blob.pair_features
     for sigma in (np.array([0.004, 0.2, 0.15, 0.3]), np.array([0.003, np.inf, np.inf, np.inf])):
         wanted = pair_feature(features.points[3], features.normals[3], features.points[700], features.normals[700])
-        count = len(features.matches(wanted, sigma, 2.0))
-        (guess,) = features.guess_match_counts(wanted[None], sigma[None], 2.0)
-        assert guess == pytest.approx(count, rel=0.3)
+        every = matches(features, wanted, sigma)
+        np.testing.assert_array_equal(matches(features, wanted, sigma, step=16), every[every % 16 == 0])
+        assert 16 * len(matches(features, wanted, sigma, step=16)) == pytest.approx(len(every), rel=0.3)
 
 
 def test_of_pairs_that_a_symmetry_turns_into_each_other_one_is_kept(box: ObjectModel) -> None:
