@@ -10,36 +10,19 @@ import contextlib
 import threading
 import time
 from collections.abc import Callable
-from typing import Any, Protocol, Self, TypeVar
+from typing import Any, Self, TypeVar
 
 import can
 
 from tactopose_drake.drivers.clock import FIRST_EPOCH_STAMP, Clock
-from tactopose_drake.drivers.frames import ERROR_BUS_OFF, is_ordinary
+from tactopose_drake.drivers.frame_dispatch import BusUser, FrameDispatch, Listener
 from tactopose_drake.drivers.reconnecting_bus import ReconnectingBus
-from tactopose_drake.errors import BusError, DriverError, EndOfLogError, InvalidInputError, UnknownNameError
+from tactopose_drake.errors import BusError, DriverError, EndOfLogError, UnknownNameError
 
 Found = TypeVar("Found")
 
 _LONGEST_WAIT = 0.02  # for a frame, s; how long closing may take
 _MOST_FRAMES = 64  # that are handed on in one turn
-
-
-class BusUser(Protocol):
-    """What the bus knows of a device; `Device` says what the methods do."""
-
-    name: str
-    requests: frozenset[int]
-    replies: frozenset[int]
-    due: float
-
-    def restart(self, time: float) -> None: ...
-
-    def handle(self, frame: can.Message, time: float) -> None: ...
-
-    def poll(self, time: float) -> None: ...
-
-    def follow(self, request: can.Message, time: float) -> None: ...
 
 
 class DeviceBus:
@@ -52,7 +35,6 @@ class DeviceBus:
         follows_log: whether the bus replays what was recorded.
         origin: the time at which `keep_up` begins to count, s since the epoch: when the bus was opened, unless set.
         quiet_until: only one device may send before this time, s since the epoch.
-        error_frames: how many the controller has reported.
     """
 
     def __init__(
@@ -75,19 +57,13 @@ class DeviceBus:
         self.clock, self.follows_log = clock, follows_log
         self.origin = 0.0
         self.quiet_until = 0.0
-        self.error_frames = 0
         self._speaker: BusUser | None = None
         self._line, self._threaded = ReconnectingBus(open_bus, clock), threaded
-        self._devices: tuple[BusUser, ...] = ()
-        self._to_start: list[BusUser] = []
-        self._askers: dict[int, BusUser] = {}  # by the identifiers of their requests
-        self._owners: dict[int, BusUser] = {}  # by those of their replies
-        self._listeners: list[Callable[[can.Message], None]] = []
+        self._dispatch = FrameDispatch()
         self._changed = threading.Condition(threading.RLock())
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
         self._end: BaseException | None = None  # what ended the thread
-        self._bus_off = False
 
     @classmethod
     def open(cls, interface: str, channel: str | int, **options: Any) -> Self:
@@ -139,7 +115,12 @@ class DeviceBus:
             return f"bus: its thread ended with {self._end!r}"
         if self._line.failure:
             return f"bus: {self._line.failure}"
-        return "bus: is off after too many errors" if self._bus_off else ""
+        return "bus: is off after too many errors" if self._dispatch.is_bus_off else ""
+
+    @property
+    def error_frames(self) -> int:
+        """How many error frames the controller has reported."""
+        return self._dispatch.error_frames
 
     @property
     def log_end(self) -> EndOfLogError | None:
@@ -153,33 +134,22 @@ class DeviceBus:
             InvalidInputError: if another device on the bus has the same identifiers.
         """
         with self._changed:
-            for identifier in device.replies & self._owners.keys():
-                other = self._owners[identifier]
-                raise InvalidInputError(
-                    f"{device.name}: has the identifier {identifier:#x}, which {other.name} on the same bus has too."
-                )
-            self._devices += (device,)
-            self._askers.update(dict.fromkeys(device.requests, device))
-            self._owners.update(dict.fromkeys(device.replies, device))
-            self._to_start.append(device)  # by the thread that does the work
+            self._dispatch.attach(device)
 
     def detach(self, device: BusUser) -> None:
         """Ends a device's part."""
         with self._changed:
-            self._devices = tuple(other for other in self._devices if other is not device)
-            self._to_start = [other for other in self._to_start if other is not device]
-            self._askers = {identifier: other for identifier, other in self._askers.items() if other is not device}
-            self._owners = {identifier: other for identifier, other in self._owners.items() if other is not device}
+            self._dispatch.detach(device)
 
-    def listen(self, listener: Callable[[can.Message], None]) -> None:
+    def listen(self, listener: Listener) -> None:
         """Has every frame that is received (`is_rx`) or sent from now on given to `listener` too, with its time."""
         with self._changed:
-            self._listeners.append(listener)
+            self._dispatch.listen(listener)
 
-    def ignore(self, listener: Callable[[can.Message], None]) -> None:
+    def ignore(self, listener: Listener) -> None:
         """Ends what `listen` began."""
         with self._changed:
-            self._listeners.remove(listener)
+            self._dispatch.ignore(listener)
 
     def wait_for(self, find: Callable[[], Found | None], timeout: float) -> Found | None:
         """Calls `find` after each frame until it finds something.
@@ -244,22 +214,18 @@ class DeviceBus:
         if self._line.bus is None:
             if self._line.reopen(timeout):
                 with self._changed:
-                    self._to_start = list(self._devices)
+                    self._dispatch.renew()
             return
         frame = self._receive(max(0.0, min(timeout, self._due() - self.clock.time())))
         with self._changed:
-            for device in self._to_start:
-                device.restart(self.clock.time())
-            self._to_start.clear()
+            self._dispatch.start(self.clock)
             count = 0
             while frame is not None:
                 self._hand_on(frame)
                 count += 1
                 frame = self._receive(0.0) if count < _MOST_FRAMES else None
-            now = self.clock.time()
-            for device in () if self.follows_log else self._devices:
-                if now >= device.due:
-                    device.poll(now)
+            if not self.follows_log:
+                self._dispatch.poll(self.clock.time())
             self._changed.notify_all()
 
     # For devices, whose methods the bus calls.
@@ -273,7 +239,7 @@ class DeviceBus:
         """
         if self._line.send(frame):
             frame.timestamp = time
-            self._tell_listeners(frame)
+            self._dispatch.tell(frame)
 
     def hush(self, speaker: BusUser, until: float) -> None:
         """Has nothing sent before a time, s since the epoch, except by one device."""
@@ -293,11 +259,8 @@ class DeviceBus:
                 self._changed.notify_all()
 
     def _due(self) -> float:
-        """When the first device wants to go on."""
         with self._changed:
-            if self._to_start:
-                return 0.0
-            return min((device.due for device in self._devices if not self.follows_log), default=float("inf"))
+            return self._dispatch.due(self.follows_log)
 
     def _receive(self, timeout: float) -> can.Message | None:
         try:
@@ -310,21 +273,7 @@ class DeviceBus:
         if frame.timestamp < FIRST_EPOCH_STAMP:
             frame.timestamp = self.clock.time()
         if self.follows_log and not frame.is_rx:
-            asker = self._askers.get(frame.arbitration_id)
-            if asker is not None:
-                asker.follow(frame, frame.timestamp)
+            self._dispatch.follow(frame)
             return
         frame.is_rx = True  # Some backends say otherwise of what another program on this machine has sent.
-        self._tell_listeners(frame)
-        if frame.is_error_frame:
-            self.error_frames += 1
-            self._bus_off = self._bus_off or bool(frame.arbitration_id & ERROR_BUS_OFF)
-            return
-        self._bus_off = False
-        device = self._owners.get(frame.arbitration_id)
-        if device is not None and is_ordinary(frame):
-            device.handle(frame, frame.timestamp)
-
-    def _tell_listeners(self, frame: can.Message) -> None:
-        for listener in self._listeners:
-            listener(frame)
+        self._dispatch.hand_on(frame)
