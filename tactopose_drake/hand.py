@@ -11,8 +11,8 @@ from pydrake.multibody.tree import Frame, ModelInstanceIndex, WeldJoint
 
 from tactopose_drake.core.surfaces import Capsule, Ellipsoid, Sphere, Surface
 from tactopose_drake.core.validation import finite_array, positive_number
-from tactopose_drake.errors import InvalidInputError, UnknownNameError
-from tactopose_drake.model_packages import ModelPackage, make_parser
+from tactopose_drake.errors import InvalidFileError, InvalidInputError, UnknownNameError
+from tactopose_drake.model_packages import ModelPackage, add_model, make_parser
 from tactopose_drake.resources import model_path
 from tactopose_drake.typed_yaml import load_typed_yaml
 
@@ -179,6 +179,11 @@ def load_hand_config(name_or_path: str | Path) -> HandConfig:
     """
     shipped = model_path("hands", str(name_or_path), f"{name_or_path}.hand.yaml")
     path = shipped if shipped.is_file() else Path(name_or_path)
+    if not path.is_file():
+        known = ", ".join(
+            sorted(file.name.removesuffix(".hand.yaml") for file in model_path("hands").glob("*/*.hand.yaml"))
+        )
+        raise InvalidFileError(f"{path}: there is no such file; the package's hands are {known}.")
     config = load_typed_yaml(HandConfig, path)
     config.validate()
     if "://" not in config.model:
@@ -199,11 +204,11 @@ def add_hand(plant: MultibodyPlant, config: HandConfig, X_WBase: RigidTransform 
 
     Raises:
         UnknownNameError: if the model lacks a name of the configuration.
-        InvalidInputError: if a package of the model is not installed.
+        InvalidFileError: if Drake cannot read the model.
+        InvalidInputError: if a package of the model is not installed, or a weld is a joint that moves.
     """
     config.validate()
-    parser = make_parser(plant, config.packages)
-    (model_instance,) = parser.AddModels(url=config.model) if "://" in config.model else parser.AddModels(config.model)
+    model_instance = add_model(make_parser(plant, config.packages), config.model)
     hand = find_hand(plant, config, model_instance)
     # Asked for one model's actuators, an unfinished plant says that there is none.
     actuators = (plant.get_joint_actuator(index) for index in plant.GetJointActuatorIndices())
@@ -220,6 +225,7 @@ def find_hand(plant: MultibodyPlant, config: HandConfig, model_instance: ModelIn
 
     Raises:
         UnknownNameError: if the model lacks a name of the configuration.
+        InvalidInputError: if a weld is a joint that moves.
     """
     frames = {plant.get_frame(index).name(): plant.get_frame(index) for index in plant.GetFrameIndices(model_instance)}
     joints = {plant.get_joint(index).name(): plant.get_joint(index) for index in plant.GetJointIndices(model_instance)}
@@ -230,8 +236,14 @@ def find_hand(plant: MultibodyPlant, config: HandConfig, model_instance: ModelIn
         for name in needed:
             if name not in joints:
                 raise UnknownNameError(f"joint of finger {finger.name!r}", name, sorted(joints))
+    for finger in sensing:
+        if not isinstance(joints[finger.weld], WeldJoint):
+            fixed = ", ".join(sorted(name for name, joint in joints.items() if isinstance(joint, WeldJoint))) or "none"
+            raise InvalidInputError(
+                f"HandConfig.fingers[{finger.name}].weld: the joint {finger.weld!r} moves; the fixed ones are {fixed}."
+            )
     pads = {pad.name: pad.frame for pad in config.pads}
-    for name in [config.palm_frame, *(finger.sensor_frame for finger in sensing), *pads.values()]:
+    for name in [config.base_link, config.palm_frame, *(finger.sensor_frame for finger in sensing), *pads.values()]:
         if name not in frames:
             raise UnknownNameError("frame of the hand", name, sorted(frames))
     return Hand(

@@ -7,8 +7,9 @@ from pathlib import Path
 
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import ModelInstanceIndex
 
-from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.errors import InvalidFileError, InvalidInputError
 from tactopose_drake.resources import resource_root
 
 
@@ -50,3 +51,18 @@ def make_parser(plant: MultibodyPlant, packages: Sequence[ModelPackage] = ()) ->
     for package in packages:
         parser.package_map().Add(package.name, str(package.path()))
     return parser
+
+
+def add_model(parser: Parser, model: str | Path) -> ModelInstanceIndex:
+    """Parses a file that holds one model: an SDF, URDF or MJCF, by path or by URL.
+
+    Raises:
+        InvalidFileError: if Drake cannot read the file, or it does not hold exactly one model.
+    """
+    try:
+        instances = parser.AddModels(url=model) if "://" in str(model) else parser.AddModels(str(model))
+    except RuntimeError as error:
+        raise InvalidFileError(f"{model}: is no model that Drake can read ({' '.join(str(error).split())}).") from None
+    if len(instances) != 1:
+        raise InvalidFileError(f"{model}: holds {len(instances)} models; allowed is one.")
+    return instances[0]

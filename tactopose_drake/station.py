@@ -13,7 +13,7 @@ from tactopose_drake.core.grasping.grasp_planner import GraspPlan
 from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.grasping.grasp_planning import plan_scenario
 from tactopose_drake.hand import Hand, add_hand, load_hand_config
-from tactopose_drake.model_packages import make_parser
+from tactopose_drake.model_packages import add_model, make_parser
 from tactopose_drake.scenario import Scenario
 from tactopose_drake.station_grasp import GraspStart, add_grip, add_planned_grasp
 from tactopose_drake.station_senses import add_noise, add_senses
@@ -106,7 +106,7 @@ def make_station(
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlant(config=scenario.plant, builder=builder)
     hand = add_hand(plant, load_hand_config(scenario.hand), scenario.X_WBase.GetDeterministicValue())
-    (object_instance,) = make_parser(plant).AddModels(str(scenario.object_sdf()))
+    object_instance = add_model(make_parser(plant), scenario.object_sdf())
     if scenario.grip is not None:
         set_motor_gains(plant, hand, scenario.grip.controller)
     plant.Finalize()

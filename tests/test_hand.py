@@ -206,7 +206,7 @@ def test_unknown_joint_is_named_with_the_valid_ones(tmp_path):
 
 
 def test_bad_descriptors_are_refused(tmp_path):
-    with pytest.raises(InvalidFileError, match="no_such_hand"):
+    with pytest.raises(InvalidFileError, match=r"no_such_hand: .* hands are .*barrett_like, shadow_like"):
         load_hand_config("no_such_hand")
     with pytest.raises(InvalidInputError, match="radius: is -1"):
         load_hand_config(write_gripper(tmp_path, surface="!SphereSurface {radius: -1}"))
@@ -214,6 +214,32 @@ def test_bad_descriptors_are_refused(tmp_path):
     path.write_text(path.read_text() + "thumbs: 2\n")
     with pytest.raises(InvalidFileError, match="thumbs"):
         load_hand_config(path)
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "error", "message"),
+    [
+        ("base_link: base", "base_link: bass", UnknownNameError, "'bass' is unknown; valid names: .*base, left"),
+        ("palm_frame: base", "palm_frame: bass", UnknownNameError, "'bass' is unknown; valid names: .*base, left"),
+        ("weld: left_weld", "weld: left_hinge", InvalidInputError, "'left_hinge' moves; the fixed ones are left_weld"),
+        ("gripper.sdf", "griper.sdf", InvalidFileError, r"griper\.sdf: is no model that Drake can read"),
+    ],
+)
+def test_what_the_model_does_not_hold_is_refused(tmp_path, right, wrong, error, message):
+    path = write_gripper(tmp_path)
+    path.write_text(path.read_text().replace(right, wrong))
+    with pytest.raises(error, match=message):
+        make_hand_plant(load_hand_config(path))
+
+
+def test_a_file_of_two_models_is_no_hand(tmp_path):
+    path = write_gripper(tmp_path)
+    model = GRIPPER_SDF[GRIPPER_SDF.index("<model") : GRIPPER_SDF.index("</sdf>")]
+    second = model.replace('name="gripper"', 'name="second"')
+    assert second != model
+    (tmp_path / "gripper.sdf").write_text(f'<sdf version="1.9"><world name="two">{model}{second}</world></sdf>')
+    with pytest.raises(InvalidFileError, match="holds 2 models; allowed is one"):
+        make_hand_plant(load_hand_config(path))
 
 
 def test_a_finger_may_have_no_sensor_and_a_hand_pads(tmp_path):

@@ -11,7 +11,7 @@ from pydrake.multibody.tree import Frame, ModelInstanceIndex, SpatialInertia
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
 from tactopose_drake.hand import Hand
-from tactopose_drake.model_packages import make_parser
+from tactopose_drake.model_packages import add_model, make_parser
 from tactopose_drake.resources import model_path
 from tactopose_drake.typed_yaml import load_typed_yaml
 
@@ -57,11 +57,11 @@ def add_arm(plant: MultibodyPlant, config: ArmConfig, X_WBase: RigidTransform) -
     """Parses an arm into a plant that is not finalized yet, and welds its base to the world.
 
     Raises:
+        InvalidFileError: if Drake cannot read the model.
         UnknownNameError: if the model lacks a name of the configuration.
     """
     config.validate()
-    parser = make_parser(plant)
-    (instance,) = parser.AddModels(url=config.model) if "://" in config.model else parser.AddModels(config.model)
+    instance = add_model(make_parser(plant), config.model)
     frames = {plant.get_frame(index).name(): plant.get_frame(index) for index in plant.GetFrameIndices(instance)}
     for name in (config.base_link, config.flange_frame):
         if name not in frames:

@@ -16,7 +16,7 @@ from tactopose_drake.core.grasping.grasp_planner import GraspPlan
 from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.core.validation import finite_array, positive_number
 from tactopose_drake.hand import Hand, add_hand, load_hand_config
-from tactopose_drake.model_packages import make_parser
+from tactopose_drake.model_packages import add_model, make_parser
 from tactopose_drake.scenario import Scenario
 from tactopose_drake.station import Station
 from tactopose_drake.station_grasp import add_planned_grasp
@@ -149,7 +149,7 @@ def make_arm_station(
     hand = add_hand(plant, load_hand_config(scenario.hand))
     mount_hand(plant, arm, hand, setup.X_FBase.GetDeterministicValue())
     _add_scene(plant, setup)
-    (object_instance,) = make_parser(plant).AddModels(str(scenario.object_sdf()))
+    object_instance = add_model(make_parser(plant), scenario.object_sdf())
     plant.Finalize()
     finite_array("ArmSetup.q_start", setup.q_start, (plant.num_positions(arm.model_instance),))
     (object_joint,) = (plant.get_joint(index) for index in plant.GetJointIndices(object_instance))
@@ -203,7 +203,7 @@ def _add_tracking(
 def _add_scene(plant: MultibodyPlant, setup: ArmSetup) -> None:
     parser = make_parser(plant)
     for item in setup.scene:
-        (instance,) = parser.AddModels(url=item.model) if "://" in item.model else parser.AddModels(item.model)
+        instance = add_model(parser, item.model)
         root = plant.get_body(plant.GetBodyIndices(instance)[0]).body_frame()
         plant.WeldFrames(plant.world_frame(), root, item.X_WModel.GetDeterministicValue())
 

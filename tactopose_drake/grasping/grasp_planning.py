@@ -8,7 +8,7 @@ from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.grasping.hand_reach import make_hand_reach
 from tactopose_drake.hand import load_hand_config, make_hand_plant
-from tactopose_drake.model_packages import make_parser
+from tactopose_drake.model_packages import add_model, make_parser
 from tactopose_drake.scenario import Scenario
 
 
@@ -41,6 +41,6 @@ def plan_scenario(scenario: Scenario, model: ObjectModel | None = None) -> list[
 def _object_mass(scenario: Scenario) -> float:
     """Mass of the object, kg, from its SDF."""
     plant = MultibodyPlant(time_step=0.0)
-    (instance,) = make_parser(plant).AddModels(str(scenario.object_sdf()))
+    instance = add_model(make_parser(plant), scenario.object_sdf())
     plant.Finalize()
     return float(plant.CalcTotalMass(plant.CreateDefaultContext(), [instance]))
