@@ -27,7 +27,7 @@ from tactopose_drake.display.remote_meshcat import RemoteMeshcat
 from tactopose_drake.display.scene import Scene
 from tactopose_drake.errors import DriverError, InvalidInputError
 from tactopose_drake.estimation import METHODS, estimate_pose
-from tactopose_drake.files import load_contacts, load_prior, save_result
+from tactopose_drake.files import check_writable, load_contacts, load_prior, save_result
 from tactopose_drake.reports import (
     fingers_table,
     free_line,
@@ -59,7 +59,9 @@ def cli() -> None:
 @click.option("--contacts", "contacts_file", type=_path, required=True, help="contacts.yaml: the touch.")
 @click.option("--prior", "prior_file", type=_path, help="prior.yaml: what is known of the pose without touch.")
 @click.option("--method", type=click.Choice(list(METHODS)), default="pair_search", show_default=True, help="Search.")
-@click.option("--seed", default=0, show_default=True, help="Of the search's random numbers.")
+@click.option(
+    "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the search's random numbers."
+)
 @click.option("--out", type=_path, help="Writes result.json here.")
 @click.option("--html", type=_path, help="Writes the scene here, as a web page to turn and zoom.")
 @click.option("--meshcat-url", help="Draws the scene into the meshcat-server there, e.g. tcp://127.0.0.1:6000.")
@@ -77,8 +79,8 @@ def estimate(
     contacts = load_contacts(contacts_file)
     prior = None if prior_file is None else load_prior(prior_file)
     for path in (out, html):
-        if path is not None and not path.absolute().parent.is_dir():
-            raise InvalidInputError(f"{path}: the folder {path.absolute().parent} does not exist.")
+        if path is not None:
+            check_writable(path)
     remote = None if meshcat_url is None else click.get_current_context().with_resource(RemoteMeshcat(meshcat_url))
     with _progress(f"reading {mesh}"):
         model = ObjectModel.from_mesh(mesh)
@@ -180,8 +182,12 @@ def main() -> None:
         cli.main(standalone_mode=False)
     except click.exceptions.Exit as stop:
         sys.exit(stop.exit_code)
-    except click.ClickException as error:
-        _fail(error.format_message())
+    except click.exceptions.NoArgsIsHelpError as error:
+        click.echo(error.format_message(), err=True)
+        sys.exit(_UNUSABLE_INPUT)
+    except click.UsageError as error:
+        command = error.ctx.command_path if error.ctx else "tactopose"
+        _fail(f"{error.format_message()} `{command} --help` says what is allowed.")
     except InvalidInputError as error:
         _fail(str(error))
     except (GraspFailedError, DriverError) as error:

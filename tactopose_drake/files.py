@@ -104,6 +104,18 @@ def hypotheses_data(estimate: PoseEstimate) -> list[dict[str, Any]]:
     ]
 
 
+def check_writable(path: Path) -> None:
+    """Tells, before any work, whether a file can be written there.
+
+    Raises:
+        InvalidFileError: its folder does not exist, or it is a folder.
+    """
+    if not path.absolute().parent.is_dir():
+        raise InvalidFileError(f"{path}: the folder {path.absolute().parent} does not exist.")
+    if path.is_dir():
+        raise InvalidFileError(f"{path}: is a folder; allowed is a file, which may be new.")
+
+
 def _read(path: Path) -> Any:
     try:
         text = path.read_text()

@@ -184,6 +184,24 @@ def test_an_output_that_cannot_be_written_is_found_before_the_work(
     arguments = ["--object", "absent.obj", "--contacts", folder / "contacts.yaml"]
     assert run("estimate", *arguments, "--out", folder / "absent" / "result.json") == 2
     assert "does not exist" in capsys.readouterr().err
+    assert run("estimate", *arguments, "--html", folder) == 2
+    assert "is a folder" in capsys.readouterr().err
+
+
+def test_a_wrong_command_line_says_where_the_right_one_stands(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("estimate", "--object", "mug.obj") == 2
+    assert capsys.readouterr().err.endswith(
+        "Missing option '--contacts'. `tactopose estimate --help` says what is allowed.\n"
+    )
+    assert run("estimate", "--seed", -1) == 2
+    assert "-1 is not in the range x>=0" in capsys.readouterr().err
+
+
+def test_no_command_shows_the_help(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run() == 2
+    printed = capsys.readouterr().err
+    assert printed.startswith("Usage: tactopose")
+    assert {"demo", "estimate", "identify"} <= {line.split()[0] for line in printed.splitlines() if line.strip()}
 
 
 def test_a_meshcat_server_that_is_not_there_is_told_before_any_work(

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 from rich.console import Console
 
-from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.files import check_writable
 from tactopose_drake.recordings.estimates import EstimateWriter
 from tactopose_drake.running.advance import Look, Progress, RunView
 from tactopose_drake.running.monitor import Monitor, estimate_line
@@ -47,8 +47,8 @@ def run(scenario: str, duration: float | None, record: Path | None, monitor: boo
 def replay(log: Path, scenario: str, speed: str, out: Path | None, monitor: bool) -> None:
     """Plays LOG, a folder that `run --record` made, through the drivers: the same estimates each time, bit by bit."""
     loaded = load_scenario(scenario)
-    if out is not None and not out.absolute().parent.is_dir():
-        raise InvalidInputError(f"{out}: the folder {out.absolute().parent} does not exist.")
+    if out is not None:
+        check_writable(out)
     with contextlib.ExitStack() as parts:
         writer = None if out is None else parts.enter_context(EstimateWriter(out))
         show, tell = parts.enter_context(_showing(monitor))

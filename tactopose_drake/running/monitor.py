@@ -152,7 +152,8 @@ def estimate_line(view: RunView) -> str:
         return str(status)
     position = " ".join(f"{1e3 * x:.1f}" for x in _value(view, "object_pose").translation())
     count = len(estimate.hypotheses)
-    return f"{status}; object at {position} mm; {count} hypotheses, the best with {estimate.best.probability:.0%}"
+    many = "1 hypothesis" if count == 1 else f"{count} hypotheses"
+    return f"{status}; object at {position} mm; {many}, the best with {estimate.best.probability:.0%}"
 
 
 def _value(view: RunView, port: str, otherwise: Any = "") -> Any:
