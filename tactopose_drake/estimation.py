@@ -90,13 +90,17 @@ def estimate_pose(
     Raises:
         TooFewContactsError: no contact, and no patch that is felt.
         UnknownNameError: a method that does not exist.
-        InvalidInputError: no prior for a method that starts from one, a friction below 0, `max_hypotheses` below 1, a
-            time limit that is not above 0, or patches that are none; balance or friction without forces, or balance of
-            an object whose mass is not known or whose centre of mass is moved by its symmetries.
+        InvalidInputError: no prior for a method that starts from one, a friction or a seed below 0, `max_hypotheses`
+            below 1, a time limit that is not above 0, or a value of another type; balance or friction without forces,
+            or balance of an object whose mass is not known or whose centre of mass is moved by its symmetries.
     """
     deadline = _Deadline(math.inf if time_limit is None else positive_number("time_limit", time_limit))
     if method not in METHODS:
         raise UnknownNameError("method", method, METHODS)
+    if not isinstance(model, ObjectModel):
+        raise InvalidInputError(f"model: is a {type(model).__name__}; allowed is an ObjectModel.")
+    if seed < 0:
+        raise InvalidInputError(f"seed: is {seed}; allowed are integers >= 0.")
     if max_hypotheses < 1:
         raise InvalidInputError(f"max_hypotheses: is {max_hypotheses}; allowed are numbers >= 1.")
     if prior is None and method not in GLOBAL_METHODS:

@@ -139,14 +139,16 @@ def identify(
     Raises:
         TooFewContactsError: no contact, and no patch that is felt.
         UnknownNameError: a likelihood that does not exist.
-        InvalidInputError: no object, or one that is no `ObjectModel`; `candidates` or `max_hypotheses` below 1; patches
-            that are none.
+        InvalidInputError: no object, or one that is no `ObjectModel`; `candidates` or `max_hypotheses` below 1; a
+            seed below 0; patches that are none.
     """
     started = time.perf_counter()
     likelihood = check_likelihood("likelihood", likelihood)
     for name, value in (("candidates", candidates), ("max_hypotheses", max_hypotheses)):
         if value < 1:
             raise InvalidInputError(f"{name}: is {value}; allowed are numbers >= 1.")
+    if seed < 0:
+        raise InvalidInputError(f"seed: is {seed}; allowed are integers >= 0.")
     objects = _check_objects(models)
     evidence = Evidence(contacts, patches=patches)
     if len(evidence.touch) < 1:

@@ -295,15 +295,18 @@ def test_a_time_limit_cuts_the_search_short(bottle: tp.ObjectModel) -> None:
         ({"method": "guess"}, "method: 'guess' is unknown; valid names: pair_search, levenberg_marquardt"),
         ({"contacts": tp.Contacts.empty()}, "contacts: there are 0; the estimate needs at least 1"),
         ({"max_hypotheses": 0}, "max_hypotheses: is 0"),
+        ({"seed": -1}, "seed: is -1; allowed are integers >= 0"),
+        ({"model": "mug.obj"}, "model: is a str; allowed is an ObjectModel"),
         ({"time_limit": 0.0}, "time_limit: is 0; allowed are numbers > 0"),
         ({"time_limit": math.nan}, "time_limit: is nan"),
         ({"prior": None, "method": "levenberg_marquardt"}, "prior: is None; the method 'levenberg_marquardt' starts"),
     ],
 )
 def test_bad_arguments_are_named_before_any_work(blob: tp.ObjectModel, change: dict[str, object], message: str) -> None:
-    arguments: dict[str, object] = {"contacts": tp.Contacts([[0, 0, 0]]), "prior": tp.PosePrior(np.eye(4)), **change}
+    contacts, prior = tp.Contacts([[0, 0, 0]]), tp.PosePrior(np.eye(4))
+    arguments: dict[str, object] = {"model": blob, "contacts": contacts, "prior": prior, **change}
     with pytest.raises(tp.TactoposeError, match=message):
-        tp.estimate_pose(blob, **arguments)  # type: ignore[arg-type]
+        tp.estimate_pose(**arguments)  # type: ignore[arg-type]
 
 
 def test_the_core_needs_no_pydrake() -> None:

@@ -14,6 +14,15 @@ from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import InvalidInputError
 
 
+_KINDS = {
+    "contacts": Contacts,
+    "prior": PosePrior,
+    "hand": HandSpheres,
+    "untouched": HandSpheres,
+    "balance": ForceBalance,
+}
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Evidence:
     """What an estimate is made from, in the palm frame; None is what is not known.
@@ -28,7 +37,7 @@ class Evidence:
         friction: coefficient of friction between fingertips and object, by which no contact slips.
 
     Raises:
-        InvalidInputError: a friction below 0, balance or friction without forces, or patches that are none.
+        InvalidInputError: a value of another type, a friction below 0, or balance or friction without forces.
     """
 
     contacts: Contacts
@@ -40,6 +49,10 @@ class Evidence:
     patches: Sequence[Patch] = ()
 
     def __post_init__(self) -> None:
+        for name, kind in _KINDS.items():
+            value = getattr(self, name)
+            if not isinstance(value, kind) and (value is not None or name == "contacts"):
+                raise InvalidInputError(f"{name}: is a {type(value).__name__}; allowed is a {kind.__name__}.")
         if self.friction is not None:
             object.__setattr__(self, "friction", positive_number("friction", self.friction, allow_zero=True))
         for name in ("balance", "friction"):

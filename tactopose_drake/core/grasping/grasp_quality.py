@@ -140,11 +140,13 @@ def force_closure_probability(
         seed: of the draws.
 
     Raises:
-        InvalidInputError: a friction below 0, fewer than 3 edges, or no sample.
+        InvalidInputError: a friction or a seed below 0, fewer than 3 edges, or no sample.
     """
     friction, length = _check(model, friction, edges, None, "L1")
     if samples < 1:
         raise InvalidInputError(f"samples: is {samples}; allowed are numbers >= 1.")
+    if seed < 0:
+        raise InvalidInputError(f"seed: is {seed}; allowed are integers >= 0.")
     X_PO = belief.sample(samples, np.random.default_rng(seed))
     p_OC = np.einsum("bkj,bji->bki", contacts.p_PC - X_PO[:, None, :, 3], X_PO[:, :, :3])
     p_OC, n_OC, _ = on_surface(model, p_OC)

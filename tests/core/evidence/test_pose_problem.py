@@ -94,6 +94,10 @@ def test_balance_needs_symmetries_that_keep_the_centre_of_mass() -> None:
     [
         ({"friction": -0.1}, "friction: is -0.1; allowed are numbers >= 0"),
         ({"friction": np.nan}, "friction: is nan"),
+        ({"contacts": CONTACTS.p_PC}, "contacts: is a ndarray; allowed is a Contacts"),
+        ({"prior": np.eye(4)}, "prior: is a ndarray; allowed is a PosePrior"),
+        ({"hand": GRAVITY}, "hand: is a ForceBalance; allowed is a HandSpheres"),
+        ({"contacts": None}, "contacts: is a NoneType; allowed is a Contacts"),
         ({"contacts": Contacts(CONTACTS.p_PC), "friction": 0.5}, "contacts: have no forces; friction needs them"),
         ({"contacts": Contacts(CONTACTS.p_PC), "balance": GRAVITY}, "contacts: have no forces; balance needs them"),
     ],

@@ -193,6 +193,8 @@ def test_impossible_arguments_are_refused(box: ObjectModel) -> None:
     with pytest.raises(UnknownNameError, match="'gravity' is unknown"):
         grasp_quality(box, contacts, X, friction=0.5, task="gravity")  # type: ignore[arg-type]
     belief = PoseModes(X[None], np.ones(1), np.zeros((1, 6, 6)))
+    with pytest.raises(InvalidInputError, match="seed: is -1; allowed are integers >= 0"):
+        force_closure_probability(box, contacts, belief, friction=0.5, seed=-1)
     with pytest.raises(InvalidInputError, match="samples: is 0"):
         force_closure_probability(box, contacts, belief, friction=0.5, samples=0)
 
