@@ -13,7 +13,6 @@ from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import InvalidInputError
 
-
 _KINDS = {
     "contacts": Contacts,
     "prior": PosePrior,
