@@ -1,8 +1,9 @@
 """The posterior of an object's pose, and the scales on which it changes."""
 
+import dataclasses
+import functools
 import math
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 
@@ -20,7 +21,8 @@ _SAGITTA = 0.25
 _TURN = 0.02
 
 
-class Posterior(NamedTuple):
+@dataclasses.dataclass(frozen=True, eq=False)
+class Posterior:
     """What is sampled.
 
     Attributes:
@@ -49,7 +51,7 @@ class Posterior(NamedTuple):
         shifts = -np.einsum("bij,cj->bic", X_PO[:, :, :3], np.cross(axes, points))
         return np.concatenate([np.broadcast_to(axes.T, (len(X_PO), 3, len(axes))), shifts], axis=1)
 
-    @property
+    @functools.cached_property
     def gauge(self) -> FloatArray:
         """Information (6, 6) that holds the turns in place; it changes no density over the other directions."""
         gauge = np.zeros((6, 6))
@@ -57,12 +59,12 @@ class Posterior(NamedTuple):
             gauge[:3, :3] = self.turns[0].T @ self.turns[0] / _TURN**2
         return gauge
 
-    @property
+    @functools.cached_property
     def units(self) -> FloatArray:
         """Increments (6,) that move a point at half the object's size by one metre."""
         return np.repeat([2.0 / self.size, 1.0], 3)
 
-    @property
+    @functools.cached_property
     def straight(self) -> float:
         """Within this way, m, a turn's arc is as good as straight."""
         return math.sqrt(2.0 * _SAGITTA * self.sigma * self.size / 2.0)

@@ -75,31 +75,25 @@ class PoseSpace(Protocol):
 
 
 class PriorSpace:
-    """The poses around a prior, normally distributed as it says."""
+    """The poses around a prior, normally distributed as it says.
+
+    Attributes:
+        center: the prior's pose, shape (3, 4).
+        information: its inverse covariance, shape (6, 6).
+        reach: the radii that hold all but a thousandth of it: rotation, rad, and translation, m.
+    """
 
     def __init__(self, prior: PosePrior) -> None:
-        self._prior = prior
-
-    @property
-    def center(self) -> FloatArray:
-        """The prior's pose, shape (3, 4)."""
-        return self._prior.X_PO
-
-    @property
-    def information(self) -> FloatArray:
-        """The prior's inverse covariance, shape (6, 6)."""
-        return np.diag(1.0 / self._prior.sigmas**2)
-
-    @property
-    def reach(self) -> tuple[float, float]:
-        """The radii that hold all but a thousandth of the prior: rotation, rad, and translation, m."""
-        return _REACH * self._prior.sigma_rotation, _REACH * self._prior.sigma_translation
+        self._sigmas = prior.sigmas
+        self.center = prior.X_PO
+        self.information = np.diag(1.0 / self._sigmas**2)
+        self.reach = _REACH * prior.sigma_rotation, _REACH * prior.sigma_translation
 
     def sample(self, generator: np.random.Generator, count: int) -> FloatArray:
         """Random poses, shape (count, 3, 4)."""
         X_PO = np.empty((count, 3, 4))
-        increments = generator.normal(size=(count, 6)) * self._prior.sigmas
-        pose_kernels.retract(np.broadcast_to(self._prior.X_PO, X_PO.shape), increments, X_PO)
+        increments = generator.normal(size=(count, 6)) * self._sigmas
+        pose_kernels.retract(np.broadcast_to(self.center, X_PO.shape), increments, X_PO)
         return X_PO
 
 

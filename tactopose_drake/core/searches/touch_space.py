@@ -12,35 +12,25 @@ _ROTATION_VARIANCE = (np.pi**2 / 3.0 + 2.0) / 3.0
 
 
 class TouchSpace:
-    """All rotations, with the translations at which a contact lies on the surface."""
+    """All rotations, with the translations at which a contact lies on the surface.
+
+    Attributes:
+        center: the object as its mesh stands, about the contacts' centre, shape (3, 4).
+        information: that of a Gaussian as wide as the space, shape (6, 6): the contacts' centre may lie on any of the
+            surface's samples, in any direction of P.
+        reach: any rotation, rad; the translations, m, at which the touch and the surface can still meet.
+    """
 
     def __init__(self, model: ObjectModel, contacts: Contacts) -> None:
         self._p_PC, self._surface = contacts.p_PC, model.samples
         # A pose with the identity's rotation and the centres of touch and surface on each other.
-        middle_O, arm, self._variance = model.sample_spread
+        middle_O, arm, variance = model.sample_spread
         middle_P = self._p_PC.mean(axis=0)
-        self._center = np.column_stack([np.eye(3), middle_P - middle_O])
+        self.center = np.column_stack([np.eye(3), middle_P - middle_O])
         # The way from there to p_PC - R q, for any contact, any rotation and any point q of the surface.
         spread = np.linalg.norm(self._p_PC - middle_P, axis=1).max()
-        self._reach = float(spread + arm + np.linalg.norm(middle_O))
-
-    @property
-    def center(self) -> FloatArray:
-        """The object as its mesh stands, about the contacts' centre, shape (3, 4)."""
-        return self._center
-
-    @property
-    def information(self) -> FloatArray:
-        """That of a Gaussian as wide as the space, shape (6, 6).
-
-        The contacts' centre may lie on any of the surface's samples, in any direction of P.
-        """
-        return np.diag(1.0 / np.repeat([_ROTATION_VARIANCE, self._variance], 3))
-
-    @property
-    def reach(self) -> tuple[float, float]:
-        """Any rotation, rad; the translations, m, at which the touch and the surface can still meet."""
-        return np.pi, self._reach
+        self.reach = np.pi, float(spread + arm + np.linalg.norm(middle_O))
+        self.information = np.diag(1.0 / np.repeat([_ROTATION_VARIANCE, variance], 3))
 
     def sample(self, generator: np.random.Generator, count: int) -> FloatArray:
         """Random rotations that put a random contact on a random surface sample, shape (count, 3, 4)."""
