@@ -36,6 +36,7 @@ napoleon_attr_annotations = False
 
 html_theme = "furo"
 html_title = "tactopose_drake"
+html_show_copyright = False
 html_static_path: list[str] = []
 html_show_sourcelink = False
 html_copy_source = False

@@ -111,7 +111,7 @@ def estimate(
 @click.option("--hand", type=click.Choice(list(_DEMO_SCENARIOS)), default="shadow", show_default=True, help="Hand.")
 @click.option("--object", "name", help="One of the shipped objects; by default one that suits the hand.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the grasp and all noise.")
-@click.option("--out", type=_path, default=Path("tactopose_demo"), show_default=True, help="Folder for the results.")
+@click.option("--out", type=_path, default="tactopose_demo", show_default=True, help="Folder for the results.")
 @click.option("--meshcat", "keep", is_flag=True, help="Shows the run live in Meshcat, until you press Enter.")
 @click.option("--no-open", is_flag=True, help="Does not open the web page at the end.")
 def demo(hand: str, name: str | None, seed: int, out: Path, keep: bool, no_open: bool) -> None:

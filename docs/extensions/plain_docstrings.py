@@ -1,4 +1,4 @@
-"""Docstrings as their readers mean them: a bar is a bar, and an array of numbers has a short name."""
+"""Docstrings as their readers mean them: a bar is a bar, a colon a colon, and an array of numbers has a short name."""
 
 import re
 from typing import Any
@@ -8,6 +8,20 @@ from sphinx.application import Sphinx
 ARRAY = re.compile(
     r"~?(numpy\.)?ndarray\[tuple\[(~?typing\.)?Any, \.\.\.\], ~?(numpy\.)?dtype\[~?(numpy\.)?float64\]\]"
 )
+
+
+_COLON = "\ue000"  # stands for a colon while Napoleon looks
+
+
+def hide_colon(app: Sphinx, what: str, name: str, obj: object, options: object, lines: list[str]) -> None:
+    """Hides the colons of a property's first line, which Napoleon takes for the end of its type."""
+    if what in ("property", "attribute", "data") and lines:
+        lines[0] = lines[0].replace(":", _COLON)
+
+
+def show_colon(app: Sphinx, what: str, name: str, obj: object, options: object, lines: list[str]) -> None:
+    """Shows them again."""
+    lines[:] = [line.replace(_COLON, ":") for line in lines]
 
 
 def escape_bars(app: Sphinx, what: str, name: str, obj: object, options: object, lines: list[str]) -> None:
@@ -25,7 +39,9 @@ def shorten(
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
-    """Tells Sphinx of both rules."""
+    """Tells Sphinx of the rules; Napoleon's is of priority 500."""
+    app.connect("autodoc-process-docstring", hide_colon, priority=400)
+    app.connect("autodoc-process-docstring", show_colon, priority=600)
     app.connect("autodoc-process-docstring", escape_bars)
     app.connect("autodoc-process-signature", shorten)
     return {"parallel_read_safe": True}

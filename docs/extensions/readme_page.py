@@ -1,4 +1,4 @@
-"""Makes the page `start` from the README, whose links lead into the checkout and not into the site."""
+"""Makes the page `start` from the README, whose links lead into the checkout, and only some into the site."""
 
 import re
 from pathlib import Path
@@ -10,9 +10,13 @@ README = Path(__file__).parents[2] / "README.md"
 
 
 def to_page(text: str) -> str:
-    """The README as a page in docs/: pictures are found from there, other files are named and not linked."""
-    text = text.replace("](docs/pictures/", "](pictures/")
-    return re.sub(r"(?<!!)\[([^\]]+)\]\((?!https?:)([^)]+)\)", lambda link: f"{link[1]} (`{link[2]}`)", text)
+    """The README as a page in docs/: what lies there is found from there, other files are named and not linked."""
+    text = text.replace("](docs/", "](")
+
+    def name(link: re.Match[str]) -> str:
+        return f"`{link[2]}`" if link[1] == link[2] else f"{link[1]} (`{link[2]}`)"
+
+    return re.sub(r"(?<!!)\[([^\]]+)\]\((?!https?:|guides/|pictures/)([^)]+)\)", name, text)
 
 
 def read(app: Sphinx, name: str, source: list[str]) -> None:

@@ -61,6 +61,11 @@ def default_of(field: dataclasses.Field[Any]) -> str:
     return "" if dataclasses.is_dataclass(value) or hasattr(value, "__fields__") else str(value)
 
 
+def summary(schema: type) -> str:
+    """The first line of a class' docstring."""
+    return (inspect.getdoc(schema) or "").partition("\n")[0]
+
+
 def is_ours(schema: type) -> bool:
     """Whether the class is the package's, whose comments can be read."""
     return schema.__module__.startswith("tactopose_drake")
@@ -93,15 +98,19 @@ class YamlSchema(SphinxDirective):
     def _section(self, schema: type) -> nodes.Node:
         section = nodes.section(ids=[f"schema-{schema.__name__.lower()}"])
         section += nodes.title(text=schema.__name__)
-        section += nodes.paragraph(text=(inspect.getdoc(schema) or "").partition("\n")[0])
+        section += nodes.paragraph("", "", *_inline(summary(schema)))
+        if not dataclasses.fields(schema):
+            return section
         table, group = nodes.table(), nodes.tgroup(cols=4)
         group += [nodes.colspec(colwidth=width) for width in (20, 20, 20, 60)]
         head, body = nodes.thead(), nodes.tbody()
         head += _row(*([nodes.Text(title)] for title in ("key", "type", "default", "what")))
         hints, told = typing.get_type_hints(schema), comments(schema)
         for field in dataclasses.fields(schema):
-            kind, default, what = hints[field.name], default_of(field), told.get(field.name, "")
-            body += _row([nodes.literal(text=field.name)], _links(kind), [nodes.Text(default)], [nodes.Text(what)])
+            kind, default = hints[field.name], default_of(field)
+            inner = [part for part in parts(kind) if is_ours(part)]
+            what = told.get(field.name) or (summary(inner[0]) if len(inner) == 1 else "")
+            body += _row([nodes.literal(text=field.name)], _links(kind), [nodes.Text(default)], _inline(what))
         group += [head, body]
         table += group
         section += table
@@ -120,6 +129,12 @@ def _links(kind: Any) -> list[nodes.Node]:
     if (origin := typing.get_origin(kind)) in (list, dict):
         found.insert(0, nodes.Text(f"{origin.__name__} of "))
     return found
+
+
+def _inline(text: str) -> list[nodes.Node]:
+    """Text whose parts between backticks are literals."""
+    pieces = text.split("`")
+    return [nodes.literal(text=piece) if i % 2 else nodes.Text(piece) for i, piece in enumerate(pieces) if piece]
 
 
 def _row(*cells: list[nodes.Node]) -> nodes.row:

@@ -1,5 +1,6 @@
 """The documentation builds without a warning, says all there is to say, and its examples run as written."""
 
+import html
 import importlib
 import re
 import subprocess
@@ -34,6 +35,21 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_builds_without_a_warning(site: Path) -> None:
     assert (site / "index.html").is_file()
+
+
+@pytest.mark.parametrize(
+    ("page", "said"),
+    [
+        # Not taken for a type and what is of it, as Napoleon does with a colon in a property's first line.
+        ("reference/core", "Contacts and patches as contacts: what poses are proposed from."),
+        ("reference/scenario", "A recording that tactopose run --record has made, !RecordedSenses in YAML."),
+        ("reference/command_line", "Folder for the results. Default: 'tactopose_demo'"),
+        ("start", "examples/estimate_from_contacts.py is this with numbers."),
+    ],
+)
+def test_pages_say_what_their_sources_say(site: Path, page: str, said: str) -> None:
+    text = re.sub(r"<[^>]+>", "", (site / f"{page}.html").read_text())
+    assert said in " ".join(html.unescape(text).replace("\u2019", "'").replace("\u00b6", "").split())
 
 
 @pytest.mark.parametrize("folder", ["systems"])
