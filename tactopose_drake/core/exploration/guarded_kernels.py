@@ -6,7 +6,7 @@ Poses are (B, 3, 4). A distance costs one gather of the first of the grid's four
 import numpy as np
 from numba import njit
 
-from tactopose_drake.core.kernels.pose_kernels import _cell
+from tactopose_drake.core.kernels.grid_kernels import cell
 
 
 @njit(cache=True)
@@ -16,9 +16,9 @@ def _distance(values, origin, inverse_spacing, X, p):  # type: ignore[no-untyped
     x = X[0, 0] * dx + X[1, 0] * dy + X[2, 0] * dz
     y = X[0, 1] * dx + X[1, 1] * dy + X[2, 1] * dz
     z = X[0, 2] * dx + X[1, 2] * dy + X[2, 2] * dz
-    i, fx, ox = _cell(x, origin[0], inverse_spacing, values.shape[0] - 1.0)
-    j, fy, oy = _cell(y, origin[1], inverse_spacing, values.shape[1] - 1.0)
-    k, fz, oz = _cell(z, origin[2], inverse_spacing, values.shape[2] - 1.0)
+    i, fx, ox = cell(x, origin[0], inverse_spacing, values.shape[0] - 1.0)
+    j, fy, oy = cell(y, origin[1], inverse_spacing, values.shape[1] - 1.0)
+    k, fz, oz = cell(z, origin[2], inverse_spacing, values.shape[2] - 1.0)
     d00 = values[i, j, k, 0] + fz * (values[i, j, k + 1, 0] - values[i, j, k, 0])
     d01 = values[i, j + 1, k, 0] + fz * (values[i, j + 1, k + 1, 0] - values[i, j + 1, k, 0])
     d10 = values[i + 1, j, k, 0] + fz * (values[i + 1, j, k + 1, 0] - values[i + 1, j, k, 0])

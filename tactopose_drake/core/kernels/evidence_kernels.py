@@ -6,13 +6,8 @@ Poses are (B, 3, 4); increments (w, v) as in `poses.py`.
 import numpy as np
 from numba import njit
 
-from tactopose_drake.core.kernels.pose_kernels import (
-    _chain,
-    _interpolate,
-    _look_up_with_derivative,
-    _rotate_to_object,
-    _to_object,
-)
+from tactopose_drake.core.kernels.grid_kernels import interpolate, look_up_with_derivative
+from tactopose_drake.core.kernels.pose_kernels import chain, rotate_to_object, to_object
 
 # Bounds the derivative of the angle between two directions where they are parallel.
 _SOFT_SINE = 1e-9
@@ -97,7 +92,7 @@ def penetration_depths(  # type: ignore[no-untyped-def]
                     continue
                 ix, iy, iz = min(int(ux), nx - 2), min(int(uy), ny - 2), min(int(uz), nz - 2)
                 at = (ix * ny + iy) * nz + iz
-                phi, dx, dy, dz = _interpolate(flat, np.uintp(4 * at), sx, sy, ux - ix, uy - iy, uz - iz)
+                phi, dx, dy, dz = interpolate(flat, np.uintp(4 * at), sx, sy, ux - ix, uy - iy, uz - iz)
                 phi += outside
                 if radius[i] - phi > depth:
                     depth = radius[i] - phi
@@ -118,7 +113,7 @@ def penetration_jacobian(weight, X, excess, points, slopes, jacobian):  # type: 
         for g in range(excess.shape[1]):
             jacobian[b, g] = 0.0
             if excess[b, g] > 0.0:
-                _chain(slopes[b, g], points[b, g], X[b], -weight, jacobian[b, g])
+                chain(slopes[b, g], points[b, g], X[b], -weight, jacobian[b, g])
 
 
 @njit(cache=True, nogil=True)
@@ -133,7 +128,7 @@ def penetration_normal_equations(weight, X, excess, points, slopes, cost, gradie
             residual = weight * excess[b, g]
             if residual > 0.0:
                 cost[b] += 0.5 * residual * residual
-                _chain(slopes[b, g], points[b, g], X[b], -weight, J)
+                chain(slopes[b, g], points[b, g], X[b], -weight, J)
                 for a in range(6):
                     gradient[b, a] += residual * J[a]
                     for c in range(6):
@@ -153,9 +148,9 @@ def friction_residuals(  # type: ignore[no-untyped-def]
         for i in range(p.shape[0]):
             residuals[b, i] = 0.0
             jacobian[b, i] = 0.0
-            _to_object(X[b], p[i], q)
-            _look_up_with_derivative(values, origin, inverse_spacing, q[0], q[1], q[2], field, slope)
-            _rotate_to_object(X[b], u[i], f)
+            to_object(X[b], p[i], q)
+            look_up_with_derivative(values, origin, inverse_spacing, q[0], q[1], q[2], field, slope)
+            rotate_to_object(X[b], u[i], f)
             n = field[1:]
             square = n[0] * n[0] + n[1] * n[1] + n[2] * n[2]
             along = f[0] * n[0] + f[1] * n[1] + f[2] * n[2]
@@ -163,7 +158,7 @@ def friction_residuals(  # type: ignore[no-untyped-def]
             angle = np.arctan2(beside, along)
             if angle <= cone:
                 continue
-            # The mean of unit vectors is as short as they are spread, see `kernels._normal_weight`.
+            # The mean of unit vectors is as short as they are spread, see `surface_contact_kernels.normal_weight`.
             total = variance[i] + 0.5 * max(0.0, 1.0 - square)
             weight = 1.0 / np.sqrt(total)
             residuals[b, i] = weight * (angle - cone)
@@ -174,7 +169,7 @@ def friction_residuals(  # type: ignore[no-untyped-def]
                 part = (along * (n[c] - along * f[c]) / beside - beside * f[c]) / (square + _SOFT_SINE) + shrink * n[c]
                 for a in range(3):
                     row[a] += part * slope[c + 1, a]
-            _chain(row, q, X[b], weight, jacobian[b, i])
+            chain(row, q, X[b], weight, jacobian[b, i])
             # The force turns with the increment too: d(R^T u) = f x w.
             weight /= beside
             jacobian[b, i, 0] -= weight * (n[1] * f[2] - n[2] * f[1])

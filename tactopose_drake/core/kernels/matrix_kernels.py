@@ -72,12 +72,12 @@ def _rotate(A, V, p, q):  # type: ignore[no-untyped-def]
 def _invert_all(matrices, inverse, logarithm):  # type: ignore[no-untyped-def]
     L = np.empty(matrices.shape[1:])
     for b in range(matrices.shape[0]):
-        logarithm[b] = _cholesky(matrices[b], L)
-        _invert(L, inverse[b])
+        logarithm[b] = cholesky(matrices[b], L)
+        invert(L, inverse[b])
 
 
 @njit(cache=True, inline="always")
-def _cholesky(A, L):  # type: ignore[no-untyped-def]
+def cholesky(A, L):  # type: ignore[no-untyped-def]
     """The lower triangle L of A = L L^T (n, n), from A's; the logarithm of A's determinant, infinite without L."""
     total = 0.0
     for i in range(L.shape[0]):
@@ -97,7 +97,7 @@ def _cholesky(A, L):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, inline="always")
-def _solve_transposed(L, z, u):  # type: ignore[no-untyped-def]
+def solve_transposed(L, z, u):  # type: ignore[no-untyped-def]
     """u = L^-T z: with H = L L^T and white z, u has the covariance H^-1."""
     n = L.shape[0]
     for i in range(n - 1, -1, -1):
@@ -108,7 +108,7 @@ def _solve_transposed(L, z, u):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, inline="always")
-def _invert(L, inverse):  # type: ignore[no-untyped-def]
+def invert(L, inverse):  # type: ignore[no-untyped-def]
     """(L L^T)^-1 (n, n), column by column; L's own place is free for reuse afterwards."""
     n = L.shape[0]
     for j in range(n):

@@ -6,23 +6,18 @@ Source: [B16] J. Bimbo, thesis, 2016, eqs. 2.30 and 2.31, 3.3 and 3.5.
 import numpy as np
 from numba import njit
 
+from tactopose_drake.core.kernels.grid_kernels import SOFT_LENGTH, cell, extend, interpolate, prefetch_cells
+from tactopose_drake.core.kernels.least_squares_kernels import damped_step
 from tactopose_drake.core.kernels.pose_kernels import (
-    _SOFT_LENGTH,
-    _SOFT_ROOT,
-    _cell,
-    _cross_row,
-    _damped_step,
-    _extend,
-    _interpolate,
-    _normal_weight,
-    _prefetch_cells,
-    _prior_row,
-    _retract,
-    _rotate_to_object,
-    _to_object,
-    _turn,
-    _turn_translations,
+    chain_in_object,
+    retract_one,
+    rotate_to_object,
+    to_object,
+    turn_normal,
+    turn_translations,
 )
+from tactopose_drake.core.kernels.prior_kernels import prior_row
+from tactopose_drake.core.kernels.surface_contact_kernels import SOFT_ROOT, normal_weight
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
@@ -51,7 +46,8 @@ def descend(  # type: ignore[no-untyped-def]
 
     Writes the cost (B,) there, of the contacts' residuals and the prior's; there is no prior where its weights are
     zero. Without iterations it writes also the cost's exact gradient (B, 6) and Gauss-Newton Hessian (B, 6, 6); with
-    them these are for work. The Hessian is of the contacts' rows that carry information, see `kernels._contact_rows`.
+    them these are for work. The Hessian is of the contacts' rows that carry information, see
+    `surface_contact_kernels.contact_rows`.
 
     That is said here in another order, three times as fast: one pose after the other, so that what it reads of the grid
     is still at hand when it reads it again; by increments (w, R^T v), so all in O, until a pose's equations are done;
@@ -78,42 +74,42 @@ def descend(  # type: ignore[no-untyped-def]
             # Where no step follows, the cost is enough.
             derive = iteration == 0 or iteration < max_iterations
             total = 0.0
-            _prefetch_cells(flat, values.shape, origin, inverse_spacing, there, p, q)
+            prefetch_cells(flat, values.shape, origin, inverse_spacing, there, p, q)
             for a in range(6):
                 g[a] = 0.0
                 for c in range(a + 1):
                     H[a, c] = 0.0
             for i in range(p.shape[0]):
-                _to_object(there, p[i], q)
-                ix, fx, ox = _cell(q[0], origin[0], inverse_spacing, nx - 1.0)
-                iy, fy, oy = _cell(q[1], origin[1], inverse_spacing, ny - 1.0)
-                iz, fz, oz = _cell(q[2], origin[2], inverse_spacing, nz - 1.0)
+                to_object(there, p[i], q)
+                ix, fx, ox = cell(q[0], origin[0], inverse_spacing, nx - 1.0)
+                iy, fy, oy = cell(q[1], origin[1], inverse_spacing, ny - 1.0)
+                iz, fz, oz = cell(q[2], origin[2], inverse_spacing, nz - 1.0)
                 at = np.uintp(4 * ((ix * ny + iy) * nz + iz))
                 for k in range(4):
-                    field[k], dx, dy, dz = _interpolate(flat, at + np.uintp(k), sx, sy, fx, fy, fz)
+                    field[k], dx, dy, dz = interpolate(flat, at + np.uintp(k), sx, sy, fx, fy, fz)
                     slope[k, 0], slope[k, 1] = dx * inverse_spacing, dy * inverse_spacing
                     slope[k, 2] = dz * inverse_spacing
                 if ox != 0.0 or oy != 0.0 or oz != 0.0:
-                    _extend(field, slope, ox, oy, oz, inverse_spacing)
+                    extend(field, slope, ox, oy, oz, inverse_spacing)
 
                 residual = field[0] * weight_p[i]
                 total += residual * residual
                 if weight_n[i] > 0.0:
-                    _rotate_to_object(there, n[i], m)
-                    weight, spread = _normal_weight(field, weight_n[i])
+                    rotate_to_object(there, n[i], m)
+                    weight, spread = normal_weight(field, weight_n[i])
                     for k in range(3):
                         turned[k] = (field[k + 1] - m[k]) * weight
                         total += turned[k] * turned[k]
-                    total += 2.0 * np.log(spread) + _SOFT_ROOT
+                    total += 2.0 * np.log(spread) + SOFT_ROOT
                 if not derive:
                     continue
 
                 square = field[1] * field[1] + field[2] * field[2] + field[3] * field[3]
-                scale = 1.0 / np.sqrt(square + _SOFT_LENGTH**2)
+                scale = 1.0 / np.sqrt(square + SOFT_LENGTH**2)
                 for a in range(3):
                     along[a] = scale * weight_p[i] * field[a + 1]
                     row[a] = residual * weight_p[i] * slope[0, a]
-                _cross_row(along, q, J[0])
+                chain_in_object(along, q, J[0])
                 if weight_n[i] > 0.0:
                     for a in range(3):  # The derivative of half the squared length.
                         along[a] = field[1] * slope[1, a] + field[2] * slope[2, a] + field[3] * slope[3, a]
@@ -133,8 +129,8 @@ def descend(  # type: ignore[no-untyped-def]
                         slope[k, 0] = unit * (x - turn * along[0])
                         slope[k, 1] = unit * (y - turn * along[1])
                         slope[k, 2] = unit * (z - turn * along[2])
-                        _cross_row(slope[k], q, J[k])
-                    _turn(m, weight, J)
+                        chain_in_object(slope[k], q, J[k])
+                    turn_normal(m, weight, J)
                     weight *= weight
                     g[0] += weight * (m[1] * field[3] - m[2] * field[2])
                     g[1] += weight * (m[2] * field[1] - m[0] * field[3])
@@ -153,9 +149,9 @@ def descend(  # type: ignore[no-untyped-def]
                         H[a, c] += J[0, a] * J[0, c] + J[1, a] * J[1, c] + J[2, a] * J[2, c] + J[3, a] * J[3, c]
             total *= 0.5
             if derive:
-                _turn_translations(there, g, H, new_gradient, new_hessian)
+                turn_translations(there, g, H, new_gradient, new_hessian)
             if prior_weights[0] > 0.0:
-                _prior_row(X_prior, prior_weights, there, u, difference, D)
+                prior_row(X_prior, prior_weights, there, u, difference, D)
                 for a in range(6):
                     total += 0.5 * difference[a] * difference[a]
                     for c in range(6):
@@ -182,9 +178,9 @@ def descend(  # type: ignore[no-untyped-def]
                         hessian[b, a, c] = new_hessian[a, c]
             if converged[b] or iteration == max_iterations:
                 break
-            _damped_step(6, hessian[b], gradient[b], damping, L, forward, step)
+            damped_step(6, hessian[b], gradient[b], damping, L, forward, step)
             promised = 0.0
             for a in range(6):
                 promised -= 0.5 * gradient[b, a] * step[a]
-            _retract(X[b], step, there)
+            retract_one(X[b], step, there)
         cost[b] = best

@@ -7,7 +7,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from tactopose_drake.core.kernels import pose_kernels
+from tactopose_drake.core.kernels import least_squares_kernels
 from tactopose_drake.core.validation import FloatArray
 
 
@@ -79,7 +79,7 @@ def form_normal_equations(residuals: FloatArray, jacobian: FloatArray) -> Normal
     """Normal equations from residuals (B, m) and any Jacobian (B, m, n)."""
     count, _, n = jacobian.shape
     equations = NormalEquations(np.empty(count), np.empty((count, n)), np.empty((count, n, n)))
-    pose_kernels.form_normal_equations(residuals, jacobian, *equations)
+    least_squares_kernels.form_normal_equations(residuals, jacobian, *equations)
     return equations
 
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numba import njit
 
-from tactopose_drake.core.kernels.pose_kernels import _to_object
+from tactopose_drake.core.kernels.pose_kernels import to_object
 from tactopose_drake.core.objectives.differenced import DifferencedObjective
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.point_grid import PointGrid, nearest_square
@@ -43,6 +43,6 @@ def _pad_costs(points, starts, seeds, origin, spacing, cells, ends, X_PO, costs)
         for k in range(costs.shape[1]):
             total = 0.0
             for i in range(ends[k], ends[k + 1]):
-                _to_object(X_PO[b], cells[i], q)
+                to_object(X_PO[b], cells[i], q)
                 total += nearest_square(points, starts, seeds, origin, spacing, q[0], q[1], q[2])
             costs[b, k] = total / (ends[k + 1] - ends[k])

@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike
 
-from tactopose_drake.core.kernels.pose_kernels import _to_object
+from tactopose_drake.core.kernels.pose_kernels import to_object
 from tactopose_drake.core.objectives.differenced import DifferencedObjective
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.sensing.sensing_box import sensing_box
@@ -194,7 +194,7 @@ def _pad_costs(  # type: ignore[no-untyped-def]
             )
             distance = 0.0
             if count <= 3 or nearest > gate * gate:
-                _to_object(X, centroid[k], q)
+                to_object(X, centroid[k], q)
                 distance = np.sqrt(nearest_square(points, starts, seeds, origin, spacing, q[0], q[1], q[2]))
             matched = count > 3 and distance <= gate
             total, offset, square = h1 * distance, 0.0, 0.0

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tactopose_drake.core.kernels import pose_kernels
+from tactopose_drake.core.kernels import prior_kernels
 from tactopose_drake.core.objectives.base import NormalEquations, form_normal_equations
 from tactopose_drake.core.validation import FloatArray
 
@@ -27,7 +27,7 @@ class PoseGaussian:
     def residuals_and_jacobian(self, X_PO: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Residuals (B, 6) and their derivatives by the increment (B, 6, 6)."""
         increments, jacobian = np.empty((len(X_PO), 6)), np.empty((len(X_PO), 6, 6))
-        pose_kernels.prior_residuals(self._X_PO, np.ones(6), X_PO, increments, jacobian)
+        prior_kernels.prior_residuals(self._X_PO, np.ones(6), X_PO, increments, jacobian)
         return increments @ self._root.T, self._root @ jacobian
 
     def normal_equations(self, X_PO: FloatArray) -> NormalEquations:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from tactopose_drake.core.evidence.prior import PosePrior
-from tactopose_drake.core.kernels import pose_kernels
+from tactopose_drake.core.kernels import prior_kernels
 from tactopose_drake.core.objectives.base import NormalEquations, form_normal_equations
 from tactopose_drake.core.validation import FloatArray
 
@@ -17,7 +17,7 @@ class PriorObjective:
     def cost(self, X_PO: FloatArray) -> FloatArray:
         """Costs (B,) of poses (B, 3, 4)."""
         cost = np.empty(len(X_PO))
-        pose_kernels.prior_costs(*self.arguments, X_PO, cost)
+        prior_kernels.prior_costs(*self.arguments, X_PO, cost)
         return cost
 
     def residuals(self, X_PO: FloatArray) -> FloatArray:
@@ -27,7 +27,7 @@ class PriorObjective:
     def residuals_and_jacobian(self, X_PO: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Residuals (B, 6) and their derivatives by the increment (B, 6, 6)."""
         residuals, jacobian = np.empty((len(X_PO), 6)), np.empty((len(X_PO), 6, 6))
-        pose_kernels.prior_residuals(*self.arguments, X_PO, residuals, jacobian)
+        prior_kernels.prior_residuals(*self.arguments, X_PO, residuals, jacobian)
         return residuals, jacobian
 
     def normal_equations(self, X_PO: FloatArray) -> NormalEquations:

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.kernels import pose_kernels, touch_kernels
+from tactopose_drake.core.kernels import surface_contact_kernels, touch_kernels
 from tactopose_drake.core.objectives.base import (
     DescendingObjective,
     Descent,
@@ -46,7 +46,7 @@ class SurfaceContact(DescendingObjective):
     def cost(self, X_PO: FloatArray) -> FloatArray:
         """Costs (B,) of poses (B, 3, 4)."""
         cost = np.empty(len(X_PO))
-        pose_kernels.contact_costs(*self.arguments, X_PO, cost)
+        surface_contact_kernels.contact_costs(*self.arguments, X_PO, cost)
         return cost
 
     def residuals(self, X_PO: FloatArray) -> FloatArray:
@@ -57,7 +57,7 @@ class SurfaceContact(DescendingObjective):
         """Residuals (B, m) and their exact derivatives by the increment (B, m, 6)."""
         count, rows = len(X_PO), 5 if self._has_normals else 1
         residuals, jacobian = np.empty((count, self._count, 5)), np.empty((count, self._count, 5, 6))
-        pose_kernels.contact_residuals(*self.arguments, X_PO, residuals, jacobian)
+        surface_contact_kernels.contact_residuals(*self.arguments, X_PO, residuals, jacobian)
         m = rows * self._count
         return residuals[:, :, :rows].reshape(count, m), jacobian[:, :, :rows].reshape(count, m, 6)
 

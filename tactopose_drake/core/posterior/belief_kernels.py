@@ -12,8 +12,8 @@ not by chance [JS61].
 import numpy as np
 from numba import njit
 
-from tactopose_drake.core.kernels import pose_kernels
-from tactopose_drake.core.kernels.matrix_kernels import _cholesky, _invert
+from tactopose_drake.core.kernels import least_squares_kernels, pose_kernels
+from tactopose_drake.core.kernels.matrix_kernels import cholesky, invert
 
 
 @njit(cache=True)
@@ -33,8 +33,8 @@ def try_shares(X, laplace, mean, worth, way, chance, shares, tried):  # type: ig
     """The share of each mean that counts times those of the way (s,), into (n, s); poses so far from X (n, s, 3, 4)."""
     L, information, u = np.empty((6, 6)), np.empty((6, 6)), np.empty(6)
     for j in range(X.shape[0]):
-        _cholesky(laplace[j], L)
-        _invert(L, information)
+        cholesky(laplace[j], L)
+        invert(L, information)
         square = 0.0
         for i in range(6):
             for k in range(6):
@@ -44,7 +44,7 @@ def try_shares(X, laplace, mean, worth, way, chance, shares, tried):  # type: ig
             shares[j, t] = certain * way[t]
             for i in range(6):
                 u[i] = shares[j, t] * mean[j, i]
-            pose_kernels._retract(X[j], u, tried[j, t])
+            pose_kernels.retract_one(X[j], u, tried[j, t])
 
 
 @njit(cache=True)
@@ -56,14 +56,14 @@ def step_down(gradient, hessian, soft, units, longest, X):  # type: ignore[no-un
             for j in range(i + 1):
                 H[i, j] = hessian[b, i, j]
             H[i, i] += soft[i]
-        pose_kernels._damped_step(6, H, gradient[b], 0.0, L, forward, step)
+        least_squares_kernels.damped_step(6, H, gradient[b], 0.0, L, forward, step)
         square = 0.0
         for i in range(6):
             square += (step[i] / units[i]) ** 2
         share = min(1.0, longest / np.sqrt(square)) if square > 0.0 else 1.0
         for i in range(6):
             step[i] *= share
-        pose_kernels._retract(X[b], step, moved)
+        pose_kernels.retract_one(X[b], step, moved)
         X[b] = moved
 
 
@@ -80,7 +80,7 @@ def add_moments(X_group, X, weights, worth, first, second):  # type: ignore[no-u
         for b in range(X.shape[0]):
             if weights[b, g] > 1e-12 * mass:
                 share = weights[b, g] / mass
-                pose_kernels._increment(X_group[g], X[b], u)
+                pose_kernels.increment_between(X_group[g], X[b], u)
                 for i in range(6):
                     first[g, i] += share * u[i]
                     for j in range(6):

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from tactopose_drake.core.kernels import pose_kernels
+from tactopose_drake.core.kernels import mode_kernels
 from tactopose_drake.core.kernels.matrix_kernels import eigenpairs, inverses
 from tactopose_drake.core.searches.base import SearchResult
 from tactopose_drake.core.validation import FloatArray
@@ -61,7 +61,7 @@ def find_modes(
     """
     information = touch_information + prior_information
     representative = np.empty(len(found.cost), dtype=np.bool_)
-    pose_kernels.mark_distinct(found.X_PO, information, symmetry_poses, _SAME_MODE**2, representative)
+    mode_kernels.mark_distinct(found.X_PO, information, symmetry_poses, _SAME_MODE**2, representative)
     index = np.flatnonzero(representative)
     covariance, log_determinant = inverses(information[index])
     log_weight = -found.cost[index] - 0.5 * log_determinant

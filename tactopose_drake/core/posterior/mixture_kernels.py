@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 
 from tactopose_drake.core.kernels import pose_kernels
-from tactopose_drake.core.kernels.matrix_kernels import _cholesky, _invert, _solve_transposed
+from tactopose_drake.core.kernels.matrix_kernels import cholesky, invert, solve_transposed
 
 FREEDOM = 6
 # A group counts up to this squared Mahalanobis distance; one sample in half a million lies further out.
@@ -23,7 +23,7 @@ def leave_out(turns, across, logarithm):  # type: ignore[no-untyped-def]
     L, image = np.empty((6, 6)), np.empty(6)
     for j in range(across.shape[0]):
         A = across[j]
-        logarithm[j] = _cholesky(A, L)
+        logarithm[j] = cholesky(A, L)
         for c in range(turns.shape[2]):
             along = 0.0
             for i in range(6):
@@ -45,7 +45,7 @@ def enter_chart(X_group, group, X, information, center, inside, turns):  # type:
     J, inverse, W, part = np.empty((3, 3)), np.empty((3, 3)), np.zeros((3, 3)), np.empty((3, 6))
     for j in range(X.shape[0]):
         u = center[j]
-        pose_kernels._increment(X_group[group[j]], X[j], u)
+        pose_kernels.increment_between(X_group[group[j]], X[j], u)
         W[0, 1], W[0, 2], W[1, 2] = -u[2], u[1], -u[0]
         W[1, 0], W[2, 0], W[2, 1] = u[2], -u[1], u[0]
         angle2 = u[0] * u[0] + u[1] * u[1] + u[2] * u[2]
@@ -96,12 +96,12 @@ def draw(X_group, group, center, information, count, normal, X):  # type: ignore
     u, L = np.empty(6), np.empty((6, 6))
     b = 0
     for j in range(count.shape[0]):
-        _cholesky(information[j], L)
+        cholesky(information[j], L)
         for _ in range(count[j]):
-            _solve_transposed(L, normal[b], u)
+            solve_transposed(L, normal[b], u)
             for i in range(6):
                 u[i] += center[j, i]
-            pose_kernels._retract(X_group[group[j]], u, X[b])
+            pose_kernels.retract_one(X_group[group[j]], u, X[b])
             b += 1
 
 
@@ -110,8 +110,8 @@ def find_reach(group, center, information, reach):  # type: ignore[no-untyped-de
     """The squared distance in translation, m^2, within which a pose may belong to each group, into reach (g,)."""
     L, covariance = np.empty((6, 6)), np.empty((6, 6))
     for j in range(group.shape[0]):
-        _cholesky(information[j], L)
-        _invert(L, covariance)
+        cholesky(information[j], L)
+        invert(L, covariance)
         spread, square = 0.0, 0.0
         for i in range(3, 6):
             spread += covariance[i, i]
@@ -144,7 +144,7 @@ def add_densities(X_group, first, center, information, reach, scale, power, X, d
                 square += (X[b, a, 3] - X_group[g, a, 3]) ** 2
             if square > reach[g]:
                 continue
-            pose_kernels._increment(X_group[g], X[b], u)
+            pose_kernels.increment_between(X_group[g], X[b], u)
             begin, end = np.uintp(first[g]), np.uintp(first[g + 1])
             for j in range(begin, end):
                 x, y, z = u[0] - c[0, j], u[1] - c[1, j], u[2] - c[2, j]

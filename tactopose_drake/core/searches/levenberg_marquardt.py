@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from tactopose_drake.core.kernels import pose_kernels
+from tactopose_drake.core.kernels import least_squares_kernels
 from tactopose_drake.core.objectives.base import (
     DescendingObjective,
     DescentRule,
@@ -36,7 +36,7 @@ def pseudo_inverse_steps(hessian: FloatArray, gradient: FloatArray, damping: Flo
 def cholesky_steps(hessian: FloatArray, gradient: FloatArray, damping: FloatArray) -> FloatArray:
     """The same by a compiled Cholesky factorisation, many times faster; undetermined directions get no step."""
     step = np.empty_like(gradient)
-    pose_kernels.damped_steps(hessian, gradient, damping, step)
+    least_squares_kernels.damped_steps(hessian, gradient, damping, step)
     return step
 
 
@@ -90,7 +90,7 @@ class LevenbergMarquardt:
             moved = self.parameters.move(here, step)
             there = self.parameters.normal_equations(objective, moved, start)
             done = np.empty(len(here), dtype=np.bool_)
-            pose_kernels.accept_steps(
+            least_squares_kernels.accept_steps(
                 here.reshape(len(here), -1),
                 *equations,
                 moved.reshape(len(here), -1),

@@ -12,7 +12,7 @@ import dataclasses
 import numpy as np
 
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.kernels import pose_kernels
+from tactopose_drake.core.kernels import mode_kernels
 from tactopose_drake.core.objectives.base import LeastSquaresObjective
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.pairs.contact_pairs import PairChoice
@@ -149,7 +149,7 @@ class PairSearch:
         """
         information = objective.normal_equations(found.X_PO).hessian + space.information
         apart = np.empty(len(found.cost), dtype=np.bool_)
-        pose_kernels.mark_distinct(found.X_PO, information, np.eye(3, 4)[None], _SAME_MINIMUM**2, apart)
+        mode_kernels.mark_distinct(found.X_PO, information, np.eye(3, 4)[None], _SAME_MINIMUM**2, apart)
         return found.X_PO[apart][:count]
 
     def propose(self, choice: PairChoice, count: int, space: PoseSpace, generator: np.random.Generator) -> FloatArray:

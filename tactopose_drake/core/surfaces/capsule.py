@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 
-from tactopose_drake.core.sensing import contact_kernels
+from tactopose_drake.core.surfaces import surface_kernels
 from tactopose_drake.core.surfaces.surface import Surface, random_directions
 from tactopose_drake.core.validation import FloatArray, positive_number
 
@@ -32,7 +32,7 @@ class Capsule(Surface):
     radius: float
     length: float
     two_ended: bool = False
-    kind = contact_kernels.ROD
+    kind = surface_kernels.ROD
 
     def _shape(self) -> tuple[float, ...]:
         r, half = positive_number("radius", self.radius), 0.5 * positive_number("length", self.length, allow_zero=True)

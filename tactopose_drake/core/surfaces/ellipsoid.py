@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 
-from tactopose_drake.core.sensing import contact_kernels
+from tactopose_drake.core.surfaces import surface_kernels
 from tactopose_drake.core.surfaces.surface import Surface, random_directions, three_lengths
 from tactopose_drake.core.validation import FloatArray
 
@@ -23,7 +23,7 @@ class Ellipsoid(Surface):
     """
 
     semi_axes: tuple[float, float, float]
-    kind = contact_kernels.SMOOTH
+    kind = surface_kernels.SMOOTH
 
     def _shape(self) -> tuple[float, ...]:
         axes = three_lengths("semi_axes", self.semi_axes)

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 
-from tactopose_drake.core.sensing import contact_kernels
+from tactopose_drake.core.surfaces import surface_kernels
 from tactopose_drake.core.surfaces.surface import Surface, random_directions
 from tactopose_drake.core.validation import FloatArray, positive_number
 
@@ -23,7 +23,7 @@ class Sphere(Surface):
     """
 
     radius: float
-    kind = contact_kernels.SMOOTH
+    kind = surface_kernels.SMOOTH
 
     def _shape(self) -> tuple[float, ...]:
         r = positive_number("radius", self.radius)

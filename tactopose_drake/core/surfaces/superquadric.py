@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from tactopose_drake.core.sensing import contact_kernels
+from tactopose_drake.core.surfaces import surface_kernels
 from tactopose_drake.core.surfaces.surface import Surface, random_directions, three_lengths
 from tactopose_drake.core.validation import FloatArray, finite_array
 from tactopose_drake.errors import InvalidInputError
@@ -32,7 +32,7 @@ class Superquadric(Surface):
 
     semi_axes: tuple[float, float, float]
     exponents: tuple[float, float] = (1.0, 1.0)
-    kind = contact_kernels.SMOOTH
+    kind = surface_kernels.SMOOTH
 
     def _shape(self) -> tuple[float, ...]:
         axes = three_lengths("semi_axes", self.semi_axes)
@@ -44,5 +44,5 @@ class Superquadric(Surface):
     def _sample(self, generator: np.random.Generator, count: int) -> FloatArray:
         points: FloatArray = np.array(self.semi_axes) * random_directions(generator, count)
         for point in points:
-            contact_kernels.project(self.kind, self.shape, point)
+            surface_kernels.project(self.kind, self.shape, point)
         return points

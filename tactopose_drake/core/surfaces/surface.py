@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tactopose_drake.core import poses
-from tactopose_drake.core.sensing import contact_kernels
+from tactopose_drake.core.surfaces import surface_kernels
 from tactopose_drake.core.validation import FloatArray, finite_array
 from tactopose_drake.errors import InvalidInputError
 
@@ -48,7 +48,7 @@ class Surface(abc.ABC):
     @property
     def half_width(self) -> float:
         """Smallest distance from the centre or axis to the surface along F's axes, m."""
-        return float(self.shape[:3].min() if self.kind == contact_kernels.SMOOTH else self.shape[0])
+        return float(self.shape[:3].min() if self.kind == surface_kernels.SMOOTH else self.shape[0])
 
     def value(self, p_SQ: ArrayLike) -> FloatArray:
         """S at points p_SQ (n, 3), m; shape (n,)."""
@@ -76,7 +76,7 @@ class Surface(abc.ABC):
 
     @abc.abstractmethod
     def _shape(self) -> tuple[float, ...]:
-        """Checks the fields and returns the eight numbers that `contact_kernels` names."""
+        """Checks the fields and returns the eight numbers that `surface_kernels` names."""
 
     @abc.abstractmethod
     def _sample(self, generator: np.random.Generator, count: int) -> FloatArray:
@@ -86,7 +86,7 @@ class Surface(abc.ABC):
         points = finite_array("p_SQ", p_SQ, (None, 3))
         p_FQ = poses.transform_points(poses.inverse(self.X_SF), points)
         value, gradient, hessian = np.empty(len(points)), np.empty((len(points), 3)), np.empty((len(points), 3, 3))
-        contact_kernels.evaluate(self.kind, self.shape, p_FQ, value, gradient, hessian)
+        surface_kernels.evaluate(self.kind, self.shape, p_FQ, value, gradient, hessian)
         return value, gradient, hessian
 
 

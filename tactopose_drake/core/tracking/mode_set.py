@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactopose_drake.core.kernels import pose_kernels
+from tactopose_drake.core.kernels import prior_kernels
 from tactopose_drake.core.poses import compose, increments_between, retract
 from tactopose_drake.core.tracking.motion_history import move, turn_of_increments
 from tactopose_drake.core.tracking.object_motion import Motion
@@ -197,7 +197,7 @@ def _owners(X_PO: FloatArray, information: FloatArray, symmetry_poses: FloatArra
         if owner[a] == a:
             later = np.ascontiguousarray(images[a + 1 :].reshape(-1, 3, 4))
             increments, slopes = np.empty((len(later), 6)), np.empty((len(later), 6, 6))
-            pose_kernels.prior_residuals(np.ascontiguousarray(X_PO[a]), np.ones(6), later, increments, slopes)
+            prior_kernels.prior_residuals(np.ascontiguousarray(X_PO[a]), np.ones(6), later, increments, slopes)
             square = np.einsum("ni,ij,nj->n", increments, information[a], increments).reshape(-1, g).min(axis=1)
             free = owner[a + 1 :] == np.arange(a + 1, n)
             owner[a + 1 :][free & (square < _SAME_MODE**2)] = a

@@ -15,7 +15,7 @@ points, IEEE Trans. Signal Processing, 2015.
 import numpy as np
 from numba import njit
 
-from tactopose_drake.core.kernels import pose_kernels
+from tactopose_drake.core.kernels import grid_kernels, least_squares_kernels, pose_kernels, prior_kernels
 
 # Sigma points lie so many standard deviations out: the root of the number of dimensions.
 _OUT = 2.449489742783178
@@ -86,7 +86,7 @@ def regress_modes(  # type: ignore[no-untyped-def]
                     roughness[b],
                 )  # fmt: skip
             # The prior, as in `tracking_kernels`, with the biases' mean at zero.
-            pose_kernels.prior_residuals(X_prior[b], np.ones(6), here, whitened, turned)
+            prior_kernels.prior_residuals(X_prior[b], np.ones(6), here, whitened, turned)
             A, z = np.ascontiguousarray(turned[0]), whitened[0]
             H[0] = information[b]
             slope = np.ascontiguousarray(H[0, :, :6]) @ z
@@ -126,7 +126,7 @@ def regress_modes(  # type: ignore[no-untyped-def]
                         column = c if c < 6 else at + c
                         for k in range(4):
                             H[0, row, column] += J[k, a] * WJ[k, c]
-            pose_kernels.damped_steps(H, g, damping, step)
+            least_squares_kernels.damped_steps(H, g, damping, step)
             total += 0.5 * np.dot(g[0], step[0])
             pose_kernels.retract(here, step[:, :6], there)
             here[0], hessian[b] = there[0], H[0]
@@ -150,7 +150,7 @@ def _find_axes(P, X, p, arm, reach, root, inverse_root, scale):  # type: ignore[
             inverse_root[j, i] = vectors[i, j] / deviation * unit
         way = 0.0
         for i in range(p.shape[0]):
-            pose_kernels._to_object(X, p[i], q)
+            pose_kernels.to_object(X, p[i], q)
             for a in range(3):
                 c, d = (a + 1) % 3, (a + 2) % 3
                 moved = root[c, j] * q[d] - root[d, j] * q[c]
@@ -173,8 +173,8 @@ def _look(  # type: ignore[no-untyped-def]
     """
     q, field = np.empty(3), np.empty(4)
     for i in range(p.shape[0]):
-        pose_kernels._to_object(X, p[i], q)
-        pose_kernels._look_up(values, origin, inverse_spacing, q[0], q[1], q[2], field)
+        pose_kernels.to_object(X, p[i], q)
+        grid_kernels.look_up(values, origin, inverse_spacing, q[0], q[1], q[2], field)
         rows[i, 0] = field[0] * weight_p[i]
         for k in range(3):
             rows[i, 1 + k] = 0.0
@@ -184,7 +184,7 @@ def _look(  # type: ignore[no-untyped-def]
                 apart = max(0.0, 1.0 - square)
                 weights[i] = weight_n[i] / np.sqrt(1.0 + _NEW * apart * weight_n[i] ** 2)
                 roughness[i, 1] = _STAYS * apart
-            length = np.sqrt(square + pose_kernels._SOFT_LENGTH**2)
+            length = np.sqrt(square + grid_kernels.SOFT_LENGTH**2)
             for k in range(3):
                 normal = X[k, 0] * field[1] + X[k, 1] * field[2] + X[k, 2] * field[3]
                 rows[i, 1 + k] = (normal / length - n[i, k]) * weights[i]

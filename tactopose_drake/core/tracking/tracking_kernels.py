@@ -1,13 +1,14 @@
 """The inner loops of the belief's update, compiled by numba: a mode with the biases of the contacts.
 
 The unknowns are the pose and, for each source of contacts, six errors that are the same at all times: of the contact's
-position in P, m, and a turn of its normal, rad, in P. Contacts are compared with the distance grid as in `kernels`.
+position in P, m, and a turn of its normal, rad, in P. Contacts are compared with the distance grid as in
+`surface_contact_kernels.py`.
 """
 
 import numpy as np
 from numba import njit
 
-from tactopose_drake.core.kernels import pose_kernels
+from tactopose_drake.core.kernels import least_squares_kernels, pose_kernels, prior_kernels, surface_contact_kernels
 
 
 @njit(cache=True, nogil=True)
@@ -28,7 +29,7 @@ def _evaluate(  # type: ignore[no-untyped-def]
     shifted, leaned, by_turn = np.empty(3), np.empty(3), np.empty((3, 3))
     # The prior: z = (increment from its pose, biases), whose derivative by the increment here is not quite one.
     z, slope = np.empty(size), np.empty(size)
-    pose_kernels.prior_residuals(X_prior, np.ones(6), X, whitened, turned)
+    prior_kernels.prior_residuals(X_prior, np.ones(6), X, whitened, turned)
     z[:6], z[6:] = whitened[0], bias
     half = 0.0
     for i in range(size):
@@ -57,12 +58,12 @@ def _evaluate(  # type: ignore[no-untyped-def]
         leaned[0] = n[i, 0] - (y * n[i, 2] - w * n[i, 1])
         leaned[1] = n[i, 1] - (w * n[i, 0] - x * n[i, 2])
         leaned[2] = n[i, 2] - (x * n[i, 1] - y * n[i, 0])
-        pose_kernels._contact_rows(
+        surface_contact_kernels.contact_rows(
             values, origin, inverse_spacing, shifted, leaned, weight_p[i], weight_n[i], pose, residual, J, smooth, work
         )
         weight = 0.0
         if weight_n[i] > 0.0:
-            weight, _ = pose_kernels._normal_weight(work[4], weight_n[i])
+            weight, _ = surface_contact_kernels.normal_weight(work[4], weight_n[i])
         for k in range(4):
             half += 0.5 * residual[k] * residual[k]
         if weight_n[i] > 0.0:
@@ -154,7 +155,7 @@ def refine_modes(  # type: ignore[no-untyped-def]
             H[0],
         )
         for _ in range(steps):
-            pose_kernels.damped_steps(H, g, damping, step)
+            least_squares_kernels.damped_steps(H, g, damping, step)
             promised = 0.0
             for i in range(size):
                 promised -= 0.5 * g[0, i] * step[0, i]

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from tactopose_drake.core.kernels import pose_kernels
+from tactopose_drake.core.kernels import mode_kernels
 from tactopose_drake.core.poses import (
     compose,
     exp_so3,
@@ -107,7 +107,7 @@ def test_modes_are_told_apart_by_their_distance_alone(wide: float) -> None:
     root = generator.normal(size=(60, 6, 6)) / np.repeat([wide, 0.003], 3)[:, None]
     information = root @ np.swapaxes(root, 1, 2)
     marked = np.empty(60, dtype=np.bool_)
-    pose_kernels.mark_distinct(X_PO, information, symmetries, 9.0, marked)
+    mode_kernels.mark_distinct(X_PO, information, symmetries, 9.0, marked)
     distinct: list[int] = []
     for b in range(60):
         images = compose(X_PO[b][None], symmetries)

@@ -3,8 +3,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tactopose_drake.core.sensing import contact_kernels
+from tactopose_drake.core.sensing.newton_kernels import linearize
 from tactopose_drake.core.surfaces import Surface
+from tactopose_drake.core.surfaces.surface_kernels import project
 from tests.core.touches import SURFACES, seeds
 
 
@@ -27,7 +28,7 @@ def test_the_jacobian_agrees_with_central_differences(surface: Surface, seed: in
     if np.abs(q).min() < 4e-4 or abs(abs(q[2]) - 0.007) < 1e-4:  # creases, and the seam between side and end
         return
     out = np.empty(18)
-    contact_kernels.linearize(surface.kind, surface.shape, m, f, compliance, q, np.empty(3), np.empty((3, 3)), out)
+    linearize(surface.kind, surface.shape, m, f, compliance, q, np.empty(3), np.empty((3, 3)), out)
     t = out[11:17].reshape(2, 3)
     n = out[8:11]
     np.testing.assert_allclose(n, surface.normal([q])[0], atol=1e-12)
@@ -41,7 +42,7 @@ def test_the_jacobian_agrees_with_central_differences(surface: Surface, seed: in
         ends = []
         for sign in (1.0, -1.0):
             there = q + sign * step * t[j]
-            contact_kernels.project(surface.kind, surface.shape, there)
+            project(surface.kind, surface.shape, there)
             ends.append(residual(surface, m, f, compliance, there))
         slopes[:, j] = t @ (ends[0] - ends[1]) / (2 * step)
     np.testing.assert_allclose(out[2:6].reshape(2, 2), slopes, rtol=2e-5, atol=2e-5 * np.abs(slopes).max())
@@ -56,21 +57,10 @@ def test_the_rigid_jacobian_is_singular_only_where_the_force_is_tangent(surface:
     q = surface.sample(generator, 1)[0]
     m, f = generator.normal(scale=0.01, size=3), generator.normal(size=3)
     out = np.empty(18)
-    contact_kernels.linearize(surface.kind, surface.shape, m, f, 0.0, q, np.empty(3), np.empty((3, 3)), out)
+    linearize(surface.kind, surface.shape, m, f, 0.0, q, np.empty(3), np.empty((3, 3)), out)
     t = out[11:17].reshape(2, 3)
     gradient, hessian = surface.gradient([q])[0], surface.hessian([q])[0]
     W = t @ hessian @ t.T / np.linalg.norm(gradient)
     expected = out[6] ** 2 + out[7] ** 2 * np.linalg.det(W)
     assert np.linalg.det(out[2:6].reshape(2, 2)) == pytest.approx(expected, rel=1e-6)
     assert out[17] == pytest.approx(np.linalg.eigvalsh(W)[1], rel=1e-6, abs=1e-6)
-
-
-@pytest.mark.parametrize("surface", SURFACES.values(), ids=SURFACES)
-@given(seed=seeds, scale=st.floats(0.2, 5.0))
-@settings(max_examples=20)
-def test_projection_reaches_the_surface_along_the_ray(surface: Surface, seed: int, scale: float) -> None:
-    q = surface.sample(np.random.default_rng(seed), 1)[0]
-    axis = np.array([0.0, 0.0, np.clip(q[2], surface.shape[1], surface.shape[2]) if surface.kind else 0.0])
-    moved = axis + scale * (q - axis)
-    contact_kernels.project(surface.kind, surface.shape, moved)
-    np.testing.assert_allclose(moved, q, atol=1e-15)

@@ -1,0 +1,137 @@
+"""Look-ups in a distance grid, compiled: the distance and the normal at a point of O, and their slopes.
+
+A look-up is one gather: eight nodes of four float32 each (signed distance, normal), which lie in four runs of 32 bytes.
+"""
+
+import numpy as np
+from numba import njit
+
+from tactopose_drake.core.kernels.pose_kernels import to_object
+from tactopose_drake.core.kernels.prefetch import prefetch
+
+# Where interpolated normals nearly cancel (the middle of a thin wall) their direction means little: this bounds it.
+SOFT_LENGTH = 0.05
+
+_U4 = np.uintp(4)
+
+
+@njit(cache=True, inline="always")
+def cell(q, origin, inverse_spacing, limit):  # type: ignore[no-untyped-def]
+    """The node below q along one axis, the fraction beyond it, and how far outside of the grid q is, in cells."""
+    u = (q - origin) * inverse_spacing
+    outside = 0.0
+    if not u >= 0.0:  # True for NaN too, which must not become an index.
+        outside = u
+        u = 0.0
+    elif u > limit:
+        outside = u - limit
+        u = limit
+    i = int(u)
+    if i > limit - 1:
+        i = int(limit) - 1
+    return i, u - i, outside
+
+
+@njit(cache=True, inline="always")
+def prefetch_cells(flat, shape, origin, inverse_spacing, X, p, q):  # type: ignore[no-untyped-def]
+    """Asks for what the contacts p (k, 3) will read of the flattened grid at the pose X (3, 4); q (3,) is for work."""
+    nx, ny, nz = shape[0], shape[1], shape[2]
+    sy, sx = np.uintp(4 * nz), np.uintp(4 * nz * ny)
+    for i in range(p.shape[0]):
+        to_object(X, p[i], q)
+        ix = cell(q[0], origin[0], inverse_spacing, nx - 1.0)[0]
+        iy = cell(q[1], origin[1], inverse_spacing, ny - 1.0)[0]
+        iz = cell(q[2], origin[2], inverse_spacing, nz - 1.0)[0]
+        at = np.uintp(4 * ((ix * ny + iy) * nz + iz))
+        prefetch(flat, at)
+        prefetch(flat, at + sy)
+        prefetch(flat, at + sx)
+        prefetch(flat, at + sx + sy)
+
+
+@njit(cache=True)
+def look_up(values, origin, inverse_spacing, x, y, z, out):  # type: ignore[no-untyped-def]
+    """Trilinear distance and normal at one point, out[0:4]; outside of the grid the way to it is added."""
+    i, fx, ox = cell(x, origin[0], inverse_spacing, values.shape[0] - 1.0)
+    j, fy, oy = cell(y, origin[1], inverse_spacing, values.shape[1] - 1.0)
+    k, fz, oz = cell(z, origin[2], inverse_spacing, values.shape[2] - 1.0)
+    a00, a01 = (1.0 - fx) * (1.0 - fy), (1.0 - fx) * fy
+    a10, a11 = fx * (1.0 - fy), fx * fy
+    for c in range(4):
+        low = (
+            a00 * values[i, j, k, c]
+            + a01 * values[i, j + 1, k, c]
+            + a10 * values[i + 1, j, k, c]
+            + a11 * values[i + 1, j + 1, k, c]
+        )
+        high = (
+            a00 * values[i, j, k + 1, c]
+            + a01 * values[i, j + 1, k + 1, c]
+            + a10 * values[i + 1, j, k + 1, c]
+            + a11 * values[i + 1, j + 1, k + 1, c]
+        )
+        out[c] = low + fz * (high - low)
+    if ox != 0.0 or oy != 0.0 or oz != 0.0:
+        out[0] += np.sqrt(ox * ox + oy * oy + oz * oz) / inverse_spacing
+
+
+@njit(cache=True)
+def look_up_with_derivative(values, origin, inverse_spacing, x, y, z, out, slope):  # type: ignore[no-untyped-def]
+    """As `look_up`, with slope[c, a] = d out[c] / d axis a, exact for the interpolant; slope is (4, 3)."""
+    i, fx, ox = cell(x, origin[0], inverse_spacing, values.shape[0] - 1.0)
+    j, fy, oy = cell(y, origin[1], inverse_spacing, values.shape[1] - 1.0)
+    k, fz, oz = cell(z, origin[2], inverse_spacing, values.shape[2] - 1.0)
+    for c in range(4):
+        v000, v001 = float(values[i, j, k, c]), float(values[i, j, k + 1, c])
+        v010, v011 = float(values[i, j + 1, k, c]), float(values[i, j + 1, k + 1, c])
+        v100, v101 = float(values[i + 1, j, k, c]), float(values[i + 1, j, k + 1, c])
+        v110, v111 = float(values[i + 1, j + 1, k, c]), float(values[i + 1, j + 1, k + 1, c])
+        v00, v01 = v000 + fz * (v001 - v000), v010 + fz * (v011 - v010)
+        v10, v11 = v100 + fz * (v101 - v100), v110 + fz * (v111 - v110)
+        v0, v1 = v00 + fy * (v01 - v00), v10 + fy * (v11 - v10)
+        out[c] = v0 + fx * (v1 - v0)
+        slope[c, 0] = (v1 - v0) * inverse_spacing if ox == 0.0 else 0.0
+        slope[c, 1] = ((1.0 - fx) * (v01 - v00) + fx * (v11 - v10)) * inverse_spacing if oy == 0.0 else 0.0
+        dz0 = (1.0 - fy) * (v001 - v000) + fy * (v011 - v010)
+        dz1 = (1.0 - fy) * (v101 - v100) + fy * (v111 - v110)
+        slope[c, 2] = ((1.0 - fx) * dz0 + fx * dz1) * inverse_spacing if oz == 0.0 else 0.0
+    if ox != 0.0 or oy != 0.0 or oz != 0.0:
+        way = np.sqrt(ox * ox + oy * oy + oz * oz)
+        out[0] += way / inverse_spacing
+        slope[0, 0] += ox / way
+        slope[0, 1] += oy / way
+        slope[0, 2] += oz / way
+
+
+@njit(cache=True, inline="always")
+def interpolate(flat, at, sx, sy, fx, fy, fz):  # type: ignore[no-untyped-def]
+    """One channel of the flattened grid in the cell whose first node is at `at`, and its slopes per cell.
+
+    sx and sy are the strides to the next node along x and y; along z it is 4.
+    """
+    v000, v001, v010, v011 = flat[at], flat[at + _U4], flat[at + sy], flat[at + sy + _U4]
+    at += sx
+    v100, v101, v110, v111 = flat[at], flat[at + _U4], flat[at + sy], flat[at + sy + _U4]
+    z00, z01, z10, z11 = v001 - v000, v011 - v010, v101 - v100, v111 - v110
+    v00, v01, v10, v11 = v000 + fz * z00, v010 + fz * z01, v100 + fz * z10, v110 + fz * z11
+    y0, y1 = v01 - v00, v11 - v10
+    v0, v1 = v00 + fy * y0, v10 + fy * y1
+    z0, z1 = z00 + fy * (z01 - z00), z10 + fy * (z11 - z10)
+    return v0 + fx * (v1 - v0), v1 - v0, y0 + fx * (y1 - y0), z0 + fx * (z1 - z0)
+
+
+@njit(cache=True, inline="always")
+def extend(field, slope, ox, oy, oz, inverse_spacing):  # type: ignore[no-untyped-def]
+    """Outside of the grid, by (ox, oy, oz) cells, the field is its nearest point's, and the way there is added."""
+    way = np.sqrt(ox * ox + oy * oy + oz * oz)
+    field[0] += way / inverse_spacing
+    for k in range(4):
+        if ox != 0.0:
+            slope[k, 0] = 0.0
+        if oy != 0.0:
+            slope[k, 1] = 0.0
+        if oz != 0.0:
+            slope[k, 2] = 0.0
+    slope[0, 0] += ox / way
+    slope[0, 1] += oy / way
+    slope[0, 2] += oz / way

@@ -1,0 +1,143 @@
+"""The misplacement of a tactile pad that makes its cost least, compiled, and how it follows the pose.
+
+`grid`, `pads` and `sigmas` are those of `pad_kernels.py`. The misplacement is found in O, where the distances are.
+"""
+
+import numpy as np
+from numba import njit
+
+from tactopose_drake.core.kernels.pad_kernels import FAST, enter, look, misplace
+
+# Where the local model of a pad's cost promises less than this, it is taken at its word. That takes two steps or three;
+# at creases it may take many, which are not worth their time.
+_LEAST_PROMISE = 1e-6
+_MOST_STEPS = 4
+# A pad that costs more than this after one step is explained by no noise; how far it is off is told well enough.
+_HOPELESS = 30.0
+
+
+@njit(cache=True, error_model="numpy", fastmath=FAST)
+def settle(grid, pads, k, sigmas, X, cells, pad):  # type: ignore[no-untyped-def]
+    """A pad's least cost over its misplacement, by Levenberg and Marquardt's steps from 0; leaves the cells there."""
+    u, g, L, step, trial = pad.u, pad.g, pad.L, pad.step, pad.trial
+    traits, run = pads[2], (pads[3][k], pads[3][k + 1])
+    enter(pads, k, X, cells, pad)
+    trial[:] = 0.0
+    cost, damping, rejected = np.inf, 0.0, False
+    for tried in range(_MOST_STEPS + 1):
+        misplace(trial, sigmas, run, cells, pad)
+        look(grid, traits, run, cells, pad)
+        there = 0.0
+        for i in range(run[0], run[1]):
+            there += cells.residual[i] ** 2
+        for a in range(6):
+            there += trial[a] ** 2
+        there *= 0.5
+        rejected = not there < cost
+        if rejected:
+            damping = max(10.0 * damping, 1.0)
+        else:
+            cost, damping = there, 0.1 * damping
+            u[:] = trial
+            _expand(sigmas, run, cells, pad)
+        for a in range(6):
+            for c in range(a + 1):
+                L[a, c] = pad.H[a, c]
+            L[a, a] *= 1.0 + damping
+            step[a] = -g[a]
+        _factor(L)
+        solve(L, step)
+        promise = 0.0
+        for a in range(6):
+            promise -= 0.5 * g[a] * step[a]
+            trial[a] = u[a] + step[a]
+        if promise < _LEAST_PROMISE:
+            cost -= promise
+            break
+        if tried > 0 and cost > _HOPELESS:
+            break
+    if rejected:
+        misplace(u, sigmas, run, cells, pad)
+        look(grid, traits, run, cells, pad)
+    return cost
+
+
+@njit(cache=True, error_model="numpy", fastmath=FAST)
+def _expand(sigmas, run, cells, pad):  # type: ignore[no-untyped-def]
+    """The gradient and Gauss-Newton Hessian of a pad's cost by its misplacement."""
+    g, H = pad.g, pad.H
+    arms, slopes, weights, residual, rows = cells.arms, cells.slopes, cells.weights, cells.residual, cells.by_pad
+    H[:] = 0.0
+    for a in range(6):
+        H[a, a], g[a] = 1.0, pad.u[a]
+    for i in range(run[0], run[1]):
+        if weights[i] > 0.0:
+            _row(i, arms, slopes, sigmas[0], sigmas[1], rows)
+            for a in range(6):
+                g[a] += rows[i, a] * residual[i]
+                for c in range(a + 1):
+                    H[a, c] += rows[i, a] * rows[i, c]
+
+
+@njit(cache=True, error_model="numpy", fastmath=FAST)
+def make_rows(directions, sigmas, run, cells):  # type: ignore[no-untyped-def]
+    """The derivatives by misplacement and pose, given those by the places: the directions (n, 3)."""
+    arms, places, by_pad, by_pose = cells.arms, cells.places, cells.by_pad, cells.by_pose
+    for i in range(run[0], run[1]):
+        _row(i, arms, directions, sigmas[0], sigmas[1], by_pad)
+        _row(i, places, directions, -1.0, -1.0, by_pose)
+
+
+@njit(cache=True, inline="always")
+def _row(i, levers, directions, turn, shift, rows):  # type: ignore[no-untyped-def]
+    """The derivatives by a turn and a shift of the i-th point at its lever, given those by the point, of (n, 3) each.
+
+    Whole arrays are given, because a row of one that is given has its references counted.
+    """
+    x, y, z = directions[i, 0], directions[i, 1], directions[i, 2]
+    rows[i, 0] = turn * (levers[i, 1] * z - levers[i, 2] * y)
+    rows[i, 1] = turn * (levers[i, 2] * x - levers[i, 0] * z)
+    rows[i, 2] = turn * (levers[i, 0] * y - levers[i, 1] * x)
+    rows[i, 3], rows[i, 4], rows[i, 5] = shift * x, shift * y, shift * z
+
+
+@njit(cache=True, error_model="numpy", fastmath=FAST)
+def couple(run, cells, C, L):  # type: ignore[no-untyped-def]
+    """A pad's second derivatives: C (6, 6) by misplacement and pose, and the factor L of that by the misplacement."""
+    weights, by_pad, by_pose = cells.weights, cells.by_pad, cells.by_pose
+    C[:] = 0.0
+    L[:] = 0.0
+    for a in range(6):
+        L[a, a] = 1.0
+    for i in range(run[0], run[1]):
+        if weights[i] > 0.0:
+            for a in range(6):
+                for c in range(6):
+                    C[a, c] += by_pad[i, a] * by_pose[i, c]
+                for c in range(a + 1):
+                    L[a, c] += by_pad[i, a] * by_pad[i, c]
+    _factor(L)
+
+
+@njit(cache=True, error_model="numpy", fastmath=FAST)
+def _factor(L):  # type: ignore[no-untyped-def]
+    """Cholesky's factor of a positive definite matrix (6, 6), in the place of its lower triangle."""
+    for a in range(6):
+        for c in range(a + 1):
+            total = L[a, c]
+            for e in range(c):
+                total -= L[a, e] * L[c, e]
+            L[a, c] = np.sqrt(total) if a == c else total / L[c, c]
+
+
+@njit(cache=True, error_model="numpy", fastmath=FAST)
+def solve(L, x):  # type: ignore[no-untyped-def]
+    """(L L^T)^-1 x, in the place of x (6,)."""
+    for a in range(6):
+        for e in range(a):
+            x[a] -= L[a, e] * x[e]
+        x[a] /= L[a, a]
+    for a in range(5, -1, -1):
+        for e in range(a + 1, 6):
+            x[a] -= L[e, a] * x[e]
+        x[a] /= L[a, a]

@@ -1,0 +1,58 @@
+"""Which of many poses are the same mode, compiled: up to the object's symmetries and what is known of each."""
+
+import numpy as np
+from numba import njit
+
+from tactopose_drake.core.kernels.matrix_kernels import cholesky, invert
+from tactopose_drake.core.kernels.pose_kernels import increment_between
+
+
+@njit(cache=True)
+def mark_distinct(X, information, symmetries, threshold, distinct):  # type: ignore[no-untyped-def]
+    """Marks, of poses X (B, 3, 4) by rising cost, each that no better marked one equals up to a symmetry.
+
+    Two poses are equal when the squared Mahalanobis length of the increment between them, by the information (B, 6, 6)
+    of the better one, is below the threshold for one of the symmetries (g, 3, 4). Most are told apart sooner, by how
+    far such increments move and turn at the most: their squares are below the threshold times the covariance's traces.
+    """
+    u, Y = np.empty(6), np.empty((symmetries.shape[0], 3, 4))
+    L, covariance = np.empty((6, 6)), np.empty((6, 6))
+    farthest, least_trace = np.empty(X.shape[0]), np.empty(X.shape[0])
+    for b in range(X.shape[0]):
+        for s in range(symmetries.shape[0]):
+            S = symmetries[s]
+            for i in range(3):
+                for j in range(4):
+                    Y[s, i, j] = X[b, i, 0] * S[0, j] + X[b, i, 1] * S[1, j] + X[b, i, 2] * S[2, j]
+                Y[s, i, 3] += X[b, i, 3]
+        distinct[b] = True
+        for a in range(b):
+            if not distinct[a]:
+                continue
+            H = information[a]
+            for s in range(symmetries.shape[0]):
+                way, trace = 0.0, 0.0
+                for i in range(3):
+                    way += (Y[s, i, 3] - X[a, i, 3]) ** 2
+                    for j in range(3):
+                        trace += X[a, i, j] * Y[s, i, j]
+                if way > farthest[a] or trace < least_trace[a]:
+                    continue
+                increment_between(X[a], Y[s], u)
+                total = 0.0
+                for i in range(6):
+                    half = 0.5 * H[i, i] * u[i]
+                    for j in range(i):
+                        half += H[i, j] * u[j]
+                    total += 2.0 * half * u[i]
+                if total < threshold:
+                    distinct[b] = False
+                    break
+            if not distinct[b]:
+                break
+        if distinct[b]:
+            cholesky(information[b], L)
+            invert(L, covariance)
+            farthest[b] = threshold * (covariance[3, 3] + covariance[4, 4] + covariance[5, 5])
+            widest = np.sqrt(threshold * (covariance[0, 0] + covariance[1, 1] + covariance[2, 2]))
+            least_trace[b] = 1.0 + 2.0 * np.cos(min(widest, np.pi))

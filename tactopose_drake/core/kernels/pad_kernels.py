@@ -1,0 +1,194 @@
+"""A tactile pad's cells, compiled: where they are at a pose, misplaced, and what the distance grid says of them there.
+
+A pad is a run of cells, each a point in P where the surface is (side 0), which is not inside of it (side -1), or not
+outside of it (side 1). The pad is misplaced by u = (turn, shift), in standard deviations, about its middle: a cell at
+the arm l from there is at l + sigma_rotation turn x l + sigma_position shift.
+
+`grid` is (values, origin, 1 / spacing); `pads` is (points (n, 3), normals (n, 3), traits (n, 4), starts (k + 1,),
+middles (k, 3)), where a cell's traits are its side, weight, depth and half its width, and starts say where the cells of
+each pad begin, and that there are n; `sigmas` is (sigma_rotation, sigma_position). The starts are unsigned, because
+loops over such numbers need no check for negative indices.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+
+from tactopose_drake.core.kernels.grid_kernels import SOFT_LENGTH, cell, interpolate
+from tactopose_drake.core.kernels.pose_kernels import rotate_to_object, to_object
+
+FAST = {"contract", "reassoc", "nsz", "arcp"}
+
+
+class Cells(NamedTuple):
+    """Scratch: n cells at one pose, in O.
+
+    Attributes:
+        arms: from the pad's middle, shape (n, 3).
+        outward: normals out of the pad, shape (n, 3).
+        places: where they are, misplaced, shape (n, 3).
+        clear: how far each that feels nothing is from the object where the pad is not misplaced, shape (n,).
+        weights: what each counts, 0 where it does not, shape (n,).
+        residual: weighted distances, shape (n,).
+        slopes: derivatives of the residual by the place: of the interpolated distance, shape (n, 3).
+        normals: the same along the interpolated normal, shape (n, 3).
+        by_pad, by_pose: derivatives of the residual by the misplacement and by the pose's (w, R^T v), shape (n, 6).
+    """
+
+    arms: Any
+    outward: Any
+    places: Any
+    clear: Any
+    weights: Any
+    residual: Any
+    slopes: Any
+    normals: Any
+    by_pad: Any
+    by_pose: Any
+
+
+class Pad(NamedTuple):
+    """Scratch: a pad's misplacement.
+
+    Attributes:
+        middle: of the pad in O, shape (3,).
+        u: the misplacement, shape (6,).
+        g, H: gradient (6,) and Hessian (lower triangle of (6, 6)) of the pad's cost there.
+        L: a factor, shape (6, 6).
+        step, trial: shape (6,).
+    """
+
+    middle: Any
+    u: Any
+    g: Any
+    H: Any
+    L: Any
+    step: Any
+    trial: Any
+
+
+@njit(cache=True)
+def scratch(n):  # type: ignore[no-untyped-def]
+    """Room for n cells, and for a pad."""
+    cells = Cells(
+        np.empty((n, 3)),
+        np.empty((n, 3)),
+        np.empty((n, 3)),
+        np.empty(n),
+        np.empty(n),
+        np.empty(n),
+        np.empty((n, 3)),
+        np.empty((n, 3)),
+        np.empty((n, 6)),
+        np.empty((n, 6)),
+    )
+    pad = Pad(np.empty(3), np.empty(6), np.empty(6), np.empty((6, 6)), np.empty((6, 6)), np.empty(6), np.empty(6))
+    return cells, pad
+
+
+@njit(cache=True, error_model="numpy")
+def enter(pads, k, X, cells, pad):  # type: ignore[no-untyped-def]
+    """A pad in O at the pose X: its middle, its cells' arms and outward normals; nothing is known of them yet."""
+    points, normals, _, starts, middles = pads
+    to_object(X, middles[k], pad.middle)
+    for i in range(starts[k], starts[k + 1]):
+        to_object(X, points[i], cells.arms[i])
+        rotate_to_object(X, normals[i], cells.outward[i])
+        cells.clear[i] = 0.0
+        for a in range(3):
+            cells.arms[i, a] -= pad.middle[a]
+
+
+@njit(cache=True, error_model="numpy", fastmath=FAST)
+def misplace(u, sigmas, run, cells, pad):  # type: ignore[no-untyped-def]
+    """Where the cells of a pad that is misplaced by u are."""
+    arms, places = cells.arms, cells.places
+    x, y, z = sigmas[0] * u[0], sigmas[0] * u[1], sigmas[0] * u[2]
+    a, b, c = pad.middle[0] + sigmas[1] * u[3], pad.middle[1] + sigmas[1] * u[4], pad.middle[2] + sigmas[1] * u[5]
+    for i in range(run[0], run[1]):
+        places[i, 0] = a + arms[i, 0] + y * arms[i, 2] - z * arms[i, 1]
+        places[i, 1] = b + arms[i, 1] + z * arms[i, 0] - x * arms[i, 2]
+        places[i, 2] = c + arms[i, 2] + x * arms[i, 1] - y * arms[i, 0]
+
+
+@njit(cache=True, error_model="numpy", fastmath=FAST)
+def look(grid, traits, run, cells, pad):  # type: ignore[no-untyped-def]
+    """The cells' weights at their places, the residuals, and the slopes of these.
+
+    A cell that feels nothing does not count before it has come as far as it was clear of the object.
+    """
+    values, origin, inverse_spacing = grid
+    flat = values.reshape(-1)
+    nx, ny, nz = values.shape[0], values.shape[1], values.shape[2]
+    sy, sx = np.uintp(4 * nz), np.uintp(4 * nz * ny)
+    places, slopes, arms, outward, middle = cells.places, cells.slopes, cells.arms, cells.outward, pad.middle
+    weights, residual, clear = cells.weights, cells.residual, cells.clear
+    for i in range(run[0], run[1]):
+        moved = 0.0
+        for a in range(3):
+            moved += (places[i, a] - middle[a] - arms[i, a]) ** 2
+        if moved < clear[i] ** 2:
+            weights[i] = residual[i] = slopes[i, 0] = slopes[i, 1] = slopes[i, 2] = 0.0
+            continue
+        ix, fx, ox = cell(places[i, 0], origin[0], inverse_spacing, nx - 1.0)
+        iy, fy, oy = cell(places[i, 1], origin[1], inverse_spacing, ny - 1.0)
+        iz, fz, oz = cell(places[i, 2], origin[2], inverse_spacing, nz - 1.0)
+        at = np.uintp(4 * ((ix * ny + iy) * nz + iz))
+        distance, dx, dy, dz = interpolate(flat, at, sx, sy, fx, fy, fz)
+        dx, dy, dz = dx * inverse_spacing, dy * inverse_spacing, dz * inverse_spacing
+        if ox != 0.0 or oy != 0.0 or oz != 0.0:
+            way = np.sqrt(ox * ox + oy * oy + oz * oz)
+            distance += way / inverse_spacing
+            dx, dy, dz = ox / way if ox != 0.0 else dx, oy / way if oy != 0.0 else dy, oz / way if oz != 0.0 else dz
+        slopes[i, 0], slopes[i, 1], slopes[i, 2] = dx, dy, dz
+        side, weight = traits[i, 0], traits[i, 1]
+        if side * distance < 0.0:
+            if moved == 0.0:
+                clear[i] = max(distance, 0.0)
+            weight = 0.0
+        elif side >= 0.0:
+            dot = -dx * outward[i, 0] - dy * outward[i, 1] - dz * outward[i, 2]
+            slack = _slack(dot, dx * dx + dy * dy + dz * dz, traits[i, 2], traits[i, 3])
+            if slack > 0.0:
+                weight /= np.sqrt(1.0 + (weight * slack) ** 2 / 3.0)
+        weights[i], residual[i] = weight, weight * distance
+        for a in range(3):
+            slopes[i, a] *= weight
+
+
+@njit(cache=True, error_model="numpy", fastmath=FAST)
+def look_along(grid, run, cells):  # type: ignore[no-untyped-def]
+    """The normals at the places."""
+    values, origin, inverse_spacing = grid
+    flat = values.reshape(-1)
+    nx, ny, nz = values.shape[0], values.shape[1], values.shape[2]
+    sy, sx = np.uintp(4 * nz), np.uintp(4 * nz * ny)
+    places, normals = cells.places, cells.normals
+    for i in range(run[0], run[1]):
+        if cells.weights[i] == 0.0:
+            normals[i, 0] = normals[i, 1] = normals[i, 2] = 0.0
+            continue
+        ix, fx, _ = cell(places[i, 0], origin[0], inverse_spacing, nx - 1.0)
+        iy, fy, _ = cell(places[i, 1], origin[1], inverse_spacing, ny - 1.0)
+        iz, fz, _ = cell(places[i, 2], origin[2], inverse_spacing, nz - 1.0)
+        at = np.uintp(4 * ((ix * ny + iy) * nz + iz))
+        square = SOFT_LENGTH**2
+        for a in range(3):
+            normals[i, a] = interpolate(flat, at + np.uintp(1 + a), sx, sy, fx, fy, fz)[0]
+            square += normals[i, a] ** 2
+        for a in range(3):
+            normals[i, a] *= cells.weights[i] / np.sqrt(square)
+
+
+@njit(cache=True, inline="always")
+def _slack(dot, square, depth, width):  # type: ignore[no-untyped-def]
+    """How far a pressed cell's point may be from a surface that only a part of the cell feels, see `PatchCells`.
+
+    Given are the gradient's part along the pad's inward normal, and its square.
+    """
+    along = max(square - dot * dot, 0.0)
+    dot = max(dot, 0.0)
+    if width * width * along <= depth * depth * dot * dot:
+        return 0.0
+    return (np.sqrt(width * np.sqrt(along)) - np.sqrt(depth * dot)) ** 2

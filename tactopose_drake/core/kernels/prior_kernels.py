@@ -1,0 +1,56 @@
+"""Whitened increments from a prior's pose, compiled: costs, residuals and their derivatives, one loop over poses.
+
+Poses are (B, 3, 4); increments (w, v) as in `poses.py`.
+"""
+
+import numpy as np
+from numba import njit
+
+from tactopose_drake.core.kernels.pose_kernels import increment_between
+
+
+@njit(cache=True)
+def prior_costs(X_prior, weights, X, cost):  # type: ignore[no-untyped-def]
+    """Half the squared whitened increment from the prior's pose (3, 4) to each pose, into cost (B,)."""
+    u = np.empty(6)
+    for b in range(X.shape[0]):
+        increment_between(X_prior, X[b], u)
+        total = 0.0
+        for i in range(6):
+            total += (u[i] * weights[i]) ** 2
+        cost[b] = 0.5 * total
+
+
+@njit(cache=True)
+def prior_residuals(X_prior, weights, X, residuals, jacobian):  # type: ignore[no-untyped-def]
+    """Whitened increments (B, 6) from the prior's pose, and their derivatives by the increment (B, 6, 6).
+
+    The derivative of the rotation vector is the inverse right Jacobian of SO(3): J. Sola et al., A micro Lie theory for
+    state estimation, 2018, eq. 144.
+    """
+    u = np.empty(6)
+    for b in range(X.shape[0]):
+        prior_row(X_prior, weights, X[b], u, residuals[b], jacobian[b])
+
+
+@njit(cache=True, inline="always")
+def prior_row(X_prior, weights, X, u, residual, J):  # type: ignore[no-untyped-def]
+    """The same of one pose (3, 4), into (6,) and (6, 6); u (6,) is for work."""
+    increment_between(X_prior, X, u)
+    x, y, z = u[0], u[1], u[2]
+    angle2 = x * x + y * y + z * z
+    if angle2 < 1e-6:
+        c = 1.0 / 12.0 + angle2 / 720.0
+    else:
+        angle = np.sqrt(angle2)
+        c = 1.0 / angle2 - np.cos(0.5 * angle) / (2.0 * angle * np.sin(0.5 * angle))
+    J[:, :] = 0.0
+    J[0, 0], J[0, 1], J[0, 2] = 1.0 - c * (y * y + z * z), c * x * y - 0.5 * z, c * x * z + 0.5 * y
+    J[1, 0], J[1, 1], J[1, 2] = c * x * y + 0.5 * z, 1.0 - c * (x * x + z * z), c * y * z - 0.5 * x
+    J[2, 0], J[2, 1], J[2, 2] = c * x * z - 0.5 * y, c * y * z + 0.5 * x, 1.0 - c * (x * x + y * y)
+    for i in range(6):
+        residual[i] = u[i] * weights[i]
+        if i >= 3:
+            J[i, i] = 1.0
+        for j in range(6):
+            J[i, j] *= weights[i]

@@ -1,0 +1,129 @@
+"""Contacts against the surface, compiled: costs, residuals and their derivatives, each one loop over poses.
+
+Poses are (B, 3, 4); increments (w, v) as in `poses.py`.
+
+Source: [B16] J. Bimbo, thesis, 2016, eqs. 3.3 and 3.5, whitened by the sensors' standard deviations.
+"""
+
+import numpy as np
+from numba import njit
+
+from tactopose_drake.core.kernels.grid_kernels import SOFT_LENGTH, look_up, look_up_with_derivative, prefetch_cells
+from tactopose_drake.core.kernels.pose_kernels import chain, rotate_to_object, to_object, turn_normal
+
+# Bounds the derivative of the square root in the residual that normalises the normals' likelihood.
+SOFT_ROOT = 1e-4
+
+
+@njit(cache=True, nogil=True)
+def contact_costs(values, origin, inverse_spacing, p, n, weight_p, weight_n, X, cost):  # type: ignore[no-untyped-def]
+    """Half the sum of squares of the contact residuals of each pose, into cost (B,)."""
+    flat = values.reshape(-1)
+    q, m, field = np.empty(3), np.empty(3), np.empty(4)
+    for b in range(X.shape[0]):
+        prefetch_cells(flat, values.shape, origin, inverse_spacing, X[b], p, q)
+        total = 0.0
+        for i in range(p.shape[0]):
+            to_object(X[b], p[i], q)
+            look_up(values, origin, inverse_spacing, q[0], q[1], q[2], field)
+            r = field[0] * weight_p[i]
+            total += r * r
+            if weight_n[i] > 0.0:
+                rotate_to_object(X[b], n[i], m)
+                weight, spread = normal_weight(field, weight_n[i])
+                square = 0.0
+                for a in range(3):
+                    square += (field[a + 1] - m[a]) ** 2
+                total += weight * weight * square + 2.0 * np.log(spread) + SOFT_ROOT
+        cost[b] = 0.5 * total
+
+
+@njit(cache=True)
+def contact_residuals(  # type: ignore[no-untyped-def]
+    values, origin, inverse_spacing, p, n, weight_p, weight_n, X, residuals, jacobian
+):
+    """Residuals (B, k, 5), see `contact_rows`, and their Jacobian (B, k, 5, 6) by the increment."""
+    smooth, work = np.empty((4, 6)), np.empty((10, 4))
+    for b in range(X.shape[0]):
+        for i in range(p.shape[0]):
+            contact_rows(
+                values,
+                origin,
+                inverse_spacing,
+                p[i],
+                n[i],
+                weight_p[i],
+                weight_n[i],
+                X[b],
+                residuals[b, i],
+                jacobian[b, i],
+                smooth,
+                work,
+            )
+
+
+@njit(cache=True, inline="always")
+def normal_weight(field, weight_n):  # type: ignore[no-untyped-def]
+    """One over the standard deviation of the normal's difference, and its variance over the sensor's alone.
+
+    The mean of unit vectors is as short as they are spread: over two directions, their variance is (1 - |n|^2) / 2.
+    """
+    square = field[1] ** 2 + field[2] ** 2 + field[3] ** 2
+    spread = 1.0 + 0.5 * max(0.0, 1.0 - square) * weight_n * weight_n
+    return weight_n / np.sqrt(spread), spread
+
+
+@njit(cache=True)
+def contact_rows(  # type: ignore[no-untyped-def]
+    values, origin, inverse_spacing, p, n, weight_p, weight_n, X, residual, J, smooth, work
+):
+    """The five residuals of one contact at one pose, their Jacobian (5, 6), and the rows (4, 6) that carry information.
+
+    The residuals are the distance, the difference of the normals, and the root of twice the log of the normal's
+    variance, which makes the sum of squares a likelihood: a crease explains any normal, but none well.
+
+    What the contact says of the pose is in the derivative of the distance along the mean normal, and of that normal's
+    direction. The exact derivatives follow each facet, and each change of the mean normal's length; they would claim
+    that the facets of a tessellated cylinder determine its spin.
+    """
+    # Views of the caller's scratch array (10, 4): an allocation here would cost as much as the arithmetic.
+    q, m, along, row, field, slope, mean = work[0], work[1], work[2], work[3], work[4], work[5:9], work[9]
+    to_object(X, p, q)
+    look_up_with_derivative(values, origin, inverse_spacing, q[0], q[1], q[2], field, slope)
+    square = field[1] ** 2 + field[2] ** 2 + field[3] ** 2
+    scale = 1.0 / np.sqrt(square + SOFT_LENGTH**2)
+    for a in range(3):
+        mean[a] = scale * field[a + 1]
+    chain(mean, q, X, weight_p, smooth[0])
+    residual[0] = field[0] * weight_p
+    chain(slope[0], q, X, weight_p, J[0])
+    if weight_n > 0.0:
+        rotate_to_object(X, n, m)
+        weight, spread = normal_weight(field, weight_n)
+        for c in range(3):  # The derivative of half the squared length.
+            along[c] = field[1] * slope[1, c] + field[2] * slope[2, c] + field[3] * slope[3, c]
+            if square >= 1.0:
+                along[c] = 0.0
+        for a in range(3):
+            difference = field[a + 1] - m[a]
+            residual[a + 1] = difference * weight
+            for c in range(3):
+                row[c] = slope[a + 1, c] + 0.5 * difference * weight * weight * along[c]
+            chain(row, q, X, weight, J[a + 1])
+            for c in range(3):
+                row[c] = scale * (slope[a + 1, c] - mean[a] * scale * along[c])
+            chain(row, q, X, weight, smooth[a + 1])
+        turn_normal(m, weight, J)
+        turn_normal(m, weight, smooth)
+        residual[4] = np.sqrt(2.0 * np.log(spread) + SOFT_ROOT)
+        for c in range(3):
+            row[c] = -along[c] * weight * weight / residual[4]
+        chain(row, q, X, 1.0, J[4])
+    else:
+        for a in range(1, 5):
+            residual[a] = 0.0
+            for c in range(6):
+                J[a, c] = 0.0
+        for a in range(1, 4):
+            for c in range(6):
+                smooth[a, c] = 0.0
