@@ -76,7 +76,7 @@ class Scenario:
     """Everything that `make_station` needs; only data."""
 
     hand: str = "shadow_like"  # a hand of the package by name, or a *.hand.yaml by its path from where you run
-    object: str = "wine_glass"  # an object of the package by name, or an SDF by path, as above; its mesh lies beside it as OBJ
+    object: str = "wine_glass"  # an object of the package by name, or an SDF by path; its mesh lies beside it as OBJ
     seed: int = 0  # of the grasp and of all noise
     duration: float = 4.0  # longest simulated time, s
     # Where the estimation's inputs come from; all that follows on the hand's motion is of the simulator alone.
