@@ -1,0 +1,60 @@
+"""What the belief says while the motion of the palm or the fingertips is not known, or the object is not touched."""
+
+import numpy as np
+import pytest
+from pydrake.math import RigidTransform
+
+from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.systems.pose_belief import PoseBeliefEstimator
+from tests.core.tracking.boxes import make_box
+from tests.systems.belief_runs import ANYWHERE, FINGERS, Run, begun, still, touched
+
+
+@pytest.fixture(scope="module")
+def box() -> ObjectModel:
+    return make_box()
+
+
+def test_a_palm_that_is_not_known_leaves_the_pose_in_the_palm(box: ObjectModel) -> None:
+    def palm(time: float) -> RigidTransform:
+        return RigidTransform([0.5, 0.0, 0.3]) if time < 0.1 or time > 0.3 else RigidTransform(np.full(3, np.nan))
+
+    run = Run(PoseBeliefEstimator(box), vision=begun(lambda time: None), palm_pose=palm, **touched(still))
+    assert run.until(0.05).status == "ok"
+    last = run.until(0.2)
+    assert last.status == "ok: the palm's pose is not finite"
+    assert not np.any(np.isfinite(run.read("object_pose_in_world").translation()))
+    assert run.until(0.35).status == "ok"
+    in_world = run.read("object_pose_in_world")
+    assert in_world.IsNearlyEqualTo(RigidTransform([0.5, 0.0, 0.3]) @ run.read("object_pose"), 1e-12)
+    run.assert_never_a_silent_guess(still)
+
+
+def test_velocities_that_are_not_known_are_named(box: ObjectModel) -> None:
+    def tips(time: float) -> dict[str, np.ndarray] | None:
+        bad = None if time > 0.2 else {finger: np.full(6, np.nan) for finger in FINGERS}
+        return bad if time > 0.1 else dict.fromkeys(FINGERS, np.zeros(6))
+
+    run = Run(PoseBeliefEstimator(box), vision=begun(lambda time: None), tip_velocities=tips, **touched(still))
+    assert run.until(0.1).status == "ok"
+    for time in (0.15, 0.3):
+        assert run.until(time).status == "ok: the fingertips' velocities are not known"
+    run.assert_never_a_silent_guess(still)
+
+
+@pytest.mark.parametrize("silent", [True, False])
+def test_an_untouched_object_rests_in_the_world_but_not_when_no_sensor_says_so(box: ObjectModel, silent: bool) -> None:
+    def palm(time: float) -> RigidTransform:
+        return RigidTransform([0.0, 0.0, max(0.0, time - 0.1)])
+
+    run = Run(
+        PoseBeliefEstimator(box),
+        vision=begun(lambda time: None),
+        palm_pose=palm,
+        untouched=lambda time: None if silent or time < 0.1 else ANYWHERE,
+        **touched(still, lambda time: time < 0.1),
+    )
+    held = run.until(0.1).pose.translation()
+    moved = run.until(0.2).pose.translation() - held
+    np.testing.assert_allclose(moved, [0.0, 0.0, 0.0 if silent else -0.09], atol=0.011)
+    assert run.instants[-1].word == "no_contact"

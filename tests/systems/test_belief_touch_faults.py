@@ -1,0 +1,63 @@
+"""What the belief says while touch fails: the object is gone or elsewhere, what is felt never changes."""
+
+import math
+
+import numpy as np
+import pytest
+from pydrake.math import RigidTransform, RollPitchYaw
+
+from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.tracking.pose_measurement import PoseMeasurement
+from tactopose_drake.systems.pose_belief import PoseBeliefEstimator
+from tests.core.tracking.boxes import make_box, touch
+from tests.systems.belief_runs import FINGERS, X_PO, Run, begun, generator_at, seen, still, touched
+
+
+@pytest.fixture(scope="module")
+def box() -> ObjectModel:
+    return make_box()
+
+
+def test_an_object_that_is_taken_away_is_said_to_be_gone(box: ObjectModel) -> None:
+    run = Run(PoseBeliefEstimator(box), vision=begun(lambda time: None), **touched(still, lambda time: time < 0.205))
+    assert run.until(0.2).word == "ok"
+    spread = [np.trace(run.until(time).belief.covariance[0]) for time in (0.22, 0.5, 1.1)]
+    assert spread == sorted(spread)
+    assert run.words(0.21, 1.1) == {"no_contact"}
+    assert run.until(1.5).status.startswith("lost: nothing was touched or seen for 1.")
+    assert run.words(1.3, 1.5) == {"lost"}
+    assert run.read("hypotheses").status == "no_solution"
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("with_vision", [False, True])
+def test_an_object_that_comes_back_elsewhere_is_found_anew(box: ObjectModel, seed: int, with_vision: bool) -> None:
+    """Turned by a right angle or two: the pose from before says nothing, and is not what tells half turns apart."""
+    generator = np.random.default_rng(seed)
+    turn = RollPitchYaw(*generator.uniform(-math.pi, math.pi, 3))
+    elsewhere = X_PO @ RigidTransform(turn, generator.uniform(-0.05, 0.05, 3))
+
+    def truth(time: float) -> RigidTransform:
+        return X_PO if time < 1.0 else elsewhere
+
+    def vision(time: float) -> PoseMeasurement | None:
+        return seen(elsewhere, time, generator_at(time)) if with_vision and time > 1.5 else None
+
+    run = Run(PoseBeliefEstimator(box), vision=begun(vision), **touched(truth, lambda time: not 0.205 < time < 1.505))
+    assert run.until(0.2).word == "ok"
+    assert run.until(1.5).word == "lost"
+    assert run.until(2.0).word == ("ok" if with_vision else "ambiguous")
+    run.assert_never_a_silent_guess(truth)
+
+
+def test_a_touch_that_never_changes_is_remarked(box: ObjectModel) -> None:
+    frozen = touch(X_PO.GetAsMatrix34(), np.random.default_rng(0))
+    run = Run(
+        PoseBeliefEstimator(box),
+        contacts=lambda time: frozen,
+        fingers_in_contact=lambda time: FINGERS,
+        vision=begun(lambda time: None),
+    )
+    assert run.until(0.4).status == "ok"
+    assert "the touch has been the same for 0.8 s" in run.until(0.85).status
+    assert np.trace(run.instants[-1].belief.covariance[0]) > np.trace(run.instants[5].belief.covariance[0])
