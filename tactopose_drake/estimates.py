@@ -55,7 +55,7 @@ class PoseEstimate:
         duration: s.
         finished: whether the search ended by itself, rather than at the time limit.
         log_evidence: the natural logarithm of how well the object explains the touch in all its poses together; see
-            `core.model_evidence`. It compares objects for one touch, and means nothing by itself.
+            `core.pairs.model_evidence`. It compares objects for one touch, and means nothing by itself.
     """
 
     hypotheses: tuple[PoseHypothesis, ...]

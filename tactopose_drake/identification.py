@@ -5,7 +5,7 @@ the poses that it may have: what the touch says of the object, be its pose deter
 inverses of the lowest costs instead: `likelihood="inverse_cost"`.
 
 Of a library's objects few are estimated, so that ten times as many take little longer. Those whose pairs of surface
-points agree best with the contacts' (see `core.joint_index`) have their poses searched; of these the ones of most
+points agree best with the contacts' (see `core.pairs.joint_index`) have their poses searched; of these the ones of most
 evidence by a quick approximation, which leaves out edges and the bends of modes, are estimated.
 
 Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016.
@@ -60,7 +60,7 @@ class Identity:
         rank: 1 for the most likely object; objects of equal shape share theirs.
         likelihood: its share among all objects, which sum to 1; objects of equal shape have the same.
         log_evidence: logarithm of the touch's likelihood over all poses of the object, up to a constant that all
-            objects share (see `core.model_evidence`); minus infinity where the index ruled the object out.
+            objects share (see `core.pairs.model_evidence`); minus infinity where the index ruled the object out.
         estimate: its pose; None where the index ruled the object out.
     """
 
