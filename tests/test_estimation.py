@@ -1,6 +1,4 @@
 import math
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -14,19 +12,15 @@ from tactopose_drake.core.evidence.synthetic_touch import touch_surface
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.poses import (
     exp_so3,
-    increments_between,
     make_poses,
-    random_rotations,
-    retract,
-    rotation_angles,
     transform_points,
 )
-from tactopose_drake.core.posterior.hypotheses import determined_part
 from tactopose_drake.core.searches.base import SearchResult, never
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
 from tactopose_drake.core.searches.pair_search import PairSearch
 from tactopose_drake.resources import model_path
 from tests.core.searches.problems import make_blob
+from tests.displaced_poses import displaced, error, random_pose
 
 LOCAL_METHODS = ["levenberg_marquardt", "gradient_descent", "mathematical_program"]
 
@@ -37,11 +31,6 @@ def blob() -> tp.ObjectModel:
 
 
 @pytest.fixture(scope="module")
-def can() -> tp.ObjectModel:
-    return tp.ObjectModel.from_mesh(trimesh.creation.cylinder(radius=0.033, height=0.115, sections=64))
-
-
-@pytest.fixture(scope="module")
 def box() -> tp.ObjectModel:
     return tp.ObjectModel.from_mesh(trimesh.creation.box((0.06, 0.09, 0.14)).subdivide().subdivide())
 
@@ -49,20 +38,6 @@ def box() -> tp.ObjectModel:
 @pytest.fixture(scope="module")
 def bottle() -> tp.ObjectModel:
     return tp.ObjectModel.from_mesh(model_path("objects", "spray_bottle.obj"))
-
-
-def random_pose(seed: int) -> np.ndarray:
-    generator = np.random.default_rng(seed)
-    return make_poses(random_rotations(generator, 1), generator.normal(size=(1, 3)) * 0.05)[0]
-
-
-def displaced(X_PO: np.ndarray, seed: int, translation: float = 0.033, degrees: float = 16.0) -> np.ndarray:
-    w, v = (u / np.linalg.norm(u) for u in np.random.default_rng(seed).normal(size=(2, 3)))
-    return retract(X_PO, np.concatenate([math.radians(degrees) * w, translation * v]))
-
-
-def error(estimate: tp.PoseEstimate, X_PO: np.ndarray) -> np.ndarray:
-    return increments_between(estimate.best.X_PO.GetAsMatrix34(), X_PO)
 
 
 def test_a_doubtful_prior_is_corrected(bottle: tp.ObjectModel) -> None:
@@ -212,69 +187,10 @@ def test_the_result_is_what_is_documented(blob: tp.ObjectModel) -> None:
     np.testing.assert_array_equal(again.best.X_PO.GetAsMatrix34(), estimate.best.X_PO.GetAsMatrix34())
 
 
-def test_the_covariance_covers_the_error(blob: tp.ObjectModel) -> None:
-    squares = []
-    for seed in range(40):
-        X_PO = random_pose(seed)
-        contacts = touch_surface(blob, X_PO, 10, np.random.default_rng(seed))
-        estimate = tp.estimate_pose(blob, contacts, prior=tp.PosePrior(displaced(X_PO, seed, 0.005, 3.0)))
-        off = error(estimate, X_PO)
-        squares.append(off @ np.linalg.solve(estimate.best.covariance, off))
-    # Six degrees of freedom: the mean of 40 is 6 +- 0.55; a factor of two either way is a wrong covariance.
-    assert 3.0 < np.median(squares) < 12.0
-
-
-def side_contacts(radius: float, angles: list[float], heights: list[float]) -> tp.Contacts:
-    n_PC = np.array([[math.cos(a), math.sin(a), 0.0] for a in angles])
-    return tp.Contacts(radius * n_PC + np.array([[0.0, 0.0, z] for z in heights]), n_PC)
-
-
-def test_the_spin_and_slide_of_a_can_are_free(can: tp.ObjectModel) -> None:
-    contacts = side_contacts(0.033, [0.0, 1.3, 2.9, 4.4], [0.02, -0.02, 0.01, -0.01])
-    estimate = tp.estimate_pose(can, contacts, prior=tp.PosePrior(displaced(np.eye(3, 4), 1, 0.01, 5.0)))
-    free = estimate.best.free_directions
-    assert free.shape == (2, 6)
-    np.testing.assert_allclose(free @ free.T, np.eye(2), atol=1e-9)
-    # The spin about the can's axis, and the slide along it, lie in their span.
-    for direction in (np.eye(6)[2], np.concatenate([np.zeros(3), estimate.best.X_PO.rotation().matrix()[:, 2]])):
-        assert np.linalg.norm(determined_part(direction, free, can.size)) < 0.15
-
-
-def test_the_slides_along_a_boxs_faces_are_free(box: tp.ObjectModel) -> None:
-    # Two fingers on each of the faces +x and -x.
-    p_PC = np.array([[0.03, 0.01, 0.02], [0.03, -0.02, -0.03], [-0.03, 0.02, 0.01], [-0.03, -0.01, -0.02]])
-    n_PC = np.sign(p_PC[:, :1]) * np.eye(3)[:1]
-    estimate = tp.estimate_pose(box, tp.Contacts(p_PC, n_PC), prior=tp.PosePrior(displaced(np.eye(3, 4), 2, 0.01, 5.0)))
-    free = estimate.best.free_directions
-    assert free.shape == (3, 6)
-    R_PO = estimate.best.X_PO.rotation().matrix()
-    for direction in (
-        np.eye(6)[0],
-        np.concatenate([np.zeros(3), R_PO[:, 1]]),
-        np.concatenate([np.zeros(3), R_PO[:, 2]]),
-    ):
-        assert np.linalg.norm(determined_part(direction, free, box.size)) < 0.15
-
-
-def test_nothing_is_free_where_the_pose_is_determined(blob: tp.ObjectModel) -> None:
-    X_PO = random_pose(8)
-    contacts = touch_surface(blob, X_PO, 12, np.random.default_rng(8))
-    estimate = tp.estimate_pose(blob, contacts, prior=tp.PosePrior(displaced(X_PO, 8, 0.005, 3.0)))
-    assert estimate.best.free_directions.shape == (0, 6)
-
-
 def test_contacts_that_no_pose_explains_have_no_solution(blob: tp.ObjectModel) -> None:
     contacts = tp.Contacts([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], np.eye(3))
     estimate = tp.estimate_pose(blob, contacts, prior=tp.PosePrior(RigidTransform()))
     assert estimate.status == "no_solution"
-
-
-def test_one_contact_is_enough_for_a_prior(blob: tp.ObjectModel) -> None:
-    X_PO = random_pose(9)
-    contacts = touch_surface(blob, X_PO, 1, np.random.default_rng(9))
-    estimate = tp.estimate_pose(blob, contacts, prior=tp.PosePrior(displaced(X_PO, 9, 0.005, 3.0)))
-    assert len(estimate.best.free_directions) >= 3
-    assert rotation_angles(estimate.best.X_PO.rotation().matrix(), X_PO[:, :3]) < math.radians(20)
 
 
 def test_a_time_limit_cuts_the_search_short(bottle: tp.ObjectModel) -> None:
@@ -309,72 +225,12 @@ def test_bad_arguments_are_named_before_any_work(blob: tp.ObjectModel, change: d
         tp.estimate_pose(**arguments)  # type: ignore[arg-type]
 
 
-def test_the_core_needs_no_pydrake() -> None:
-    code = """
-import importlib, pathlib, sys, types
-root = pathlib.Path(sys.argv[1])
-package = types.ModuleType("tactopose_drake")
-package.__path__ = [str(root)]
-sys.modules["tactopose_drake"] = package
-sys.modules["pydrake"] = None
-names = ["tactopose_drake." + ".".join(p.relative_to(root).with_suffix("").parts) for p in root.glob("core/**/*.py")]
-for name in names:
-    importlib.import_module(name.removesuffix(".__init__"))
-print(len(names))
-"""
-    root = str(tp.__path__[0])
-    done = subprocess.run([sys.executable, "-c", code, root], capture_output=True, text=True, check=True)
-    assert int(done.stdout) > 20
-
-
 def test_a_rotated_prior_is_no_obstacle(blob: tp.ObjectModel) -> None:
     # A half turn, where quaternion signs and rotation vectors jump.
     X_PO = make_poses(exp_so3(np.array([0.0, math.pi, 0.0])), np.zeros(3))
     contacts = touch_surface(blob, X_PO, 6, np.random.default_rng(10))
     estimate = tp.estimate_pose(blob, contacts, prior=tp.PosePrior(displaced(X_PO, 10, 0.01, 5.0)))
     assert np.linalg.norm(error(estimate, X_PO)[3:]) < 0.005
-
-
-def weighed(*probabilities: float, status: str = "ok", explains: tuple[bool, ...] | None = None) -> tp.PoseEstimate:
-    explains = explains or (True,) * len(probabilities)
-    hypotheses = tuple(
-        tp.PoseHypothesis(RigidTransform([x, 0, 0]), float(x), probability, np.eye(6), np.zeros((0, 6)), explained)
-        for x, (probability, explained) in enumerate(zip(probabilities, explains, strict=True))
-    )
-    return tp.PoseEstimate(hypotheses, status, 0.01)
-
-
-@pytest.mark.parametrize(
-    ("probabilities", "kept", "left", "status"),
-    [
-        ((0.6, 0.3, 0.1), (False, True, True), (0.75, 0.25), "ok"),
-        ((0.6, 0.15, 0.13, 0.12), (False, True, True, True), (0.375, 0.325, 0.3), "ambiguous"),
-        ((0.4, 0.35, 0.25), (True, False, False), (1.0,), "ok"),
-        ((1.0, 0.0, 0.0), (False, True, True), (0.5, 0.5), "ok"),
-    ],
-)
-def test_hypotheses_that_are_kept_are_weighed_among_themselves(
-    probabilities: tuple[float, ...], kept: tuple[bool, ...], left: tuple[float, ...], status: str
-) -> None:
-    before = weighed(*probabilities, status="ok" if probabilities[0] >= 0.5 else "ambiguous")
-    after = before.keep(kept)
-    assert [h.probability for h in after.hypotheses] == pytest.approx(left)
-    expected = [h.X_PO for h, stays in zip(before.hypotheses, kept, strict=True) if stays]
-    assert all(h.X_PO.IsExactlyEqualTo(X_PO) for h, X_PO in zip(after.hypotheses, expected, strict=True))
-    assert (after.status, after.duration) == (status, before.duration)
-
-
-def test_a_kept_hypothesis_that_does_not_explain_the_touch_is_no_solution() -> None:
-    assert weighed(0.9, 0.1, explains=(True, False)).keep((False, True)).status == "no_solution"
-
-
-def test_too_few_contacts_stay_ambiguous_whatever_is_kept() -> None:
-    assert weighed(0.6, 0.4, status="ambiguous").keep((True, False)).status == "ambiguous"
-
-
-def test_at_least_one_hypothesis_is_kept() -> None:
-    with pytest.raises(tp.TactoposeError, match="kept: keeps no hypothesis"):
-        weighed(1.0).keep((False,))
 
 
 def test_each_hypothesis_says_whether_it_explains_the_touch(bottle: tp.ObjectModel) -> None:

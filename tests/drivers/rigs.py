@@ -7,6 +7,7 @@ import numpy as np
 
 from tactopose_drake.drivers.clock import VirtualClock
 from tactopose_drake.drivers.device_bus import DeviceBus
+from tactopose_drake.drivers.netcanoem import ForceTorqueSample
 from tactopose_drake.drivers.simulation.simulated_barrett_hand import HandState, SimulatedBarrettHand
 from tactopose_drake.drivers.simulation.simulated_device import SimulatedDevice
 from tactopose_drake.drivers.simulation.simulated_netcanoem import SimulatedNetCanOem, nano17_like_calibration
@@ -49,3 +50,7 @@ def unread(device) -> list:
     samples = list(device._unread)
     device._unread.clear()
     return samples
+
+
+def is_right(sample: ForceTorqueSample) -> bool:
+    return bool(np.all(np.abs(sample.F_S - WRENCH) < WRENCH_TOLERANCE))

@@ -2,13 +2,8 @@ import math
 
 import numpy as np
 import pytest
-import trimesh
-from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RollPitchYaw
-from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import Context
 
-from tactopose_drake.collision import HandCollision
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.prior import PosePrior
 from tactopose_drake.core.poses import retract
@@ -16,13 +11,10 @@ from tactopose_drake.core.sensing.patches import Patch, describe_patch
 from tactopose_drake.core.sensing.synthetic_patch import flat_pad, touch_with_pads
 from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.errors import InvalidInputError, PortTypeError, UnknownNameError
-from tactopose_drake.estimates import PoseEstimate
 from tactopose_drake.estimation import estimate_pose
-from tactopose_drake.hand_geometry import HandGeometry
-from tactopose_drake.systems.pose_estimator import PoseEstimator, PoseEstimatorParams
-from tests.hands import write_hand
+from tactopose_drake.systems.pose_estimator import PoseEstimatorParams
+from tests.systems.pose_estimator_bench import X_PO, Bench, make_box
 
-X_PO = RigidTransform(RollPitchYaw(0.4, -0.2, 1.0), [0.02, -0.03, 0.1])
 PRIOR = PosePrior(
     retract(X_PO.GetAsMatrix34(), np.array([0.1, -0.05, 0.08, 0.01, -0.008, 0.006])), 0.02, math.radians(8)
 )
@@ -33,34 +25,11 @@ n_OC = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1.0]])
 
 @pytest.fixture(scope="module")
 def box() -> ObjectModel:
-    return ObjectModel.from_mesh(trimesh.creation.box((0.06, 0.10, 0.14)), cache=False)
+    return make_box()
 
 
 def touch(count: int = 5) -> Contacts:
     return Contacts(X_PO.multiply(p_OC[:count].T).T, X_PO.rotation().multiply(n_OC[:count].T).T)
-
-
-class Bench:
-    """An estimator with fixed inputs, and a simulator that steps it once per call."""
-
-    def __init__(self, model: ObjectModel, collision: HandCollision | None = None, **params: object) -> None:
-        self.estimator = PoseEstimator(model, PoseEstimatorParams(period=0.1, **params), collision)
-        self.estimator.set_name("estimator")
-        self.simulator = Simulator(self.estimator)
-        self.context: Context = self.simulator.get_mutable_context()
-
-    def fix(self, **inputs: object) -> None:
-        for name, value in inputs.items():
-            self.estimator.GetInputPort(name).FixValue(self.context, AbstractValue.Make(value))
-
-    def step(self) -> tuple[RigidTransform, object, str]:
-        self.simulator.AdvanceTo(self.context.get_time() + 0.1)
-        return self.read()
-
-    def read(self) -> tuple[RigidTransform, object, str]:
-        return tuple(
-            self.estimator.GetOutputPort(name).Eval(self.context) for name in ("object_pose", "hypotheses", "status")
-        )
 
 
 def error(pose: RigidTransform) -> tuple[float, float]:
@@ -195,75 +164,6 @@ def test_an_estimate_that_is_cut_short_says_so(box: ObjectModel) -> None:
     _, hypotheses, status = bench.step()
     assert not hypotheses.finished
     assert status in ("ok: the search was cut short", "ambiguous: the search was cut short")
-
-
-@pytest.fixture(scope="module")
-def slab(tmp_path_factory: pytest.TempPathFactory, box: ObjectModel) -> HandCollision:
-    """A hand that is a wide slab below the box; moved by q along the box's z axis, its top is at z = q."""
-    p, rpy = X_PO @ [0, 0, -0.01], X_PO.rotation().ToRollPitchYaw().vector()
-    pose = " ".join(f"{number:.12f}" for number in (*p, *rpy))
-    folder = tmp_path_factory.mktemp("slab")
-    return HandCollision(write_hand(folder, "<box><size>0.5 0.5 0.02</size></box>", pose), box)
-
-
-def step_over_slab(slab: HandCollision, box: ObjectModel, top: float, **params: object) -> tuple[PoseEstimate, str]:
-    bench = Bench(box, slab, **params)
-    bench.fix(contacts=from_above())
-    bench.estimator.GetInputPort("joint_positions").FixValue(bench.context, [top])
-    pose, hypotheses, status = bench.step()
-    assert pose.IsExactlyEqualTo(hypotheses.best.X_PO)
-    return hypotheses, status
-
-
-def from_above() -> Contacts:
-    """Two touches on narrow sides and two on the top: the box stands upright, 0.14 high, or lies, 0.10 high."""
-    p = np.array([[0.03, 0.01, 0.04], [-0.03, -0.01, 0.05], [0.01, 0.02, 0.07], [-0.01, -0.02, 0.07]])
-    n = np.array([[1.0, 0, 0], [-1, 0, 0], [0, 0, 1], [0, 0, 1]])
-    return Contacts(X_PO.multiply(p.T).T, X_PO.rotation().multiply(n.T).T)
-
-
-def heights(estimate: PoseEstimate) -> list[float]:
-    """How far each hypothesis reaches down from the top."""
-    down = -X_PO.rotation().matrix()[:, 2]
-    extents = np.array([0.06, 0.10, 0.14])
-    return [float(np.abs(h.X_PO.rotation().matrix().T @ down) @ extents) for h in estimate.hypotheses]
-
-
-def test_hypotheses_that_collide_are_dropped(box: ObjectModel, slab: HandCollision) -> None:
-    """Upright the box reaches down to z = -0.07, lying to -0.03."""
-    estimate, status = step_over_slab(slab, box, -0.1)
-    assert sorted(heights(estimate)) == pytest.approx([0.10, 0.14], abs=2e-3)
-    assert status == estimate.status
-    estimate, status = step_over_slab(slab, box, -0.05)
-    assert heights(estimate) == pytest.approx([0.10], abs=2e-3)
-    assert estimate.best.probability == pytest.approx(1.0)
-    assert status == estimate.status == "ok"
-
-
-def test_the_tolerance_says_what_a_collision_is(box: ObjectModel, slab: HandCollision) -> None:
-    for tolerance, remaining in ((0.007, 1), (0.003, 2)):
-        estimate, status = step_over_slab(slab, box, -0.025, collision_tolerance=tolerance)
-        assert len(estimate.hypotheses) == remaining
-        assert (status == "ok") == (remaining == 1)
-
-
-def test_where_every_hypothesis_collides_all_stay_and_the_status_says_so(box: ObjectModel, slab: HandCollision) -> None:
-    estimate, status = step_over_slab(slab, box, -0.01)
-    assert sorted(heights(estimate)) == pytest.approx([0.10, 0.14], abs=2e-3)
-    assert estimate.status == "ambiguous"
-    assert status == "ambiguous: every hypothesis collides with the hand"
-
-
-@pytest.mark.parametrize("port", ["hand", "untouched"])
-def test_the_hands_volume_is_evidence(box: ObjectModel, port: str) -> None:
-    bench = Bench(box)
-    bench.fix(contacts=from_above())
-    assert sorted(heights(bench.step()[1])) == pytest.approx([0.10, 0.14], abs=2e-3)
-    below = HandGeometry([X_PO @ [0.0, 0.0, -0.05]], [0.01])
-    bench.fix(**{port: below})
-    estimate = bench.step()[1]
-    lying = [h.probability for h, height in zip(estimate.hypotheses, heights(estimate), strict=True) if height < 0.11]
-    assert sum(lying) > 0.999
 
 
 def test_the_pose_turns_with_the_touch(box: ObjectModel) -> None:

@@ -3,19 +3,14 @@ import math
 import numpy as np
 import pytest
 
-from tactopose_drake.core.kernels import mode_kernels
 from tactopose_drake.core.poses import (
-    compose,
     exp_so3,
     identity_poses,
-    increments_between,
     make_poses,
-    random_rotations,
     retract,
 )
 from tactopose_drake.core.posterior.hypotheses import determined_part, find_modes, free_directions
 from tactopose_drake.core.searches.base import SearchResult
-from tactopose_drake.core.shape.symmetry import RotationalSymmetry, symmetry_group
 
 SIZE = 0.2
 INFORMATION = np.diag([1e4] * 3 + [1e6] * 3)  # 0.01 rad and 1 mm
@@ -96,23 +91,3 @@ def test_the_determined_part_leaves_out_the_free_one() -> None:
     np.testing.assert_allclose(determined_part(increment, np.zeros((0, 6)), SIZE), increment)
     screw = np.array([[0.0, 0.0, 1.0, 0.05, 0.0, 0.0]]) / np.linalg.norm([1.0, 0.05])
     np.testing.assert_allclose(determined_part(3.0 * screw[0], screw, SIZE), 0.0, atol=1e-12)
-
-
-@pytest.mark.parametrize("wide", [0.02, 0.3, 3.0])
-def test_modes_are_told_apart_by_their_distance_alone(wide: float) -> None:
-    generator = np.random.default_rng(0)
-    symmetries = symmetry_group([RotationalSymmetry(np.array([0.0, 0.0, 1.0]), np.array([0.01, 0.0, 0.0]), 4)])
-    places = make_poses(random_rotations(generator, 5), 0.05 * generator.normal(size=(5, 3)))
-    X_PO = retract(places[generator.integers(5, size=60)], generator.normal(size=(60, 6)) * np.repeat([wide, 0.003], 3))
-    root = generator.normal(size=(60, 6, 6)) / np.repeat([wide, 0.003], 3)[:, None]
-    information = root @ np.swapaxes(root, 1, 2)
-    marked = np.empty(60, dtype=np.bool_)
-    mode_kernels.mark_distinct(X_PO, information, symmetries, 9.0, marked)
-    distinct: list[int] = []
-    for b in range(60):
-        images = compose(X_PO[b][None], symmetries)
-        u = [increments_between(X_PO[a][None], images) for a in distinct]
-        if all(np.einsum("si,ij,sj->s", v, information[a], v).min() >= 9.0 for a, v in zip(distinct, u, strict=True)):
-            distinct.append(b)
-    assert np.flatnonzero(marked).tolist() == distinct
-    assert 5 < len(distinct) < 60
