@@ -84,7 +84,7 @@ def estimate(
     remote = None if meshcat_url is None else click.get_current_context().with_resource(RemoteMeshcat(meshcat_url))
     with _progress(f"reading {mesh}"):
         model = ObjectModel.from_mesh(mesh)
-    with _progress("searching (the first run on a machine compiles its kernels, about 20 s)"):
+    with _progress("searching (the first run on a machine compiles its kernels, about a minute)"):
         found = estimate_pose(model, contacts, prior=prior, method=method, seed=seed)
     _console.print(hypotheses_table(found, model))
     _console.print(free_line(found.best))
