@@ -10,13 +10,13 @@ import time
 
 import numpy as np
 from motion_families import FAMILIES, PERIOD
+from nearest_images import nearest_increments
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
 import tactopose_drake as tp
 from tactopose_drake.core.evidence.evidence import Evidence
-from tactopose_drake.core.poses import compose, exp_so3, increments_between, make_poses, random_rotations, retract
-from tactopose_drake.core.shape.free_spin import turn_toward
+from tactopose_drake.core.poses import make_poses, random_rotations, retract
 from tactopose_drake.core.tracking.frame import Frame
 from tactopose_drake.core.tracking.pose_belief import PoseBelief
 from tactopose_drake.core.tracking.pose_tracker import PoseTracker
@@ -57,19 +57,6 @@ class Instant:
     slides: bool
 
 
-def images(model: tp.ObjectModel, X_PO: Array, information: Array, X_true: Array) -> Array:
-    """Increments from a pose (3, 4) to the true one's images, nearest about continuous axes, shape (g, 6)."""
-    turned = turn_toward(compose(X_true, model.symmetry_poses), X_PO, model.symmetries)
-    for symmetry in [symmetry for symmetry in model.symmetries if symmetry.is_continuous] * 3:
-        u = increments_between(X_PO, turned)
-        shift = -turned[:, :, :3] @ np.cross(symmetry.axis, symmetry.point)
-        turn = np.concatenate([np.broadcast_to(symmetry.axis, shift.shape), shift], axis=1)
-        slope, bend = np.einsum("bi,ij,bj->b", turn, information, u), np.einsum("bi,ij,bj->b", turn, information, turn)
-        R = exp_so3(-(slope / bend)[:, None] * symmetry.axis)
-        turned = compose(turned, make_poses(R, symmetry.point - R @ symmetry.point))
-    return increments_between(X_PO, turned)
-
-
 def judge(model: tp.ObjectModel, belief: PoseBelief, X_true: Array, seconds: float, slides: bool) -> Instant:
     """Compares a belief with the truth."""
     dimensions = 6 - sum(symmetry.is_continuous for symmetry in model.symmetries)
@@ -77,11 +64,10 @@ def judge(model: tp.ObjectModel, belief: PoseBelief, X_true: Array, seconds: flo
     square, error, covariance = np.nan, np.full(6, np.nan), np.full((6, 6), np.nan)
     for b in range(len(belief.X_PO)):
         information = np.linalg.inv(belief.covariance[b])
-        u = images(model, belief.X_PO[b], information, X_true)
-        squares = np.einsum("bi,ij,bj->b", u, information, u)
-        right.append(bool(squares.min() < chi2.ppf(0.999, dimensions)))
+        u = nearest_increments(model, belief.X_PO[b], information, X_true[None])[0]
+        right.append(bool(u @ information @ u < chi2.ppf(0.999, dimensions)))
         if b == 0:
-            square, error, covariance = squares.min(), u[squares.argmin()], belief.covariance[0]
+            square, error, covariance = u @ information @ u, u, belief.covariance[0]
     return Instant(
         belief.time,
         belief.status,

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import tactopose_drake as tp
-from tactopose_drake.core.poses import compose, exp_so3, increments_between, make_poses
+from tactopose_drake.core.poses import compose, exp_so3, increments_between, make_poses, right_jacobian
 from tactopose_drake.core.shape.free_spin import turn_toward
 
 Array = NDArray[np.float64]
@@ -15,10 +15,11 @@ def nearest_increments(model: tp.ObjectModel, X_PO: Array, information: Array, X
     images = compose(X_true[:, None], model.symmetry_poses[None])
     images = turn_toward(images.reshape(-1, 3, 4), X_PO, model.symmetries)
     for symmetry in [symmetry for symmetry in model.symmetries if symmetry.is_continuous] * 4:
-        # A Newton step in the angle of the turn.
+        # A Gauss-Newton step in the angle of the turn.
         u = increments_between(X_PO, images)
-        shift = -np.einsum("bij,j->bi", images[:, :, :3], np.cross(symmetry.axis, symmetry.point))
-        turn = np.concatenate([np.broadcast_to(symmetry.axis, shift.shape), shift], axis=1)
+        shift = -images[:, :, :3] @ np.cross(symmetry.axis, symmetry.point)
+        spin = np.linalg.solve(right_jacobian(u[:, :3]), np.broadcast_to(symmetry.axis, shift.shape)[..., None])
+        turn = np.concatenate([spin[..., 0], shift], axis=1)
         slope, bend = np.einsum("bi,ij,bj->b", turn, information, u), np.einsum("bi,ij,bj->b", turn, information, turn)
         R = exp_so3(-(slope / bend)[:, None] * symmetry.axis)
         images = compose(images, make_poses(R, symmetry.point - R @ symmetry.point))
