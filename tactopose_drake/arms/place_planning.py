@@ -133,7 +133,7 @@ class PlacePlanner:
 
         Args:
             q: where the arm is, shape (na,), rad.
-            q_hand: positions of the hand's joints, rad.
+            q_hand: positions of the hand's joints, shape (nq,), rad.
             held: the rod's axis in the palm, as felt at `q`.
         """
         context = self._arm_plant.CreateDefaultContext()
@@ -172,7 +172,7 @@ class PlacePlanner:
 
         Args:
             q: where the arm is, shape (na,), rad.
-            q_hand: positions of the hand's joints, rad.
+            q_hand: positions of the hand's joints, shape (nq,), rad.
             held: the rod's axis in the palm.
         """
         params, generator = self._params, np.random.default_rng(self._params.seed)

@@ -50,7 +50,10 @@ def first_hits(values, origin, inverse_spacing, tip, radius, X, place, before, a
 def are_clear(  # type: ignore[no-untyped-def]
     values, origin, inverse_spacing, tip, tip_radius, body, body_radius, X, clear
 ):
-    """Whether the tip (m, s, 3) starts off the object, and no body sphere (m, s, b, 3) meets it before the tip does."""
+    """Whether the tip (m, s, 3) starts off the object, and no body sphere (m, s, b, 3) meets it before the tip does.
+
+    Goes to clear (B, m). Points are in P, radii and body_radius (b,) in m.
+    """
     for b in range(X.shape[0]):
         for m in range(tip.shape[0]):
             clear[b, m] = True

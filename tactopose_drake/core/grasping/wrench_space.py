@@ -109,9 +109,10 @@ class WrenchSpace:
         return self.fit(lambda normals: np.ones(len(normals)))
 
     def scale(self, wrenches: FloatArray) -> float:
-        """The largest multiple of a set of disturbing wrenches (t, 6) that the contacts resist, each one at a time.
+        """The largest multiple of a set of disturbing wrenches (t, 6), N, that the contacts resist, each one at a time.
 
-        Wrenches of length 0 demand nothing; the scale of a set of nothing else is infinite.
+        They are as the module says, (torque / length, force). Those of length 0 demand nothing; the scale of a set of
+        nothing else is infinite.
         """
         return self.fit(lambda normals: _support(normals, -wrenches))
 

@@ -26,6 +26,9 @@ def pack_capsule(radius: float, length: float) -> Spheres:
     Args:
         radius: of the capsule, m.
         length: of its cylindrical part, m.
+
+    Returns:
+        Centres (n, 3) in the capsule's frame, whose origin is its middle, and radii (n,), m.
     """
     count = math.ceil(length / radius) + 1
     centres = np.zeros((count, 3))
@@ -38,6 +41,9 @@ def pack_box(size: FloatArray) -> Spheres:
 
     Args:
         size: side lengths, shape (3,), m.
+
+    Returns:
+        Centres (n, 3) in the box' frame, whose origin is its middle, and radii (n,), m.
     """
     radius = float(size.min()) / 2
     axes = []
@@ -54,6 +60,9 @@ def pack_convex(vertices: FloatArray) -> Spheres:
 
     Args:
         vertices: points whose hull is filled, shape (v, 3), m; not all in one plane.
+
+    Returns:
+        Centres (n, 3) in the vertices' frame and radii (n,), m, the largest first.
     """
     halfspaces = ConvexHull(vertices).equations
     low, high = vertices.min(axis=0), vertices.max(axis=0)
