@@ -27,7 +27,7 @@ CATALOGUE = {
     "wine_glass": ObjectSpec(build=household.wine_glass, mass=0.24, friction=0.8, color=(0.75, 0.85, 0.9)),
     "pencil": ObjectSpec(build=household.pencil, mass=0.0055, friction=0.8, color=(0.95, 0.75, 0.2)),
     "light_bulb": ObjectSpec(build=household.light_bulb, mass=0.06, friction=0.8, color=(0.95, 0.95, 0.9)),
-    "mug": ObjectSpec(build=pottery.mug, mass=0.32, friction=0.9, color=(0.2, 0.4, 0.7)),
+    "mug": ObjectSpec(build=pottery.mug, mass=0.32, friction=0.9, color=(0.9, 0.9, 0.9)),
     "bust": ObjectSpec(build=bust.bust, mass=0.4, friction=0.9, color=(0.9, 0.88, 0.82)),
     "spray_bottle": ObjectSpec(build=spray_bottle.spray_bottle, mass=0.58, friction=0.9, color=(0.55, 0.75, 0.9)),
     "screwdriver": ObjectSpec(build=household.screwdriver, mass=0.11, friction=1.0, color=(0.85, 0.35, 0.1)),
