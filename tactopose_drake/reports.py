@@ -42,6 +42,13 @@ def free_line(hypothesis: PoseHypothesis) -> str:
     return "Not determined by the touch: " + ("; ".join(names) if names else "nothing") + "."
 
 
+def sigma_line(hypothesis: PoseHypothesis, model: ObjectModel) -> str:
+    """How far a hypothesis says that it may be off where the touch determines it, in a sentence."""
+    rotation, translation = determined_sigmas(hypothesis, model.size)
+    sigmas = f"\u00b1 {1e3 * translation:.1f} mm, \u00b1 {np.degrees(rotation):.1f} deg"
+    return f"Where determined, by its own account: {sigmas}."
+
+
 def status_line(estimate: PoseEstimate) -> str:
     """What the status means, in a sentence."""
     meaning = {
@@ -125,8 +132,8 @@ def direction_names(hypothesis: PoseHypothesis) -> list[str]:
 def _name(direction: FloatArray, R_PO: FloatArray) -> str:
     w_O, v_O = direction[:3], R_PO.T @ direction[3:]
     turn, slide = np.linalg.norm(w_O), np.linalg.norm(v_O)
-    # A turn by one radian about an axis that passes the origin at 10 cm moves the origin by that much.
-    if turn < 0.1 * slide:
+    # A turn by one radian moves a point at 10 cm by that much: here by less than a tenth of the slide.
+    if 0.1 * turn < 0.1 * slide:
         return f"slide along {_axis(v_O)}"
     if slide < 0.2 * turn:
         return f"turn about {_axis(w_O)}"
@@ -139,5 +146,5 @@ def _axis(vector: FloatArray) -> str:
     main = int(np.argmax(np.abs(unit)))
     if abs(unit[main]) > np.cos(np.radians(10.0)):
         return "the object's " + "xyz"[main]
-    unit = unit * np.sign(unit[main])
+    unit = np.round(unit * np.sign(unit[main]), 2) + 0.0  # no -0.00
     return "the object's (" + ", ".join(f"{x:.2f}" for x in unit) + ")"
