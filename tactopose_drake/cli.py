@@ -141,7 +141,7 @@ def demo(hand: str, name: str | None, seed: int, out: Path, keep: bool, no_open:
         _console.print(pads_table(result.pads))
     _console.print(poses_table((result.vision, result.touch)))
     _console.print(free_line(result.estimate.best))
-    _console.print(sigma_line(result.estimate.best, result.grasp.station.model), highlight=False)
+    _console.print(sigma_line(result.estimate.best, result.grasp.station.model))
     _console.print(status_line(result.estimate))
     _console.print("Written: " + ", ".join(str(path) for path in paths))
     page = paths[-1].absolute()
