@@ -63,11 +63,11 @@ class PairSearch:
     kept: int = 60
     settled: int = 20
     polished: int = 6
-    near_choice: PairChoice = PairChoice(contacts=4, poses=1500)
-    near_candidates: int = 60
+    near_choice: PairChoice = PairChoice(poses=2500)
+    near_candidates: int = 80
     near_samples: int = 40
     near_starts: int = 40
-    near_kept: int = 16
+    near_kept: int = 20
     near_polished: int = 3
     near_first: LevenbergMarquardt = LevenbergMarquardt(max_iterations=5, initial_damping=1e-2)
     first: LevenbergMarquardt = LevenbergMarquardt(max_iterations=1, initial_damping=1e-2)
