@@ -61,9 +61,10 @@ def _fault(kind: Any, node: yaml.Node, place: str) -> str | None:
         for key, value in node.value:
             if key.tag == "tag:yaml.org,2002:merge":  # `<<` stands for the keys of another mapping
                 continue
-            if key.value not in types_of:
-                return f"{_where(key, place)}key {key.value!r} is unknown; allowed are {', '.join(types_of)}."
-            inside.append((types_of[key.value], value, f"{place}.{key.value}".lstrip(".")))
+            name = key.value if isinstance(key, yaml.ScalarNode) else "a list or mapping"
+            if name not in types_of:
+                return f"{_where(key, place)}key {name!r} is unknown; allowed are {', '.join(types_of)}."
+            inside.append((types_of[name], value, f"{place}.{name}".lstrip(".")))
     elif hasattr(kind, "__fields__"):  # one of Drake's own
         if not _is_read_by_drake(kind, node):
             keys = ", ".join(field.name for field in kind.__fields__)
