@@ -50,6 +50,9 @@ LEVELS = np.array([0.2, 0.4, 0.6, 0.8, 0.9, 0.95, 0.99])
 LEVEL = 0.95
 # A pose is unique when its hypothesis carries more of the mass, and nothing is free there or at the truth.
 UNIQUE = 0.99
+# It is well known when no direction is wider than this share of the object's size. The Cramer-Rao bound takes the
+# surface for as curved as it is at the truth; over longer ways that is another surface, with edges.
+WELL_KNOWN = 0.05
 DRAWS = 20  # Truths drawn from each belief.
 
 Array = NDArray[np.float64]
@@ -66,7 +69,9 @@ class Trial:
         probability, cost: of the best hypothesis.
         unique: whether it is all that is left.
         mahalanobis: the best one's squared distance to the truth.
+        well_known: whether it is narrow, too.
         translation, rotation: of the best one's error, m, rad.
+        said_translation, said_rotation: the root mean squares that its covariance says.
         least_translation, least_rotation: the Cramer-Rao bounds of their root mean squares.
         seconds: that the estimate took.
     """
@@ -77,9 +82,12 @@ class Trial:
     probability: float
     cost: float
     unique: bool
+    well_known: bool
     mahalanobis: float
     translation: float
     rotation: float
+    said_translation: float
+    said_rotation: float
     least_translation: float
     least_rotation: float
     seconds: float
@@ -121,16 +129,22 @@ def run_trial(model: tp.ObjectModel, seed: int, arguments: argparse.Namespace, h
     information = np.linalg.inv(best.covariance)
     error = nearest_increments(model, best.X_PO.GetAsMatrix34(), information, X_PO[None])[0]
     bound = cramer_rao_bound(model, tp.Contacts(exact.p_PC, exact.n_PC, **noise), X_PO, prior)
+    unique = best.probability > UNIQUE and not len(best.free_directions) and not len(bound.free_directions)
+    metres = np.repeat([model.size / 2.0, 1.0], 3)  # Of the surface, for each unit of the increments.
+    widest = np.sqrt(np.linalg.eigvalsh(best.covariance * np.outer(metres, metres))[-1])
     return Trial(
         name=model.name,
         held=region_holds(model, estimate, X_PO[None], LEVELS)[0],
         promised=float(region_holds(model, estimate, draw(model, estimate, generator), [LEVEL]).mean()),
         probability=best.probability,
         cost=best.cost,
-        unique=best.probability > UNIQUE and not len(best.free_directions) and not len(bound.free_directions),
+        unique=unique,
+        well_known=unique and widest < WELL_KNOWN * model.size,
         mahalanobis=float(error @ information @ error),
         translation=float(np.linalg.norm(error[3:])),
         rotation=float(np.linalg.norm(error[:3])),
+        said_translation=float(np.sqrt(np.trace(best.covariance[3:, 3:]))),
+        said_rotation=float(np.sqrt(np.trace(best.covariance[:3, :3]))),
         least_translation=bound.rms_translation,
         least_rotation=bound.rms_rotation,
         seconds=estimate.duration,
@@ -157,6 +171,23 @@ def rms(values: list[float]) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
+def errors(trials: list[Trial]) -> str:
+    """Root mean square errors, beside those that the covariances say, in units of the Cramer-Rao bound's."""
+    millimetres, said_millimetres, least_millimetres = (
+        1e3 * rms([getattr(trial, name) for trial in trials])
+        for name in ("translation", "said_translation", "least_translation")
+    )
+    degrees, said_degrees, least_degrees = (
+        np.degrees(rms([getattr(trial, name) for trial in trials]))
+        for name in ("rotation", "said_rotation", "least_rotation")
+    )
+    return (
+        f"rms errors {millimetres:.2f} mm, {degrees:.2f} deg, in units of the Cramer-Rao bound's "
+        f"{millimetres / least_millimetres:.2f}, {degrees / least_degrees:.2f}; the covariances say "
+        f"{said_millimetres / least_millimetres:.2f}, {said_degrees / least_degrees:.2f}"
+    )
+
+
 def summary(title: str, trials: list[Trial]) -> str:
     """The figures in words, and those of each object."""
     at = int(np.flatnonzero(LEVELS == LEVEL)[0])
@@ -171,15 +202,13 @@ def summary(title: str, trials: list[Trial]) -> str:
     ]
     if unique:
         square = np.array([trial.mahalanobis for trial in unique])
-        millimetres = 1e3 * rms([t.translation for t in unique]), 1e3 * rms([t.least_translation for t in unique])
-        degrees = np.degrees(rms([t.rotation for t in unique])), np.degrees(rms([t.least_rotation for t in unique]))
         lines += [
             f"  unique in {len(unique)} trials: mean squared Mahalanobis error {square.mean():.2f} (exact: 6), median "
             f"{np.median(square):.2f} (exact: {chi2.median(6):.2f})",
-            "  rms errors there, and in units of the Cramer-Rao bound's: "
-            f"{millimetres[0]:.2f} mm, {millimetres[0] / millimetres[1]:.2f}; "
-            f"{degrees[0]:.2f} deg, {degrees[0] / degrees[1]:.2f}",
+            f"    {errors(unique)}",
         ]
+    if well_known := [trial for trial in unique if trial.well_known]:
+        lines.append(f"  to {WELL_KNOWN:.0%} of the size or better in {len(well_known)} of these: {errors(well_known)}")
     for name in dict.fromkeys(trial.name for trial in trials):
         own = [trial for trial in trials if trial.name == name]
         share = np.mean([trial.held[at] for trial in own])

@@ -4,23 +4,22 @@ Laplace's approximation takes each mode for a Gaussian by its curvature. Real mo
 edge, and bend where a direction is hardly determined: a Gaussian that fits at the middle leaves the valley. Therefore
 each mode is covered by tiles, densities like Laplace's that lie along its floor; samples of their mixture are weighted
 by the exact posterior over the mixture [OZ00]; and a mode's mass, its pose and the spread about it are its samples'.
-The pose is their mean: no other is off by less on average, and a skew mode's minimum lies at one of its ends. But the
-mean of a bent mode lies beside it, so the pose goes toward the mean only as far as it explains the touch.
+Modes that turn out to overlap are joined.
 
-Sources: [OZ00] A. Owen and Y. Zhou, Safe and effective importance sampling, J. Am. Stat. Assoc. 95, 2000 (deterministic
-mixture weights); [JS61] W. James and C. Stein, Estimation with quadratic loss, 4th Berkeley Symp. Math. Stat. Prob.,
-1961.
+Source: [OZ00] A. Owen and Y. Zhou, Safe and effective importance sampling, J. Am. Stat. Assoc. 95, 2000 (deterministic
+mixture weights).
 """
 
 import dataclasses
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactopose_drake.core.kernels.matrix_kernels import inverses
 from tactopose_drake.core.posterior import belief_kernels
-from tactopose_drake.core.posterior.hypotheses import Modes
+from tactopose_drake.core.posterior.hypotheses import Modes, free_directions
+from tactopose_drake.core.posterior.joined_modes import join_overlapping
+from tactopose_drake.core.posterior.mode_moments import Moments, toward_the_mean, weigh_moments
 from tactopose_drake.core.posterior.pose_mixture import PoseMixture, across_turns, draw, in_chart
 from tactopose_drake.core.posterior.posterior import Posterior
 from tactopose_drake.core.validation import FloatArray
@@ -37,34 +36,8 @@ _TILE = 1.5
 _LONGEST_STEP = 0.1
 # The Laplace covariance counts as so many samples: the fewest that determine a covariance of six dimensions.
 _PSEUDO_SAMPLES = 7.0
-# The squared length of a mean of chance, in its standard deviations, is below this in 95 % (chi-square, 6 dimensions).
-_CHANCE = 12.6
-# A pose that costs so much more than its mode's minimum explains the touch as well; tried are these shares of the way.
-_AS_GOOD = 0.3
-_WAY = np.array([1.0, 0.75, 0.5, 0.25, 0.0])
 # Logarithm of the volume of the turns about one continuous axis, or about the three of a ball.
 _LOG_TURNS = {0: 0.0, 1: np.log(2.0 * np.pi), 3: np.log(8.0 * np.pi**2)}
-
-
-class Moments(NamedTuple):
-    """Of weighted samples, for each of g groups.
-
-    Attributes:
-        worth: how many equally weighted ones they are worth, shape (g,).
-        first: mean of the increments from the group's pose, shape (g, 6).
-        second: mean product of those increments, shape (g, 6, 6).
-    """
-
-    worth: FloatArray
-    first: FloatArray
-    second: FloatArray
-
-
-def weigh_moments(X_group: FloatArray, X_PO: FloatArray, weights: FloatArray) -> Moments:
-    """The moments of samples X_PO (B, 3, 4) by their weights (B, g) about the groups' poses (g, 3, 4)."""
-    moments = Moments(np.empty(len(X_group)), np.zeros((len(X_group), 6)), np.zeros((len(X_group), 6, 6)))
-    belief_kernels.add_moments(X_group, X_PO, weights, *moments)
-    return moments
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -149,48 +122,47 @@ class BeliefSampling:
         self,
         modes: Modes,
         sampled: NDArray[np.intp],
-        probability: FloatArray,
+        masses: FloatArray,
         moments: Moments,
         posterior: Posterior,
         log_mass: float,
     ) -> Modes:
-        X_PO, cost, covariance = modes.X_PO.copy(), modes.cost.copy(), modes.covariance.copy()
+        """The modes with these masses, and of those that the samples know their moments; what overlaps is one."""
+        X_PO, cost, covariance, mass = modes.X_PO.copy(), modes.cost.copy(), modes.covariance.copy(), masses.copy()
         known = moments.worth > 1.0
-        index = sampled[known]
-        X_PO[index], cost[index], second = _toward_the_mean(
-            X_PO[index], cost[index], covariance[index], moments, known, posterior
+        index, moments = sampled[known], Moments(*(moment[known] for moment in moments))
+        laplace = covariance[index]
+        mass[index], moments = join_overlapping(
+            X_PO[index],
+            cost[index],
+            mass[index],
+            _spread(X_PO[index], moments, laplace, posterior),
+            moments,
+            posterior.symmetry_poses,
         )
-        directions = posterior.turn_directions(X_PO[index])
-        spread = second + posterior.turn_variance * directions @ np.swapaxes(directions, 1, 2)
-        # What the next sample of an inverse Wishart distribution is expected to be, with Laplace's covariance as prior.
-        covariance[index] = spread + _PSEUDO_SAMPLES / moments.worth[known][:, None, None] * covariance[index]
-        order = np.argsort(-probability, kind="stable")
-        free = tuple(modes.free_directions[i] for i in order)
-        return Modes(X_PO[order], cost[order], probability[order], covariance[order], free, log_mass)
+        left = mass[index] > 0.0
+        index, laplace, moments = index[left], laplace[left], Moments(*(moment[left] for moment in moments))
+        X_PO[index], cost[index], second = toward_the_mean(
+            X_PO[index], cost[index], laplace, moments, posterior.objective
+        )
+        covariance[index] = _spread(X_PO[index], moments._replace(second=second), laplace, posterior)
+        # Bumps along a valley's floor may hide from the curvature that it is one.
+        by_touch = inverses(covariance[index])[0] - posterior.prior_information
+        free = list(modes.free_directions)
+        by_both = free_directions(by_touch, posterior.size, [free[i] for i in index])
+        for i, directions in zip(index, by_both, strict=True):
+            free[i] = directions
+        order = np.argsort(-mass, kind="stable")[: np.count_nonzero(mass)]
+        named = tuple(free[i] for i in order)
+        return Modes(X_PO[order], cost[order], mass[order], covariance[order], named, log_mass)
 
 
-def _toward_the_mean(
-    X_PO: FloatArray,
-    cost: FloatArray,
-    laplace: FloatArray,
-    moments: Moments,
-    known: NDArray[np.bool_],
-    posterior: Posterior,
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Moves minima (n, 3, 4) of these costs (n,) toward their modes' means as far as the touch allows.
+def _spread(X_PO: FloatArray, moments: Moments, laplace: FloatArray, posterior: Posterior) -> FloatArray:
+    """Covariances (n, 6, 6) of modes at poses (n, 3, 4) by their moments, and by Laplace's as far as those know little.
 
-    What of a mean may be chance does not count (it is shrunk as by [JS61]): a mode that is as Laplace's covariances
-    (n, 6, 6) say keeps its minimum.
-
-    Returns:
-        The poses, their costs, and the mean products (n, 6, 6) of the increments from them.
+    That is what the next sample of an inverse Wishart distribution is expected to be, with Laplace's as prior.
     """
-    n, mean = len(X_PO), moments.first[known]
-    shares, tried = np.empty((n, len(_WAY))), np.empty((n, len(_WAY), 3, 4))
-    belief_kernels.try_shares(X_PO, laplace, mean, moments.worth[known], _WAY, _CHANCE, shares, tried)
-    costs = posterior.objective.cost(tried.reshape(-1, 3, 4)).reshape(n, -1)
-    costs[:, -1] = cost
-    chosen = np.arange(n), (costs <= cost[:, None] + _AS_GOOD).argmax(axis=1)
-    share = shares[chosen]
-    left = (share * (2.0 - share))[:, None, None] * mean[:, :, None] * mean[:, None]
-    return tried[chosen], costs[chosen], moments.second[known] - left
+    directions = posterior.turn_directions(X_PO)
+    turns = posterior.turn_variance * directions @ np.swapaxes(directions, 1, 2)
+    spread: FloatArray = moments.second + turns + _PSEUDO_SAMPLES / moments.worth[:, None, None] * laplace
+    return spread

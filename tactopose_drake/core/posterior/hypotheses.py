@@ -5,6 +5,7 @@ The posterior is approximated by a Gaussian at each mode (Laplace): weight exp(-
 
 import dataclasses
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -78,20 +79,30 @@ def find_modes(
     )
 
 
-def free_directions(touch_information: FloatArray, size: float) -> list[FloatArray]:
+def free_directions(
+    touch_information: FloatArray, size: float, known: Sequence[FloatArray] | None = None
+) -> list[FloatArray]:
     """For each information matrix (n, 6, 6) the directions that it leaves free, as orthonormal rows (f, 6).
 
     Rotations and translations are compared as motions of a point at half the object's size (m) from its origin. A
-    direction is free when its standard deviation from the touch alone exceeds a tenth of the size.
+    direction is free when its standard deviation from the touch alone exceeds a tenth of the size. Of directions that
+    are known to be free, rows (f, 6) for each matrix, those across them are found that are free too.
     """
     units = np.repeat([2.0 / size, 1.0], 3)  # Increments of one metre.
     limit = 1.0 / (_FREE_SHARE * size) ** 2
     scaled = touch_information * np.outer(units, units)
-    free = [np.empty((0, 6))] * len(scaled)
+    free = [np.empty((0, 6))] * len(scaled) if known is None else list(known)
+    basis = {i: _metric_basis(rows, units) for i, rows in enumerate(free) if len(rows)}
+    for place, columns in basis.items():
+        held = columns @ columns.T
+        scaled[place] = (np.eye(6) - held) @ scaled[place] @ (np.eye(6) - held) + 2.0 * limit * held
     eigenvalues, eigenvectors = eigenpairs(scaled)
     is_free = eigenvalues < limit
-    for i in np.flatnonzero(is_free.any(axis=1)):
-        rows = eigenvectors[i, is_free[i]] * units
+    for i in np.flatnonzero(is_free.any(axis=1)).tolist():
+        rows = eigenvectors[i, is_free[i]]
+        if i in basis:
+            rows = np.concatenate([basis[i].T, rows])
+        rows = rows * units
         free[i] = np.linalg.qr(rows.T)[0].T if len(rows) > 1 else rows / math.sqrt(float(np.sum(rows * rows)))
     return free
 
@@ -99,7 +110,13 @@ def free_directions(touch_information: FloatArray, size: float) -> list[FloatArr
 def determined_part(increments: FloatArray, free: FloatArray, size: float) -> FloatArray:
     """Increments (..., 6) without their part along the free directions (f, 6), in the metric of `free_directions`."""
     units = np.repeat([2.0 / size, 1.0], 3)
-    basis = np.linalg.qr((free / units).T)[0]  # (6, f)
+    basis = _metric_basis(free, units)
     metres = increments / units
     determined: FloatArray = (metres - (metres @ basis) @ basis.T) * units
     return determined
+
+
+def _metric_basis(free: FloatArray, units: FloatArray) -> FloatArray:
+    """Orthonormal columns (6, f) that span the directions (f, 6) in metres."""
+    columns: FloatArray = np.linalg.qr((free / units).T)[0]
+    return columns

@@ -30,7 +30,8 @@ class Posterior:
         objective: that of all evidence.
         exact_cost: the negative log posterior of poses (B, 3, 4), up to a constant.
         turns: axes, unit rows (c, 3), and points on them (c, 3), m, in O, about which turns change nothing.
-        turn_variance: what is reported as the variance of such a turn, rad^2.
+        prior_information: what is known without the touch, of increments, shape (6, 6).
+        symmetry_poses: the object's finite symmetry group as poses X_OO', the identity first, shape (s, 3, 4).
         size: the object's, m.
         sigma: of the positions of contacts and pads, m.
     """
@@ -39,7 +40,8 @@ class Posterior:
     objective: LeastSquaresObjective
     exact_cost: Callable[[FloatArray], FloatArray]
     turns: tuple[FloatArray, FloatArray]
-    turn_variance: float
+    prior_information: FloatArray
+    symmetry_poses: FloatArray
     size: float
     sigma: float
 
@@ -50,6 +52,11 @@ class Posterior:
             return np.empty((len(X_PO), 6, 0))
         shifts = -np.einsum("bij,cj->bic", X_PO[:, :, :3], np.cross(axes, points))
         return np.concatenate([np.broadcast_to(axes.T, (len(X_PO), 3, len(axes))), shifts], axis=1)
+
+    @property
+    def turn_variance(self) -> float:
+        """What is reported as the variance of a turn that changes nothing, rad^2."""
+        return 1.0 / float(self.prior_information[0, 0])
 
     @functools.cached_property
     def gauge(self) -> FloatArray:
@@ -96,7 +103,8 @@ def make_posterior(model: ObjectModel, evidence: Evidence, problem: PoseProblem)
             np.array([symmetry.axis for symmetry in axes]).reshape(-1, 3),
             np.array([symmetry.point for symmetry in axes]).reshape(-1, 3),
         ),
-        turn_variance=1.0 / float(problem.space.information[0, 0]),
+        prior_information=problem.space.information,
+        symmetry_poses=model.symmetry_poses,
         size=model.size,
         sigma=float(np.min(evidence.touch.sigma_position)),
     )

@@ -65,11 +65,11 @@ class PairSearch:
     polished: int = 6
     near_choice: PairChoice = PairChoice(poses=2500)
     near_candidates: int = 80
-    near_samples: int = 40
-    near_starts: int = 40
-    near_kept: int = 20
+    near_samples: int = 120
+    near_starts: int = 120
+    near_kept: int = 40
     near_polished: int = 3
-    near_first: LevenbergMarquardt = LevenbergMarquardt(max_iterations=5, initial_damping=1e-2)
+    near_first: LevenbergMarquardt = LevenbergMarquardt(max_iterations=4, initial_damping=1e-2)
     first: LevenbergMarquardt = LevenbergMarquardt(max_iterations=1, initial_damping=1e-2)
     second: LevenbergMarquardt = LevenbergMarquardt(max_iterations=4, initial_damping=1e-2)
     third: LevenbergMarquardt = LevenbergMarquardt(max_iterations=4, tolerance=1e-3)

@@ -5,8 +5,9 @@ import pytest
 
 from tactopose_drake.core.objectives.base import NormalEquations, form_normal_equations
 from tactopose_drake.core.poses import exp_so3, increments_between, make_poses, retract
-from tactopose_drake.core.posterior.belief import BeliefSampling, _toward_the_mean, weigh_moments
+from tactopose_drake.core.posterior.belief import BeliefSampling
 from tactopose_drake.core.posterior.hypotheses import Modes
+from tactopose_drake.core.posterior.mode_moments import toward_the_mean, weigh_moments
 from tactopose_drake.core.posterior.posterior import Posterior
 from tactopose_drake.core.validation import FloatArray
 
@@ -42,7 +43,7 @@ class Valley:
 
 def posterior(valley: Valley, exact: object = None, turns: tuple[FloatArray, FloatArray] = NO_TURNS) -> Posterior:
     cost = valley.cost if exact is None else exact
-    return Posterior(valley, valley, cost, turns, 1.7, 0.15, 0.001)  # type: ignore[arg-type]
+    return Posterior(valley, valley, cost, turns, np.eye(6) / 1.7, np.eye(3, 4)[None], 0.15, 0.001)  # type: ignore[arg-type]
 
 
 def modes(valley: Valley, X_PO: FloatArray) -> Modes:
@@ -103,9 +104,7 @@ def test_the_spread_is_about_the_pose_wherever_it_ends(count: int) -> None:
     normal = np.random.default_rng(1).normal(size=(count, 6)) + np.array([0.9, 0, 0, 0, 0, 0])
     X_PO, weights = retract(pose(), 0.5 * normal * SIGMAS), np.ones((count, 1))
     moments = weigh_moments(pose()[None], X_PO, weights)
-    moved, _, second = _toward_the_mean(
-        start.X_PO, start.cost, start.covariance, moments, np.array([True]), posterior(valley)
-    )
+    moved, _, second = toward_the_mean(start.X_PO, start.cost, start.covariance, moments, valley)
     share = increments_between(pose(), moved[0])[0] / moments.first[0, 0]
     assert share == pytest.approx(0.0) if count == 15 else 0.1 < share < 1.0
     scale = np.outer(SIGMAS, SIGMAS)

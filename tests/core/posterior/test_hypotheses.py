@@ -82,6 +82,20 @@ def test_free_means_worse_than_a_tenth_of_the_size() -> None:
         assert len(free_directions(information[None], SIZE)[0]) == count
 
 
+def test_known_free_directions_stay_and_those_across_them_join() -> None:
+    limit = 1.0 / (0.1 * SIZE) ** 2
+    units = np.repeat([2.0 / SIZE, 1.0], 3)
+    slide = np.array([[0.0, 0.0, 0.0, 0.6, 0.8, 0.0]])
+    # Half of what it takes along z, and twice that elsewhere, along the slide too.
+    information = np.diag(limit * np.array([2, 2, 2, 2, 2, 0.5]) / units**2)
+    stay, join = free_directions(np.stack([4.0 * information, information]), SIZE, [slide, slide])
+    np.testing.assert_allclose(stay, slide)
+    assert join.shape == (2, 6)
+    np.testing.assert_allclose(join @ join.T, np.eye(2), atol=1e-12)
+    for direction in (slide[0], np.eye(6)[5]):
+        np.testing.assert_allclose(determined_part(direction, join, SIZE), 0.0, atol=1e-12)
+
+
 def test_the_determined_part_leaves_out_the_free_one() -> None:
     free = np.stack([np.eye(6)[2], np.array([0, 0, 0, 0.6, 0.8, 0])])
     increment = np.array([0.1, 0.2, 0.3, 0.01, 0.02, 0.03])

@@ -1,0 +1,64 @@
+"""What weighted samples say of each mode: how much they are worth, where its middle is, and how far it spreads.
+
+A mode's pose is its samples' mean: no other is off by less on average, and a skew mode's minimum lies at one of its
+ends. But the mean of a bent mode lies beside it, so the pose goes toward the mean only as far as it explains the touch.
+
+Source: [JS61] W. James and C. Stein, Estimation with quadratic loss, 4th Berkeley Symp. Math. Stat. Prob., 1961.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from tactopose_drake.core.objectives.base import Objective
+from tactopose_drake.core.posterior import belief_kernels
+from tactopose_drake.core.validation import FloatArray
+
+# The squared length of a mean of chance, in its standard deviations, is below this in 95 % (chi-square, 6 dimensions).
+_CHANCE = 12.6
+# A pose that costs so much more than its mode's minimum explains the touch as well; tried are these shares of the way.
+_AS_GOOD = 0.3
+_WAY = np.array([1.0, 0.75, 0.5, 0.25, 0.0])
+
+
+class Moments(NamedTuple):
+    """Of weighted samples, for each of g groups.
+
+    Attributes:
+        worth: how many equally weighted ones they are worth, shape (g,).
+        first: mean of the increments from the group's pose, shape (g, 6).
+        second: mean product of those increments, shape (g, 6, 6).
+    """
+
+    worth: FloatArray
+    first: FloatArray
+    second: FloatArray
+
+
+def weigh_moments(X_group: FloatArray, X_PO: FloatArray, weights: FloatArray) -> Moments:
+    """The moments of samples X_PO (B, 3, 4) by their weights (B, g) about the groups' poses (g, 3, 4)."""
+    moments = Moments(np.empty(len(X_group)), np.zeros((len(X_group), 6)), np.zeros((len(X_group), 6, 6)))
+    belief_kernels.add_moments(X_group, X_PO, weights, *moments)
+    return moments
+
+
+def toward_the_mean(
+    X_PO: FloatArray, cost: FloatArray, laplace: FloatArray, moments: Moments, objective: Objective
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Moves minima (g, 3, 4) of these costs (g,) toward their modes' means as far as the touch allows.
+
+    What of a mean may be chance does not count (it is shrunk as by [JS61]): a mode that is as Laplace's covariances
+    (g, 6, 6) say keeps its minimum.
+
+    Returns:
+        The poses, their costs, and the mean products (g, 6, 6) of the increments from them.
+    """
+    g, mean = len(X_PO), moments.first
+    shares, tried = np.empty((g, len(_WAY))), np.empty((g, len(_WAY), 3, 4))
+    belief_kernels.try_shares(X_PO, laplace, mean, moments.worth, _WAY, _CHANCE, shares, tried)
+    costs = objective.cost(tried.reshape(-1, 3, 4)).reshape(g, -1)
+    costs[:, -1] = cost
+    chosen = np.arange(g), (costs <= cost[:, None] + _AS_GOOD).argmax(axis=1)
+    share = shares[chosen]
+    left = (share * (2.0 - share))[:, None, None] * mean[:, :, None] * mean[:, None]
+    return tried[chosen], costs[chosen], moments.second - left
