@@ -59,9 +59,9 @@ class PairSearch:
     choice: PairChoice = PairChoice()
     candidates: int = 250
     fewest: int = 20
-    starts: int = 100
-    kept: int = 60
-    settled: int = 20
+    starts: int = 150
+    kept: int = 100
+    settled: int = 30
     polished: int = 6
     near_choice: PairChoice = PairChoice(poses=2500)
     near_candidates: int = 80
