@@ -1,5 +1,6 @@
 """One round of questions to Barrett's BH8-280 hand, and the sample that its answers make."""
 
+import collections
 import dataclasses
 from collections.abc import Sequence
 
@@ -16,6 +17,8 @@ from tactopose_drake.errors import ProtocolError
 
 FINGERS = (Puck.F1, Puck.F2, Puck.F3)
 ARRAYS = ("F1", "F2", "F3", "palm")  # the tactile arrays, in the order of their pucks
+# A position without the joint's encoder may be one that was cut off: it is believed when so many came, and no other.
+_BELIEVED = 3
 Answer = tuple[Puck, str]  # a puck, and what it has been asked for: "position", "torque" or "pressures"
 
 
@@ -40,6 +43,29 @@ class HandSample:
     status: str
 
 
+class JointEncoders:
+    """Which fingers have an encoder at the inner link, by what they have answered so far."""
+
+    def __init__(self) -> None:
+        self._present: set[Puck] = set()
+        self._without: collections.Counter[Puck] = collections.Counter()
+
+    def check(self, puck: Puck, joint: int | None) -> None:
+        """Takes note of a finger's answer.
+
+        Raises:
+            ProtocolError: if it lacks what the finger has, or may have.
+        """
+        if joint is not None:
+            self._present.add(puck)
+            return
+        self._without[puck] += 1
+        if puck in self._present:
+            raise ProtocolError("position: lacks the joint's encoder, which the puck has.")
+        if self._without[puck] < _BELIEVED:
+            raise ProtocolError("position: lacks the joint's encoder, and it is not yet sure that the puck has none.")
+
+
 class HandCycle:
     """Collects the answers of one round.
 
@@ -52,7 +78,7 @@ class HandCycle:
         expected: set[Answer],
         awaited: set[Answer],
         strain_polynomials: Sequence[Sequence[float]],
-        joint_encoders: set[Puck],
+        joint_encoders: JointEncoders,
     ) -> None:
         """Begins a round.
 
@@ -60,7 +86,7 @@ class HandCycle:
             expected: answers that a sample without remarks has.
             awaited: those of them without which the round is not complete.
             strain_polynomials: of the gauges of F1 to F3.
-            joint_encoders: fingers that are known to have one; those that prove to are added.
+            joint_encoders: what is known of them; the answers add to it.
         """
         self.missing = set(expected)
         self._awaited = set(awaited)
@@ -109,11 +135,11 @@ class HandCycle:
         values = self._values((puck, _MEANING[group]))
         if group is ReplyGroup.POSITION:
             motor, joint = protocol.decode_position(data)
-            if joint is not None:
-                self._joint_encoders.add(puck)
-            elif puck in self._joint_encoders:
-                raise ProtocolError("position: lacks the joint's encoder, which the puck has.")
-            values[...] = joints.finger_angles(motor, joint) if puck in FINGERS else joints.spread_angle(motor)
+            if puck in FINGERS:
+                self._joint_encoders.check(puck, joint)
+                values[...] = joints.finger_angles(motor, joint)
+            else:
+                values[...] = joints.spread_angle(motor)
         elif group is ReplyGroup.TACTILE_FULL:
             raw = self._readings[puck].add(data)
             if raw is None:

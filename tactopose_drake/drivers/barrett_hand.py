@@ -12,7 +12,7 @@ import can
 
 from tactopose_drake.core.validation import finite_array, positive_number
 from tactopose_drake.drivers import barrett_protocol as protocol
-from tactopose_drake.drivers.barrett_cycle import FINGERS, Answer, HandCycle, HandSample
+from tactopose_drake.drivers.barrett_cycle import FINGERS, Answer, HandCycle, HandSample, JointEncoders
 from tactopose_drake.drivers.barrett_joints import STRAIN_POLYNOMIAL
 from tactopose_drake.drivers.barrett_protocol import HAND_GROUP, Property, Puck, PuckStatus, ReplyGroup, TactileMode
 from tactopose_drake.drivers.device import Conversation, Device, Exchange, Pause
@@ -76,6 +76,7 @@ class BarrettHand(Device[HandSample]):
         self._period, self._timeout = positive_number("period", period), positive_number("timeout", timeout)
         self._commands: collections.deque[tuple[can.Message, float]] = collections.deque()  # and the pause after each
         self._sampling = False
+        self._joint_encoders = JointEncoders()
         self.pucks: dict[int, PuckStatus] = {}
 
     def tare(self) -> None:
@@ -177,7 +178,6 @@ class BarrettHand(Device[HandSample]):
         """Asks in rounds, until a puck that was absent is back."""
         questions = [_get(HAND_GROUP, name) for name in (Property.POSITION, Property.STRAIN, Property.TACTILE)]
         missed: collections.Counter[Answer] = collections.Counter()
-        joint_encoders: set[Puck] = set()
         ask_at, search_at = self._now, self._now + _SEARCH_PERIOD
         while True:
             awaited = {answer for answer in expected if missed[answer] < _ABSENT_AFTER}
@@ -185,7 +185,7 @@ class BarrettHand(Device[HandSample]):
                 search_at = self._now + _SEARCH_PERIOD
                 if (yield from self._search(expected, expected - awaited)):
                     return
-            cycle = HandCycle(expected, awaited, self._polynomials, joint_encoders)
+            cycle = HandCycle(expected, awaited, self._polynomials, self._joint_encoders)
             yield Exchange(tuple(questions), cycle.collect, self._timeout)
             self._publish(cycle.sample(self._now, remarks))
             if awaited <= cycle.missing:

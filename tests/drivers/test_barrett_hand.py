@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from tactopose_drake.drivers import barrett_protocol as protocol
-from tactopose_drake.drivers.barrett_cycle import HandSample
+from tactopose_drake.drivers.barrett_cycle import HandSample, JointEncoders
 from tactopose_drake.drivers.barrett_hand import BarrettHand
 from tactopose_drake.drivers.barrett_protocol import INITIALIZE, Property, Puck, PuckStatus, ReplyGroup, TactileMode
 from tactopose_drake.drivers.barrett_tactile import PASCALS_PER_RAW
@@ -12,7 +12,7 @@ from tactopose_drake.drivers.frames import data_frame
 from tactopose_drake.drivers.netcanoem import NetCanOemForceTorque
 from tactopose_drake.drivers.simulation import faults
 from tactopose_drake.drivers.simulation.simulated_barrett_hand import HandState, SimulatedBarrettHand
-from tactopose_drake.errors import DeviceError, DeviceTimeoutError, InvalidInputError
+from tactopose_drake.errors import DeviceError, DeviceTimeoutError, InvalidInputError, ProtocolError
 from tests.drivers.rigs import HAND_STATE, SLOT, make_board, make_hand, run, unread, virtual_bus
 
 
@@ -188,6 +188,18 @@ def test_a_position_that_was_cut_to_the_motors_part_is_refused() -> None:
         assert has_no_wrong_number(sample)
 
 
+def test_a_finger_without_that_encoder_is_believed_when_it_insists() -> None:
+    encoders = JointEncoders()
+    for _ in range(2):
+        with pytest.raises(ProtocolError, match="not yet sure"):
+            encoders.check(Puck.F1, None)
+    encoders.check(Puck.F1, None)
+    encoders.check(Puck.F2, 17)
+    for _ in range(5):
+        with pytest.raises(ProtocolError, match="which the puck has"):
+            encoders.check(Puck.F2, None)
+
+
 def test_a_finger_that_keeps_silent_is_named_and_the_others_go_on() -> None:
     simulated = make_hand()
     simulated.absent = {Puck.F2}
@@ -280,6 +292,8 @@ def test_a_reboot_is_noticed_and_the_hand_woken_again(wait: float, duration: flo
         assert simulated.moves == []
 
 
+# The first positions after a search for a silent puck are cut off.
+@example(1769)
 @settings(max_examples=5)
 @given(st.integers(0, 2**32 - 1))
 def test_faults_at_random_never_show_as_a_wrong_number(seed: int) -> None:
