@@ -132,8 +132,8 @@ def direction_names(hypothesis: PoseHypothesis) -> list[str]:
 def _name(direction: FloatArray, R_PO: FloatArray) -> str:
     w_O, v_O = direction[:3], R_PO.T @ direction[3:]
     turn, slide = np.linalg.norm(w_O), np.linalg.norm(v_O)
-    # A turn by one radian moves a point at 10 cm by that much: here by less than a tenth of the slide.
-    if 0.1 * turn < 0.1 * slide:
+    # In rad/m: a slide of 10 cm turns the object by less than 0.1 rad.
+    if turn < slide:
         return f"slide along {_axis(v_O)}"
     if slide < 0.2 * turn:
         return f"turn about {_axis(w_O)}"

@@ -8,8 +8,8 @@ from tactopose_drake.errors import InvalidInputError
 FloatArray = NDArray[np.float64]
 
 
-def finite_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> FloatArray:
-    """Returns `value` as a float64 array of the given shape (None: any length) with finite entries only.
+def finite_array(name: str, value: ArrayLike, *shapes: tuple[int | None, ...]) -> FloatArray:
+    """Returns `value` as a float64 array of one of the shapes (None: any length) with finite entries only.
 
     Raises:
         InvalidInputError: if it is not numeric, of another shape, or holds a NaN or an infinite number.
@@ -18,16 +18,20 @@ def finite_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> 
         array = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise InvalidInputError(f"{name}: not an array of numbers ({error}).") from None
-    fits = array.ndim == len(shape) and all(n is None or n == m for n, m in zip(shape, array.shape, strict=True))
-    if not fits:
-        wanted = "(" + ", ".join("n" if n is None else str(n) for n in shape) + ("," if len(shape) == 1 else "") + ")"
-        raise InvalidInputError(f"{name}: has shape {array.shape}; allowed is {wanted}.")
+    if not any(_fits(array.shape, shape) for shape in shapes):
+        wanted = [str(shape).replace("None", "n") for shape in shapes]
+        allowed = f"is {wanted[0]}" if len(wanted) == 1 else f"are {' and '.join(wanted)}"
+        raise InvalidInputError(f"{name}: has shape {array.shape}; allowed {allowed}.")
     if not np.isfinite(array).all():
         bad = np.argwhere(~np.isfinite(array))[0]
         index = ", ".join(str(int(i)) for i in bad)
         where = f"{name}[{index}]" if index else name
         raise InvalidInputError(f"{where}: is {array[tuple(bad)]}; allowed are finite numbers.")
     return array
+
+
+def _fits(shape: tuple[int, ...], wanted: tuple[int | None, ...]) -> bool:
+    return len(shape) == len(wanted) and all(n is None or n == m for n, m in zip(wanted, shape, strict=True))
 
 
 def positive_number(name: str, value: float, *, allow_zero: bool = False) -> float:
@@ -66,9 +70,7 @@ def pose_matrix(name: str, value: object) -> FloatArray:
         InvalidInputError: if it is none of these, or if R is not a rotation (within 1e-6).
     """
     matrix = value.GetAsMatrix34() if hasattr(value, "GetAsMatrix34") else value
-    X = finite_array(name, matrix, (None, 4))  # type: ignore[arg-type]
-    if len(X) not in (3, 4):
-        raise InvalidInputError(f"{name}: has shape {X.shape}; allowed are (3, 4) and (4, 4).")
+    X = finite_array(name, matrix, (3, 4), (4, 4))  # type: ignore[arg-type]
     R = X[:3, :3]
     if np.abs(R.T @ R - np.eye(3)).max() > 1e-6 or np.linalg.det(R) < 0:
         raise InvalidInputError(f"{name}: its left 3x3 block is not a rotation matrix.")

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.pairs.contact_pairs import spread_out
-from tactopose_drake.core.pairs.pair_features import _feature, pair_feature
+from tactopose_drake.core.pairs.pair_features import fill_feature, pair_feature
 from tactopose_drake.core.shape.surface_samples import SurfaceSamples
 from tactopose_drake.core.validation import FloatArray
 
@@ -147,7 +147,7 @@ def _count(points, normals, counts):  # type: ignore[no-untyped-def]
         for j in range(points.shape[0]):
             if i == j:
                 continue
-            _feature(points[i], normals[i], points[j], normals[j], feature)
+            fill_feature(points[i], normals[i], points[j], normals[j], feature)
             row = min(int(feature[0] / _DISTANCE), _DISTANCE_BINS - 1)
             for a in range(1, 4):
                 row = row * _ANGLE_BINS + int(feature[a] / _ANGLE + 0.5)

@@ -96,7 +96,7 @@ def fundamental_points(points: FloatArray, symmetry_poses: FloatArray) -> NDArra
 def pair_feature(p_a: FloatArray, n_a: FloatArray, p_b: FloatArray, n_b: FloatArray) -> FloatArray:
     """Distance (m) and angles (rad) of two oriented points, shape (4,), the points apart from each other."""
     feature = np.empty(4)
-    _feature(p_a, n_a, p_b, n_b, feature)
+    fill_feature(p_a, n_a, p_b, n_b, feature)
     return feature
 
 
@@ -106,7 +106,8 @@ def _largest_distance(points: FloatArray) -> float:
 
 
 @njit(cache=True)
-def _feature(p, n, q, m, out):  # type: ignore[no-untyped-def]
+def fill_feature(p, n, q, m, out):  # type: ignore[no-untyped-def]
+    """The compiled `pair_feature` of points p and q with normals n and m, into out (4,)."""
     x, y, z = q[0] - p[0], q[1] - p[1], q[2] - p[2]
     d = np.sqrt(x * x + y * y + z * z)
     out[0] = d
@@ -134,7 +135,7 @@ def _sort_pairs(points, normals, firsts, length, features, pairs, first):  # typ
         for j in range(n):
             if i == j:
                 continue
-            _feature(points[i], normals[i], points[j], normals[j], feature)
+            fill_feature(points[i], normals[i], points[j], normals[j], feature)
             unsorted[row, 0] = int(feature[0] * (_BYTE / length) + 0.5)
             for a in range(1, 4):
                 unsorted[row, a] = int(feature[a] * (_BYTE / np.pi) + 0.5)
