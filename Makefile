@@ -18,7 +18,7 @@ test: $(STAMP)
 bench: $(STAMP)
 	$(BIN)/pytest -n 0 -s tests/benchmarks
 
-# A few trials of everything, some minutes, two scripts at a time; `full-report` makes all of them, hours.
+# A few trials of everything, some minutes, two scripts at a time; `full-report` makes all of them, in an hour or two.
 report: $(STAMP)
 	$(BIN)/python examples/report.py
 

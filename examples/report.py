@@ -1,7 +1,7 @@
 """Reruns the tables and figures of the thesis, and the studies beyond it, and puts them on one page.
 
     python examples/report.py            # few trials each: some minutes
-    python examples/report.py --full     # as many trials as the README's figures have: hours
+    python examples/report.py --full     # as many trials as the README's figures have, or nearly: an hour or two
 
 Writes report.html (one file, pictures included) and report.md into `--out`. Nothing on the page is typed by hand: each
 section is what its own script wrote or printed in this run, with the command that ran it; the machine and the versions
@@ -25,7 +25,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 
 @click.command()
-@click.option("--full", "is_full", is_flag=True, help="All trials, not a few; takes hours.")
+@click.option("--full", "is_full", is_flag=True, help="All trials, not a few; takes an hour or two.")
 @click.option("--only", multiple=True, help="Of the sections, only this one; may be given more than once.")
 @click.option("--jobs", type=click.IntRange(min=1), default=2, show_default=True, help="So many scripts at a time.")
 @click.option("--out", type=click.Path(path_type=Path), default=Path("out/report"), show_default=True, help="Folder.")
