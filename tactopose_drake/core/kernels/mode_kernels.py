@@ -4,7 +4,7 @@ import numpy as np
 from numba import njit
 
 from tactopose_drake.core.kernels.matrix_kernels import cholesky, invert
-from tactopose_drake.core.kernels.pose_kernels import increment_between
+from tactopose_drake.core.kernels.pose_kernels import compose_one, increment_between
 
 
 @njit(cache=True)
@@ -20,11 +20,7 @@ def mark_distinct(X, information, symmetries, threshold, distinct):  # type: ign
     farthest, least_trace = np.empty(X.shape[0]), np.empty(X.shape[0])
     for b in range(X.shape[0]):
         for s in range(symmetries.shape[0]):
-            S = symmetries[s]
-            for i in range(3):
-                for j in range(4):
-                    Y[s, i, j] = X[b, i, 0] * S[0, j] + X[b, i, 1] * S[1, j] + X[b, i, 2] * S[2, j]
-                Y[s, i, 3] += X[b, i, 3]
+            compose_one(X[b], symmetries[s], Y[s])
         distinct[b] = True
         for a in range(b):
             if not distinct[a]:

@@ -100,6 +100,15 @@ def retract(X, increment, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, inline="always")
+def compose_one(X, Y, out):  # type: ignore[no-untyped-def]
+    """The pose X Y; all (3, 4)."""
+    for i in range(3):
+        for j in range(4):
+            out[i, j] = X[i, 0] * Y[0, j] + X[i, 1] * Y[1, j] + X[i, 2] * Y[2, j]
+        out[i, 3] += X[i, 3]
+
+
+@njit(cache=True, inline="always")
 def increment_between(X, Y, out):  # type: ignore[no-untyped-def]
     """The increment (w, v) from the pose X to Y, both (3, 4), into out (6,)."""
     for i in range(3):

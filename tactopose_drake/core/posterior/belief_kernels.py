@@ -1,4 +1,5 @@
-"""The belief's compiled loops: importance weights, their moments, and steps to a valley's floor; see `belief.py`.
+"""The belief's compiled loops: importance weights, their moments, and steps to a valley's floor; see `belief.py`
+and `mode_moments.py`.
 
 With the exact posterior exp(-c) and the groups' densities q_g that add up to the mixture's q = sum_g q_g, a sample x
 of N weighs w = exp(-c(x)) / (N q(x)), of which w q_g(x) / q(x) belongs to group g [OZ00]. For increments u from the
@@ -69,7 +70,7 @@ def step_down(gradient, hessian, soft, units, longest, X):  # type: ignore[no-un
 
 @njit(cache=True, nogil=True)
 def add_moments(X_group, X, weights, worth, first, second):  # type: ignore[no-untyped-def]
-    """Fills `belief.Moments`, of which the second and third are zero on entry, from weights (B, g)."""
+    """Fills `mode_moments.Moments`, of which the second and third are zero on entry, from weights (B, g)."""
     u = np.empty(6)
     for g in range(X_group.shape[0]):
         mass, squares = 0.0, 0.0

@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 
 from tactopose_drake.core.kernels.matrix_kernels import cholesky, invert
-from tactopose_drake.core.kernels.pose_kernels import increment_between
+from tactopose_drake.core.kernels.pose_kernels import compose_one, increment_between
 from tactopose_drake.core.posterior.mode_moments import Moments
 from tactopose_drake.core.validation import FloatArray
 
@@ -65,7 +65,7 @@ def _join(X, order, symmetries, mass, spread, worth, first, second):  # type: ig
                 continue
             p = mass[j] / (mass[i] + mass[j])
             for s in range(symmetries.shape[0]):
-                _image(X[j], symmetries[s], image)
+                compose_one(X[j], symmetries[s], image)
                 increment_between(X[i], image, u)
                 if u[0] ** 2 + u[1] ** 2 + u[2] ** 2 > _WIDEST_TURN**2:
                     continue
@@ -89,15 +89,6 @@ def _join(X, order, symmetries, mass, spread, worth, first, second):  # type: ig
             worth[into] = 1.0 / ((1.0 - p) ** 2 / worth[into] + p**2 / worth[j])
             mass[into] += mass[j]
             mass[j] = 0.0
-
-
-@njit(cache=True, inline="always")
-def _image(X, S, image):  # type: ignore[no-untyped-def]
-    """The pose X S; all (3, 4)."""
-    for i in range(3):
-        for j in range(4):
-            image[i, j] = X[i, 0] * S[0, j] + X[i, 1] * S[1, j] + X[i, 2] * S[2, j]
-        image[i, 3] += X[i, 3]
 
 
 @njit(cache=True, inline="always")
