@@ -10,13 +10,7 @@ from tactopose_drake.core.poses import (
     rotation_angles,
 )
 from tactopose_drake.core.posterior.hypotheses import determined_part
-from tests.core.searches.problems import make_blob
 from tests.displaced_poses import displaced, error, random_pose
-
-
-@pytest.fixture(scope="module")
-def blob() -> tp.ObjectModel:
-    return make_blob()
 
 
 @pytest.fixture(scope="module")

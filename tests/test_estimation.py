@@ -19,15 +19,9 @@ from tactopose_drake.core.searches.base import SearchResult, never
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
 from tactopose_drake.core.searches.pair_search import PairSearch
 from tactopose_drake.resources import model_path
-from tests.core.searches.problems import make_blob
 from tests.displaced_poses import displaced, error, random_pose
 
 LOCAL_METHODS = ["levenberg_marquardt", "gradient_descent", "mathematical_program"]
-
-
-@pytest.fixture(scope="module")
-def blob() -> tp.ObjectModel:
-    return make_blob()
 
 
 @pytest.fixture(scope="module")

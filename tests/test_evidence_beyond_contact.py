@@ -10,7 +10,6 @@ import tactopose_drake as tp
 from tactopose_drake.core.evidence.synthetic_touch import touch_surface
 from tactopose_drake.core.poses import increments_between, make_poses, random_rotations, transform_points
 from tests.core.balanced_forces import balanced_forces
-from tests.core.searches.problems import make_blob
 
 TIP = 0.008  # radius of a fingertip, m
 MASS = 0.3
@@ -24,11 +23,6 @@ def can() -> tp.ObjectModel:
 @pytest.fixture(scope="module")
 def box() -> tp.ObjectModel:
     return tp.ObjectModel.from_mesh(trimesh.creation.box((0.06, 0.09, 0.14)).subdivide().subdivide())
-
-
-@pytest.fixture(scope="module")
-def blob() -> tp.ObjectModel:
-    return make_blob()
 
 
 def random_pose(seed: int) -> np.ndarray:

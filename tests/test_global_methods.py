@@ -16,15 +16,9 @@ from tactopose_drake.core.poses import exp_so3, make_poses, transform_points
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
 from tactopose_drake.core.searches.monte_carlo import MonteCarlo
 from tactopose_drake.estimation import GLOBAL_METHODS, METHODS
-from tests.core.searches.problems import make_blob
 
 NAMES = sorted(GLOBAL_METHODS)
 X_PO = make_poses(exp_so3(np.array([0.3, -0.8, 0.2])), np.array([0.02, -0.03, 0.06]))
-
-
-@pytest.fixture(scope="module")
-def blob() -> tp.ObjectModel:
-    return make_blob()
 
 
 @pytest.fixture(scope="module")

@@ -51,10 +51,10 @@ def random_pose(generator: np.random.Generator, reach: float = 0.1) -> NDArray[n
 
 
 def smooth_shape() -> trimesh.Trimesh:
-    """A smooth body without symmetry."""
+    """A smooth body without symmetry, some 10 cm long."""
     mesh = create.icosphere(subdivisions=5, radius=1.0)
     x, y, z = mesh.vertices.T
-    mesh.vertices *= (0.04 * (1 + 0.2 * x + 0.15 * x * y + 0.1 * z**3))[:, None]
+    mesh.vertices *= (0.04 * (1 + 0.2 * x + 0.15 * x * y + 0.1 * z**3))[:, None] * np.array([0.7, 1.0, 1.3])
     return mesh
 
 

@@ -5,6 +5,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from tactopose_drake.drivers.barrett_cycle import HandSample
+from tactopose_drake.drivers.barrett_tactile import PASCALS_PER_RAW
 from tactopose_drake.drivers.clock import VirtualClock
 from tactopose_drake.drivers.device_bus import DeviceBus
 from tactopose_drake.drivers.netcanoem import ForceTorqueSample
@@ -54,3 +56,18 @@ def unread(device) -> list:
 
 def is_right(sample: ForceTorqueSample) -> bool:
     return bool(np.all(np.abs(sample.F_S - WRENCH) < WRENCH_TOLERANCE))
+
+
+def has_no_wrong_number(sample: HandSample) -> bool:
+    """Every number is the true one, or NaN."""
+    wrong = [
+        np.abs(sample.joint_positions - HAND_STATE.joint_positions) > 1e-4,
+        np.abs(sample.pressures - HAND_STATE.pressures) > 0.51 * PASCALS_PER_RAW,
+        np.abs(sample.fingertip_torques - HAND_STATE.fingertip_torques) > 2e-3,
+    ]
+    return not any(part.any() for part in wrong)
+
+
+def is_whole(sample: HandSample) -> bool:
+    parts = [sample.joint_positions, sample.pressures, sample.fingertip_torques]
+    return has_no_wrong_number(sample) and all(np.isfinite(part).all() for part in parts)

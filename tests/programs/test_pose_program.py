@@ -5,12 +5,7 @@ from tactopose_drake.core.searches.base import PriorSpace
 from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
 from tactopose_drake.programs.pose_program import PoseProgram, cost_and_gradient
-from tests.core.searches.problems import make_blob, make_touch
-
-
-@pytest.fixture(scope="module")
-def blob() -> ObjectModel:
-    return make_blob()
+from tests.core.searches.problems import make_touch
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-8, 0.2, 1.0])

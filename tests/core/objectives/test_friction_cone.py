@@ -9,7 +9,6 @@ from tactopose_drake.core.objectives.friction_cone import FrictionCone
 from tactopose_drake.core.poses import exp_so3, make_poses, retract
 from tactopose_drake.core.shape.objects import ObjectModel
 from tests.core.objectives.laws import check_derivatives
-from tests.core.searches.problems import make_blob
 
 RADIUS = 0.04
 IDENTITY = np.eye(3, 4)[None]
@@ -18,11 +17,6 @@ IDENTITY = np.eye(3, 4)[None]
 @pytest.fixture(scope="module")
 def ball() -> ObjectModel:
     return ObjectModel.from_mesh(trimesh.creation.icosphere(subdivisions=4, radius=RADIUS))
-
-
-@pytest.fixture(scope="module")
-def blob() -> ObjectModel:
-    return make_blob()
 
 
 def leaning(degrees: float) -> np.ndarray:

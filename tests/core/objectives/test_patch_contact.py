@@ -14,7 +14,6 @@ from tactopose_drake.core.poses import (
     increments_between,
     inverse,
     make_poses,
-    random_rotations,
     retract,
     transform_points,
 )
@@ -23,47 +22,7 @@ from tactopose_drake.core.sensing.patches import Patch, describe_patch
 from tactopose_drake.core.sensing.synthetic_patch import flat_pad, touch_with_pads
 from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.errors import InvalidInputError
-from tests.core.meshes import shape_poor_in_symmetry, smooth_shape
-
-NOISE = {"sigma_depth": 0.0004, "share": 0.15, "sigma_position": 0.0011, "sigma_rotation": 0.07}
-ALPHA = 1e-7
-IDENTITY = np.eye(3, 4)[None]
-OUT = np.tile([0.0, 0.0, 1.0], (24, 1))
-
-
-@pytest.fixture(scope="module")
-def blob() -> ObjectModel:
-    return ObjectModel.from_mesh(smooth_shape())
-
-
-@pytest.fixture(scope="module")
-def angular() -> ObjectModel:
-    return ObjectModel.from_mesh(shape_poor_in_symmetry())
-
-
-@pytest.fixture(scope="module")
-def slab() -> ObjectModel:
-    """Below z = 0, and wide."""
-    mesh = trimesh.creation.box((0.2, 0.2, 0.05))
-    mesh.apply_translation([0.0, 0.0, -0.025])
-    return ObjectModel.from_mesh(mesh)
-
-
-def random_pose(seed: int) -> np.ndarray:
-    generator = np.random.default_rng(seed)
-    return make_poses(random_rotations(generator, 1), generator.normal(size=(1, 3)) * 0.02)[0]
-
-
-def pads_on(model: ObjectModel, seed: int, count: int = 3) -> tuple[np.ndarray, list[Patch]]:
-    """A pose and pads that touch there, with some cells that feel nothing, some dead and some saturated."""
-    X_PO, generator = random_pose(seed), np.random.default_rng(seed)
-    patches = []
-    for patch in touch_with_pads(model, X_PO, count, generator, depth=0.0008):
-        pressure = patch.pressure.copy()
-        pressure[generator.integers(24, size=3)] = np.nan
-        limits = {"threshold": 1500.0, "saturation": float(np.nanquantile(pressure, 0.9)) + 1e3}
-        patches.append(describe_patch(patch.p_PT, pressure, alpha=patch.alpha, n_PT=patch.n_PT, **limits))
-    return X_PO, patches
+from tests.core.objectives.pads import ALPHA, IDENTITY, NOISE, OUT, pads_on, random_pose
 
 
 def depths(patch: Patch) -> np.ndarray:
@@ -181,69 +140,6 @@ def test_the_cost_is_half_the_sum_of_squares(angular: ObjectModel) -> None:
     half_squares = 0.5 * np.sum(objective.residuals(poses) ** 2, axis=1)
     np.testing.assert_allclose(objective.cost(poses), half_squares, rtol=1e-6, atol=1e-6)
     np.testing.assert_allclose(objective.normal_equations(poses).cost, half_squares, rtol=1e-6, atol=1e-6)
-
-
-@pytest.mark.parametrize("angle", [0.0, 1e-8, 1.0, np.pi])
-def test_where_the_residuals_vanish_the_jacobian_is_the_central_difference(slab: ObjectModel, angle: float) -> None:
-    R_PO = exp_so3(np.array([0.36, -0.48, 0.8]) * angle)
-    X_PO = make_poses(R_PO, np.array([0.01, -0.02, 0.03]))
-    patches = []
-    for x, y in [(0.0, 0.0), (0.04, 0.01), (-0.02, 0.05)]:
-        # The pads lean, and the cells at their ends do not touch.
-        cells = flat_pad() @ exp_so3(np.array([0.02, 0.1, 0.0])).T + np.array([x, y, -0.0003])
-        n_PT = np.tile(exp_so3(np.array([0.02, 0.1, 0.0]))[:, 2] * -1.0, (24, 1))
-        depth = np.maximum(0.0, cells[:, 2] / n_PT[0, 2])
-        assert 5 < np.count_nonzero(depth) < 20
-        patches.append(describe_patch(transform_points(X_PO, cells), depth / ALPHA, alpha=ALPHA, n_PT=n_PT @ R_PO.T))
-    objective = PatchCells(slab.grid, patches, **NOISE)
-    step = 1e-4 * np.eye(6)
-    there, back = objective.residuals(retract(X_PO[None], step)), objective.residuals(retract(X_PO[None], -step))
-    residuals, jacobian = objective.residuals_and_jacobian(X_PO[None])
-    np.testing.assert_allclose(residuals, 0.0, atol=1e-3)
-    assert np.abs(jacobian).max() > 100.0
-    np.testing.assert_allclose(jacobian[0], (there - back).T / 2e-4, rtol=1e-3, atol=0.1)
-
-
-def test_the_gradient_is_the_central_difference_of_the_cost(blob: ObjectModel) -> None:
-    X_PO, patches = pads_on(blob, 4)
-    objective = PatchContact(blob.grid, patches)
-    poses = retract(X_PO[None], np.random.default_rng(4).normal(size=(20, 6)) * ([0.05] * 3 + [0.002] * 3))
-    equations = objective.normal_equations(poses)
-    off = []
-    for pose, gradient, hessian in zip(poses, equations.gradient, equations.hessian, strict=True):
-        units = np.linalg.cholesky(np.linalg.inv(hessian))  # columns of one standard deviation
-        step = 1e-4 * units.T
-        slope = (objective.cost(retract(pose[None], step)) - objective.cost(retract(pose[None], -step))) / 2e-4
-        off.append(np.abs(units.T @ gradient - slope))
-    assert np.median(off) < 1e-3
-    # Where another number of steps finds the misplacements, the cost jumps by some 1e-5.
-    assert np.quantile(off, 0.9) < 0.1
-
-
-def test_the_gradient_is_the_jacobian_times_the_residuals(angular: ObjectModel) -> None:
-    X_PO, patches = pads_on(angular, 5)
-    objective = PatchContact(angular.grid, patches)
-    poses = retract(X_PO[None], np.random.default_rng(5).normal(size=(20, 6)) * 0.02)
-    residuals, jacobian = objective.residuals_and_jacobian(poses)
-    expected = np.einsum("bmi,bm->bi", jacobian, residuals)
-    np.testing.assert_allclose(objective.normal_equations(poses).gradient, expected, rtol=1e-8, atol=1e-6)
-
-
-def test_the_hessian_is_gauss_newton(slab: ObjectModel, blob: ObjectModel) -> None:
-    # On a flat face the smooth normals are the exact ones.
-    pressure = np.where(np.arange(24) < 15, 8e3, 0.0)
-    flat = [
-        describe_patch(flat_pad() + np.array([x, y, -0.0006]), pressure, alpha=ALPHA, n_PT=-OUT)
-        for x, y in [(0.0, 0.0), (0.04, 0.01), (-0.02, 0.05)]
-    ]
-    X_PO, patches = pads_on(blob, 6)
-    tilted = make_poses(exp_so3(np.array([[0.02, -0.03, 0.3]])), np.zeros((1, 3)))
-    for model, pads, pose, tolerance in [(slab, flat, tilted, 0.004), (blob, patches, X_PO[None], 0.2)]:
-        objective = PatchCells(model.grid, pads, **NOISE)
-        _, jacobian = objective.residuals_and_jacobian(pose)
-        expected = jacobian[0].T @ jacobian[0]
-        scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected))) + 1e-6
-        assert np.abs((objective.normal_equations(pose).hessian[0] - expected) / scale).max() < tolerance
 
 
 def test_moving_the_palm_frame_moves_the_answer(blob: ObjectModel) -> None:

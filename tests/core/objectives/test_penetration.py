@@ -8,7 +8,6 @@ from tactopose_drake.core.poses import compose, exp_so3, make_poses, random_rota
 from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.resources import model_path
 from tests.core.objectives.laws import check_derivatives
-from tests.core.searches.problems import make_blob
 
 RADIUS = 0.04
 IDENTITY = np.eye(3, 4)[None]
@@ -17,11 +16,6 @@ IDENTITY = np.eye(3, 4)[None]
 @pytest.fixture(scope="module")
 def ball() -> ObjectModel:
     return ObjectModel.from_mesh(trimesh.creation.icosphere(subdivisions=4, radius=RADIUS))
-
-
-@pytest.fixture(scope="module")
-def blob() -> ObjectModel:
-    return make_blob()
 
 
 @pytest.fixture(scope="module")

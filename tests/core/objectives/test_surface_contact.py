@@ -7,7 +7,6 @@ from tactopose_drake.core.evidence.synthetic_touch import touch_surface
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.poses import exp_so3, make_poses, random_rotations, retract, transform_points
 from tactopose_drake.core.shape.objects import ObjectModel
-from tests.core.meshes import smooth_shape
 
 RADIUS = 0.04
 
@@ -15,11 +14,6 @@ RADIUS = 0.04
 @pytest.fixture(scope="module")
 def ball() -> ObjectModel:
     return ObjectModel.from_mesh(trimesh.creation.icosphere(subdivisions=4, radius=RADIUS))
-
-
-@pytest.fixture(scope="module")
-def blob() -> ObjectModel:
-    return ObjectModel.from_mesh(smooth_shape())
 
 
 def random_poses(seed: int, count: int, spread: float = 0.01) -> np.ndarray:

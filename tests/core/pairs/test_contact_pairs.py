@@ -1,5 +1,4 @@
 import numpy as np
-import pytest
 import trimesh
 
 from tactopose_drake.core.evidence.contacts import Contacts
@@ -7,12 +6,6 @@ from tactopose_drake.core.evidence.synthetic_touch import touch_surface
 from tactopose_drake.core.pairs.contact_pairs import PairChoice, spread_out
 from tactopose_drake.core.poses import make_poses, random_rotations
 from tactopose_drake.core.shape.objects import ObjectModel
-from tests.core.searches.problems import make_blob
-
-
-@pytest.fixture(scope="module")
-def blob() -> ObjectModel:
-    return make_blob()
 
 
 def choose(model: ObjectModel, touch: Contacts, /, **choice: int) -> list[tuple[int, int, int, int]]:

@@ -11,14 +11,8 @@ from tactopose_drake.core.pairs.pair_features import (
 )
 from tactopose_drake.core.poses import compose, make_poses, random_rotations, transform_points
 from tactopose_drake.core.shape.objects import ObjectModel
-from tests.core.searches.problems import make_blob
 
 NO_SYMMETRY = np.eye(3, 4)[None]
-
-
-@pytest.fixture(scope="module")
-def blob() -> ObjectModel:
-    return make_blob()
 
 
 @pytest.fixture(scope="module")

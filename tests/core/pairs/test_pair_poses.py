@@ -7,15 +7,9 @@ from tactopose_drake.core.poses import compose, make_poses, random_rotations, ro
 from tactopose_drake.core.shape.coarse_field import contact_table
 from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.core.shape.symmetry import RotationalSymmetry
-from tests.core.searches.problems import make_blob
 
 EVERY = 10**6
 EVERYWHERE = (np.eye(3, 4), (np.pi, np.inf), np.eye(3, 4)[None])
-
-
-@pytest.fixture(scope="module")
-def blob() -> ObjectModel:
-    return make_blob()
 
 
 def pose(seed: int) -> np.ndarray:

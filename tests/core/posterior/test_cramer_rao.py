@@ -16,14 +16,8 @@ from tactopose_drake.core.posterior.hypotheses import determined_part
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
 from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.errors import InvalidInputError, TooFewContactsError
-from tests.core.searches.problems import make_blob
 
 SIGMA_POSITION, SIGMA_NORMAL = 0.0005, math.radians(3.0)
-
-
-@pytest.fixture(scope="module")
-def blob() -> ObjectModel:
-    return make_blob()
 
 
 @pytest.fixture(scope="module")

@@ -1,7 +1,6 @@
 """Problems with known answers for every search."""
 
 import numpy as np
-import trimesh
 
 from tactopose_drake.core.evidence.prior import PosePrior
 from tactopose_drake.core.evidence.synthetic_touch import touch_surface
@@ -10,14 +9,6 @@ from tactopose_drake.core.objectives.pose_prior import PriorObjective
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.poses import make_poses, random_rotations, retract
 from tactopose_drake.core.shape.objects import ObjectModel
-
-
-def make_blob() -> ObjectModel:
-    """A smooth body without symmetry, about 10 cm long."""
-    mesh = trimesh.creation.icosphere(subdivisions=5, radius=1.0)
-    x, y, z = mesh.vertices.T
-    mesh.vertices *= (0.04 * (1 + 0.2 * x + 0.15 * x * y + 0.1 * z**3))[:, None] * np.array([0.7, 1.0, 1.3])
-    return ObjectModel.from_mesh(mesh, symmetry="none")
 
 
 def make_touch(

@@ -1,17 +1,11 @@
 import numpy as np
-import pytest
 
 from tactopose_drake.core.poses import retract
 from tactopose_drake.core.searches.base import never
 from tactopose_drake.core.searches.candidates import CandidatePoses, refine_best
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
 from tactopose_drake.core.shape.objects import ObjectModel
-from tests.core.searches.problems import make_blob, make_touch
-
-
-@pytest.fixture(scope="module")
-def blob() -> ObjectModel:
-    return make_blob()
+from tests.core.searches.problems import make_touch
 
 
 def test_candidates_are_remembered_by_cost(blob: ObjectModel) -> None:

@@ -22,7 +22,7 @@ from tactopose_drake.core.searches.parameters import QuaternionParameters
 from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.programs.pose_program import PoseProgram
-from tests.core.searches.problems import make_blob, make_touch
+from tests.core.searches.problems import make_touch
 
 SEARCHES: dict[str, Search] = {
     "lm": LevenbergMarquardt(tolerance=1e-12),
@@ -38,11 +38,6 @@ SEARCHES: dict[str, Search] = {
     "ipopt": PoseProgram(solver="ipopt"),
     "multi-start": MultiStart(fine=LevenbergMarquardt(tolerance=1e-12)),
 }
-
-
-@pytest.fixture(scope="module")
-def blob() -> ObjectModel:
-    return make_blob()
 
 
 @pytest.mark.parametrize("name", SEARCHES)

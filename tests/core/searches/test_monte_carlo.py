@@ -25,15 +25,10 @@ from tactopose_drake.core.searches.roulette import (
 from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
-from tests.core.searches.problems import make_blob, make_touch
+from tests.core.searches.problems import make_touch
 
 DESIGN = MonteCarloDesign(particles=3000, population=300, power=100.0, noise=0.4, cooling=2.0, confidence=99.0)
 STAYING = LevenbergMarquardt(max_iterations=1, initial_damping=1e30)
-
-
-@pytest.fixture(scope="module")
-def blob() -> ObjectModel:
-    return make_blob()
 
 
 def wheel(cost: FloatArray, scale: float = 1.0, power: float = 1.0) -> tuple[FloatArray, FloatArray]:

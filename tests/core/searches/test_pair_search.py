@@ -26,12 +26,6 @@ from tactopose_drake.core.shape.free_spin import nearest_images
 from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.core.shape.symmetry import RotationalSymmetry
 from tactopose_drake.resources import model_path
-from tests.core.searches.problems import make_blob
-
-
-@pytest.fixture(scope="module")
-def blob() -> ObjectModel:
-    return make_blob()
 
 
 def random_pose(generator: np.random.Generator) -> np.ndarray:

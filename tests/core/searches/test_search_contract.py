@@ -26,7 +26,8 @@ from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.programs.direct import Direct
 from tactopose_drake.programs.pose_program import PoseProgram
-from tests.core.searches.problems import make_blob, make_touch
+from tests.core.meshes import smooth_shape
+from tests.core.searches.problems import make_touch
 
 NO_TOUCH = Contacts(np.zeros((1, 3)))
 
@@ -81,7 +82,7 @@ class Outcome(NamedTuple):
 
 @functools.cache
 def blob() -> ObjectModel:
-    return make_blob()
+    return ObjectModel.from_mesh(smooth_shape(), symmetry="none")
 
 
 def search(name: str, should_stop: StopSignal = never) -> Outcome:

@@ -6,12 +6,6 @@ from tactopose_drake.core.evidence.synthetic_touch import random_surface_points
 from tactopose_drake.core.pairs.pair_poses import coarse_cost
 from tactopose_drake.core.shape.coarse_field import CoarseField, coarsen, contact_table
 from tactopose_drake.core.shape.objects import ObjectModel
-from tests.core.searches.problems import make_blob
-
-
-@pytest.fixture(scope="module")
-def blob() -> ObjectModel:
-    return make_blob()
 
 
 def cost(field: CoarseField, contacts: Contacts, X_PO: np.ndarray, off: float = 0.0, turn: float = 0.0) -> float:
