@@ -12,7 +12,8 @@ from tactopose_drake.errors import TactoposeError
 from tactopose_drake.estimates import PoseEstimate, PoseHypothesis
 from tactopose_drake.estimation import estimate_pose
 from tactopose_drake.hand_geometry import HandGeometry
-from tactopose_drake.identification import Identification, Identity, identify
+from tactopose_drake.identification import identify
+from tactopose_drake.identities import Identification, Identity
 from tactopose_drake.object_library import ObjectLibrary
 
 __all__ = [

@@ -15,7 +15,7 @@ from tactopose_drake.core.poses import transform_points
 from tactopose_drake.core.sensing.synthetic_patch import touch_with_pads
 from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.errors import InvalidInputError, TooFewContactsError, UnknownNameError
-from tactopose_drake.identification import Identification
+from tactopose_drake.identities import Identification
 from tactopose_drake.object_library import ObjectLibrary
 from tests.core.meshes import random_pose, shape_poor_in_symmetry
 

@@ -17,7 +17,8 @@ from rich.table import Table
 
 from tactopose_drake.core.mesh.repair import MeshRepairWarning
 from tactopose_drake.files import load_contacts
-from tactopose_drake.identification import Identification, Likelihood, identify
+from tactopose_drake.identification import Likelihood, identify
+from tactopose_drake.identities import Identification
 from tactopose_drake.object_library import LibraryWarning, ObjectLibrary
 
 _MOST_ROWS = 12

@@ -14,7 +14,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.display.scene import ESTIMATE_COLOUR, TRUTH_COLOUR
-from tactopose_drake.identification import Identification
+from tactopose_drake.identities import Identification
 
 HEIGHT = 0.05
 """Of a row, m."""

@@ -12,7 +12,7 @@ from tactopose_drake.core.shape.objects import ObjectModel
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.display.likelihoods import add_bars, set_bars
 from tactopose_drake.errors import InvalidInputError
-from tactopose_drake.identification import Identification
+from tactopose_drake.identities import Identification
 from tactopose_drake.systems.ports import eval_optional_input
 
 
