@@ -40,4 +40,6 @@ def test_frames_become_contacts() -> None:
     assert np.all(report.latency < 10.0)
     assert report.estimates == 4
     assert report.samples_per_second > 0
-    assert 0 < report.real_time_factor <= 1.01
+    # Drake does not wait for the end of the last step, which is as long as a sensor's period at the most.
+    step = max(board.period for board in scenario.senses.fingers.values())
+    assert 0 < report.real_time_factor <= 0.4 / (0.4 - step)
