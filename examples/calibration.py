@@ -27,9 +27,9 @@ from rich.progress import track
 from scipy.stats import chi2
 
 import tactopose_drake as tp
-from tactopose_drake.core.evidence.synthetic_touch import touch_surface
 from tactopose_drake.core.poses import make_poses, random_rotations, retract
-from tactopose_drake.core.posterior.cramer_rao import cramer_rao_bound
+from tactopose_drake.core.posterior import cramer_rao_bound
+from tactopose_drake.core.synthetic import touch_surface
 from tactopose_drake.resources import model_path
 
 OBJECTS = (

@@ -20,15 +20,18 @@ import numpy as np
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, EventStatus
 
-from tactopose_drake.can_devices import CanDevices, live_buses
-from tactopose_drake.core.shape.objects import ObjectModel
-from tactopose_drake.drivers.netcanoem import NetCanOemForceTorque
-from tactopose_drake.hardware_station import HardwareStation, make_hardware_station
-from tactopose_drake.running.device_run import warm_up
-from tactopose_drake.running.rehearsal import rehearse
-from tactopose_drake.running.simulated_devices import Loads, SimulatedRig, simulated_loads
-from tactopose_drake.scenario import Scenario, load_scenario
-from tactopose_drake.senses import CanBus
+from tactopose_drake.core.shape import ObjectModel
+from tactopose_drake.drivers import NetCanOemForceTorque
+from tactopose_drake.runs import Loads, SimulatedRig, rehearse, simulated_loads, warm_up
+from tactopose_drake.station import (
+    CanBus,
+    CanDevices,
+    HardwareStation,
+    Scenario,
+    live_buses,
+    load_scenario,
+    make_hardware_station,
+)
 
 
 @dataclasses.dataclass(frozen=True)

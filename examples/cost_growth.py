@@ -25,13 +25,10 @@ from numpy.typing import NDArray
 from object_families import make_object
 
 import tactopose_drake as tp
-from tactopose_drake.core.evidence.evidence import Evidence
-from tactopose_drake.core.evidence.pose_problem import make_problem
-from tactopose_drake.core.evidence.synthetic_touch import touch_surface
+from tactopose_drake.core.evidence import Evidence
 from tactopose_drake.core.poses import retract
-from tactopose_drake.core.searches.base import PriorSpace
-from tactopose_drake.core.searches.monte_carlo import MonteCarlo, MonteCarloDesign
-from tactopose_drake.core.sensing.synthetic_patch import flat_pad, touch_with_pads
+from tactopose_drake.core.searches import MonteCarlo, MonteCarloDesign, PriorSpace, make_problem
+from tactopose_drake.core.synthetic import flat_pad, touch_surface, touch_with_pads
 from tactopose_drake.resources import model_path
 
 Array = NDArray[np.float64]

@@ -18,16 +18,20 @@ import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Diagram, DiagramBuilder, InputPortIndex, OutputPort, OutputPortIndex, System
 
-from tactopose_drake.arms.place_decision import AddPlaceTask
-from tactopose_drake.arms.place_planning import PlaceParams
-from tactopose_drake.arms.station import ArmParts, ArmSetup, ArmStation, make_arm_station
-from tactopose_drake.core.grasping.grasp_planner import GraspPlan
-from tactopose_drake.core.grasping.held_axis import HeldAxis
+from tactopose_drake.core.grasping import GraspPlan, HeldAxis
 from tactopose_drake.resources import resource_root
-from tactopose_drake.scenario import Scenario, load_scenario
-from tactopose_drake.station import make_station
-from tactopose_drake.systems.pose_tracking import PoseTrackingParams
-from tactopose_drake.systems.simulated_vision import SimulatedVision, SimulatedVisionParams
+from tactopose_drake.station import (
+    AddPlaceTask,
+    ArmParts,
+    ArmSetup,
+    ArmStation,
+    PlaceParams,
+    Scenario,
+    load_scenario,
+    make_arm_station,
+    make_station,
+)
+from tactopose_drake.systems import PoseTrackingParams, SimulatedVision, SimulatedVisionParams
 
 LEFT_OUT = ("RandomSource", "SceneGraph")
 STYLE = """rankdir=LR; ranksep=0.6; nodesep=0.12; bgcolor=white;

@@ -12,10 +12,9 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from tactopose_drake.core.shape.objects import ObjectModel
-from tactopose_drake.demo import DemoResult, GraspFailedError, run_demo
-from tactopose_drake.reports import direction_names
-from tactopose_drake.scenario import load_scenario
+from tactopose_drake.cli import DemoResult, GraspFailedError, direction_names, run_demo
+from tactopose_drake.core.shape import ObjectModel
+from tactopose_drake.station import load_scenario
 
 OBJECTS = ("bust", "mug", "spray_bottle", "tea_box", "wine_glass")
 

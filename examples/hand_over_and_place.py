@@ -34,8 +34,8 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from tactopose_drake.arms.station import ArmStation
-from tactopose_drake.core.grasping.grasp_planner import GraspPlan
+from tactopose_drake.core.grasping import GraspPlan
+from tactopose_drake.station import ArmStation
 from tactopose_drake.visualization import save_html, set_stage
 
 

@@ -9,11 +9,9 @@ from pencil_hand_over import LENGTH, hand_over
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context
 
-from tactopose_drake.arms.place_planning import PlaceParams
-from tactopose_drake.arms.station import ArmStation
-from tactopose_drake.core.grasping.grasp_planner import GraspPlan
-from tactopose_drake.station_grasp import planned_pose
-from tactopose_drake.systems.random_sources import seed_random_sources
+from tactopose_drake.core.grasping import GraspPlan
+from tactopose_drake.station import ArmStation, PlaceParams, planned_pose
+from tactopose_drake.systems import seed_random_sources
 
 DOWN_P = np.array(PlaceParams().down_P)
 HOLE_RADIUS, RIM = 0.015, 0.1  # m; the rim's height above the table

@@ -35,9 +35,9 @@ from rich.progress import Progress, track
 from rich.table import Table
 
 import tactopose_drake as tp
-from tactopose_drake.core.evidence.synthetic_touch import touch_surface
 from tactopose_drake.core.poses import make_poses, random_rotations
-from tactopose_drake.object_library import forget_models
+from tactopose_drake.core.synthetic import touch_surface
+from tactopose_drake.estimation import forget_models
 from tactopose_drake.resources import model_path
 
 GENERATED = 7

@@ -16,8 +16,8 @@ import numpy as np
 from dask.distributed import Client, LocalCluster
 
 import tactopose_drake as tp
-from tactopose_drake.core.evidence.synthetic_touch import touch_surface
 from tactopose_drake.core.poses import make_poses, random_rotations
+from tactopose_drake.core.synthetic import touch_surface
 from tactopose_drake.resources import model_path
 
 

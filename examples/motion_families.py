@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import tactopose_drake as tp
-from tactopose_drake.core.tracking.rolling_touch import RollingTouch
+from tactopose_drake.core.synthetic import RollingTouch
 from tactopose_drake.resources import model_path
 
 Array = NDArray[np.float64]

@@ -15,12 +15,10 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 import tactopose_drake as tp
-from tactopose_drake.core.evidence.evidence import Evidence
+from tactopose_drake.core.evidence import Evidence
 from tactopose_drake.core.poses import make_poses, random_rotations, retract
-from tactopose_drake.core.tracking.frame import Frame
-from tactopose_drake.core.tracking.pose_belief import PoseBelief
-from tactopose_drake.core.tracking.pose_tracker import PoseTracker
-from tactopose_drake.core.tracking.rolling_touch import RollingTouch
+from tactopose_drake.core.synthetic import RollingTouch
+from tactopose_drake.core.tracking import Frame, PoseBelief, PoseTracker
 
 Array = NDArray[np.float64]
 UNIQUE = 0.99

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 import tactopose_drake as tp
 from tactopose_drake.core.poses import compose, exp_so3, increments_between, make_poses, right_jacobian
-from tactopose_drake.core.shape.free_spin import turn_toward
+from tactopose_drake.core.shape import turn_toward
 
 Array = NDArray[np.float64]
 

@@ -6,7 +6,7 @@ import pydrake.all as drake
 import tactopose_drake as tp
 from tactopose_drake.hand import add_hand, load_hand_config
 from tactopose_drake.resources import model_path
-from tactopose_drake.systems.pose_estimation import AddPoseEstimation
+from tactopose_drake.systems import AddPoseEstimation
 
 
 class Sensor(drake.LeafSystem):  # Your force-torque sensor; an ideal one here, that gives the reaction at a weld.

@@ -15,17 +15,20 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 import tactopose_drake as tp
-from tactopose_drake.arms.place_decision import AddPlaceTask
-from tactopose_drake.arms.place_planning import PlaceParams
-from tactopose_drake.arms.station import ArmParts, ArmSetup, ArmStation, SceneModel, make_arm_station
-from tactopose_drake.core.grasping.finger_reach import ReachParams
-from tactopose_drake.core.grasping.grasp_planner import GraspPlan, PlannerParams, plan_grasps
-from tactopose_drake.core.grasping.held_axis import HeldAxis
+from tactopose_drake.core.grasping import GraspPlan, HeldAxis, PlannerParams, ReachParams, plan_grasps
 from tactopose_drake.core.poses import exp_so3
-from tactopose_drake.grasping.hand_reach import make_hand_reach
-from tactopose_drake.hand import load_hand_config
+from tactopose_drake.hand import load_hand_config, make_hand_reach
 from tactopose_drake.resources import model_path
-from tactopose_drake.scenario import Scenario
+from tactopose_drake.station import (
+    AddPlaceTask,
+    ArmParts,
+    ArmSetup,
+    ArmStation,
+    PlaceParams,
+    Scenario,
+    SceneModel,
+    make_arm_station,
+)
 
 LENGTH, MASS = 0.175, 0.0055  # of the pencil, m, kg
 TURN, SHIFT, SLIDE = math.radians(10.0), 0.005, 0.020  # of the hand-over, either way

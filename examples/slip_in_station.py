@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from pydrake.multibody.tree import SpatialInertia
 
 from tactopose_drake.core.poses import increments_between
-from tactopose_drake.grasping.grasp_simulation import GraspResult, simulate_grasp
-from tactopose_drake.scenario import Scenario
-from tactopose_drake.systems.pose_tracking import PoseTrackingParams
+from tactopose_drake.runs import GraspResult, simulate_grasp
+from tactopose_drake.station import Scenario
+from tactopose_drake.systems import PoseTrackingParams
 
 PERIOD = 0.01
 HEAVIER = 15.0  # times its weight, each second

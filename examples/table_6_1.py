@@ -28,9 +28,9 @@ from numpy.typing import NDArray
 from rich.progress import track
 
 import tactopose_drake as tp
-from tactopose_drake.core.evidence.synthetic_touch import touch_surface
 from tactopose_drake.core.poses import compose, increments_between, make_poses, random_rotations, retract
-from tactopose_drake.core.shape.free_spin import turn_toward
+from tactopose_drake.core.shape import turn_toward
+from tactopose_drake.core.synthetic import touch_surface
 from tactopose_drake.resources import model_path
 
 Array = NDArray[np.float64]

@@ -7,8 +7,8 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
-from tactopose_drake.core.shape.objects import ObjectModel
-from tactopose_drake.hand import HandConfig, add_hand
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.hand.hand_config import HandConfig, add_hand
 
 
 def brute_force(

@@ -1,7 +1,7 @@
 import hypothesis
 import pytest
 
-from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.shape.object_model import ObjectModel
 from tests.core.meshes import smooth_shape
 
 # The first call of a compiled kernel takes long; timing is the benchmarks' business.

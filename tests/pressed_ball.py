@@ -8,9 +8,9 @@ from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, Diagram
 
 from tactopose_drake.core.evidence.prior import PosePrior
-from tactopose_drake.core.shape.objects import ObjectModel
-from tactopose_drake.hand import load_hand_config, make_hand_plant
-from tactopose_drake.tactile.pads import load_tactile_pad
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.hand.hand_config import load_hand_config, make_hand_plant
+from tactopose_drake.hand.tactile_pads import load_tactile_pad
 
 RADIUS = 0.04
 SILENT = "; ".join(f"finger_{i}: no contact" for i in (1, 2, 3))  # what the statuses say of the other pads

@@ -14,9 +14,9 @@ CHECKOUT = Path(__file__).parents[1]
 USE = """
 from pathlib import Path
 import tactopose_drake
-from tactopose_drake.hand import load_hand_config, make_hand_plant
+from tactopose_drake.hand.hand_config import load_hand_config, make_hand_plant
 from tactopose_drake.resources import model_path
-from tactopose_drake.scenario import load_scenario
+from tactopose_drake.station.scenario import load_scenario
 from tactopose_drake.systems.force_torque_sensor import load_force_torque_model
 
 plant, hand = make_hand_plant(load_hand_config("shadow_like"))

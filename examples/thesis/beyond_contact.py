@@ -31,7 +31,7 @@ from rich.table import Table
 import tactopose_drake as tp
 from tactopose_drake.core.poses import exp_so3
 from tactopose_drake.hand import load_hand_config, make_hand_plant
-from tactopose_drake.scenario import Scenario
+from tactopose_drake.station import Scenario
 
 NOISE = Noise(0.0009, math.radians(5.0))
 SIGMA_FORCE = 0.05  # N

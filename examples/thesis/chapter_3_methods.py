@@ -18,13 +18,17 @@ from cube_and_cylinder import Shape, Trial
 from numpy.typing import NDArray
 
 import tactopose_drake as tp
-from tactopose_drake.core.evidence.evidence import Evidence
-from tactopose_drake.core.evidence.pose_problem import make_problem
-from tactopose_drake.core.objectives.point_cloud_contact import PointCloudContact
-from tactopose_drake.core.searches.base import PriorSpace, Search
-from tactopose_drake.core.searches.gradient_descent import GradientDescent
-from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt, pseudo_inverse_steps
-from tactopose_drake.core.searches.parameters import QuaternionParameters
+from tactopose_drake.core.evidence import Evidence
+from tactopose_drake.core.objectives import PointCloudContact
+from tactopose_drake.core.searches import (
+    GradientDescent,
+    LevenbergMarquardt,
+    PriorSpace,
+    QuaternionParameters,
+    Search,
+    make_problem,
+    pseudo_inverse_steps,
+)
 from tactopose_drake.estimation import METHODS
 
 Array = NDArray[np.float64]

@@ -30,13 +30,20 @@ from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, Even
 from pydrake.trajectories import PiecewisePolynomial
 
 import tactopose_drake as tp
-from tactopose_drake.arms.motion import AxisGoal, reach_axis, smooth_motion
-from tactopose_drake.arms.station import ArmParts, ArmSetup, ArmStation, SceneModel, make_arm_station
 from tactopose_drake.core.poses import compose, rotation_angles
-from tactopose_drake.grasping.grasp_planning import plan_scenario
-from tactopose_drake.scenario import Scenario
-from tactopose_drake.systems.depth_tracker import DepthTracker, DepthTrackerParams
-from tactopose_drake.systems.pose_tracking import PoseTrackingParams
+from tactopose_drake.station import (
+    ArmParts,
+    ArmSetup,
+    ArmStation,
+    AxisGoal,
+    Scenario,
+    SceneModel,
+    make_arm_station,
+    plan_scenario,
+    reach_axis,
+    smooth_motion,
+)
+from tactopose_drake.systems import DepthTracker, DepthTrackerParams, PoseTrackingParams
 
 Array = NDArray[np.float64]
 

@@ -29,12 +29,10 @@ from rich.table import Table
 from scipy.spatial import cKDTree
 
 import tactopose_drake as tp
-from tactopose_drake.core.objectives.base import Objective
-from tactopose_drake.core.objectives.cell_distance import CellDistance
-from tactopose_drake.core.objectives.covariance_matching import CovarianceMatching
+from tactopose_drake.core.objectives import CellDistance, CovarianceMatching, Objective
 from tactopose_drake.core.poses import inverse, make_poses, retract, transform_points
-from tactopose_drake.core.sensing.synthetic_patch import flat_pad
-from tactopose_drake.core.shape.point_grid import build_point_grid
+from tactopose_drake.core.shape import build_point_grid
+from tactopose_drake.core.synthetic import flat_pad
 
 Array = NDArray[np.float64]
 

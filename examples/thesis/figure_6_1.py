@@ -35,8 +35,7 @@ from rich.table import Table
 
 import tactopose_drake as tp
 from tactopose_drake.core.poses import exp_so3
-from tactopose_drake.display.picture import save_picture
-from tactopose_drake.display.scene import Scene
+from tactopose_drake.visualization import Scene, save_picture
 
 OBJECTS = ("bust", "mug", "tea_box", "wine_glass")
 SHOWN = "mug"

@@ -25,11 +25,9 @@ from rich.console import Console
 from rich.table import Table
 
 import tactopose_drake as tp
-from tactopose_drake.demo import DemoResult, run_demo
-from tactopose_drake.display.picture import save_picture
-from tactopose_drake.display.wrench_spaces import draw_wrench_space
-from tactopose_drake.scenario import load_scenario
-from tactopose_drake.visualization import draw_scene, save_html, set_stage, upright
+from tactopose_drake.cli import DemoResult, run_demo
+from tactopose_drake.station import load_scenario
+from tactopose_drake.visualization import draw_scene, draw_wrench_space, save_html, save_picture, set_stage, upright
 
 FRICTION = 0.6
 SCALE = 0.06  # length of 1 N in the scene, m

@@ -23,15 +23,21 @@ from pydrake.geometry import Meshcat
 from rich.console import Console
 
 import tactopose_drake as tp
-from tactopose_drake.core.grasping.improvement_map import ImprovementMap, improvement_map, reachable_points
-from tactopose_drake.demo import DemoResult, run_demo
-from tactopose_drake.display.picture import save_picture
-from tactopose_drake.display.wrench_spaces import draw_improvement, level_colours, vertex_levels
+from tactopose_drake.cli import DemoResult, run_demo
+from tactopose_drake.core.grasping import ImprovementMap, improvement_map, reachable_points
 from tactopose_drake.errors import UnknownNameError
-from tactopose_drake.grasping.hand_reach import make_hand_reach
-from tactopose_drake.hand import load_hand_config
-from tactopose_drake.scenario import load_scenario
-from tactopose_drake.visualization import aim_camera, draw_scene, save_html, upright
+from tactopose_drake.hand import load_hand_config, make_hand_reach
+from tactopose_drake.station import load_scenario
+from tactopose_drake.visualization import (
+    aim_camera,
+    draw_improvement,
+    draw_scene,
+    level_colours,
+    save_html,
+    save_picture,
+    upright,
+    vertex_levels,
+)
 
 FRICTION = 0.6
 

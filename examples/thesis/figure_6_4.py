@@ -41,12 +41,18 @@ from touch_study import (
 )
 
 import tactopose_drake as tp
-from tactopose_drake.core.exploration.next_touch import choose_touch
-from tactopose_drake.core.posterior.pose_modes import PoseModes
-from tactopose_drake.display.body_meshes import sphere_triangles
-from tactopose_drake.display.picture import save_picture
-from tactopose_drake.display.scene import Scene
-from tactopose_drake.visualization import add_object, add_touch, move_touch, save_html, set_stage
+from tactopose_drake.core.exploration import choose_touch
+from tactopose_drake.core.posterior import PoseModes
+from tactopose_drake.visualization import (
+    Scene,
+    add_object,
+    add_touch,
+    move_touch,
+    save_html,
+    save_picture,
+    set_stage,
+    sphere_triangles,
+)
 
 BLUE, GREEN, PINK = Rgba(0.2, 0.35, 0.9, 0.45), Rgba(0.15, 0.7, 0.3, 0.45), Rgba(0.95, 0.45, 0.7, 0.9)
 ORANGE = Rgba(0.95, 0.6, 0.1, 1.0)

@@ -24,8 +24,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 import tactopose_drake as tp
-from tactopose_drake.core.evidence.synthetic_touch import touch_surface
 from tactopose_drake.core.poses import retract
+from tactopose_drake.core.synthetic import touch_surface
 from tactopose_drake.resources import model_path
 
 METHODS = {

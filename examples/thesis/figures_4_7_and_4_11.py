@@ -23,9 +23,7 @@ from pydrake.math import RigidTransform
 
 import tactopose_drake as tp
 from tactopose_drake.core.poses import make_poses, random_rotations
-from tactopose_drake.display.body_meshes import sphere_triangles
-from tactopose_drake.display.picture import save_picture
-from tactopose_drake.display.scene import Scene
+from tactopose_drake.visualization import Scene, save_picture, sphere_triangles
 
 FIGURES = {"4.7": CORRECTION, "4.11": GLOBAL}
 FAR = 0.2  # from the palm to the initial pose that has nothing to do with the true one, m

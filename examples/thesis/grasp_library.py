@@ -30,11 +30,9 @@ from rich.console import Console
 from rich.progress import track
 
 import tactopose_drake as tp
-from tactopose_drake.core.shape.model_cache import cache_folder
-from tactopose_drake.grasping.grasp_planning import plan_scenario
-from tactopose_drake.grasping.grasp_simulation import GraspResult, run_grasp
-from tactopose_drake.scenario import Scenario, load_scenario
-from tactopose_drake.station import make_station
+from tactopose_drake.core.shape import cache_folder
+from tactopose_drake.runs import GraspResult, run_grasp
+from tactopose_drake.station import Scenario, load_scenario, make_station, plan_scenario
 
 Array = NDArray[np.float64]
 

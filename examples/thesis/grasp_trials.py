@@ -27,7 +27,7 @@ from grasp_library import FINGERS, Array, SimulatedGrasp
 
 import tactopose_drake as tp
 from tactopose_drake.core.poses import exp_so3, increments_between, retract
-from tactopose_drake.core.shape.free_spin import turn_toward
+from tactopose_drake.core.shape import turn_toward
 
 ALWAYS_TOUCHING = {"bust": ("thumb",), "wine_glass": ("thumb", "little")}
 # The mean length of a vector of three normal numbers of variance 1.

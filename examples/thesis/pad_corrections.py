@@ -24,13 +24,10 @@ from rich.progress import track
 from scipy.stats import spearmanr
 
 import tactopose_drake as tp
-from tactopose_drake.core.objectives.base import SumObjective
-from tactopose_drake.core.objectives.pose_prior import PriorObjective
+from tactopose_drake.core.objectives import PriorObjective, SumObjective
 from tactopose_drake.core.poses import increments_between, retract
-from tactopose_drake.core.searches.base import PriorSpace
-from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
-from tactopose_drake.core.searches.patch_search import patch_search
-from tactopose_drake.programs.direct import Direct
+from tactopose_drake.core.searches import LevenbergMarquardt, PriorSpace, patch_search
+from tactopose_drake.estimation import Direct
 
 METHODS = (PCA, DISTANCE, OURS)
 # Our objective by other searches: only descended from where a trial starts, and ours descended without its prior.

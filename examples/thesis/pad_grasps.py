@@ -23,18 +23,14 @@ from pydrake.common.schema import Rotation, Transform
 from pydrake.common.yaml import yaml_dump_typed
 
 import tactopose_drake as tp
-from tactopose_drake.core.objectives.base import LeastSquaresObjective
-from tactopose_drake.core.objectives.cell_distance import CellDistance
-from tactopose_drake.core.objectives.covariance_matching import CovarianceMatching
-from tactopose_drake.core.objectives.patch_contact import PatchContact
+from tactopose_drake.core.objectives import CellDistance, CovarianceMatching, LeastSquaresObjective, PatchContact
 from tactopose_drake.core.poses import retract
-from tactopose_drake.core.sensing.patches import Patch, describe_patch
-from tactopose_drake.core.shape.model_cache import cache_folder
-from tactopose_drake.core.shape.point_grid import build_point_grid
+from tactopose_drake.core.sensing import Patch, describe_patch
+from tactopose_drake.core.shape import build_point_grid, cache_folder
 from tactopose_drake.errors import TactoposeError
-from tactopose_drake.grasping.grasp_simulation import simulate_grasp
 from tactopose_drake.resources import model_path
-from tactopose_drake.scenario import Grip, Scenario, load_scenario
+from tactopose_drake.runs import simulate_grasp
+from tactopose_drake.station import Grip, Scenario, load_scenario
 
 Array = NDArray[np.float64]
 

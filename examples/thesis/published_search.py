@@ -20,10 +20,8 @@ from grasp_library import Array
 from grasp_trials import Trial
 
 import tactopose_drake as tp
-from tactopose_drake.core.objectives.nearest_point_contact import NearestPointContact
-from tactopose_drake.core.searches.base import PoseSpace, PriorSpace
-from tactopose_drake.core.searches.monte_carlo import MonteCarlo, MonteCarloDesign
-from tactopose_drake.core.searches.touch_space import TouchSpace
+from tactopose_drake.core.objectives import NearestPointContact
+from tactopose_drake.core.searches import MonteCarlo, MonteCarloDesign, PoseSpace, PriorSpace, TouchSpace
 
 NORMAL_WEIGHT = 0.05  # w_n, m
 # Points that a contact is compared with: within about 3 mm, so that both sides of the glass' wall are among them.

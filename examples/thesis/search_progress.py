@@ -22,8 +22,8 @@ from matplotlib.figure import Figure
 from published_search import published_problem
 
 import tactopose_drake as tp
-from tactopose_drake.core.evidence.synthetic_touch import touch_surface
 from tactopose_drake.core.poses import retract
+from tactopose_drake.core.synthetic import touch_surface
 from tactopose_drake.resources import model_path
 
 CONTACTS = 5

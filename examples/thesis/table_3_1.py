@@ -31,7 +31,7 @@ from rich.progress import track
 from rich.table import Table
 
 from tactopose_drake.core.poses import identity_poses
-from tactopose_drake.core.posterior.metrics import touch_errors, truth_errors
+from tactopose_drake.core.posterior import touch_errors, truth_errors
 
 Array = NDArray[np.float64]
 

@@ -30,7 +30,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from tactopose_drake.tactile.calibration import (
+from tactopose_drake.hand import (
     DEPTH_SHARES,
     OFFSETS,
     TILTS_DEG,

@@ -28,11 +28,8 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from tactopose_drake.core.searches.base import Search
-from tactopose_drake.core.searches.monte_carlo import MonteCarlo
-from tactopose_drake.core.searches.patch_search import corner_search
-from tactopose_drake.core.searches.simulated_annealing import SimulatedAnnealing
-from tactopose_drake.programs.direct import Direct
+from tactopose_drake.core.searches import MonteCarlo, Search, SimulatedAnnealing, corner_search
+from tactopose_drake.estimation import Direct
 
 POSES = MonteCarlo(scale=1.0).correction.particles  # that a search of the thesis looks at
 REFINED = 10  # of DIRECT's and annealing's

@@ -22,15 +22,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 import tactopose_drake as tp
-from tactopose_drake.core.exploration.guarded_moves import GuardedMoves
-from tactopose_drake.core.exploration.next_touch import choose_touch, is_allowed
-from tactopose_drake.core.grasping.finger_reach import ReachParams
-from tactopose_drake.core.grasping.grasp_planner import GraspPlan, HandReach, PlannerParams, plan_grasps
+from tactopose_drake.core.exploration import GuardedMoves, choose_touch, is_allowed
+from tactopose_drake.core.grasping import GraspPlan, HandReach, PlannerParams, ReachParams, plan_grasps
 from tactopose_drake.core.poses import compose, exp_so3, increments_between, retract
-from tactopose_drake.core.posterior.pose_modes import PoseModes
-from tactopose_drake.core.shape.free_spin import turn_toward
-from tactopose_drake.grasping.hand_reach import make_hand_reach, rest_positions
-from tactopose_drake.hand import load_hand_config
+from tactopose_drake.core.posterior import PoseModes
+from tactopose_drake.core.shape import turn_toward
+from tactopose_drake.hand import load_hand_config, make_hand_reach, rest_positions
 from tactopose_drake.resources import model_path
 
 Array = NDArray[np.float64]

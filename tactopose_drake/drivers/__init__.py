@@ -1,1 +1,5 @@
 """Sensors on CAN buses, with python-can: drivers, simulated devices with the same protocols, recording, replay."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -12,7 +12,7 @@ from pydrake.systems.framework import Context, LeafSystem
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
-from tactopose_drake.core.evidence.hand_spheres import HandSpheres
+from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.evidence.prior import PosePrior
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.tracking.frame import Frame
@@ -86,9 +86,9 @@ class BeliefInputs:
         if before.points_time > now or (before.prior is not None and before.prior.time > now):
             before = Remembered()
         contacts, patches, sources = self._read_touch(context)
-        untouched = eval_optional_input(self._untouched, context, HandSpheres)
+        untouched = eval_optional_input(self._untouched, context, HandGeometry)
         evidence = Evidence(
-            contacts, hand=eval_optional_input(self._hand, context, HandSpheres), untouched=untouched, patches=patches
+            contacts, hand=eval_optional_input(self._hand, context, HandGeometry), untouched=untouched, patches=patches
         )
         remarks, points = [], evidence.touch.p_PC
         if np.array_equal(points, before.points):

@@ -15,7 +15,7 @@ from pydrake.systems.framework import Context, LeafSystem, ValueProducer
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.sensing.intrinsic_contact import ContactSolution
 from tactopose_drake.core.validation import positive_number
-from tactopose_drake.joint_paths import JointPaths
+from tactopose_drake.hand.joint_paths import JointPaths
 from tactopose_drake.systems.ports import eval_input
 
 

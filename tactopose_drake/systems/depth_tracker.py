@@ -13,13 +13,13 @@ from pydrake.multibody.tree import Frame, ModelInstanceIndex, RigidBody
 from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSystem, State
 
 from tactopose_drake.core.poses import compose, inverse, random_rotations, retract, transform_points
-from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.pose_measurement import PoseMeasurement
 from tactopose_drake.core.validation import FloatArray, positive_number
 from tactopose_drake.core.vision.depth_tracking import DepthTrackerModel, fit_pose, take_picture
-from tactopose_drake.display.body_meshes import BodyMeshes
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.systems.ports import eval_input
+from tactopose_drake.visualization.body_meshes import BodyMeshes
 
 # How far a wrong answer is from the truth, along each axis, m: one standard deviation.
 _WRONG = 0.3

@@ -4,7 +4,7 @@ import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSystem, State, ValueProducer
 
-from tactopose_drake.fingertip_weights import FingertipWeights
+from tactopose_drake.hand.fingertip_weights import FingertipWeights
 
 
 class FingertipWeight(LeafSystem):

@@ -15,9 +15,8 @@ from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
 from tactopose_drake.core.sensing.force_torque import ForceTorqueModel, measure, shift_wrench, weight_wrench
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import UnknownNameError
-from tactopose_drake.resources import model_path
+from tactopose_drake.resources import load_typed_yaml, model_path
 from tactopose_drake.systems.ports import eval_input
-from tactopose_drake.typed_yaml import load_typed_yaml
 
 NO_SAMPLE = "no sample yet"
 

@@ -17,7 +17,7 @@ from tactopose_drake.core.grasping.grasp_law import (
 )
 from tactopose_drake.core.validation import FloatArray, positive_number
 from tactopose_drake.errors import UnknownNameError
-from tactopose_drake.hand import Hand
+from tactopose_drake.hand.hand_config import Hand
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)

@@ -9,9 +9,9 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context, LeafSystem, ValueProducer
 
 from tactopose_drake.core.validation import FloatArray
-from tactopose_drake.hand import Hand
-from tactopose_drake.hand_geometry import BodySpheres, HandGeometry
-from tactopose_drake.joint_paths import JointPaths
+from tactopose_drake.hand.geometry import BodySpheres, HandGeometry
+from tactopose_drake.hand.hand_config import Hand
+from tactopose_drake.hand.joint_paths import JointPaths
 from tactopose_drake.systems.ports import eval_optional_input
 
 

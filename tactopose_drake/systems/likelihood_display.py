@@ -8,12 +8,12 @@ from pydrake.geometry import Meshcat
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
-from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import positive_number
-from tactopose_drake.display.likelihoods import add_bars, set_bars
 from tactopose_drake.errors import InvalidInputError
-from tactopose_drake.identities import Identification
+from tactopose_drake.estimation.identities import Identification
 from tactopose_drake.systems.ports import eval_optional_input
+from tactopose_drake.visualization.likelihood_bars import add_bars, set_bars
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)

@@ -9,11 +9,11 @@ from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.sensing.patches import Patch
-from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import InvalidInputError
-from tactopose_drake.identification import Likelihood, check_likelihood, identify
-from tactopose_drake.object_library import ObjectLibrary
+from tactopose_drake.estimation.identification import Likelihood, check_likelihood, identify
+from tactopose_drake.estimation.object_library import ObjectLibrary
 from tactopose_drake.systems.ports import eval_input, eval_optional_input
 
 

@@ -12,9 +12,9 @@ from pydrake.systems.framework import Context, LeafSystem, ValueProducer
 from tactopose_drake.core.sensing.patches import Patch, describe_patch
 from tactopose_drake.core.validation import FloatArray, positive_number
 from tactopose_drake.errors import InvalidInputError
-from tactopose_drake.hand import Hand
-from tactopose_drake.joint_paths import JointPaths
-from tactopose_drake.tactile.pads import TactilePad, load_tactile_pad
+from tactopose_drake.hand.hand_config import Hand
+from tactopose_drake.hand.joint_paths import JointPaths
+from tactopose_drake.hand.tactile_pads import TactilePad, load_tactile_pad
 
 NO_READING = "no reading"
 

@@ -8,11 +8,11 @@ from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
 from tactopose_drake.core.validation import positive_number
-from tactopose_drake.display.patches import add_patches, move_patches
 from tactopose_drake.errors import InvalidInputError
-from tactopose_drake.hand import Hand
+from tactopose_drake.hand.hand_config import Hand
+from tactopose_drake.hand.tactile_pads import load_tactile_pad
 from tactopose_drake.systems.ports import eval_input, eval_optional_input
-from tactopose_drake.tactile.pads import load_tactile_pad
+from tactopose_drake.visualization.patch_marks import add_patches, move_patches
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)

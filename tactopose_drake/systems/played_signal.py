@@ -4,7 +4,7 @@ import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from tactopose_drake.recordings.signals import Signal
+from tactopose_drake.systems.signals import Signal
 
 
 class PlayedVector(LeafSystem):

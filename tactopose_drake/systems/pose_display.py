@@ -10,11 +10,11 @@ from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.prior import PosePrior
-from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.systems.ports import eval_input, eval_optional_input
-from tactopose_drake.visualization import add_object, add_touch, move_touch
+from tactopose_drake.visualization.meshcat import add_object, add_touch, move_touch
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)

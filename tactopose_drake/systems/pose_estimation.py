@@ -4,9 +4,9 @@ import dataclasses
 
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from tactopose_drake.collision import HandCollision
-from tactopose_drake.core.shape.objects import ObjectModel
-from tactopose_drake.hand import HandConfig
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.hand.collision import HandCollision
+from tactopose_drake.hand.hand_config import HandConfig
 from tactopose_drake.systems.contact_solver import ContactSolverParams
 from tactopose_drake.systems.contacts_in_palm import ContactsInPalmParams
 from tactopose_drake.systems.patch_descriptor import PatchDescriptorParams

@@ -7,16 +7,16 @@ from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, EventStatus, LeafSystem, State, ValueProducer
 
-from tactopose_drake.collision import HandCollision, keep_clear
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.evidence.hand_spheres import HandSpheres
+from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.evidence.prior import PosePrior
 from tactopose_drake.core.sensing.patches import Patch
-from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import InvalidInputError
-from tactopose_drake.estimates import PoseEstimate
-from tactopose_drake.estimation import estimate_pose
+from tactopose_drake.estimation.estimate import estimate_pose
+from tactopose_drake.estimation.results import PoseEstimate
+from tactopose_drake.hand.collision import HandCollision, keep_clear
 from tactopose_drake.systems.ports import eval_input, eval_optional_input
 
 
@@ -72,8 +72,8 @@ class PoseEstimator(LeafSystem):
       status. May stay unconnected.
     - patches: tuple of `Patch` in P, those that feel nothing too; may stay unconnected.
     - prior: `PosePrior` X_PO, or None while there is none yet. May stay unconnected where the method needs no prior.
-    - hand: `HandSpheres` in P, where the object is not, or None; may stay unconnected.
-    - untouched: `HandSpheres` in P, the parts of the hand that feel no contact, or None; may stay unconnected.
+    - hand: `HandGeometry` in P, where the object is not, or None; may stay unconnected.
+    - untouched: `HandGeometry` in P, the parts of the hand that feel no contact, or None; may stay unconnected.
     - joint_positions: of the hand, shape (nq,), rad; there is such a port only where collisions are checked.
     - object_pose: `RigidTransform` X_PO, the most probable hypothesis; held between updates, and while the touch gives
       no better one. Before the first estimate the prior's, before the first prior the identity.
@@ -170,8 +170,8 @@ class PoseEstimator(LeafSystem):
             contacts,
             patches=patches,
             prior=prior,
-            hand=eval_optional_input(self._hand, context, HandSpheres),
-            untouched=eval_optional_input(self._untouched, context, HandSpheres),
+            hand=eval_optional_input(self._hand, context, HandGeometry),
+            untouched=eval_optional_input(self._untouched, context, HandGeometry),
             method=self._params.method,
             seed=self._params.seed,
             max_hypotheses=self._params.max_hypotheses,

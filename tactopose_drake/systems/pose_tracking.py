@@ -4,15 +4,15 @@ import dataclasses
 
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from tactopose_drake.core.shape.objects import ObjectModel
-from tactopose_drake.hand import HandConfig
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.hand.hand_config import HandConfig
 from tactopose_drake.systems.belief_inputs import pad_source
 from tactopose_drake.systems.contact_solver import ContactSolverParams
 from tactopose_drake.systems.contacts_in_palm import ContactsInPalmParams
 from tactopose_drake.systems.fingertip_velocities import FingertipVelocities
-from tactopose_drake.systems.live_pose_belief import LivePoseBeliefEstimator
+from tactopose_drake.systems.live_pose_belief_estimator import LivePoseBeliefEstimator
 from tactopose_drake.systems.patch_descriptor import PatchDescriptorParams
-from tactopose_drake.systems.pose_belief import PoseBeliefEstimator, PoseBeliefParams
+from tactopose_drake.systems.pose_belief_estimator import PoseBeliefEstimator, PoseBeliefParams
 from tactopose_drake.systems.touch import add_touch
 
 

@@ -11,11 +11,11 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, RigidBody
 from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
 
-from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.core.vision.occlusion import hidden_share
-from tactopose_drake.core.vision.vision import VisionModel, look
-from tactopose_drake.hand_geometry import BodySpheres
+from tactopose_drake.core.vision.vision_model import VisionModel, look
+from tactopose_drake.hand.geometry import BodySpheres
 from tactopose_drake.systems.ports import eval_input
 
 # Surface points that the camera looks for; the share's standard error is then below 3 %.

@@ -5,8 +5,8 @@ from typing import Protocol
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
-from tactopose_drake.hand import Hand, HandConfig, make_hand_plant
-from tactopose_drake.hand_geometry import BodySpheres
+from tactopose_drake.hand.geometry import BodySpheres
+from tactopose_drake.hand.hand_config import Hand, HandConfig, make_hand_plant
 from tactopose_drake.systems.contact_solver import ContactSolver, ContactSolverParams
 from tactopose_drake.systems.contacts_in_palm import ContactsInPalm, ContactsInPalmParams
 from tactopose_drake.systems.hand_volume import HandVolume

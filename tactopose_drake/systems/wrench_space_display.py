@@ -7,10 +7,10 @@ from pydrake.geometry import Meshcat
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
-from tactopose_drake.core.grasping.grasp_quality import GraspQuality
+from tactopose_drake.core.grasping.quality import GraspQuality
 from tactopose_drake.core.validation import finite_array, positive_number
-from tactopose_drake.display.wrench_spaces import draw_wrench_space
 from tactopose_drake.systems.ports import eval_optional_input
+from tactopose_drake.visualization.wrench_spaces import draw_wrench_space
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)

@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 import tactopose_drake as tp
-from tactopose_drake.core.evidence.synthetic_touch import touch_surface
 from tactopose_drake.core.poses import make_poses, random_rotations
+from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
 from tactopose_drake.resources import model_path
 from tests.benchmarks.support import median_seconds
 

@@ -17,7 +17,7 @@ import trimesh
 from tactopose_drake.core.mesh.loading import RawMesh
 from tactopose_drake.core.mesh.repair import repair_mesh
 from tactopose_drake.core.shape import model_cache
-from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.shape.signed_distance import build_grid
 from tactopose_drake.core.shape.surface_samples import sample_surface
 from tactopose_drake.core.shape.symmetry_detection import detect_symmetries
@@ -112,7 +112,7 @@ def test_lookup(benchmark: Any, points: int) -> None:
 
 COLD = """
 import time
-from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.shape.object_model import ObjectModel
 begin = time.perf_counter()
 ObjectModel.from_mesh({path!r}, cache=False)
 print(time.perf_counter() - begin)

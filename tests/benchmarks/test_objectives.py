@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 
 import tactopose_drake as tp
-from tactopose_drake.core.evidence.synthetic_touch import touch_surface
 from tactopose_drake.core.objectives.nearest_point_contact import NearestPointContact
 from tactopose_drake.core.objectives.point_cloud_contact import PointCloudContact
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.objectives.surface_density import SurfaceDensity
 from tactopose_drake.core.poses import retract
+from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
 from tactopose_drake.resources import model_path
 
 POSES = 2000

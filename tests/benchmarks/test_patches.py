@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 import tactopose_drake as tp
-from tactopose_drake.core.objectives.base import LeastSquaresObjective
 from tactopose_drake.core.objectives.cell_distance import CellDistance
 from tactopose_drake.core.objectives.covariance_matching import CovarianceMatching
+from tactopose_drake.core.objectives.objective import LeastSquaresObjective
 from tactopose_drake.core.objectives.patch_contact import PatchContact
 from tactopose_drake.core.poses import make_poses, random_rotations, retract
-from tactopose_drake.core.sensing.synthetic_patch import touch_with_pads
 from tactopose_drake.core.shape.point_grid import build_point_grid
 from tactopose_drake.core.shape.surface_samples import sample_surface
+from tactopose_drake.core.synthetic.synthetic_patch import touch_with_pads
 from tactopose_drake.resources import model_path
 
 POSES = 2000

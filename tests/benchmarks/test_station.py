@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
-from tactopose_drake.grasping.grasp_simulation import simulate_grasp
-from tactopose_drake.scenario import Scenario
+from tactopose_drake.runs.grasp_simulation import simulate_grasp
+from tactopose_drake.station.scenario import Scenario
 from tactopose_drake.systems.pose_tracking import PoseTrackingParams
 from tests.benchmarks.support import load
 

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 import tactopose_drake as tp
-from tactopose_drake.core.evidence.synthetic_touch import touch_surface
 from tactopose_drake.core.poses import exp_so3, make_poses
+from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
 from tactopose_drake.resources import model_path
 from tests.benchmarks.support import load, median_seconds
 

@@ -16,9 +16,9 @@ import pytest
 import tactopose_drake as tp
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.poses import make_poses, random_rotations, retract
+from tactopose_drake.core.synthetic.rolling_touch import RollingTouch
 from tactopose_drake.core.tracking.frame import Frame
 from tactopose_drake.core.tracking.pose_tracker import PoseTracker
-from tactopose_drake.core.tracking.rolling_touch import RollingTouch
 from tests.benchmarks.support import load, median_seconds
 
 MOTIONS, STEPS = 4, 50

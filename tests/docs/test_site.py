@@ -12,9 +12,9 @@ from xml.etree import ElementTree
 import pytest
 import yaml
 
-from tactopose_drake.hand import HandConfig
-from tactopose_drake.scenario import Scenario
-from tactopose_drake.tactile.pads import TactilePadFile
+from tactopose_drake.hand.hand_config import HandConfig
+from tactopose_drake.hand.tactile_pads import TactilePadFile
+from tactopose_drake.station.scenario import Scenario
 
 ROOT = Path(__file__).parents[2]
 PAGES = {str(path.relative_to(ROOT)): path.read_text() for path in sorted((ROOT / "docs").rglob("*.md"))}

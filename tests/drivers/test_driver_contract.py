@@ -16,10 +16,10 @@ import numpy as np
 import pytest
 
 from tactopose_drake.drivers.barrett_hand import BarrettHand
+from tactopose_drake.drivers.can_recorder import CanRecorder
 from tactopose_drake.drivers.device_bus import DeviceBus
 from tactopose_drake.drivers.netcanoem import NetCanOemForceTorque
-from tactopose_drake.drivers.recording import CanRecorder
-from tactopose_drake.drivers.replay import open_log
+from tactopose_drake.drivers.replay_bus import open_log
 from tactopose_drake.drivers.simulation import faults
 from tactopose_drake.drivers.simulation.device_server import DeviceServer
 from tactopose_drake.errors import BusError, DeviceTimeoutError, EndOfLogError

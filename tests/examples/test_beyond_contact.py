@@ -8,8 +8,8 @@ import pytest
 from click.testing import CliRunner
 
 import tactopose_drake as tp
-from tactopose_drake.core.evidence.synthetic_touch import touch_surface
 from tactopose_drake.core.poses import retract, transform_points
+from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
 from tests.core.balanced_forces import balanced_forces
 
 FOLDER = Path(__file__).parents[2] / "examples" / "thesis"

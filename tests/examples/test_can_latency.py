@@ -5,12 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
-from tactopose_drake.can_devices import CanDevices, live_buses
-from tactopose_drake.core.shape.objects import ObjectModel
-from tactopose_drake.hardware_station import make_hardware_station
-from tactopose_drake.recordings.signals import Signal
+from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.resources import model_path
-from tactopose_drake.running.simulated_devices import SimulatedRig
+from tactopose_drake.runs.simulated_devices import SimulatedRig
+from tactopose_drake.station.can_devices import CanDevices, live_buses
+from tactopose_drake.station.hardware import make_hardware_station
+from tactopose_drake.systems.signals import Signal
 from tests import held_cube
 
 SCRIPT = Path(__file__).parents[2] / "examples" / "can_latency.py"

@@ -8,8 +8,8 @@ from click.testing import CliRunner
 from matplotlib.image import imread
 
 import tactopose_drake as tp
-from tactopose_drake.core.evidence.synthetic_touch import touch_surface
 from tactopose_drake.core.poses import make_poses, random_rotations
+from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
 from tactopose_drake.resources import model_path
 from tests.examples.scripts import load_script
 

@@ -12,7 +12,7 @@ import pytest
 from click.testing import CliRunner
 
 import tactopose_drake as tp
-from tactopose_drake.core.grasping.grasp_quality import grasp_quality
+from tactopose_drake.core.grasping.quality import grasp_quality
 from tactopose_drake.core.poses import exp_so3, make_poses
 from tactopose_drake.resources import model_path
 

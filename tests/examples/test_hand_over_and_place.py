@@ -9,7 +9,7 @@ import trimesh
 from pydrake.geometry import Meshcat, MeshcatParams
 
 from tactopose_drake.core.grasping.grasp_planner import GraspPlan
-from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.resources import model_path
 from tests.examples.scripts import share_script
 

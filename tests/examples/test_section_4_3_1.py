@@ -10,8 +10,8 @@ import pytest
 from click.testing import CliRunner
 
 import tactopose_drake as tp
-from tactopose_drake.core.evidence.synthetic_touch import touch_surface
 from tactopose_drake.core.poses import compose, exp_so3, retract
+from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
 from tests.examples.scripts import share_script
 
 X_PO = retract(np.eye(3, 4), np.array([0.3, -0.5, 1.0, 0.02, -0.05, 0.1]))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from tactopose_drake.tactile.calibration import AlphaFit, find_alpha
+from tactopose_drake.hand.pad_calibration import AlphaFit, find_alpha
 
 SCRIPT = Path(__file__).parents[2] / "examples" / "thesis" / "table_5_1.py"
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import tactopose_drake as tp
-from tactopose_drake.core.evidence.synthetic_touch import touch_surface
+from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
 from tactopose_drake.errors import InvalidInputError
 from tests.examples.scripts import EXAMPLES, share_script
 

@@ -8,9 +8,8 @@ from pydrake.math import RigidTransform
 
 import tactopose_drake as tp
 from tactopose_drake.errors import InvalidInputError
-from tactopose_drake.hand import HandConfig, load_hand_config, make_hand_plant
-from tactopose_drake.model_packages import ModelPackage
-from tactopose_drake.resources import model_path
+from tactopose_drake.hand.hand_config import HandConfig, load_hand_config, make_hand_plant
+from tactopose_drake.resources import ModelPackage, model_path
 from tactopose_drake.systems.pose_estimation import MakePoseEstimation
 
 RADIUS = 0.012

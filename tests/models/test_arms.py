@@ -11,10 +11,10 @@ from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant, Multibody
 from pydrake.multibody.tree import JacobianWrtVariable
 from pydrake.systems.framework import DiagramBuilder
 
-from tactopose_drake.arms.arm import add_arm, load_arm_config, make_arm_plant
 from tactopose_drake.errors import UnknownNameError
-from tactopose_drake.hand import make_parser
+from tactopose_drake.hand.hand_config import make_parser
 from tactopose_drake.resources import model_path
+from tactopose_drake.station.arms.arm import add_arm, load_arm_config, make_arm_plant
 
 
 def run(path: Path) -> dict[str, Any]:

@@ -22,11 +22,11 @@ from tactopose_drake.core.sensing.tactile_array import TactileModel
 from tactopose_drake.core.sensing.tactile_layout import TactileLayout
 from tactopose_drake.core.sensing.tactile_patterns import CellRow, RowPattern
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
-from tactopose_drake.hand import Hand, add_hand, load_hand_config, make_hand_plant
-from tactopose_drake.measured_joints import joint_matrix
+from tactopose_drake.hand.hand_config import Hand, add_hand, load_hand_config, make_hand_plant
+from tactopose_drake.hand.joint_matrices import joint_matrix
+from tactopose_drake.hand.tactile_pads import TactilePad, load_tactile_pad
 from tactopose_drake.resources import model_path
-from tactopose_drake.systems.tactile_array import TactileArray
-from tactopose_drake.tactile.pads import TactilePad, load_tactile_pad
+from tactopose_drake.systems.simulated_array import TactileArray
 
 FINGERS = ("finger_1", "finger_2", "finger_3")
 FOLDER = model_path("hands", "barrett_like")

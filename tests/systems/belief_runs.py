@@ -14,7 +14,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, LeafSystem
 
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.evidence.hand_spheres import HandSpheres
+from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.poses import increments_between
 from tactopose_drake.core.tracking.pose_belief import PoseBelief
 from tactopose_drake.core.tracking.pose_measurement import PoseMeasurement
@@ -25,7 +25,7 @@ X_PO = RigidTransform(RollPitchYaw(0.4, -0.2, 1.0), [0.02, -0.03, 0.1])
 COVARIANCE = np.diag(np.repeat([math.radians(10.0) ** 2, 0.02**2], 3))
 FINGERS = tuple("abcdef")
 METRES_OFF = RigidTransform([2.0, 0.0, 0.0]) @ X_PO
-ANYWHERE = HandSpheres(np.array([[1.0, 0.0, 0.0]]), np.array([0.01]))
+ANYWHERE = HandGeometry(np.array([[1.0, 0.0, 0.0]]), np.array([0.01]))
 
 Signal = Callable[[float], Any]
 

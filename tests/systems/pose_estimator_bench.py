@@ -6,8 +6,8 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context
 
-from tactopose_drake.collision import HandCollision
-from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.hand.collision import HandCollision
 from tactopose_drake.systems.pose_estimator import PoseEstimator, PoseEstimatorParams
 
 X_PO = RigidTransform(RollPitchYaw(0.4, -0.2, 1.0), [0.02, -0.03, 0.1])

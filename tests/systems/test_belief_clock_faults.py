@@ -2,8 +2,8 @@
 
 import pytest
 
-from tactopose_drake.core.shape.objects import ObjectModel
-from tactopose_drake.systems.pose_belief import PoseBeliefEstimator, PoseBeliefParams
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.systems.pose_belief_estimator import PoseBeliefEstimator, PoseBeliefParams
 from tests.core.tracking.boxes import make_box
 from tests.systems.belief_runs import PERIOD, Run, begun, still, touched
 

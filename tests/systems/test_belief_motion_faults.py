@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from pydrake.math import RigidTransform
 
-from tactopose_drake.core.shape.objects import ObjectModel
-from tactopose_drake.systems.pose_belief import PoseBeliefEstimator
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.systems.pose_belief_estimator import PoseBeliefEstimator
 from tests.core.tracking.boxes import make_box
 from tests.systems.belief_runs import ANYWHERE, FINGERS, Run, begun, still, touched
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from pydrake.math import RigidTransform
 
-from tactopose_drake.core.shape.objects import ObjectModel
-from tactopose_drake.hand import load_hand_config
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.resources import model_path
 from tactopose_drake.systems.pose_tracking import MakePoseTracking
 from tests import held_cube

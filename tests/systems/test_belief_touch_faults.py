@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from pydrake.math import RigidTransform, RollPitchYaw
 
-from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.pose_measurement import PoseMeasurement
-from tactopose_drake.systems.pose_belief import PoseBeliefEstimator
+from tactopose_drake.systems.pose_belief_estimator import PoseBeliefEstimator
 from tests.core.tracking.boxes import make_box, touch
 from tests.systems.belief_runs import FINGERS, X_PO, Run, begun, generator_at, seen, still, touched
 

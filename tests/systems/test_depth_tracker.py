@@ -15,7 +15,7 @@ from pydrake.systems.primitives import AddRandomInputs
 
 from tactopose_drake.core.evidence.prior import PosePrior
 from tactopose_drake.core.poses import increments_between
-from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.pose_measurement import PoseMeasurement
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.systems.depth_tracker import DepthTracker, DepthTrackerParams

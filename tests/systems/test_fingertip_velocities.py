@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from pydrake.math import RigidTransform
 
-from tactopose_drake.hand import load_hand_config, make_hand_plant
+from tactopose_drake.hand.hand_config import load_hand_config, make_hand_plant
 from tactopose_drake.systems.fingertip_velocities import FingertipVelocities
 
 

@@ -4,7 +4,7 @@ from pydrake.systems.analysis import Simulator
 
 from tactopose_drake.core.grasping.grasp_law import ClosingMotion
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
-from tactopose_drake.hand import load_hand_config, make_hand_plant
+from tactopose_drake.hand.hand_config import load_hand_config, make_hand_plant
 from tactopose_drake.systems.grasp_controller import GraspController, GraspControllerParams, actuated_joints
 
 SET_FORCE = 2.0

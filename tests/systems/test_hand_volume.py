@@ -6,8 +6,8 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import Context, DiagramBuilder
 
 from tactopose_drake.errors import PortTypeError
-from tactopose_drake.hand import HandConfig, add_hand, load_hand_config, make_hand_plant
-from tactopose_drake.hand_geometry import BodySpheres, HandGeometry
+from tactopose_drake.hand.geometry import BodySpheres, HandGeometry
+from tactopose_drake.hand.hand_config import HandConfig, add_hand, load_hand_config, make_hand_plant
 from tactopose_drake.systems.hand_volume import HandVolume
 
 POSITIONS = np.linspace(0.05, 0.6, 24)

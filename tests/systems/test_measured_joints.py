@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from pydrake.systems.framework import Context
 
-from tactopose_drake.hand import load_hand_config, make_hand_plant
-from tactopose_drake.joint_paths import JointPaths
-from tactopose_drake.measured_joints import joint_matrix
-from tactopose_drake.senses import BarrettPucks
+from tactopose_drake.hand.hand_config import load_hand_config, make_hand_plant
+from tactopose_drake.hand.joint_matrices import joint_matrix
+from tactopose_drake.hand.joint_paths import JointPaths
+from tactopose_drake.station.senses import BarrettPucks
 from tactopose_drake.systems.measured_joints import MeasuredJoints
 
 

@@ -7,12 +7,12 @@ from pydrake.systems.framework import DiagramBuilder
 
 import tactopose_drake as tp
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.evidence.synthetic_touch import touch_surface
-from tactopose_drake.core.shape.objects import ObjectModel
-from tactopose_drake.display.likelihoods import HEIGHT, LENGTH, row_path
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
 from tactopose_drake.errors import InvalidInputError, PortTypeError, UnknownNameError
 from tactopose_drake.systems.likelihood_display import LikelihoodDisplay, LikelihoodDisplayParams
 from tactopose_drake.systems.object_identifier import ObjectIdentifier, ObjectIdentifierParams
+from tactopose_drake.visualization.likelihood_bars import HEIGHT, LENGTH, row_path
 from tests.core.meshes import random_pose, shape_poor_in_symmetry
 from tests.recording_meshcat import RecordingMeshcat
 

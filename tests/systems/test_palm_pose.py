@@ -8,11 +8,11 @@ from pydrake.multibody.tree import FixedOffsetFrame
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from tactopose_drake.arms.arm import add_arm, load_arm_config, mount_hand
-from tactopose_drake.arms.station import ArmSetup
-from tactopose_drake.hand import add_hand, load_hand_config
-from tactopose_drake.scenario import load_scenario
-from tactopose_drake.station import make_station
+from tactopose_drake.hand.hand_config import add_hand, load_hand_config
+from tactopose_drake.station.arms.arm import add_arm, load_arm_config, mount_hand
+from tactopose_drake.station.arms.station import ArmSetup
+from tactopose_drake.station.scenario import load_scenario
+from tactopose_drake.station.simulated import make_station
 from tactopose_drake.systems.palm_pose import PalmPose
 from tactopose_drake.systems.pose_tracking import PoseTrackingParams
 

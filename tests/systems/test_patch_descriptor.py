@@ -11,11 +11,11 @@ from pydrake.systems.primitives import AddRandomInputs
 
 from tactopose_drake.core.sensing.patches import Patch, describe_patch
 from tactopose_drake.errors import InvalidInputError
-from tactopose_drake.hand import Hand, add_hand, load_hand_config, make_hand_plant
+from tactopose_drake.hand.hand_config import Hand, add_hand, load_hand_config, make_hand_plant
+from tactopose_drake.hand.tactile_pads import load_tactile_pad
 from tactopose_drake.systems.patch_descriptor import PatchDescriptor, PatchDescriptorParams
 from tactopose_drake.systems.random_sources import seed_random_sources
-from tactopose_drake.systems.tactile_array import TactileArray
-from tactopose_drake.tactile.pads import load_tactile_pad
+from tactopose_drake.systems.simulated_array import TactileArray
 
 PADS = ("finger_1", "finger_2", "finger_3", "palm")
 

@@ -10,7 +10,7 @@ from pydrake.systems.analysis import Simulator
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.prior import PosePrior
-from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.systems.pose_display import PoseDisplay, PoseDisplayParams
 from tests.recording_meshcat import RecordingMeshcat

@@ -8,10 +8,10 @@ from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.prior import PosePrior
 from tactopose_drake.core.poses import retract
 from tactopose_drake.core.sensing.patches import Patch, describe_patch
-from tactopose_drake.core.sensing.synthetic_patch import flat_pad, touch_with_pads
-from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.synthetic.synthetic_patch import flat_pad, touch_with_pads
 from tactopose_drake.errors import InvalidInputError, PortTypeError, UnknownNameError
-from tactopose_drake.estimation import estimate_pose
+from tactopose_drake.estimation.estimate import estimate_pose
 from tactopose_drake.systems.pose_estimator import PoseEstimatorParams
 from tests.systems.pose_estimator_bench import X_PO, Bench, make_box
 

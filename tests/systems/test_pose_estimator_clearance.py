@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from tactopose_drake.collision import HandCollision
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.shape.objects import ObjectModel
-from tactopose_drake.estimates import PoseEstimate
-from tactopose_drake.hand_geometry import HandGeometry
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.estimation.results import PoseEstimate
+from tactopose_drake.hand.collision import HandCollision
+from tactopose_drake.hand.geometry import HandGeometry
 from tests.hands import write_hand
 from tests.systems.pose_estimator_bench import X_PO, Bench, make_box
 

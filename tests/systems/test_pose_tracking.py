@@ -6,10 +6,10 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from tactopose_drake.core.evidence.prior import PosePrior
-from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import InvalidInputError
-from tactopose_drake.hand import load_hand_config
-from tactopose_drake.systems.pose_belief import PoseBeliefParams
+from tactopose_drake.hand.hand_config import load_hand_config
+from tactopose_drake.systems.pose_belief_estimator import PoseBeliefParams
 from tactopose_drake.systems.pose_tracking import AddPoseTracking, MakePoseTracking, PoseTrackingParams
 from tests.core.tracking.boxes import make_box
 from tests.pressed_ball import SILENT, make_ball, press

@@ -12,8 +12,8 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.primitives import AddRandomInputs
 
 from tactopose_drake.core.poses import increments_between
-from tactopose_drake.core.shape.objects import ObjectModel
-from tactopose_drake.core.vision.vision import VisionModel
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.vision.vision_model import VisionModel
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.systems.random_sources import seed_random_sources
 from tactopose_drake.systems.simulated_vision import SimulatedVision, SimulatedVisionParams

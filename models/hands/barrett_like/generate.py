@@ -20,7 +20,7 @@ import sdf_parts as sdf
 from sdf_parts import DARK, RUBBER, Link, Solid, link_text, weld
 from soft_prism import obj_text, soft_prism, vtk_text
 
-from tactopose_drake.tactile.pads import load_tactile_pad
+from tactopose_drake.hand import load_tactile_pad
 
 # Barrett's names. A_W: from the palm's middle to the axes of the spread; A_1: from there to the proximal joint;
 # A_2: from there to the distal joint; Phi_2, Phi_3: angles of the links at zero joint positions.

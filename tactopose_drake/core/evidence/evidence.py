@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.force_balance import ForceBalance
-from tactopose_drake.core.evidence.hand_spheres import HandSpheres
+from tactopose_drake.core.evidence.hand_geometry import HandGeometry
+from tactopose_drake.core.evidence.patch_contacts import with_patches
 from tactopose_drake.core.evidence.prior import PosePrior
-from tactopose_drake.core.sensing.patch_contacts import with_patches
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import InvalidInputError
@@ -16,8 +16,8 @@ from tactopose_drake.errors import InvalidInputError
 _KINDS = {
     "contacts": Contacts,
     "prior": PosePrior,
-    "hand": HandSpheres,
-    "untouched": HandSpheres,
+    "hand": HandGeometry,
+    "untouched": HandGeometry,
     "balance": ForceBalance,
 }
 
@@ -41,8 +41,8 @@ class Evidence:
 
     contacts: Contacts
     prior: PosePrior | None = None
-    hand: HandSpheres | None = None
-    untouched: HandSpheres | None = None
+    hand: HandGeometry | None = None
+    untouched: HandGeometry | None = None
     balance: ForceBalance | None = None
     friction: float | None = None
     patches: Sequence[Patch] = ()

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from tactopose_drake.core.evidence.hand_spheres import HandSpheres
+from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.validation import FloatArray
 
 # The share of a sphere's radius that the object's points keep from its centre: fingertips touch the object, with noise.
@@ -20,7 +20,7 @@ class HandClearance:
     The points inside the hand are its spheres' centres, the vicinity of each is half of its radius.
     """
 
-    def __init__(self, points: FloatArray, hand: HandSpheres) -> None:
+    def __init__(self, points: FloatArray, hand: HandGeometry) -> None:
         """Takes the object's point cloud in O (n, 3), m, and the hand."""
         self._tree, self._hand = cKDTree(points), hand
 

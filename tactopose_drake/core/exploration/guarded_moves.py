@@ -6,10 +6,10 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tactopose_drake.core.evidence.hand_spheres import HandSpheres
+from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.exploration import guarded_kernels
 from tactopose_drake.core.grasping.finger_reach import FingerGeometry
-from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray, finite_array, positive_number, unit_vectors
 from tactopose_drake.errors import InvalidInputError
 
@@ -115,7 +115,7 @@ class GuardedMoves:
             -np.einsum("bmi,bmi->bm", heading, n_PC),
         )
 
-    def stay_apart(self, others: HandSpheres, model: ObjectModel, X_PO: FloatArray) -> NDArray[np.bool_]:
+    def stay_apart(self, others: HandGeometry, model: ObjectModel, X_PO: FloatArray) -> NDArray[np.bool_]:
         """Which motions keep the finger off the rest of the hand until they end, at the last of poses (B, 3, 4), (m,).
 
         Parts that overlap the rest of the hand where a motion starts are joined to it there.

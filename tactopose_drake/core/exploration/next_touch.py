@@ -18,12 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.evidence.hand_spheres import HandSpheres
+from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.exploration.guarded_moves import GuardedMoves
-from tactopose_drake.core.grasping.grasp_quality import grasp_quality
+from tactopose_drake.core.grasping.quality import grasp_quality
 from tactopose_drake.core.poses import retract
 from tactopose_drake.core.posterior.pose_modes import PoseModes
-from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
 
@@ -81,7 +81,7 @@ def choose_touch(
     *,
     friction: float,
     noise: TouchNoise | None = None,
-    others: Mapping[str, HandSpheres] | None = None,
+    others: Mapping[str, HandGeometry] | None = None,
 ) -> NextTouch | None:
     """The motion that tells most of those that are allowed; None if none is.
 
@@ -137,7 +137,7 @@ def is_allowed(
     moves: GuardedMoves,
     *,
     friction: float,
-    others: HandSpheres | None = None,
+    others: HandGeometry | None = None,
 ) -> NDArray[np.bool_]:
     """Which motions of a finger leave a stable grasp and touch with the fingertip alone, at all likely modes, (m,).
 

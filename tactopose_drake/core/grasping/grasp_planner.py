@@ -15,7 +15,7 @@ from tactopose_drake.core import poses
 from tactopose_drake.core.grasping.finger_reach import FingerReach, Touches
 from tactopose_drake.core.grasping.grasp_law import ClosingMotion
 from tactopose_drake.core.grasping.grasp_score import GraspScore, ScoreParams, score_grasp
-from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray, positive_number
 from tactopose_drake.errors import InvalidInputError
 

@@ -8,7 +8,7 @@ from tactopose_drake.core.mesh import bodies as mesh_bodies
 from tactopose_drake.core.mesh import topology as mesh_topology
 from tactopose_drake.core.mesh.bodies import counted
 from tactopose_drake.core.mesh.topology import IntArray
-from tactopose_drake.core.shape.distance_transform import winding_numbers
+from tactopose_drake.core.mesh.winding_kernels import winding_numbers
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidMeshError
 

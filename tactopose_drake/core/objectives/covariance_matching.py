@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from tactopose_drake.core.kernels.pose_kernels import to_object
 from tactopose_drake.core.objectives.differenced import DifferencedObjective
 from tactopose_drake.core.sensing.patches import Patch
-from tactopose_drake.core.sensing.sensing_box import sensing_box
+from tactopose_drake.core.sensing.sensing_range import sensing_box
 from tactopose_drake.core.shape.point_grid import PointGrid, nearest_square, slot_of
 from tactopose_drake.core.validation import FloatArray, finite_array, positive_number
 

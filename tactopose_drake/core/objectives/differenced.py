@@ -4,7 +4,7 @@ from abc import ABC, abstractmethod
 
 import numpy as np
 
-from tactopose_drake.core.objectives.base import NormalEquations, form_normal_equations
+from tactopose_drake.core.objectives.objective import NormalEquations, form_normal_equations
 from tactopose_drake.core.poses import retract
 from tactopose_drake.core.validation import FloatArray
 

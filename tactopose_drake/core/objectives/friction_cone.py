@@ -6,7 +6,7 @@ import numpy as np
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.kernels import evidence_kernels
-from tactopose_drake.core.objectives.base import NormalEquations, form_normal_equations
+from tactopose_drake.core.objectives.objective import NormalEquations, form_normal_equations
 from tactopose_drake.core.shape.signed_distance import DistanceGrid
 from tactopose_drake.core.validation import FloatArray
 

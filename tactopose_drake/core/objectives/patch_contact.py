@@ -7,7 +7,7 @@ import numpy as np
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.kernels import patch_kernels
-from tactopose_drake.core.objectives.base import NormalEquations, SumObjective
+from tactopose_drake.core.objectives.objective import NormalEquations, SumObjective
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.signed_distance import DistanceGrid

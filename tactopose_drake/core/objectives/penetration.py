@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from tactopose_drake.core.evidence.hand_spheres import HandSpheres
+from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.kernels import evidence_kernels
-from tactopose_drake.core.objectives.base import NormalEquations
+from tactopose_drake.core.objectives.objective import NormalEquations
 from tactopose_drake.core.shape.signed_distance import DistanceGrid
 from tactopose_drake.core.validation import FloatArray
 
@@ -24,7 +24,7 @@ class Penetration:
     bound). This bound is the cost; it is 0 where the hand merely touches, and never more than the evidence.
     """
 
-    def __init__(self, grid: DistanceGrid, hand: HandSpheres, allowed: float = 0.0) -> None:
+    def __init__(self, grid: DistanceGrid, hand: HandGeometry, allowed: float = 0.0) -> None:
         """Parts the spheres into neighbourhoods.
 
         Args:

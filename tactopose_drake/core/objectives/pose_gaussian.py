@@ -3,7 +3,7 @@
 import numpy as np
 
 from tactopose_drake.core.kernels import prior_kernels
-from tactopose_drake.core.objectives.base import NormalEquations, form_normal_equations
+from tactopose_drake.core.objectives.objective import NormalEquations, form_normal_equations
 from tactopose_drake.core.validation import FloatArray
 
 

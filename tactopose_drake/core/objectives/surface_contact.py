@@ -6,7 +6,7 @@ import numpy as np
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.kernels import surface_contact_kernels, touch_kernels
-from tactopose_drake.core.objectives.base import (
+from tactopose_drake.core.objectives.objective import (
     DescendingObjective,
     Descent,
     DescentRule,

@@ -3,7 +3,7 @@
 import numpy as np
 
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.shape.surfels import contact_densities
 from tactopose_drake.core.validation import FloatArray
 

@@ -18,8 +18,8 @@ from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.prior import PosePrior
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.posterior.hypotheses import determined_part, free_directions
-from tactopose_drake.core.searches.base import PriorSpace
-from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.searches.search import PriorSpace
+from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray, finite_array, pose_matrix
 from tactopose_drake.errors import TooFewContactsError
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from tactopose_drake.core.kernels import mode_kernels
 from tactopose_drake.core.kernels.matrix_kernels import eigenpairs, inverses
-from tactopose_drake.core.searches.base import SearchResult
+from tactopose_drake.core.searches.search import SearchResult
 from tactopose_drake.core.validation import FloatArray
 
 # Two poses are one mode when they lie within this many standard deviations of each other.

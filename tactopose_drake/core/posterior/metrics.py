@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 
 

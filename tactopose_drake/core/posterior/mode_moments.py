@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactopose_drake.core.objectives.base import Objective
+from tactopose_drake.core.objectives.objective import Objective
 from tactopose_drake.core.posterior import belief_kernels
 from tactopose_drake.core.validation import FloatArray
 

@@ -8,10 +8,10 @@ from collections.abc import Callable
 import numpy as np
 
 from tactopose_drake.core.evidence.evidence import Evidence
-from tactopose_drake.core.evidence.pose_problem import PoseProblem
-from tactopose_drake.core.objectives.base import LeastSquaresObjective, Objective, SumObjective
+from tactopose_drake.core.objectives.objective import LeastSquaresObjective, Objective, SumObjective
 from tactopose_drake.core.objectives.surface_density import SurfaceDensity
-from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.searches.pose_problem import PoseProblem
+from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 
 # A mode is wide in a direction when the arc of a turn about the object's middle leaves its tangent by this share of the

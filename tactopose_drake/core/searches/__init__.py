@@ -1,1 +1,5 @@
 """Searches: each minimises any objective and returns ranked poses."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

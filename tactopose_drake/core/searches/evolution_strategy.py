@@ -10,9 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactopose_drake.core.objectives.base import Objective
+from tactopose_drake.core.objectives.objective import Objective
 from tactopose_drake.core.poses import increments_between, retract
-from tactopose_drake.core.searches.base import PoseSpace, SearchResult, StopSignal, never
+from tactopose_drake.core.searches.search import PoseSpace, SearchResult, StopSignal, never
 from tactopose_drake.core.validation import FloatArray
 
 Proposals = Callable[[PoseSpace, np.random.Generator], FloatArray]

@@ -7,9 +7,9 @@ import dataclasses
 
 import numpy as np
 
-from tactopose_drake.core.objectives.base import LeastSquaresObjective
-from tactopose_drake.core.searches.base import PoseSpace, SearchResult, StopSignal, never
+from tactopose_drake.core.objectives.objective import LeastSquaresObjective
 from tactopose_drake.core.searches.parameters import IncrementParameters, Parameters
+from tactopose_drake.core.searches.search import PoseSpace, SearchResult, StopSignal, never
 from tactopose_drake.core.validation import FloatArray
 
 

@@ -9,14 +9,14 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from tactopose_drake.core.kernels import least_squares_kernels
-from tactopose_drake.core.objectives.base import (
+from tactopose_drake.core.objectives.objective import (
     DescendingObjective,
     DescentRule,
     LeastSquaresObjective,
     NormalEquations,
 )
-from tactopose_drake.core.searches.base import PoseSpace, SearchResult, StopSignal, join_results, never
 from tactopose_drake.core.searches.parameters import IncrementParameters, Parameters
+from tactopose_drake.core.searches.search import PoseSpace, SearchResult, StopSignal, join_results, never
 from tactopose_drake.core.validation import FloatArray
 
 # A compiled descent may be stopped after so many steps, a millisecond or so.

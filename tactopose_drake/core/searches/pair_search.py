@@ -13,17 +13,17 @@ import numpy as np
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.kernels import mode_kernels
-from tactopose_drake.core.objectives.base import LeastSquaresObjective
+from tactopose_drake.core.objectives.objective import LeastSquaresObjective
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
-from tactopose_drake.core.pairs.contact_pairs import PairChoice
-from tactopose_drake.core.pairs.distinct_poses import distinct_poses
-from tactopose_drake.core.pairs.pair_poses import best_poses
 from tactopose_drake.core.poses import compose
-from tactopose_drake.core.searches.base import PoseSpace, SearchResult, StopSignal, join_results, never
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
-from tactopose_drake.core.shape.coarse_field import contact_table
+from tactopose_drake.core.searches.pairs.contact_pairs import PairChoice
+from tactopose_drake.core.searches.pairs.contact_tables import contact_table
+from tactopose_drake.core.searches.pairs.distinct import distinct_poses
+from tactopose_drake.core.searches.pairs.pair_poses import best_poses
+from tactopose_drake.core.searches.search import PoseSpace, SearchResult, StopSignal, join_results, never
 from tactopose_drake.core.shape.free_spin import nearest_images
-from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 
 # Poses that are still moving lead to the same minimum when they lie within so many standard deviations of each other.

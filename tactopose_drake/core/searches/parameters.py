@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from tactopose_drake.core.kernels import pose_kernels
-from tactopose_drake.core.objectives.base import LeastSquaresObjective, NormalEquations, form_normal_equations
+from tactopose_drake.core.objectives.objective import LeastSquaresObjective, NormalEquations, form_normal_equations
 from tactopose_drake.core.poses import compose, inverse, make_poses, matrix_from_quaternion
 from tactopose_drake.core.validation import FloatArray
 

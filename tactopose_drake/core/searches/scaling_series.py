@@ -9,10 +9,10 @@ import numpy as np
 from numba import njit
 
 from tactopose_drake.core.kernels import pose_kernels
-from tactopose_drake.core.objectives.base import LeastSquaresObjective
-from tactopose_drake.core.searches.base import PoseSpace, SearchResult, StopSignal, never
+from tactopose_drake.core.objectives.objective import LeastSquaresObjective
 from tactopose_drake.core.searches.candidates import refine_best
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
+from tactopose_drake.core.searches.search import PoseSpace, SearchResult, StopSignal, never
 from tactopose_drake.core.validation import FloatArray
 
 # Each round halves the volume of a neighbourhood in six dimensions.

@@ -10,10 +10,10 @@ import dataclasses
 import numpy as np
 from scipy.optimize import dual_annealing
 
-from tactopose_drake.core.objectives.base import LeastSquaresObjective
-from tactopose_drake.core.searches.base import PoseSpace, SearchResult, StopSignal, never
+from tactopose_drake.core.objectives.objective import LeastSquaresObjective
 from tactopose_drake.core.searches.candidates import CandidatePoses, refine_best
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
+from tactopose_drake.core.searches.search import PoseSpace, SearchResult, StopSignal, never
 from tactopose_drake.core.validation import FloatArray
 
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.poses import make_poses, random_rotations
-from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 
 # The mean square of each coordinate of the rotation vector of a uniformly random rotation: (pi^2 / 3 + 2) / 3.

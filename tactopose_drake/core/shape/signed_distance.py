@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tactopose_drake.core.mesh import bodies as mesh_bodies
+from tactopose_drake.core.mesh.winding_kernels import winding_numbers
 from tactopose_drake.core.shape import distance_transform
 from tactopose_drake.core.shape.smooth_normals import smooth_normals
 from tactopose_drake.core.validation import FloatArray, positive_number
@@ -153,7 +154,7 @@ def _winding(
     """
     for shift in (1.3e-7, -2.9e-7, 5.3e-7, -7.1e-7):
         beside = origin + h * shift * np.array([1.0, 2.1, 0.0])
-        winding, rest = distance_transform.winding_numbers(vertices, faces, beside, h, shape)
+        winding, rest = winding_numbers(vertices, faces, beside, h, shape)
         if not rest.any():
             break
     counts: NDArray[np.int16] = winding

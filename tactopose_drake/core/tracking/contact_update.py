@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.regression_kernels import regress_modes
 from tactopose_drake.core.tracking.tracking_kernels import refine_modes
 from tactopose_drake.core.validation import FloatArray

@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
-from tactopose_drake.core.evidence.plausibility import explain_touch
-from tactopose_drake.core.evidence.pose_problem import make_problem
 from tactopose_drake.core.poses import retract
 from tactopose_drake.core.posterior.hypotheses import find_modes
+from tactopose_drake.core.posterior.plausibility import explain_touch
 from tactopose_drake.core.searches.pair_search import PairSearch
-from tactopose_drake.core.searches.patch_search import patch_search
+from tactopose_drake.core.searches.patch_searches import patch_search
+from tactopose_drake.core.searches.pose_problem import make_problem
 from tactopose_drake.core.shape.free_spin import turn_toward
-from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.contact_update import Stable, update_with_contacts
 from tactopose_drake.core.tracking.mode_set import ModeSet
 from tactopose_drake.core.tracking.pose_measurement import PoseMeasurement

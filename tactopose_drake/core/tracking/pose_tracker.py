@@ -8,8 +8,8 @@ import math
 import numpy as np
 
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.evidence.plausibility import explain_touch
-from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.posterior.plausibility import explain_touch
+from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.belief_status import judge
 from tactopose_drake.core.tracking.contact_update import Stable
 from tactopose_drake.core.tracking.frame import Frame

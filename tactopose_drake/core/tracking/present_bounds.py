@@ -7,11 +7,11 @@ outweigh all else. Therefore they are no part of what is handed on: at each time
 import numpy as np
 
 from tactopose_drake.core.evidence.evidence import Evidence
-from tactopose_drake.core.evidence.pose_problem import balance_term, bounding_terms
-from tactopose_drake.core.objectives.base import LeastSquaresObjective, SumObjective
+from tactopose_drake.core.objectives.objective import LeastSquaresObjective, SumObjective
 from tactopose_drake.core.objectives.pose_gaussian import PoseGaussian
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
-from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.searches.pose_problem import balance_term, bounding_terms
+from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.mode_set import ModeSet
 from tactopose_drake.core.validation import FloatArray
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
-from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.mode_set import ModeSet
 from tactopose_drake.core.validation import FloatArray
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.contact_update import Stable, number_of_numbers, update_with_contacts
 from tactopose_drake.core.tracking.frame_touch import FrameTouch
 from tactopose_drake.core.tracking.looking_elsewhere import Look

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactopose_drake.core.poses import increments_between, retract, transform_points
-from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray, positive_number
 from tactopose_drake.core.vision.rasterizer import Camera, inverse_depths
 from tactopose_drake.errors import InvalidInputError

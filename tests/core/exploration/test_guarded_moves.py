@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from tactopose_drake.core.evidence.hand_spheres import HandSpheres
+from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.exploration.guarded_moves import GuardedMoves
 from tactopose_drake.core.poses import compose, inverse, make_poses, random_rotations, transform_points
-from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import InvalidInputError
 
 BALL, TIP = 0.03, 0.008
@@ -70,7 +70,7 @@ def test_motions_keep_off_the_rest_of_the_hand_until_they_end(ball: ObjectModel)
     here = np.eye(3, 4)[None]
 
     def apart(*centre: float) -> list[bool]:
-        return list(moves.stay_apart(HandSpheres(np.array([centre]), np.array([0.01])), ball, here))
+        return list(moves.stay_apart(HandGeometry(np.array([centre]), np.array([0.01])), ball, here))
 
     assert apart(0.06, 0.0, 0.015) == [False, True]
     assert apart(0.06, 0.06, 0.0) == [True, False]
@@ -80,7 +80,7 @@ def test_motions_keep_off_the_rest_of_the_hand_until_they_end(ball: ObjectModel)
     assert apart(0.06, 0.0, 0.019) == [True, True]
     # The farther the object may be, the farther the motion may go.
     away = make_poses(np.eye(3), np.array([0.0, 0.5, 0.0]))
-    assert not moves.stay_apart(HandSpheres(np.zeros((1, 3)), np.array([0.01])), ball, np.stack([here[0], away]))[0]
+    assert not moves.stay_apart(HandGeometry(np.zeros((1, 3)), np.array([0.01])), ball, np.stack([here[0], away]))[0]
 
 
 def test_a_motion_that_starts_inside_ends_at_once(ball: ObjectModel) -> None:

@@ -3,12 +3,12 @@ import pytest
 import trimesh
 
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.evidence.hand_spheres import HandSpheres
+from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.exploration.guarded_moves import GuardedMoves
 from tactopose_drake.core.exploration.next_touch import TouchNoise, choose_touch, information, is_allowed, predict
 from tactopose_drake.core.poses import exp_so3, make_poses
 from tactopose_drake.core.posterior.pose_modes import PoseModes
-from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import InvalidInputError
 
 TIP = 0.008
@@ -150,7 +150,7 @@ def test_a_motion_must_be_clear_at_each_likely_mode(mug: ObjectModel) -> None:
 def test_a_finger_that_would_meet_another_takes_another_way(mug: ObjectModel) -> None:
     belief, contacts = spins(0.0, np.pi), Contacts(HELD)
     moves = {"ring": inward(np.pi, 0.0)}
-    barred = {"ring": HandSpheres(np.array([[-0.06, 0.0, 0.0]]), np.array([0.005]))}
+    barred = {"ring": HandGeometry(np.array([[-0.06, 0.0, 0.0]]), np.array([0.005]))}
     free = choose_touch(mug, contacts, NAMES, belief, moves, friction=0.7)
     found = choose_touch(mug, contacts, NAMES, belief, moves, friction=0.7, others=barred)
     assert free is not None

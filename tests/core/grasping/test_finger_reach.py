@@ -4,7 +4,7 @@ import trimesh
 
 from tactopose_drake.core.grasping.finger_reach import FingerGeometry, FingerReach, ReachParams
 from tactopose_drake.core.grasping.serial_chain import SerialChain
-from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import InvalidInputError
 
 RADIUS = 0.009

@@ -6,12 +6,12 @@ import trimesh
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.prior import PosePrior
-from tactopose_drake.core.grasping.grasp_quality import force_closure_probability, grasp_quality, lever, on_surface
+from tactopose_drake.core.grasping.quality import force_closure_probability, grasp_quality, lever, on_surface
 from tactopose_drake.core.poses import compose, exp_so3, inverse, make_poses, random_rotations, transform_points
 from tactopose_drake.core.posterior.pose_modes import PoseModes
-from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
-from tactopose_drake.estimation import estimate_pose
+from tactopose_drake.estimation.estimate import estimate_pose
 
 EXTENTS = (0.06, 0.08, 0.12)
 # Thumb against three fingers.

@@ -3,13 +3,13 @@ import pytest
 import trimesh
 
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.evidence.hand_spheres import HandSpheres
+from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.grasping.finger_reach import FingerGeometry, FingerReach, ReachParams
-from tactopose_drake.core.grasping.grasp_quality import grasp_quality
-from tactopose_drake.core.grasping.improvement_map import finger_clearance, improvement_map, reachable_points
+from tactopose_drake.core.grasping.improvement import finger_clearance, improvement_map, reachable_points
+from tactopose_drake.core.grasping.quality import grasp_quality
 from tactopose_drake.core.grasping.serial_chain import SerialChain
 from tactopose_drake.core.poses import make_poses, random_rotations, transform_points
-from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import InvalidInputError
 
 BALL = 0.03
@@ -91,7 +91,7 @@ def test_only_the_side_that_faces_the_finger_is_reached(ball: ObjectModel, finge
 def test_what_another_finger_bars_is_not_reached(ball: ObjectModel, finger: FingerReach) -> None:
     X_PO = translation(0.005, -0.075, 0.04)
     free = reachable_points(finger, ball, X_PO, ball.samples.points, ball.samples.normals, np.random.default_rng(1))
-    blocked_side = HandSpheres(np.array([[0.035, -0.045, 0.06]]), np.array([0.02]))
+    blocked_side = HandGeometry(np.array([[0.035, -0.045, 0.06]]), np.array([0.02]))
     some = reachable_points(
         finger, ball, X_PO, ball.samples.points, ball.samples.normals, np.random.default_rng(1), others=blocked_side
     )
@@ -101,7 +101,7 @@ def test_what_another_finger_bars_is_not_reached(ball: ObjectModel, finger: Fing
 
 def test_the_clearance_is_that_of_the_nearest_pair(finger: FingerReach) -> None:
     q = np.array([[0.0, 0.0, 0.0], [0.0, np.pi / 2, 0.0]])
-    others = HandSpheres(np.array([[0.0, 0.0, 0.12], [5.0, 0.0, 0.0]]), np.array([0.01, 0.001]))
+    others = HandGeometry(np.array([[0.0, 0.0, 0.12], [5.0, 0.0, 0.0]]), np.array([0.01, 0.001]))
     straight, bent = finger_clearance(finger, q, others)
     assert straight == pytest.approx(0.12 - 0.089 - 0.009 - 0.01)
     assert bent == pytest.approx(np.hypot(0.015, 0.12) - 0.007 - 0.01)

@@ -1,7 +1,7 @@
 import pytest
 import trimesh
 
-from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.shape.object_model import ObjectModel
 from tests.core.meshes import shape_poor_in_symmetry
 
 

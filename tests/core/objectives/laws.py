@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tactopose_drake.core.objectives.base import LeastSquaresObjective
+from tactopose_drake.core.objectives.objective import LeastSquaresObjective
 from tactopose_drake.core.poses import retract
 
 _STEP = 1e-9

@@ -4,8 +4,8 @@ import numpy as np
 
 from tactopose_drake.core.poses import make_poses, random_rotations
 from tactopose_drake.core.sensing.patches import Patch, describe_patch
-from tactopose_drake.core.sensing.synthetic_patch import touch_with_pads
-from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.synthetic.synthetic_patch import touch_with_pads
 
 NOISE = {"sigma_depth": 0.0004, "share": 0.15, "sigma_position": 0.0011, "sigma_rotation": 0.07}
 ALPHA = 1e-7

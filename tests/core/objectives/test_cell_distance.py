@@ -4,8 +4,8 @@ from scipy.spatial.distance import cdist
 from tactopose_drake.core.objectives.cell_distance import CellDistance
 from tactopose_drake.core.poses import make_poses, random_rotations, transform_points
 from tactopose_drake.core.sensing.patches import Patch, describe_patch
-from tactopose_drake.core.sensing.synthetic_patch import flat_pad
 from tactopose_drake.core.shape.point_grid import build_point_grid
+from tactopose_drake.core.synthetic.synthetic_patch import flat_pad
 
 GENERATOR = np.random.default_rng(0)
 CLOUD = GENERATOR.normal(size=(500, 3)) * 0.04

@@ -6,10 +6,10 @@ from tactopose_drake.core.objectives.cell_distance import CellDistance
 from tactopose_drake.core.objectives.covariance_matching import CovarianceMatching, covariance_mismatch
 from tactopose_drake.core.poses import inverse, make_poses, random_rotations, retract, transform_points
 from tactopose_drake.core.sensing.patches import Patch, describe_patch
-from tactopose_drake.core.sensing.sensing_box import sensing_box
-from tactopose_drake.core.sensing.synthetic_patch import flat_pad, touch_with_pads
-from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.sensing.sensing_range import sensing_box
+from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.shape.point_grid import PointGrid, build_point_grid
+from tactopose_drake.core.synthetic.synthetic_patch import flat_pad, touch_with_pads
 from tactopose_drake.errors import InvalidInputError
 from tests.core.meshes import shape_poor_in_symmetry
 

@@ -7,7 +7,7 @@ import trimesh
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.objectives.friction_cone import FrictionCone
 from tactopose_drake.core.poses import exp_so3, make_poses, retract
-from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.shape.object_model import ObjectModel
 from tests.core.objectives.laws import check_derivatives
 
 RADIUS = 0.04

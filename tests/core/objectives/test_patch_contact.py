@@ -6,7 +6,7 @@ import trimesh
 from scipy.optimize import minimize
 
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.objectives.base import SumObjective
+from tactopose_drake.core.objectives.objective import SumObjective
 from tactopose_drake.core.objectives.patch_contact import PatchCells, PatchContact
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.poses import (
@@ -19,8 +19,8 @@ from tactopose_drake.core.poses import (
 )
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
 from tactopose_drake.core.sensing.patches import Patch, describe_patch
-from tactopose_drake.core.sensing.synthetic_patch import flat_pad, touch_with_pads
-from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.synthetic.synthetic_patch import flat_pad, touch_with_pads
 from tactopose_drake.errors import InvalidInputError
 from tests.core.objectives.pads import ALPHA, IDENTITY, NOISE, OUT, pads_on, random_pose
 

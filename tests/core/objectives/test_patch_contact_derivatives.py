@@ -9,8 +9,8 @@ from tactopose_drake.core.poses import (
     transform_points,
 )
 from tactopose_drake.core.sensing.patches import describe_patch
-from tactopose_drake.core.sensing.synthetic_patch import flat_pad
-from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.synthetic.synthetic_patch import flat_pad
 from tests.core.meshes import smooth_shape
 from tests.core.objectives.pads import ALPHA, NOISE, OUT, pads_on
 

@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from tactopose_drake.core.evidence.hand_spheres import HandSpheres
+from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.objectives.penetration import Penetration
 from tactopose_drake.core.poses import compose, exp_so3, make_poses, random_rotations, retract, transform_points
-from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.resources import model_path
 from tests.core.objectives.laws import check_derivatives
 
@@ -23,10 +23,10 @@ def mug() -> ObjectModel:
     return ObjectModel.from_mesh(model_path("objects", "mug.obj"))
 
 
-def fist(seed: int, count: int = 150, spread: float = 0.08) -> HandSpheres:
+def fist(seed: int, count: int = 150, spread: float = 0.08) -> HandGeometry:
     """Spheres of all sizes, close together."""
     generator = np.random.default_rng(seed)
-    return HandSpheres(generator.uniform(-spread, spread, (count, 3)), generator.uniform(0.002, 0.012, count))
+    return HandGeometry(generator.uniform(-spread, spread, (count, 3)), generator.uniform(0.002, 0.012, count))
 
 
 def poses_near(seed: int, count: int, spread: float) -> np.ndarray:
@@ -36,7 +36,7 @@ def poses_near(seed: int, count: int, spread: float) -> np.ndarray:
 
 def test_the_residual_of_a_ball_is_its_depth_in_sigmas(ball: ObjectModel) -> None:
     # 10 mm spheres whose surfaces are 3 mm inside, 1 mm inside, and 1 mm outside of the ball.
-    hand = HandSpheres([[0.047, 0, 0], [0, 0.049, 0], [0, 0, -0.051]], np.full(3, 0.01), sigma=0.0005)
+    hand = HandGeometry([[0.047, 0, 0], [0, 0.049, 0], [0, 0, -0.051]], np.full(3, 0.01), sigma=0.0005)
     exact = np.sort(Penetration(ball.grid, hand).residuals(IDENTITY)[0])
     np.testing.assert_allclose(exact, [0.0, 2.0, 6.0], atol=0.3)
     lenient = np.sort(Penetration(ball.grid, hand, allowed=0.002).residuals(IDENTITY)[0])
@@ -48,7 +48,7 @@ def test_a_hand_that_merely_touches_costs_nothing(ball: ObjectModel) -> None:
     away = generator.normal(size=(40, 3))
     away /= np.linalg.norm(away, axis=1, keepdims=True)
     # All around the ball, half a millimetre in it.
-    hand = HandSpheres(away * (RADIUS + 0.008 - 0.0005), np.full(40, 0.008))
+    hand = HandGeometry(away * (RADIUS + 0.008 - 0.0005), np.full(40, 0.008))
     equations = Penetration(ball.grid, hand, allowed=0.002).normal_equations(IDENTITY)
     assert equations.cost[0] == 0.0
     np.testing.assert_array_equal(equations.gradient, 0.0)
@@ -79,14 +79,14 @@ def test_every_sphere_is_in_one_neighbourhood(mug: ObjectModel) -> None:
 
 def test_denser_packing_costs_no_more(mug: ObjectModel) -> None:
     hand = fist(6)
-    inside = HandSpheres(np.repeat(hand.p_PH, 3, axis=0), np.outer(hand.radius, [1.0, 0.9, 0.8]).ravel())
+    inside = HandGeometry(np.repeat(hand.p_PH, 3, axis=0), np.outer(hand.radius, [1.0, 0.9, 0.8]).ravel())
     X_PO = poses_near(7, 50, 0.05)
     np.testing.assert_allclose(Penetration(mug.grid, inside).cost(X_PO), Penetration(mug.grid, hand).cost(X_PO))
 
 
 def test_distant_parts_of_the_hand_add_up(ball: ObjectModel) -> None:
-    one = HandSpheres([[0.045, 0, 0]], [0.01])
-    two = HandSpheres([[0.045, 0, 0], [-0.045, 0, 0]], [0.01, 0.01])
+    one = HandGeometry([[0.045, 0, 0]], [0.01])
+    two = HandGeometry([[0.045, 0, 0], [-0.045, 0, 0]], [0.01, 0.01])
     costs = [Penetration(ball.grid, hand).cost(IDENTITY)[0] for hand in (one, two)]
     assert costs[1] == pytest.approx(2.0 * costs[0], rel=0.02)
 
@@ -94,7 +94,7 @@ def test_distant_parts_of_the_hand_add_up(ball: ObjectModel) -> None:
 def test_the_palm_frame_is_of_no_consequence(mug: ObjectModel) -> None:
     hand, X_PO = fist(8), poses_near(9, 20, 0.05)
     X_QP = poses_near(10, 1, 0.2)
-    moved = HandSpheres(transform_points(X_QP[0], hand.p_PH), hand.radius)
+    moved = HandGeometry(transform_points(X_QP[0], hand.p_PH), hand.radius)
     np.testing.assert_allclose(
         Penetration(mug.grid, moved).cost(compose(X_QP, X_PO)), Penetration(mug.grid, hand).cost(X_PO), rtol=1e-6
     )

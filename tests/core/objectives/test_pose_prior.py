@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from tactopose_drake.core.evidence.prior import PosePrior
-from tactopose_drake.core.objectives.base import SumObjective
+from tactopose_drake.core.objectives.objective import SumObjective
 from tactopose_drake.core.objectives.pose_prior import PriorObjective
 from tactopose_drake.core.poses import increments_between, make_poses, random_rotations, retract
 

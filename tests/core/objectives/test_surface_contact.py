@@ -3,10 +3,10 @@ import pytest
 import trimesh
 
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.evidence.synthetic_touch import touch_surface
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.poses import exp_so3, make_poses, random_rotations, retract, transform_points
-from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
 
 RADIUS = 0.04
 

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from tactopose_drake.core.objectives.base import NormalEquations, form_normal_equations
+from tactopose_drake.core.objectives.objective import NormalEquations, form_normal_equations
 from tactopose_drake.core.poses import exp_so3, increments_between, make_poses, retract
 from tactopose_drake.core.posterior.belief import BeliefSampling
 from tactopose_drake.core.posterior.hypotheses import Modes

@@ -10,7 +10,7 @@ from tactopose_drake.core.poses import (
     retract,
 )
 from tactopose_drake.core.posterior.hypotheses import determined_part, find_modes, free_directions
-from tactopose_drake.core.searches.base import SearchResult
+from tactopose_drake.core.searches.search import SearchResult
 
 SIZE = 0.2
 INFORMATION = np.diag([1e4] * 3 + [1e6] * 3)  # 0.01 rad and 1 mm

@@ -5,7 +5,7 @@ import trimesh
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.poses import compose, exp_so3, identity_poses, make_poses, random_rotations, retract
 from tactopose_drake.core.posterior.metrics import touch_errors, truth_errors
-from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.shape.object_model import ObjectModel
 
 EDGE = 0.08
 # One point on each of three faces of a cube about the origin, 1 cm and more from its edges, and the normals there.

@@ -3,12 +3,12 @@
 import numpy as np
 
 from tactopose_drake.core.evidence.prior import PosePrior
-from tactopose_drake.core.evidence.synthetic_touch import touch_surface
-from tactopose_drake.core.objectives.base import SumObjective
+from tactopose_drake.core.objectives.objective import SumObjective
 from tactopose_drake.core.objectives.pose_prior import PriorObjective
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.poses import make_poses, random_rotations, retract
-from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
 
 
 def make_touch(

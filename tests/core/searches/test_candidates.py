@@ -1,10 +1,10 @@
 import numpy as np
 
 from tactopose_drake.core.poses import retract
-from tactopose_drake.core.searches.base import never
 from tactopose_drake.core.searches.candidates import CandidatePoses, refine_best
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
-from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.searches.search import never
+from tactopose_drake.core.shape.object_model import ObjectModel
 from tests.core.searches.problems import make_touch
 
 

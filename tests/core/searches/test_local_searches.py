@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from tactopose_drake.core.objectives.base import (
+from tactopose_drake.core.objectives.objective import (
     LeastSquaresObjective,
     NormalEquations,
     SumObjective,
@@ -10,18 +10,17 @@ from tactopose_drake.core.objectives.base import (
 from tactopose_drake.core.objectives.pose_prior import PriorObjective
 from tactopose_drake.core.objectives.surface_contact import ContactWithPrior, SurfaceContact
 from tactopose_drake.core.poses import increments_between, rotation_angles
-from tactopose_drake.core.searches.base import PriorSpace, Search
 from tactopose_drake.core.searches.gradient_descent import GradientDescent
 from tactopose_drake.core.searches.levenberg_marquardt import (
     LevenbergMarquardt,
     cholesky_steps,
     pseudo_inverse_steps,
 )
-from tactopose_drake.core.searches.multi_start import MultiStart
 from tactopose_drake.core.searches.parameters import QuaternionParameters
-from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.searches.search import PriorSpace, Search
+from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
-from tactopose_drake.programs.pose_program import PoseProgram
+from tactopose_drake.estimation.mathematical_program import PoseProgram
 from tests.core.searches.problems import make_touch
 
 SEARCHES: dict[str, Search] = {
@@ -36,7 +35,6 @@ SEARCHES: dict[str, Search] = {
     "nlopt_ccsaq": PoseProgram(solver="nlopt_ccsaq"),
     "snopt": PoseProgram(solver="snopt"),
     "ipopt": PoseProgram(solver="ipopt"),
-    "multi-start": MultiStart(fine=LevenbergMarquardt(tolerance=1e-12)),
 }
 
 
@@ -56,23 +54,18 @@ def test_all_searches_reach_the_same_minimum(blob: ObjectModel, name: str, seed:
 
 def test_the_minimum_is_near_the_truth(blob: ObjectModel) -> None:
     objective, prior, X_true = make_touch(blob, 3, offset_translation=0.033, offset_rotation=np.radians(16))
-    best = MultiStart().minimize(objective, PriorSpace(prior), np.random.default_rng(0)).X_PO[0]
+    X_start = PriorSpace(prior).sample(np.random.default_rng(0), 60)
+    best = LevenbergMarquardt().refine(objective, X_start).X_PO[0]
     assert np.linalg.norm(best[:, 3] - X_true[:, 3]) < 0.005
     assert rotation_angles(best[:, :3], X_true[:, :3]) < np.radians(6)
 
 
 def test_poses_come_ranked_and_agree_with_their_costs(blob: ObjectModel) -> None:
     objective, prior, _ = make_touch(blob, 4)
-    found = MultiStart(samples=200, starts=20, kept=10).minimize(objective, PriorSpace(prior), np.random.default_rng(0))
+    found = LevenbergMarquardt().refine(objective, PriorSpace(prior).sample(np.random.default_rng(0), 10))
     assert len(found.cost) == 10
     assert np.all(np.diff(found.cost) >= 0)
     np.testing.assert_allclose(objective.cost(found.X_PO), found.cost, rtol=1e-6)
-
-
-def test_the_same_seed_gives_the_same_poses(blob: ObjectModel) -> None:
-    objective, prior, _ = make_touch(blob, 5)
-    first, again = (MultiStart().minimize(objective, PriorSpace(prior), np.random.default_rng(7)) for _ in range(2))
-    np.testing.assert_array_equal(first.X_PO, again.X_PO)
 
 
 def test_a_batch_is_refined_as_its_poses_one_by_one(blob: ObjectModel) -> None:
@@ -123,13 +116,6 @@ def test_the_limit_of_iterations_is_kept_and_said(blob: ObjectModel) -> None:
         found = search.minimize(objective, PriorSpace(prior), np.random.default_rng(0))
         assert found.iterations[0] == 2
         assert not found.converged[0]
-
-
-def test_a_multi_start_counts_the_iterations_of_all_rounds(blob: ObjectModel) -> None:
-    objective, prior, _ = make_touch(blob, 7)
-    coarse, fine = (LevenbergMarquardt(max_iterations=count, tolerance=0.0) for count in (3, 1))
-    found = MultiStart(coarse=coarse, fine=fine).minimize(objective, PriorSpace(prior), np.random.default_rng(0))
-    assert set(found.iterations) == {4}
 
 
 class _Singular:

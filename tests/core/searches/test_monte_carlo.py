@@ -5,7 +5,6 @@ import pytest
 from scipy.stats import chisquare, kstest
 
 from tactopose_drake.core.poses import make_poses, matrix_from_quaternion, rotation_angles
-from tactopose_drake.core.searches.base import PriorSpace
 from tactopose_drake.core.searches.initial_population import (
     near_particles,
     scattered_particles,
@@ -22,7 +21,8 @@ from tactopose_drake.core.searches.roulette import (
     place,
     weigh,
 )
-from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.searches.search import PriorSpace
+from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
 from tests.core.searches.problems import make_touch

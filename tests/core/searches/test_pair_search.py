@@ -6,8 +6,7 @@ import trimesh
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.prior import PosePrior
-from tactopose_drake.core.evidence.synthetic_touch import touch_surface
-from tactopose_drake.core.objectives.base import SumObjective
+from tactopose_drake.core.objectives.objective import SumObjective
 from tactopose_drake.core.objectives.pose_prior import PriorObjective
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.poses import (
@@ -18,13 +17,14 @@ from tactopose_drake.core.poses import (
     rotation_angles,
     transform_points,
 )
-from tactopose_drake.core.searches.base import PriorSpace, SearchResult
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
 from tactopose_drake.core.searches.pair_search import PairSearch
+from tactopose_drake.core.searches.search import PriorSpace, SearchResult
 from tactopose_drake.core.searches.touch_space import TouchSpace
 from tactopose_drake.core.shape.free_spin import nearest_images
-from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.shape.symmetry import RotationalSymmetry
+from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
 from tactopose_drake.resources import model_path
 
 

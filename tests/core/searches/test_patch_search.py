@@ -4,21 +4,21 @@ import math
 import numpy as np
 import pytest
 
+from tactopose_drake.core.evidence.patch_contacts import patch_contacts
 from tactopose_drake.core.evidence.prior import PosePrior
-from tactopose_drake.core.objectives.base import SumObjective
 from tactopose_drake.core.objectives.covariance_matching import CovarianceMatching
+from tactopose_drake.core.objectives.objective import SumObjective
 from tactopose_drake.core.objectives.patch_contact import PatchContact
 from tactopose_drake.core.objectives.pose_prior import PriorObjective
 from tactopose_drake.core.poses import increments_between, make_poses, random_rotations, retract
-from tactopose_drake.core.searches.base import PriorSpace
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
-from tactopose_drake.core.searches.patch_search import corner_search, patch_search
+from tactopose_drake.core.searches.patch_searches import corner_search, patch_search
+from tactopose_drake.core.searches.search import PriorSpace
 from tactopose_drake.core.searches.touch_space import TouchSpace
-from tactopose_drake.core.sensing.patch_contacts import patch_contacts
 from tactopose_drake.core.sensing.patches import Patch
-from tactopose_drake.core.sensing.synthetic_patch import touch_with_pads
-from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.shape.point_grid import build_point_grid
+from tactopose_drake.core.synthetic.synthetic_patch import touch_with_pads
 from tests.core.meshes import shape_poor_in_symmetry
 
 

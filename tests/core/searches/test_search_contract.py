@@ -10,22 +10,21 @@ import pytest
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.prior import PosePrior
-from tactopose_drake.core.objectives.base import LeastSquaresObjective, NormalEquations
+from tactopose_drake.core.objectives.objective import LeastSquaresObjective, NormalEquations
 from tactopose_drake.core.objectives.pose_prior import PriorObjective
 from tactopose_drake.core.poses import increments_between, retract
-from tactopose_drake.core.searches.base import PriorSpace, Search, SearchResult, StopSignal, never
 from tactopose_drake.core.searches.evolution_strategy import EvolutionStrategy
 from tactopose_drake.core.searches.gradient_descent import GradientDescent
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
 from tactopose_drake.core.searches.monte_carlo import MonteCarlo
-from tactopose_drake.core.searches.multi_start import MultiStart
 from tactopose_drake.core.searches.pair_search import PairSearch
 from tactopose_drake.core.searches.scaling_series import ScalingSeries
+from tactopose_drake.core.searches.search import PriorSpace, Search, SearchResult, StopSignal, never
 from tactopose_drake.core.searches.simulated_annealing import SimulatedAnnealing
-from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
-from tactopose_drake.programs.direct import Direct
-from tactopose_drake.programs.pose_program import PoseProgram
+from tactopose_drake.estimation.direct import Direct
+from tactopose_drake.estimation.mathematical_program import PoseProgram
 from tests.core.meshes import smooth_shape
 from tests.core.searches.problems import make_touch
 
@@ -35,7 +34,6 @@ SEARCHES: dict[str, Callable[[ObjectModel], Search]] = {
     "pair search": lambda model: PairSearch(model=model, contacts=NO_TOUCH),
     "levenberg_marquardt": lambda model: LevenbergMarquardt(),
     "gradient_descent": lambda model: GradientDescent(),
-    "multi-start": lambda model: MultiStart(),
     "nlopt_slsqp": lambda model: PoseProgram(solver="nlopt_slsqp"),
     "nlopt_ccsaq": lambda model: PoseProgram(solver="nlopt_ccsaq"),
     "snopt": lambda model: PoseProgram(solver="snopt"),

@@ -3,8 +3,8 @@ import pytest
 
 from tactopose_drake.core.poses import inverse, make_poses, random_rotations, transform_points
 from tactopose_drake.core.sensing.patches import Patch, describe_patch
-from tactopose_drake.core.sensing.sensing_box import sensing_box
-from tactopose_drake.core.sensing.synthetic_patch import flat_pad
+from tactopose_drake.core.sensing.sensing_range import sensing_box
+from tactopose_drake.core.synthetic.synthetic_patch import flat_pad
 from tactopose_drake.errors import InvalidInputError
 
 

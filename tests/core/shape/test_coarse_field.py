@@ -2,10 +2,11 @@ import numpy as np
 import pytest
 
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.evidence.synthetic_touch import random_surface_points
-from tactopose_drake.core.pairs.pair_poses import coarse_cost
-from tactopose_drake.core.shape.coarse_field import CoarseField, coarsen, contact_table
-from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.searches.pairs.contact_tables import contact_table
+from tactopose_drake.core.searches.pairs.pair_poses import coarse_cost
+from tactopose_drake.core.shape.coarse_field import CoarseField, coarsen
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.synthetic.synthetic_touch import random_surface_points
 
 
 def cost(field: CoarseField, contacts: Contacts, X_PO: np.ndarray, off: float = 0.0, turn: float = 0.0) -> float:

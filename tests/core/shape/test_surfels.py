@@ -8,7 +8,7 @@ from scipy.special import erf
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.objectives.surface_density import SurfaceDensity
-from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.shape.surfels import FINEST, surfel_spacing
 
 SIGMA, BEND = 0.001, 0.1

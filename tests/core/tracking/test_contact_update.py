@@ -6,7 +6,7 @@ import trimesh
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.poses import exp_so3, increments_between, make_poses, random_rotations, retract
-from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.contact_update import Stable, update_with_contacts
 from tests.core.tracking.boxes import SIGMA_NORMAL, SIGMA_POSITION, draw_biases, make_box, n_OC, p_OC, touch
 

@@ -5,7 +5,7 @@ import pytest
 from scipy.linalg import eigh
 
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.mode_set import ModeSet
 from tactopose_drake.core.tracking.touch_memory import fade, remember, worth_of_a_frame
 from tests.core.tracking.boxes import SIGMA_NORMAL, SIGMA_POSITION, make_box, n_OC, p_OC

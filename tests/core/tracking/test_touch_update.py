@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tactopose_drake.core.poses import retract
-from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.contact_update import Stable
 from tactopose_drake.core.tracking.frame_touch import FrameTouch
 from tactopose_drake.core.tracking.looking_elsewhere import Look

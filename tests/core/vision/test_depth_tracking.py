@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 from tactopose_drake.core.poses import exp_so3, increments_between, make_poses, retract, transform_points
-from tactopose_drake.core.shape.objects import ObjectModel
+from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.vision.depth_tracking import DepthTrackerModel, TrackedPose, fit_pose, take_picture
 from tactopose_drake.errors import InvalidInputError
 

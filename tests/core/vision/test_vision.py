@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tactopose_drake.core.poses import exp_so3, increments_between, make_poses
-from tactopose_drake.core.vision.vision import VisionModel, look
+from tactopose_drake.core.vision.vision_model import VisionModel, look
 from tactopose_drake.errors import InvalidInputError
 
 X_PO = make_poses(exp_so3(np.array([0.2, -1.1, 0.4])), np.array([0.02, -0.01, 0.1]))

@@ -1,1 +1,0 @@
-"""An arm that carries the hand: its models, motions, station, and what it places."""

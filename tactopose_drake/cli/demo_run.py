@@ -1,0 +1,166 @@
+"""The demonstration: a simulated hand closes on an object, feels it, and corrects what vision says about its pose."""
+
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from pydrake.geometry import Meshcat
+from pydrake.math import RigidTransform
+
+from tactopose_drake.cli.demo_reports import (
+    FingerReport,
+    PadReport,
+    PoseReport,
+    pad_force,
+    report_finger,
+    report_pad,
+    report_pose,
+)
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.evidence.patch_contacts import with_patches
+from tactopose_drake.core.evidence.prior import PosePrior
+from tactopose_drake.core.sensing.patches import Patch
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.errors import TactoposeError
+from tactopose_drake.estimation.files import save_result
+from tactopose_drake.estimation.results import PoseEstimate
+from tactopose_drake.hand.tactile_pads import load_tactile_pad
+from tactopose_drake.runs.grasp_simulation import GraspResult, simulate_grasp
+from tactopose_drake.station.scenario import Scenario
+from tactopose_drake.visualization.body_meshes import BodyMeshes, Triangles
+from tactopose_drake.visualization.meshcat import aim_camera, save_html
+from tactopose_drake.visualization.picture import save_picture
+from tactopose_drake.visualization.scene import Scene
+
+
+class GraspFailedError(TactoposeError, RuntimeError):
+    """No simulated grasp held the object."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class DemoResult:
+    """What the demonstration found.
+
+    Attributes:
+        grasp: the simulation at its end.
+        fingers: one report for each fingertip in contact that has a force-torque sensor.
+        pads: one report for each tactile pad.
+        vision, touch: reports on the pose before and after the touch.
+        hidden_share: how much of the object's camera side the hand hides, 0 to 1.
+        estimate: the hypotheses.
+        scene: what the pictures show.
+    """
+
+    grasp: GraspResult
+    fingers: tuple[FingerReport, ...]
+    pads: tuple[PadReport, ...]
+    vision: PoseReport
+    touch: PoseReport
+    hidden_share: float
+    estimate: PoseEstimate
+    scene: Scene
+
+
+def run_demo(
+    scenario: Scenario,
+    *,
+    model: ObjectModel | None = None,
+    meshcat: Meshcat | None = None,
+    on_progress: Callable[[str], None] | None = None,
+) -> DemoResult:
+    """Simulates the scenario's grasp and compares vision's pose and the estimate with the truth.
+
+    Args:
+        scenario: what to simulate.
+        model: of the scenario's object, if it is at hand already.
+        meshcat: records the motion, if given.
+        on_progress: is told what begins.
+
+    Raises:
+        InvalidInputError: if the scenario cannot be built.
+        GraspFailedError: if no grasp that was tried holds the object, or what is felt gives no estimate.
+    """
+    grasp = simulate_grasp(scenario, model=model, meshcat=meshcat, on_progress=on_progress)
+    if not grasp.stable:
+        reasons = "; ".join((*grasp.failed_attempts, grasp.reason))
+        raise GraspFailedError(f"no grasp of the {scenario.object} with seed {scenario.seed} held it: {reasons}.")
+    diagram, context = grasp.station.diagram, grasp.context
+    contacts: Contacts = diagram.GetOutputPort("contacts").Eval(context)
+    names: list[str] = diagram.GetOutputPort("fingers_in_contact").Eval(context)
+    pads = _read_pads(grasp)
+    touch = _join(contacts, list(pads.values()))
+    prior: PosePrior = diagram.GetOutputPort("prior").Eval(context)
+    estimate: PoseEstimate | None = diagram.GetOutputPort("hypotheses").Eval(context)
+    if estimate is None:
+        status = diagram.GetOutputPort("status").Eval(context)
+        raise GraspFailedError(f"the hand holds the {scenario.object} but feels too little of it: {status}.")
+    scene = Scene(
+        model=grasp.station.model,
+        contacts=touch,
+        patches=tuple(patch for patch, _ in pads.values()),
+        prior=RigidTransform(prior.X_PO),
+        estimate=estimate.best.X_PO,
+        truth=grasp.X_PO,
+        hand=_hand_surface(grasp),
+        up_P=_palm_pose(grasp).rotation().inverse() @ np.array([0.0, 0.0, 1.0]),
+    )
+    vision, touched = (
+        report_pose(name, X_PO, grasp.X_PO, grasp.station.model, touch, estimate.best.free_directions)
+        for name, X_PO in (("vision", prior.X_PO), ("touch", estimate.best.X_PO.GetAsMatrix34()))
+    )
+    truth = grasp.truth
+    return DemoResult(
+        grasp=grasp,
+        fingers=tuple(report_finger(name, row, contacts, truth.tips.get(name)) for row, name in enumerate(names)),
+        pads=tuple(report_pad(name, *pads[name], truth.pads.get(name)) for name in pads),
+        vision=vision,
+        touch=touched,
+        hidden_share=float(diagram.GetOutputPort("hidden_share").Eval(context)[0]),
+        estimate=estimate,
+        scene=scene,
+    )
+
+
+def save_demo(result: DemoResult, folder: Path, meshcat: Meshcat | None = None) -> tuple[Path, ...]:
+    """Writes result.json and picture.png, and with Meshcat's recording scene.html; returns their paths."""
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = [folder / "result.json", folder / "picture.png"]
+    save_result(paths[0], result.estimate)
+    save_picture(paths[1], result.scene)
+    if meshcat is not None:
+        aim_camera(meshcat, result.scene, _palm_pose(result.grasp))
+        paths.append(folder / "scene.html")
+        save_html(paths[2], meshcat)
+    return tuple(paths)
+
+
+def _read_pads(grasp: GraspResult) -> dict[str, tuple[Patch, FloatArray]]:
+    """What each tactile pad feels at the end, and the areas of its cells, m^2; each has a reading by then."""
+    configs = grasp.station.hand.config.pads
+    if not configs:
+        return {}
+    patches = grasp.station.diagram.GetOutputPort("patches").Eval(grasp.context)
+    return {
+        pad.name: (patch, load_tactile_pad(pad.array).layout.areas) for pad, patch in zip(configs, patches, strict=True)
+    }
+
+
+def _join(contacts: Contacts, pads: list[tuple[Patch, FloatArray]]) -> Contacts:
+    """Fingertips' contacts and pads' patches as contacts with normals and forces."""
+    assert contacts.f_PC is not None
+    forces = [pad_force(patch, areas) for patch, areas in pads if patch.is_felt]
+    touch = with_patches(contacts, [patch for patch, _ in pads])
+    return dataclasses.replace(touch, f_PC=np.concatenate([contacts.f_PC, np.reshape(forces, (-1, 3))]))
+
+
+def _hand_surface(grasp: GraspResult) -> Triangles:
+    station = grasp.station
+    context = station.plant.GetMyContextFromRoot(grasp.context)
+    return BodyMeshes.in_palm(station.plant, context, station.hand.palm_frame)
+
+
+def _palm_pose(grasp: GraspResult) -> RigidTransform:
+    station = grasp.station
+    return station.hand.palm_frame.CalcPoseInWorld(station.plant.GetMyContextFromRoot(grasp.context))

@@ -1,0 +1,128 @@
+"""`tactopose identify`: which of many objects is touched, on the command line."""
+
+import contextlib
+import multiprocessing
+import os
+import warnings
+from collections.abc import Iterator
+from concurrent.futures import Executor, ProcessPoolExecutor
+from pathlib import Path
+from typing import get_args
+
+import click
+from rich import box
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from tactopose_drake.core.mesh.repair import MeshRepairWarning
+from tactopose_drake.estimation.files import load_contacts
+from tactopose_drake.estimation.identification import Likelihood, identify
+from tactopose_drake.estimation.identities import Identification
+from tactopose_drake.estimation.object_library import LibraryWarning, ObjectLibrary
+
+_MOST_ROWS = 12
+_BAR = 12  # Characters of the longest.
+_path = click.Path(path_type=Path)
+_console = Console()
+_errors = Console(stderr=True, soft_wrap=True, highlight=False)
+
+
+@click.command(name="identify")
+@click.option("--library", "folder", type=_path, required=True, help="Folder of meshes in metres, or a manifest.")
+@click.option("--contacts", "contacts_file", type=_path, required=True, help="contacts.yaml: the touch.")
+@click.option(
+    "--jobs",
+    type=click.IntRange(min=1),
+    default=os.cpu_count() or 1,
+    show_default="number of cores",
+    help="Processes that index new objects at a time.",
+)
+@click.option(
+    "--likelihood",
+    type=click.Choice(get_args(Likelihood)),
+    default="evidence",
+    show_default=True,
+    help="What ranks the objects; the inverse of the lowest cost is the thesis' measure.",
+)
+def identify_command(folder: Path, contacts_file: Path, jobs: int, likelihood: Likelihood) -> None:
+    """Tells which object of a library the contacts are on."""
+    contacts = load_contacts(contacts_file)
+    with _workers(jobs) as executor:
+        library = _open(folder, executor)
+    # The few candidates are estimated here: processes would take longer to start than they save.
+    with _errors.status(f"comparing {len(library)} objects (the first run on a machine compiles its kernels)"):
+        found = identify(library, contacts, likelihood=likelihood)
+    _console.print(_table(found))
+    _console.print(_line(found))
+
+
+@contextlib.contextmanager
+def _workers(jobs: int) -> Iterator[Executor | None]:
+    """Processes that start when work comes in; none for a single job."""
+    if jobs == 1:
+        yield None
+        return
+    # What is not done yet is dropped when the user interrupts.
+    executor = ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn"))
+    try:
+        yield executor
+    finally:
+        executor.shutdown(cancel_futures=True)
+
+
+def _open(folder: Path, executor: Executor | None) -> ObjectLibrary:
+    """Opens a library, shows how far its indexing is, and says what is left out."""
+    columns = (TextColumn("indexing"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with (
+        warnings.catch_warnings(record=True) as caught,
+        Progress(*columns, console=_errors, transient=True) as progress,
+    ):
+        warnings.simplefilter("always", LibraryWarning)
+        task = progress.add_task("indexing", total=None)
+        try:
+            return ObjectLibrary.open(
+                folder,
+                executor=executor,
+                on_progress=lambda done, total: progress.update(task, completed=done, total=total),
+            )
+        finally:
+            progress.stop()
+            for warning in caught:
+                if issubclass(warning.category, LibraryWarning | MeshRepairWarning):
+                    _errors.print(f"warning: {warning.message}", style="yellow", markup=False)
+
+
+def _table(found: Identification) -> Table:
+    """The objects that were looked at closely, the most likely first."""
+    table = Table(title="Touched object", box=box.SIMPLE_HEAD, pad_edge=False)
+    for heading in ("rank", "object", "likelihood", "", "log evidence", "explained"):
+        table.add_column(
+            heading, justify="right" if heading in ("rank", "likelihood", "log evidence") else "left", no_wrap=True
+        )
+    shown = [identity for identity in found[:_MOST_ROWS] if identity.estimate is not None]
+    for identity in shown:
+        assert identity.estimate is not None
+        table.add_row(
+            str(identity.rank),
+            identity.name,
+            f"{identity.likelihood:.1%}",
+            "\u2588" * round(_BAR * identity.likelihood / max(found.best.likelihood, 1e-300)),
+            f"{identity.log_evidence:.1f}",
+            "no" if identity.estimate.status == "no_solution" else "yes",
+        )
+    if len(found) > len(shown):
+        table.caption = f"and {len(found) - len(shown)} less likely"
+    return table
+
+
+def _line(found: Identification) -> str:
+    """What the status means, in a sentence."""
+    ties = [identity.name for identity in found if identity.rank == found.best.rank]
+    name = found.best.name if len(ties) == 1 else f"{' or '.join(ties)}, which have the same shape"
+    explanation = {
+        "ok": f"It is {name}.",
+        "ambiguous": f"Several objects explain the touch; the most likely is {name}.",
+        "no_solution": f"No object explains the touch within its noise; the nearest is {name}.",
+    }[found.status]
+    return f"{found.status}: {explanation} ({1e3 * found.duration:.0f} ms)"

@@ -1,0 +1,3 @@
+from .guarded_moves import GuardedMoves as GuardedMoves
+from .next_touch import choose_touch as choose_touch
+from .next_touch import is_allowed as is_allowed

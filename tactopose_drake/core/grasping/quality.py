@@ -1,0 +1,191 @@
+"""How well a grasp holds an object: which wrenches its contacts resist, and how sure that is.
+
+The contacts' forces act on the object where its surface is: each measured point is moved to the nearest point of the
+model's surface at the given pose, and the friction cone stands on the model's normal there, not on the measured one. So
+contacts without normals count too, noise does not tilt the cones, and another pose gives another quality, which is what
+the probability over a belief is made of. How far the points were moved is part of the result: contacts that are
+millimetres off the surface are not contacts with the object in that pose.
+
+Sources: [B16] J. Bimbo, thesis, 2016, sections 2.1 and 6.2.2. [FC92] C. Ferrari and J. Canny, Planning optimal grasps,
+ICRA 1992. [P94] N. Pollard, Parallel methods for synthesizing whole-hand grasps from generalized prototypes, 1994
+(object wrench space).
+"""
+
+import dataclasses
+from typing import Literal, NamedTuple, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.grasping.wrench_space import Norm, WrenchSpace, cone_wrenches
+from tactopose_drake.core.posterior.pose_modes import PoseModes
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.validation import FloatArray, finite_array, pose_matrix, positive_number
+from tactopose_drake.errors import InvalidInputError, UnknownNameError
+
+_PROJECTIONS = 3
+# Surface points whose disturbances make up the object wrench space.
+_OBJECT_POINTS = 400
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class GraspQuality:
+    """The quality of one grasp; wrenches are about the centre of mass, in the axes of O, torques over `length`.
+
+    Attributes:
+        force_closure: whether any wrench is resisted if only the fingers press hard enough. It takes three contacts:
+            points cannot resist a torque about the line through two of them.
+        radius: of the largest ball in the wrench space: the wrench that is resisted whatever its direction, N for each
+            N of normal force; 0 without force closure. [FC92]
+        task_scale: the largest multiple of the task's wrenches that is resisted; None without a task.
+        space: the wrench space.
+        length: that torques were divided by, m.
+        p_OC: the contacts' places on the surface, shape (k, 3), m.
+        n_OC: outward unit normals there, shape (k, 3).
+        distance: of the measured points from the surface, negative inside, shape (k,), m.
+    """
+
+    force_closure: bool
+    radius: float
+    task_scale: float | None
+    space: WrenchSpace
+    length: float
+    p_OC: FloatArray
+    n_OC: FloatArray
+    distance: FloatArray
+
+    @property
+    def volume(self) -> float:
+        """Content of the wrench space, N^6; for the norm "Linf" see `WrenchSpace.volume`, which says how long."""
+        return self.space.volume
+
+
+def grasp_quality(
+    model: ObjectModel,
+    contacts: Contacts,
+    X_PO: object,
+    *,
+    friction: float,
+    norm: Norm = "L1",
+    edges: int = 8,
+    length: float | None = None,
+    task: ArrayLike | Literal["object"] | None = None,
+) -> GraspQuality:
+    """Judges the contacts as a grasp.
+
+    Args:
+        model: the object.
+        contacts: in the palm frame; their points alone count.
+        X_PO: the object's pose in the palm, a RigidTransform or its matrix.
+        friction: coefficient of friction.
+        norm: what the forces are bounded by: "L1", the sum of the normal forces is 1 N; "Linf", each is.
+        edges: of the pyramid that stands for a friction cone; it lies within the cone.
+        length: what torques are divided by, m; by default `lever`, the farthest point of the object from its centre of
+            mass.
+        task: wrenches that disturb the object, about the centre of mass in the axes of P, shape (t, 6), torque first,
+            N m and N; or "object": pushes of 1 N with this friction anywhere on its surface [P94].
+
+    Raises:
+        InvalidInputError: a friction below 0, fewer than 3 edges, a length that is not positive, an X_PO that is no
+            pose, or a task of another shape.
+        UnknownNameError: a norm that does not exist.
+    """
+    friction, length = _check(model, friction, edges, length, norm)
+    X = pose_matrix("X_PO", X_PO)
+    p_OC, n_OC, distance = on_surface(model, (contacts.p_PC - X[:, 3]) @ X[:, :3])
+    space = WrenchSpace(cone_wrenches(p_OC - model.center_of_mass, n_OC, friction, edges, length), norm)
+    scale = None
+    if isinstance(task, str):
+        if task != "object":
+            raise UnknownNameError("task", task, ["object"])
+        scale = space.scale(object_wrenches(model, friction, edges, length))
+    elif task is not None:
+        wrenches = finite_array("task", task, (None, 6)).reshape(-1, 2, 3) @ X[:, :3]
+        scale = space.scale((wrenches / [[length], [1.0]]).reshape(-1, 6))
+    return GraspQuality(space.is_force_closure, space.radius, scale, space, length, p_OC, n_OC, distance)
+
+
+class ClosureProbability(NamedTuple):
+    """How sure it is that a grasp is force closure.
+
+    Attributes:
+        value: share of the sampled poses with force closure.
+        standard_error: of the value, from the number of samples.
+    """
+
+    value: float
+    standard_error: float
+
+
+def force_closure_probability(
+    model: ObjectModel,
+    contacts: Contacts,
+    belief: PoseModes,
+    *,
+    friction: float,
+    edges: int = 8,
+    samples: int = 500,
+    seed: int = 0,
+) -> ClosureProbability:
+    """The probability that the grasp is force closure, over what is believed of the object's pose.
+
+    Args:
+        model: the object.
+        contacts: in the palm frame.
+        belief: of the pose; `PoseEstimate.modes`.
+        friction: coefficient of friction.
+        edges: of the pyramid that stands for a friction cone.
+        samples: poses that are drawn from the belief.
+        seed: of the draws.
+
+    Raises:
+        InvalidInputError: a friction or a seed below 0, fewer than 3 edges, or no sample.
+    """
+    friction, length = _check(model, friction, edges, None, "L1")
+    if samples < 1:
+        raise InvalidInputError(f"samples: is {samples}; allowed are numbers >= 1.")
+    if seed < 0:
+        raise InvalidInputError(f"seed: is {seed}; allowed are integers >= 0.")
+    X_PO = belief.sample(samples, np.random.default_rng(seed))
+    p_OC = np.einsum("bkj,bji->bki", contacts.p_PC - X_PO[:, None, :, 3], X_PO[:, :, :3])
+    p_OC, n_OC, _ = on_surface(model, p_OC)
+    primitives = cone_wrenches(p_OC - model.center_of_mass, n_OC, friction, edges, length)
+    share = float(np.mean([WrenchSpace(wrenches).is_force_closure for wrenches in primitives]))
+    return ClosureProbability(share, float(np.sqrt(share * (1.0 - share) / samples)))
+
+
+def on_surface(model: ObjectModel, p_OQ: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The surface's points nearest to given ones (..., 3), m, in O.
+
+    Returns:
+        Points (..., 3), m; outward normals there (..., 3); signed distances of the given points (...), m.
+    """
+    start, normal = model.grid.distance_and_normal(p_OQ)
+    p_OC, distance = p_OQ, start
+    for _ in range(_PROJECTIONS):
+        p_OC = p_OC - distance[..., None] * normal
+        distance, normal = model.grid.distance_and_normal(p_OC)
+    return p_OC, normal, start
+
+
+def lever(model: ObjectModel) -> float:
+    """The distance of the object's farthest point from its centre of mass, m: no force has a longer lever."""
+    return float(np.linalg.norm(model.vertices - model.center_of_mass, axis=1).max())
+
+
+def object_wrenches(model: ObjectModel, friction: float, edges: int, length: float) -> FloatArray:
+    """Wrenches of pushes of 1 N on the surface, in the axes of O, shape (t, 6), torque over the length first, N."""
+    some = slice(None, None, max(1, len(model.samples) // _OBJECT_POINTS))
+    points, normals = model.samples.points[some], model.samples.normals[some]
+    return cone_wrenches(points - model.center_of_mass, normals, friction, edges, length).reshape(-1, 6)
+
+
+def _check(model: ObjectModel, friction: float, edges: int, length: float | None, norm: str) -> tuple[float, float]:
+    """The friction and the length, if all is allowed."""
+    if norm not in get_args(Norm):
+        raise UnknownNameError("norm", norm, get_args(Norm))
+    if edges < 3:
+        raise InvalidInputError(f"edges: is {edges}; allowed are numbers >= 3.")
+    friction = positive_number("friction", friction, allow_zero=True)
+    return friction, lever(model) if length is None else positive_number("length", length)

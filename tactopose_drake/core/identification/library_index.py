@@ -1,0 +1,169 @@
+"""Which of many objects can two contacts lie on? Pair features of a whole library in one table.
+
+What two oriented points have in common with any two contacts, whatever the object's pose, are four numbers [D10]: see
+`pair_features`. Here the pairs of every object's surface samples are counted in bins that all objects share. The table
+is sorted by bin, so that a query touches the objects that have such pairs and no others [LW88].
+
+The share of an object's pairs about the feature of two contacts is how likely it is to be measured, were the object
+touched at random. The logarithms of all the contacts' pairs are added, as if they were independent [V11]: that is no
+likelihood, but it ranks objects in some microseconds each, without any pose.
+
+Sources: [D10] B. Drost, M. Ulrich, N. Navab, S. Ilic, Model globally, match locally, CVPR 2010; [LW88] Y. Lamdan,
+H. Wolfson, Geometric hashing, ICCV 1988; [V11] C. Varin, N. Reid, D. Firth, An overview of composite likelihood
+methods, Statistica Sinica 21, 2011.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.searches.pairs.contact_pairs import spread_out
+from tactopose_drake.core.shape.pair_features import fill_feature, pair_feature
+from tactopose_drake.core.shape.surface_samples import SurfaceSamples
+from tactopose_drake.core.validation import FloatArray
+
+SAMPLES = 512
+"""Of an object's surface samples so many are paired."""
+
+_DISTANCE = 0.004  # A bin's width, m.
+_DISTANCE_BINS = 256  # The last holds all longer distances too.
+_ANGLE = np.pi / 12.0  # Likewise, rad.
+_ANGLE_BINS = 13  # The middles of the first and the last are 0 and pi: right angles are not on a border.
+_BINS = _DISTANCE_BINS * _ANGLE_BINS**3
+_REACH = 2.5  # Bins count within so many standard deviations.
+# Of more contacts those that are farthest apart tell enough.
+_MOST_CONTACTS = 8
+# The density where no pair of the samples is near: samples may miss what is there.
+_LEAST = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class PairCounts:
+    """How many pairs of an object's surface samples are in each bin.
+
+    Attributes:
+        bins: the bins that hold some, rising, shape (n,).
+        counts: how many, shape (n,).
+    """
+
+    bins: NDArray[np.int32]
+    counts: NDArray[np.uint16]
+
+
+def count_pairs(samples: SurfaceSamples) -> PairCounts:
+    """Counts the ordered pairs of `SAMPLES` of the samples, of which there are as many or more."""
+    chosen = np.linspace(0, len(samples), SAMPLES, endpoint=False).astype(np.intp)
+    counts = np.zeros(_BINS, dtype=np.int64)
+    _count(np.ascontiguousarray(samples.points[chosen]), np.ascontiguousarray(samples.normals[chosen]), counts)
+    bins = np.flatnonzero(counts)
+    return PairCounts(bins.astype(np.int32), np.minimum(counts[bins], 2**16 - 1).astype(np.uint16))
+
+
+@dataclass(frozen=True, eq=False)
+class JointIndex:
+    """The pairs of many objects, sorted by bin.
+
+    Attributes:
+        size: number of objects.
+        first: the number of entries in the bins before each, shape (bins + 1,).
+        objects: each entry's object, shape (entries,).
+        counts: how many pairs that object has in the bin, shape (entries,).
+    """
+
+    size: int
+    first: NDArray[np.int64]
+    objects: NDArray[np.int32]
+    counts: NDArray[np.uint16]
+
+    @classmethod
+    def join(cls, objects: Sequence[PairCounts]) -> JointIndex:
+        """The index of objects, which are numbered as they come."""
+        first = np.zeros(_BINS + 1, dtype=np.int64)
+        for pairs in objects:
+            first[pairs.bins + 1] += 1
+        np.cumsum(first, out=first)
+        owners, counts = np.empty(first[-1], dtype=np.int32), np.empty(first[-1], dtype=np.uint16)
+        place = first[:-1].copy()
+        for i, pairs in enumerate(objects):
+            owners[place[pairs.bins]], counts[place[pairs.bins]] = i, pairs.counts
+            place[pairs.bins] += 1
+        return cls(len(objects), first, owners, counts)
+
+    def scores(self, contacts: Contacts) -> FloatArray:
+        """How well each object's pairs agree with those of the contacts, shape (objects,); higher is better."""
+        chosen = spread_out(contacts.p_PC, _MOST_CONTACTS)
+        sigma_position, sigma_normal = np.asarray(contacts.sigma_position), np.asarray(contacts.sigma_normal)
+        scores, density = np.zeros(self.size), np.empty(self.size)
+        for a, b in itertools.combinations(chosen.tolist(), 2):
+            length = float(np.linalg.norm(contacts.p_PC[b] - contacts.p_PC[a]))
+            sigma_length = float(np.hypot(sigma_position[a], sigma_position[b]))
+            if length < 3.0 * sigma_length:
+                continue  # The direction from one to the other is not known.
+            if contacts.n_PC is None:
+                feature, sigma = np.array([length, 0.0, 0.0, 0.0]), np.array([sigma_length, np.inf, np.inf, np.inf])
+            else:
+                feature = pair_feature(contacts.p_PC[a], contacts.n_PC[a], contacts.p_PC[b], contacts.n_PC[b])
+                tilt = sigma_length / length
+                turns = [sigma_normal[a], sigma_normal[b]]
+                sigma = np.array([sigma_length, *np.hypot(turns, tilt), np.hypot(*turns)])
+            density[:] = 0.0
+            _add_densities(self.first, self.objects, self.counts, *_weights(feature, sigma), density)
+            scores += np.log(density / (SAMPLES * (SAMPLES - 1)) + _LEAST)
+        return scores
+
+
+def _weights(feature: FloatArray, sigma: FloatArray) -> tuple[NDArray[np.int64], FloatArray]:
+    """The lowest bins (4,) about a feature, and the weights of those and the next along each number, shape (4, bins).
+
+    The weights are those of a Gaussian that is wider by a bin, because a sample may lie anywhere in its bin.
+    """
+    width = np.array([_DISTANCE, _ANGLE, _ANGLE, _ANGLE])
+    bins = np.array([_DISTANCE_BINS, *np.full(3, _ANGLE_BINS)])
+    middle, spread = feature / width + np.array([0.0, 0.5, 0.5, 0.5]), np.sqrt((sigma / width) ** 2 + 1.0 / 6.0)
+    middle[0] = min(middle[0], _DISTANCE_BINS - 0.5)
+    low = np.clip(np.floor(middle - _REACH * spread), 0, bins - 1).astype(np.int64)
+    high = np.clip(np.floor(middle + _REACH * spread), 0, bins - 1).astype(np.int64)
+    weights = np.zeros((4, int((high - low).max()) + 1))
+    for a in range(4):
+        steps = np.arange(low[a], high[a] + 1) + 0.5 - middle[a]
+        if np.isfinite(spread[a]):
+            weights[a, : len(steps)] = np.exp(-0.5 * (steps / spread[a]) ** 2) / (np.sqrt(2.0 * np.pi) * spread[a])
+        else:
+            weights[a, : len(steps)] = 1.0
+    return low, weights
+
+
+@njit(cache=True, nogil=True)
+def _count(points, normals, counts):  # type: ignore[no-untyped-def]
+    feature = np.empty(4)
+    for i in range(points.shape[0]):
+        for j in range(points.shape[0]):
+            if i == j:
+                continue
+            fill_feature(points[i], normals[i], points[j], normals[j], feature)
+            row = min(int(feature[0] / _DISTANCE), _DISTANCE_BINS - 1)
+            for a in range(1, 4):
+                row = row * _ANGLE_BINS + int(feature[a] / _ANGLE + 0.5)
+            counts[row] += 1
+
+
+@njit(cache=True, nogil=True)
+def _add_densities(first, objects, counts, low, weights, density):  # type: ignore[no-untyped-def]
+    most = weights.shape[1]
+    for d in range(most):
+        for a in range(most):
+            for b in range(most):
+                for c in range(most):
+                    weight = weights[0, d] * weights[1, a] * weights[2, b] * weights[3, c]
+                    if weight > 0.0:
+                        row = (low[0] + d) * _ANGLE_BINS + low[1] + a
+                        row = (row * _ANGLE_BINS + low[2] + b) * _ANGLE_BINS + low[3] + c
+                        for k in range(first[row], first[row + 1]):
+                            density[objects[k]] += weight * counts[k]

@@ -1,0 +1,13 @@
+from .belief import BeliefSampling as BeliefSampling
+from .cramer_rao import cramer_rao_bound as cramer_rao_bound
+from .hypotheses import Modes as Modes
+from .hypotheses import determined_part as determined_part
+from .hypotheses import find_modes as find_modes
+from .hypotheses import free_directions as free_directions
+from .metrics import touch_errors as touch_errors
+from .metrics import truth_errors as truth_errors
+from .plausibility import degrees_of_freedom as degrees_of_freedom
+from .plausibility import explain_touch as explain_touch
+from .plausibility import may_be_touched as may_be_touched
+from .pose_modes import PoseModes as PoseModes
+from .posterior import make_posterior as make_posterior

@@ -1,0 +1,79 @@
+"""Whether noise alone explains what a touch leaves over at a pose."""
+
+import functools
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtri
+
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.evidence.evidence import Evidence
+from tactopose_drake.core.objectives.patch_contact import PatchContact
+from tactopose_drake.core.objectives.surface_contact import SurfaceContact
+from tactopose_drake.core.objectives.surface_density import SurfaceDensity
+from tactopose_drake.core.sensing.patches import Patch
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.validation import FloatArray
+
+# A touch is explained when noise alone would leave residuals this large more often than once in a million.
+_IMPLAUSIBLE = 1e-6
+# What a pad's place and turn may be off by, at the true pose.
+_MISPLACEMENTS = 6
+# A pose is no farther from the truth than so many standard deviations.
+_SIGMAS = 6.0
+
+
+def degrees_of_freedom(evidence: Evidence) -> int:
+    """How many numbers the touch measures; half of that is what noise makes the true pose cost on average."""
+    return _of_contacts(evidence) + sum(_of_patch(patch) for patch in evidence.patches)
+
+
+def explain_touch(model: ObjectModel, evidence: Evidence, X_PO: FloatArray) -> NDArray[np.bool_]:
+    """Which of the poses (B, 3, 4) leave residuals that may be noise: of the contacts together, and of each pad.
+
+    Each pad is asked by itself, because one that no noise explains would hide among the many cells of the others. At
+    the true pose its cost is at most what its misplacement and the errors of its cells are: the least over
+    misplacements is not above that of the true one.
+    """
+    explained = np.ones(len(X_PO), dtype=np.bool_)
+    if len(evidence.contacts):
+        limit = _limit(_of_contacts(evidence))
+        explained &= SurfaceContact(model.grid, evidence.contacts).cost(X_PO) <= limit
+        if not explained.all():
+            # At edges and thin walls the smooth residuals are larger than noise.
+            explained[~explained] = SurfaceDensity(model, evidence.contacts).cost(X_PO[~explained]) <= limit
+    if evidence.patches:
+        limits = np.array([_limit(_MISPLACEMENTS + _of_patch(patch)) for patch in evidence.patches])
+        explained &= np.all(PatchContact(model.grid, evidence.patches).pad_costs(X_PO) <= limits, axis=1)
+    return explained
+
+
+def may_be_touched(model: ObjectModel, X_PO: FloatArray, covariance: FloatArray, contacts: Contacts) -> bool:
+    """Whether an object of which a pose is known may be what is touched: whether any contact is within its reach.
+
+    Args:
+        model: the object.
+        X_PO: where it is or was lately, shape (3, 4).
+        covariance: of the increment (w, v) from it, shape (6, 6), rad and m.
+        contacts: in P, at least one.
+    """
+    spread = np.trace(covariance[3:, 3:]) + model.size**2 * np.trace(covariance[:3, :3])
+    # Within its size are the turns about its origin, and what it may have moved in the hand meanwhile.
+    reach = model.size + _SIGMAS * np.sqrt(spread)
+    p_OC = (contacts.p_PC - X_PO[:, 3]) @ X_PO[:, :3]
+    out_of_box = p_OC - np.clip(p_OC, model.grid.origin, model.grid.upper)
+    return bool(np.square(out_of_box).sum(axis=1).min() < reach**2)
+
+
+@functools.cache
+def _limit(count: int) -> float:
+    return 0.5 * float(chdtri(count, _IMPLAUSIBLE))
+
+
+def _of_contacts(evidence: Evidence) -> int:
+    return len(evidence.contacts) * (1 if evidence.contacts.n_PC is None else 3)
+
+
+def _of_patch(patch: Patch) -> int:
+    """Active cells' depths and, where there are any, the two angles of the surface."""
+    return int(np.count_nonzero(patch.active)) + (2 if patch.is_felt else 0)

@@ -1,0 +1,114 @@
+"""From evidence to what a search is given: an objective, and the space to look in."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from tactopose_drake.core.evidence.evidence import Evidence
+from tactopose_drake.core.objectives.friction_cone import FrictionCone
+from tactopose_drake.core.objectives.objective import LeastSquaresObjective, SumObjective
+from tactopose_drake.core.objectives.patch_contact import PatchContact
+from tactopose_drake.core.objectives.penetration import Penetration
+from tactopose_drake.core.objectives.pose_prior import PriorObjective
+from tactopose_drake.core.objectives.surface_contact import ContactWithPrior, SurfaceContact
+from tactopose_drake.core.objectives.wrench_balance import WrenchBalance
+from tactopose_drake.core.poses import transform_points
+from tactopose_drake.core.searches.search import PoseSpace, PriorSpace
+from tactopose_drake.core.searches.touch_space import TouchSpace
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.errors import InvalidInputError
+
+# So many standard deviations of the hand's geometry the object may be in the hand for nothing: by about as much the
+# contacts, whose noise is of that size too, and the skin, which gives way, may leave it there.
+_TOUCHING = 2.0
+
+# Symmetries keep the centre of mass where it is within this share of the object's size.
+_SAME_CENTER = 1e-3
+
+
+class PoseProblem(NamedTuple):
+    """The search for an object's pose from evidence.
+
+    Attributes:
+        touch: the contacts' objective by itself.
+        determining: the objective of what holds the pose from both sides, contacts, patches and balance: its curvature
+            says what is determined. The hand's volume, pads that feel nothing and friction bound the pose on one side
+            only, which curvature hides.
+        likelihood: the objective of all the evidence but the prior.
+        objective: that of all the evidence.
+        space: the poses that are possible.
+    """
+
+    touch: SurfaceContact
+    determining: LeastSquaresObjective
+    likelihood: LeastSquaresObjective
+    objective: LeastSquaresObjective
+    space: PoseSpace
+
+
+def make_problem(model: ObjectModel, evidence: Evidence) -> PoseProblem:
+    """Gathers the objectives that the evidence calls for; there is a contact, or a patch that is felt.
+
+    Raises:
+        InvalidInputError: balance of an object whose mass is not known, or whose symmetries move its centre of mass.
+    """
+    contacts, prior = evidence.contacts, evidence.prior
+    touch = SurfaceContact(model.grid, contacts)
+    terms: list[LeastSquaresObjective] = [touch] if len(contacts) else []
+    if evidence.felt:
+        terms.append(PatchContact(model.grid, evidence.felt))
+    if evidence.balance is not None:
+        terms.append(balance_term(model, evidence))
+    determining = _sum(terms)
+    terms += bounding_terms(model, evidence)
+    likelihood = _sum(terms)
+    if prior is None:
+        return PoseProblem(touch, determining, likelihood, likelihood, TouchSpace(model, evidence.touch))
+    known = PriorObjective(prior)
+    objective = ContactWithPrior(touch, known) if likelihood is touch else _sum([*terms, known])
+    return PoseProblem(touch, determining, likelihood, objective, PriorSpace(prior))
+
+
+def bounding_terms(model: ObjectModel, evidence: Evidence) -> list[LeastSquaresObjective]:
+    """The objectives of what bounds the pose on one side: silent pads, friction, and the hand's volume."""
+    terms: list[LeastSquaresObjective] = []
+    unfelt = [patch for patch in evidence.patches if not patch.is_felt]
+    if unfelt:
+        terms.append(PatchContact(model.grid, unfelt))
+    if evidence.friction is not None:
+        terms.append(FrictionCone(model.grid, evidence.contacts, evidence.friction))
+    if evidence.hand is not None:
+        terms.append(Penetration(model.grid, evidence.hand, _TOUCHING * evidence.hand.sigma))
+    if evidence.untouched is not None:
+        terms.append(Penetration(model.grid, evidence.untouched))
+    return terms
+
+
+def _sum(terms: list[LeastSquaresObjective]) -> LeastSquaresObjective:
+    return terms[0] if len(terms) == 1 else SumObjective(terms)
+
+
+def balance_term(model: ObjectModel, evidence: Evidence) -> LeastSquaresObjective:
+    """The objective of the forces' balance, which the evidence has.
+
+    Raises:
+        InvalidInputError: an object whose mass is not known, or whose symmetries move its centre of mass.
+    """
+    assert evidence.balance is not None
+    _check_mass(model)
+    return WrenchBalance(evidence.contacts, evidence.balance, model.mass, model.center_of_mass)
+
+
+def _check_mass(model: ObjectModel) -> None:
+    """The forces' balance needs a true mass, and tells apart what the surface alone does not."""
+    if not model.mass_is_known:
+        raise InvalidInputError(
+            f"model: the mass of {model.name!r} is not known; balance needs it: `ObjectModel.from_mesh(mass=...)`."
+        )
+    images = transform_points(model.symmetry_turns, model.center_of_mass[None])
+    moved = float(np.linalg.norm(images - model.center_of_mass, axis=-1).max())
+    if moved > _SAME_CENTER * model.size:
+        raise InvalidInputError(
+            f"model: symmetries of {model.name!r} move its centre of mass by {1e3 * moved:.2g} mm; balance needs a "
+            "model without them: `ObjectModel.from_mesh(symmetry=...)`."
+        )

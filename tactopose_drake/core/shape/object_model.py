@@ -1,0 +1,275 @@
+"""The model of an object: what its mesh says, in the forms that pose estimation needs."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import trimesh
+from numpy.typing import ArrayLike, NDArray
+
+from tactopose_drake.core.mesh.bodies import cross_products
+from tactopose_drake.core.mesh.loading import MeshSource, RawMesh, load_mesh, mesh_file, mesh_name
+from tactopose_drake.core.mesh.repair import MeshRepairWarning, repair_mesh
+from tactopose_drake.core.poses import compose, transform_points
+from tactopose_drake.core.shape import model_cache
+from tactopose_drake.core.shape.coarse_field import CoarseField, coarsen
+from tactopose_drake.core.shape.model_cache import Arrays
+from tactopose_drake.core.shape.pair_features import PairFeatures, build_pair_features
+from tactopose_drake.core.shape.signed_distance import DistanceGrid, build_grid
+from tactopose_drake.core.shape.surface_samples import SurfaceSamples, sample_surface
+from tactopose_drake.core.shape.surfels import Surfels, make_surfels, surfel_spacing
+from tactopose_drake.core.shape.symmetry import RotationalSymmetry, symmetry_group
+from tactopose_drake.core.shape.symmetry_detection import TOLERANCE, detect_symmetries
+from tactopose_drake.core.validation import FloatArray, finite_array, positive_number
+from tactopose_drake.errors import InvalidFileError, InvalidInputError, UnknownNameError
+
+_CONTINUOUS_TURNS = 12
+
+DENSITY = 1000.0
+"""Assumed density where no mass is given, kg/m^3."""
+
+# Formats whose geometry is all in the one file, so that the file's bytes identify it and need not be parsed again.
+_SELF_CONTAINED = {".obj", ".off", ".ply", ".stl"}
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectModel:
+    """A rigid object in its own frame O, made by `from_mesh`; all arrays are read-only.
+
+    Attributes:
+        name: the mesh file's name without its ending, unless another was given.
+        vertices: of the repaired mesh, shape (v, 3), m.
+        faces: vertex indices, anticlockwise seen from outside, shape (f, 3).
+        grid: signed distance and outward normal at any point.
+        samples: points spread evenly over the surface, with normals.
+        volume: m^3.
+        mass: kg; that of water-like density (1000 kg/m^3) where none was given.
+        mass_is_known: whether one was given.
+        center_of_mass: shape (3,), m; the volume's centroid where none was given.
+        inertia: about the centre of mass, axes of O, shape (3, 3), kg m^2: that of the uniform body of this mass about
+            its centroid, also where another centre of mass was given.
+        symmetries: axes about which the object may be turned without a change.
+        symmetry_poses: the poses X_OO' that the finite symmetries generate, the identity first, shape (g, 3, 4);
+            continuous symmetries are in `symmetries` alone.
+        size: diagonal of the bounding box, m.
+        repairs: what was repaired in the mesh, one sentence each.
+        content_hash: of the vertices and faces, 32 hexadecimal digits.
+    """
+
+    name: str
+    vertices: FloatArray
+    faces: NDArray[np.int32]
+    grid: DistanceGrid
+    samples: SurfaceSamples
+    volume: float
+    mass: float
+    center_of_mass: FloatArray
+    inertia: FloatArray
+    symmetries: tuple[RotationalSymmetry, ...]
+    symmetry_poses: FloatArray
+    size: float
+    repairs: tuple[str, ...]
+    content_hash: str
+    mass_is_known: bool = False
+
+    @cached_property
+    def area(self) -> float:
+        """Of the surface, m^2."""
+        return 0.5 * float(np.linalg.norm(cross_products(self.vertices, self.faces), axis=1).sum())
+
+    @cached_property
+    def sample_spread(self) -> tuple[FloatArray, float, float]:
+        """Of the samples the middle (3,), m, the largest distance from O's origin, m, and a coordinate's mean variance,
+        m^2.
+        """
+        points = self.samples.points
+        variance = float(np.var(points, axis=0, ddof=1).mean())
+        return points.mean(axis=0), float(np.linalg.norm(points, axis=1).max()), variance
+
+    @cached_property
+    def pair_features(self) -> PairFeatures:
+        """Pairs of surface samples by what two contacts tell of them; made when first needed, in about 0.2 s."""
+        return build_pair_features(self.samples, self.area, self.symmetry_turns)
+
+    @cached_property
+    def coarse_field(self) -> CoarseField:
+        """The grid in few bytes; made when first needed, in a few milliseconds."""
+        return coarsen(self.grid)
+
+    def surfels(self, sigma: float) -> Surfels:
+        """The surface as discs, for points known to sigma, m; made when first needed, in about 0.1 s."""
+        spacing = surfel_spacing(sigma, self.area)
+        if spacing not in self._surfels:
+            self._surfels[spacing] = make_surfels(self.vertices, self.faces, self.area, spacing)
+        return self._surfels[spacing]
+
+    @cached_property
+    def _surfels(self) -> dict[float, Surfels]:
+        return {}
+
+    @cached_property
+    def symmetry_turns(self) -> FloatArray:
+        """The finite symmetries, joined with some turns about each continuous axis, shape (g, 3, 4)."""
+        turns = self.symmetry_poses
+        for symmetry in self.symmetries:
+            if symmetry.is_continuous:
+                steps = RotationalSymmetry(symmetry.axis, symmetry.point, _CONTINUOUS_TURNS).poses()
+                turns = compose(turns[:, None], steps[None]).reshape(-1, 3, 4)
+        return turns
+
+    @cached_property
+    def symmetry_misfits(self) -> FloatArray:
+        """How far the samples are off the surface when each of the finite symmetries turns them, rms, m, shape (g,)."""
+        turned = transform_points(self.symmetry_poses, self.samples.points)
+        distance = self.grid.distance(turned.reshape(-1, 3)).reshape(len(turned), -1)
+        misfits: FloatArray = np.sqrt(np.mean(distance**2, axis=1))
+        return misfits
+
+    @classmethod
+    def from_mesh(
+        cls,
+        mesh: MeshSource,
+        *,
+        name: str | None = None,
+        mass: float | None = None,
+        center_of_mass: ArrayLike | None = None,
+        symmetry: Literal["auto", "none"] | Sequence[RotationalSymmetry] = "auto",
+        symmetry_tolerance: float = TOLERANCE,
+        samples: int = 3000,
+        spacing: float | None = None,
+        max_grid_bytes: int = 64 * 2**20,
+        cache: bool = True,
+    ) -> ObjectModel:
+        """Builds the model of a mesh in metres, or takes it from the cache, by the mesh's content.
+
+        Args:
+            mesh: a file in any format trimesh reads, a `trimesh.Trimesh`, or a `trimesh.Scene`: its meshes joined.
+            name: what to call the object.
+            mass: kg.
+            center_of_mass: in O, shape (3,), m.
+            symmetry: "auto" detects the rotations that leave the object unchanged, "none" assumes there are none, a
+                list says which there are.
+            symmetry_tolerance: how far the turned surface may be off, as a share of the size (see
+                `detect_symmetries`).
+            samples: number of surface samples, at least 100.
+            spacing: of the distance grid, m; chosen from the size and the walls' thickness if not given.
+            max_grid_bytes: the largest size of the distance grid, bytes.
+            cache: whether to keep the result on disk (`TACTOPOSE_CACHE_DIR` says where).
+
+        Raises:
+            InvalidFileError: if a file is missing or cannot be read as a mesh.
+            UnknownNameError: if a file's format or `symmetry` is none of those that exist.
+            InvalidMeshError: if the mesh is empty, not finite, not manifold, flat, or too open to have an inside.
+            MeshUnitsError: if the mesh is evidently not in metres.
+            InvalidInputError: if an option is out of its range.
+
+        Warns:
+            MeshRepairWarning: once for each repair; see `repair_mesh`.
+        """
+        if mass is not None:
+            mass = positive_number("mass", mass)
+        if center_of_mass is not None:
+            center_of_mass = finite_array("center_of_mass", center_of_mass, (3,)).copy()
+        if isinstance(symmetry, str) and symmetry not in ("auto", "none"):
+            raise UnknownNameError("symmetry", symmetry, ("auto", "none", "a list of RotationalSymmetry"))
+        given = None if isinstance(symmetry, str) else tuple(symmetry)
+        poses = symmetry_group(given or ())
+        if samples < 100:
+            raise InvalidInputError(f"samples: is {samples}; allowed are numbers >= 100.")
+        tolerance = positive_number("symmetry_tolerance", symmetry_tolerance) if symmetry == "auto" else None
+        if spacing is not None:
+            spacing = positive_number("spacing", spacing)
+        name = mesh_name(mesh) if name is None else name
+
+        content = file_content(mesh) if isinstance(mesh, str | Path) else None
+        raw = load_mesh(mesh) if content is None else None
+        identity = content if raw is None else (raw.vertices, raw.faces)
+        options = f"{tolerance} {samples} {spacing} {max_grid_bytes}"
+        key = model_cache.content_key(*(identity or ()), options)
+        arrays = model_cache.load(key) if cache else None
+        if arrays is None:
+            label = str(mesh) if isinstance(mesh, str | Path) else name
+            arrays = _build(raw or load_mesh(mesh), label, tolerance, samples, spacing, max_grid_bytes)
+            if cache:
+                model_cache.store(key, arrays)
+
+        repairs = tuple(json.loads(arrays["repairs"].tobytes()))
+        for repair in repairs:
+            warnings.warn(f"{name}: {repair}.", MeshRepairWarning, stacklevel=2)
+        volume = float(arrays["volume"])
+        mass_is_known = mass is not None
+        mass = DENSITY * volume if mass is None else mass
+        inertia = arrays["inertia"] * (mass / (DENSITY * volume))
+        center = arrays["centroid"] if center_of_mass is None else np.asarray(center_of_mass)
+        detected = zip(arrays["axes"], arrays["orders"], strict=True)
+        model = cls(
+            name=name,
+            vertices=arrays["vertices"],
+            faces=arrays["faces"],
+            grid=DistanceGrid(arrays["distances"], arrays["grid_origin"], float(arrays["grid_spacing"])),
+            samples=SurfaceSamples(arrays["sample_points"], arrays["sample_normals"]),
+            volume=volume,
+            mass=mass,
+            center_of_mass=center,
+            inertia=inertia,
+            symmetries=tuple(RotationalSymmetry(axis, arrays["centroid"], int(order)) for axis, order in detected)
+            if given is None
+            else given,
+            symmetry_poses=arrays["symmetry_poses"] if given is None else poses,
+            size=float(np.linalg.norm(np.ptp(arrays["vertices"], axis=0))),
+            repairs=repairs,
+            content_hash=arrays["content_hash"].tobytes().decode(),
+            mass_is_known=mass_is_known,
+        )
+        for array in (*arrays.values(), center, inertia, poses):
+            array.setflags(write=False)
+        return model
+
+
+def file_content(path: str | Path) -> tuple[bytes, str] | None:
+    """The bytes of a mesh file and its ending, if they alone say what the mesh is."""
+    file = mesh_file(path)
+    if file.suffix.lower() not in _SELF_CONTAINED:
+        return None
+    try:
+        return file.read_bytes(), file.suffix.lower()
+    except OSError as error:
+        raise InvalidFileError(f"{file}: cannot be read ({error.strerror}).") from error
+
+
+def _build(
+    raw: RawMesh, label: str, tolerance: float | None, samples: int, spacing: float | None, max_grid_bytes: int
+) -> Arrays:
+    """Everything that follows from the mesh alone, as arrays; what costs time comes after the checks."""
+    mesh = repair_mesh(raw, label)
+    properties = trimesh.triangles.mass_properties(mesh.vertices[mesh.faces], density=DENSITY)
+    centroid, inertia = np.array(properties.center_mass), np.array(properties.inertia)
+    grid = build_grid(mesh.vertices, mesh.faces, spacing=spacing, max_bytes=max_grid_bytes)
+    surface = sample_surface(mesh.vertices, mesh.faces, samples)
+    size = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
+    found = () if tolerance is None else detect_symmetries(surface, grid, centroid, inertia, size, tolerance)
+    arrays: dict[str, NDArray[Any]] = {
+        "vertices": mesh.vertices,
+        "faces": mesh.faces,
+        "distances": grid.values,
+        "grid_origin": grid.origin,
+        "grid_spacing": np.array(grid.spacing),
+        "sample_points": surface.points,
+        "sample_normals": surface.normals,
+        "volume": np.array(properties.volume, dtype=np.float64),
+        "centroid": centroid,
+        "inertia": inertia,
+        "axes": np.array([symmetry.axis for symmetry in found]).reshape(-1, 3),
+        "orders": np.array([symmetry.order for symmetry in found], dtype=np.int64),
+        "symmetry_poses": symmetry_group(found),
+        "repairs": np.frombuffer(json.dumps(mesh.repairs).encode(), dtype=np.uint8),
+        "content_hash": np.frombuffer(model_cache.content_key(mesh.vertices, mesh.faces).encode(), dtype=np.uint8),
+    }
+    return arrays

@@ -1,0 +1,154 @@
+"""Fingertips that roll and slide on a moving object: touch over time without a simulator, on the true mesh.
+
+A fingertip is a sphere whose centre keeps one radius from the mesh. Where it rolls or sticks, the points that touch
+have
+one velocity: an object of spatial velocity V and a fingertip turning at w, whose centre is by r n from the contact,
+give the centre v = V(p_C) + w x r n. Where it slides, the centre stays, but for what keeps it touching. The contact is
+the mesh's nearest point to the centre, and its normal points from there to it: at an edge, between the faces' normals.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from numba import njit
+
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.poses import exp_so3, make_poses
+from tactopose_drake.core.shape.distance_transform import closest_weights, pack_triangles
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.validation import FloatArray
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class TouchNoise:
+    """How far what is measured of a fingertip is off: standard deviations about or along each axis."""
+
+    position: float = 0.00075  # of the contact's position, new at each time, m
+    normal_deg: float = 4.3  # of its normal, new at each time, deg
+    stable_position: float = 0.0005  # of the position, the same at all times: the hand's calibration, m
+    stable_normal_deg: float = 2.5  # of the normal, likewise, deg
+    velocity: float = 0.002  # of the fingertip's velocity where it touches, m/s
+    angular_velocity: float = 0.02  # of its angular velocity, rad/s
+
+
+class RollingTouch:
+    """An object in the hand, and the fingertips on it.
+
+    Attributes:
+        X_PO: the object's true pose, shape (3, 4).
+        p_PF: the fingertips' true centres in P, shape (k, 3), m.
+        p_PC: the points that they truly touch, shape (k, 3), m.
+        n_PC: the outward normals there, shape (k, 3).
+    """
+
+    def __init__(
+        self,
+        model: ObjectModel,
+        X_PO: FloatArray,
+        p_OC: FloatArray,
+        generator: np.random.Generator,
+        noise: TouchNoise | None = None,
+        radius: float = 0.009,
+    ) -> None:
+        """Puts the fingertips on the object, and draws the errors of their calibration.
+
+        Args:
+            model: the object.
+            X_PO: its pose, shape (3, 4).
+            p_OC: about where the fingertips touch it, shape (k, 3), m, in O.
+            generator: of the random numbers.
+            noise: of the measurement.
+            radius: of a fingertip, m.
+        """
+        self._noise = TouchNoise() if noise is None else noise
+        self._generator, self._radius = generator, radius
+        triangles = model.vertices[model.faces]
+        self._packed = pack_triangles(triangles)
+        self._middle = triangles.mean(axis=1)
+        self._reach = np.linalg.norm(triangles - self._middle[:, None], axis=2).max(axis=1)
+        self.X_PO = X_PO
+        _, n_O = model.grid.distance_and_normal(p_OC)
+        n_O = n_O / np.linalg.norm(n_O, axis=1, keepdims=True)
+        self.p_PF = (p_OC + radius * n_O) @ X_PO[:, :3].T + X_PO[:, 3]
+        self.sources = tuple(f"finger {i}" for i in range(len(p_OC)))
+        stable = np.repeat([self._noise.stable_position, math.radians(self._noise.stable_normal_deg)], 3)
+        self._bias = generator.normal(size=(len(p_OC), 6)) * stable
+        self._tip_velocity = np.zeros((len(p_OC), 6))
+        self._touch()
+
+    def move(self, twist: FloatArray, tip_turn: FloatArray, slides: bool, duration: float) -> None:
+        """Moves the object for a short time, and the fingertips with it.
+
+        Args:
+            twist: the object's spatial velocity [w, v] at P's origin, in P, rad/s and m/s.
+            tip_turn: angular velocities of the fingertips, shape (k, 3), rad/s.
+            slides: whether the object slides under the fingertips, which then stay, rather than rolling on them.
+            duration: s.
+        """
+        before = self.p_PF
+        if not slides:
+            carried = np.cross(twist[:3], self.p_PC) + twist[3:]
+            self.p_PF = before + duration * (carried + np.cross(tip_turn, self._radius * self.n_PC))
+        R = exp_so3(duration * twist[:3])
+        p = R @ self.X_PO[:, 3] + duration * twist[3:]
+        self.X_PO = make_poses(R @ self.X_PO[:, :3], p)
+        self._touch()
+        velocity = (self.p_PF - before) / duration
+        turn = np.zeros_like(velocity) if slides else tip_turn
+        self._tip_velocity = np.concatenate([turn, velocity - np.cross(turn, before)], axis=1)
+
+    def measure(self) -> tuple[Contacts, Mapping[str, FloatArray]]:
+        """The contacts with their noise, and the fingertips' spatial velocities in P by source."""
+        noise, count = self._noise, len(self.p_PC)
+        p_PC = self.p_PC + self._bias[:, :3] + noise.position * self._generator.normal(size=(count, 3))
+        turn = self._bias[:, 3:] + math.radians(noise.normal_deg) * self._generator.normal(size=(count, 3))
+        n_PC = (exp_so3(turn) @ self.n_PC[..., None])[..., 0]
+        contacts = Contacts(
+            p_PC,
+            n_PC / np.linalg.norm(n_PC, axis=1, keepdims=True),
+            sigma_position=math.hypot(noise.position, noise.stable_position),
+            sigma_normal=math.radians(math.hypot(noise.normal_deg, noise.stable_normal_deg)),
+        )
+        error = self._generator.normal(size=(count, 6)) * np.repeat([noise.angular_velocity, noise.velocity], 3)
+        measured = self._tip_velocity + error
+        # The velocity's error is where the fingertip touches; the velocity is given at P's origin.
+        measured[:, 3:] -= np.cross(error[:, :3], self.p_PC)
+        return contacts, dict(zip(self.sources, measured, strict=True))
+
+    def _touch(self) -> None:
+        """Finds where the fingertips touch, and puts their centres one radius from there."""
+        R, p = self.X_PO[:, :3], self.X_PO[:, 3]
+        q = np.ascontiguousarray((self.p_PF - p) @ R)
+        nearest = np.empty_like(q)
+        _nearest_points(self._packed, self._middle, self._reach, q, nearest)
+        away = q - nearest
+        n_O = away / np.linalg.norm(away, axis=1, keepdims=True)
+        self.p_PC, self.n_PC = nearest @ R.T + p, n_O @ R.T
+        self.p_PF = self.p_PC + self._radius * self.n_PC
+
+
+@njit(cache=True)
+def _nearest_points(packed, middle, reach, q, nearest):  # type: ignore[no-untyped-def]
+    """The mesh's points (k, 3) that are nearest to the points q (k, 3); faces out of reach are passed over."""
+    for i in range(q.shape[0]):
+        least = np.inf
+        for f in range(packed.shape[0]):
+            far = 0.0
+            for a in range(3):
+                far += (q[i, a] - middle[f, a]) ** 2
+            bound = least + reach[f]
+            if far >= bound * bound:
+                continue
+            t = packed[f]
+            v, w = closest_weights(t, q[i, 0], q[i, 1], q[i, 2])
+            square = 0.0
+            for a in range(3):
+                square += (q[i, a] - t[a] - v * t[3 + a] - w * t[6 + a]) ** 2
+            if square < least * least:
+                least = np.sqrt(square)
+                for a in range(3):
+                    nearest[i, a] = t[a] + v * t[3 + a] + w * t[6 + a]

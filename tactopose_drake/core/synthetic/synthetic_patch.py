@@ -1,0 +1,112 @@
+"""Patches made up from an object's surface: for tests, benchmarks, and studies without a simulator."""
+
+import math
+
+import numpy as np
+
+from tactopose_drake.core.poses import exp_so3
+from tactopose_drake.core.sensing.patches import Patch, describe_patch
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.shape.signed_distance import DistanceGrid
+from tactopose_drake.core.synthetic.synthetic_touch import random_surface_points
+from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.errors import InvalidInputError
+
+_ALPHA = 1e-7
+"""1 mm deep for 10 kPa."""
+
+_RAY_STEPS = 60
+_PLACES_A_PAD = 10
+_TRIES_A_PLACE = 4
+_FEWEST_CELLS = 3
+
+
+def flat_pad(rows: int = 8, columns: int = 3, pitch: float = 0.0025) -> FloatArray:
+    """Cells of a flat pad about its middle, shape (rows columns, 3), m; its z axis points out of it."""
+    x, y = (np.arange(rows) - 0.5 * (rows - 1)) * pitch, (np.arange(columns) - 0.5 * (columns - 1)) * pitch
+    return np.array([[a, b, 0.0] for a in x for b in y])
+
+
+def touch_with_pads(
+    model: ObjectModel,
+    X_PO: FloatArray,
+    count: int,
+    generator: np.random.Generator,
+    *,
+    cells: FloatArray | None = None,
+    depth: float = 0.0012,
+    lean: float = math.radians(6.0),
+    sigma_position: float = 0.0009,
+    sigma_rotation: float = math.radians(5.0),
+    sigma_depth: float = 0.0001,
+) -> tuple[Patch, ...]:
+    """Flat pads whose middle is pressed into random points of the surface, measured with noise.
+
+    The pads' soft layers are beds of springs: a cell's pressure is how deep the object is in the pad there. What the
+    hand's joints get wrong shifts and turns a pad as a whole.
+
+    Args:
+        model: the object.
+        X_PO: its true pose, shape (3, 4).
+        count: number of pads, >= 1; each is the farthest from the earlier ones of ten random places.
+        generator: of the random numbers.
+        cells: of each pad about its middle, shape (n, 3), m; those of `flat_pad()` by default.
+        depth: of a pad's middle in the surface, m.
+        lean: standard deviation of the turn of a pad from the surface about each axis, rad.
+        sigma_position: of each coordinate of a pad's place, m.
+        sigma_rotation: of a small rotation of a pad about each axis, rad.
+        sigma_depth: of each active cell's depth, m.
+
+    Raises:
+        InvalidInputError: hardly a place on the object that three cells can be pressed on.
+    """
+    cells = flat_pad() if cells is None else cells
+    places = _places(model, cells, depth, lean, _PLACES_A_PAD * count, generator)
+    pads = places[:1]
+    for i in range(1, count):
+        some = places[i::count]
+        gaps = [min(float(np.linalg.norm(p - q)) for q, _, _ in pads) for p, _, _ in some]
+        pads.append(some[int(np.argmax(gaps))])
+    patches = []
+    for p_OT, R_OT, depths in pads:
+        R_PT = exp_so3(generator.normal(size=3) * sigma_rotation) @ X_PO[:, :3] @ R_OT
+        p_PT = X_PO[:, :3] @ p_OT + X_PO[:, 3] + generator.normal(size=3) * sigma_position
+        noise = generator.normal(size=len(cells)) * sigma_depth
+        pressure = np.where(depths > 0, np.maximum(depths + noise, 0.0), 0.0) / _ALPHA
+        n_PT = np.tile(R_PT[:, 2], (len(cells), 1))
+        patches.append(describe_patch(cells @ R_PT.T + p_PT, pressure, alpha=_ALPHA, n_PT=n_PT))
+    return tuple(patches)
+
+
+def _places(
+    model: ObjectModel, cells: FloatArray, depth: float, lean: float, count: int, generator: np.random.Generator
+) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
+    """Pads' places p_OT (3,) and R_OT (3, 3), and the depths of the object at their cells (n,), m; `count` of them."""
+    tries = _TRIES_A_PLACE * count
+    points, normals = random_surface_points(model, tries, generator)
+    z = (exp_so3(generator.normal(size=(tries, 3)) * lean) @ -normals[..., None])[..., 0]
+    x = np.cross(z, generator.normal(size=(tries, 3)))
+    x /= np.linalg.norm(x, axis=1, keepdims=True)
+    R_OT = np.stack([x, np.cross(z, x), z], axis=-1)
+    p_OT = points - depth * normals
+    found: list[tuple[FloatArray, FloatArray, FloatArray]] = []
+    for p, R in zip(p_OT, R_OT, strict=True):
+        depths = _depths(model.grid, cells @ R.T + p, -R[:, 2], 4.0 * depth)
+        if np.isfinite(depths).all() and np.count_nonzero(depths) >= _FEWEST_CELLS:
+            found.append((p, R, depths))
+            if len(found) == count:
+                return found
+    raise InvalidInputError(f"{model.name}: pads found {len(found)} places on it in {tries} tries; {count} are needed.")
+
+
+def _depths(grid: DistanceGrid, p_OT: FloatArray, inward: FloatArray, limit: float) -> FloatArray:
+    """How far from each cell (n, 3) the way inward (3,) leaves the object, shape (n,), m; infinite beyond the limit."""
+    way = np.linspace(0.0, limit, _RAY_STEPS)
+    phi = grid.distance(p_OT[:, None] + way[:, None] * inward)
+    inside = phi[:, 0] < 0
+    depths = np.where(inside, np.inf, 0.0)
+    left = np.flatnonzero(inside & np.any(phi >= 0, axis=1))
+    step = np.argmax(phi[left] >= 0, axis=1)
+    before, after = phi[left, step - 1], phi[left, step]
+    depths[left] = way[step - 1] + before / (before - after) * way[1]
+    return depths

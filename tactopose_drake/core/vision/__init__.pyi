@@ -1,0 +1,10 @@
+from .depth_tracking import DepthTrackerModel as DepthTrackerModel
+from .depth_tracking import fit_pose as fit_pose
+from .depth_tracking import take_picture as take_picture
+from .occlusion import hidden_share as hidden_share
+from .rasterizer import Camera as Camera
+from .rasterizer import Layer as Layer
+from .rasterizer import Surface as Surface
+from .rasterizer import render as render
+from .vision_model import VisionModel as VisionModel
+from .vision_model import look as look

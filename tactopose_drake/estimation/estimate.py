@@ -1,0 +1,204 @@
+"""The one call: from touch to ranked hypotheses of the object's pose."""
+
+import math
+import time
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.math import RigidTransform
+
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.evidence.evidence import Evidence
+from tactopose_drake.core.evidence.force_balance import ForceBalance
+from tactopose_drake.core.evidence.hand_clearance import HandClearance
+from tactopose_drake.core.evidence.hand_geometry import HandGeometry
+from tactopose_drake.core.evidence.prior import PosePrior
+from tactopose_drake.core.identification.model_evidence import log_evidence
+from tactopose_drake.core.posterior.belief import BeliefSampling
+from tactopose_drake.core.posterior.hypotheses import Modes, find_modes
+from tactopose_drake.core.posterior.plausibility import degrees_of_freedom, explain_touch
+from tactopose_drake.core.posterior.posterior import make_posterior
+from tactopose_drake.core.searches.gradient_descent import GradientDescent
+from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
+from tactopose_drake.core.searches.monte_carlo import MonteCarlo
+from tactopose_drake.core.searches.pair_search import PairSearch
+from tactopose_drake.core.searches.patch_searches import patch_search
+from tactopose_drake.core.searches.pose_problem import PoseProblem, make_problem
+from tactopose_drake.core.searches.scaling_series import ScalingSeries
+from tactopose_drake.core.searches.search import Search, StopSignal
+from tactopose_drake.core.searches.simulated_annealing import SimulatedAnnealing
+from tactopose_drake.core.sensing.patches import Patch
+from tactopose_drake.core.shape.free_spin import turn_toward
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.validation import positive_number
+from tactopose_drake.errors import InvalidInputError, TooFewContactsError, UnknownNameError
+from tactopose_drake.estimation.direct import Direct
+from tactopose_drake.estimation.mathematical_program import PoseProgram
+from tactopose_drake.estimation.results import PoseEstimate, PoseHypothesis, status_of
+
+# Without a prior, fewer contacts and patches leave whole families of poses, whichever mode carries most of the mass.
+_FEWEST_FOR_A_POSE = 3
+
+METHODS: dict[str, Callable[[ObjectModel, Evidence], Search]] = {
+    "pair_search": lambda model, evidence: _pair_search(model, evidence),
+    "levenberg_marquardt": lambda model, evidence: LevenbergMarquardt(),
+    "gradient_descent": lambda model, evidence: GradientDescent(length=model.size / 2),
+    "mathematical_program": lambda model, evidence: PoseProgram(length=model.size / 2),
+    "monte_carlo": lambda model, evidence: _monte_carlo(model, evidence),
+    "direct": lambda model, evidence: Direct(),
+    "simulated_annealing": lambda model, evidence: SimulatedAnnealing(),
+    "scaling_series": lambda model, evidence: ScalingSeries(),
+}
+GLOBAL_METHODS = frozenset({"pair_search", "monte_carlo", "direct", "simulated_annealing", "scaling_series"})
+"""The methods that need no prior."""
+
+
+def estimate_pose(
+    model: ObjectModel,
+    contacts: Contacts,
+    *,
+    patches: Sequence[Patch] = (),
+    prior: PosePrior | None = None,
+    hand: HandGeometry | None = None,
+    untouched: HandGeometry | None = None,
+    balance: ForceBalance | None = None,
+    friction: float | None = None,
+    method: str = "pair_search",
+    seed: int = 0,
+    max_hypotheses: int = 64,
+    time_limit: float | None = None,
+) -> PoseEstimate:
+    """Finds the poses of an object that explain a touch.
+
+    Args:
+        model: the object.
+        contacts: the touch at single points, in the palm frame; may be `Contacts.empty()` where a patch is felt.
+        patches: what tactile arrays feel, in the palm frame; those that feel nothing count too. Where they and contacts
+            feel the same place twice, the estimate takes that for two touches.
+        prior: what is known without it; None where the object may be anywhere that the touch allows.
+        hand: the hand's volume, where the object is not.
+        untouched: parts of the hand that feel no contact: the object is not in them, nor presses into them.
+        balance: that the object is at rest under the contacts' forces and gravity alone.
+        friction: coefficient of friction; each force lies in its cone about the object's normal.
+        method: the search. Those of `GLOBAL_METHODS` need no prior; the others start from it.
+        seed: of the search's random numbers.
+        max_hypotheses: how many hypotheses are kept at the most.
+        time_limit: after so long, s, the search ends with the best that it has; None for as long as it takes. It is
+            asked between rounds, and at least one is made.
+
+    Raises:
+        TooFewContactsError: no contact, and no patch that is felt.
+        UnknownNameError: a method that does not exist.
+        InvalidInputError: no prior for a method that starts from one, a friction or a seed below 0, `max_hypotheses`
+            below 1, a time limit that is not above 0, or a value of another type; balance or friction without forces,
+            or balance of an object whose mass is not known or whose centre of mass is moved by its symmetries.
+    """
+    deadline = _Deadline(math.inf if time_limit is None else positive_number("time_limit", time_limit))
+    if method not in METHODS:
+        raise UnknownNameError("method", method, METHODS)
+    if not isinstance(model, ObjectModel):
+        raise InvalidInputError(f"model: is a {type(model).__name__}; allowed is an ObjectModel.")
+    if seed < 0:
+        raise InvalidInputError(f"seed: is {seed}; allowed are integers >= 0.")
+    if max_hypotheses < 1:
+        raise InvalidInputError(f"max_hypotheses: is {max_hypotheses}; allowed are numbers >= 1.")
+    if prior is None and method not in GLOBAL_METHODS:
+        raise InvalidInputError(
+            f"prior: is None; the method {method!r} starts from one. Without: {', '.join(sorted(GLOBAL_METHODS))}."
+        )
+
+    evidence = Evidence(contacts, prior, hand, untouched, balance, friction, patches)
+    if len(evidence.touch) < 1:
+        raise TooFewContactsError("contacts: there are 0; the estimate needs at least 1, or a patch that is felt.")
+    problem = make_problem(model, evidence)
+    search = METHODS[method](model, evidence)
+    generator = np.random.default_rng(seed)
+    modes = _find_modes(model, evidence, problem, search, generator, deadline, max_hypotheses)
+    explained = explain_touch(model, evidence, modes.X_PO)
+    if not explained.any() and prior is not None and isinstance(search, PairSearch) and not deadline():
+        # The valley with the pose may be a narrow one that no start has led to.
+        wider = _find_modes(model, evidence, problem, search.widened(), generator, deadline, max_hypotheses)
+        modes = min(modes, wider, key=lambda found: float(found.cost.min()))
+        explained = explain_touch(model, evidence, modes.X_PO)
+    if explained.any() and not deadline():
+        modes = BeliefSampling().weigh(modes, make_posterior(model, evidence, problem), generator)
+        explained = explain_touch(model, evidence, modes.X_PO)
+    hypotheses = _hypotheses(modes, explained)
+    undetermined = prior is None and len(evidence.touch) < _FEWEST_FOR_A_POSE
+    return PoseEstimate(
+        hypotheses,
+        status_of(hypotheses, undetermined),
+        deadline.elapsed(),
+        not deadline.passed,
+        log_evidence(model, evidence, modes.log_mass),
+    )
+
+
+class _Deadline:
+    """The stop signal of a time limit, s from now; it remembers whether it said stop."""
+
+    def __init__(self, limit: float) -> None:
+        self._started, self._limit = time.perf_counter(), limit
+        self.passed = False
+
+    def __call__(self) -> bool:
+        self.passed = self.elapsed() >= self._limit
+        return self.passed
+
+    def elapsed(self) -> float:
+        """Since it was made, s."""
+        return time.perf_counter() - self._started
+
+
+def _find_modes(
+    model: ObjectModel,
+    evidence: Evidence,
+    problem: PoseProblem,
+    search: Search,
+    generator: np.random.Generator,
+    deadline: StopSignal,
+    limit: int,
+) -> Modes:
+    """What a search finds, as modes; so many at the most."""
+    found = search.minimize(problem.objective, problem.space, generator, deadline)
+    if evidence.prior is None and any(symmetry.is_continuous for symmetry in model.symmetries):
+        turned = turn_toward(found.X_PO, found.X_PO[0], model.symmetries)
+        found = found._replace(X_PO=turned, cost=problem.objective.cost(turned)).ranked()
+    return find_modes(
+        found,
+        problem.determining.normal_equations(found.X_PO).hessian,
+        problem.space.information,
+        model.symmetry_poses,
+        model.size,
+        limit,
+    )
+
+
+def _pair_search(model: ObjectModel, evidence: Evidence) -> PairSearch:
+    if evidence.felt:
+        return patch_search(model, evidence.felt, evidence.contacts)
+    return PairSearch(model=model, contacts=evidence.contacts)
+
+
+def _monte_carlo(model: ObjectModel, evidence: Evidence) -> MonteCarlo:
+    """Its scale is what noise alone makes the true pose cost, on average: half of what the touch measures."""
+    return MonteCarlo(
+        scale=0.5 * degrees_of_freedom(evidence),
+        is_possible=None if evidence.hand is None else HandClearance(model.samples.points, evidence.hand),
+    )
+
+
+def _hypotheses(modes: Modes, explained: NDArray[np.bool_]) -> tuple[PoseHypothesis, ...]:
+    return tuple(
+        PoseHypothesis(RigidTransform(pose=X_PO), float(cost), float(probability), covariance, free, bool(explains))
+        for X_PO, cost, probability, covariance, free, explains in zip(
+            modes.X_PO,
+            modes.cost,
+            modes.probability,
+            modes.covariance,
+            modes.free_directions,
+            explained,
+            strict=True,
+        )
+    )

@@ -1,0 +1,230 @@
+"""Which of many known objects is in the hand? ([B16] section 6.2.1)
+
+A pose is estimated for every object that may be it. An object's evidence is the likelihood of the touch summed over all
+the poses that it may have: what the touch says of the object, be its pose determined or not. The thesis compares the
+inverses of the lowest costs instead: `likelihood="inverse_cost"`.
+
+Of a library's objects few are estimated, so that ten times as many take little longer. Those whose pairs of surface
+points agree best with the contacts' (see `core.identification.library_index`) have their poses searched; of these the
+ones of most evidence by a quick approximation, which leaves out edges and the bends of modes, are estimated.
+
+Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+import time
+from collections.abc import Iterable, Sequence
+from concurrent.futures import Executor
+from typing import Literal, cast, get_args
+
+import numpy as np
+
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.evidence.evidence import Evidence
+from tactopose_drake.core.identification.model_evidence import log_evidence
+from tactopose_drake.core.identification.shape_equality import find_alignment
+from tactopose_drake.core.posterior.hypotheses import find_modes
+from tactopose_drake.core.searches.pose_problem import make_problem
+from tactopose_drake.core.sensing.patches import Patch
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.errors import InvalidInputError, TooFewContactsError, UnknownNameError
+from tactopose_drake.estimation.estimate import METHODS, estimate_pose
+from tactopose_drake.estimation.identities import Identification, Identity
+from tactopose_drake.estimation.object_library import LibraryObject, ObjectLibrary
+from tactopose_drake.estimation.pickling import Sealed
+from tactopose_drake.estimation.results import PoseEstimate, Status
+
+Likelihood = Literal["evidence", "inverse_cost"]
+
+_METHOD = "pair_search"
+# So many of a library's objects, for each one that is estimated, have their poses searched.
+_SEARCHED = 4
+# The thesis' likelihood of a cost below this, which exact contacts may have, is that of this.
+_LEAST_COST = 1e-6
+# The share of the likelihood that the first object, with those that equal it, must have to be called the answer.
+_MOST = 0.5
+# Fewer contacts leave so many poses that their sum is not well known.
+_FEWEST = 3
+
+
+def identify(
+    models: Sequence[ObjectModel] | ObjectLibrary,
+    contacts: Contacts,
+    patches: Sequence[Patch] = (),
+    executor: Executor | None = None,
+    *,
+    likelihood: Likelihood = "evidence",
+    candidates: int = 16,
+    max_hypotheses: int = 16,
+    seed: int = 0,
+) -> Identification:
+    """Ranks objects by how well they explain a touch.
+
+    Args:
+        models: the objects; of an `ObjectLibrary` only the candidates are looked at closely.
+        contacts: the touch at single points, in the palm frame; may be `Contacts.empty()` where a patch is felt.
+        patches: what tactile arrays feel, as for `estimate_pose`.
+        executor: estimates several objects at a time: processes, threads, or a cluster's. One after the other without.
+            It changes nothing in the result. Processes pay where some seconds of models are to be loaded.
+        likelihood: "evidence", or "inverse_cost", the thesis' measure.
+        candidates: of a library's objects so many have their poses estimated.
+        max_hypotheses: how many poses of each are kept, at most.
+        seed: of the searches' random numbers.
+
+    Raises:
+        TooFewContactsError: no contact, and no patch that is felt.
+        UnknownNameError: a likelihood that does not exist.
+        InvalidInputError: no object, or one that is no `ObjectModel`; `candidates` or `max_hypotheses` below 1; a
+            seed below 0; patches that are none.
+    """
+    started = time.perf_counter()
+    likelihood = check_likelihood("likelihood", likelihood)
+    for name, value in (("candidates", candidates), ("max_hypotheses", max_hypotheses)):
+        if value < 1:
+            raise InvalidInputError(f"{name}: is {value}; allowed are numbers >= 1.")
+    if seed < 0:
+        raise InvalidInputError(f"seed: is {seed}; allowed are integers >= 0.")
+    objects = _check_objects(models)
+    evidence = Evidence(contacts, patches=patches)
+    if len(evidence.touch) < 1:
+        raise TooFewContactsError("contacts: there are 0; identification needs at least 1, or a patch that is felt.")
+
+    run = map if executor is None else executor.map
+    names = [(known.name, _content(known)) for known in objects]
+    order = sorted(range(len(objects)), key=names.__getitem__)  # Nothing depends on the order in which they came.
+    chosen = order
+    if isinstance(models, ObjectLibrary) and len(objects) > candidates:
+        order = _by_falling(order, models.index.scores(evidence.touch)[order])
+        searched, rest = order[: _SEARCHED * candidates], order[_SEARCHED * candidates :]
+        approximate = functools.partial(_approximate_evidence, evidence=Sealed(evidence), seed=seed)
+        order = _by_falling(searched, run(approximate, [Sealed(objects[i]) for i in searched])) + rest
+        chosen = order[:candidates]
+    explain = functools.partial(_explain, evidence=Sealed(evidence), max_hypotheses=max_hypotheses, seed=seed)
+    several = [objects[i] for i in chosen]
+    estimates = list(run(explain, [Sealed(known) for known in several]))
+    groups = _group_equal_shapes([_model(known) for known in several])
+    identities = _rank(chosen, [known.name for known in several], estimates, groups, _weights(estimates, likelihood))
+    ruled_out = [
+        Identity(objects[i].name, i, rank, 0.0, -math.inf, None)
+        for rank, i in enumerate(order[len(chosen) :], start=len(chosen) + 1)
+    ]
+    status = _status(identities, len(evidence.touch))
+    return Identification((*identities, *ruled_out), status, time.perf_counter() - started)
+
+
+def check_likelihood(name: str, value: str) -> Likelihood:
+    """The name of a likelihood.
+
+    Args:
+        name: what the value is of.
+        value: "evidence" or "inverse_cost".
+
+    Raises:
+        UnknownNameError: if it is neither.
+    """
+    for known in get_args(Likelihood):
+        if value == known:
+            return cast(Likelihood, known)
+    raise UnknownNameError(name, value, get_args(Likelihood))
+
+
+def _check_objects(models: object) -> Sequence[ObjectModel | LibraryObject]:
+    if isinstance(models, ObjectLibrary):
+        return models.objects
+    if not isinstance(models, Sequence) or not models:
+        raise InvalidInputError(f"models: is {models!r}; allowed are an ObjectLibrary and a sequence of ObjectModel.")
+    for i, model in enumerate(models):
+        if not isinstance(model, ObjectModel):
+            raise InvalidInputError(f"models[{i}]: is a {type(model).__name__}; allowed is an ObjectModel.")
+    return models
+
+
+def _by_falling(indices: Sequence[int], values: Iterable[float]) -> list[int]:
+    """The indices by falling values; equal ones stay in their order."""
+    return [i for _, i in sorted(zip(values, indices, strict=True), key=lambda pair: -pair[0])]
+
+
+def _content(known: ObjectModel | LibraryObject) -> str:
+    return known.content if isinstance(known, LibraryObject) else known.content_hash
+
+
+def _model(known: ObjectModel | LibraryObject) -> ObjectModel:
+    return known.load() if isinstance(known, LibraryObject) else known
+
+
+def _approximate_evidence(known: Sealed[ObjectModel | LibraryObject], evidence: Sealed[Evidence], seed: int) -> float:
+    """The evidence of one object by Laplace's approximation of the smooth likelihood."""
+    model, touch = _model(known.value), evidence.value
+    problem, generator = make_problem(model, touch), np.random.default_rng(seed)
+    found = METHODS[_METHOD](model, touch).minimize(problem.objective, problem.space, generator)
+    information = problem.determining.normal_equations(found.X_PO).hessian
+    modes = find_modes(found, information, problem.space.information, model.symmetry_poses, model.size, len(found.cost))
+    return log_evidence(model, touch, modes.log_mass)
+
+
+def _explain(
+    known: Sealed[ObjectModel | LibraryObject], evidence: Sealed[Evidence], max_hypotheses: int, seed: int
+) -> PoseEstimate:
+    """The pose of one object; maybe in another process, which loads a library's object by itself."""
+    return estimate_pose(
+        _model(known.value),
+        evidence.value.contacts,
+        patches=evidence.value.patches,
+        method=_METHOD,
+        max_hypotheses=max_hypotheses,
+        seed=seed,
+    )
+
+
+def _group_equal_shapes(models: Sequence[ObjectModel]) -> list[int]:
+    """For each object the number of its group; objects of one group have the same shape."""
+    groups: list[int] = []
+    for i, model in enumerate(models):
+        equal = (k for k in range(i) if groups[k] == k and find_alignment(model, models[k]) is not None)
+        groups.append(next(equal, i))
+    return groups
+
+
+def _weights(estimates: Sequence[PoseEstimate], likelihood: Likelihood) -> list[float]:
+    """What the likelihoods are in proportion to."""
+    if likelihood == "evidence":
+        most = max(estimate.log_evidence for estimate in estimates)
+        return [math.exp(estimate.log_evidence - most) for estimate in estimates]
+    lowest = [min(hypothesis.cost for hypothesis in estimate.hypotheses) for estimate in estimates]
+    return [1.0 / max(cost, _LEAST_COST) for cost in lowest]  # [B16] section 6.2.1
+
+
+def _rank(
+    indices: Sequence[int],
+    names: Sequence[str],
+    estimates: Sequence[PoseEstimate],
+    groups: Sequence[int],
+    weights: Sequence[float],
+) -> list[Identity]:
+    """The objects by falling likelihood; those of one group next to each other, and with the mean of theirs."""
+    # Sums that do not depend on the order, to the last bit.
+    total = math.fsum(weights)
+    members = {group: [i for i, other in enumerate(groups) if other == group] for group in dict.fromkeys(groups)}
+    share = {group: math.fsum(weights[i] for i in own) / len(own) / total for group, own in members.items()}
+    evidence = {group: max(estimates[i].log_evidence for i in own) for group, own in members.items()}
+    identities: list[Identity] = []
+    for group in sorted(members, key=lambda group: (-share[group], -evidence[group], names[group])):
+        rank = len(identities) + 1
+        identities += [
+            Identity(names[i], indices[i], rank, share[group], estimates[i].log_evidence, estimates[i])
+            for i in members[group]
+        ]
+    return identities
+
+
+def _status(identities: Sequence[Identity], touches: int) -> Status:
+    """What is known of the first one, from so many contacts and patches that are felt."""
+    first = identities[0]
+    assert first.estimate is not None
+    if first.estimate.status == "no_solution":
+        return "no_solution"
+    share = sum(identity.likelihood for identity in identities if identity.rank == first.rank)
+    return "ok" if share >= _MOST and touches >= _FEWEST else "ambiguous"

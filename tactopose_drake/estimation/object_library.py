@@ -1,0 +1,192 @@
+"""Many known objects: a folder of meshes or a manifest, indexed once, so that few of them need a closer look.
+
+What identification needs of every object is in `JointIndex`, some 20 kB each; an object's model is loaded when it is a
+candidate. Both are kept on disk by the mesh's content (see `model_cache`), each as soon as it is made: an interrupted
+indexing goes on where it stopped, and a changed mesh is indexed anew.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import warnings
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, Future, as_completed
+from pathlib import Path
+from typing import NamedTuple
+
+from tactopose_drake.core.identification.library_index import SAMPLES, JointIndex, PairCounts, count_pairs
+from tactopose_drake.core.mesh.loading import load_mesh
+from tactopose_drake.core.mesh.repair import MeshRepairWarning
+from tactopose_drake.core.shape import model_cache
+from tactopose_drake.core.shape.object_model import ObjectModel, file_content
+from tactopose_drake.errors import InvalidFileError, InvalidInputError
+from tactopose_drake.estimation.library_files import LibraryEntry, SkippedObject, make_symmetries, read_library
+
+MAX_GRID_BYTES = 2 * 2**20
+"""The largest distance grid of an object in a library, bytes: a thousand objects take 2.2 GB on disk."""
+
+_LOADED = 128  # So many of the models that were used last are kept in memory, some 6 MB each.
+
+Progress = Callable[[int, int], None]
+"""Is told how many objects of how many are indexed."""
+
+
+class LibraryWarning(UserWarning):
+    """An object of a library that is left out, and why."""
+
+
+@dataclasses.dataclass(frozen=True)
+class LibraryObject:
+    """An object that is known by its mesh file.
+
+    Attributes:
+        entry: its name and file, and what is given of it.
+        content: a hash of the mesh, 32 hexadecimal digits.
+    """
+
+    entry: LibraryEntry
+    content: str
+
+    @property
+    def name(self) -> str:
+        """What it is called."""
+        return self.entry.name
+
+    def load(self) -> ObjectModel:
+        """Its model, the same one as long as it is among the last used."""
+        return _load(self)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ObjectLibrary:
+    """Objects to identify a touched one among.
+
+    Attributes:
+        objects: by their names.
+        skipped: what was left out, and why.
+        index: pair features of the objects, in their order.
+    """
+
+    objects: tuple[LibraryObject, ...]
+    skipped: tuple[SkippedObject, ...]
+    index: JointIndex
+
+    def __len__(self) -> int:
+        return len(self.objects)
+
+    @classmethod
+    def open(
+        cls, path: str | Path, *, executor: Executor | None = None, on_progress: Progress | None = None
+    ) -> ObjectLibrary:
+        """Reads a library, and indexes what is not indexed yet.
+
+        Args:
+            path: a folder of meshes, one an object, named after their files; or a manifest (see `read_library`).
+            executor: indexes several objects at a time; one after the other without.
+            on_progress: is told after each object.
+
+        Raises:
+            InvalidFileError: no such folder or file, a manifest that does not fit, or no object that can be used.
+
+        Warns:
+            LibraryWarning: for each object that is left out.
+        """
+        entries, skipped = read_library(Path(path))
+        indexed: list[tuple[LibraryObject, PairCounts]] = []
+        for done, (entry, outcome) in enumerate(_index_all(entries, executor), start=1):
+            if isinstance(outcome, str):
+                skipped.append(SkippedObject(entry.name, outcome))
+            else:
+                indexed.append((LibraryObject(entry, outcome.content), outcome.pairs))
+            if on_progress is not None:
+                on_progress(done, len(entries))
+        for left_out in skipped:
+            warnings.warn(f"{path}: {left_out}", LibraryWarning, stacklevel=2)
+        if not indexed:
+            reason = f" ({skipped[0]})" if skipped else ""
+            raise InvalidFileError(f"{path}: holds no object that can be used{reason}; the least is 1.")
+        indexed.sort(key=lambda pair: pair[0].name)
+        return cls(
+            tuple(known for known, _ in indexed), tuple(skipped), JointIndex.join([pairs for _, pairs in indexed])
+        )
+
+
+class _Indexed(NamedTuple):
+    content: str
+    pairs: PairCounts
+
+
+def _index_all(entries: list[LibraryEntry], executor: Executor | None) -> Iterator[tuple[LibraryEntry, _Indexed | str]]:
+    """Each entry with its index, or why there is none; those that are on disk already come first."""
+    missing = []
+    for entry in entries:
+        try:
+            content = _content(entry)
+        except InvalidInputError as error:
+            yield entry, str(error)
+            continue
+        arrays = model_cache.load(_key(content))
+        if arrays is None:
+            missing.append(entry)
+        else:
+            yield entry, _Indexed(content, PairCounts(arrays["bins"], arrays["counts"]))
+    if executor is None:
+        yield from ((entry, _index(entry)) for entry in missing)
+        return
+    futures: dict[Future[_Indexed | str], LibraryEntry] = {executor.submit(_index, entry): entry for entry in missing}
+    try:
+        for future in as_completed(futures):
+            yield futures[future], future.result()
+    finally:
+        for future in futures:
+            future.cancel()
+
+
+def _index(entry: LibraryEntry) -> _Indexed | str:
+    """Indexes an object and keeps the result, or says why that is impossible."""
+    try:
+        known = LibraryObject(entry, _content(entry))
+        pairs = count_pairs(_build(known).samples)
+    except InvalidInputError as error:
+        return str(error)
+    model_cache.store(_key(known.content), {"bins": pairs.bins, "counts": pairs.counts})
+    return _Indexed(known.content, pairs)
+
+
+def _content(entry: LibraryEntry) -> str:
+    content = file_content(entry.mesh)
+    if content is None:
+        raw = load_mesh(entry.mesh)
+        return model_cache.content_key(raw.vertices, raw.faces)
+    return model_cache.content_key(*content)
+
+
+def _key(content: str) -> str:
+    return model_cache.content_key(content, f"pair counts of {SAMPLES} samples, 2")
+
+
+def forget_models() -> None:
+    """Frees the memory of the models that libraries' objects have loaded."""
+    _load.cache_clear()
+
+
+@functools.lru_cache(maxsize=_LOADED)
+def _load(known: LibraryObject) -> ObjectModel:
+    return _build(known)
+
+
+def _build(known: LibraryObject) -> ObjectModel:
+    """The model, as finely as a library of many can afford."""
+    symmetry = known.entry.symmetry
+    with warnings.catch_warnings():
+        # Whoever has a thousand meshes knows what they are like; `ObjectModel.repairs` says it again.
+        warnings.simplefilter("ignore", MeshRepairWarning)
+        return ObjectModel.from_mesh(
+            known.entry.mesh,
+            name=known.name,
+            mass=known.entry.mass,
+            symmetry=symmetry if isinstance(symmetry, str) else make_symmetries(symmetry),
+            samples=SAMPLES,
+            max_grid_bytes=MAX_GRID_BYTES,
+        )

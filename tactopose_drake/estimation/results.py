@@ -1,0 +1,113 @@
+"""What an estimate says: the hypotheses of the object's pose, and how far they can be trusted."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+from pydrake.math import RigidTransform
+
+from tactopose_drake.core.posterior.pose_modes import PoseModes
+from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.errors import InvalidInputError
+
+Status = Literal["ok", "ambiguous", "no_solution"]
+
+# The share of the mass that the best hypothesis must carry to be called the answer.
+_MOST_OF_THE_MASS = 0.5
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class PoseHypothesis:
+    """One pose that explains the touch.
+
+    Attributes:
+        X_PO: the object's pose in the palm frame: the mean of its mode, as far as that explains the touch about as
+            well as the mode's minimum does (its cost is higher by 0.3 at the most).
+        cost: its negative log likelihood up to a constant: half the sum of squared whitened residuals.
+        probability: posterior weight among the hypotheses.
+        covariance: (6, 6) of the increment (w, v): R_PO = R_hat exp(w), p_PO = p_hat + v; rad, m (v in P).
+        free_directions: increments that the touch does not determine, orthonormal rows (f, 6); f = 0 where the pose is
+            determined. Along them the pose is the prior's, or arbitrary.
+        explains_touch: whether noise alone may leave the contacts' residuals as large as this pose does.
+    """
+
+    X_PO: RigidTransform
+    cost: float
+    probability: float
+    covariance: FloatArray
+    free_directions: FloatArray
+    explains_touch: bool = True
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class PoseEstimate:
+    """The hypotheses that one touch leaves.
+
+    Attributes:
+        hypotheses: by falling probability; never empty.
+        status: "ok"; "ambiguous" when the best hypothesis carries less than half of the mass, or when fewer than three
+            contacts stand against no prior; "no_solution" when even the best one does not explain the touch within its
+            noise.
+        duration: s.
+        finished: whether the search ended by itself, rather than at the time limit.
+        log_evidence: the natural logarithm of how well the object explains the touch in all its poses together; see
+            `core.identification.model_evidence`. It compares objects for one touch, and means nothing by itself.
+    """
+
+    hypotheses: tuple[PoseHypothesis, ...]
+    status: Status
+    duration: float
+    finished: bool = True
+    log_evidence: float = -math.inf
+
+    @property
+    def best(self) -> PoseHypothesis:
+        """The most probable hypothesis."""
+        return self.hypotheses[0]
+
+    @property
+    def modes(self) -> PoseModes:
+        """The hypotheses as arrays."""
+        return PoseModes(
+            np.array([hypothesis.X_PO.GetAsMatrix34() for hypothesis in self.hypotheses]),
+            np.array([hypothesis.probability for hypothesis in self.hypotheses]),
+            np.array([hypothesis.covariance for hypothesis in self.hypotheses]),
+        )
+
+    def keep(self, kept: Sequence[bool]) -> PoseEstimate:
+        """The estimate by some of the hypotheses alone, weighed among themselves.
+
+        Args:
+            kept: for each hypothesis whether it stays; at least one does.
+
+        Raises:
+            InvalidInputError: if none stays.
+        """
+        chosen = [hypothesis for hypothesis, stays in zip(self.hypotheses, kept, strict=True) if stays]
+        if not chosen:
+            raise InvalidInputError("kept: keeps no hypothesis; the least is 1.")
+        mass = sum(hypothesis.probability for hypothesis in chosen)
+        hypotheses = tuple(
+            dataclasses.replace(hypothesis, probability=hypothesis.probability / mass if mass else 1.0 / len(chosen))
+            for hypothesis in chosen
+        )
+        undetermined = self.status == "ambiguous" and self.best.probability >= _MOST_OF_THE_MASS
+        return dataclasses.replace(
+            self,
+            hypotheses=hypotheses,
+            status=status_of(hypotheses, undetermined),
+            log_evidence=self.log_evidence + (math.log(mass) if mass else -math.inf),
+        )
+
+
+def status_of(hypotheses: Sequence[PoseHypothesis], undetermined: bool) -> Status:
+    """Of hypotheses by falling probability; `undetermined`: however they are weighed."""
+    if not hypotheses[0].explains_touch:
+        return "no_solution"
+    if undetermined or hypotheses[0].probability < _MOST_OF_THE_MASS:
+        return "ambiguous"
+    return "ok"

@@ -1,0 +1,75 @@
+"""The kinematics of one finger, taken from a plant for whole batches of joint positions."""
+
+import numpy as np
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import RevoluteJoint, WeldJoint
+
+from tactopose_drake.core.grasping.serial_chain import SerialChain
+from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.hand.hand_config import Hand
+
+
+def finger_chain(plant: MultibodyPlant, hand: Hand, finger: str) -> SerialChain:
+    """The kinematics of one finger from palm to sensor, for whole batches of positions.
+
+    Args:
+        plant: finalized plant that holds the hand.
+        hand: the hand in it.
+        finger: its name.
+
+    Raises:
+        InvalidInputError: if a joint between palm and sensor is neither revolute nor fixed, or is not among the
+            finger's joints.
+    """
+    config = hand.config.finger(finger)
+    joint_of_child = {
+        plant.get_joint(index).child_body().index(): plant.get_joint(index)
+        for index in plant.GetJointIndices(hand.model_instance)
+    }
+    follows = {coupling.joint: coupling for coupling in config.couplings}
+    sensor_frame, body = hand.sensor_frames[finger], hand.sensor_frames[finger].body()
+    X_last: RigidTransform = sensor_frame.GetFixedPoseInBodyFrame()
+    joints: list[RevoluteJoint] = []
+    X_parents: list[RigidTransform] = []
+    X_children: list[RigidTransform] = []
+    coupling: list[list[float]] = []
+    while body.index() != hand.palm_frame.body().index():
+        joint = joint_of_child[body.index()]
+        X_parent = joint.frame_on_parent().GetFixedPoseInBodyFrame()
+        X_child = joint.frame_on_child().GetFixedPoseInBodyFrame().inverse()
+        if isinstance(joint, WeldJoint):
+            # A fixed joint adds to the constant pose of whatever comes after it.
+            offset = X_parent @ joint.X_FM() @ X_child
+            if X_parents:
+                X_parents[-1] = offset @ X_parents[-1]
+            else:
+                X_last = offset @ X_last
+        elif isinstance(joint, RevoluteJoint):
+            leader = follows[joint.name()].follows if joint.name() in follows else joint.name()
+            if leader not in config.joints:
+                raise InvalidInputError(
+                    f"finger {finger!r}: joint {joint.name()!r} is none of its joints {config.joints}."
+                )
+            ratio = follows[joint.name()].ratio if joint.name() in follows else 1.0
+            joints.append(joint)
+            X_parents.append(X_parent)
+            X_children.append(X_child)
+            coupling.append([ratio * (name == leader) for name in config.joints])
+        else:
+            raise InvalidInputError(
+                f"joint {joint.name()!r}: is {joint.type_name()}; allowed on a finger are revolute and fixed joints."
+            )
+        body = joint.parent_body()
+    X_parents[-1] = hand.palm_frame.GetFixedPoseInBodyFrame().inverse() @ X_parents[-1]
+    actuated = [plant.GetJointByName(name, hand.model_instance) for name in config.joints]
+    return SerialChain(
+        np.array([X.GetAsMatrix34() for X in reversed(X_parents)]),
+        np.array([joint.revolute_axis() for joint in reversed(joints)]),
+        np.array([X.GetAsMatrix34() for X in reversed(X_children)]),
+        np.array(coupling[::-1]),
+        X_last.GetAsMatrix34(),
+        np.array([joint.position_lower_limits()[0] for joint in actuated]),
+        np.array([joint.position_upper_limits()[0] for joint in actuated]),
+        tuple(joint.child_body().name() for joint in reversed(joints)),
+    )

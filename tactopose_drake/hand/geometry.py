@@ -1,0 +1,136 @@
+"""The hand as spheres, at one instant and posed by its joints."""
+
+import dataclasses
+import functools
+from collections.abc import Sequence
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.geometry import Box, Capsule, Convex, Cylinder, Ellipsoid, Mesh, Role, SceneGraphInspector, Shape, Sphere
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.multibody.tree import Frame, ModelInstanceIndex
+from pydrake.systems.framework import Context, DiagramBuilder
+
+from tactopose_drake.core.evidence import hand_geometry
+from tactopose_drake.core.shape.sphere_packing import Spheres, pack_box, pack_capsule, pack_convex
+from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.hand.hand_config import HandConfig, add_hand
+
+# Points of the unit circle and sphere that stand for a cylinder and an ellipsoid.
+_CIRCLE = np.stack([np.cos(np.arange(24) * np.pi / 12), np.sin(np.arange(24) * np.pi / 12)], axis=1)
+_LATITUDES = np.linspace(-np.pi / 2, np.pi / 2, 13)
+
+
+class HandGeometry(hand_geometry.HandGeometry):
+    """Spheres that fill the hand at one instant, given or made from a plant.
+
+    Attributes:
+        p_PH: centres in the palm frame, shape (h, 3), m.
+        radius: radii, shape (h,), m.
+        sigma: standard deviation of the hand's surface from where the spheres have it, m: from joints, links, packing.
+
+    Raises:
+        InvalidInputError: no sphere, a number that is not finite, a shape that does not fit, or a radius or sigma that
+            is not positive.
+    """
+
+    @classmethod
+    def from_plant(cls, plant: MultibodyPlant, context: Context, palm_frame: Frame) -> Self:
+        """Fills the collision geometry of the palm's model instance, where the context's joints put it.
+
+        Fills anew at each call; to follow a moving hand, keep a `BodySpheres` instead.
+
+        Args:
+            plant: finalized plant that is connected to a SceneGraph.
+            context: the plant's context, part of that diagram's.
+            palm_frame: P.
+
+        Raises:
+            InvalidInputError: if the plant is not connected to a SceneGraph, or the hand has no collision geometry.
+        """
+        query_port = plant.get_geometry_query_input_port()
+        if not query_port.HasValue(context):
+            raise InvalidInputError(
+                "context: its plant is not connected to a SceneGraph, which holds the hand's geometry; "
+                "allowed is the plant's part of a diagram's context."
+            )
+        inspector = query_port.Eval(context).inspector()
+        spheres = BodySpheres.from_inspector(plant, inspector, palm_frame.model_instance())
+        if not len(spheres.radius):
+            raise InvalidInputError(f"palm_frame: the hand of {palm_frame.name()!r} has no collision geometry.")
+        X_PW = palm_frame.CalcPoseInWorld(context).inverse()
+        X_WB = plant.get_body_poses_output_port().Eval(context)
+        return cls(X_PW.multiply(spheres.positions(X_WB).T).T, spheres.radius)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class BodySpheres:
+    """Spheres that are fixed on the bodies of a hand.
+
+    Attributes:
+        body: index of each sphere's body B in the plant, shape (h,).
+        p_BH: centres in B, shape (h, 3), m.
+        radius: radii, shape (h,), m.
+    """
+
+    body: NDArray[np.int64]
+    p_BH: FloatArray
+    radius: FloatArray
+
+    @classmethod
+    def from_inspector(
+        cls, plant: MultibodyPlant, inspector: SceneGraphInspector, model_instance: ModelInstanceIndex
+    ) -> Self:
+        """Fills the collision geometry of one model instance. A mesh counts as its convex hull; planes are left out."""
+        body, centres, radii = [np.zeros(0, dtype=np.int64)], [np.zeros((0, 3))], [np.zeros(0)]
+        for index in plant.GetBodyIndices(model_instance):
+            frame = plant.GetBodyFrameIdOrThrow(index)
+            for geometry in inspector.GetGeometries(frame, Role.kProximity):
+                p_GH, radius = _pack(inspector.GetShape(geometry))
+                body.append(np.full(len(radius), int(index)))
+                centres.append(inspector.GetPoseInFrame(geometry).multiply(p_GH.T).T)
+                radii.append(radius)
+        return cls(np.concatenate(body), np.concatenate(centres), np.concatenate(radii))
+
+    @classmethod
+    def of_hand(cls, config: HandConfig) -> Self:
+        """Fills a hand; the bodies are those of any plant that holds this hand alone."""
+        plant, scene_graph = AddMultibodyPlantSceneGraph(DiagramBuilder(), time_step=0.001)
+        hand = add_hand(plant, config, RigidTransform())
+        plant.Finalize()
+        return cls.from_inspector(plant, scene_graph.model_inspector(), hand.model_instance)
+
+    def positions(self, X_WB: Sequence[RigidTransform]) -> FloatArray:
+        """Centres in the world, shape (h, 3), m, for the poses of all bodies (the plant's port `body_poses`)."""
+        bodies, of_sphere = self._bodies
+        X = np.array([X_WB[index].GetAsMatrix34() for index in bodies])[of_sphere]
+        p_WH: FloatArray = np.einsum("hij,hj->hi", X[:, :, :3], self.p_BH) + X[:, :, 3]
+        return p_WH
+
+    @functools.cached_property
+    def _bodies(self) -> tuple[NDArray[np.int64], NDArray[np.intp]]:
+        """The bodies that have spheres, and which of them each sphere is on."""
+        bodies, of_sphere = np.unique(self.body, return_inverse=True)
+        return bodies, of_sphere
+
+
+def _pack(shape: Shape) -> Spheres:
+    if isinstance(shape, Sphere):
+        return np.zeros((1, 3)), np.array([shape.radius()])
+    if isinstance(shape, Capsule):
+        return pack_capsule(shape.radius(), shape.length())
+    if isinstance(shape, Box):
+        return pack_box(shape.size())
+    if isinstance(shape, Cylinder):
+        ends = [np.column_stack([shape.radius() * _CIRCLE, np.full(24, z)]) for z in (-0.5, 0.5)]
+        return pack_convex(np.concatenate(ends) * [1, 1, shape.length()])
+    if isinstance(shape, Ellipsoid):
+        rings = [np.column_stack([np.cos(a) * _CIRCLE, np.full(24, np.sin(a))]) for a in _LATITUDES]
+        return pack_convex(np.concatenate(rings) * [shape.a(), shape.b(), shape.c()])
+    if isinstance(shape, Mesh | Convex):
+        hull = shape.GetConvexHull()
+        return pack_convex(np.array([hull.vertex(i) for i in range(hull.num_vertices())]))
+    return np.zeros((0, 3)), np.zeros(0)

@@ -1,0 +1,263 @@
+"""What the package needs to know of a hand, and how it gets into a plant."""
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+
+from pydrake.common.schema import Transform
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import Frame, ModelInstanceIndex, WeldJoint
+
+from tactopose_drake.core.surfaces import Capsule, Ellipsoid, Sphere, Surface
+from tactopose_drake.core.validation import finite_array, positive_number
+from tactopose_drake.errors import InvalidFileError, InvalidInputError, UnknownNameError
+from tactopose_drake.resources import ModelPackage, add_model, load_typed_yaml, make_parser, model_path
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class SphereSurface:
+    """A spherical fingertip, `!SphereSurface` in YAML."""
+
+    radius: float = 0.009  # m
+    X_SF: Transform = dataclasses.field(default_factory=Transform)  # its centre's frame in the sensor's frame
+
+    def make(self) -> Surface:
+        """The surface that the contact solver takes."""
+        return Sphere(self.radius, X_SF=self.X_SF.GetDeterministicValue())
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class EllipsoidSurface:
+    """An ellipsoidal fingertip, `!EllipsoidSurface` in YAML."""
+
+    semi_axes: list[float] = dataclasses.field(default_factory=lambda: [0.009, 0.009, 0.009])  # m
+    X_SF: Transform = dataclasses.field(default_factory=Transform)  # its centre's frame in the sensor's frame
+
+    def make(self) -> Surface:
+        """The surface that the contact solver takes."""
+        a, b, c = self.semi_axes
+        return Ellipsoid((a, b, c), X_SF=self.X_SF.GetDeterministicValue())
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class CapsuleSurface:
+    """A hemisphere on a cylinder along z of F, `!CapsuleSurface` in YAML; F's origin is the cylinder's middle."""
+
+    radius: float = 0.009  # m
+    length: float = 0.014  # of the cylindrical part, m
+    X_SF: Transform = dataclasses.field(default_factory=Transform)  # in the sensor's frame
+
+    def make(self) -> Surface:
+        """The surface that the contact solver takes."""
+        return Capsule(self.radius, self.length, X_SF=self.X_SF.GetDeterministicValue())
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class Coupling:
+    """A joint without an actuator of its own: q_joint = ratio * q_follows."""
+
+    joint: str = ""  # that follows
+    follows: str = ""  # an actuated joint
+    ratio: float = 1.0  # of their positions
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class FingerConfig:
+    """One finger: the joints that move it and, where it has a force-torque sensor, that and its fingertip."""
+
+    name: str = ""  # of the finger, by which ports are called
+    joints: list[str] = dataclasses.field(default_factory=list)  # actuated, from the palm outwards
+    couplings: list[Coupling] = dataclasses.field(default_factory=list)  # the model itself must hold them
+    sensor_frame: str = ""  # S, the frame that the wrench is measured about and in; empty: there is no sensor
+    weld: str = ""  # fixed joint between finger (parent) and fingertip (child), whose reaction the sensor measures
+    surface: SphereSurface | EllipsoidSurface | CapsuleSurface = dataclasses.field(default_factory=SphereSurface)
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class PadConfig:
+    """A tactile array and the soft pad that it lies in."""
+
+    name: str = ""  # of the pad, by which ports are called
+    frame: str = ""  # T, the frame of the array's layout: a frame or link of the model, on the pad's own body
+    array: str = ""  # one of the package's tactile arrays by name, or a file by path
+    alpha: float = 0.0  # depth over pressure of the pad, m/Pa: its soft layer's thickness over its modulus
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class HandConfig:
+    """A hand's model file and the names in it."""
+
+    model: str = ""  # URL or path of an SDF, URDF or MJCF file; a path begins at the YAML file
+    packages: list[ModelPackage] = dataclasses.field(
+        default_factory=list
+    )  # that the model's URLs name, and are not ours
+    base_link: str = ""  # the link that carries the hand
+    palm_frame: str = ""  # P, a frame or link of the model
+    fingers: list[FingerConfig] = dataclasses.field(default_factory=list)
+    pads: list[PadConfig] = dataclasses.field(default_factory=list)
+    rest_positions: dict[str, float] = dataclasses.field(default_factory=dict)  # of joints whose rest is not at 0, rad
+    grip_low: list[float] = dataclasses.field(default_factory=list)  # lower corner of where it holds things, m, in P
+    grip_high: list[float] = dataclasses.field(default_factory=list)  # upper corner; both only for planned grasps
+
+    def validate(self) -> None:
+        """Raises InvalidInputError if a name is missing or double, or a surface has impossible dimensions."""
+        for name, value in (("model", self.model), ("base_link", self.base_link), ("palm_frame", self.palm_frame)):
+            if not value:
+                raise InvalidInputError(f"HandConfig.{name}: is empty; allowed is a name in the hand's model.")
+        names = [finger.name for finger in self.fingers]
+        if not names or "" in names or len(set(names)) < len(names):
+            raise InvalidInputError(f"HandConfig.fingers: have the names {names}; allowed are different names.")
+        for finger in self.fingers:
+            if not finger.joints:
+                raise InvalidInputError(
+                    f"HandConfig.fingers[{finger.name}].joints: is empty; allowed is a joint or more."
+                )
+            for coupling in finger.couplings:
+                positive_number(f"coupling of {coupling.joint!r}: ratio", abs(coupling.ratio))
+                if coupling.follows not in finger.joints:
+                    raise UnknownNameError(f"coupling of {coupling.joint!r}: follows", coupling.follows, finger.joints)
+            if bool(finger.sensor_frame) != bool(finger.weld):
+                raise InvalidInputError(
+                    f"HandConfig.fingers[{finger.name}]: has sensor_frame {finger.sensor_frame!r} and weld "
+                    f"{finger.weld!r}; allowed are both names or neither."
+                )
+            finger.surface.make()
+        pads = [pad.name for pad in self.pads]
+        if "" in pads or len(set(pads)) < len(pads):
+            raise InvalidInputError(f"HandConfig.pads: have the names {pads}; allowed are different names.")
+        for pad in self.pads:
+            positive_number(f"HandConfig.pads[{pad.name}].alpha", pad.alpha)
+        for name, corner in (("grip_low", self.grip_low), ("grip_high", self.grip_high)):
+            if corner:
+                finite_array(f"HandConfig.{name}", corner, (3,))
+
+    def finger(self, name: str) -> FingerConfig:
+        """The finger of that name.
+
+        Raises:
+            UnknownNameError: if there is none.
+        """
+        for finger in self.fingers:
+            if finger.name == name:
+                return finger
+        raise UnknownNameError("finger", name, [finger.name for finger in self.fingers])
+
+
+@dataclasses.dataclass(frozen=True)
+class Hand:
+    """A hand in a plant: where the names of its configuration have led.
+
+    `sensor_frames`, `welds` and `surfaces` are those of the fingers with a force-torque sensor, by finger; `pad_frames`
+    those of the tactile pads, by pad.
+    """
+
+    config: HandConfig
+    model_instance: ModelInstanceIndex
+    palm_frame: Frame
+    sensor_frames: Mapping[str, Frame]
+    welds: Mapping[str, WeldJoint]
+    surfaces: Mapping[str, Surface]
+    pad_frames: Mapping[str, Frame]
+
+    @property
+    def fingers(self) -> tuple[str, ...]:
+        """The fingers' names, in the order of the configuration."""
+        return tuple(finger.name for finger in self.config.fingers)
+
+
+def load_hand_config(name_or_path: str | Path) -> HandConfig:
+    """Reads a `*.hand.yaml`: one of the package's hands by name, or any file by path.
+
+    A model that the file names by a relative path is looked for beside the file.
+
+    Raises:
+        InvalidFileError: if the file cannot be read or does not fit `HandConfig`.
+        InvalidInputError: if a value is out of its range.
+    """
+    shipped = model_path("hands", str(name_or_path), f"{name_or_path}.hand.yaml")
+    path = shipped if shipped.is_file() else Path(name_or_path)
+    if not path.is_file():
+        known = ", ".join(
+            sorted(file.name.removesuffix(".hand.yaml") for file in model_path("hands").glob("*/*.hand.yaml"))
+        )
+        raise InvalidFileError(f"{path}: there is no such file; the package's hands are {known}.")
+    config = load_typed_yaml(HandConfig, path)
+    config.validate()
+    if "://" not in config.model:
+        config.model = str(path.parent / config.model)
+    return config
+
+
+def add_hand(plant: MultibodyPlant, config: HandConfig, X_WBase: RigidTransform | None = None) -> Hand:
+    """Parses a hand into a plant that is not finalized yet.
+
+    A joint that moves a finger and has no actuator in the model gets one, without a limit.
+
+    Args:
+        plant: receives the hand. Coupled joints need a discrete plant with a SAP-family contact approximation, which
+            is Drake's default.
+        config: which hand.
+        X_WBase: where to weld the hand's base link; None leaves it free, for the caller to weld on an arm.
+
+    Raises:
+        UnknownNameError: if the model lacks a name of the configuration.
+        InvalidFileError: if Drake cannot read the model.
+        InvalidInputError: if a package of the model is not installed, or a weld is a joint that moves.
+    """
+    config.validate()
+    model_instance = add_model(make_parser(plant, config.packages), config.model)
+    hand = find_hand(plant, config, model_instance)
+    # Asked for one model's actuators, an unfinished plant says that there is none.
+    actuators = (plant.get_joint_actuator(index) for index in plant.GetJointActuatorIndices())
+    actuated = {actuator.joint().name() for actuator in actuators if actuator.model_instance() == model_instance}
+    for name in (name for finger in config.fingers for name in finger.joints if name not in actuated):
+        plant.AddJointActuator(name, plant.GetJointByName(name, model_instance))
+    if X_WBase is not None:
+        plant.WeldFrames(plant.world_frame(), plant.GetFrameByName(config.base_link, model_instance), X_WBase)
+    return hand
+
+
+def find_hand(plant: MultibodyPlant, config: HandConfig, model_instance: ModelInstanceIndex) -> Hand:
+    """Looks up a hand that is already in a plant.
+
+    Raises:
+        UnknownNameError: if the model lacks a name of the configuration.
+        InvalidInputError: if a weld is a joint that moves.
+    """
+    frames = {plant.get_frame(index).name(): plant.get_frame(index) for index in plant.GetFrameIndices(model_instance)}
+    joints = {plant.get_joint(index).name(): plant.get_joint(index) for index in plant.GetJointIndices(model_instance)}
+    sensing = [finger for finger in config.fingers if finger.sensor_frame]
+    for finger in config.fingers:
+        needed = [*finger.joints, *(coupling.joint for coupling in finger.couplings)]
+        needed += [finger.weld] if finger in sensing else []
+        for name in needed:
+            if name not in joints:
+                raise UnknownNameError(f"joint of finger {finger.name!r}", name, sorted(joints))
+    for finger in sensing:
+        if not isinstance(joints[finger.weld], WeldJoint):
+            fixed = ", ".join(sorted(name for name, joint in joints.items() if isinstance(joint, WeldJoint))) or "none"
+            raise InvalidInputError(
+                f"HandConfig.fingers[{finger.name}].weld: the joint {finger.weld!r} moves; the fixed ones are {fixed}."
+            )
+    pads = {pad.name: pad.frame for pad in config.pads}
+    for name in [config.base_link, config.palm_frame, *(finger.sensor_frame for finger in sensing), *pads.values()]:
+        if name not in frames:
+            raise UnknownNameError("frame of the hand", name, sorted(frames))
+    return Hand(
+        config,
+        model_instance,
+        frames[config.palm_frame],
+        {finger.name: frames[finger.sensor_frame] for finger in sensing},
+        {finger.name: joints[finger.weld] for finger in sensing},
+        {finger.name: finger.surface.make() for finger in sensing},
+        {name: frames[frame] for name, frame in pads.items()},
+    )
+
+
+def make_hand_plant(config: HandConfig) -> tuple[MultibodyPlant, Hand]:
+    """A finalized plant of the hand alone, its base welded to the world: for kinematics from joint positions."""
+    plant = MultibodyPlant(time_step=0.001)
+    hand = add_hand(plant, config, RigidTransform())
+    plant.Finalize()
+    return plant, hand

@@ -1,0 +1,54 @@
+"""The files that describe tactile arrays: their cells, what limits them, and how often they are read."""
+
+import dataclasses
+from pathlib import Path
+
+from tactopose_drake.core.sensing.tactile_array import TactileModel
+from tactopose_drake.core.sensing.tactile_layout import TactileLayout
+from tactopose_drake.core.sensing.tactile_patterns import CapsulePattern, RowPattern
+from tactopose_drake.core.validation import positive_number
+from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.resources import load_typed_yaml, model_path
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class TactilePadFile:
+    """A tactile array's YAML file."""
+
+    pattern: RowPattern | CapsulePattern = dataclasses.field(default_factory=RowPattern)
+    model: TactileModel = dataclasses.field(default_factory=TactileModel)
+    period: float = 0.025  # between two readings, s
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class TactilePad:
+    """A tactile array.
+
+    Attributes:
+        layout: its cells, in the pad's frame T.
+        model: what limits it.
+        period: between two readings, s.
+    """
+
+    layout: TactileLayout
+    model: TactileModel
+    period: float
+
+
+def load_tactile_pad(name_or_path: str | Path) -> TactilePad:
+    """Reads a tactile array: one of the package's sensors by name (`bh280_finger`), or any file by path.
+
+    Raises:
+        InvalidFileError: if the file cannot be read or does not fit `TactilePadFile`.
+        InvalidInputError: if a value is out of its range; the message names the file.
+    """
+    shipped = model_path("sensors", f"{name_or_path}.yaml")
+    path = shipped if shipped.is_file() else Path(name_or_path)
+    file = load_typed_yaml(TactilePadFile, path)
+    try:
+        layout = file.pattern.make()
+        file.model.validate(len(layout))
+        positive_number("period", file.period)
+    except InvalidInputError as error:
+        raise type(error)(f"{path}: {error}") from error
+    return TactilePad(layout, file.model, file.period)

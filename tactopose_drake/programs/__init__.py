@@ -1,1 +1,0 @@
-"""MathematicalProgram formulations: the searches that Drake's solvers run."""

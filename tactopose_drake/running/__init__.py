@@ -1,1 +1,0 @@
-"""Running scenarios: in the simulator, on CAN devices, and from recordings."""

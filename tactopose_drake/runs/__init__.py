@@ -1,0 +1,5 @@
+"""Runs of whole scenarios, simulated and on devices, their recordings and replays; simulated grasps and their truth."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

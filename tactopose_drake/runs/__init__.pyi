@@ -1,0 +1,17 @@
+from .advance import Look as Look
+from .advance import Progress as Progress
+from .advance import RunView as RunView
+from .contact_truth import PartContact as PartContact
+from .device_run import warm_up as warm_up
+from .estimate_writer import EstimateWriter as EstimateWriter
+from .grasp_simulation import GraspResult as GraspResult
+from .grasp_simulation import run_grasp as run_grasp
+from .grasp_simulation import simulate_grasp as simulate_grasp
+from .monitor import Monitor as Monitor
+from .monitor import estimate_line as estimate_line
+from .rehearsal import rehearse as rehearse
+from .scenario_replay import replay as replay
+from .scenario_run import run_scenario as run_scenario
+from .simulated_devices import Loads as Loads
+from .simulated_devices import SimulatedRig as SimulatedRig
+from .simulated_devices import simulated_loads as simulated_loads

@@ -1,0 +1,61 @@
+"""The loop that all runs share, and what can be seen of one."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context, Diagram
+
+from tactopose_drake.station.can_devices import CanDevices
+
+
+@dataclass(frozen=True, eq=False)
+class RunView:
+    """A run at one moment.
+
+    Attributes:
+        diagram: of the station.
+        context: its root context.
+        devices: of a run on CAN devices or from their logs; None else.
+    """
+
+    diagram: Diagram
+    context: Context
+    devices: CanDevices | None = None
+
+
+Look = Callable[[RunView], None]
+Progress = Callable[[str], None]
+
+
+def advance(
+    simulator: Simulator,
+    devices: CanDevices | None,
+    period: float,
+    until: float,
+    look: Look,
+    end: Callable[[], bool] = lambda: False,
+) -> RunView:
+    """Advances a simulator in steps, with a look at it after each.
+
+    Args:
+        simulator: of a station, initialised.
+        devices: its devices.
+        period: of the looks, s.
+        until: time at which it ends; infinite where something else ends it.
+        look: is shown the run after each step.
+        end: asked after each step whether this was the last.
+
+    Returns:
+        The run at its end.
+    """
+    context = simulator.get_context()
+    view = RunView(simulator.get_system(), context, devices)
+    step = 0
+    while context.get_time() < until:
+        step += 1
+        simulator.AdvanceTo(min(step * period, until))
+        look(view)
+        if end():
+            break
+    return view

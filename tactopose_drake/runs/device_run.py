@@ -1,0 +1,117 @@
+"""Runs a scenario on CAN devices, real or simulated, in real time."""
+
+import contextlib
+import math
+from pathlib import Path
+
+import numpy as np
+from pydrake.common.value import AbstractValue
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context, EventStatus
+
+from tactopose_drake.core.evidence.prior import PosePrior
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.runs.advance import Look, Progress, RunView, advance
+from tactopose_drake.runs.known_signals import known_signals
+from tactopose_drake.runs.recording import Recording
+from tactopose_drake.runs.rehearsal import rehearse
+from tactopose_drake.runs.simulated_devices import SimulatedRig, loads_of_files, simulated_loads
+from tactopose_drake.runs.simulation import TRUE_POSE, sense_ports
+from tactopose_drake.station.can_devices import CanDevices, live_buses
+from tactopose_drake.station.hardware import HardwareStation, make_hardware_station
+from tactopose_drake.station.scenario import Scenario
+from tactopose_drake.station.senses import CanSenses
+from tactopose_drake.systems.signals import Signal
+
+
+def run_devices(
+    scenario: Scenario,
+    model: ObjectModel,
+    duration: float | None,
+    recording: Recording | None,
+    look: Look,
+    tell: Progress,
+) -> RunView:
+    """Opens the devices, tares them, and runs; see `run_scenario`.
+
+    Everything that takes its time is done before the tare, so that the run begins right after it.
+    """
+    senses = scenario.senses
+    assert isinstance(senses, CanSenses)
+    with contextlib.ExitStack() as parts:
+        signals, rig = _prepare(scenario, senses, model, tell)
+        tell("preparing the estimate")
+        devices = CanDevices(senses, live_buses(senses), None if recording is None else recording.logs)
+        known = {name: signal for name, signal in signals.items() if name != TRUE_POSE}
+        station = make_hardware_station(scenario, devices, known, model=model)
+        warm_up(station)
+        if rig is not None:
+            parts.enter_context(rig)
+        parts.enter_context(devices)
+        if senses.tare_samples:
+            tell("taring: nothing may touch the hand")
+            devices.tare(senses.tare_samples)
+        origin = devices.start()
+        if rig is not None:
+            rig.origin = origin
+        if recording is not None:
+            recording.begin(origin, devices.biases)
+        simulator = _start(station, signals.get(TRUE_POSE), recording)
+        tell("running")
+        if duration is None:
+            duration = math.inf if rig is None else scenario.duration
+        with contextlib.suppress(KeyboardInterrupt):
+            advance(simulator, devices, scenario.estimation.estimator.period, duration, look)
+        return RunView(station.diagram, simulator.get_context())
+
+
+def _prepare(
+    scenario: Scenario, senses: CanSenses, model: ObjectModel, tell: Progress
+) -> tuple[dict[str, Signal], SimulatedRig | None]:
+    """What is known without the devices, and the simulated devices if there are any."""
+    if senses.simulated is None:
+        return known_signals(scenario), None
+    if senses.simulated.folder:
+        return known_signals(scenario), SimulatedRig(scenario, loads_of_files(senses, Path(senses.simulated.folder)))
+    tell("computing what the simulated devices feel")
+    felt = rehearse(scenario, model)
+    names = ["prior", TRUE_POSE, *(["joint_positions"] if senses.barrett_hand is None else [])]
+    return {name: felt[name] for name in names}, SimulatedRig(scenario, simulated_loads(scenario, felt))
+
+
+def _start(station: HardwareStation, true_pose: Signal | None, recording: Recording | None) -> Simulator:
+    """A simulator in real time, which records what is not on a bus."""
+    simulator = Simulator(station.diagram)
+    simulator.set_target_realtime_rate(1.0)
+    ports = [port for port in sense_ports(station.diagram) if port.get_name() in ("joint_positions", "prior")]
+
+    def monitor(context: Context) -> EventStatus:
+        if recording is not None:
+            for port in ports:
+                recording.write(port.get_name(), context.get_time(), port.Eval(context))
+            if true_pose is not None:
+                recording.write(TRUE_POSE, context.get_time(), true_pose.at(context.get_time()))
+        return EventStatus.Succeeded()
+
+    simulator.set_monitor(monitor)
+    simulator.Initialize()
+    return simulator
+
+
+def warm_up(station: HardwareStation) -> None:
+    """One estimate of a made-up touch: it compiles the kernels, and prepares the model for the search.
+
+    It takes seconds, for which a robot would otherwise wait in the middle of its first grasp.
+    """
+    estimation = station.diagram.GetSubsystemByName("pose_estimation")
+    simulator = Simulator(estimation)
+    context = simulator.get_mutable_context()
+    for index in range(estimation.num_input_ports()):
+        port = estimation.get_input_port(index)
+        if port.get_name() == "prior":
+            port.FixValue(context, AbstractValue.Make(PosePrior(np.eye(3, 4))))
+        elif port.get_name().startswith("wrench_"):
+            port.FixValue(context, np.array([0.0, 0.0, 0.0, 0.0, 2.0, -2.0]))
+        else:
+            port.FixValue(context, np.zeros(port.size()))
+    simulator.AdvanceTo(1e-3)

@@ -1,0 +1,46 @@
+"""The estimates of a run as JSON lines, one for each look at it."""
+
+import json
+from pathlib import Path
+from typing import Self, TextIO
+
+from pydrake.systems.framework import Context, Diagram
+
+from tactopose_drake.errors import InvalidFileError
+from tactopose_drake.estimation.files import hypotheses_data
+
+_TEXTS = ("status", "contact_status", "patch_status", "sense_status")
+
+
+class EstimateWriter:
+    """Writes what a station says of the object's pose; a context manager.
+
+    A line has `time` (s), the station's status ports, `fingers_in_contact`, and `hypotheses` as in result.json (null
+    before the first). It depends on what was measured alone: how long the search took is left out.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Creates the file; an existing one is replaced.
+
+        Raises:
+            InvalidFileError: if it cannot be written.
+        """
+        try:
+            self._file: TextIO = path.open("w", encoding="utf-8", buffering=1)
+        except OSError as error:
+            raise InvalidFileError(f"{path}: cannot be written ({error.strerror}).") from None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._file.close()
+
+    def write(self, diagram: Diagram, context: Context) -> None:
+        """Adds a line of what a station's ports say now."""
+        line = {"time": context.get_time()}
+        line |= {name: diagram.GetOutputPort(name).Eval(context) for name in _TEXTS if diagram.HasOutputPort(name)}
+        line["fingers_in_contact"] = list(diagram.GetOutputPort("fingers_in_contact").Eval(context))
+        estimate = diagram.GetOutputPort("hypotheses").Eval(context)
+        line["hypotheses"] = None if estimate is None else hypotheses_data(estimate)
+        self._file.write(json.dumps(line, allow_nan=False) + "\n")

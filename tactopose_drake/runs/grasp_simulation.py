@@ -1,0 +1,177 @@
+"""Runs a scenario until the hand holds the object by itself, or says why it does not."""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.geometry import Meshcat
+from pydrake.math import RigidTransform
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context
+
+from tactopose_drake.core.grasping.grasp_planner import GraspPlan
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.runs.contact_truth import ContactTruth, contact_truth
+from tactopose_drake.station.grasp_planning import plan_scenario
+from tactopose_drake.station.scenario import Scenario
+from tactopose_drake.station.simulated import Station, make_station
+
+
+@dataclass(frozen=True, eq=False)
+class GraspResult:
+    """How a simulated grasp went.
+
+    Attributes:
+        stable: whether the object stays in the hand, still and carried by enough fingertips and pads.
+        reason: "ok", or why it is not stable.
+        station: the diagram.
+        simulator: at the end of the run; its context holds all ports' values.
+        truth: the simulator's own contacts at the end.
+        X_PO: true pose of the object at the end.
+        release_time: when the object was let go, s; None if never.
+        slip: how far the object's origin moved in the palm after its release, m.
+        speed: of the object's origin in the palm at the end, m/s.
+        failed_attempts: why each grasp that was tried before this one failed.
+        wall_time: of the simulation of this attempt, s.
+    """
+
+    stable: bool
+    reason: str
+    station: Station
+    simulator: Simulator
+    truth: ContactTruth
+    X_PO: RigidTransform
+    release_time: float | None
+    slip: float
+    speed: float
+    failed_attempts: tuple[str, ...]
+    wall_time: float
+
+    @property
+    def context(self) -> Context:
+        """The root context at the end of the run."""
+        return self.simulator.get_context()
+
+
+def simulate_grasp(
+    scenario: Scenario,
+    *,
+    model: ObjectModel | None = None,
+    meshcat: Meshcat | None = None,
+    on_progress: Callable[[str], None] | None = None,
+) -> GraspResult:
+    """Simulates a scenario's grip; or plans and simulates its grasp, and where it fails, the next best, in order.
+
+    Args:
+        scenario: what to simulate.
+        model: of the scenario's object, if it is at hand already.
+        meshcat: where to show and record it.
+        on_progress: is told what begins.
+
+    Returns:
+        The first stable grasp, or the last one tried; a grip is tried once.
+
+    Raises:
+        InvalidInputError: if the scenario cannot be built, or the hand finds no way to hold the object.
+    """
+    tell = on_progress or (lambda message: None)
+    model = ObjectModel.from_mesh(scenario.object_mesh()) if model is None else model
+    plans: Sequence[GraspPlan | None] = (None,)
+    if scenario.grip is None:
+        tell("planning a grasp")
+        plans = plan_scenario(scenario, model)[: scenario.check.attempts]
+    failed: list[str] = []
+    for plan in plans:
+        tell("simulating a grip" if plan is None else f"simulating a grasp by {len(plan.fingers)} fingers")
+        if meshcat is not None:
+            meshcat.Delete()
+            meshcat.DeleteRecording()
+        result = run_grasp(make_station(scenario, plan, model=model, meshcat=meshcat), tuple(failed), meshcat)
+        if result.stable:
+            break
+        failed.append(result.reason)
+    return result
+
+
+def run_grasp(station: Station, failed_attempts: tuple[str, ...] = (), meshcat: Meshcat | None = None) -> GraspResult:
+    """Simulates one grasp from the open hand to the end of the hold, and judges it.
+
+    Args:
+        station: the diagram, not simulated yet.
+        failed_attempts: handed on to the result.
+        meshcat: the station's display, if it is to record.
+    """
+    started = time.perf_counter()
+    simulator = Simulator(station.diagram)
+    context = simulator.get_mutable_context()
+    station.start(context)
+    simulator.set_monitor(station.release_when_held)
+    simulator.Initialize()
+    if meshcat is not None:
+        meshcat.StartRecording()
+    plant_context = station.plant.GetMyContextFromRoot(context)
+    check, step = station.scenario.check, 0.02
+    release_time, X_PO_release = None, station.object_pose(context)
+    while context.get_time() < station.scenario.duration - 1e-9:
+        simulator.AdvanceTo(context.get_time() + step)
+        if release_time is None:
+            X_PO_release = station.object_pose(context)
+            if not station.object_joint.is_locked(plant_context):
+                release_time = context.get_time()
+        elif context.get_time() >= release_time + check.hold_time and _is_still(station, plant_context):
+            break
+    if meshcat is not None:
+        meshcat.StopRecording()
+        meshcat.PublishRecording()
+    truth = contact_truth(station.plant, plant_context, station.hand, station.object_body)
+    X_PO = station.object_pose(context)
+    slip = float(np.linalg.norm(X_PO.translation() - X_PO_release.translation()))
+    speed, _ = _motion(station, plant_context)
+    reason = _judge(station, plant_context, release_time, truth, slip)
+    return GraspResult(
+        reason == "ok",
+        reason,
+        station,
+        simulator,
+        truth,
+        X_PO,
+        release_time,
+        slip,
+        speed,
+        failed_attempts,
+        time.perf_counter() - started,
+    )
+
+
+def _motion(station: Station, plant_context: Context) -> tuple[float, float]:
+    """Speed, m/s, and angular speed, rad/s, of the object in the palm."""
+    palm = station.hand.palm_frame
+    V_PO = station.object_body.body_frame().CalcSpatialVelocity(plant_context, palm, palm)
+    return float(np.linalg.norm(V_PO.translational())), float(np.linalg.norm(V_PO.rotational()))
+
+
+def _is_still(station: Station, plant_context: Context) -> bool:
+    speed, spin = _motion(station, plant_context)
+    return speed <= station.scenario.check.most_speed and spin <= station.scenario.check.most_angular_speed
+
+
+def _judge(
+    station: Station, plant_context: Context, release_time: float | None, truth: ContactTruth, slip: float
+) -> str:
+    check = station.scenario.check
+    if release_time is None:
+        return "the fingers did not close in time"
+    if slip > check.most_slip:
+        return f"the object slipped by {1e3 * slip:.1f} mm"
+    parts = truth.tips | truth.pads
+    carrying = [name for name, part in parts.items() if np.linalg.norm(part.f_PC) >= check.least_force]
+    if len(carrying) < check.least_fingers:
+        return f"only {len(carrying)} {'pads' if truth.pads else 'fingertips'} carry the object"
+    # A plan is for the fingertips alone; a grip takes what comes.
+    if truth.other_contacts and station.plan is not None:
+        return f"the object also touches {', '.join(truth.other_contacts)}"
+    if not _is_still(station, plant_context):
+        speed, spin = _motion(station, plant_context)
+        return f"the object still moves at {1e3 * speed:.2f} mm/s and {spin:.3f} rad/s"
+    return "ok"

@@ -1,0 +1,70 @@
+"""What a scenario with CAN devices knows without them: joint angles and the object's pose by other means."""
+
+from pathlib import Path
+
+import numpy as np
+
+from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.errors import InvalidFileError, InvalidInputError
+from tactopose_drake.estimation.files import load_prior
+from tactopose_drake.hand.hand_config import load_hand_config, make_hand_plant
+from tactopose_drake.hand.joint_matrices import joint_matrix
+from tactopose_drake.station.scenario import Scenario
+from tactopose_drake.station.senses import CanSenses, FixedJoints, JointFile
+from tactopose_drake.systems.signals import Signal
+
+
+def known_signals(scenario: Scenario) -> dict[str, Signal]:
+    """The signals that the scenario's `senses.joints` and `senses.prior` stand for, by the station's names.
+
+    Raises:
+        InvalidInputError: if the joint angles come through a port, or a joint's name is unknown.
+        InvalidFileError: if a file cannot be read.
+    """
+    senses = scenario.senses
+    assert isinstance(senses, CanSenses)
+    signals = {}
+    if senses.prior:
+        signals["prior"] = Signal.constant(load_prior(Path(senses.prior)))
+    if isinstance(senses.joints, FixedJoints):
+        names, rows = list(senses.joints.positions), np.array([list(senses.joints.positions.values())])
+        signals["joint_positions"] = Signal([-np.inf], list(_positions(scenario, names, rows)))
+    elif isinstance(senses.joints, JointFile):
+        names, times, rows = _read(Path(senses.joints.path))
+        signals["joint_positions"] = Signal(times.tolist(), list(_positions(scenario, names, rows)))
+    elif senses.barrett_hand is None:
+        raise InvalidInputError(
+            "CanSenses.joints: is !JointPort, which is for a diagram of your own; "
+            "to run the scenario by itself, allowed are !FixedJoints and !JointFile."
+        )
+    return signals
+
+
+def _positions(scenario: Scenario, names: list[str], rows: FloatArray) -> FloatArray:
+    """Positions of the whole hand, shape (n, nq), from those of some joints (n, k); others follow, or are 0."""
+    plant, hand = make_hand_plant(load_hand_config(scenario.hand))
+    joints = [plant.get_joint(index) for index in plant.GetJointIndices(hand.model_instance)]
+    followers = {coupling.joint for finger in hand.config.fingers for coupling in finger.couplings}
+    resting = [
+        joint.name()
+        for joint in joints
+        if joint.num_positions() == 1 and joint.name() not in names and joint.name() not in followers
+    ]
+    matrix = joint_matrix(plant, hand, [*names, *resting])
+    positions: FloatArray = np.column_stack([rows, np.zeros((len(rows), len(resting)))]) @ matrix.T
+    return positions
+
+
+def _read(path: Path) -> tuple[list[str], FloatArray, FloatArray]:
+    """Names, times (n,) and positions (n, k) of a CSV file."""
+    try:
+        with path.open(encoding="utf-8") as file:
+            first, *names = (name.strip() for name in file.readline().split(","))
+            table = np.loadtxt(file, delimiter=",", ndmin=2)
+    except (OSError, ValueError) as error:
+        raise InvalidFileError(f"{path}: {' '.join(str(error).split())}") from None
+    if first != "time" or table.shape[1:] != (1 + len(names),) or not np.all(np.isfinite(table)):
+        raise InvalidFileError(f"{path}: must have a line of `time` and joints' names, then rows of as many numbers.")
+    if not np.all(np.diff(table[:, 0]) > 0):
+        raise InvalidFileError(f"{path}: its times, the first column, must rise.")
+    return names, table[:, 0], table[:, 1:]

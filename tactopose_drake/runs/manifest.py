@@ -1,0 +1,109 @@
+"""What a recording's folder holds: the scenario as it was run, which file is what, and what no log has."""
+
+import dataclasses
+import importlib.metadata
+import platform
+from collections.abc import Mapping
+from pathlib import Path
+
+from pydrake.common.yaml import yaml_dump_typed
+
+from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.errors import InvalidFileError, InvalidInputError
+from tactopose_drake.resources import load_typed_yaml
+from tactopose_drake.station.scenario import Scenario
+from tactopose_drake.station.senses import CanSenses
+
+MANIFEST, SIGNALS, ESTIMATES = "manifest.yaml", "signals.jsonl", "estimates.jsonl"
+_FORMAT = 1
+_PACKAGES = ("tactopose_drake", "drake", "numpy", "numba", "python-can")
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class Manifest:
+    """`manifest.yaml` of a recording; only data."""
+
+    format: int = _FORMAT
+    scenario: Scenario = dataclasses.field(default_factory=Scenario)  # its seeds are those of all noise
+    versions: dict[str, str] = dataclasses.field(default_factory=dict)  # of what it was made with
+    start: float = 0.0  # the diagram's time 0, s since the epoch
+    buses: dict[str, str] = dataclasses.field(default_factory=dict)  # file of each bus, by the scenario's names
+    # Gauge readings that counted as no load, by finger: the tare, with the fingertip's weight in it.
+    biases: dict[str, list[float]] = dataclasses.field(default_factory=dict)
+
+    def check_scenario(self, scenario: Scenario, folder: Path) -> None:
+        """Raises InvalidInputError if a scenario is not one that the recording can be replayed with.
+
+        What is estimated and how may differ; which hand held which object, and the devices, may not.
+        """
+        for name in ("hand", "object"):
+            given, recorded = getattr(scenario, name), getattr(self.scenario, name)
+            if given != recorded:
+                raise InvalidInputError(
+                    f"{folder}: was recorded with the {name} {recorded!r}; the scenario has {given!r}."
+                )
+        given, recorded = scenario.senses, self.scenario.senses
+        if isinstance(given, CanSenses) and not isinstance(recorded, CanSenses):
+            raise InvalidInputError(f"{folder}: was recorded from the simulator; the scenario has CAN devices.")
+        if isinstance(given, CanSenses) and isinstance(recorded, CanSenses):
+            for part in ("fingers", "barrett_hand"):
+                if getattr(given, part) != getattr(recorded, part):
+                    raise InvalidInputError(f"{folder}: was recorded with other devices; senses.{part} differ.")
+
+
+def versions() -> dict[str, str]:
+    """Of Python and of what the estimate depends on."""
+    found = {"python": platform.python_version()}
+    return found | {package: importlib.metadata.version(package) for package in _PACKAGES}
+
+
+def save_manifest(
+    folder: Path, scenario: Scenario, start: float, buses: Mapping[str, Path], biases: Mapping[str, FloatArray]
+) -> None:
+    """Writes `manifest.yaml`.
+
+    Raises:
+        InvalidFileError: if it cannot be written.
+    """
+    manifest = Manifest(
+        scenario=scenario,
+        versions=versions(),
+        start=start,
+        buses={name: path.name for name, path in buses.items()},
+        biases={finger: bias.tolist() for finger, bias in biases.items()},
+    )
+    try:
+        (folder / MANIFEST).write_text(yaml_dump_typed(manifest))
+    except OSError as error:
+        raise InvalidFileError(f"{folder / MANIFEST}: cannot be written ({error.strerror}).") from None
+
+
+def load_manifest(folder: Path) -> Manifest:
+    """Reads the manifest of a recording.
+
+    Raises:
+        InvalidFileError: if the folder is none of a recording, or of another format.
+    """
+    if not (folder / MANIFEST).is_file():
+        raise InvalidFileError(f"{folder}: is no recording; it has no {MANIFEST}.")
+    manifest = load_typed_yaml(Manifest, folder / MANIFEST)
+    if manifest.format != _FORMAT:
+        raise InvalidFileError(f"{folder / MANIFEST}: has the format {manifest.format}; allowed is {_FORMAT}.")
+    for name, file in manifest.buses.items():
+        if Path(file).name != file or not (folder / file).is_file():
+            raise InvalidFileError(f"{folder / MANIFEST}: the log {file!r} of the bus {name!r} is not in the folder.")
+    return manifest
+
+
+def prepare_folder(folder: Path) -> None:
+    """Makes a folder for a new recording.
+
+    Raises:
+        InvalidInputError: if something is in it already, or it cannot be made.
+    """
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise InvalidInputError(f"{folder}: exists; allowed for a recording is a folder that is new or empty.")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InvalidInputError(f"{folder}: cannot be made ({error.strerror}).") from None

@@ -1,0 +1,163 @@
+"""What a run measures and estimates, live in the terminal."""
+
+from collections.abc import Iterator
+from typing import Any, Self
+
+import numpy as np
+from rich import box
+from rich.console import Console
+from rich.live import Live
+from rich.table import Table
+
+from tactopose_drake.drivers.device import Device
+from tactopose_drake.runs.advance import RunView
+
+_RATE_WINDOW = 1.0  # s, over which rates are counted
+_LINE_PERIOD = 1.0  # s of a run between two lines, where there is no terminal
+_REFRESH = 5.0  # tables a second
+
+
+class Monitor:
+    """Shows a run: a table that renews itself on a terminal, or a line a second where there is none.
+
+    It is a context manager; `look` is what `run_scenario` and `replay` take.
+    """
+
+    def __init__(self, console: Console) -> None:
+        """Keeps the console."""
+        self._console = console
+        self._live = Live(console=console, auto_refresh=False) if console.is_terminal else None
+        self._rates = _Rates()
+        self._next = 0.0
+
+    def __enter__(self) -> Self:
+        if self._live is not None:
+            self._live.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._live is not None:
+            self._live.stop()
+
+    def look(self, view: RunView) -> None:
+        """Shows the present state, if it is time."""
+        self._rates.count(view)
+        time = view.context.get_time()
+        if time < self._next:
+            return
+        rates = self._rates.of(view)
+        if self._live is not None:
+            self._next = time + 1.0 / _REFRESH
+            self._live.update(monitor_table(view, rates), refresh=True)
+        else:
+            self._next = time + _LINE_PERIOD
+            self._console.print(monitor_line(view, rates), soft_wrap=True, highlight=False)
+
+
+def monitor_table(view: RunView, rates: dict[str, float]) -> Table:
+    """Rates, ages, forces, pressures and statuses of the senses, and the estimate.
+
+    Args:
+        view: the run.
+        rates: of the devices, samples a second, by sense.
+    """
+    table = Table(title=_title(view), caption=estimate_line(view), box=box.SIMPLE_HEAD, caption_justify="left")
+    table.add_column("sense")
+    for heading in ("rate, Hz", "age, ms", "measured"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    table.add_column("status")
+    for sense, measured in _senses(view):
+        rate = rates.get(sense)
+        table.add_row(
+            sense,
+            "" if rate is None else f"{rate:.0f}",
+            _age(view, sense),
+            measured,
+            str(_value(view, f"status_{sense}", "")),
+        )
+    return table
+
+
+def monitor_line(view: RunView, rates: dict[str, float]) -> str:
+    """The same, in one line; only what is wrong is said of the statuses."""
+    senses = [
+        f"{sense} {measured}" + (f" {rates[sense]:.0f} Hz" if sense in rates else "")
+        for sense, measured in _senses(view)
+    ]
+    wrong = _value(view, "sense_status", "ok")
+    return "; ".join([_title(view), *senses, *([] if wrong == "ok" else [wrong]), estimate_line(view)])
+
+
+class _Rates:
+    """Counts the samples of devices, over a second of their buses' clocks."""
+
+    def __init__(self) -> None:
+        self._counts: dict[str, list[tuple[float, int]]] = {}
+
+    def count(self, view: RunView) -> None:
+        for sense, device in _devices(view):
+            counts = self._counts.setdefault(sense, [])
+            now = device.bus.clock.time()
+            counts.append((now, device.samples))
+            while len(counts) > 2 and counts[1][0] <= now - _RATE_WINDOW:
+                counts.pop(0)
+
+    def of(self, view: RunView) -> dict[str, float]:
+        """Samples a second, by sense; not before there are two counts."""
+        rates = {}
+        for sense, counts in self._counts.items():
+            (first, before), (last, now) = counts[0], counts[-1]
+            if last > first:
+                rates[sense] = (now - before) / (last - first)
+        return rates
+
+
+def _devices(view: RunView) -> Iterator[tuple[str, Device[Any]]]:
+    if view.devices is not None:
+        yield from view.devices.boards.items()
+        if view.devices.hand is not None:
+            yield "hand", view.devices.hand
+
+
+def _senses(view: RunView) -> Iterator[tuple[str, str]]:
+    """Each sense, and what it measures, in words."""
+    names = [view.diagram.get_output_port(index).get_name() for index in range(view.diagram.num_output_ports())]
+    for name in names:
+        if name.startswith("wrench_"):
+            force = float(np.linalg.norm(_value(view, name)[3:]))
+            yield name.removeprefix("wrench_"), "no force" if np.isnan(force) else f"{force:.2f} N"
+    pads = [name for name in names if name.startswith("pressures_")]
+    if pads:
+        pressures = {name.removeprefix("pressures_"): _value(view, name) for name in pads}
+        yield "hand", ", ".join(f"{pad} {_peak(cells)}" for pad, cells in pressures.items())
+
+
+def _peak(pressures: Any) -> str:
+    return "?" if np.isnan(pressures).all() else f"{np.nanmax(pressures) / 1e3:.0f} kPa"
+
+
+def _age(view: RunView, sense: str) -> str:
+    age = _value(view, f"age_{sense}", None)
+    return "" if age is None or not np.isfinite(age[0]) else f"{1e3 * age[0]:.0f}"
+
+
+def _title(view: RunView) -> str:
+    return f"{view.context.get_time():.2f} s"
+
+
+def estimate_line(view: RunView) -> str:
+    """The estimate, and what its status is."""
+    status, estimate = _value(view, "status"), _value(view, "hypotheses")
+    if estimate is None:
+        return str(status)
+    position = " ".join(f"{1e3 * x:.1f}" for x in _value(view, "object_pose").translation())
+    count = len(estimate.hypotheses)
+    many = "1 hypothesis" if count == 1 else f"{count} hypotheses"
+    return f"{status}; object at {position} mm; {many}, the best with {estimate.best.probability:.0%}"
+
+
+def _value(view: RunView, port: str, otherwise: Any = "") -> Any:
+    """Of a port of the station; something else where it has no such port."""
+    if not view.diagram.HasOutputPort(port):
+        return otherwise
+    return view.diagram.GetOutputPort(port).Eval(view.context)

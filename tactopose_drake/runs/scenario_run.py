@@ -1,0 +1,78 @@
+"""Runs a scenario: in the simulator as fast as it goes, or on CAN devices in real time."""
+
+import contextlib
+from pathlib import Path
+
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.validation import positive_number
+from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.runs.advance import Look, Progress, RunView, advance
+from tactopose_drake.runs.device_run import run_devices
+from tactopose_drake.runs.recording import Recording
+from tactopose_drake.runs.scenario_replay import replay
+from tactopose_drake.runs.simulation import start_simulation
+from tactopose_drake.station.scenario import Scenario
+from tactopose_drake.station.senses import CanSenses, RecordedSenses
+from tactopose_drake.station.simulated import make_station
+
+
+def run_scenario(
+    scenario: Scenario,
+    *,
+    duration: float | None = None,
+    record: Path | None = None,
+    look: Look = lambda view: None,
+    tell: Progress = lambda message: None,
+) -> RunView:
+    """Runs a scenario from wherever its senses come; an interrupt from the keyboard ends it.
+
+    Args:
+        scenario: what to run.
+        duration: s; by default the scenario's, on real devices until it is interrupted, and of a recording all.
+        record: folder for a recording, new or empty; a recording is not recorded again.
+        look: is shown the run at the period of the estimates.
+        tell: is told what begins.
+
+    Returns:
+        The run at its end; its devices are closed.
+
+    Raises:
+        InvalidInputError: if the scenario cannot be run.
+        DriverError: if a bus cannot be opened, or a device be tared.
+    """
+    scenario.validate()
+    duration = None if duration is None else positive_number("duration", duration)
+    if isinstance(scenario.senses, RecordedSenses):
+        if record is not None:
+            raise InvalidInputError("record: the scenario's senses are recorded already; allowed are others.")
+        return replay(Path(scenario.senses.folder), scenario, duration=duration, look=look, tell=tell).view
+    with contextlib.ExitStack() as parts:
+        recording = None if record is None else parts.enter_context(Recording(record, scenario))
+
+        def record_and_look(view: RunView) -> None:
+            if recording is not None:
+                recording.look(view.diagram, view.context)
+            look(view)
+
+        tell("reading the object")
+        model = ObjectModel.from_mesh(scenario.object_mesh())
+        run = run_devices if isinstance(scenario.senses, CanSenses) else _run_simulated
+        return run(scenario, model, duration, recording, record_and_look, tell)
+
+
+def _run_simulated(
+    scenario: Scenario,
+    model: ObjectModel,
+    duration: float | None,
+    recording: Recording | None,
+    look: Look,
+    tell: Progress,
+) -> RunView:
+    tell("preparing the grasp")
+    station = make_station(scenario, model=model)
+    if recording is not None:
+        recording.begin(0.0, {})
+    simulator = start_simulation(station, None if recording is None else recording.write)
+    tell("simulating")
+    until = scenario.duration if duration is None else duration
+    return advance(simulator, None, scenario.estimation.estimator.period, until, look)

@@ -1,0 +1,124 @@
+"""Simulated devices on the buses of a scenario, which feel what a simulated hand or a file says."""
+
+import contextlib
+import math
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, Self
+
+import can
+import numpy as np
+
+from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.drivers.simulation.device_server import DeviceServer
+from tactopose_drake.drivers.simulation.simulated_barrett_hand import HandState, SimulatedBarrettHand
+from tactopose_drake.drivers.simulation.simulated_device import SimulatedDevice
+from tactopose_drake.drivers.simulation.simulated_netcanoem import SimulatedNetCanOem, nano17_like_calibration
+from tactopose_drake.drivers.simulation.time_series import load_time_series
+from tactopose_drake.errors import BusError
+from tactopose_drake.hand.fingertip_weights import FingertipWeights
+from tactopose_drake.hand.hand_config import load_hand_config, make_hand_plant
+from tactopose_drake.station.scenario import Scenario
+from tactopose_drake.station.senses import CanSenses
+from tactopose_drake.systems.can_barrett_hand import PADS
+from tactopose_drake.systems.signals import Signal
+
+_OFFSET = 300.0  # standard deviation of the gauges' readings without a load, which a tare takes off
+
+Loads = dict[str, Signal]  # by finger the wrench on the fingertip, weight and all; "hand": the row of a `HandState`
+
+
+def simulated_loads(scenario: Scenario, signals: Mapping[str, Signal]) -> Loads:
+    """What the devices of a hand feel that has these signals (`rehearse`), and before, when nothing touches it."""
+    assert isinstance(scenario.senses, CanSenses)
+    plant, hand = make_hand_plant(load_hand_config(scenario.hand))
+    weights = FingertipWeights(plant, hand, scenario.X_WBase.GetDeterministicValue().rotation())
+    joints, loads = signals["joint_positions"], Loads()
+    for finger in scenario.senses.fingers:
+        touch = signals[f"wrench_{finger}"]
+        # The simulated sensor gives no number before its first sample, and has its weight taken off.
+        rows = [
+            np.nan_to_num(F_S) + weights.wrenches(joints.at(time))[finger]
+            for time, F_S in zip(touch.times, touch.values, strict=True)
+        ]
+        free = weights.wrenches(joints.values[0])[finger]
+        loads[finger] = Signal([touch.times[0] - 1.0, *touch.times], [free, *rows])
+    if scenario.senses.barrett_hand is not None:
+        order = [plant.GetJointByName(name).position_start() for name in scenario.senses.barrett_hand.joints]
+        pads = [signals[f"pressures_{pad}"] for pad in PADS]
+        rows = [
+            np.concatenate([q[order], *(np.nan_to_num(pad.at(time)) for pad in pads), np.zeros(3)])
+            for time, q in zip(joints.times, joints.values, strict=True)
+        ]
+        free = np.concatenate([joints.values[0][order], np.zeros(len(rows[0]) - len(order))])
+        loads["hand"] = Signal([joints.times[0] - 1.0, *joints.times], [free, *rows])
+    return loads
+
+
+def loads_of_files(senses: CanSenses, folder: Path) -> Loads:
+    """What the devices feel by a folder of CSV files.
+
+    Raises:
+        InvalidFileError: if a file cannot be read.
+    """
+    columns = dict.fromkeys(senses.fingers, 6) | ({} if senses.barrett_hand is None else {"hand": 106})
+    series = {name: load_time_series(folder / f"{name}.csv", count) for name, count in columns.items()}
+    return {name: Signal(each.times.tolist(), list(each.rows)) for name, each in series.items()}
+
+
+class SimulatedRig:
+    """The devices of a scenario, simulated, with a server for each bus; a context manager.
+
+    Attributes:
+        devices: by name, a finger's or "hand": their faults may be set at any time.
+        origin: the time 0 of the loads, s since the epoch. Until it is set they stay what they are at first.
+    """
+
+    def __init__(self, scenario: Scenario, loads: Loads) -> None:
+        """Makes the devices; the scenario's seed decides on their calibrations and offsets."""
+        assert isinstance(scenario.senses, CanSenses)
+        self.origin = math.inf
+        self._senses, self._servers = scenario.senses, contextlib.ExitStack()
+        generator = np.random.default_rng(scenario.seed)
+        self.devices: dict[str, SimulatedDevice] = {
+            finger: SimulatedNetCanOem(
+                self._feel(loads[finger]),
+                {board.calibration: nano17_like_calibration(generator)},
+                board.base,
+                offset=generator.normal(scale=_OFFSET, size=6),
+            )
+            for finger, board in scenario.senses.fingers.items()
+        }
+        if scenario.senses.barrett_hand is not None:
+            feel = self._feel(loads["hand"])
+            self.devices["hand"] = SimulatedBarrettHand(lambda time: HandState.from_row(feel(time)))
+
+    def on_bus(self, name: str) -> list[SimulatedDevice]:
+        """The devices of one bus."""
+        senses = self._senses
+        of_finger = {finger: board.bus for finger, board in senses.fingers.items()}
+        bus_of = of_finger | ({} if senses.barrett_hand is None else {"hand": senses.barrett_hand.bus})
+        return [device for sense, device in self.devices.items() if bus_of[sense] == name]
+
+    def __enter__(self) -> Self:
+        """Opens the other end of each bus.
+
+        Raises:
+            BusError: if that fails.
+        """
+        with contextlib.ExitStack() as servers:
+            for name, bus in self._senses.buses.items():
+                try:
+                    options: dict[str, Any] = dict(bus.options)
+                    end = can.Bus(interface=bus.interface, channel=bus.channel, ignore_config=True, **options)
+                except (can.CanError, OSError, ValueError, TypeError, ImportError) as error:
+                    raise BusError(f"bus {name!r}: cannot be opened for the simulated devices ({error}).") from error
+                servers.enter_context(DeviceServer(end, self.on_bus(name)))
+            self._servers = servers.pop_all()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._servers.close()
+
+    def _feel(self, load: Signal) -> Callable[[float], FloatArray]:
+        return lambda time: load.at(max(time - self.origin, load.times[0]))

@@ -1,0 +1,42 @@
+"""The simulator of a scenario's grasp, and what is recorded of it."""
+
+from collections.abc import Callable
+
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context, Diagram, EventStatus, OutputPort
+
+from tactopose_drake.station.simulated import Station
+from tactopose_drake.systems.signals import Value
+
+Write = Callable[[str, float, Value], None]  # a signal's name, the time in s, and its value
+TRUE_POSE = "true_pose"  # the signal of the simulator's own X_PO
+
+
+def start_simulation(station: Station, write: Write | None) -> Simulator:
+    """A simulator at the beginning of a grasp; it lets the object go when it is held.
+
+    Args:
+        station: the diagram.
+        write: is given every sense after each step, and `true_pose`; None where nobody wants them.
+    """
+    simulator = Simulator(station.diagram)
+    station.start(simulator.get_mutable_context())
+    ports = sense_ports(station.diagram)
+
+    def monitor(context: Context) -> EventStatus:
+        if write is not None:
+            for port in ports:
+                write(port.get_name(), context.get_time(), port.Eval(context))
+            write(TRUE_POSE, context.get_time(), station.object_pose(context))
+        return station.release_when_held(context)
+
+    simulator.set_monitor(monitor)
+    simulator.Initialize()
+    return simulator
+
+
+def sense_ports(diagram: Diagram) -> list[OutputPort]:
+    """The ports of a station that carry what the estimate is made from."""
+    ports = [diagram.get_output_port(index) for index in range(diagram.num_output_ports())]
+    names = ("joint_positions", "prior")
+    return [port for port in ports if port.get_name() in names or port.get_name().startswith(("wrench_", "pressures_"))]

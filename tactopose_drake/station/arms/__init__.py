@@ -1,0 +1,1 @@
+"""An arm that carries the hand: its motions, and what it takes and places."""

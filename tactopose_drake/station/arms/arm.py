@@ -1,0 +1,106 @@
+"""What the package needs to know of an arm, how it gets into a plant, and how it gets a hand."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import Frame, ModelInstanceIndex, SpatialInertia
+
+from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.errors import InvalidInputError, UnknownNameError
+from tactopose_drake.hand.hand_config import Hand
+from tactopose_drake.resources import add_model, load_typed_yaml, make_parser, model_path
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class ArmConfig:
+    """An arm's model file and the names in it."""
+
+    model: str = ""  # URL or path of an SDF or URDF file; it limits each joint's speed
+    base_link: str = ""  # the link that stands on the ground
+    flange_frame: str = ""  # F, the frame or link that carries the hand's base
+
+    def validate(self) -> None:
+        """Raises InvalidInputError if a name is missing."""
+        for field in dataclasses.fields(self):
+            if not getattr(self, field.name):
+                raise InvalidInputError(f"ArmConfig.{field.name}: is empty; allowed is a name.")
+
+
+@dataclasses.dataclass(frozen=True)
+class Arm:
+    """An arm in a plant."""
+
+    config: ArmConfig
+    model_instance: ModelInstanceIndex
+    flange: Frame
+
+
+def load_arm_config(name_or_path: str | Path) -> ArmConfig:
+    """Reads a `*.arm.yaml`: one of the package's arms by name, or any file by path.
+
+    Raises:
+        InvalidFileError: if the file cannot be read or does not fit `ArmConfig`.
+        InvalidInputError: if a name is missing.
+    """
+    shipped = model_path("arms", str(name_or_path), f"{name_or_path}.arm.yaml")
+    config = load_typed_yaml(ArmConfig, shipped if shipped.is_file() else Path(name_or_path))
+    config.validate()
+    return config
+
+
+def add_arm(plant: MultibodyPlant, config: ArmConfig, X_WBase: RigidTransform) -> Arm:
+    """Parses an arm into a plant that is not finalized yet, and welds its base to the world.
+
+    Raises:
+        InvalidFileError: if Drake cannot read the model.
+        UnknownNameError: if the model lacks a name of the configuration.
+    """
+    config.validate()
+    instance = add_model(make_parser(plant), config.model)
+    frames = {plant.get_frame(index).name(): plant.get_frame(index) for index in plant.GetFrameIndices(instance)}
+    for name in (config.base_link, config.flange_frame):
+        if name not in frames:
+            raise UnknownNameError("frame of the arm", name, sorted(frames))
+    plant.WeldFrames(plant.world_frame(), frames[config.base_link], X_WBase)
+    return Arm(config, instance, frames[config.flange_frame])
+
+
+def mount_hand(plant: MultibodyPlant, arm: Arm, hand: Hand, X_FBase: RigidTransform) -> None:
+    """Welds a hand, which was added without a place, to an arm's flange."""
+    plant.WeldFrames(arm.flange, plant.GetFrameByName(hand.config.base_link, hand.model_instance), X_FBase)
+
+
+def make_arm_plant(
+    config: ArmConfig, X_WBase: RigidTransform, payload: SpatialInertia | None = None
+) -> tuple[MultibodyPlant, Arm]:
+    """A finalized plant of the arm alone, for control and kinematics.
+
+    Args:
+        config: which arm.
+        X_WBase: where it stands.
+        payload: what it carries, as one rigid body: about the flange's origin, in the flange's axes.
+    """
+    plant = MultibodyPlant(time_step=0.0)
+    arm = add_arm(plant, config, X_WBase)
+    if payload is not None:
+        body = plant.AddRigidBody("payload", arm.model_instance, payload)
+        plant.WeldFrames(arm.flange, body.body_frame())
+    plant.Finalize()
+    return plant, arm
+
+
+def hand_inertia(plant: MultibodyPlant, arm: Arm, hand: Hand, q_hand: FloatArray) -> SpatialInertia:
+    """The hand as one rigid body, about the flange's origin and in its axes.
+
+    Args:
+        plant: finalized plant in which the hand is mounted on the arm.
+        arm: the arm in it.
+        hand: the hand in it.
+        q_hand: positions of the hand's joints, shape (nq,), rad.
+    """
+    context = plant.CreateDefaultContext()
+    plant.SetPositions(context, hand.model_instance, np.asarray(q_hand))
+    return plant.CalcSpatialInertia(context, arm.flange, plant.GetBodyIndices(hand.model_instance))

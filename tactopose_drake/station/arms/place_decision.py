@@ -1,0 +1,37 @@
+"""Puts the decision of handing over and placing into an arm's station."""
+
+import numpy as np
+from pydrake.systems.framework import DiagramBuilder
+
+from tactopose_drake.core.grasping.held_axis import HeldAxis
+from tactopose_drake.station.arms.place_planning import PlaceParams, PlacePlanner
+from tactopose_drake.station.arms.place_task import PlaceTask
+from tactopose_drake.station.arms.station import ArmParts, ArmSetup
+
+
+def AddPlaceTask(
+    builder: DiagramBuilder, parts: ArmParts, setup: ArmSetup, grip: HeldAxis, params: PlaceParams
+) -> PlaceTask:
+    """Adds a `PlaceTask` named "place_task" that decides by the station's estimation; for `make_arm_station`.
+
+    Args:
+        builder: of the station, which has a "grasp_controller".
+        parts: of the station.
+        setup: it was made by.
+        grip: where the hand holds a rod best, in P.
+        params: where the hole is, and how it is approached.
+
+    Returns:
+        The task; its output `arm_reference` is what the arm is to follow.
+    """
+    X_FBase = setup.X_FBase.GetDeterministicValue()
+    planner = PlacePlanner(parts.arm_plant, parts.arm_alone, parts.hand.config, X_FBase, parts.model, grip, params)
+    task: PlaceTask = builder.AddNamedSystem("place_task", PlaceTask(planner, np.array(setup.q_start)))
+    grasp = builder.GetSubsystemByName("grasp_controller")
+    builder.Connect(grasp.GetOutputPort("holding"), task.GetInputPort("holding"))
+    builder.Connect(grasp.GetOutputPort("status"), task.GetInputPort("grasp_status"))
+    builder.Connect(task.GetOutputPort("open"), grasp.GetInputPort("open"))
+    for name in ("contacts", "hypotheses"):
+        builder.Connect(parts.estimation.GetOutputPort(name), task.GetInputPort(name))
+    builder.Connect(parts.senses["joint_positions"], task.GetInputPort("joint_positions"))
+    return task

@@ -1,0 +1,225 @@
+"""Builds a simulated station whose hand an arm carries: senses, estimation, decision and control in one diagram."""
+
+import dataclasses
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from pydrake.common.schema import Rotation, Transform
+from pydrake.geometry import Meshcat, MeshcatVisualizer, SceneGraph
+from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant
+from pydrake.multibody.tree import RigidBody
+from pydrake.systems.controllers import InverseDynamicsController
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort
+
+from tactopose_drake.core.grasping.grasp_planner import GraspPlan
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.validation import finite_array, positive_number
+from tactopose_drake.hand.hand_config import Hand, add_hand, load_hand_config
+from tactopose_drake.resources import add_model, make_parser
+from tactopose_drake.station.arms.arm import Arm, add_arm, hand_inertia, load_arm_config, make_arm_plant, mount_hand
+from tactopose_drake.station.grasp import add_planned_grasp
+from tactopose_drake.station.scenario import Scenario
+from tactopose_drake.station.simulated import Station
+from tactopose_drake.station.simulated_senses import add_noise, add_senses
+from tactopose_drake.systems.palm_pose import PalmPose
+from tactopose_drake.systems.pose_estimation import AddPoseEstimation
+from tactopose_drake.systems.pose_tracking import AddPoseTracking, PoseTrackingParams
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class SceneModel:
+    """A model that stands in the world."""
+
+    model: str = ""  # URL or path of an SDF or URDF file
+    X_WModel: Transform = dataclasses.field(default_factory=Transform)  # of its root link
+
+
+def _thumb_up() -> Transform:
+    # The Shadow-like hand reaches 0.165 m back from the origin of its forearm.
+    return Transform(translation=[0.0, 0.0, 0.165], rotation=Rotation(value=Rotation.Rpy(deg=[0.0, 0.0, 180.0])))
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class ArmSetup:
+    """The arm, how it carries the hand, and what stands around it."""
+
+    arm: str = "seven_axis"  # an arm of the package by name, or a *.arm.yaml by path
+    X_WBase: Transform = dataclasses.field(default_factory=Transform)  # where the arm stands
+    X_FBase: Transform = dataclasses.field(default_factory=_thumb_up)  # where the hand's base is welded to the flange
+    # Where the arm begins, rad: the hand in front of it, its fingers forward.
+    q_start: list[float] = dataclasses.field(default_factory=lambda: [0.0, 0.3, 0.0, 1.4, 0.0, -0.13, 0.0])
+    stiffness: float = 400.0  # of the controller: acceleration for an error, 1/s^2
+    damping: float = 40.0  # 1/s
+    scene: list[SceneModel] = dataclasses.field(default_factory=list)
+    # Keeps a belief over time; None: the scenario's estimation, which begins anew each time.
+    tracking: PoseTrackingParams | None = None
+
+    def validate(self) -> None:
+        """Raises InvalidInputError if a value is out of its range."""
+        finite_array("ArmSetup.q_start", self.q_start, (len(self.q_start),))
+        positive_number("ArmSetup.stiffness", self.stiffness)
+        positive_number("ArmSetup.damping", self.damping)
+        if self.tracking is not None:
+            self.tracking.validate()
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ArmParts:
+    """What whoever decides finds in the diagram.
+
+    Attributes:
+        plant: the simulator's plant.
+        scene_graph: its geometry.
+        arm: the arm in it.
+        arm_plant: a plant of the arm alone, which carries the hand as one rigid body.
+        arm_alone: the arm in that one.
+        hand: the hand in the simulator's plant.
+        object_body: the object there.
+        model: the object's model for estimation.
+        senses: the hand's senses by the names of `AddPoseEstimation`'s inputs.
+        estimation: the diagram of `AddPoseEstimation` or `AddPoseTracking`; its `prior` or `vision` is not connected.
+    """
+
+    plant: MultibodyPlant
+    scene_graph: SceneGraph
+    arm: Arm
+    arm_plant: MultibodyPlant
+    arm_alone: Arm
+    hand: Hand
+    object_body: RigidBody
+    model: ObjectModel
+    senses: Mapping[str, OutputPort]
+    estimation: Diagram
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ArmStation(Station):
+    """A station whose hand an arm carries.
+
+    Attributes:
+        arm: the arm in the plant.
+        setup: what it was made from.
+    """
+
+    arm: Arm
+    setup: ArmSetup
+
+    def start(self, context: Context) -> None:
+        """Prepares a root context: the arm where it begins, and as `Station.start`."""
+        plant_context = self.plant.GetMyMutableContextFromRoot(context)
+        self.plant.SetPositions(plant_context, self.arm.model_instance, np.array(self.setup.q_start))
+        super().start(context)
+
+
+Decision = Callable[[DiagramBuilder, ArmParts], OutputPort]
+"""Adds to a diagram whatever decides; returns the port of the arm's reference: positions, then velocities."""
+
+
+def make_arm_station(
+    scenario: Scenario,
+    plan: GraspPlan,
+    setup: ArmSetup,
+    add_decision: Decision,
+    *,
+    model: ObjectModel | None = None,
+    meshcat: Meshcat | None = None,
+) -> ArmStation:
+    """Builds the diagram.
+
+    Its ports are those of `make_station`, but for those of vision, and those that `add_decision` exports.
+
+    Args:
+        scenario: hand, object, senses and estimation; its `X_WBase`, `vision` and `X_WC` are not looked at.
+        plan: how the fingers close.
+        setup: the arm.
+        add_decision: adds whatever decides; if there is vision, it adds that too.
+        model: of the scenario's object, if it is at hand already.
+        meshcat: where to show it all; nothing is shown without.
+
+    Raises:
+        InvalidInputError: if scenario or setup cannot be built.
+    """
+    scenario.validate()
+    setup.validate()
+    model = ObjectModel.from_mesh(scenario.object_mesh()) if model is None else model
+    builder = DiagramBuilder()
+    plant, scene_graph = AddMultibodyPlant(config=scenario.plant, builder=builder)
+    config, X_WBase = load_arm_config(setup.arm), setup.X_WBase.GetDeterministicValue()
+    arm = add_arm(plant, config, X_WBase)
+    hand = add_hand(plant, load_hand_config(scenario.hand))
+    mount_hand(plant, arm, hand, setup.X_FBase.GetDeterministicValue())
+    _add_scene(plant, setup)
+    object_instance = add_model(make_parser(plant), scenario.object_sdf())
+    plant.Finalize()
+    finite_array("ArmSetup.q_start", setup.q_start, (plant.num_positions(arm.model_instance),))
+    (object_joint,) = (plant.get_joint(index) for index in plant.GetJointIndices(object_instance))
+    object_body = object_joint.child_body()
+
+    senses = add_senses(builder, scenario, plant, hand)
+    for name, port in senses.items():
+        builder.ExportOutput(port, name)
+    start = add_planned_grasp(builder, scenario, plant, hand, senses, plan)
+    if setup.tracking is None:
+        estimation = AddPoseEstimation(builder, hand.config, model, scenario.estimation)
+    else:
+        estimation = _add_tracking(builder, plant, hand, model, setup.tracking)
+    for name, port in senses.items():
+        builder.Connect(port, estimation.GetInputPort(name))
+    for index in range(estimation.num_output_ports()):
+        builder.ExportOutput(estimation.get_output_port(index), estimation.get_output_port(index).get_name())
+
+    arm_plant, arm_alone = make_arm_plant(config, X_WBase, hand_inertia(plant, arm, hand, start.q))
+    parts = ArmParts(
+        plant, scene_graph, arm, arm_plant, arm_alone, hand, object_body, model, senses, estimation
+    )  # fmt: skip
+    _add_arm_control(builder, parts, setup, add_decision(builder, parts))
+    if meshcat is not None:
+        MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat)
+    for name in ("contact_results", "body_poses"):
+        builder.ExportOutput(plant.GetOutputPort(name), name)
+    builder.ExportOutput(scene_graph.get_query_output_port(), "query")
+    add_noise(builder, scenario, hand)
+    diagram = builder.Build()
+    diagram.set_name("arm_station")
+    return ArmStation(
+        diagram, plant, scene_graph, hand, object_body, object_joint, model, start, plan, scenario, arm, setup
+    )
+
+
+def _add_tracking(
+    builder: DiagramBuilder, plant: MultibodyPlant, hand: Hand, model: ObjectModel, params: PoseTrackingParams
+) -> Diagram:
+    """The belief over time, with what it takes beyond the senses."""
+    tracking = AddPoseTracking(builder, hand.config, model, params)
+    if params.use_joint_velocities:
+        velocities = builder.GetSubsystemByName("joint_positions").get_output_port(1)
+        builder.Connect(velocities, tracking.GetInputPort("joint_velocities"))
+    palm = builder.AddNamedSystem("palm_pose", PalmPose(hand.palm_frame))
+    builder.Connect(plant.get_body_poses_output_port(), palm.GetInputPort("body_poses"))
+    builder.Connect(palm.GetOutputPort("palm_pose"), tracking.GetInputPort("palm_pose"))
+    return tracking
+
+
+def _add_scene(plant: MultibodyPlant, setup: ArmSetup) -> None:
+    parser = make_parser(plant)
+    for item in setup.scene:
+        instance = add_model(parser, item.model)
+        root = plant.get_body(plant.GetBodyIndices(instance)[0]).body_frame()
+        plant.WeldFrames(plant.world_frame(), root, item.X_WModel.GetDeterministicValue())
+
+
+def _add_arm_control(builder: DiagramBuilder, parts: ArmParts, setup: ArmSetup, reference: OutputPort) -> None:
+    """Inverse dynamics of arm and hand, as one rigid body, about the reference."""
+    count = parts.arm_plant.num_positions()
+    gains = np.full(count, setup.stiffness), np.zeros(count), np.full(count, setup.damping)
+    controller = builder.AddNamedSystem(
+        "arm_controller", InverseDynamicsController(parts.arm_plant, *gains, has_reference_acceleration=False)
+    )
+    state = parts.plant.get_state_output_port(parts.arm.model_instance)
+    builder.Connect(state, controller.get_input_port_estimated_state())
+    builder.Connect(reference, controller.get_input_port_desired_state())
+    builder.Connect(
+        controller.GetOutputPort("generalized_force"), parts.plant.get_actuation_input_port(parts.arm.model_instance)
+    )
+    builder.ExportOutput(state, "arm_state")
+    builder.ExportOutput(controller.GetOutputPort("generalized_force"), "arm_torque")

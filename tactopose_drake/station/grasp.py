@@ -1,0 +1,110 @@
+"""How a station's hand comes to hold the object: by a planned grasp of its fingertips, or by a grip until it stalls."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.common import RandomGenerator
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.framework import DiagramBuilder, OutputPort
+
+from tactopose_drake.core.grasping.grasp_planner import GraspPlan
+from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.hand.hand_config import Hand
+from tactopose_drake.hand.hand_reach import rest_positions
+from tactopose_drake.station.scenario import Scenario
+from tactopose_drake.systems.grasp_controller import GraspController, hand_layout
+from tactopose_drake.systems.grip_controller import GripController
+
+# A push below any that occurs: the hand's open posture.
+_OPEN = -np.inf
+
+
+@dataclass(frozen=True, eq=False)
+class GraspStart:
+    """Where a grasp begins.
+
+    Attributes:
+        q: positions of the hand's joints when it is open, shape (nq,), rad.
+        X_PO: pose of the object, which is held there until the fingers have closed.
+    """
+
+    q: FloatArray
+    X_PO: RigidTransform
+
+
+def add_planned_grasp(
+    builder: DiagramBuilder,
+    scenario: Scenario,
+    plant: MultibodyPlant,
+    hand: Hand,
+    senses: Mapping[str, OutputPort],
+    plan: GraspPlan,
+) -> GraspStart:
+    """Adds a controller that closes the fingers as planned, by their wrenches."""
+    motions = {finger: part.motion for finger, part in plan.fingers.items()}
+    controller = builder.AddNamedSystem(
+        "grasp_controller", GraspController(plant, hand, motions, _rest(plant, hand), scenario.controller)
+    )
+    for finger in motions:
+        builder.Connect(senses[f"wrench_{finger}"], controller.GetInputPort(f"wrench_{finger}"))
+    builder.Connect(controller.GetOutputPort("actuation"), plant.get_actuation_input_port(hand.model_instance))
+    builder.ExportOutput(controller.GetOutputPort("actuation"), "actuation")
+    _connect_controller(builder, plant, hand, controller)
+    q = controller.commanded(np.full(len(motions), _OPEN))
+    return GraspStart(_followed(plant, hand, q), planned_pose(plan))
+
+
+def add_grip(builder: DiagramBuilder, scenario: Scenario, plant: MultibodyPlant, hand: Hand) -> GraspStart:
+    """Adds a controller that closes the fingers until they stall; `set_motor_gains` was called before."""
+    assert scenario.grip is not None
+    params = scenario.grip.controller
+    controller = builder.AddNamedSystem("grip_controller", GripController(plant, hand, params))
+    builder.Connect(controller.GetOutputPort("desired_state"), plant.get_desired_state_input_port(hand.model_instance))
+    _connect_controller(builder, plant, hand, controller)
+    q, places = _rest(plant, hand), _places(plant, hand)
+    for joint, position in params.fixed.items():
+        q[places[joint]] = position
+    X_PO = scenario.grip.X_PO[scenario.object].Sample(RandomGenerator(scenario.seed))
+    return GraspStart(_followed(plant, hand, q), X_PO)
+
+
+def planned_pose(plan: GraspPlan) -> RigidTransform:
+    """X_PO of a plan."""
+    return RigidTransform(RotationMatrix(plan.X_PO[:, :3]), plan.X_PO[:, 3])
+
+
+def _connect_controller(
+    builder: DiagramBuilder, plant: MultibodyPlant, hand: Hand, controller: GraspController | GripController
+) -> None:
+    """What both controllers have in common."""
+    state = plant.get_state_output_port(hand.model_instance)
+    builder.Connect(state, controller.GetInputPort("hand_state"))
+    builder.ExportOutput(state, "hand_state")
+    builder.ExportOutput(controller.GetOutputPort("holding"), "holding")
+    builder.ExportOutput(controller.GetOutputPort("status"), "grasp_status")
+
+
+def _places(plant: MultibodyPlant, hand: Hand) -> dict[str, int]:
+    """Where each moving joint's position is among the hand's."""
+    first, _, names = hand_layout(plant, hand)
+    return {name: plant.GetJointByName(name, hand.model_instance).position_start() - first for name in names}
+
+
+def _rest(plant: MultibodyPlant, hand: Hand) -> FloatArray:
+    """The hand's joint positions when no finger takes part, shape (nq,), rad."""
+    places, q = _places(plant, hand), np.zeros(plant.num_positions(hand.model_instance))
+    for finger in hand.config.fingers:
+        for name, position in zip(finger.joints, rest_positions(hand.config, finger.name), strict=True):
+            q[places[name]] = position
+    return q
+
+
+def _followed(plant: MultibodyPlant, hand: Hand, q: FloatArray) -> FloatArray:
+    """The positions (nq,), with each coupled joint where its leader has it."""
+    places, q = _places(plant, hand), q.copy()
+    for finger in hand.config.fingers:
+        for coupling in finger.couplings:
+            q[places[coupling.joint]] = coupling.ratio * q[places[coupling.follows]]
+    return q

@@ -1,0 +1,46 @@
+"""Plans the grasps of a scenario."""
+
+import numpy as np
+from pydrake.multibody.plant import MultibodyPlant
+
+from tactopose_drake.core.grasping.grasp_planner import GraspPlan, plan_grasps
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.hand.hand_config import load_hand_config, make_hand_plant
+from tactopose_drake.hand.hand_reach import make_hand_reach
+from tactopose_drake.resources import add_model, make_parser
+from tactopose_drake.station.scenario import Scenario
+
+
+def plan_scenario(scenario: Scenario, model: ObjectModel | None = None) -> list[GraspPlan]:
+    """The grasps of a scenario's hand on its object, by falling score; the scenario's seed decides.
+
+    Raises:
+        InvalidInputError: if the hand finds no way to hold the object.
+    """
+    scenario.validate()
+    config = load_hand_config(scenario.hand)
+    model = ObjectModel.from_mesh(scenario.object_mesh()) if model is None else model
+    plant, hand = make_hand_plant(config)
+    context = plant.CreateDefaultContext()
+    X_BaseP = plant.CalcRelativeTransform(
+        context, plant.GetFrameByName(config.base_link, hand.model_instance), hand.palm_frame
+    )
+    R_WP = scenario.X_WBase.GetDeterministicValue().rotation() @ X_BaseP.rotation()
+    load_P = R_WP.inverse() @ (_object_mass(scenario) * plant.gravity_field().gravity_vector())
+    reach = make_hand_reach(config, scenario.reach)
+    plans = plan_grasps(model, reach, load_P, scenario.planner, np.random.default_rng(scenario.seed))
+    if not plans:
+        raise InvalidInputError(
+            f"Scenario.object: the hand {scenario.hand!r} finds no way to hold {scenario.object!r} "
+            f"in {scenario.planner.most_poses} poses; allowed are objects that fit between its fingers."
+        )
+    return plans
+
+
+def _object_mass(scenario: Scenario) -> float:
+    """Mass of the object, kg, from its SDF."""
+    plant = MultibodyPlant(time_step=0.0)
+    instance = add_model(make_parser(plant), scenario.object_sdf())
+    plant.Finalize()
+    return float(plant.CalcTotalMass(plant.CreateDefaultContext(), [instance]))

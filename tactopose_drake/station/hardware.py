@@ -1,0 +1,199 @@
+"""Builds the diagram of a scenario whose senses are not simulated: devices on CAN buses, or recorded signals."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, System
+from pydrake.systems.primitives import PassThrough
+
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.drivers.barrett_hand import BarrettHand
+from tactopose_drake.drivers.netcanoem import NetCanOemForceTorque
+from tactopose_drake.errors import InvalidInputError, UnknownNameError
+from tactopose_drake.hand.fingertip_weights import FingertipWeights
+from tactopose_drake.hand.hand_config import Hand, HandConfig, load_hand_config, make_hand_plant
+from tactopose_drake.hand.joint_matrices import joint_matrix
+from tactopose_drake.hand.tactile_pads import load_tactile_pad
+from tactopose_drake.station.can_devices import CanDevices
+from tactopose_drake.station.scenario import Scenario
+from tactopose_drake.station.senses import CanSenses
+from tactopose_drake.station.tracking import add_tracking
+from tactopose_drake.systems.can_barrett_hand import PADS, CanBarrettHand
+from tactopose_drake.systems.can_force_torque import CanForceTorque
+from tactopose_drake.systems.fingertip_weight import FingertipWeight
+from tactopose_drake.systems.measured_joints import MeasuredJoints
+from tactopose_drake.systems.played_signal import PlayedValue, PlayedVector
+from tactopose_drake.systems.pose_estimation import AddPoseEstimation
+from tactopose_drake.systems.pose_tracking import PoseTrackingParams
+from tactopose_drake.systems.sense_status import SenseStatus
+from tactopose_drake.systems.signals import Signal
+
+
+@dataclass(frozen=True, eq=False)
+class HardwareStation:
+    """The diagram of a scenario on real senses, or recorded ones.
+
+    Attributes:
+        diagram: output ports `wrench_<finger>`, `pressures_<pad>`, `joint_positions`, `prior`, all outputs of
+            `AddPoseEstimation`, as of a simulated `Station`; `fingertip_torques` of Barrett's hand; `status_<sense>`
+            and `age_<sense>` of each device, where a sense is a finger's name or "hand", and `sense_status`; where the
+            scenario tracks, `tracked_object_pose` and so on, likewise. Input ports `joint_positions` and `prior` where
+            nothing else gives them, and `joint_velocities`, which may stay unconnected, where the tracking uses them.
+        model: the object's model.
+        scenario: what all this was made from.
+    """
+
+    diagram: Diagram
+    model: ObjectModel
+    scenario: Scenario
+
+
+def make_hardware_station(
+    scenario: Scenario,
+    devices: CanDevices | None = None,
+    signals: Mapping[str, Signal] | None = None,
+    *,
+    model: ObjectModel | None = None,
+) -> HardwareStation:
+    """Builds the diagram.
+
+    Args:
+        scenario: what is held in which hand, and how the pose is estimated.
+        devices: what measures; the diagram neither opens nor closes them.
+        signals: what is known otherwise, by the names of the ports that they stand in for: `joint_positions`, `prior`,
+            `wrench_<finger>`, `pressures_<pad>`.
+        model: of the scenario's object, if it is at hand already.
+
+    Raises:
+        InvalidInputError: if the scenario cannot be built, or a signal does not fit the hand.
+    """
+    scenario.validate()
+    model = ObjectModel.from_mesh(scenario.object_mesh()) if model is None else model
+    config = load_hand_config(scenario.hand)
+    plant, hand = make_hand_plant(config)
+    builder = DiagramBuilder()
+    known = _add_signals(builder, config, plant, signals or {})
+    senses, ages = dict[str, System](), dict[str, OutputPort]()
+    if devices is not None and devices.hand is not None:
+        known |= _add_barrett_hand(builder, scenario, devices.hand, plant, hand)
+        senses["hand"] = builder.GetSubsystemByName("barrett_hand")
+        ages = {f"age_{pad}": senses["hand"].GetOutputPort("age") for pad in PADS}
+    if "joint_positions" not in known:
+        joints = builder.AddNamedSystem("joint_positions", PassThrough(plant.num_positions()))
+        builder.ExportInput(joints.get_input_port(), "joint_positions")
+        known["joint_positions"] = joints.get_output_port()
+    if devices is not None and devices.boards:
+        known |= _add_boards(builder, scenario, devices.boards, plant, hand, known["joint_positions"])
+        senses |= {finger: builder.GetSubsystemByName(f"sensor_{finger}") for finger in devices.boards}
+    for name, port in known.items():
+        builder.ExportOutput(port, name)
+    _export_statuses(builder, senses)
+
+    estimation = AddPoseEstimation(builder, config, model, scenario.estimation)
+    for name, port in {**known, **ages}.items():
+        if estimation.HasInputPort(name):
+            builder.Connect(port, estimation.GetInputPort(name))
+    if "prior" not in known:
+        builder.ExportInput(estimation.GetInputPort("prior"), "prior")
+    for index in range(estimation.num_output_ports()):
+        port = estimation.get_output_port(index)
+        builder.ExportOutput(port, port.get_name())
+    if scenario.tracking is not None:
+        _add_tracking(builder, scenario.tracking, config, model, {**known, **ages})
+    diagram = builder.Build()
+    diagram.set_name("hardware_station")
+    return HardwareStation(diagram, model, scenario)
+
+
+def _add_signals(
+    builder: DiagramBuilder, config: HandConfig, plant: MultibodyPlant, signals: Mapping[str, Signal]
+) -> dict[str, OutputPort]:
+    """What plays the signals, by name."""
+    sizes = {f"wrench_{finger.name}": 6 for finger in config.fingers if finger.sensor_frame}
+    sizes |= {f"pressures_{pad.name}": len(load_tactile_pad(pad.array).layout) for pad in config.pads}
+    sizes["joint_positions"] = plant.num_positions()
+    ports = {}
+    for name, signal in signals.items():
+        if name not in sizes and name != "prior":
+            raise UnknownNameError("signal", name, [*sizes, "prior"])
+        if name in sizes and signal.size != sizes[name]:
+            raise InvalidInputError(f"signal {name!r}: has {signal.size} numbers; allowed are {sizes[name]}.")
+        player = PlayedValue(signal) if name == "prior" else PlayedVector(signal)
+        ports[name] = builder.AddNamedSystem(f"played_{name}", player).get_output_port()
+    return ports
+
+
+def _add_barrett_hand(
+    builder: DiagramBuilder, scenario: Scenario, driver: BarrettHand, plant: MultibodyPlant, hand: Hand
+) -> dict[str, OutputPort]:
+    """Barrett's hand: joint positions, pressures and fingertip torques, by name."""
+    pucks = _senses(scenario).barrett_hand
+    assert pucks is not None
+    for pad in PADS:
+        if pad not in hand.pad_frames:
+            raise UnknownNameError(f"scenario: the hand {scenario.hand!r} lacks a pad", pad, hand.pad_frames)
+    system = builder.AddNamedSystem("barrett_hand", CanBarrettHand(driver, pucks.period, pucks.max_age))
+    joints = builder.AddNamedSystem("joint_positions", MeasuredJoints(joint_matrix(plant, hand, pucks.joints)))
+    builder.Connect(system.GetOutputPort("joint_positions"), joints.get_input_port())
+    ports = {"joint_positions": joints.get_output_port()}
+    for name in (*(f"pressures_{pad}" for pad in PADS), "fingertip_torques"):
+        ports[name] = system.GetOutputPort(name)
+    return ports
+
+
+def _add_boards(
+    builder: DiagramBuilder,
+    scenario: Scenario,
+    boards: Mapping[str, NetCanOemForceTorque],
+    plant: MultibodyPlant,
+    hand: Hand,
+    joint_positions: OutputPort,
+) -> dict[str, OutputPort]:
+    """The force-torque sensors: wrenches by name."""
+    senses, ports = _senses(scenario), dict[str, OutputPort]()
+    for finger, board in boards.items():
+        config = senses.fingers[finger]
+        sensor = builder.AddNamedSystem(f"sensor_{finger}", CanForceTorque(board, config.period, config.max_age))
+        ports[f"wrench_{finger}"] = sensor.GetOutputPort("wrench")
+    if not senses.compensate_weight:
+        return ports
+    weights = FingertipWeights(plant, hand, scenario.X_WBase.GetDeterministicValue().rotation())
+    weight = builder.AddNamedSystem("fingertip_weight", FingertipWeight(weights, tuple(boards), plant.num_positions()))
+    builder.Connect(joint_positions, weight.GetInputPort("joint_positions"))
+    for name, port in ports.items():
+        builder.Connect(port, weight.GetInputPort(name))
+    return {name: weight.GetOutputPort(name) for name in ports}
+
+
+def _export_statuses(builder: DiagramBuilder, senses: Mapping[str, System]) -> None:
+    """Status and age of each device, and all statuses in one line."""
+    joined = builder.AddNamedSystem("sense_status", SenseStatus(tuple(senses)))
+    for sense, system in senses.items():
+        builder.Connect(system.GetOutputPort("status"), joined.GetInputPort(sense))
+        for name in ("status", "age"):
+            builder.ExportOutput(system.GetOutputPort(name), f"{name}_{sense}")
+    builder.ExportOutput(joined.get_output_port(), "sense_status")
+
+
+def _add_tracking(
+    builder: DiagramBuilder,
+    params: PoseTrackingParams,
+    config: HandConfig,
+    model: ObjectModel,
+    known: Mapping[str, OutputPort],
+) -> None:
+    """The belief over time; what nothing gives comes in through the diagram's own ports."""
+    if "prior" in known:
+        known = {**known, "vision": known["prior"]}
+    tracking = add_tracking(builder, params, config, model, known)
+    if "vision" not in known:
+        builder.ConnectInput("prior", tracking.GetInputPort("vision"))
+    if params.use_joint_velocities:
+        builder.ExportInput(tracking.GetInputPort("joint_velocities"), "joint_velocities")
+
+
+def _senses(scenario: Scenario) -> CanSenses:
+    if not isinstance(scenario.senses, CanSenses):
+        raise InvalidInputError("Scenario.senses: has no devices; allowed with devices is !CanSenses.")
+    return scenario.senses

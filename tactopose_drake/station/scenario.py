@@ -1,0 +1,146 @@
+"""A simulated grasp as data: which hand, which object, where, and how each part behaves."""
+
+import dataclasses
+from pathlib import Path
+
+from pydrake.common.schema import Rotation, Transform
+from pydrake.multibody.plant import MultibodyPlantConfig
+
+from tactopose_drake.core.grasping.finger_reach import ReachParams
+from tactopose_drake.core.grasping.grasp_planner import PlannerParams
+from tactopose_drake.core.validation import positive_number
+from tactopose_drake.errors import InvalidFileError, InvalidInputError
+from tactopose_drake.hand.hand_config import load_hand_config
+from tactopose_drake.resources import load_typed_yaml, model_path, resource_root
+from tactopose_drake.station.senses import CanSenses, RecordedSenses, SimulatedSenses
+from tactopose_drake.systems.grasp_controller import GraspControllerParams
+from tactopose_drake.systems.grip_controller import GripControllerParams
+from tactopose_drake.systems.pose_estimation import PoseEstimationParams
+from tactopose_drake.systems.pose_tracking import PoseTrackingParams
+from tactopose_drake.systems.simulated_vision import SimulatedVisionParams
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class SensorConfig:
+    """The force-torque sensors in the fingers."""
+
+    calibration: str = "SI-12-0.12"  # of the ATI Nano17
+    period: float = 0.008  # s between two samples
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class Grip:
+    """A grip without a plan: the object is held in its place while the fingers close until each stalls."""
+
+    # Where, by the object's name; what is random in it (`!UniformVector`), the scenario's seed decides.
+    X_PO: dict[str, Transform] = dataclasses.field(default_factory=dict)
+    controller: GripControllerParams = dataclasses.field(default_factory=GripControllerParams)
+
+    def validate(self) -> None:
+        """Raises InvalidInputError if a value is out of its range."""
+        self.controller.validate()
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class GraspCheck:
+    """When a simulated grasp counts as stable."""
+
+    hold_time: float = 0.8  # from the object's release to the judgement, s
+    least_fingers: int = 3  # fingertips and pads that carry at least `least_force`
+    least_force: float = 1.0  # N
+    most_speed: float = 0.001  # of the object's origin in the palm, m/s
+    most_angular_speed: float = 0.02  # rad/s
+    most_slip: float = 0.015  # motion of the object's origin in the palm since its release, m
+    attempts: int = 5  # planned grasps that are tried, best first
+
+
+def _default_plant() -> MultibodyPlantConfig:
+    # The sensors read the reactions of the step before (use_sampled_output_ports, Drake's default): solving the contact
+    # problem once more at each sample would double the run time.
+    return MultibodyPlantConfig(time_step=0.004, contact_model="hydroelastic")
+
+
+def _palm_to_the_side() -> Transform:
+    # Fingers along x of the world, thumb side up: the way one holds a glass.
+    return Transform(rotation=Rotation(value=Rotation.Rpy(deg=[180.0, -90.0, 0.0])))
+
+
+def _camera() -> Transform:
+    # Behind and below the hand, which then hides a third of the object or more.
+    return Transform(translation=[0.1, -0.3, -0.15])
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class Scenario:
+    """Everything that `make_station` needs; only data."""
+
+    hand: str = "shadow_like"  # a hand of the package by name, or a *.hand.yaml by its path from where you run
+    object: str = "wine_glass"  # an object of the package by name, or an SDF by path; its mesh lies beside it as OBJ
+    seed: int = 0  # of the grasp and of all noise
+    duration: float = 4.0  # longest simulated time, s
+    # Where the estimation's inputs come from; all that follows on the hand's motion is of the simulator alone.
+    senses: SimulatedSenses | CanSenses | RecordedSenses = dataclasses.field(default_factory=SimulatedSenses)
+    plant: MultibodyPlantConfig = dataclasses.field(default_factory=_default_plant)  # of the simulator
+    X_WBase: Transform = dataclasses.field(default_factory=_palm_to_the_side)  # where the hand's base is welded
+    X_WC: Transform = dataclasses.field(default_factory=_camera)  # the vision source's camera
+    grip: Grip | None = None  # how the object is gripped; None: as planned, by the three fields that follow
+    reach: ReachParams = dataclasses.field(default_factory=ReachParams)
+    planner: PlannerParams = dataclasses.field(default_factory=PlannerParams)
+    controller: GraspControllerParams = dataclasses.field(default_factory=GraspControllerParams)
+    check: GraspCheck = dataclasses.field(default_factory=GraspCheck)
+    sensor: SensorConfig = dataclasses.field(default_factory=SensorConfig)
+    vision: SimulatedVisionParams = dataclasses.field(default_factory=SimulatedVisionParams)
+    estimation: PoseEstimationParams = dataclasses.field(default_factory=PoseEstimationParams)
+    tracking: PoseTrackingParams | None = None  # of the belief over time; None: there is none
+
+    def validate(self) -> None:
+        """Raises InvalidInputError if a value is out of its range, or a file is missing."""
+        if self.seed < 0:
+            raise InvalidInputError(f"Scenario.seed: is {self.seed}; allowed are integers >= 0.")
+        positive_number("Scenario.duration", self.duration)
+        positive_number("Scenario.plant.time_step", self.plant.time_step)
+        positive_number("Scenario.sensor.period", self.sensor.period)
+        for field in dataclasses.fields(self.check):
+            positive_number(f"Scenario.check.{field.name}", getattr(self.check, field.name))
+        for part in (self.reach, self.planner, self.controller, self.vision, self.estimation, self.tracking):
+            if part is not None:
+                part.validate()
+        if self.grip is not None:
+            self.grip.validate()
+        if isinstance(self.senses, CanSenses):
+            self.senses.validate(load_hand_config(self.hand))
+        for path in (self.object_sdf(), self.object_mesh()):
+            if not path.is_file():
+                known = ", ".join(sorted(shipped.stem for shipped in model_path("objects").glob("*.sdf")))
+                raise InvalidInputError(f"Scenario.object: {path} does not exist; the package's objects are {known}.")
+        if self.grip is not None and self.object not in self.grip.X_PO:
+            raise InvalidInputError(
+                f"Scenario.object: is {self.object!r}, for which Scenario.grip.X_PO has no place in the hand "
+                f"{self.hand!r}; it has places for {', '.join(sorted(self.grip.X_PO)) or 'none'}."
+            )
+
+    def object_sdf(self) -> Path:
+        """The object's model for the simulator."""
+        return Path(self.object) if Path(self.object).suffix else model_path("objects", f"{self.object}.sdf")
+
+    def object_mesh(self) -> Path:
+        """The object's mesh for the estimator."""
+        return self.object_sdf().with_suffix(".obj")
+
+
+def load_scenario(name_or_path: str | Path) -> Scenario:
+    """Reads a `*.scenario.yaml`: one of the package's diagrams by name, or any file by path.
+
+    Raises:
+        InvalidFileError: if the file cannot be read or does not fit `Scenario`.
+        InvalidInputError: if a value is out of its range.
+    """
+    diagrams, ending = resource_root() / "diagrams", ".scenario.yaml"
+    shipped = diagrams / f"{name_or_path}{ending}"
+    path = shipped if shipped.is_file() else Path(name_or_path)
+    if not path.exists():
+        known = ", ".join(sorted(file.name.removesuffix(ending) for file in diagrams.glob(f"*{ending}")))
+        raise InvalidFileError(f"{path}: there is no such file; the package's scenarios are {known}.")
+    scenario = load_typed_yaml(Scenario, path)
+    scenario.validate()
+    return scenario

@@ -1,0 +1,206 @@
+"""Builds the diagram of a scenario: a simulated hand with its senses, what closes it, and the pose estimation."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from pydrake.geometry import Meshcat, MeshcatVisualizer, SceneGraph
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant
+from pydrake.multibody.tree import Joint, RigidBody
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus, OutputPort
+
+from tactopose_drake.core.grasping.grasp_planner import GraspPlan
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.hand.hand_config import Hand, add_hand, load_hand_config
+from tactopose_drake.resources import add_model, make_parser
+from tactopose_drake.station.grasp import GraspStart, add_grip, add_planned_grasp
+from tactopose_drake.station.grasp_planning import plan_scenario
+from tactopose_drake.station.scenario import Scenario
+from tactopose_drake.station.simulated_senses import add_noise, add_senses
+from tactopose_drake.station.tracking import add_tracking
+from tactopose_drake.systems.grip_controller import set_motor_gains
+from tactopose_drake.systems.palm_pose import PalmPose
+from tactopose_drake.systems.patch_display import PatchDisplay
+from tactopose_drake.systems.pose_display import PoseDisplay
+from tactopose_drake.systems.pose_estimation import AddPoseEstimation
+from tactopose_drake.systems.random_sources import seed_random_sources
+from tactopose_drake.systems.simulated_vision import SimulatedVision
+
+
+@dataclass(frozen=True, eq=False)
+class Station:
+    """The diagram of a scenario, and the parts of it that one wants to get at.
+
+    Attributes:
+        diagram: ports `hand_state`, `joint_positions`, `wrench_<finger>`, `pressures_<pad>`, `holding`, `grasp_status`,
+            `prior`, `hidden_share`, all outputs of `AddPoseEstimation`, `contact_results`, `body_poses`, `query`, and
+            of a planned grasp `actuation`; where the scenario tracks, `tracked_object_pose` and so on:
+            `object_pose`, `object_pose_in_world`, `covariance`, `hypotheses`, `status` and `belief` of
+            `AddPoseTracking`.
+        plant: the simulator's plant: hand and object.
+        scene_graph: their geometry.
+        hand: the hand in the plant.
+        object_body: the object; its body frame is O.
+        object_joint: its six degrees of freedom; locked, it holds the object while the fingers close.
+        model: the object's model for estimation.
+        grasp_start: the open hand, and where the object is held.
+        plan: how the fingers close; None where the scenario grips without a plan.
+        scenario: what all this was made from.
+    """
+
+    diagram: Diagram
+    plant: MultibodyPlant
+    scene_graph: SceneGraph
+    hand: Hand
+    object_body: RigidBody
+    object_joint: Joint
+    model: ObjectModel
+    grasp_start: GraspStart
+    plan: GraspPlan | None
+    scenario: Scenario
+
+    def start(self, context: Context) -> None:
+        """Prepares a root context: hand open, object held in its place in the hand, noise seeded."""
+        plant_context = self.plant.GetMyMutableContextFromRoot(context)
+        self.plant.SetPositions(plant_context, self.hand.model_instance, self.grasp_start.q)
+        X_WP = self.hand.palm_frame.CalcPoseInWorld(plant_context)
+        self.plant.SetFreeBodyPose(plant_context, self.object_body, X_WP @ self.grasp_start.X_PO)
+        self.object_joint.Lock(plant_context)
+        seed_random_sources(self.diagram, context, self.scenario.seed)
+
+    def release_when_held(self, context: Context) -> EventStatus:
+        """For `Simulator.set_monitor`: lets the object go once the controller holds it."""
+        plant_context = self.plant.GetMyMutableContextFromRoot(context)
+        if self.object_joint.is_locked(plant_context) and self.diagram.GetOutputPort("holding").Eval(context)[0]:
+            self.object_joint.Unlock(plant_context)
+        return EventStatus.Succeeded()
+
+    def object_pose(self, context: Context) -> RigidTransform:
+        """The simulator's own X_PO."""
+        plant_context = self.plant.GetMyContextFromRoot(context)
+        return self.plant.CalcRelativeTransform(plant_context, self.hand.palm_frame, self.object_body.body_frame())
+
+
+def make_station(
+    scenario: Scenario,
+    plan: GraspPlan | None = None,
+    *,
+    model: ObjectModel | None = None,
+    meshcat: Meshcat | None = None,
+) -> Station:
+    """Builds a scenario's diagram.
+
+    Args:
+        scenario: what to build.
+        plan: the grasp; by default the best of `plan_scenario`. A scenario with a grip has none.
+        model: of the scenario's object, if it is at hand already.
+        meshcat: where to show hand, object, contacts, patches, prior and estimate; nothing is shown without.
+
+    Raises:
+        InvalidInputError: if the scenario cannot be built.
+    """
+    scenario.validate()
+    model = ObjectModel.from_mesh(scenario.object_mesh()) if model is None else model
+    if scenario.grip is None and plan is None:
+        plan = plan_scenario(scenario, model)[0]
+    builder = DiagramBuilder()
+    plant, scene_graph = AddMultibodyPlant(config=scenario.plant, builder=builder)
+    hand = add_hand(plant, load_hand_config(scenario.hand), scenario.X_WBase.GetDeterministicValue())
+    object_instance = add_model(make_parser(plant), scenario.object_sdf())
+    if scenario.grip is not None:
+        set_motor_gains(plant, hand, scenario.grip.controller)
+    plant.Finalize()
+    (object_joint,) = (plant.get_joint(index) for index in plant.GetJointIndices(object_instance))
+    object_body = object_joint.child_body()
+
+    senses = add_senses(builder, scenario, plant, hand)
+    for name, port in senses.items():
+        builder.ExportOutput(port, name)
+    if plan is None:
+        start = add_grip(builder, scenario, plant, hand)
+    else:
+        start = add_planned_grasp(builder, scenario, plant, hand, senses, plan)
+    _add_vision(builder, scenario, plant, scene_graph, hand, object_body, model)
+    _add_estimation(builder, scenario, hand, model, senses)
+    if scenario.tracking is not None:
+        joints, vision = (builder.GetSubsystemByName(name) for name in ("joint_positions", "vision"))
+        palm = builder.AddNamedSystem("palm_pose", PalmPose(hand.palm_frame))
+        builder.Connect(plant.get_body_poses_output_port(), palm.GetInputPort("body_poses"))
+        more = {
+            "joint_velocities": joints.get_output_port(1),
+            "vision": vision.GetOutputPort("prior"),
+            "palm_pose": palm.GetOutputPort("palm_pose"),
+        }
+        add_tracking(builder, scenario.tracking, hand.config, model, {**senses, **more})
+    if meshcat is not None:
+        _add_display(builder, plant, scene_graph, hand, model, meshcat)
+    for name in ("contact_results", "body_poses"):
+        builder.ExportOutput(plant.GetOutputPort(name), name)
+    builder.ExportOutput(scene_graph.get_query_output_port(), "query")
+    add_noise(builder, scenario, hand)
+    diagram = builder.Build()
+    diagram.set_name("station")
+    return Station(diagram, plant, scene_graph, hand, object_body, object_joint, model, start, plan, scenario)
+
+
+def _add_vision(
+    builder: DiagramBuilder,
+    scenario: Scenario,
+    plant: MultibodyPlant,
+    scene_graph: SceneGraph,
+    hand: Hand,
+    object_body: RigidBody,
+    model: ObjectModel,
+) -> None:
+    """The vision source."""
+    vision = builder.AddNamedSystem(
+        "vision",
+        SimulatedVision(
+            plant,
+            scene_graph.model_inspector(),
+            object_body=object_body,
+            object_model=model,
+            palm_frame=hand.palm_frame,
+            X_WC=scenario.X_WC.GetDeterministicValue(),
+            params=scenario.vision,
+        ),
+    )
+    builder.Connect(plant.get_body_poses_output_port(), vision.GetInputPort("body_poses"))
+    for name in ("prior", "hidden_share"):
+        builder.ExportOutput(vision.GetOutputPort(name), name)
+
+
+def _add_estimation(
+    builder: DiagramBuilder, scenario: Scenario, hand: Hand, model: ObjectModel, senses: Mapping[str, OutputPort]
+) -> None:
+    """The pose estimation, from the senses and vision."""
+    estimation = AddPoseEstimation(builder, hand.config, model, scenario.estimation)
+    for name, port in senses.items():
+        builder.Connect(port, estimation.GetInputPort(name))
+    prior = builder.GetSubsystemByName("vision").GetOutputPort("prior")
+    builder.Connect(prior, estimation.GetInputPort("prior"))
+    for index in range(estimation.num_output_ports()):
+        port = estimation.get_output_port(index)
+        builder.ExportOutput(port, port.get_name())
+
+
+def _add_display(
+    builder: DiagramBuilder,
+    plant: MultibodyPlant,
+    scene_graph: SceneGraph,
+    hand: Hand,
+    model: ObjectModel,
+    meshcat: Meshcat,
+) -> None:
+    """Hand, object, contacts, patches, prior and estimate in Meshcat."""
+    MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat)
+    display = builder.AddNamedSystem("pose_display", PoseDisplay(meshcat, model, hand.palm_frame))
+    estimation = builder.GetSubsystemByName("pose_estimation")
+    for name in ("contacts", "object_pose"):
+        builder.Connect(estimation.GetOutputPort(name), display.GetInputPort(name))
+    builder.Connect(builder.GetSubsystemByName("vision").GetOutputPort("prior"), display.GetInputPort("prior"))
+    builder.Connect(plant.get_body_poses_output_port(), display.GetInputPort("body_poses"))
+    if hand.config.pads:
+        patches = builder.AddNamedSystem("patch_display", PatchDisplay(meshcat, hand))
+        builder.Connect(estimation.GetOutputPort("patches"), patches.GetInputPort("patches"))
+        builder.Connect(plant.get_body_poses_output_port(), patches.GetInputPort("body_poses"))

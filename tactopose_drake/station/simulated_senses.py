@@ -1,0 +1,53 @@
+"""The simulated senses of a station's hand, as named ports."""
+
+from collections.abc import Mapping
+
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.framework import DiagramBuilder, OutputPort
+from pydrake.systems.primitives import AddRandomInputs, Demultiplexer
+
+from tactopose_drake.hand.hand_config import Hand
+from tactopose_drake.hand.tactile_pads import load_tactile_pad
+from tactopose_drake.station.scenario import Scenario
+from tactopose_drake.systems.force_torque_sensor import ForceTorqueSensor, load_force_torque_model
+from tactopose_drake.systems.simulated_array import TactileArray
+
+
+def add_senses(
+    builder: DiagramBuilder, scenario: Scenario, plant: MultibodyPlant, hand: Hand
+) -> Mapping[str, OutputPort]:
+    """Adds whatever the hand senses with; their noise is left to `add_noise`.
+
+    Returns:
+        The ports by the names of `AddPoseEstimation`'s inputs: `joint_positions`, `wrench_<finger>` of each finger with
+        a force-torque sensor, and `pressures_<pad>` of each tactile pad.
+    """
+    sizes = [plant.num_positions(hand.model_instance), plant.num_velocities(hand.model_instance)]
+    positions = builder.AddNamedSystem("joint_positions", Demultiplexer(sizes))
+    builder.Connect(plant.get_state_output_port(hand.model_instance), positions.get_input_port())
+    senses = {"joint_positions": positions.get_output_port(0)}
+
+    sensor_model = load_force_torque_model(scenario.sensor.calibration)
+    for finger, frame in hand.sensor_frames.items():
+        sensor = builder.AddNamedSystem(
+            f"sensor_{finger}",
+            ForceTorqueSensor(plant, hand.welds[finger], frame, sensor_model, scenario.sensor.period),
+        )
+        builder.Connect(plant.get_reaction_forces_output_port(), sensor.GetInputPort("reaction_forces"))
+        builder.Connect(plant.get_body_poses_output_port(), sensor.GetInputPort("body_poses"))
+        senses[f"wrench_{finger}"] = sensor.GetOutputPort("wrench")
+    for pad in hand.config.pads:
+        array = builder.AddNamedSystem(
+            f"tactile_array_{pad.name}", TactileArray(plant, hand.pad_frames[pad.name], load_tactile_pad(pad.array))
+        )
+        builder.Connect(plant.get_contact_results_output_port(), array.GetInputPort("contact_results"))
+        builder.Connect(plant.get_body_poses_output_port(), array.GetInputPort("body_poses"))
+        senses[f"pressures_{pad.name}"] = array.GetOutputPort("pressures")
+    return senses
+
+
+def add_noise(builder: DiagramBuilder, scenario: Scenario, hand: Hand) -> None:
+    """Connects all random inputs that are still open, of the senses and of whatever else there is."""
+    periods = [scenario.sensor.period] if hand.sensor_frames else []
+    periods += [load_tactile_pad(pad.array).period for pad in hand.config.pads]
+    AddRandomInputs(min(periods, default=scenario.vision.period), builder)

@@ -1,0 +1,127 @@
+"""The quality of the present grasp, as a system."""
+
+import dataclasses
+import math
+
+from pydrake.common.value import AbstractValue
+from pydrake.math import RigidTransform
+from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSystem, State
+
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.grasping.quality import ClosureProbability, force_closure_probability, grasp_quality
+from tactopose_drake.core.grasping.wrench_space import Norm
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.validation import positive_number
+from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.estimation.results import PoseEstimate
+from tactopose_drake.systems.ports import eval_input, eval_optional_input
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class GraspQualityParams:
+    """How grasps are judged, and how often."""
+
+    period: float = 0.1  # s between two judgements
+    friction: float = 0.6  # coefficient between fingertips and object
+    norm: str = "L1"  # what bounds the forces, "L1" or "Linf"
+    edges: int = 8  # of the pyramid that stands for a friction cone
+    samples: int = 200  # poses drawn from the hypotheses for the probability of force closure
+    seed: int = 0  # of the draws, the same at each judgement
+
+    def validate(self) -> None:
+        """Raises InvalidInputError if a number is out of its range; the rest is named by `grasp_quality`."""
+        positive_number("GraspQualityParams.period", self.period)
+        positive_number("GraspQualityParams.friction", self.friction, allow_zero=True)
+        for name, least in (("edges", 3), ("samples", 1)):
+            if getattr(self, name) < least:
+                raise InvalidInputError(
+                    f"GraspQualityParams.{name}: is {getattr(self, name)}; allowed are numbers >= {least}."
+                )
+
+
+class GraspQualityEvaluator(LeafSystem):
+    """Judges how well the present contacts hold the object where it is believed to be.
+
+    .. pydrake_system::
+
+        name: GraspQualityEvaluator
+        input_ports:
+        - contacts
+        - object_pose
+        - hypotheses
+        output_ports:
+        - quality
+        - radius
+        - volume
+        - force_closure
+        - probability
+
+    All inputs are read, and all outputs change, at each period; before the first, outputs are those of no contact.
+
+    - contacts: `Contacts` in P.
+    - object_pose: `RigidTransform` X_PO.
+    - hypotheses: `PoseEstimate`, or None while there is none; may stay unconnected.
+    - quality: `GraspQuality` at the object's pose; None before the first judgement.
+    - radius: of the largest ball in the wrench space, shape (1,), N.
+    - volume: of the wrench space, shape (1,), N^6; NaN for the norm "Linf", where it takes too long.
+    - force_closure: shape (1,), 1 or 0.
+    - probability: of force closure over the hypotheses, shape (1,); NaN without any.
+    """
+
+    def __init__(self, model: ObjectModel, params: GraspQualityParams | None = None) -> None:
+        """Keeps a reference to the model."""
+        super().__init__()
+        self._params = GraspQualityParams() if params is None else params
+        self._params.validate()
+        self._model = model
+        self._contacts = self.DeclareAbstractInputPort("contacts", AbstractValue.Make(Contacts.empty()))
+        self._pose = self.DeclareAbstractInputPort("object_pose", AbstractValue.Make(RigidTransform()))
+        self._hypotheses = self.DeclareAbstractInputPort("hypotheses", AbstractValue.Make(None))
+        self._quality = self.DeclareAbstractState(AbstractValue.Make(None))
+        self._numbers = self.DeclareDiscreteState([0.0, 0.0, 0.0, math.nan])
+        self.DeclarePeriodicUnrestrictedUpdateEvent(self._params.period, 0.0, self._update)
+        self.DeclareStateOutputPort("quality", self._quality)
+        for index, name in enumerate(("radius", "volume", "force_closure", "probability")):
+            self.DeclareVectorOutputPort(
+                name,
+                1,
+                lambda context, output, index=index: self._number(context, output, index),
+                prerequisites_of_calc={self.discrete_state_ticket(self._numbers)},
+            )
+
+    def _update(self, context: Context, state: State) -> EventStatus:
+        contacts = eval_input(self._contacts, context, Contacts)
+        params = self._params
+        norm: Norm = params.norm  # type: ignore[assignment]
+        quality = grasp_quality(
+            self._model,
+            contacts,
+            eval_input(self._pose, context, RigidTransform),
+            friction=params.friction,
+            norm=norm,
+            edges=params.edges,
+        )
+        volume = quality.volume if params.norm == "L1" else math.nan
+        closure = float(quality.force_closure)
+        probability = self._probability(contacts, eval_optional_input(self._hypotheses, context, PoseEstimate))
+        state.get_mutable_abstract_state(self._quality).set_value(quality)
+        state.get_mutable_discrete_state(self._numbers).SetFromVector(
+            [quality.radius, volume, closure, probability.value]
+        )
+        return EventStatus.Succeeded()
+
+    def _probability(self, contacts: Contacts, estimate: PoseEstimate | None) -> ClosureProbability:
+        if estimate is None:
+            return ClosureProbability(math.nan, math.nan)
+        return force_closure_probability(
+            self._model,
+            contacts,
+            estimate.modes,
+            friction=self._params.friction,
+            edges=self._params.edges,
+            samples=self._params.samples,
+            seed=self._params.seed,
+        )
+
+    def _number(self, context: Context, output: BasicVector, index: int) -> None:
+        output.SetAtIndex(0, context.get_discrete_state(self._numbers).GetAtIndex(index))

@@ -1,0 +1,111 @@
+"""The belief of a held object's pose, computed beside the control loop: for hardware."""
+
+from __future__ import annotations
+
+import dataclasses
+import threading
+from types import TracebackType
+from typing import Self
+
+from pydrake.systems.framework import Context, EventStatus, State
+
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.systems.belief_inputs import Reading
+from tactopose_drake.systems.pose_belief_estimator import PoseBeliefEstimator, PoseBeliefParams, TimedBelief
+
+# A belief is late that is older than so many periods: one is what the thread has, another what it waits for.
+_PUNCTUAL = 2.5
+
+
+class LivePoseBeliefEstimator(PoseBeliefEstimator):
+    """`PoseBeliefEstimator` whose updates are computed in a thread of its own.
+
+    At each period the inputs are handed to the thread, which takes the newest when it is free; what it has not begun by
+    then is passed over. The outputs show the last belief that it finished. So the control loop never waits, and what
+    comes out depends on how fast the machine is: simulate with the other one. While the thread falls behind, the status
+    tells the belief's age; one older than `PoseTrackerParams.lost_time` is called lost. The belief lives in the thread,
+    not in the context: a system serves one context.
+
+    An exception in the thread is raised by the next update of the system, or by `close`.
+    """
+
+    def __init__(self, model: ObjectModel, params: PoseBeliefParams | None = None) -> None:
+        """Starts the thread; `close` ends it.
+
+        Args:
+            model: the object.
+            params: the period, and what is assumed; the latency is what it is.
+        """
+        super().__init__(model, params)
+        self._wakened = threading.Condition()
+        self._newest: Reading | None = None
+        self._finished = TimedBelief(self._tracker.start())
+        self._error: BaseException | None = None
+        self._closing = False
+        # A daemon, so that a diagram that nobody closed does not keep the program from ending.
+        self._thread = threading.Thread(target=self._work, name="pose belief", daemon=True)
+        self._thread.start()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Ends the thread after the update that it is at, and raises what it may have failed with."""
+        with self._wakened:
+            self._closing = True
+            self._wakened.notify()
+        self._thread.join()
+        self._raise()
+
+    def _update(self, context: Context, state: State) -> EventStatus:
+        reading = self._read(context, state)
+        with self._wakened:
+            self._newest = reading
+            finished = self._finished
+            self._wakened.notify()
+        self._raise()
+        state.get_mutable_abstract_state(self._shown).set_value(self._aged(finished, context.get_time()))
+        return EventStatus.Succeeded()
+
+    def _show(self, context: Context, state: State) -> EventStatus:
+        return EventStatus.Succeeded()
+
+    def _aged(self, timed: TimedBelief, now: float) -> TimedBelief:
+        """What is to be said of a belief some time after it."""
+        belief, age = timed.belief, now - timed.belief.time
+        if 0.0 <= age <= _PUNCTUAL * self._params.period:
+            return timed
+        remarks = (f"the belief is {age:.2f} s old", *belief.remarks)
+        is_late = not 0.0 <= age <= self._params.tracker.lost_time
+        belief = dataclasses.replace(belief, status="lost" if is_late else belief.status, remarks=remarks)
+        return dataclasses.replace(timed, belief=belief)
+
+    def _raise(self) -> None:
+        with self._wakened:
+            error, self._error = self._error, None
+        if error is not None:
+            raise error
+
+    def _work(self) -> None:
+        """The thread: updates with the newest frame, again and again."""
+        while True:
+            with self._wakened:
+                self._wakened.wait_for(lambda: self._closing or self._newest is not None)
+                if self._closing:
+                    return
+                reading, self._newest = self._newest, None
+                before = self._finished
+            assert reading is not None
+            try:
+                finished = self._step(before, reading)
+            except BaseException as error:  # Nothing is lost: the control loop raises it.
+                with self._wakened:
+                    self._error = error
+                return
+            with self._wakened:
+                self._finished = finished

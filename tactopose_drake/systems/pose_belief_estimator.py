@@ -1,0 +1,269 @@
+"""The belief of a held object's pose over time, as a system."""
+
+import dataclasses
+import time
+from typing import Any
+
+import numpy as np
+from pydrake.common.value import AbstractValue
+from pydrake.math import RigidTransform
+from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSystem, State
+
+from tactopose_drake.core.posterior.hypotheses import free_directions
+from tactopose_drake.core.posterior.plausibility import may_be_touched
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.tracking.frame import Frame
+from tactopose_drake.core.tracking.pose_belief import PoseBelief
+from tactopose_drake.core.tracking.pose_tracker import PoseTracker
+from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
+from tactopose_drake.core.validation import FloatArray, positive_number
+from tactopose_drake.errors import PortTypeError
+from tactopose_drake.estimation.results import PoseEstimate, PoseHypothesis, Status
+from tactopose_drake.systems.belief_inputs import BeliefInputs, Reading, Remembered
+from tactopose_drake.systems.ports import eval_optional_input
+
+# A mode that carries less is one of several.
+_MOST_OF_THE_MASS = 0.5
+_STATUSES: dict[str, Status] = {"ok": "ok", "slipping": "ok", "ambiguous": "ambiguous"}
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class PoseBeliefParams:
+    """How often the belief is updated, how late it is known, and what it assumes."""
+
+    tracker: PoseTrackerParams = dataclasses.field(default_factory=PoseTrackerParams)
+    period: float = 0.01  # s between two updates
+    latency: float = 0.0  # s from the reading of the inputs until the outputs show it: the time that computing takes
+
+    def validate(self) -> None:
+        """Raises InvalidInputError if a number is out of its range."""
+        self.tracker.validate()
+        positive_number("PoseBeliefParams.period", self.period)
+        positive_number("PoseBeliefParams.latency", self.latency, allow_zero=True)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class TimedBelief:
+    """A belief and how long its update took, s of real time."""
+
+    belief: PoseBelief
+    duration: float = 0.0
+
+    def __deepcopy__(self, memo: Any) -> "TimedBelief":
+        return self
+
+
+class PoseBeliefEstimator(LeafSystem):
+    """Keeps the belief of a held object's pose up to date, from touch, vision, and the fingers' motion.
+
+    .. pydrake_system::
+
+        name: PoseBeliefEstimator
+        input_ports:
+        - contacts
+        - fingers_in_contact
+        - patches
+        - pads
+        - contact_status
+        - patch_status
+        - vision
+        - hand
+        - untouched
+        - tip_velocities
+        - palm_pose
+        output_ports:
+        - object_pose
+        - object_pose_in_world
+        - covariance
+        - hypotheses
+        - status
+        - belief
+
+    All inputs but palm_pose are read at each period; any may stay unconnected, but one of contacts and patches.
+
+    - contacts: `Contacts` in P.
+    - fingers_in_contact: tuple of the names of the fingers of its rows, by which a contact is known again.
+    - patches: tuple of `Patch` in P, one for each pad that has a reading, those that feel nothing too.
+    - pads: tuple of the names of those pads, by which a patch is known again.
+    - contact_status, patch_status: str, "ok", or which fingers and pads do not feel the object and why; remarks of the
+      status.
+    - vision: `PoseMeasurement`, with the time of its picture, or `PosePrior`, which counts as of when it changes; None
+      while there is none.
+    - hand: `HandGeometry` in P, where the object is not, or None.
+    - untouched: `HandGeometry` in P, the parts of the hand that feel no contact, or None.
+    - tip_velocities: dict of the fingertips' spatial velocities [w, v] in P by finger, or None: the object then moves
+      with the palm.
+    - palm_pose: `RigidTransform` X_WP; a NaN where it is not known.
+    - object_pose: `RigidTransform` X_PO of the best mode; the identity before the first.
+    - object_pose_in_world: `RigidTransform` X_WO, by palm_pose at the time that it is asked for; NaN where that is.
+    - covariance: size 36, that of the increment (w, v) of the best mode row by row, rad and m; before there is one,
+      infinite variances.
+    - hypotheses: `PoseEstimate`, all modes; None before the first.
+    - status: str, that of `PoseBelief` ("ok", "ambiguous", "slipping", "no_contact", "lost"), maybe with ": " and
+      remarks: what is wrong with vision, with the senses, and with the clock. The pose is an estimate for the first
+      three only.
+    - belief: `PoseBelief`.
+
+    The outputs change once a period, `latency` after the inputs are read.
+    """
+
+    def __init__(self, model: ObjectModel, params: PoseBeliefParams | None = None) -> None:
+        """Keeps a reference to the model.
+
+        Args:
+            model: the object.
+            params: period, latency, and what is assumed.
+        """
+        super().__init__()
+        self._params = PoseBeliefParams() if params is None else params
+        self._params.validate()
+        self._model = model
+        self._tracker = PoseTracker(model, self._params.tracker)
+        make = AbstractValue.Make
+        self._inputs = BeliefInputs(self)
+        start = TimedBelief(self._tracker.start())
+        self._pending = self.DeclareAbstractState(make((start,)))  # beliefs, oldest first
+        self._shown = self.DeclareAbstractState(make(start))
+        self._remembered = self.DeclareAbstractState(make(Remembered()))
+        self.DeclarePeriodicUnrestrictedUpdateEvent(self._params.period, 0.0, self._update)
+        if self._params.latency > 0.0:
+            self.DeclarePeriodicUnrestrictedUpdateEvent(self._params.period, self._params.latency, self._show)
+        shown = {self.abstract_state_ticket(self._shown)}
+        for name, model_value, calc in (
+            ("object_pose", RigidTransform(), self._calc_pose),
+            ("hypotheses", None, self._calc_hypotheses),
+            ("status", "", self._calc_status),
+            ("belief", start.belief, self._calc_belief),
+        ):
+            self.DeclareAbstractOutputPort(name, make(model_value).Clone, calc, shown)
+        self.DeclareVectorOutputPort("covariance", 36, self._calc_covariance, shown)
+        self.DeclareAbstractOutputPort(
+            "object_pose_in_world",
+            make(RigidTransform()).Clone,
+            self._calc_pose_in_world,
+            shown | {self._inputs.palm.ticket()},
+        )
+
+    def _update(self, context: Context, state: State) -> EventStatus:
+        reading = self._read(context, state)
+        pending = context.get_abstract_state(self._pending).get_value()
+        latest = self._step(pending[-1], reading)
+        set_back = latest.belief.time < pending[-1].belief.time
+        # Kept are those that are still to be shown.
+        oldest = latest.belief.time - self._params.latency - 2.0 * self._params.period
+        pending = (*(timed for timed in pending if timed.belief.time > oldest), latest)
+        state.get_mutable_abstract_state(self._pending).set_value(pending)
+        if self._params.latency == 0.0 or set_back:
+            state.get_mutable_abstract_state(self._shown).set_value(latest)
+        return EventStatus.Succeeded()
+
+    def _show(self, context: Context, state: State) -> EventStatus:
+        """Shows the belief whose computation is done by now."""
+        ready = context.get_time() - self._params.latency + 1e-3 * self._params.period
+        done = [timed for timed in context.get_abstract_state(self._pending).get_value() if timed.belief.time <= ready]
+        if done:
+            state.get_mutable_abstract_state(self._shown).set_value(done[-1])
+        return EventStatus.Succeeded()
+
+    def _step(self, timed: TimedBelief, reading: Reading) -> TimedBelief:
+        """The next belief. One that cannot be made of the last, as after a jump of the clock, is begun anew."""
+        started = time.perf_counter()
+        before, frame, remarks = timed.belief, reading.frame, reading.remarks
+        if frame.time < before.time:
+            remarks = (f"begun anew: the clock went back from {before.time:g} s", *remarks)
+            before = self._tracker.start(frame.time)
+        elif before.has_pose and self._says_nothing(before, frame):
+            before = dataclasses.replace(
+                self._tracker.start(before.time), history=before.history, vision=before.vision, X_WP=before.X_WP
+            )
+        seen = frame.vision
+        if seen is not None and not self._may_be_touched(seen.X_PO, seen.covariance, frame):
+            frame = dataclasses.replace(frame, vision=None)
+            remarks = ("vision is not believed: it is out of reach of the touch", *remarks)
+        try:
+            belief = self._tracker.step(before, frame)
+        except np.linalg.LinAlgError as error:  # of numbers beyond arithmetic
+            belief = self._tracker.start(frame.time)
+            belief = dataclasses.replace(belief, remarks=(f"begun anew: {error}",), vision=before.vision)
+        if belief.status == "slipping" and belief.probability[0] < _MOST_OF_THE_MASS:
+            remarks = ("none of several poses carries most of the mass", *remarks)
+        belief = dataclasses.replace(belief, remarks=(*belief.remarks, *remarks))
+        return TimedBelief(belief, time.perf_counter() - started)
+
+    def _says_nothing(self, belief: PoseBelief, frame: Frame) -> bool:
+        """Whether something is felt or seen of an object that may be anywhere by now, or that never was in reach."""
+        since = frame.time - max(belief.touch_time, belief.vision.believed_time)
+        is_news = frame.vision is not None and frame.vision.time not in belief.vision.times
+        is_forgotten = since > self._params.tracker.forget_time and (is_news or len(frame.evidence.touch) > 0)
+        return is_forgotten or not self._may_be_touched(belief.X_PO[0], belief.covariance[0], frame)
+
+    def _may_be_touched(self, X_PO: FloatArray, covariance: FloatArray, frame: Frame) -> bool:
+        contacts = frame.evidence.touch
+        return not len(contacts) or may_be_touched(self._model, X_PO, covariance, contacts)
+
+    def _read(self, context: Context, state: State) -> Reading:
+        """All that the inputs say now; writes what is to be remembered of it into the state."""
+        before = context.get_abstract_state(self._remembered).get_value()
+        reading, remembered = self._inputs.read(context, before)
+        if remembered is not before:
+            state.get_mutable_abstract_state(self._remembered).set_value(remembered)
+        return reading
+
+    def _belief(self, context: Context) -> PoseBelief:
+        return context.get_abstract_state(self._shown).get_value().belief
+
+    def _calc_pose(self, context: Context, output: AbstractValue) -> None:
+        output.set_value(_pose(self._belief(context)))
+
+    def _calc_pose_in_world(self, context: Context, output: AbstractValue) -> None:
+        palm = eval_optional_input(self._inputs.palm, context, RigidTransform)
+        if palm is None:
+            raise PortTypeError(
+                f"input port 'palm_pose' of system {self.get_name()!r}: is not connected; "
+                "object_pose_in_world needs it."
+            )
+        output.set_value(palm @ _pose(self._belief(context)))
+
+    def _calc_covariance(self, context: Context, output: BasicVector) -> None:
+        belief = self._belief(context)
+        covariance = belief.covariance[0] if belief.has_pose else np.where(np.eye(6) > 0.0, np.inf, 0.0)
+        output.SetFromVector(covariance.reshape(-1))
+
+    def _calc_hypotheses(self, context: Context, output: AbstractValue) -> None:
+        timed = context.get_abstract_state(self._shown).get_value()
+        output.set_value(estimate_of(timed.belief, self._model.size, timed.duration))
+
+    def _calc_status(self, context: Context, output: AbstractValue) -> None:
+        output.set_value(self._belief(context).message)
+
+    def _calc_belief(self, context: Context, output: AbstractValue) -> None:
+        output.set_value(self._belief(context))
+
+
+def estimate_of(belief: PoseBelief, size: float, duration: float = 0.0) -> PoseEstimate | None:
+    """A belief's modes as hypotheses; None where there are none.
+
+    Args:
+        belief: the belief.
+        size: the object's, m; directions known to less than a tenth of it are free.
+        duration: what is given as the estimate's, s.
+    """
+    if not belief.has_pose:
+        return None
+    free = free_directions(np.asarray(np.linalg.inv(belief.covariance)), size)
+    hypotheses = tuple(
+        PoseHypothesis(
+            RigidTransform(X_PO), -float(np.log(max(share, 1e-300))), float(share), covariance, rows, bool(ok)
+        )
+        for X_PO, share, covariance, rows, ok in zip(
+            belief.X_PO, belief.probability, belief.covariance, free, belief.explains_touch, strict=True
+        )
+    )
+    status = _STATUSES.get(belief.status, "no_solution")
+    if status == "ok" and belief.probability[0] < _MOST_OF_THE_MASS:
+        status = "ambiguous"
+    return PoseEstimate(hypotheses, status, duration)
+
+
+def _pose(belief: PoseBelief) -> RigidTransform:
+    return RigidTransform(belief.X_PO[0]) if belief.has_pose else RigidTransform()

@@ -1,0 +1,104 @@
+"""A simulated array of pressure cells on a soft pad."""
+
+import numpy as np
+from pydrake.common import RandomDistribution
+from pydrake.common.value import AbstractValue
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import ContactResults, MultibodyPlant
+from pydrake.multibody.tree import Frame
+from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
+
+from tactopose_drake.core.sensing.tactile_array import PressureField, mean_pressure, read_cells, spread_matrix
+from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.hand.contact_pressure import pressure_field
+from tactopose_drake.hand.tactile_pads import TactilePad
+from tactopose_drake.systems.ports import eval_input
+
+NO_SAMPLE = "no sample yet"
+POINT_CONTACT = "a point contact is not felt"
+
+
+class TactileArray(LeafSystem):
+    """Measures the pressure on the cells of a pad, from the simulator's hydroelastic contact.
+
+    Each cell averages the normal pressure over its own area; the soft layer shares it with its neighbours; then noise,
+    range, quantisation and dead cells act.
+
+    .. pydrake_system::
+
+        name: TactileArray
+        input_ports:
+        - contact_results
+        - body_poses
+        - noise
+        output_ports:
+        - pressures
+        - status
+
+    - contact_results: `ContactResults`, the plant's port of that name.
+    - body_poses: list of `RigidTransform` X_WB, the plant's port of that name; only the pad's pose is used. A plant
+      that samples its contact results gives those of its last step, so on a moving pad they are one time step old.
+    - noise: random input, a standard normal number for each cell (`AddRandomInputs` connects it); zero when not
+      connected.
+    - pressures: of each cell, Pa, >= 0. Changes once a period, first at t = period. NaN before, and where a cell is
+      dead.
+    - status: str, "ok", "no contact", "no sample yet", or "saturated: " and the cells; ends with "a point contact is
+      not felt" where Drake has put a point contact on the pad, which has no pressure field. Changes with `pressures`.
+    """
+
+    def __init__(self, plant: MultibodyPlant, pad_frame: Frame, pad: TactilePad) -> None:
+        """Takes numbers from a finalized plant; keeps no reference to it.
+
+        Args:
+            plant: finalized plant.
+            pad_frame: T, the frame of the pad's layout, fixed on the body whose collision geometry is the pad. All
+                contact on that body counts as contact on the pad.
+            pad: cells, limits and period; `load_tactile_pad` reads one.
+
+        Raises:
+            InvalidInputError: if the body has no collision geometry, or a parameter is out of its range.
+        """
+        super().__init__()
+        pad.model.validate(len(pad.layout))
+        body = pad_frame.body()
+        self._geometries = set(plant.GetCollisionGeometriesForBody(body))
+        if not self._geometries:
+            raise InvalidInputError(f"pad_frame: its body {body.name()!r} has no collision geometry to be touched.")
+        self._pad, self._body = pad, body.index()
+        self._X_BT = pad_frame.GetFixedPoseInBodyFrame()
+        self._spread = spread_matrix(pad.layout, pad.model.spread)
+        self._contacts = self.DeclareAbstractInputPort("contact_results", AbstractValue.Make(ContactResults()))
+        self._body_poses = self.DeclareAbstractInputPort("body_poses", AbstractValue.Make([RigidTransform()]))
+        self._noise = self.DeclareVectorInputPort("noise", len(pad.layout), RandomDistribution.kGaussian)
+        self._pressures = self.DeclareDiscreteState(np.full(len(pad.layout), np.nan))
+        self._status = self.DeclareAbstractState(AbstractValue.Make(NO_SAMPLE))
+        self.DeclarePeriodicUnrestrictedUpdateEvent(pad.period, pad.period, self._sample)
+        self.DeclareStateOutputPort("pressures", self._pressures)
+        self.DeclareStateOutputPort("status", self._status)
+
+    def _sample(self, context: Context, state: State) -> EventStatus:
+        results = eval_input(self._contacts, context, ContactResults)
+        X_WB = eval_input(self._body_poses, context, list)[self._body]
+        noise = self._noise.Eval(context) if self._noise.HasValue(context) else np.zeros(len(self._pad.layout))
+
+        pressure = self._spread @ mean_pressure(self._pad.layout, self._fields(results, X_WB @ self._X_BT))
+        frame = read_cells(pressure, noise, self._pad.model)
+        state.get_mutable_discrete_state(self._pressures).SetFromVector(frame.pressure)
+        unfelt = f"; {POINT_CONTACT}" if self._has_point_contact(results) else ""
+        state.get_mutable_abstract_state(self._status).set_value(frame.status + unfelt)
+        return EventStatus.Succeeded()
+
+    def _fields(self, results: ContactResults, X_WT: RigidTransform) -> list[PressureField]:
+        """The pressure of each contact surface on the pad, in T."""
+        X_TW = X_WT.inverse()
+        fields = []
+        for i in range(results.num_hydroelastic_contacts()):
+            surface = results.hydroelastic_contact_info(i).contact_surface()
+            for geometry, pad_is_M in ((surface.id_M(), True), (surface.id_N(), False)):
+                if geometry in self._geometries:
+                    fields.append(pressure_field(surface, X_TW, pad_is_M=pad_is_M))
+        return fields
+
+    def _has_point_contact(self, results: ContactResults) -> bool:
+        pairs = (results.point_pair_contact_info(i) for i in range(results.num_point_pair_contacts()))
+        return any(self._body in (pair.bodyA_index(), pair.bodyB_index()) for pair in pairs)

@@ -1,0 +1,87 @@
+"""Likelihoods of objects in Meshcat: a row for each object, its shape and a bar as long as its likelihood.
+
+Meshcat has no text: the small shapes say which bar is whose, and the rows' paths end in the objects' names. The parts
+are made once and then only stretched and moved, because that is what Meshcat records.
+"""
+
+import re
+from collections.abc import Sequence
+
+import numpy as np
+from pydrake.geometry import Box, Meshcat, Rgba
+from pydrake.math import RigidTransform, RotationMatrix
+
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.estimation.identities import Identification
+from tactopose_drake.visualization.scene import ESTIMATE_COLOUR, TRUTH_COLOUR
+
+HEIGHT = 0.05
+"""Of a row, m."""
+LENGTH = 0.3
+"""Of the bar of a likelihood of 1, m."""
+
+_THICKNESS = 0.4  # Of a bar, as a share of the row's height.
+_SHAPE = 0.8  # Of a small shape, likewise.
+_LEAST = 1e-3  # Likelihood of the shortest bar: a length of zero cannot be undone.
+_FRAME_OPACITY = 0.12
+
+
+def add_bars(meshcat: Meshcat, path: str, models: Sequence[ObjectModel]) -> None:
+    """Adds a row for each object, the first at the top, in the plane x = 0: shapes at y = 0, bars along +y.
+
+    Args:
+        meshcat: receives them.
+        path: where; what was there is deleted.
+        models: the objects.
+    """
+    meshcat.Delete(path)
+    for row, model in enumerate(models):
+        at = row_path(path, row, model.name)
+        meshcat.SetTransform(at, RigidTransform([0.0, 0.0, -HEIGHT * row]))
+        # Upright and turned a little, so that flat sides do not hide what is behind.
+        R = RotationMatrix.MakeYRotation(np.radians(15.0)) @ RotationMatrix.MakeZRotation(np.radians(-30.0))
+        vertices = (model.vertices - 0.5 * (model.vertices.min(axis=0) + model.vertices.max(axis=0))) / model.size
+        meshcat.SetTriangleMesh(
+            f"{at}/shape",
+            np.asfortranarray(R.matrix() @ (_SHAPE * HEIGHT * vertices).T),
+            np.asfortranarray(model.faces.T.astype(np.int32)),
+            Rgba(*ESTIMATE_COLOUR, 1.0),
+        )
+        thick = _THICKNESS * HEIGHT
+        meshcat.SetObject(f"{at}/frame", Box(thick, LENGTH, thick), Rgba(0.3, 0.3, 0.35, _FRAME_OPACITY))
+        meshcat.SetTransform(f"{at}/frame", RigidTransform(_middle(1.0)))
+        meshcat.SetObject(f"{at}/bar/box", Box(thick, LENGTH, thick), Rgba(*TRUTH_COLOUR, 1.0))
+
+
+def set_bars(
+    meshcat: Meshcat,
+    path: str,
+    models: Sequence[ObjectModel],
+    found: Identification | None,
+    time: float | None = None,
+) -> None:
+    """Stretches the bars; an object that is not among the identities, by its name, has none.
+
+    Args:
+        meshcat: holds the rows.
+        path: where.
+        models: the objects of `add_bars`.
+        found: the likelihoods; None where there are none yet.
+        time: of the recording, s, if there is one.
+    """
+    likelihoods = {} if found is None else {identity.name: identity.likelihood for identity in found}
+    for row, model in enumerate(models):
+        likelihood = max(likelihoods.get(model.name, 0.0), _LEAST)
+        bar = f"{row_path(path, row, model.name)}/bar"
+        meshcat.SetTransform(bar, RigidTransform(_middle(likelihood)), time)
+        meshcat.SetProperty(f"{bar}/box", "scale", [1.0, likelihood, 1.0], time)
+
+
+def row_path(path: str, row: int, name: str) -> str:
+    """Where a row is."""
+    return f"{path}/{row}/{re.sub(r'[^0-9A-Za-z_-]', '_', name)}"
+
+
+def _middle(likelihood: float) -> FloatArray:
+    return np.array([0.0, HEIGHT + 0.5 * LENGTH * likelihood, 0.0])

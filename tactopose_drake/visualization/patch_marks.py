@@ -1,0 +1,98 @@
+"""What tactile pads feel, in Meshcat: a plate on each pressed cell, and the principal axes of each patch.
+
+The parts are made once and then only moved, shown and stretched, because that is what Meshcat records.
+"""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from pydrake.geometry import Box, Cylinder, Meshcat, Rgba
+from pydrake.math import RigidTransform, RotationMatrix
+from scipy.spatial.distance import pdist
+
+from tactopose_drake.core.sensing.patches import Patch
+from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.visualization.scene import PRESSURE_COLOUR
+
+_PLATE_HEIGHT = 0.0004
+_AXIS_RADIUS = 0.0007
+_AXIS_COLOURS = ((0.85, 0.15, 0.15, 1.0), (0.1, 0.6, 0.2, 1.0), (0.15, 0.3, 0.85, 1.0))
+# The third axis is shorter than the pad is deep: it is drawn at least this long, m.
+_LEAST_LENGTH = 0.004
+
+
+def add_patches(meshcat: Meshcat, path: str, patches: int, cells: int) -> None:
+    """Adds the parts that show patches, hidden until `move_patches` places them.
+
+    Args:
+        meshcat: receives them.
+        path: where.
+        patches: that can be shown at once.
+        cells: of each that can be shown.
+    """
+    meshcat.Delete(path)
+    for slot in range(patches):
+        at = f"{path}/{slot}"
+        for cell in range(cells):
+            meshcat.SetObject(f"{at}/cells/{cell}", Box(1.0, 1.0, _PLATE_HEIGHT), Rgba(*PRESSURE_COLOUR))
+        for k, colour in enumerate(_AXIS_COLOURS):
+            meshcat.SetObject(f"{at}/axes/{k}", Cylinder(_AXIS_RADIUS, 1.0), Rgba(*colour))
+        meshcat.SetProperty(at, "visible", False)
+
+
+def move_patches(
+    meshcat: Meshcat, path: str, patches: Sequence[Patch], slots: int, cells: int, time: float | None = None
+) -> None:
+    """Places the parts that `add_patches` has added, and hides those that are not needed.
+
+    A plate's area is in proportion to its cell's pressure; at the array's range, or the frame's largest pressure where
+    it has none, it reaches its neighbours. Each known axis reaches one standard deviation either way from the centroid.
+
+    Args:
+        meshcat: holds the parts.
+        path: where.
+        patches: in the frame of the path's parent; what is beyond `slots`, or cells beyond `cells`, is not shown.
+        slots: of patches that `add_patches` has made.
+        cells: of each that it has made.
+        time: of the recording, s, if there is one.
+    """
+    for slot in range(slots):
+        at = f"{path}/{slot}"
+        shown = slot < len(patches) and patches[slot].status != "no_contact"
+        meshcat.SetProperty(at, "visible", shown, time)
+        if shown:
+            _move_plates(meshcat, f"{at}/cells", patches[slot], cells, time)
+            _move_axes(meshcat, f"{at}/axes", patches[slot], time)
+
+
+def plate_edges(patch: Patch) -> FloatArray:
+    """Edges of the plates on a patch's cells, shape (n,), m; zero where a cell does not feel the object."""
+    pitch = float(pdist(patch.p_PT).min()) if len(patch.p_PT) > 1 else 2 * _LEAST_LENGTH
+    felt = np.where(patch.active, patch.pressure, 0.0)
+    largest = patch.saturation if math.isfinite(patch.saturation) else max(felt.max(), 1e-9)
+    edges: FloatArray = pitch * np.sqrt(np.minimum(felt / largest, 1.0))
+    return edges
+
+
+def _move_plates(meshcat: Meshcat, path: str, patch: Patch, cells: int, time: float | None) -> None:
+    edges = plate_edges(patch)
+    for cell in range(cells):
+        shown = cell < len(edges) and bool(edges[cell] > 0)
+        meshcat.SetProperty(f"{path}/{cell}", "visible", shown, time)
+        if shown:
+            R_PC = RotationMatrix.MakeFromOneVector(patch.n_PT[cell], 2)
+            meshcat.SetTransform(f"{path}/{cell}", RigidTransform(R_PC, patch.p_PT[cell]), time)
+            meshcat.SetProperty(f"{path}/{cell}", "scale", [float(edges[cell]), float(edges[cell]), 1.0], time)
+
+
+def _move_axes(meshcat: Meshcat, path: str, patch: Patch, time: float | None) -> None:
+    for k in range(3):
+        axis = patch.eigenvectors[:, k]
+        known = bool(np.all(np.isfinite(axis)))
+        meshcat.SetProperty(f"{path}/{k}", "visible", known, time)
+        if known:
+            length = max(2 * math.sqrt(patch.eigenvalues[k]), _LEAST_LENGTH)
+            X_PAxis = RigidTransform(RotationMatrix.MakeFromOneVector(axis, 2), patch.centroid)
+            meshcat.SetTransform(f"{path}/{k}", X_PAxis, time)
+            meshcat.SetProperty(f"{path}/{k}", "scale", [1.0, 1.0, length], time)

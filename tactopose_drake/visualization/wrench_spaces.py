@@ -1,0 +1,90 @@
+"""Grasp quality in Meshcat: the wrench space's projections, and where a finger should move."""
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.geometry import Meshcat, Rgba, Sphere
+from pydrake.math import RigidTransform
+from scipy.spatial import cKDTree
+
+from tactopose_drake.core.grasping.improvement import ImprovementMap
+from tactopose_drake.core.grasping.wrench_space import WrenchSpace
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.validation import FloatArray
+
+FORCE_RGBA, TORQUE_RGBA = Rgba(0.13, 0.62, 0.24, 0.45), Rgba(0.85, 0.16, 0.12, 0.45)
+_WIRE_WIDTH = 1.0
+_MARK_RADIUS = 0.0009
+_MARK_RGBA = Rgba(0.05, 0.05, 0.05, 1.0)
+# Red, as good as it is, blue. [B16] figure 6.3
+_COLOURS = np.array([[0.80, 0.09, 0.10], [0.93, 0.92, 0.90], [0.10, 0.25, 0.80]])
+# Samples that a vertex takes its colour from.
+_NEIGHBOURS = 4
+
+
+def draw_wrench_space(meshcat: Meshcat, path: str, space: WrenchSpace, *, scale: float = 0.1) -> None:
+    """Draws the forces (green) and torques (red) that a grasp can exert, as two hulls about the path's origin.
+
+    Those of contacts that span no volume are left out.
+
+    Args:
+        meshcat: receives them.
+        path: where; `path/forces` and `path/torques` are made.
+        space: of the grasp.
+        scale: length of 1 N, m; torques are over the wrench space's length.
+    """
+    for part, name, rgba in (("force", "forces", FORCE_RGBA), ("torque", "torques", TORQUE_RGBA)):
+        at = f"{path}/{name}"
+        meshcat.Delete(at)
+        hull = space.projection(part)  # type: ignore[arg-type]
+        if hull is None:
+            continue
+        vertices, faces = np.asfortranarray(scale * hull.vertices.T), np.asfortranarray(hull.simplices.T)
+        meshcat.SetTriangleMesh(f"{at}/faces", vertices, faces, rgba)
+        wire = Rgba(0.6 * rgba.r(), 0.6 * rgba.g(), 0.6 * rgba.b(), 1.0)
+        meshcat.SetTriangleMesh(f"{at}/edges", vertices, faces, wire, wireframe=True, wireframe_line_width=_WIRE_WIDTH)
+
+
+def draw_improvement(
+    meshcat: Meshcat, path: str, model: ObjectModel, found: ImprovementMap, reachable: NDArray[np.bool_] | None = None
+) -> None:
+    """Draws an object in its frame O, from red, where a finger would spoil the grasp, to blue, where it improves it.
+
+    Args:
+        meshcat: receives it.
+        path: where.
+        model: the object.
+        found: the quality at points of its surface.
+        reachable: which of these the finger reaches, shape (n,); they are marked with dots.
+    """
+    meshcat.Delete(path)
+    meshcat.SetTriangleColorMesh(
+        f"{path}/surface",
+        np.asfortranarray(model.vertices.T),
+        np.asfortranarray(model.faces.T.astype(np.int32)),
+        np.asfortranarray(level_colours(vertex_levels(model, found)).T),
+    )
+    if reachable is not None:
+        for row in np.flatnonzero(reachable):
+            meshcat.SetObject(f"{path}/reachable/{row}", Sphere(_MARK_RADIUS), _MARK_RGBA)
+            meshcat.SetTransform(f"{path}/reachable/{row}", RigidTransform(found.p_OQ[row]))
+
+
+def vertex_levels(model: ObjectModel, found: ImprovementMap) -> FloatArray:
+    """The map's levels at the mesh's vertices, shape (v,), from the points nearest on the same side of the surface."""
+    tree = cKDTree(_place(model, found.p_OQ, found.n_OQ))
+    count = min(_NEIGHBOURS, len(found.p_OQ))
+    _, normals = model.grid.distance_and_normal(model.vertices)
+    distance, row = tree.query(_place(model, model.vertices, normals), k=np.arange(1, count + 1))
+    weight = 1.0 / np.maximum(distance, 1e-9)
+    levels: FloatArray = np.sum(weight * found.level[row], axis=1) / weight.sum(axis=1)
+    return levels
+
+
+def level_colours(level: FloatArray) -> FloatArray:
+    """RGB from levels -1 to 1, shape (n, 3)."""
+    return np.column_stack([np.interp(level, [-1.0, 0.0, 1.0], channel) for channel in _COLOURS.T])
+
+
+def _place(model: ObjectModel, points: FloatArray, normals: FloatArray) -> FloatArray:
+    """Where points are near each other if they are on one side of a wall, shape (n, 6)."""
+    return np.concatenate([points, 0.1 * model.size * normals], axis=1)

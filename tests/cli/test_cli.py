@@ -1,0 +1,213 @@
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+import yaml
+
+from tactopose_drake.cli import main as cli
+from tactopose_drake.core.poses import increments_between, make_poses, quaternion_from_matrix, retract
+from tactopose_drake.core.poses import matrix_from_quaternion as rotation
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
+from tactopose_drake.resources import model_path
+from tactopose_drake.visualization import remote_meshcat
+
+X_PO = make_poses(rotation(np.array([0.8, 0.2, -0.4, 0.4])), np.array([0.01, -0.03, 0.09]))
+
+
+def run(*arguments: object) -> int:
+    """Runs the command line in this process and returns its exit status."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("sys.argv", ["tactopose", *map(str, arguments)])
+        try:
+            cli.main()
+        except SystemExit as stop:
+            return int(stop.code or 0)
+    return 0
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A mesh, contacts sampled on it, with and without normals, and a doubtful prior."""
+    folder = tmp_path_factory.mktemp("estimate")
+    mesh = model_path("objects", "spray_bottle.obj")
+    (folder / "bottle.obj").write_bytes(mesh.read_bytes())
+    contacts = touch_surface(ObjectModel.from_mesh(mesh), X_PO, 6, np.random.default_rng(0))
+    assert contacts.n_PC is not None
+    touches = [
+        {"position": p.tolist(), "normal": n.tolist()} for p, n in zip(contacts.p_PC, contacts.n_PC, strict=True)
+    ]
+    (folder / "contacts.yaml").write_text(yaml.safe_dump({"contacts": touches, "sigma_position": 0.0009}))
+    points = [{"position": touch["position"]} for touch in touches]
+    (folder / "points.yaml").write_text(yaml.safe_dump({"contacts": points}))
+    X_prior = retract(X_PO, np.array([0.15, -0.1, 0.2, 0.02, -0.02, 0.015]))
+    pose = {"translation": X_prior[:, 3].tolist(), "quaternion_wxyz": quaternion_from_matrix(X_prior[:, :3]).tolist()}
+    (folder / "prior.yaml").write_text(yaml.safe_dump({"X_PO": pose}))
+    near = retract(X_PO, np.array([0.05, -0.03, 0.03, 0.004, -0.004, 0.003]))
+    pose = {"translation": near[:, 3].tolist(), "quaternion_wxyz": quaternion_from_matrix(near[:, :3]).tolist()}
+    (folder / "near.yaml").write_text(
+        yaml.safe_dump({"X_PO": pose, "sigma_translation": 0.005, "sigma_rotation_deg": 4.0})
+    )
+    return folder
+
+
+def test_estimate_finds_the_pose(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["--object", folder / "bottle.obj", "--contacts", folder / "contacts.yaml"]
+    status = run("estimate", *arguments, "--prior", folder / "prior.yaml", "--out", folder / "result.json")
+    assert status == 0
+    result = json.loads((folder / "result.json").read_text())
+    assert result["status"] in ("ok", "ambiguous")
+    best = result["hypotheses"][0]
+    found = make_poses(rotation(np.array(best["quaternion_wxyz"])), np.array(best["translation"]))
+    off = increments_between(found, X_PO)
+    assert np.linalg.norm(off[3:]) < 0.01
+    assert np.linalg.norm(off[:3]) < math.radians(10)
+    printed = capsys.readouterr().out
+    assert "Pose of bottle in the palm frame" in printed
+    assert "Not determined by the touch" in printed
+
+
+def test_estimate_needs_no_prior(folder: Path) -> None:
+    arguments = ["--object", folder / "bottle.obj", "--contacts", folder / "contacts.yaml"]
+    assert run("estimate", *arguments, "--out", folder / "global.json") == 0
+    result = json.loads((folder / "global.json").read_text())
+    assert result["status"] in ("ok", "ambiguous")
+    found = [
+        increments_between(make_poses(rotation(np.array(h["quaternion_wxyz"])), np.array(h["translation"])), X_PO)
+        for h in result["hypotheses"]
+    ]
+    assert min(np.linalg.norm(off[3:]) for off in found) < 0.01
+    assert run("estimate", *arguments, "--method", "levenberg_marquardt") == 2
+
+
+def test_estimate_works_without_normals(folder: Path) -> None:
+    arguments = ["--object", folder / "bottle.obj", "--contacts", folder / "points.yaml"]
+    status = run("estimate", *arguments, "--prior", folder / "near.yaml", "--out", folder / "points.json")
+    assert status == 0
+    best = json.loads((folder / "points.json").read_text())["hypotheses"][0]
+    assert np.linalg.norm(np.array(best["translation"]) - X_PO[:, 3]) < 0.01
+
+
+def test_estimate_writes_a_page_that_shows_the_scene(folder: Path) -> None:
+    arguments = ["--object", folder / "bottle.obj", "--contacts", folder / "contacts.yaml"]
+    assert run("estimate", *arguments, "--prior", folder / "prior.yaml", "--html", folder / "scene.html") == 0
+    page = (folder / "scene.html").read_text()
+    assert page.lower().startswith("<!doctype html>")
+    assert len(page) > 1_000_000
+
+
+def write_mesh(path: Path, mesh: trimesh.Trimesh) -> Path:
+    mesh.export(path)
+    return path
+
+
+def non_manifold() -> trimesh.Trimesh:
+    vertices = [[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1], [0, -0.1, 0.02]]
+    return trimesh.Trimesh(vertices, [[0, 1, 2], [0, 1, 3], [0, 1, 4]], process=False)
+
+
+BAD_CONTACTS = {
+    "nan": ("contacts: [{position: [.nan, 0, 0]}]", "contacts[0].position[0]: is nan; allowed are finite numbers"),
+    "infinite": ("contacts: [{position: [0, .inf, 0]}]", "contacts[0].position[1]: is inf"),
+    "normal": ("contacts: [{position: [0, 0, 0], normal: [0, 0, 1.01]}]", "n_PC[0]: has length 1.01; allowed is 1"),
+    "none": ("contacts: []", "contacts: is []; allowed is a list of at least one contact"),
+}
+
+
+@pytest.mark.parametrize("name", BAD_CONTACTS)
+def test_bad_contacts_end_with_status_2(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    text, message = BAD_CONTACTS[name]
+    (tmp_path / "bad.yaml").write_text(text)
+    arguments = ["--object", folder / "bottle.obj", "--contacts", tmp_path / "bad.yaml"]
+    assert run("estimate", *arguments, "--prior", folder / "prior.yaml") == 2
+    errors = capsys.readouterr().err
+    assert message in errors
+    assert errors.startswith(f"error: {tmp_path / 'bad.yaml'}: ")
+    assert errors.count("\n") == 1
+
+
+def bad_meshes(folder: Path) -> dict[str, tuple[Path, str]]:
+    empty = folder / "empty.obj"
+    empty.write_text("")
+    text = folder / "text.xyzzy"
+    text.write_text("no mesh")
+    box = trimesh.creation.box((60, 90, 140))
+    flat = trimesh.Trimesh([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0]], [[0, 1, 2]], process=False)
+    return {
+        "absent": (folder / "absent.obj", "absent.obj: "),
+        "empty": (empty, "empty.obj: "),
+        "format": (text, "text.xyzzy: "),
+        "millimetres": (write_mesh(folder / "mm.stl", box), "0.001"),
+        "non-manifold": (write_mesh(folder / "fan.obj", non_manifold()), "fan"),
+        "flat": (write_mesh(folder / "flat.stl", flat), "flat"),
+    }
+
+
+@pytest.mark.parametrize("name", ["absent", "empty", "format", "millimetres", "non-manifold", "flat"])
+def test_bad_meshes_end_with_status_2(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    mesh, message = bad_meshes(tmp_path)[name]
+    arguments = ["--object", mesh, "--contacts", folder / "contacts.yaml", "--prior", folder / "prior.yaml"]
+    assert run("estimate", *arguments) == 2
+    errors = capsys.readouterr().err
+    assert message in errors
+    assert errors.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["estimate"], "Missing option '--object'"),
+        (["estimate", "--object", "x", "--contacts", "y", "--method", "guess"], "'guess' is not one of 'pair_search'"),
+        (["estimate", "--object", "x", "--contacts", "absent.yaml"], "absent.yaml: cannot be read"),
+        (["think"], "No such command 'think'"),
+    ],
+)
+def test_a_wrong_call_ends_with_status_2(
+    arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(*arguments) == 2
+    errors = capsys.readouterr().err
+    assert message in errors
+    assert errors.count("\n") == 1
+
+
+def test_an_output_that_cannot_be_written_is_found_before_the_work(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ["--object", "absent.obj", "--contacts", folder / "contacts.yaml"]
+    assert run("estimate", *arguments, "--out", folder / "absent" / "result.json") == 2
+    assert "does not exist" in capsys.readouterr().err
+    assert run("estimate", *arguments, "--html", folder) == 2
+    assert "is a folder" in capsys.readouterr().err
+
+
+def test_a_wrong_command_line_says_where_the_right_one_stands(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("estimate", "--object", "mug.obj") == 2
+    assert capsys.readouterr().err.endswith(
+        "Missing option '--contacts'. `tactopose estimate --help` says what is allowed.\n"
+    )
+    assert run("estimate", "--seed", -1) == 2
+    assert "-1 is not in the range x>=0" in capsys.readouterr().err
+
+
+def test_no_command_shows_the_help(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run() == 2
+    printed = capsys.readouterr().err
+    assert printed.startswith("Usage: tactopose")
+    assert {"demo", "estimate", "identify"} <= {line.split()[0] for line in printed.splitlines() if line.strip()}
+
+
+def test_a_meshcat_server_that_is_not_there_is_told_before_any_work(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(remote_meshcat, "_ANSWER_TIME", 50)
+    files = ["--object", folder / "no.obj", "--contacts", folder / "contacts.yaml"]
+    assert run("estimate", *files, "--meshcat-url", "tcp://127.0.0.1:1") == 2
+    assert "no meshcat-server answers at tcp://127.0.0.1:1" in capsys.readouterr().err

@@ -1,0 +1,125 @@
+import json
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from rich.table import Table
+
+from tactopose_drake.cli.demo_run import GraspFailedError, run_demo
+from tactopose_drake.station.scenario import load_scenario
+from tests.cli.test_cli import run
+
+
+class Demonstrated(NamedTuple):
+    """What one run of the command leaves, and prints."""
+
+    folder: Path
+    printed: str
+
+
+def demonstrate(folder: Path, *arguments: str) -> Demonstrated:
+    with pytest.MonkeyPatch.context() as patch:
+        printed: list[str] = []
+        patch.setattr("tactopose_drake.cli.main._console.print", lambda *parts: printed.extend(map(_text, parts)))
+        assert run("demo", *arguments, "--seed", 1, "--out", folder, "--no-open") == 0
+    return Demonstrated(folder, "\n".join(printed))
+
+
+@pytest.fixture(scope="module")
+def shadow(tmp_path_factory: pytest.TempPathFactory) -> Demonstrated:
+    return demonstrate(tmp_path_factory.mktemp("demo") / "out", "--object", "tea_box")
+
+
+@pytest.fixture(scope="module")
+def barrett(tmp_path_factory: pytest.TempPathFactory) -> Demonstrated:
+    return demonstrate(tmp_path_factory.mktemp("demo") / "out", "--hand", "barrett", "--object", "mug")
+
+
+@pytest.fixture(params=["shadow", "barrett"])
+def demonstrated(request: pytest.FixtureRequest) -> Demonstrated:
+    result: Demonstrated = request.getfixturevalue(request.param)
+    return result
+
+
+def _text(part: object) -> str:
+    if not isinstance(part, Table):
+        return str(part)
+    cells = zip(*(column.cells for column in part.columns), strict=True)
+    return "\n".join("|".join(map(str, row)) for row in cells)
+
+
+def rows(printed: str) -> dict[str, list[str]]:
+    return {line.split("|")[0]: line.split("|")[1:] for line in printed.splitlines() if "|" in line}
+
+
+def test_the_pose_error_falls_and_is_printed(demonstrated: Demonstrated) -> None:
+    table = rows(demonstrated.printed)
+    before, after = (float(x) for x in table["position where determined, mm"])
+    assert before > 20.0
+    assert after < 0.5 * before
+    before, after = (float(x) for x in table["angle where determined, deg"])
+    assert before > 10.0
+    assert after < 0.5 * before
+    _, distance = table["contacts to surface (MDTS), mm"]
+    assert float(distance) < 1.0
+
+
+def test_each_finger_in_contact_is_printed_with_its_error(shadow: Demonstrated) -> None:
+    table = rows(shadow.printed)
+    fingers = [table[name] for name in ("thumb", "first", "middle", "ring", "little") if name in table]
+    assert len(fingers) >= 3
+    assert np.median([float(point_error) for _, point_error, _ in fingers]) < 0.5
+
+
+def test_each_pad_is_printed_with_its_error(barrett: Demonstrated) -> None:
+    table = rows(barrett.printed)
+    assert "tactile pads hold the mug" in barrett.printed
+    pads = [table[f"finger_{i}"] for i in (1, 2, 3)] + [table["palm"]]
+    for status, cells, on_cells, on_pad, centroid_error, normal_error in pads:
+        assert status in ("area", "narrow", "row", "point")
+        assert 1 <= int(cells) <= 24
+        # The cells do not cover the whole pad, and the soft layer spreads a little beyond it.
+        assert 0.2 * float(on_pad) < float(on_cells) < 1.05 * float(on_pad)
+        assert float(centroid_error) < 12.0  # The palm's cells are 11 mm apart.
+        assert (status == "area") == bool(normal_error)
+    assert np.median([float(pad[4]) for pad in pads]) < 6.0
+
+
+def test_the_files_are_written(demonstrated: Demonstrated) -> None:
+    folder, printed = demonstrated
+    result = json.loads((folder / "result.json").read_text())
+    assert result["hypotheses"]
+    assert (folder / "picture.png").read_bytes().startswith(b"\x89PNG")
+    page = (folder / "scene.html").read_text()
+    assert page.lower().startswith("<!doctype html>")
+    for name in ("result.json", "picture.png", "scene.html"):
+        assert str(folder / name) in printed
+
+
+def test_a_grasp_that_fails_says_why() -> None:
+    scenario = load_scenario("shadow_like")
+    scenario.object = "tea_box"
+    scenario.duration = 0.1
+    scenario.check.attempts = 1
+    with pytest.raises(GraspFailedError, match="with seed 0 held it: the fingers did not close in time"):
+        run_demo(scenario)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--object", "unicorn"], "unicorn.sdf does not exist; the package's objects are bust, cube"),
+        (["--seed", "-1"], "-1 is not in the range x>=0"),
+        (
+            ["--hand", "barrett", "--object", "pencil"],
+            "is 'pencil', for which Scenario.grip.X_PO has no place in the hand",
+        ),
+        (["--hand", "claw"], "'claw' is not one of 'shadow', 'barrett'"),
+    ],
+)
+def test_a_wrong_call_ends_with_status_2(
+    arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run("demo", *arguments) == 2
+    assert message in " ".join(capsys.readouterr().err.split())

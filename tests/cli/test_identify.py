@@ -1,0 +1,101 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+import yaml
+
+from tactopose_drake.cli import main as cli
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
+from tests.core.meshes import random_pose, shape_poor_in_symmetry
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A library, and contacts on one of its objects."""
+    folder = tmp_path_factory.mktemp("identify")
+    (folder / "library").mkdir()
+    trimesh.creation.box((0.1, 0.06, 0.04)).export(folder / "library" / "box.stl")
+    shape_poor_in_symmetry().export(folder / "library" / "block.stl")
+    model = ObjectModel.from_mesh(shape_poor_in_symmetry(), spacing=0.002, cache=False)
+    generator = np.random.default_rng(0)
+    contacts = touch_surface(model, random_pose(generator)[:3], 6, generator)
+    assert contacts.n_PC is not None
+    touches = [
+        {"position": p.tolist(), "normal": n.tolist()} for p, n in zip(contacts.p_PC, contacts.n_PC, strict=True)
+    ]
+    (folder / "contacts.yaml").write_text(yaml.safe_dump({"contacts": touches}))
+    return folder
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _cache(tmp_path_factory: pytest.TempPathFactory) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("TACTOPOSE_CACHE_DIR", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
+def run(library: Path, contacts: Path, *options: str) -> int:
+    with pytest.MonkeyPatch.context() as patch:
+        arguments = ["--library", str(library), "--contacts", str(contacts), "--jobs", "1", *options]
+        patch.setattr("sys.argv", ["tactopose", "identify", *arguments])
+        try:
+            cli.main()
+        except SystemExit as stop:
+            return int(stop.code or 0)
+    return 0
+
+
+@pytest.mark.parametrize("options", [[], ["--likelihood", "inverse_cost"]])
+def test_the_touched_object_is_named(folder: Path, options: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(folder / "library", folder / "contacts.yaml", *options) == 0
+    out, err = capsys.readouterr()
+    assert "ok: It is block." in out
+    lines = [line.split() for line in out.splitlines()]
+    assert [line[:2] for line in lines if line[:1] in (["1"], ["2"])] == [["1", "block"], ["2", "box"]]
+    assert "warning" not in err
+
+
+def test_what_is_left_out_is_said_and_the_rest_used(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    library = folder / "damaged"
+    library.mkdir()
+    for mesh in (folder / "library").iterdir():
+        (library / mesh.name).write_bytes(mesh.read_bytes())
+    (library / "torn.stl").write_bytes(b"torn")
+    shape_poor_in_symmetry().export(library / "block.ply")
+    assert run(library, folder / "contacts.yaml") == 0
+    out, err = capsys.readouterr()
+    assert "ok: It is block." in out
+    said = [line for line in err.splitlines() if line.startswith("warning: ")]
+    assert len(said) == 2
+    assert "block.stl is left out: the name 'block' is that of block.ply" in said[0]
+    assert "torn is left out: " in said[1]
+
+
+def test_equal_shapes_are_named_together(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    library = folder / "twins"
+    library.mkdir()
+    for name in ("block", "brick"):
+        (library / f"{name}.stl").write_bytes((folder / "library" / "block.stl").read_bytes())
+    assert run(library, folder / "contacts.yaml") == 0
+    assert "ok: It is block or brick, which have the same shape." in capsys.readouterr().out
+
+
+def test_unusable_input_has_status_two_and_one_line(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    empty = folder / "empty"
+    empty.mkdir()
+    (folder / "none.yaml").write_text("contacts: []\n")
+    for library, contacts, said in [
+        (empty, folder / "contacts.yaml", "holds no object that can be used"),
+        (folder / "missing", folder / "contacts.yaml", "there is no such folder or manifest"),
+        (folder / "library", folder / "none.yaml", "allowed is a list of at least one contact"),
+        (folder / "library", folder / "missing.yaml", "cannot be read"),
+    ]:
+        assert run(library, contacts) == 2
+        out, err = capsys.readouterr()
+        assert out == ""
+        errors = [line for line in err.splitlines() if line.strip()]
+        assert len(errors) == 1
+        assert errors[0].startswith("error: ")
+        assert said in errors[0]

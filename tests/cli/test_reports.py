@@ -1,0 +1,32 @@
+import numpy as np
+import pytest
+import trimesh
+from pydrake.math import RigidTransform
+
+import tactopose_drake as tp
+from tactopose_drake.cli.reports import free_line, sigma_line
+
+
+def test_the_sigmas_are_of_what_is_determined_alone() -> None:
+    model = tp.ObjectModel.from_mesh(trimesh.creation.box((0.05, 0.06, 0.07)), samples=300)
+    # Sure to 3, 4 and 12 mm along three axes, of which nothing determines the last; to 2 degrees about each.
+    covariance = np.diag(np.square([*np.radians([2.0, 2.0, 2.0]), 0.003, 0.004, 0.012]))
+    hypothesis = tp.PoseHypothesis(RigidTransform(), 1.0, 1.0, covariance, np.eye(6)[5:], True)
+    assert sigma_line(hypothesis, model) == "Where determined, by its own account: \u00b1 5.0 mm, \u00b1 3.5 deg."
+
+
+@pytest.mark.parametrize(
+    ("direction", "name"),
+    [
+        ([0, 0, 1, 0, 0, 0.01], "turn about the object's z"),
+        ([0.1, 0, 0.1, 0, 0, 1], "slide along the object's y"),
+        ([0, 0, 1, 0, 0.5, 0], "turn about the object's z with a slide of 500 mm/rad along the object's x"),
+        ([0, 0, 0, 1, 0, -1], "slide along the object's (0.00, 0.71, -0.71)"),
+    ],
+)
+def test_a_free_direction_is_named_in_the_axes_of_the_object(direction: list[float], name: str) -> None:
+    X_PO = RigidTransform(np.array([[0.0, 0, 1, 0], [1, 0, 0, 0], [0, 1, 0, 0]]))
+    free = np.array([direction]) / np.linalg.norm(direction)
+    assert (
+        free_line(tp.PoseHypothesis(X_PO, 1.0, 1.0, np.eye(6), free, True)) == f"Not determined by the touch: {name}."
+    )

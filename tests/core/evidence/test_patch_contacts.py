@@ -1,0 +1,88 @@
+import math
+
+import numpy as np
+import pytest
+
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.evidence.patch_contacts import patch_contacts, with_patches
+from tactopose_drake.core.objectives.patch_contact import PatchContact
+from tactopose_drake.core.objectives.surface_contact import SurfaceContact
+from tactopose_drake.core.poses import exp_so3, increments_between, make_poses, random_rotations
+from tactopose_drake.core.searches.pair_search import PairSearch
+from tactopose_drake.core.searches.touch_space import TouchSpace
+from tactopose_drake.core.sensing.patches import Patch, describe_patch
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.synthetic.synthetic_patch import flat_pad, touch_with_pads
+from tactopose_drake.errors import InvalidInputError
+from tests.core.meshes import shape_poor_in_symmetry
+
+ALPHA = 1e-7
+OUT = np.tile([0.0, 0.0, -1.0], (24, 1))
+
+
+def pressed(depth: np.ndarray) -> Patch:
+    return describe_patch(flat_pad(), depth / ALPHA, alpha=ALPHA, n_PT=OUT)
+
+
+def test_an_area_has_its_own_normal_and_the_others_the_pads() -> None:
+    leaning = pressed(0.001 + 0.05 * flat_pad()[:, 0])
+    row = pressed(np.where(np.arange(24) % 3 == 0, 0.001 + 0.05 * flat_pad()[:, 0], 0.0))
+    point = pressed(np.where(np.arange(24) == 5, 0.001, 0.0))
+    contacts = patch_contacts([leaning, pressed(np.zeros(24)), row, point], sigma_lean=0.4)
+    assert [patch.status for patch in (leaning, row, point)] == ["area", "row", "point"]
+    assert contacts.n_PC is not None
+    np.testing.assert_allclose(contacts.p_PC, [leaning.centroid, row.centroid, point.centroid])
+    np.testing.assert_allclose(contacts.n_PC[0] / contacts.n_PC[0, 2], [-0.05, 0.0, 1.0], atol=1e-12)
+    np.testing.assert_allclose(contacts.n_PC[1:], -OUT[:2])
+    np.testing.assert_allclose(np.asarray(contacts.sigma_normal)[1:], 0.4)
+    assert len(patch_contacts([])) == 0
+
+
+def test_the_spread_of_an_areas_normal_is_what_it_claims() -> None:
+    generator, sigma, turn = np.random.default_rng(0), 0.0004, 0.05
+    tilts, claims = [], []
+    for _ in range(400):
+        patch = pressed(0.003 + sigma * generator.normal(size=24))
+        contacts = patch_contacts([patch], sigma_depth=sigma, sigma_rotation=turn)
+        assert contacts.n_PC is not None
+        # About the long axis of the pad, x, as it is measured by a pad that is turned.
+        tilts.append((exp_so3(generator.normal(size=3) * turn) @ contacts.n_PC[0])[1])
+        claims.append(np.asarray(contacts.sigma_normal)[0])
+    assert np.std(tilts) == pytest.approx(np.mean(claims), rel=0.1)
+    assert np.mean(claims) > 1.2 * turn
+
+
+def test_a_sigma_that_is_none_is_named() -> None:
+    with pytest.raises(InvalidInputError, match="sigma_position: is 0"):
+        patch_contacts([pressed(np.full(24, 0.001))], sigma_position=0.0)
+
+
+@pytest.mark.parametrize("has_normals", [True, False])
+def test_joined_they_say_what_contacts_and_patches_say(has_normals: bool) -> None:
+    model = ObjectModel.from_mesh(shape_poor_in_symmetry())
+    generator = np.random.default_rng(2)
+    n_PC = random_rotations(generator, 5)[:, 0] if has_normals else None
+    contacts = Contacts(0.03 * generator.normal(size=(5, 3)), n_PC, sigma_position=np.linspace(0.001, 0.002, 5))
+    patches = [pressed(np.full(24, 0.001)), pressed(np.zeros(24)), pressed(0.001 + 0.05 * flat_pad()[:, 0])]
+    X_PO = make_poses(random_rotations(generator, 20), 0.02 * generator.normal(size=(20, 3)))
+    apart = [SurfaceContact(model.grid, some).cost(X_PO) for some in (contacts, patch_contacts(patches))]
+    joined = with_patches(contacts, patches)
+    assert len(joined) == 7
+    np.testing.assert_allclose(SurfaceContact(model.grid, joined).cost(X_PO), sum(apart), rtol=0.0, atol=1e-3)
+    assert with_patches(contacts, patches[1:2]) is contacts
+    np.testing.assert_array_equal(with_patches(Contacts.empty(), patches).p_PC, patch_contacts(patches).p_PC)
+
+
+def test_they_lead_a_search_to_the_pose() -> None:
+    model = ObjectModel.from_mesh(shape_poor_in_symmetry())
+    near = 0
+    for seed in range(5):
+        generator = np.random.default_rng(seed)
+        X_PO = make_poses(random_rotations(generator, 1), 0.05 * generator.normal(size=(1, 3)))[0]
+        patches = touch_with_pads(model, X_PO, 5, generator)
+        contacts = patch_contacts(patches)
+        search, space = PairSearch(model=model, contacts=contacts), TouchSpace(model, contacts)
+        found = search.minimize(PatchContact(model.grid, patches), space, np.random.default_rng(0))
+        off = increments_between(found.X_PO[:1], X_PO[None])[0]
+        near += np.linalg.norm(off[:3]) < math.radians(10.0) and np.linalg.norm(off[3:]) < 0.01
+    assert near >= 4

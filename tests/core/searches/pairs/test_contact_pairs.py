@@ -1,0 +1,73 @@
+import numpy as np
+import trimesh
+
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.poses import make_poses, random_rotations
+from tactopose_drake.core.searches.pairs.contact_pairs import PairChoice, spread_out
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
+
+
+def choose(model: ObjectModel, touch: Contacts, /, **choice: int) -> list[tuple[int, int, int, int]]:
+    pairs = PairChoice(**choice).choose(model.pair_features, touch, np.random.default_rng(0))
+    counts = np.diff(pairs.begins)
+    assert pairs.count == counts @ pairs.spins
+    return [
+        (int(first), int(second), int(count), int(spins))
+        for (first, second), count, spins in zip(pairs.ends, counts, pairs.spins, strict=True)
+    ]
+
+
+def test_the_true_samples_are_among_the_matches(blob: ObjectModel) -> None:
+    missed = 0
+    for seed in range(30):
+        generator = np.random.default_rng(seed)
+        X_PO = make_poses(random_rotations(generator, 1), generator.normal(size=(1, 3)))[0]
+        contacts = touch_surface(blob, X_PO, 2, generator)
+        features = blob.pair_features
+        p_OC = (contacts.p_PC - X_PO[:, 3]) @ X_PO[:, :3]
+        pairs = PairChoice().choose(features, contacts, generator)
+        assert len(pairs.ends) == 1
+        samples = features.points[features.pairs[pairs.matches[: pairs.begins[1]]]]
+        off = np.linalg.norm(samples - p_OC[pairs.ends[0]], axis=2).max(axis=1)
+        missed += off.min() > 2 * features.spacing
+    assert missed <= 1
+
+
+def test_those_with_few_matches_come_first_and_no_more_than_there_is_room_for(blob: ObjectModel) -> None:
+    contacts = touch_surface(blob, np.eye(3, 4), 6, np.random.default_rng(1))
+    pairs = choose(blob, contacts, contacts=6, poses=10**7, pairs=15)
+    counts = [count for _, _, count, _ in pairs]
+    assert len(pairs) == 15
+    assert len({(first, second) for first, second, *_ in pairs}) == 15
+    # By a guess, so about in order.
+    assert np.corrcoef(counts, np.argsort(np.argsort(counts)))[0, 1] > 0.5
+    assert max(counts[:4]) < max(counts[-4:])
+    few = choose(blob, contacts, poses=2000)
+    assert sum(count * spins for *_, count, spins in few) <= 2000
+    assert max(count for *_, count, _ in few) <= 500
+    assert choose(blob, contacts, pairs=3) == choose(blob, contacts)[:3]
+
+
+def test_contacts_that_coincide_or_lie_metres_apart_say_nothing(blob: ObjectModel) -> None:
+    n_PC = np.eye(3)[:2]
+    assert choose(blob, Contacts([[0, 0, 0], [1e-4, 0, 0]], n_PC)) == []
+    assert choose(blob, Contacts([[0, 0, 0], [3.0, 0, 0]], n_PC)) == []
+    assert choose(blob, Contacts([[0, 0, 0]], n_PC[:1])) == []
+
+
+def test_opposite_normals_leave_the_spin_open(blob: ObjectModel) -> None:
+    box = ObjectModel.from_mesh(trimesh.creation.box((0.06, 0.09, 0.14)).subdivide().subdivide())
+    ((*_, spins),) = choose(box, Contacts([[0.03, 0, 0], [-0.03, 0, 0]], [[1, 0, 0], [-1, 0, 0]]))
+    assert spins > 1
+    ((*_, spins),) = choose(box, Contacts([[0.03, 0, 0.01], [-0.02, 0.045, 0]], [[1, 0, 0], [0, 1, 0]]))
+    assert spins == 1
+    ((*_, spins),) = choose(blob, Contacts([[0.03, 0, 0], [-0.01, 0, 0]]))
+    assert spins > 1
+
+
+def test_contacts_are_taken_far_apart() -> None:
+    points = np.array([[0, 0, 0], [0.1, 0, 0], [5, 0, 0], [5, 0.1, 0], [0, 3, 0]])
+    assert set(spread_out(points, 3).tolist()) in ({0, 3, 4}, {1, 3, 4}, {0, 2, 4}, {1, 2, 4})
+    assert sorted(spread_out(points, 9).tolist()) == [0, 1, 2, 3, 4]
+    assert sorted(spread_out(np.zeros((4, 3)), 3).tolist()) != []

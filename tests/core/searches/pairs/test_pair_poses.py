@@ -1,0 +1,138 @@
+import numpy as np
+import pytest
+
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.poses import compose, make_poses, random_rotations, rotation_angles, transform_points
+from tactopose_drake.core.searches.pairs.contact_tables import contact_table
+from tactopose_drake.core.searches.pairs.pair_poses import MatchedPairs, best_poses, coarse_cost
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.shape.symmetry import RotationalSymmetry
+
+EVERY = 10**6
+EVERYWHERE = (np.eye(3, 4), (np.pi, np.inf), np.eye(3, 4)[None])
+
+
+def pose(seed: int) -> np.ndarray:
+    generator = np.random.default_rng(seed)
+    return make_poses(random_rotations(generator, 1), 0.1 * generator.normal(size=(1, 3)))[0]
+
+
+def touch_samples(model: ObjectModel, X_PO: np.ndarray, rows: list[int]) -> Contacts:
+    """Exact contacts at two of the samples that are paired, and at others."""
+    features = model.pair_features
+    return Contacts(transform_points(X_PO, features.points[rows]), features.normals[rows] @ X_PO[:, :3].T)
+
+
+def match_of(model: ObjectModel, i: int, j: int) -> np.ndarray:
+    return np.flatnonzero((model.pair_features.pairs == (i, j)).all(axis=1)).astype(np.int32)
+
+
+def every_so_many(model: ObjectModel, step: int) -> np.ndarray:
+    return np.arange(0, len(model.pair_features.pairs), step, dtype=np.int32)
+
+
+def matched(*pairs: tuple[int, int, np.ndarray], spins: int = 1) -> MatchedPairs:
+    """Of two contacts each, and their matches."""
+    begins = np.cumsum([0] + [len(matches) for *_, matches in pairs])
+    ends = np.array([(first, second) for first, second, _ in pairs])
+    return MatchedPairs(ends, np.full(len(pairs), spins), begins, np.concatenate([matches for *_, matches in pairs]))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_right_match_gives_the_pose(blob: ObjectModel, seed: int) -> None:
+    X_PO = pose(seed)
+    i, j, *others = np.random.default_rng(seed).choice(1000, 5, replace=False).tolist()
+    contacts = touch_samples(blob, X_PO, [i, j, *others])
+    table = contact_table(blob.coarse_field, contacts, 0.0, 0.1)
+    pairs = matched((0, 1, match_of(blob, i, j)))
+    found, cost = best_poses(pairs, blob.pair_features, blob.coarse_field, table, EVERY, *EVERYWHERE)
+    assert len(found) == len(cost) == 1
+    np.testing.assert_allclose(found[0], X_PO, atol=1e-9)
+    assert cost[0] < 15.0
+
+
+def test_both_points_stay_on_the_surface_whatever_the_spin(blob: ObjectModel) -> None:
+    X_PO = pose(1)
+    contacts = touch_samples(blob, X_PO, [10, 500, 700])
+    table = contact_table(blob.coarse_field, contacts, 0.001, 0.1)
+    pairs = matched((0, 1, match_of(blob, 10, 500)), spins=12)
+    found, cost = best_poses(pairs, blob.pair_features, blob.coarse_field, table, EVERY, *EVERYWHERE)
+    assert len(found) == 12
+    np.testing.assert_allclose(
+        found[:, :, :3] @ np.swapaxes(found[:, :, :3], 1, 2), np.tile(np.eye(3), (12, 1, 1)), atol=1e-12
+    )
+    for row, index in enumerate((10, 500)):
+        touched = transform_points(found, blob.pair_features.points[index][None])[:, 0]
+        np.testing.assert_allclose(touched, np.tile(contacts.p_PC[row], (12, 1)), atol=1e-12)
+    turns = np.sort(rotation_angles(found[:, :, :3], found[0, :, :3]))
+    np.testing.assert_allclose(turns, np.pi / 6 * np.array([0, 1, 1, 2, 2, 3, 3, 4, 4, 5, 5, 6]), atol=1e-6)
+    # The best of the twelve turns is the one next to the truth.
+    assert (np.diff(cost) >= 0.0).all()
+    assert rotation_angles(found[0, :, :3], X_PO[:, :3]) < np.pi / 6
+
+
+def test_of_several_pairs_the_best_poses_are_found(blob: ObjectModel) -> None:
+    contacts = touch_samples(blob, pose(2), [10, 500, 700, 900])
+    table = contact_table(blob.coarse_field, contacts, 0.004, 0.2)
+    features, field, matches = blob.pair_features, blob.coarse_field, every_so_many(blob, 997)
+    X_every, every = best_poses(matched((0, 1, matches)), features, field, table, EVERY, *EVERYWHERE)
+    assert len(every) == len(matches)
+    parts = matched(*((0, 1, matches[k::3]) for k in range(3)))
+    X_best, best = best_poses(parts, features, field, table, 50, *EVERYWHERE)
+    np.testing.assert_array_equal(best, every[:50])
+    np.testing.assert_allclose(X_best, X_every[:50], atol=1e-12)
+
+
+def test_poses_out_of_reach_are_left_out(blob: ObjectModel) -> None:
+    X_PO = pose(2)
+    contacts = touch_samples(blob, X_PO, [10, 500, 700, 900])
+    table = contact_table(blob.coarse_field, contacts, 0.004, 0.2)
+    features, field, pairs = blob.pair_features, blob.coarse_field, matched((0, 1, every_so_many(blob, 997)))
+    X_all, every = best_poses(pairs, features, field, table, EVERY, *EVERYWHERE)
+    X_near, near = best_poses(pairs, features, field, table, EVERY, X_PO, (1.0, 0.05), np.eye(3, 4)[None])
+    within = (rotation_angles(X_all[:, :, :3], X_PO[:, :3]) <= 1.0) & (
+        np.linalg.norm(X_all[:, :, 3] - X_PO[:, 3], axis=1) <= 0.05
+    )
+    assert 0 < within.sum() < len(within)
+    np.testing.assert_array_equal(near, every[within])
+    np.testing.assert_allclose(X_near, X_all[within], atol=1e-12)
+
+
+def test_a_pose_is_in_reach_when_a_symmetry_brings_it_there(blob: ObjectModel) -> None:
+    X_PO = pose(3)
+    contacts = touch_samples(blob, X_PO, [10, 500, 700])
+    table = contact_table(blob.coarse_field, contacts, 0.004, 0.2)
+    features, field, pairs = blob.pair_features, blob.coarse_field, matched((0, 1, every_so_many(blob, 997)))
+    # A turn of a third about an axis that does not meet O's origin.
+    turns = RotationalSymmetry(np.array([0.6, 0.0, 0.8]), np.array([0.03, 0.05, 0.0]), 3).poses()
+    X_all, every = best_poses(pairs, features, field, table, EVERY, *EVERYWHERE)
+    _, near = best_poses(pairs, features, field, table, EVERY, X_PO, (0.8, 0.1), turns)
+    images = compose(X_all[:, None], turns)
+    within = (rotation_angles(images[..., :3], X_PO[:, :3]) <= 0.8) & (
+        np.linalg.norm(images[..., 3] - X_PO[:, 3], axis=-1) <= 0.1
+    )
+    assert within[:, 1:].any(axis=1).sum() > within[:, 0].sum() / 2
+    np.testing.assert_array_equal(near, every[within.any(axis=1)])
+
+
+def test_the_cost_is_that_of_each_contact_once(blob: ObjectModel) -> None:
+    contacts = touch_samples(blob, pose(4), [10, 500, 700, 900, 300])
+    contacts = Contacts(contacts.p_PC + 0.003 * np.random.default_rng(0).normal(size=(5, 3)), contacts.n_PC)
+    features, field = blob.pair_features, blob.coarse_field
+    table = contact_table(field, contacts, 0.004, 0.2)
+    pairs = matched(*((a, b, every_so_many(blob, 9973)) for a, b in ((0, 1), (2, 3), (4, 2))))
+    X_PO, cost = best_poses(pairs, features, field, table, EVERY, *EVERYWHERE)
+    assert len(cost) == pairs.count
+    arguments = (field.values, field.shape, field.origin, 1 / field.spacing, field.spacing / field.step, table)
+    expected = [coarse_cost(*arguments, np.arange(5), X, np.inf) for X in X_PO]
+    np.testing.assert_allclose(cost, expected, rtol=1e-3)
+
+
+def test_without_pairs_there_are_no_poses(blob: ObjectModel) -> None:
+    table = contact_table(blob.coarse_field, touch_samples(blob, pose(4), [10]), 0.004, 0.2)
+    none = MatchedPairs(
+        np.empty((0, 2), dtype=np.intp), np.empty(0, dtype=np.int64), np.zeros(1, dtype=np.intp), match_of(blob, 1, 2)
+    )
+    X_PO, cost = best_poses(none, blob.pair_features, blob.coarse_field, table, 10, *EVERYWHERE)
+    assert X_PO.shape == (0, 3, 4)
+    assert cost.shape == (0,)

@@ -1,0 +1,278 @@
+import dataclasses
+import os
+import subprocess
+import sys
+import warnings
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from tactopose_drake.core.mesh.repair import MeshRepairWarning
+from tactopose_drake.core.shape import model_cache
+from tactopose_drake.core.shape import object_model as objects
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.shape.symmetry import RotationalSymmetry
+from tactopose_drake.errors import (
+    InvalidFileError,
+    InvalidInputError,
+    InvalidMeshError,
+    MeshUnitsError,
+    TactoposeError,
+    UnknownNameError,
+)
+from tests.core.meshes import ball, create, cube, inside_out, random_pose, shape_poor_in_symmetry
+
+SIDES = np.array([0.05, 0.08, 0.12])
+BOX = create.box(SIDES)
+BYTES = 16 * 200_000
+# A folder of closed meshes, such as scans of household objects.
+MESHES = sorted(Path(os.environ.get("TACTOPOSE_TEST_MESHES", "nowhere")).glob("*.obj"))
+
+
+@pytest.fixture(autouse=True)
+def cache_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv(model_cache.FOLDER_VARIABLE, str(tmp_path / "cache"))
+    return tmp_path / "cache"
+
+
+@pytest.fixture
+def no_building(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[], None]]:
+    def forbid() -> None:
+        def fail(*_: object, **__: object) -> None:
+            raise AssertionError("the costly work began")
+
+        monkeypatch.setattr(objects, "build_grid", fail)
+
+    return forbid
+
+
+def model_of(mesh: trimesh.Trimesh | str | Path, **options: object) -> ObjectModel:
+    return ObjectModel.from_mesh(mesh, max_grid_bytes=BYTES, **options)  # type: ignore[arg-type]
+
+
+def all_arrays(model: ObjectModel) -> dict[str, np.ndarray]:
+    return {
+        "vertices": model.vertices,
+        "faces": model.faces,
+        "values": model.grid.values,
+        "origin": model.grid.origin,
+        "points": model.samples.points,
+        "normals": model.samples.normals,
+        "center_of_mass": model.center_of_mass,
+        "inertia": model.inertia,
+        "symmetry_poses": model.symmetry_poses,
+    }
+
+
+def assert_same(a: ObjectModel, b: ObjectModel) -> None:
+    for (name, first), second in zip(all_arrays(a).items(), all_arrays(b).values(), strict=True):
+        np.testing.assert_array_equal(first, second, err_msg=name)
+    for name in ("name", "volume", "mass", "size", "repairs", "content_hash"):
+        assert getattr(a, name) == getattr(b, name)
+    assert [(s.order, *s.axis, *s.point) for s in a.symmetries] == [(s.order, *s.axis, *s.point) for s in b.symmetries]
+
+
+def test_a_box_s_figures() -> None:
+    X = trimesh.transformations.translation_matrix([0.01, 0.02, 0.03])
+    model = model_of(BOX.copy().apply_transform(X))
+    volume = SIDES.prod()
+    assert model.volume == pytest.approx(volume)
+    assert model.mass == pytest.approx(1000 * volume)
+    assert model.size == pytest.approx(np.linalg.norm(SIDES))
+    np.testing.assert_allclose(model.center_of_mass, [0.01, 0.02, 0.03])
+    square = SIDES**2
+    np.testing.assert_allclose(model.inertia, model.mass / 12 * np.diag(square.sum() - square), atol=1e-12)
+    assert len(model.samples) == 3000
+    assert np.abs(model.grid.distance(model.samples.points)).max() < model.grid.spacing
+    assert [s.order for s in model.symmetries] == [2, 2, 2]
+    assert model.symmetry_poses.shape == (4, 3, 4)
+    assert model.repairs == ()
+
+
+def test_mass_and_centre_of_mass_may_be_given() -> None:
+    plain = model_of(BOX)
+    model = model_of(BOX, mass=0.3, center_of_mass=[0.0, 0.0, -0.02])
+    assert model.mass == 0.3
+    np.testing.assert_allclose(model.center_of_mass, [0.0, 0.0, -0.02])
+    np.testing.assert_allclose(model.inertia, plain.inertia * 0.3 / plain.mass)
+    # The symmetries are those of the shape.
+    assert len(model.symmetry_poses) == 4
+
+
+def test_the_model_turns_with_the_mesh() -> None:
+    X = random_pose(np.random.default_rng(5))
+    mesh = shape_poor_in_symmetry()
+    still, moved = model_of(mesh), model_of(mesh.copy().apply_transform(X))
+    R, p = X[:3, :3], X[:3, 3]
+    assert moved.volume == pytest.approx(still.volume)
+    np.testing.assert_allclose(moved.center_of_mass, R @ still.center_of_mass + p, atol=1e-9)
+    np.testing.assert_allclose(moved.inertia, R @ still.inertia @ R.T, atol=1e-9 * still.mass)
+    points = still.samples.points @ R.T + p
+    assert np.percentile(np.abs(moved.grid.distance(points)), 95) < 0.25 * moved.grid.spacing
+
+
+def test_symmetry_may_be_given_or_left_out() -> None:
+    assert model_of(BOX, symmetry="none").symmetries == ()
+    assert len(model_of(BOX, symmetry="none").symmetry_poses) == 1
+    turn = RotationalSymmetry(np.array([0.0, 0.0, 1.0]), np.zeros(3), 4)
+    given = model_of(BOX, symmetry=[turn])
+    assert given.symmetries == (turn,)
+    assert len(given.symmetry_poses) == 4
+    assert len(model_of(BOX).symmetry_poses) == 4  # detected: the box's own four
+
+
+def test_a_model_cannot_be_changed() -> None:
+    for model in (model_of(BOX), model_of(BOX)):  # built, and from the cache
+        with pytest.raises(dataclasses.FrozenInstanceError):
+            model.mass = 1.0  # type: ignore[misc]
+        for name, array in all_arrays(model).items():
+            assert not array.flags.writeable, name
+
+
+def test_a_mesh_file_and_a_mesh_make_the_same_model(tmp_path: Path) -> None:
+    mesh = cube()
+    path = tmp_path / "die.stl"
+    mesh.export(path)
+    from_file = model_of(path)
+    assert from_file.name == "die"
+    assert model_of(path, name="cube").name == "cube"
+    from_mesh = model_of(trimesh.load_mesh(path, process=False))
+    assert from_mesh.name == "mesh"
+    assert_same(dataclasses.replace(from_mesh, name="die"), from_file)
+
+
+@pytest.mark.parametrize("ending", ["obj", "glb"])
+def test_the_second_time_the_cache_answers(tmp_path: Path, no_building: Callable[[], None], ending: str) -> None:
+    path = tmp_path / f"thing.{ending}"
+    shape_poor_in_symmetry().export(path)
+    built = model_of(path)
+    no_building()
+    assert_same(model_of(path), built)
+    # Mass is no part of what is kept.
+    assert model_of(path, mass=2.0).mass == 2.0
+    with pytest.raises(AssertionError, match="costly work"):
+        model_of(path, cache=False)
+
+
+def test_another_content_or_option_is_another_model(tmp_path: Path, cache_folder: Path) -> None:
+    path = tmp_path / "thing.obj"
+    path.write_text(trimesh.exchange.obj.export_obj(cube()))
+    first = model_of(path)
+    for options in ({"samples": 500}, {"spacing": 0.004}, {"symmetry": "none"}, {"symmetry_tolerance": 0.02}):
+        model_of(path, **options)
+    assert len(list(cache_folder.iterdir())) == 5
+    path.write_text(trimesh.exchange.obj.export_obj(cube(0.05)))
+    second = model_of(path)
+    assert len(list(cache_folder.iterdir())) == 6
+    assert second.volume == pytest.approx(0.05**3)
+    assert first.content_hash != second.content_hash
+
+
+def test_a_damaged_cache_is_rebuilt_and_rewritten(cache_folder: Path, no_building: Callable[[], None]) -> None:
+    built = model_of(BOX)
+    (path,) = cache_folder.iterdir()
+    content = path.read_bytes()
+    path.write_bytes(content[: len(content) // 2])
+    assert_same(model_of(BOX), built)
+    assert path.read_bytes() == content
+    no_building()
+    assert_same(model_of(BOX), built)
+
+
+def test_without_a_writable_cache_models_are_built(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "file").touch()
+    monkeypatch.setenv(model_cache.FOLDER_VARIABLE, str(tmp_path / "file" / "below"))
+    assert model_of(BOX).volume == pytest.approx(SIDES.prod())
+
+
+BUILDER = """
+import sys, trimesh
+from tactopose_drake.core.shape.object_model import ObjectModel
+mesh = trimesh.creation.box((0.05, 0.08, 0.12))
+print("ready", flush=True)
+sys.stdin.readline()
+model = ObjectModel.from_mesh(mesh, max_grid_bytes=3_200_000)
+print(model.content_hash, model.volume, model.grid.values.sum(dtype=float))
+"""
+
+
+def test_two_processes_may_build_the_same_model_at_once(cache_folder: Path) -> None:
+    builders = [
+        subprocess.Popen([sys.executable, "-c", BUILDER], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        for _ in range(2)
+    ]
+    for builder in builders:
+        assert builder.stdout is not None
+        assert builder.stdout.readline() == "ready\n"
+    first, second = (builder.communicate("go\n", timeout=120)[0].split() for builder in builders)
+    assert first == second
+    assert len(list(cache_folder.iterdir())) == 1
+    model = model_of(BOX)
+    assert [model.content_hash, float(first[1])] == [first[0], model.volume]
+
+
+def test_repairs_are_told_each_time() -> None:
+    for _ in range(2):  # built, and from the cache
+        with pytest.warns(MeshRepairWarning, match="ball: flipped the mesh, turned inside out") as caught:
+            model = model_of(inside_out(ball()), name="ball")
+        assert len(caught) == 1
+        assert caught[0].filename == __file__
+        assert model.repairs == ("flipped the mesh, turned inside out",)
+        assert model.grid.distance(np.zeros(3)) < -0.03
+
+
+BAD_MESHES: list[tuple[trimesh.Trimesh, type[TactoposeError]]] = [
+    (trimesh.Trimesh(), InvalidMeshError),
+    (create.box((0.1, 0.1, 1e-9)), InvalidMeshError),
+    (cube(60.0), MeshUnitsError),
+]
+
+
+@pytest.mark.parametrize(("mesh", "error"), BAD_MESHES)
+def test_bad_meshes_are_refused_before_the_work(
+    mesh: trimesh.Trimesh, error: type[TactoposeError], no_building: Callable[[], None]
+) -> None:
+    no_building()
+    with pytest.raises(error, match=r"mesh: "):
+        model_of(mesh)
+
+
+def test_errors_name_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "void.obj"
+    path.write_text("# nothing\n")
+    with pytest.raises(InvalidMeshError, match=rf"{path}: has no faces"):
+        model_of(path)
+    with pytest.raises(InvalidFileError, match=r"missing.obj: there is no such file"):
+        model_of(tmp_path / "missing.obj")
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "message"),
+    [
+        ({"mass": 0.0}, InvalidInputError, "mass: is 0; allowed are numbers > 0"),
+        ({"mass": np.nan}, InvalidInputError, "mass: is nan"),
+        ({"center_of_mass": [0, 0]}, InvalidInputError, r"center_of_mass: has shape \(2,\)"),
+        ({"symmetry": "some"}, UnknownNameError, "symmetry: 'some' is unknown; valid names: auto, none"),
+        ({"symmetry_tolerance": -0.1}, InvalidInputError, "symmetry_tolerance: is -0.1"),
+        ({"samples": 10}, InvalidInputError, "samples: is 10; allowed are numbers >= 100"),
+        ({"spacing": 0.0}, InvalidInputError, "spacing: is 0"),
+    ],
+)
+def test_bad_options_are_refused_before_the_work(
+    options: dict[str, object], error: type[TactoposeError], message: str, no_building: Callable[[], None]
+) -> None:
+    no_building()
+    with pytest.raises(error, match=message):
+        model_of(BOX, **options)
+
+
+@pytest.mark.parametrize("path", MESHES, ids=lambda path: path.stem)
+def test_other_closed_meshes_need_no_repair(path: Path) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        model = model_of(path)
+    assert model.grid.distance(model.center_of_mass) < 0
+    assert np.mean(np.abs(model.grid.distance(model.samples.points))) < 0.1 * model.grid.spacing

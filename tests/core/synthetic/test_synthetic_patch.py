@@ -1,0 +1,63 @@
+import numpy as np
+import pytest
+import trimesh
+
+from tactopose_drake.core.poses import inverse, make_poses, random_rotations, transform_points
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.synthetic.synthetic_patch import flat_pad, touch_with_pads
+from tactopose_drake.errors import InvalidInputError
+
+
+def random_pose(seed: int) -> np.ndarray:
+    generator = np.random.default_rng(seed)
+    return make_poses(random_rotations(generator, 1), generator.normal(size=(1, 3)) * 0.05)[0]
+
+
+def test_without_noise_active_cells_lie_on_the_surface_and_others_outside() -> None:
+    box = ObjectModel.from_mesh(trimesh.creation.box((0.05, 0.06, 0.07)))
+    X_PO = random_pose(1)
+    exact = {"sigma_position": 0.0, "sigma_rotation": 0.0, "sigma_depth": 0.0}
+    patches = touch_with_pads(box, X_PO, 6, np.random.default_rng(1), **exact)
+    for patch in patches:
+        assert patch.active.sum() >= 3
+        phi = box.grid.distance(transform_points(inverse(X_PO), patch.points))
+        np.testing.assert_allclose(phi[patch.active], 0.0, atol=2e-5)
+        assert phi[~patch.active].min(initial=0.0) >= 0.0
+        # The pads face the object.
+        _, n_O = box.grid.distance_and_normal(transform_points(inverse(X_PO), patch.centroid[None]))
+        assert (X_PO[:, :3] @ n_O[0]) @ patch.n_PT[0] < -0.5
+    # They are spread over the object.
+    assert np.ptp([patch.centroid for patch in patches], axis=0).max() > 0.04
+
+
+def test_the_noise_moves_pads_as_a_whole_and_depths_one_by_one() -> None:
+    half = np.array([0.25, 0.3, 0.35])
+    box = ObjectModel.from_mesh(trimesh.creation.box(2.0 * half))
+    X_PO = np.eye(3, 4)
+    offsets, depths = [], []
+    for seed in range(100):
+        generator = np.random.default_rng(seed)
+        (patch,) = touch_with_pads(
+            box, X_PO, 1, generator, lean=0.0, sigma_position=0.002, sigma_rotation=0.0, sigma_depth=0.0003
+        )
+        depth = patch.alpha * patch.pressure
+        if patch.active.all():
+            beyond = patch.p_PT @ -patch.n_PT[0] - np.abs(patch.n_PT[0]) @ half
+            np.testing.assert_allclose(beyond, beyond[0], atol=1e-12)
+            offsets.append(beyond[0] + 0.0012)
+            depths.append(depth - 0.0012)
+    assert len(offsets) > 80
+    assert np.std(offsets) == pytest.approx(0.002, rel=0.3)
+    assert np.std(depths) == pytest.approx(0.0003, rel=0.1)
+
+
+def test_an_object_too_small_for_a_pad_is_named() -> None:
+    needle = ObjectModel.from_mesh(trimesh.creation.icosphere(subdivisions=2, radius=0.001))
+    with pytest.raises(InvalidInputError, match="pads found 0 places on it in 40 tries; 10 are needed"):
+        touch_with_pads(needle, np.eye(3, 4), 1, np.random.default_rng(0))
+
+
+def test_a_flat_pad_is_a_grid_about_its_middle() -> None:
+    cells = flat_pad(4, 2, 0.003)
+    np.testing.assert_allclose(cells.mean(axis=0), 0.0, atol=1e-18)
+    np.testing.assert_allclose(np.ptp(cells, axis=0), [0.009, 0.003, 0.0])

@@ -1,0 +1,82 @@
+import math
+
+import numpy as np
+import pytest
+import trimesh
+
+import tactopose_drake as tp
+from tactopose_drake.core.poses import (
+    rotation_angles,
+)
+from tactopose_drake.core.posterior.hypotheses import determined_part
+from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
+from tests.displaced_poses import displaced, error, random_pose
+
+
+@pytest.fixture(scope="module")
+def box() -> tp.ObjectModel:
+    return tp.ObjectModel.from_mesh(trimesh.creation.box((0.06, 0.09, 0.14)).subdivide().subdivide())
+
+
+@pytest.fixture(scope="module")
+def can() -> tp.ObjectModel:
+    return tp.ObjectModel.from_mesh(trimesh.creation.cylinder(radius=0.033, height=0.115, sections=64))
+
+
+def test_the_covariance_covers_the_error(blob: tp.ObjectModel) -> None:
+    squares = []
+    for seed in range(40):
+        X_PO = random_pose(seed)
+        contacts = touch_surface(blob, X_PO, 10, np.random.default_rng(seed))
+        estimate = tp.estimate_pose(blob, contacts, prior=tp.PosePrior(displaced(X_PO, seed, 0.005, 3.0)))
+        off = error(estimate, X_PO)
+        squares.append(off @ np.linalg.solve(estimate.best.covariance, off))
+    # Six degrees of freedom: the mean of 40 is 6 +- 0.55; a factor of two either way is a wrong covariance.
+    assert 3.0 < np.median(squares) < 12.0
+
+
+def side_contacts(radius: float, angles: list[float], heights: list[float]) -> tp.Contacts:
+    n_PC = np.array([[math.cos(a), math.sin(a), 0.0] for a in angles])
+    return tp.Contacts(radius * n_PC + np.array([[0.0, 0.0, z] for z in heights]), n_PC)
+
+
+def test_the_spin_and_slide_of_a_can_are_free(can: tp.ObjectModel) -> None:
+    contacts = side_contacts(0.033, [0.0, 1.3, 2.9, 4.4], [0.02, -0.02, 0.01, -0.01])
+    estimate = tp.estimate_pose(can, contacts, prior=tp.PosePrior(displaced(np.eye(3, 4), 1, 0.01, 5.0)))
+    free = estimate.best.free_directions
+    assert free.shape == (2, 6)
+    np.testing.assert_allclose(free @ free.T, np.eye(2), atol=1e-9)
+    # The spin about the can's axis, and the slide along it, lie in their span.
+    for direction in (np.eye(6)[2], np.concatenate([np.zeros(3), estimate.best.X_PO.rotation().matrix()[:, 2]])):
+        assert np.linalg.norm(determined_part(direction, free, can.size)) < 0.15
+
+
+def test_the_slides_along_a_boxs_faces_are_free(box: tp.ObjectModel) -> None:
+    # Two fingers on each of the faces +x and -x.
+    p_PC = np.array([[0.03, 0.01, 0.02], [0.03, -0.02, -0.03], [-0.03, 0.02, 0.01], [-0.03, -0.01, -0.02]])
+    n_PC = np.sign(p_PC[:, :1]) * np.eye(3)[:1]
+    estimate = tp.estimate_pose(box, tp.Contacts(p_PC, n_PC), prior=tp.PosePrior(displaced(np.eye(3, 4), 2, 0.01, 5.0)))
+    free = estimate.best.free_directions
+    assert free.shape == (3, 6)
+    R_PO = estimate.best.X_PO.rotation().matrix()
+    for direction in (
+        np.eye(6)[0],
+        np.concatenate([np.zeros(3), R_PO[:, 1]]),
+        np.concatenate([np.zeros(3), R_PO[:, 2]]),
+    ):
+        assert np.linalg.norm(determined_part(direction, free, box.size)) < 0.15
+
+
+def test_nothing_is_free_where_the_pose_is_determined(blob: tp.ObjectModel) -> None:
+    X_PO = random_pose(8)
+    contacts = touch_surface(blob, X_PO, 12, np.random.default_rng(8))
+    estimate = tp.estimate_pose(blob, contacts, prior=tp.PosePrior(displaced(X_PO, 8, 0.005, 3.0)))
+    assert estimate.best.free_directions.shape == (0, 6)
+
+
+def test_one_contact_is_enough_for_a_prior(blob: tp.ObjectModel) -> None:
+    X_PO = random_pose(9)
+    contacts = touch_surface(blob, X_PO, 1, np.random.default_rng(9))
+    estimate = tp.estimate_pose(blob, contacts, prior=tp.PosePrior(displaced(X_PO, 9, 0.005, 3.0)))
+    assert len(estimate.best.free_directions) >= 3
+    assert rotation_angles(estimate.best.X_PO.rotation().matrix(), X_PO[:, :3]) < math.radians(20)

@@ -1,0 +1,166 @@
+from pathlib import Path
+
+import pytest
+import trimesh
+import yaml
+
+from tactopose_drake.errors import InvalidFileError
+from tactopose_drake.estimation import object_library
+from tactopose_drake.estimation.object_library import LibraryWarning, ObjectLibrary, forget_models
+
+BOX = trimesh.creation.box((0.08, 0.05, 0.03))
+ROD = trimesh.creation.cylinder(0.01, 0.12, sections=32)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """One for this file; the models in it are those of `BOX` and `ROD`."""
+    with pytest.MonkeyPatch.context() as patch:
+        folder = tmp_path_factory.mktemp("cache")
+        patch.setenv("TACTOPOSE_CACHE_DIR", str(folder))
+        yield folder
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    BOX.export(tmp_path / "box.stl")
+    ROD.export(tmp_path / "rod.obj")
+    (tmp_path / "README.md").write_text("no mesh")
+    return tmp_path
+
+
+def names(library: ObjectLibrary) -> list[str]:
+    return [known.name for known in library.objects]
+
+
+def open_with_warnings(path: Path) -> ObjectLibrary:
+    with pytest.warns(LibraryWarning):
+        return ObjectLibrary.open(path)
+
+
+def test_the_meshes_of_a_folder_are_its_objects(folder: Path) -> None:
+    progress: list[tuple[int, int]] = []
+    library = ObjectLibrary.open(folder, on_progress=lambda done, total: progress.append((done, total)))
+    assert names(library) == ["box", "rod"]
+    assert library.skipped == ()
+    assert progress == [(1, 2), (2, 2)]
+    assert library.objects[1].load().volume == pytest.approx(ROD.volume, rel=1e-3)
+    assert library.objects[1].load() is library.objects[1].load()
+
+
+def test_an_interrupted_indexing_goes_on_where_it_stopped(
+    folder: Path, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TACTOPOSE_CACHE_DIR", str(tmp_path_factory.mktemp("new")))
+    built: list[str] = []
+    build = object_library._build
+    monkeypatch.setattr(object_library, "_build", lambda known: built.append(known.name) or build(known))
+
+    def interrupt(done: int, total: int) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        ObjectLibrary.open(folder, on_progress=interrupt)
+    assert built == ["box"]
+    assert names(ObjectLibrary.open(folder)) == ["box", "rod"]
+    assert built == ["box", "rod"]
+    ObjectLibrary.open(folder)
+    assert built == ["box", "rod"]
+
+
+def test_a_changed_mesh_is_another_object(folder: Path) -> None:
+    before = ObjectLibrary.open(folder)
+    ROD.export(folder / "box.stl")
+    after = ObjectLibrary.open(folder)
+    assert after.objects[0].content != before.objects[0].content
+    forget_models()
+    assert after.objects[0].load().size == pytest.approx(after.objects[1].load().size, rel=1e-3)
+
+
+@pytest.mark.parametrize("content", [b"", b"solid nothing", b"\x00\xff" * 200])
+def test_a_corrupt_mesh_is_left_out(folder: Path, content: bytes) -> None:
+    (folder / "broken.stl").write_bytes(content)
+    with pytest.warns(LibraryWarning, match=r"broken is left out: .*broken\.stl"):
+        library = ObjectLibrary.open(folder)
+    assert names(library) == ["box", "rod"]
+    assert [skipped.name for skipped in library.skipped] == ["broken"]
+
+
+def test_of_two_meshes_with_one_name_the_first_counts(folder: Path) -> None:
+    ROD.export(folder / "box.ply")
+    with pytest.warns(LibraryWarning, match=r"box\.stl is left out: the name 'box' is that of box\.ply"):
+        library = ObjectLibrary.open(folder)
+    assert names(library) == ["box", "rod"]
+    assert library.objects[0].load().size == pytest.approx(library.objects[1].load().size, rel=1e-3)
+
+
+@pytest.mark.parametrize("broken", [False, True])
+def test_a_library_without_objects_is_an_error(tmp_path: Path, broken: bool) -> None:
+    if broken:
+        (tmp_path / "broken.stl").write_text("nothing")
+        with (
+            pytest.warns(LibraryWarning),
+            pytest.raises(InvalidFileError, match=r"no object that can be used \(broken"),
+        ):
+            ObjectLibrary.open(tmp_path)
+    else:
+        with pytest.raises(InvalidFileError, match="holds no object that can be used; the least is 1"):
+            ObjectLibrary.open(tmp_path)
+
+
+def test_a_missing_folder_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(InvalidFileError, match="there is no such folder or manifest"):
+        ObjectLibrary.open(tmp_path / "missing")
+
+
+def test_a_manifest_says_names_masses_and_symmetries(folder: Path) -> None:
+    axis = {"axis": [0, 0, 1], "point": [0, 0, 0], "order": 0}
+    manifest = {
+        "pen": {"mesh": "rod.obj", "mass": 0.02, "symmetry": [axis]},
+        "brick": {"mesh": "box.stl", "symmetry": "none"},
+    }
+    (folder / "library.yaml").write_text(yaml.safe_dump(manifest))
+    for path in (folder, folder / "library.yaml"):
+        library = ObjectLibrary.open(path)
+        assert names(library) == ["brick", "pen"]
+        brick, pen = (known.load() for known in library.objects)
+        assert (brick.symmetries, brick.mass_is_known) == ((), False)
+        assert (pen.mass, pen.name) == (0.02, "pen")
+        assert [(symmetry.order, symmetry.axis.tolist()) for symmetry in pen.symmetries] == [(0, [0.0, 0.0, 1.0])]
+
+
+@pytest.mark.parametrize(
+    ("entry", "reason"),
+    [
+        ("{mesh: missing.obj}", r"missing\.obj: there is no such file"),
+        ("{mass: 1.0}", r"other: key 'mesh' is missing"),
+        ("{mesh: box.stl, mas: 1.0}", r"other: key 'mas' is unknown; allowed are mesh, mass, symmetry"),
+        ("{mesh: box.stl, mass: -1.0}", r"other\.mass: is -1; allowed are numbers > 0"),
+        ("{mesh: 3}", r"other\.mesh: is 3; allowed is the path of a file"),
+        ("box.stl", r"other: is 'box\.stl'; allowed is a mapping"),
+        ("{mesh: box.stl, symmetry: all}", r"other\.symmetry: is 'all'; allowed are auto, none and a list"),
+        ("{mesh: box.stl, symmetry: [{axis: [0, 0, 1], point: [0, 0, 0], order: 1}]}", r"order: is 1; allowed are 0"),
+        ("{mesh: box.stl, symmetry: [{axis: [0, 0, 1], point: [0, 0], order: 2}]}", r"symmetry\[0\]\.point: has shape"),
+        ("{mesh: box.stl, symmetry: [{axis: [0, 0, 1], point: [0, 0, 0], order: 2.5}]}", r"order: is 2\.5; allowed"),
+    ],
+)
+def test_a_bad_entry_is_left_out(folder: Path, entry: str, reason: str) -> None:
+    (folder / "library.yaml").write_text(f"rod: {{mesh: rod.obj}}\nother: {entry}\n")
+    with pytest.warns(LibraryWarning, match=reason):
+        library = ObjectLibrary.open(folder)
+    assert names(library) == ["rod"]
+
+
+def test_a_name_that_comes_twice_in_a_manifest_counts_once(folder: Path) -> None:
+    (folder / "library.yaml").write_text("a: {mesh: rod.obj}\nb: {mesh: box.stl}\na: {mesh: box.stl}\n")
+    with pytest.warns(LibraryWarning, match="a is left out: another object has the same name"):
+        library = ObjectLibrary.open(folder)
+    assert names(library) == ["a", "b"]
+    assert library.objects[0].entry.mesh.name == "rod.obj"
+
+
+@pytest.mark.parametrize("text", ["- a\n- b\n", "", "a: [", "plain"])
+def test_a_manifest_that_is_none_is_an_error(tmp_path: Path, text: str) -> None:
+    (tmp_path / "library.yaml").write_text(text)
+    with pytest.raises(InvalidFileError, match=r"library\.yaml: (is not YAML|allowed is a mapping)"):
+        ObjectLibrary.open(tmp_path)

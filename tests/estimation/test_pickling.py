@@ -1,0 +1,27 @@
+import pickle
+
+import numpy as np
+
+from tactopose_drake.core.sensing.patches import describe_patch
+from tactopose_drake.estimation.pickling import Sealed
+
+
+def test_arrays_stay_read_only_and_keep_their_order() -> None:
+    fixed, free = np.arange(6.0).reshape(2, 3), np.ones(3)
+    fixed.setflags(write=False)
+    value = {"fixed": fixed, "columns": np.asfortranarray(fixed), "free": free}
+    value["columns"].setflags(write=False)
+    again = pickle.loads(pickle.dumps(Sealed(value))).value
+    for name, array in value.items():
+        np.testing.assert_array_equal(again[name], array)
+        assert again[name].flags.writeable == array.flags.writeable
+        assert again[name].flags.f_contiguous == array.flags.f_contiguous
+
+
+def test_what_is_inside_stays_read_only_too() -> None:
+    p_PT = np.column_stack([np.linspace(0.0, 0.02, 5), np.zeros((5, 2))])
+    patch = describe_patch(p_PT, np.full(5, 2e4), alpha=2e-8)
+    (again,) = pickle.loads(pickle.dumps(Sealed((patch,)))).value
+    for name, array in vars(patch).items():
+        if isinstance(array, np.ndarray):
+            assert getattr(again, name).flags.writeable == array.flags.writeable, name

@@ -1,0 +1,109 @@
+import numpy as np
+import pytest
+from pydrake.geometry import Box, Capsule, Convex, Cylinder, Ellipsoid, HalfSpace, Shape, Sphere
+from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.multibody.plant import AddMultibodyPlant, CoulombFriction, MultibodyPlant, MultibodyPlantConfig
+from pydrake.multibody.tree import RevoluteJoint, SpatialInertia
+from pydrake.systems.framework import Context, DiagramBuilder
+
+from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.hand.geometry import HandGeometry
+
+SHAPES = [
+    Sphere(0.01),
+    Capsule(0.008, 0.03),
+    Box(0.02, 0.04, 0.03),
+    Cylinder(0.01, 0.05),
+    Cylinder(0.03, 0.01),
+    Ellipsoid(0.01, 0.02, 0.03),
+    Convex(np.array([[0.0, 0.02, 0.0, 0.0], [0.0, 0.0, 0.02, 0.0], [0.0, 0.0, 0.0, 0.02]]), "tetrahedron"),
+]
+X_PalmG = RigidTransform(RollPitchYaw(0.4, -0.2, 0.9), [0.01, 0.02, -0.03])
+
+
+def make_hand(shape: Shape, angle: float = 0.0) -> tuple[MultibodyPlant, Context]:
+    """A palm in the world with one finger on a hinge, and a shape on the finger; a stone that is not the hand's."""
+    builder = DiagramBuilder()
+    plant, _ = AddMultibodyPlant(MultibodyPlantConfig(time_step=1e-3), builder)
+    inertia = SpatialInertia.SolidSphereWithMass(0.1, 0.02)
+    hand = plant.AddModelInstance("hand")
+    palm, finger = plant.AddRigidBody("palm", hand, inertia), plant.AddRigidBody("finger", hand, inertia)
+    stone = plant.AddRigidBody("stone", plant.AddModelInstance("stone"), inertia)
+    plant.WeldFrames(plant.world_frame(), palm.body_frame(), RigidTransform(RollPitchYaw(1, 2, 3), [0.5, 0.4, 0.3]))
+    plant.WeldFrames(plant.world_frame(), stone.body_frame())
+    hinge = plant.AddJoint(RevoluteJoint("hinge", palm.body_frame(), finger.body_frame(), [0, 0, 1]))
+    friction = CoulombFriction(1.0, 1.0)
+    plant.RegisterCollisionGeometry(finger, X_PalmG, shape, "shape", friction)
+    plant.RegisterCollisionGeometry(stone, RigidTransform(), Sphere(1.0), "stone", friction)
+    plant.Finalize()
+    diagram = builder.Build()
+    context = plant.GetMyMutableContextFromRoot(diagram.CreateDefaultContext())
+    hinge.set_angle(context, angle)
+    return plant, context
+
+
+def signed_distances(plant: MultibodyPlant, context: Context, p_WQ: np.ndarray) -> float:
+    """Drake's own distance from a point to the finger's shape."""
+    query = plant.get_geometry_query_input_port().Eval(context)
+    shape = plant.GetCollisionGeometriesForBody(plant.GetBodyByName("finger"))[0]
+    return next(d.distance for d in query.ComputeSignedDistanceToPoint(p_WQ) if d.id_G == shape)
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=lambda shape: type(shape).__name__)
+def test_every_sphere_lies_within_the_shape_where_the_joints_put_it(shape: Shape) -> None:
+    plant, context = make_hand(shape, angle=0.7)
+    palm = plant.GetFrameByName("palm")
+    geometry = HandGeometry.from_plant(plant, context, palm)
+    p_WH = palm.CalcPoseInWorld(context).multiply(geometry.p_PH.T).T
+    assert len(geometry) >= 1
+    for centre, radius in zip(p_WH, geometry.radius, strict=True):
+        assert signed_distances(plant, context, centre) <= -radius + 1e-6
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=lambda shape: type(shape).__name__)
+def test_the_largest_sphere_is_as_large_as_the_shape_allows(shape: Shape) -> None:
+    plant, context = make_hand(shape)
+    geometry = HandGeometry.from_plant(plant, context, plant.GetFrameByName("palm"))
+    if isinstance(shape, Cylinder):
+        deepest = min(shape.radius(), shape.length() / 2)
+    else:
+        deepest = {"Sphere": 0.01, "Capsule": 0.008, "Box": 0.01, "Ellipsoid": 0.01, "Convex": 0.00423}[
+            type(shape).__name__
+        ]
+    # Centres lie on a grid, which a tetrahedron's corners fit worst.
+    assert (0.75 if isinstance(shape, Convex) else 0.97) * deepest <= geometry.radius.max() <= deepest * 1.001
+
+
+def test_the_spheres_turn_with_the_joint() -> None:
+    plant, context = make_hand(Sphere(0.01))
+    palm = plant.GetFrameByName("palm")
+    before = HandGeometry.from_plant(plant, context, palm).p_PH
+    plant.SetPositions(context, [np.pi / 2])
+    after = HandGeometry.from_plant(plant, context, palm).p_PH
+    np.testing.assert_allclose(after, np.column_stack([-before[:, 1], before[:, 0], before[:, 2]]), atol=1e-12)
+
+
+def test_a_hand_without_a_volume_is_refused() -> None:
+    plant, context = make_hand(HalfSpace())
+    with pytest.raises(InvalidInputError, match="'palm' has no collision geometry"):
+        HandGeometry.from_plant(plant, context, plant.GetFrameByName("palm"))
+
+
+def test_a_context_without_a_scene_graph_is_refused() -> None:
+    plant, _ = make_hand(Sphere(0.01))
+    with pytest.raises(InvalidInputError, match="not connected to a SceneGraph"):
+        HandGeometry.from_plant(plant, plant.CreateDefaultContext(), plant.GetFrameByName("palm"))
+
+
+@pytest.mark.parametrize(
+    ("p_PH", "radius", "message"),
+    [
+        ([[0, 0, np.nan]], [1], r"p_PH\[0, 2\]: is nan"),
+        (np.zeros((0, 3)), [], "p_PH: holds no sphere; the least is 1"),
+        ([[0, 0, 0]], [0], "radius: holds 0"),
+        ([[0, 0, 0]], [1, 2], "radius: has shape"),
+    ],
+)
+def test_bad_spheres_are_refused(p_PH: list[list[float]], radius: list[float], message: str) -> None:
+    with pytest.raises(InvalidInputError, match=message):
+        HandGeometry(p_PH, radius)

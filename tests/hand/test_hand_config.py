@@ -1,0 +1,292 @@
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pydrake.geometry import Role
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.multibody.tree import RevoluteJoint
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+
+from tactopose_drake.core.surfaces import Capsule, Ellipsoid, Sphere
+from tactopose_drake.errors import InvalidFileError, InvalidInputError, UnknownNameError
+from tactopose_drake.hand.finger_chain import finger_chain
+from tactopose_drake.hand.hand_config import add_hand, find_hand, load_hand_config, make_hand_plant
+from tactopose_drake.resources import model_path
+
+FINGERS = ("first", "middle", "ring", "little", "thumb")
+LIMITS_DEG = {
+    "WRJ2": (-30, 10), "WRJ1": (-45, 35), "LFJ5": (0, 45), "THJ5": (-60, 60), "THJ4": (0, 70), "THJ3": (-12, 12),
+    "THJ2": (-40, 40), "THJ1": (-15, 90),
+    **{f"{f}{j}": range_ for f in ("FF", "MF", "RF", "LF")
+       for j, range_ in {"J4": (-20, 20), "J3": (-15, 90), "J2": (0, 90), "J1": (0, 90)}.items()},
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def config():
+    return load_hand_config("shadow_like")
+
+
+@pytest.fixture(scope="module")
+def hand_plant(config):
+    return make_hand_plant(config)
+
+
+def test_24_joints_with_the_published_limits(hand_plant):
+    plant, hand = hand_plant
+    joints = [plant.get_joint(i) for i in plant.GetJointIndices(hand.model_instance)]
+    limits = {
+        joint.name(): (joint.position_lower_limits()[0], joint.position_upper_limits()[0])
+        for joint in joints
+        if isinstance(joint, RevoluteJoint)
+    }
+    assert limits == {name: pytest.approx(np.radians(pair), abs=1e-6) for name, pair in LIMITS_DEG.items()}
+    assert plant.num_positions() == 24
+    assert plant.num_actuators() == 20
+
+
+def test_every_link_has_a_physical_mass_and_inertia(hand_plant):
+    plant, hand = hand_plant
+    context = plant.CreateDefaultContext()
+    for index in plant.GetBodyIndices(hand.model_instance):
+        body = plant.get_body(index)
+        assert body.get_mass(context) > 0, body.name()
+        assert body.CalcSpatialInertiaInBodyFrame(context).IsPhysicallyValid(), body.name()
+
+
+@pytest.mark.parametrize(("joint", "length"), [("FFJ2", 0.045), ("FFJ1", 0.025), ("THJ3", 0.038), ("THJ1", 0.032)])
+def test_phalanges_have_the_published_lengths(hand_plant, joint, length):
+    plant, _ = hand_plant
+    assert np.linalg.norm(
+        plant.GetJointByName(joint).frame_on_parent().GetFixedPoseInBodyFrame().translation()
+    ) == pytest.approx(length)
+
+
+@pytest.mark.parametrize(("finger", "last_joint", "length"), [("first", "FFJ1", 0.026), ("thumb", "THJ1", 0.0275)])
+def test_hemisphere_stands_at_the_distal_length(hand_plant, finger, last_joint, length):
+    plant, hand = hand_plant
+    surface = hand.surfaces[finger]
+    p_ST = surface.X_SF[:, 3] + 0.5 * surface.length * surface.X_SF[:, 2]
+    distal = plant.GetJointByName(last_joint).child_body().body_frame()
+    context = plant.CreateDefaultContext()
+    p_DT = plant.CalcRelativeTransform(context, distal, hand.sensor_frames[finger]) @ p_ST
+    np.testing.assert_allclose(p_DT, [0, 0, length], atol=1e-9)
+
+
+@pytest.mark.parametrize("finger", FINGERS)
+def test_surface_of_the_descriptor_is_the_tip_of_the_model(config, finger):
+    builder = DiagramBuilder()
+    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.001)
+    hand = add_hand(plant, config, RigidTransform())
+    plant.Finalize()
+    inspector, context = scene_graph.model_inspector(), plant.CreateDefaultContext()
+    tip = hand.welds[finger].child_body()
+    (geometry,) = inspector.GetGeometries(plant.GetBodyFrameIdOrThrow(tip.index()), Role.kProximity)
+    shape = inspector.GetShape(geometry)
+    X_SG = plant.CalcRelativeTransform(
+        context, hand.sensor_frames[finger], tip.body_frame()
+    ) @ inspector.GetPoseInFrame(geometry)
+    surface = hand.surfaces[finger]
+    assert (shape.radius(), shape.length()) == pytest.approx((surface.radius, surface.length))
+    np.testing.assert_allclose(X_SG.GetAsMatrix34(), surface.X_SF, atol=1e-12)
+    # A rigid geometry has no modulus.
+    assert inspector.GetProximityProperties(geometry).GetProperty("hydroelastic", "hydroelastic_modulus") > 1e7
+
+
+def test_no_contact_within_the_hand(config):
+    builder = DiagramBuilder()
+    plant, _ = AddMultibodyPlantSceneGraph(builder, time_step=0.001)
+    hand = add_hand(plant, config, RigidTransform())
+    plant.Finalize()
+    diagram = builder.Build()
+    context = diagram.CreateDefaultContext()
+    plant_context = plant.GetMyMutableContextFromRoot(context)
+    for joint in (plant.get_joint(i) for i in plant.GetJointIndices(hand.model_instance)):
+        if isinstance(joint, RevoluteJoint):
+            joint.set_angle(plant_context, joint.position_upper_limits()[0])
+    query = plant.get_geometry_query_input_port().Eval(plant_context)
+    assert query.ComputePointPairPenetration() == []
+    assert plant.num_collision_geometries() > 24
+
+
+def test_coupled_joints_stay_together_under_torque(config):
+    plant, hand = make_hand_plant(config)
+    simulator = Simulator(plant)
+    context = simulator.get_mutable_context()
+    torque = np.zeros(20)
+    torque[[plant.GetJointActuatorByName(f"{f}J2").input_start() for f in ("FF", "MF", "RF", "LF")]] = 0.06
+    plant.get_actuation_input_port().FixValue(context, torque)
+    simulator.AdvanceTo(0.25)
+    for coupling in (c for finger in hand.config.fingers for c in finger.couplings):
+        leader = plant.GetJointByName(coupling.follows).get_angle(context)
+        assert leader > 0.1
+        assert plant.GetJointByName(coupling.joint).get_angle(context) == pytest.approx(
+            coupling.ratio * leader, abs=2e-3
+        )
+
+
+@pytest.mark.parametrize("finger", FINGERS)
+def test_chain_agrees_with_the_plant(hand_plant, finger):
+    plant, hand = hand_plant
+    chain, config = finger_chain(plant, hand, finger), hand.config.finger(finger)
+    context = plant.CreateDefaultContext()
+    q = np.random.default_rng(1).uniform(chain.lower, chain.upper, (4, len(chain.lower)))
+    for row, X_PS in zip(q, chain.sensor_poses(q), strict=True):
+        for name, angle in zip(config.joints, row, strict=True):
+            plant.GetJointByName(name).set_angle(context, angle)
+        for coupling in config.couplings:
+            leader = plant.GetJointByName(coupling.follows).get_angle(context)
+            plant.GetJointByName(coupling.joint).set_angle(context, coupling.ratio * leader)
+        X_expected = plant.CalcRelativeTransform(context, hand.palm_frame, hand.sensor_frames[finger])
+        np.testing.assert_allclose(X_PS, X_expected.GetAsMatrix34(), atol=1e-12)
+
+
+def test_hand_can_be_found_again(config):
+    plant = MultibodyPlant(0.001)
+    hand = add_hand(plant, config)
+    again = find_hand(plant, config, hand.model_instance)
+    assert again.fingers == FINGERS
+    assert again.sensor_frames["ring"].index() == hand.sensor_frames["ring"].index()
+
+
+GRIPPER_SDF = """<sdf version="1.9"><model name="gripper"><link name="base"/>
+<link name="mount"><pose>0 0.03 0.02 0.3 0 0</pose></link>
+<joint name="mount_weld" type="fixed"><parent>base</parent><child>mount</child></joint>
+<link name="left"><pose>0 0.03 0.05 0 0 0</pose></link>
+<joint name="left_hinge" type="revolute"><parent>mount</parent><child>left</child>
+<axis><xyz>1 0 0</xyz><limit><lower>-1</lower><upper>1</upper></limit></axis></joint>
+<link name="left_tip"><pose relative_to="left">0 0 0.04 0 0 0</pose></link>
+<joint name="left_weld" type="fixed"><parent>left</parent><child>left_tip</child></joint>
+</model></sdf>"""
+
+GRIPPER_YAML = """
+model: {model}
+base_link: base
+palm_frame: base
+fingers:
+- {{name: left, joints: [{joint}], sensor_frame: left_tip, weld: left_weld, surface: {surface}}}
+"""
+
+
+def write_gripper(folder: Path, joint: str = "left_hinge", surface: str = "!SphereSurface {radius: 0.01}") -> Path:
+    (folder / "gripper.sdf").write_text(GRIPPER_SDF)
+    path = folder / "gripper.hand.yaml"
+    path.write_text(GRIPPER_YAML.format(model=folder / "gripper.sdf", joint=joint, surface=surface))
+    return path
+
+
+def test_another_hand_fits_the_same_description(tmp_path):
+    config = load_hand_config(write_gripper(tmp_path))
+    plant, hand = make_hand_plant(config)
+    chain = finger_chain(plant, hand, "left")
+    np.testing.assert_allclose(chain.sensor_poses(np.zeros((1, 1)))[0, :, 3], [0, 0.03, 0.09], atol=1e-12)
+    assert isinstance(hand.surfaces["left"], Sphere)
+
+
+@pytest.mark.parametrize(
+    ("text", "kind"),
+    [
+        ("!SphereSurface {radius: 0.01}", Sphere),
+        ("!EllipsoidSurface {semi_axes: [0.01, 0.01, 0.02]}", Ellipsoid),
+        ("!CapsuleSurface {radius: 0.01, length: 0.02}", Capsule),
+    ],
+)
+def test_fingertip_surfaces_by_tag(tmp_path, text, kind):
+    config = load_hand_config(write_gripper(tmp_path, surface=text))
+    assert isinstance(config.fingers[0].surface.make(), kind)
+
+
+def test_unknown_joint_is_named_with_the_valid_ones(tmp_path):
+    config = load_hand_config(write_gripper(tmp_path, joint="right_hinge"))
+    with pytest.raises(UnknownNameError, match=r"'right_hinge' is unknown; valid names: .*left_hinge"):
+        make_hand_plant(config)
+
+
+def test_bad_descriptors_are_refused(tmp_path):
+    with pytest.raises(InvalidFileError, match=r"no_such_hand: .* hands are .*barrett_like, shadow_like"):
+        load_hand_config("no_such_hand")
+    with pytest.raises(InvalidInputError, match="radius: is -1"):
+        load_hand_config(write_gripper(tmp_path, surface="!SphereSurface {radius: -1}"))
+    path = write_gripper(tmp_path)
+    path.write_text(path.read_text() + "thumbs: 2\n")
+    with pytest.raises(InvalidFileError, match="thumbs"):
+        load_hand_config(path)
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "error", "message"),
+    [
+        ("base_link: base", "base_link: bass", UnknownNameError, "'bass' is unknown; valid names: .*base, left"),
+        ("palm_frame: base", "palm_frame: bass", UnknownNameError, "'bass' is unknown; valid names: .*base, left"),
+        ("weld: left_weld", "weld: left_hinge", InvalidInputError, "'left_hinge' moves; the fixed ones are left_weld"),
+        ("gripper.sdf", "griper.sdf", InvalidFileError, r"griper\.sdf: is no model that Drake can read"),
+    ],
+)
+def test_what_the_model_does_not_hold_is_refused(tmp_path, right, wrong, error, message):
+    path = write_gripper(tmp_path)
+    path.write_text(path.read_text().replace(right, wrong))
+    with pytest.raises(error, match=message):
+        make_hand_plant(load_hand_config(path))
+
+
+def test_a_file_of_two_models_is_no_hand(tmp_path):
+    path = write_gripper(tmp_path)
+    model = GRIPPER_SDF[GRIPPER_SDF.index("<model") : GRIPPER_SDF.index("</sdf>")]
+    second = model.replace('name="gripper"', 'name="second"')
+    assert second != model
+    (tmp_path / "gripper.sdf").write_text(f'<sdf version="1.9"><world name="two">{model}{second}</world></sdf>')
+    with pytest.raises(InvalidFileError, match="holds 2 models; allowed is one"):
+        make_hand_plant(load_hand_config(path))
+
+
+def test_a_finger_may_have_no_sensor_and_a_hand_pads(tmp_path):
+    path = write_gripper(tmp_path)
+    text = path.read_text().replace("sensor_frame: left_tip, weld: left_weld, ", "")
+    path.write_text(text + "pads:\n- {name: tip, frame: left_tip, array: bh280_palm, alpha: 1.0e-8}\n")
+    _, hand = make_hand_plant(load_hand_config(path))
+    assert hand.fingers == ("left",)
+    assert not hand.sensor_frames
+    assert not hand.welds
+    assert not hand.surfaces
+    assert hand.pad_frames["tip"].name() == "left_tip"
+
+
+@pytest.mark.parametrize(
+    ("pads", "message"),
+    [
+        ("- {name: a, frame: left_tip, alpha: 0}", r"pads\[a\].alpha: is 0"),
+        ("- {name: a, frame: base, alpha: 1}\n- {name: a, frame: left, alpha: 1}", "pads: have the names"),
+        ("- {frame: left_tip, alpha: 1}", "pads: have the names"),
+        ("- {name: a, frame: thumb, alpha: 1}", "'thumb' is unknown; valid names: .*left_tip"),
+    ],
+)
+def test_impossible_pads_are_refused(tmp_path, pads, message):
+    path = write_gripper(tmp_path)
+    path.write_text(path.read_text() + f"pads:\n{pads}\n")
+    with pytest.raises(InvalidInputError, match=message):
+        make_hand_plant(load_hand_config(path))
+
+
+def test_half_a_sensor_is_refused(tmp_path):
+    path = write_gripper(tmp_path)
+    path.write_text(path.read_text().replace("weld: left_weld, ", ""))
+    with pytest.raises(InvalidInputError, match=r"fingers\[left\]: has sensor_frame 'left_tip' and weld ''"):
+        load_hand_config(path)
+
+
+def test_unknown_finger_is_named(config):
+    with pytest.raises(UnknownNameError, match=r"'pinky' is unknown; valid names: first"):
+        config.finger("pinky")
+
+
+def test_model_file_is_what_the_generator_writes():
+    folder = model_path("hands", "shadow_like")
+    namespace: dict[str, object] = {"__name__": "generate", "__file__": str(folder / "generate.py")}
+    exec(compile((folder / "generate.py").read_text(), "generate.py", "exec"), namespace)
+    text = namespace["model_text"]
+    assert callable(text)
+    assert text() == (folder / "shadow_like.sdf").read_text()
+    assert math.isclose(float(namespace["TIP_RADIUS"]), 0.009)  # type: ignore[arg-type]

@@ -1,0 +1,86 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tactopose_drake.core.surfaces import Capsule
+from tactopose_drake.errors import InvalidFileError, InvalidInputError
+from tactopose_drake.hand.hand_config import load_hand_config
+from tactopose_drake.hand.tactile_pads import load_tactile_pad
+from tactopose_drake.resources import model_path
+
+
+@pytest.mark.parametrize(("name", "cells"), [("bh280_finger", 24), ("bh280_palm", 24), ("fingertip_1mm", 513)])
+def test_every_shipped_array_loads(name: str, cells: int) -> None:
+    pad = load_tactile_pad(name)
+    assert len(pad.layout) == cells
+    assert pad.model.noise > 0
+    assert f"{cells} cells" in model_path("sensors", f"{name}.yaml").read_text()
+
+
+def test_the_finger_has_the_published_cells() -> None:
+    layout = load_tactile_pad("bh280_finger").layout
+    np.testing.assert_allclose(layout.p_TC[0], [0.02225, -0.0095, 0.0052])
+    np.testing.assert_allclose(layout.p_TC[23], [0.05542, -0.00213, -0.0052])
+    np.testing.assert_allclose(layout.areas[:15], 25.9e-6, rtol=5e-3)
+    np.testing.assert_allclose(layout.areas[15:], 14.0e-6, rtol=0.01)
+    np.testing.assert_allclose(layout.n_T[0], [0, -1, 0], atol=1e-12)
+    assert layout.n_T[23] @ [1, 0, 0] == pytest.approx(np.sin(np.radians(74.5)))
+    # The tangent that is given for a row points to where the next row is, within the bend between them.
+    middle = layout.p_TC[1::3]
+    chord = np.degrees(np.arctan2(*np.diff(middle, axis=0)[:, 1::-1].T))
+    tangent = np.degrees(np.arctan2(layout.n_T[1::3, 0], -layout.n_T[1::3, 1]))
+    assert np.all((chord > tangent[:-1] - 1) & (chord < tangent[1:] + 1))
+
+
+def test_the_palm_has_the_published_cells() -> None:
+    layout = load_tactile_pad("bh280_palm").layout
+    np.testing.assert_allclose(layout.p_TC[[0, 4, 5, 11, 23]] * 1e3, [
+        [22, 15.9, 77.5], [-22, 15.9, 77.5], [33, 5.3, 77.5], [-33, 5.3, 77.5], [-22, -15.9, 77.5],
+    ])  # fmt: skip
+    np.testing.assert_allclose(layout.areas, 97e-6)
+    np.testing.assert_allclose(layout.n_T, np.tile([0, 0, 1], (24, 1)), atol=1e-12)
+
+
+@pytest.mark.parametrize("text", ["pattern: !RowPattern {row: []}", "pattern: !Grid {}", "model: 3", "[]", ""])
+def test_a_broken_file_is_named(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "pad.yaml"
+    path.write_text(text)
+    with pytest.raises(InvalidFileError, match=r"pad\.yaml"):
+        load_tactile_pad(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("pattern: !RowPattern {rows: []}", r"pad\.yaml: RowPattern.rows: is empty"),
+        ("pattern: !CapsulePattern {radius: 0}", r"pad\.yaml: CapsulePattern.radius: is 0"),
+        ("pattern: !RowPattern {rows: [{}]}\nmodel: {dead_cells: [1]}", r"pad\.yaml: TactileModel.dead_cells: holds 1"),
+        ("pattern: !RowPattern {rows: [{}]}\nperiod: -1", r"pad\.yaml: period: is -1"),
+    ],
+)
+def test_an_impossible_value_is_named_with_its_file(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "pad.yaml"
+    path.write_text(text)
+    with pytest.raises(InvalidInputError, match=message):
+        load_tactile_pad(path)
+
+
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(InvalidFileError, match=r"none\.yaml"):
+        load_tactile_pad(tmp_path / "none.yaml")
+
+
+def test_the_fine_array_lies_on_the_shadow_like_hands_fingertips() -> None:
+    layout = load_tactile_pad("fingertip_1mm").layout
+    for finger in load_hand_config("shadow_like").fingers:
+        tip = finger.surface.make()
+        assert isinstance(tip, Capsule)
+        p_FC = (layout.corners.reshape(-1, 3) - tip.X_SF[:, 3]) @ tip.X_SF[:, :3]
+        p_FC[:, 2] -= np.clip(p_FC[:, 2], -0.5 * tip.length, 0.5 * tip.length)
+        np.testing.assert_allclose(np.linalg.norm(p_FC, axis=1), tip.radius, rtol=1e-9)
+
+
+def test_the_barrett_like_hands_pads_are_these_arrays() -> None:
+    pads = {pad.name: pad.array for pad in load_hand_config("barrett_like").pads}
+    assert pads == dict.fromkeys(("finger_1", "finger_2", "finger_3"), "bh280_finger") | {"palm": "bh280_palm"}

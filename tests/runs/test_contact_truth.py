@@ -1,0 +1,66 @@
+import numpy as np
+import pytest
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlantConfig
+from pydrake.systems.framework import DiagramBuilder
+
+from tactopose_drake.hand.hand_config import add_hand, load_hand_config
+from tactopose_drake.resources import make_parser, model_path
+from tactopose_drake.runs.contact_truth import ContactTruth, contact_truth
+
+DEPTH = 2e-4  # m
+HALF = 0.03  # of the cube, m
+
+
+def truth_with_cube(p_WO: np.ndarray, *, object_first: bool = False, representation: str = "polygon") -> ContactTruth:
+    """The straight hand, and the cube, standing upright, with its bottom's centre at p_WO."""
+    builder = DiagramBuilder()
+    config = MultibodyPlantConfig(
+        time_step=0.001,
+        contact_model="hydroelastic",
+        use_sampled_output_ports=False,
+        contact_surface_representation=representation,
+    )
+    plant, _ = AddMultibodyPlant(config=config, builder=builder)
+    # The order decides which of the two Drake calls M.
+    for add_object in (object_first, not object_first):
+        if add_object:
+            (instance,) = make_parser(plant).AddModels(str(model_path("objects", "cube.sdf")))
+        else:
+            hand = add_hand(plant, load_hand_config("shadow_like"), RigidTransform())
+    plant.Finalize()
+    diagram = builder.Build()
+    plant_context = plant.GetMyMutableContextFromRoot(diagram.CreateDefaultContext())
+    body = plant.get_body(plant.GetBodyIndices(instance)[0])
+    plant.SetFreeBodyPose(plant_context, body, RigidTransform(p_WO))
+    return contact_truth(plant, plant_context, hand, body)
+
+
+# Where the very end of the straight first finger is, m, in the palm; the palm is 34 mm above the base.
+P_END = np.array([0.033, 0.0, 0.095 + 0.045 + 0.025 + 0.012 + 0.014 + 0.009])
+P_PALM_W = np.array([0.0, 0.0, 0.034])
+
+
+@pytest.mark.parametrize("object_first", [False, True])
+@pytest.mark.parametrize("representation", ["polygon", "triangle"])
+def test_a_fingertip_pressed_into_a_flat(object_first, representation):
+    # To the thumb's side, so that the longer middle finger stays free.
+    p_WO = P_PALM_W + P_END + [0.025, 0.0, -DEPTH]
+    truth = truth_with_cube(p_WO, object_first=object_first, representation=representation)
+    assert set(truth.tips) == {"first"}
+    assert truth.other_contacts == ()
+    tip = truth.tips["first"]
+    # The cube is above: its outward normal is down, and so is its force on the fingertip.
+    np.testing.assert_allclose(tip.n_PC, [0, 0, -1], atol=1e-3)
+    # A true sphere would carry pi E d^2 = 5 N; the simulator's is a polyhedron inside it.
+    assert -5.0 < tip.f_PC[2] < -1.0
+    np.testing.assert_allclose(tip.p_PC, P_END - [0, 0, DEPTH], atol=1e-4)
+    # The flat cuts a disc out of the sphere.
+    assert tip.area == pytest.approx(np.pi * 2 * 0.009 * DEPTH, rel=0.25)
+
+
+def test_other_links_are_named():
+    # Against the palm's flat, 11 mm in front of its middle, on the little finger's side.
+    truth = truth_with_cube(P_PALM_W + np.array([-0.04, -0.011 - HALF + DEPTH, 0.02]))
+    assert set(truth.other_contacts) == {"palm"}
+    assert truth.tips == {}

@@ -1,0 +1,178 @@
+"""The diagram of real or recorded senses: the simulated one's ports, and errors before anything is opened."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pydrake.common.value import AbstractValue
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Diagram
+
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.errors import InvalidFileError, InvalidInputError, UnknownNameError
+from tactopose_drake.hand.hand_config import load_hand_config, make_hand_plant
+from tactopose_drake.resources import model_path
+from tactopose_drake.runs.estimate_writer import EstimateWriter
+from tactopose_drake.runs.known_signals import known_signals
+from tactopose_drake.runs.scenario_replay import replay
+from tactopose_drake.runs.scenario_run import run_scenario
+from tactopose_drake.station.can_devices import CanDevices, live_buses
+from tactopose_drake.station.hardware import make_hardware_station
+from tactopose_drake.station.scenario import Scenario, load_scenario
+from tactopose_drake.station.senses import FixedJoints, JointFile, SimulatedSenses
+from tactopose_drake.station.simulated import make_station
+from tactopose_drake.systems.signals import Signal
+from tests import held_cube
+
+# What only a simulator can say.
+OF_THE_SIMULATOR = {
+    "hand_state", "actuation", "holding", "grasp_status", "hidden_share", "contact_results", "body_poses", "query"
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def cube() -> ObjectModel:
+    return ObjectModel.from_mesh(model_path("objects", "cube.obj"))
+
+
+def outputs(diagram: Diagram) -> set[str]:
+    return {diagram.get_output_port(index).get_name() for index in range(diagram.num_output_ports())}
+
+
+def inputs(diagram: Diagram) -> set[str]:
+    return {diagram.get_input_port(index).get_name() for index in range(diagram.num_input_ports())}
+
+
+def assert_same_ports(simulated: Diagram, scenario: Scenario, model: ObjectModel) -> None:
+    devices = CanDevices(scenario.senses, live_buses(scenario.senses))
+    diagram = make_hardware_station(scenario, devices, model=model).diagram
+    # No camera is part of the hardware: the prior comes in.
+    assert outputs(simulated) - OF_THE_SIMULATOR - outputs(diagram) == {"prior"}
+    senses = {"hand"} if devices.hand else set(held_cube.WRENCHES)
+    assert outputs(diagram) >= {f"{what}_{sense}" for what in ("status", "age") for sense in senses}
+    assert inputs(diagram) == ({"prior"} if devices.hand else {"prior", "joint_positions"})
+
+
+def test_the_ports_are_those_of_the_simulated_station() -> None:
+    scenario = load_scenario("barrett_like_can")
+    model = ObjectModel.from_mesh(scenario.object_mesh())
+    assert_same_ports(make_station(scenario, model=model).diagram, scenario, model)
+
+
+def test_joints_and_prior_come_through_ports_of_your_own_diagram(cube: ObjectModel) -> None:
+    scenario = held_cube.scenario()
+    wrenches = {f"wrench_{finger}": Signal.constant(F_S) for finger, F_S in held_cube.WRENCHES.items()}
+    diagram = make_hardware_station(scenario, None, wrenches, model=cube).diagram
+    simulator = Simulator(diagram)
+    context = simulator.get_mutable_context()
+    diagram.GetInputPort("joint_positions").FixValue(context, held_cube.Q)
+    diagram.GetInputPort("prior").FixValue(context, AbstractValue.Make(held_cube.prior()))
+    simulator.AdvanceTo(0.01)
+    off = diagram.GetOutputPort("object_pose").Eval(context).translation() - held_cube.X_PO[:, 3]
+    assert np.linalg.norm(off) < 0.004
+    np.testing.assert_array_equal(diagram.GetOutputPort("joint_positions").Eval(context), held_cube.Q)
+
+
+def test_signals_that_do_not_fit_are_named(cube: ObjectModel) -> None:
+    scenario = held_cube.scenario()
+    with pytest.raises(UnknownNameError, match="signal: 'wrench_toe' is unknown; valid names: wrench_first"):
+        make_hardware_station(scenario, None, {"wrench_toe": Signal.constant(np.zeros(6))}, model=cube)
+    with pytest.raises(InvalidInputError, match="signal 'joint_positions': has 7 numbers; allowed are 24"):
+        make_hardware_station(scenario, None, {"joint_positions": Signal.constant(np.zeros(7))}, model=cube)
+    devices = CanDevices(scenario.senses, live_buses(scenario.senses))
+    scenario.senses = SimulatedSenses()
+    with pytest.raises(InvalidInputError, match="allowed with devices is !CanSenses"):
+        make_hardware_station(scenario, devices, model=cube)
+
+
+def positions_of(scenario: Scenario) -> dict[str, float]:
+    plant, _ = make_hand_plant(load_hand_config(scenario.hand))
+    q = known_signals(scenario)["joint_positions"].at(0.0)
+    joints = (plant.get_joint(index) for index in plant.GetJointIndices())
+    return {joint.name(): q[joint.position_start()] for joint in joints if joint.num_positions() == 1}
+
+
+def test_joints_that_are_not_given_follow_or_rest(tmp_path: Path) -> None:
+    scenario = held_cube.scenario(joints=FixedJoints(positions={"FFJ2": 0.7, "THJ4": 0.5}))
+    q = positions_of(scenario)
+    assert {name: position for name, position in q.items() if position} == {"FFJ2": 0.7, "FFJ1": 0.7, "THJ4": 0.5}
+    path = tmp_path / "joints.csv"
+    path.write_text("time, FFJ2, THJ4\n0.0, 0.7, 0.5\n1.0, 0.8, 0.6\n")
+    scenario.senses.joints = JointFile(path=str(path))
+    assert positions_of(scenario) == q
+    assert known_signals(scenario)["joint_positions"].at(1.5).max() == 0.8
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("time, FFJ2\n0.0\n", "must have a line of `time`"),
+        ("FFJ2, time\n0.0, 1.0\n", "must have a line of `time`"),
+        ("time, FFJ2\n0.0, nan\n", "must have a line of `time`"),
+        ("time, FFJ2\n1.0, 0.0\n1.0, 0.1\n", "must rise"),
+        ("time, FFJ2\n0.0, a\n", "could not convert"),
+    ],
+)
+def test_joint_files_that_do_not_fit_are_named(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "joints.csv"
+    path.write_text(text)
+    with pytest.raises(InvalidFileError, match=message):
+        known_signals(held_cube.scenario(joints=JointFile(path=str(path))))
+
+
+def test_unknown_joints_are_named() -> None:
+    with pytest.raises(UnknownNameError, match="measured joint: 'elbow' is unknown"):
+        known_signals(held_cube.scenario(joints=FixedJoints(positions={"elbow": 0.1})))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda senses: senses.fingers.clear(), "has neither fingers nor barrett_hand"),
+        (lambda senses: setattr(senses, "tare_samples", -1), "tare_samples: is -1"),
+        (lambda senses: setattr(senses.fingers["thumb"], "period", 0.0), r"fingers\[thumb\].period: is 0"),
+        (lambda senses: setattr(senses, "prior", "absent.yaml"), "the file absent.yaml does not exist"),
+        (lambda senses: setattr(senses, "joints", JointFile(path="absent.csv")), "the file absent.csv does not exist"),
+    ],
+)
+def test_senses_that_cannot_be_are_refused(change, message: str) -> None:
+    scenario = held_cube.scenario()
+    change(scenario.senses)
+    with pytest.raises(InvalidInputError, match=message):
+        scenario.validate()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda board: setattr(board, "base", 200), "base: is 200; allowed are 0 to 127"),
+        (lambda board: setattr(board, "base", 0x20), "on the same bus has too"),
+        (lambda board: setattr(board, "force_unit", "STONE"), r"fingers\[thumb\].force_unit: 'STONE' is unknown"),
+    ],
+)
+def test_boards_that_cannot_be_are_refused(change, message: str) -> None:
+    senses = held_cube.scenario().senses
+    change(senses.fingers["thumb"])
+    with pytest.raises(InvalidInputError, match=message), CanDevices(senses, live_buses(senses)):
+        pass
+
+
+def test_a_recorded_simulation_replays_to_what_the_run_said(cube: ObjectModel, tmp_path: Path) -> None:
+    scenario = load_scenario("shadow_like")
+    scenario.object, scenario.planner.grasps = "cube", 1
+    scenario.estimation.use_hand_volume = scenario.estimation.check_collisions = False
+    simulated = run_scenario(scenario, duration=1.3, record=tmp_path / "run").diagram
+    assert_same_ports(simulated, held_cube.scenario(), cube)
+    with EstimateWriter(tmp_path / "replayed.jsonl") as writer:
+        played = replay(tmp_path / "run", scenario, look=lambda view: writer.write(view.diagram, view.context))
+    assert played.whole
+    ran, replayed = (
+        [json.loads(line) for line in path.read_text().splitlines()]
+        for path in (tmp_path / "run" / "estimates.jsonl", tmp_path / "replayed.jsonl")
+    )
+    for line in replayed:
+        assert line.pop("sense_status") == "ok"
+    assert sum(line["hypotheses"] is not None for line in ran) >= 3
+    assert replayed == ran[: len(replayed)]
+    assert len(replayed) >= len(ran) - 1

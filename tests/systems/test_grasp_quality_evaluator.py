@@ -1,0 +1,139 @@
+import dataclasses
+
+import numpy as np
+import pytest
+import trimesh
+from pydrake.common.value import AbstractValue
+from pydrake.math import RigidTransform
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.grasping.quality import GraspQuality, grasp_quality
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.errors import InvalidInputError, PortTypeError, UnknownNameError
+from tactopose_drake.estimation.results import PoseEstimate, PoseHypothesis
+from tactopose_drake.systems.grasp_quality_evaluator import GraspQualityEvaluator, GraspQualityParams
+from tactopose_drake.systems.wrench_space_display import WrenchSpaceDisplay, WrenchSpaceDisplayParams
+from tests.recording_meshcat import RecordingMeshcat
+
+P_OC = np.array([[0.03, 0.005, 0.0], [-0.03, -0.02, 0.03], [-0.03, 0.02, 0.02], [-0.03, 0.0, -0.04]])
+
+
+@pytest.fixture(scope="module")
+def box() -> ObjectModel:
+    mesh = trimesh.creation.box((0.06, 0.08, 0.12))
+    return ObjectModel.from_mesh(mesh, max_grid_bytes=3_200_000, symmetry="none", samples=300)
+
+
+def hypotheses(*probabilities: float) -> PoseEstimate:
+    """The first where the box is, the others half a metre away."""
+    return PoseEstimate(
+        tuple(
+            PoseHypothesis(RigidTransform([-0.5 * i, 0, 0]), 0.0, p, 1e-12 * np.eye(6), np.zeros((0, 6)))
+            for i, p in enumerate(probabilities)
+        ),
+        "ambiguous",
+        0.01,
+    )
+
+
+def evaluate(system: GraspQualityEvaluator, **inputs: object) -> dict[str, object]:
+    simulator = Simulator(system)
+    context = simulator.get_mutable_context()
+    values = {"contacts": Contacts(P_OC), "object_pose": RigidTransform()} | inputs
+    for name, value in values.items():
+        system.GetInputPort(name).FixValue(context, AbstractValue.Make(value))
+    simulator.AdvanceTo(0.001)
+    names = ("quality", "radius", "volume", "force_closure", "probability")
+    return {name: system.GetOutputPort(name).Eval(context) for name in names}
+
+
+def test_the_ports_say_what_the_core_finds(box: ObjectModel) -> None:
+    out = evaluate(GraspQualityEvaluator(box), hypotheses=hypotheses(0.75, 0.25))
+    quality = grasp_quality(box, Contacts(P_OC), RigidTransform(), friction=0.6)
+    assert isinstance(out["quality"], GraspQuality)
+    assert out["radius"] == pytest.approx(quality.radius)
+    assert quality.radius > 0
+    assert out["volume"] == pytest.approx(quality.volume)
+    assert out["force_closure"] == [1.0]
+    assert out["probability"] == pytest.approx(0.75, abs=0.15)
+
+
+def test_without_hypotheses_there_is_no_probability(box: ObjectModel) -> None:
+    assert np.isnan(evaluate(GraspQualityEvaluator(box))["probability"])
+    assert np.isnan(evaluate(GraspQualityEvaluator(box), hypotheses=None)["probability"])
+
+
+def test_an_open_hand_holds_nothing(box: ObjectModel) -> None:
+    out = evaluate(GraspQualityEvaluator(box), contacts=Contacts.empty(), hypotheses=hypotheses(1.0))
+    assert out["radius"] == out["volume"] == out["force_closure"] == out["probability"] == [0.0]
+
+
+def test_outputs_are_held_between_periods(box: ObjectModel) -> None:
+    system = GraspQualityEvaluator(box, GraspQualityParams(period=0.1))
+    simulator = Simulator(system)
+    context = simulator.get_mutable_context()
+    system.GetInputPort("object_pose").FixValue(context, AbstractValue.Make(RigidTransform()))
+    contacts = system.GetInputPort("contacts")
+    contacts.FixValue(context, AbstractValue.Make(Contacts(P_OC)))
+    assert system.GetOutputPort("quality").Eval(context) is None
+    simulator.AdvanceTo(0.05)
+    held = system.GetOutputPort("radius").Eval(context)[0]
+    contacts.FixValue(context, AbstractValue.Make(Contacts(P_OC[:2])))
+    simulator.AdvanceTo(0.09)
+    assert system.GetOutputPort("radius").Eval(context)[0] == held > 0.0
+    simulator.AdvanceTo(0.11)
+    assert system.GetOutputPort("radius").Eval(context)[0] == 0.0
+
+
+def test_each_finger_at_its_limit_has_no_volume_in_time(box: ObjectModel) -> None:
+    params = GraspQualityParams(norm="Linf", edges=4)
+    out = evaluate(GraspQualityEvaluator(box, params), contacts=Contacts(P_OC[:3]))
+    together = grasp_quality(box, Contacts(P_OC[:3]), RigidTransform(), friction=0.6, edges=4)
+    assert out["radius"] >= together.radius > 0
+    assert np.isnan(out["volume"])
+
+
+def test_the_display_draws_green_forces_and_red_torques(box: ObjectModel) -> None:
+    builder, meshcat = DiagramBuilder(), RecordingMeshcat()
+    evaluator = builder.AddNamedSystem("evaluator", GraspQualityEvaluator(box))
+    params = WrenchSpaceDisplayParams(scale=0.2, place=[1.0, 2.0, 3.0])
+    display = builder.AddNamedSystem("display", WrenchSpaceDisplay(meshcat, params))
+    builder.Connect(evaluator.GetOutputPort("quality"), display.GetInputPort("quality"))
+    diagram = builder.Build()
+    simulator = Simulator(diagram)
+    context = evaluator.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+    evaluator.GetInputPort("contacts").FixValue(context, AbstractValue.Make(Contacts(P_OC)))
+    evaluator.GetInputPort("object_pose").FixValue(context, AbstractValue.Make(RigidTransform()))
+    simulator.AdvanceTo(0.6)
+    np.testing.assert_array_equal(meshcat.pose("/tactopose_wrenches").translation(), [1, 2, 3])
+    quality = evaluator.GetOutputPort("quality").Eval(context)
+    vertices, _, rgba = meshcat.objects["/tactopose_wrenches/forces/faces"]
+    assert rgba.g() > rgba.r()
+    edges = 0.2 * quality.space.primitives[..., 3:].reshape(-1, 3)
+    gaps = np.linalg.norm(vertices.T[:, None] - np.concatenate([edges, np.zeros((1, 3))]), axis=-1).min(axis=1)
+    assert gaps.max() < 1e-9
+    _, _, rgba = meshcat.objects["/tactopose_wrenches/torques/faces"]
+    assert rgba.r() > rgba.g()
+    # Two contacts with forces in one plane only: nothing is left of what was drawn.
+    flat = dataclasses.replace(quality.space, primitives=quality.space.primitives[:0])
+    context_display = display.CreateDefaultContext()
+    display.GetInputPort("quality").FixValue(
+        context_display, AbstractValue.Make(dataclasses.replace(quality, space=flat))
+    )
+    display._draw(context_display)
+    assert not [path for path in meshcat.objects if path.startswith("/tactopose_wrenches/")]
+
+
+def test_impossible_parameters_and_inputs_are_refused(box: ObjectModel) -> None:
+    with pytest.raises(InvalidInputError, match=r"GraspQualityParams\.friction: is -1"):
+        GraspQualityEvaluator(box, GraspQualityParams(friction=-1.0))
+    with pytest.raises(InvalidInputError, match=r"GraspQualityParams\.edges: is 2; allowed are numbers >= 3"):
+        GraspQualityEvaluator(box, GraspQualityParams(edges=2))
+    with pytest.raises(InvalidInputError, match=r"WrenchSpaceDisplayParams\.scale: is 0"):
+        WrenchSpaceDisplay(RecordingMeshcat(), WrenchSpaceDisplayParams(scale=0.0))
+    with pytest.raises(UnknownNameError, match="norm: 'L2' is unknown"):
+        evaluate(GraspQualityEvaluator(box, GraspQualityParams(norm="L2")))
+    with pytest.raises(PortTypeError, match="'hypotheses' of system"):
+        evaluate(GraspQualityEvaluator(box), hypotheses=Contacts.empty())

@@ -1,0 +1,232 @@
+import math
+import re
+import threading
+import time
+
+import numpy as np
+import pytest
+from pydrake.common.value import AbstractValue
+from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context
+
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.evidence.prior import PosePrior
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.tracking.frame import Frame
+from tactopose_drake.core.tracking.pose_belief import PoseBelief
+from tactopose_drake.core.tracking.pose_measurement import PoseMeasurement
+from tactopose_drake.core.tracking.pose_tracker import PoseTracker
+from tactopose_drake.errors import InvalidInputError, PortTypeError
+from tactopose_drake.systems.live_pose_belief_estimator import LivePoseBeliefEstimator
+from tactopose_drake.systems.pose_belief_estimator import PoseBeliefEstimator, PoseBeliefParams
+from tests.core.tracking.boxes import make_box, touch
+
+X_PO = RigidTransform(RollPitchYaw(0.4, -0.2, 1.0), [0.02, -0.03, 0.1])
+SEEN = PosePrior(X_PO @ RigidTransform(RollPitchYaw(0.1, 0.05, -0.1), [0.01, -0.008, 0.006]), 0.02, math.radians(10))
+FINGERS = tuple("abcdef")
+
+
+@pytest.fixture(scope="module")
+def box() -> ObjectModel:
+    return make_box()
+
+
+class Bench:
+    """A system with fixed inputs, which measures anew before each step of 10 ms."""
+
+    def __init__(self, system: PoseBeliefEstimator) -> None:
+        self.system, self.generator = system, np.random.default_rng(0)
+        system.set_name("belief")
+        self.simulator = Simulator(system)
+        self.context: Context = self.simulator.get_mutable_context()
+        self.fix(fingers_in_contact=FINGERS)
+
+    def fix(self, **inputs: object) -> None:
+        for name, value in inputs.items():
+            self.system.GetInputPort(name).FixValue(self.context, AbstractValue.Make(value))
+
+    def feel(self, count: int = 1) -> str:
+        for _ in range(count):
+            self.fix(contacts=touch(X_PO.GetAsMatrix34(), self.generator))
+            self.simulator.AdvanceTo(self.context.get_time() + 0.01)
+        return str(self.read("status"))
+
+    def read(self, name: str) -> object:
+        return self.system.GetOutputPort(name).Eval(self.context)
+
+
+def keep_pace(bench: Bench, count: int) -> str:
+    """Feels so often, at no higher pace than the thread finishes its beliefs at."""
+    for _ in range(count):
+        bench.feel()
+        begun = bench.context.get_time() - 0.0101
+        while bench.system._finished.belief.time < begun and bench.system._thread.is_alive():
+            time.sleep(1e-3)
+    return str(bench.read("status"))
+
+
+def error(pose: RigidTransform) -> tuple[float, float]:
+    X = X_PO.inverse() @ pose
+    return float(np.linalg.norm(X.translation())), X.rotation().ToAngleAxis().angle()
+
+
+def test_touch_and_vision_give_the_pose_on_every_port(box: ObjectModel) -> None:
+    bench = Bench(PoseBeliefEstimator(box))
+    X_WP = RigidTransform(RollPitchYaw(0.1, 0.2, 0.3), [0.5, 0.0, 0.3])
+    bench.fix(vision=SEEN, palm_pose=X_WP)
+    assert bench.feel(10) == "ok"
+    pose, estimate = bench.read("object_pose"), bench.read("hypotheses")
+    assert error(pose)[0] < 0.003
+    assert error(pose)[1] < math.radians(4.0)
+    assert pose.IsExactlyEqualTo(estimate.best.X_PO)
+    assert estimate.status == "ok"
+    assert bench.read("object_pose_in_world").IsNearlyEqualTo(X_WP @ pose, 1e-12)
+    covariance = bench.read("covariance").reshape(6, 6)
+    np.testing.assert_array_equal(covariance, estimate.best.covariance)
+    assert np.linalg.eigvalsh(covariance)[0] > 0.0
+
+
+def test_before_anything_is_known_it_says_so(box: ObjectModel) -> None:
+    bench = Bench(PoseBeliefEstimator(box))
+    bench.fix(contacts=Contacts.empty(), fingers_in_contact=())
+    bench.simulator.AdvanceTo(0.05)
+    assert bench.read("status") == "lost: nothing is touched"
+    assert bench.read("hypotheses") is None
+    assert np.all(np.isinf(np.diag(bench.read("covariance").reshape(6, 6))))
+
+
+def test_the_outputs_appear_after_the_latency(box: ObjectModel) -> None:
+    for latency in (0.004, 0.013, 0.02):
+        bench = Bench(PoseBeliefEstimator(box, PoseBeliefParams(latency=latency)))
+        bench.fix(vision=SEEN, contacts=touch(X_PO.GetAsMatrix34(), bench.generator))
+        first = None
+        for step in range(1, 50):
+            bench.simulator.AdvanceTo(0.001 * step)
+            if first is None and bench.read("hypotheses") is not None:
+                first = 0.001 * step
+        assert first == pytest.approx(latency, abs=0.0015)
+
+
+def test_a_late_belief_is_the_same_one(box: ObjectModel) -> None:
+    beliefs = []
+    for latency, duration in ((0.0, 0.1), (0.025, 0.12)):
+        bench = Bench(PoseBeliefEstimator(box, PoseBeliefParams(latency=latency)))
+        bench.fix(vision=SEEN)
+        while bench.context.get_time() < duration - 1e-9:
+            bench.feel()
+        beliefs.append(bench.read("belief"))
+    assert beliefs[0].time == pytest.approx(0.09, abs=1e-9)
+    assert beliefs[1].time == beliefs[0].time
+    np.testing.assert_array_equal(beliefs[1].X_PO, beliefs[0].X_PO)
+
+
+def test_it_is_deterministic(box: ObjectModel) -> None:
+    poses = []
+    for _ in range(2):
+        bench = Bench(PoseBeliefEstimator(box))
+        bench.feel(8)
+        poses.append(bench.read("object_pose"))
+    assert poses[0].IsExactlyEqualTo(poses[1])
+
+
+def test_sensors_that_drop_out_and_vision_that_fails_change_the_status_alone(box: ObjectModel) -> None:
+    bench = Bench(PoseBeliefEstimator(box))
+    bench.fix(vision=SEEN)
+    bench.feel(10)
+    far = PoseMeasurement.from_prior(PosePrior(RigidTransform([3.0, 0.0, 0.0])), bench.context.get_time())
+    bench.fix(vision=far)
+    assert bench.feel(5) == "ok: vision is not believed: it is out of reach of the touch"
+    bench.fix(contacts=Contacts.empty(), fingers_in_contact=())
+    bench.simulator.AdvanceTo(bench.context.get_time() + 0.05)
+    assert str(bench.read("status")).startswith("no_contact")
+    bench.simulator.AdvanceTo(bench.context.get_time() + 1.2)
+    assert str(bench.read("status")).startswith("lost")
+    assert bench.read("hypotheses").status == "no_solution"
+
+
+def test_a_prior_without_a_time_counts_when_it_changes(box: ObjectModel) -> None:
+    bench = Bench(PoseBeliefEstimator(box))
+    bench.fix(contacts=Contacts.empty(), fingers_in_contact=(), vision=SEEN)
+    bench.simulator.AdvanceTo(0.05)
+    once = bench.read("belief").covariance[0]
+    bench.simulator.AdvanceTo(0.1)
+    assert np.trace(bench.read("belief").covariance[0]) > np.trace(once)
+    assert bench.read("status") == "no_contact"
+
+
+def test_a_missing_or_wrong_input_is_named(box: ObjectModel) -> None:
+    system = PoseBeliefEstimator(box)
+    system.set_name("belief")
+    with pytest.raises(PortTypeError, match="'contacts' of system 'belief'"):
+        Simulator(system).AdvanceTo(0.01)
+    bench = Bench(PoseBeliefEstimator(box))
+    bench.fix(vision=("a picture",))
+    with pytest.raises(PortTypeError, match="'vision' of system 'belief': holds a tuple"):
+        bench.feel()
+    with pytest.raises(PortTypeError, match="palm_pose"):
+        bench.read("object_pose_in_world")
+    with pytest.raises(InvalidInputError, match="period"):
+        PoseBeliefEstimator(box, PoseBeliefParams(period=0.0))
+
+
+def test_arithmetic_that_fails_begins_anew_and_says_so(box: ObjectModel, monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = Bench(PoseBeliefEstimator(box))
+    bench.feel(3)
+
+    def fail(*arguments: object) -> None:
+        raise np.linalg.LinAlgError("Singular matrix")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(PoseTracker, "step", fail)
+        assert bench.feel() == "lost: begun anew: Singular matrix"
+    bench.feel(5)
+    assert error(bench.read("object_pose"))[0] < 0.005
+
+
+def test_live_it_finds_the_same_pose_beside_the_loop(box: ObjectModel) -> None:
+    with LivePoseBeliefEstimator(box) as system:
+        bench = Bench(system)
+        bench.fix(vision=SEEN)
+        assert keep_pace(bench, 20) == "ok"
+        assert error(bench.read("object_pose"))[0] < 0.003
+    assert not system._thread.is_alive()
+
+
+def test_live_an_exception_reaches_the_loop(box: ObjectModel, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*arguments: object) -> None:
+        raise RuntimeError("no more")
+
+    monkeypatch.setattr(PoseTracker, "step", fail)
+    system = LivePoseBeliefEstimator(box)
+    bench = Bench(system)
+    bench.feel()
+    system._thread.join()
+    with pytest.raises(RuntimeError, match="no more"):
+        bench.feel()
+    system.close()
+
+
+def test_live_a_belief_that_falls_behind_tells_its_age_and_is_lost(
+    box: ObjectModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    step, may_go_on = PoseTracker.step, threading.Event()
+
+    def wait(tracker: PoseTracker, belief: PoseBelief, frame: Frame) -> PoseBelief:
+        may_go_on.wait(20.0)
+        return step(tracker, belief, frame)
+
+    with LivePoseBeliefEstimator(box) as system:
+        bench = Bench(system)
+        bench.fix(vision=SEEN)
+
+        assert keep_pace(bench, 10) == "ok"
+        monkeypatch.setattr(PoseTracker, "step", wait)
+        bench.feel(12)
+        assert re.match(r"ok: the belief is 0\.1\d s old$", str(bench.read("status")))
+        bench.feel(20)
+        assert re.match(r"lost: the belief is 0\.3\d s old$", str(bench.read("status")))
+        assert bench.read("hypotheses").status == "no_solution"
+        assert bench.read("belief").status == "lost"
+        may_go_on.set()
+        assert keep_pace(bench, 10).split(":")[0] == "ok"

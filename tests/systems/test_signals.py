@@ -1,0 +1,92 @@
+"""Signals in memory and on disk."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pydrake.math import RigidTransform, RollPitchYaw
+
+from tactopose_drake.core.evidence.prior import PosePrior
+from tactopose_drake.errors import InvalidFileError
+from tactopose_drake.systems.signals import Signal, SignalRecorder, read_signals
+
+POSE = RigidTransform(RollPitchYaw(0.1, 0.2, 0.3), [0.01, 0.02, 1 / 3])
+VALUES = {
+    "vector": [np.array([1 / 3, np.nan, -1e-300]), np.array([np.pi, 2.0, 0.0])],
+    "pose": [RigidTransform(), POSE],
+    "prior": [None, PosePrior(POSE, sigma_translation=1 / 7, sigma_rotation=0.1)],
+}
+
+
+def write(path: Path | None) -> SignalRecorder:
+    with SignalRecorder(path) as recorder:
+        for k, time in enumerate((0.0, 0.1 + 0.2)):
+            for name, values in VALUES.items():
+                recorder.write(name, time, values[k])
+                recorder.write(name, time + 0.1, values[k])
+    return recorder
+
+
+def as_bytes(value) -> bytes:
+    if isinstance(value, PosePrior):
+        return value.X_PO.tobytes() + np.array([value.sigma_translation, value.sigma_rotation]).tobytes()
+    if isinstance(value, RigidTransform):
+        return value.GetAsMatrix34().tobytes()
+    return b"" if value is None else value.tobytes()
+
+
+def test_every_kind_comes_back_to_the_last_bit(tmp_path: Path) -> None:
+    write(tmp_path / "signals.jsonl")
+    signals, cut = read_signals(tmp_path / "signals.jsonl")
+    assert cut == ""
+    assert signals.keys() == VALUES.keys() == write(None).signals.keys()
+    for found in (signals, write(None).signals):
+        for name, values in VALUES.items():
+            assert found[name].times == [0.0, 0.1 + 0.2]  # and what stays the same is written once
+            assert [as_bytes(value) for value in found[name].values] == [as_bytes(value) for value in values]
+
+
+def test_a_value_stays_until_the_next() -> None:
+    signal = Signal([1.0, 2.0], ["first", "second"])
+    assert [signal.at(time) for time in (0.9, 1.0, 1.9, 2.0, 9.0)] == [None, "first", "first", "second", "second"]
+    assert Signal.constant("always").at(-1e9) == "always"
+
+
+def test_what_is_kept_does_not_follow_the_original() -> None:
+    vector = np.zeros(2)
+    with SignalRecorder() as recorder:
+        recorder.write("vector", 0.0, vector)
+        vector[0] = 1.0
+        recorder.write("vector", 1.0, vector)
+    np.testing.assert_array_equal(recorder.signals["vector"].values, [[0.0, 0.0], [1.0, 0.0]])
+
+
+def test_a_file_is_good_to_its_last_whole_line(tmp_path: Path) -> None:
+    path = tmp_path / "signals.jsonl"
+    write(path)
+    whole = path.read_bytes()
+    ends = [k + 1 for k, byte in enumerate(whole) if byte == ord("\n")]
+    for size in range(len(whole)):
+        path.write_bytes(whole[:size])
+        signals, cut = read_signals(path)
+        lines = sum(end <= size for end in ends)
+        assert sum(len(signal.times) for signal in signals.values()) == lines
+        assert cut == ("" if size in (0, *ends) else f"{path}: is cut off after {lines} whole lines.")
+
+
+@pytest.mark.parametrize(
+    "line",
+    ["{", "[1]", '{"time": 0}', '{"time": 0, "name": "a", "colour": 1}', '{"time": "a", "name": "b", "vector": [1]}'],
+)
+def test_a_line_that_is_no_signal_is_named(tmp_path: Path, line: str) -> None:
+    path = tmp_path / "signals.jsonl"
+    path.write_text('{"time": 0.0, "name": "a", "vector": [1.0]}\n' + line + "\n")
+    with pytest.raises(InvalidFileError, match="line 2 is no signal"):
+        read_signals(path)
+
+
+def test_files_that_cannot_be_used_are_named(tmp_path: Path) -> None:
+    with pytest.raises(InvalidFileError, match="absent"):
+        read_signals(tmp_path / "absent.jsonl")
+    with pytest.raises(InvalidFileError, match="cannot be written"):
+        SignalRecorder(tmp_path / "absent" / "signals.jsonl")

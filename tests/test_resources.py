@@ -1,0 +1,71 @@
+import dataclasses
+from pathlib import Path
+
+import pytest
+from pydrake.common.schema import Transform
+
+from tactopose_drake.errors import InvalidFileError
+from tactopose_drake.resources import load_typed_yaml
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class Ball:
+    radius: float = 0.01
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class Box:
+    sides: list[float] = dataclasses.field(default_factory=list)
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class Toy:
+    name: str = ""
+    count: int = 1
+    shape: Ball | Box = dataclasses.field(default_factory=Ball)
+    spare: Ball | None = None
+    parts: list[Ball] = dataclasses.field(default_factory=list)
+    weights: dict[str, float] = dataclasses.field(default_factory=dict)
+    X_WT: Transform = dataclasses.field(default_factory=Transform)
+
+
+def load(folder: Path, text: str) -> Toy:
+    (folder / "toy.yaml").write_text(text)
+    return load_typed_yaml(Toy, folder / "toy.yaml")
+
+
+def test_what_is_left_out_has_its_default(tmp_path: Path) -> None:
+    text = "spare: {radius: 1e-2}\ncount: 0x20\nshape: !Box {sides: [1, 2.5]}\n"
+    toy = load(tmp_path, text)
+    assert (toy.spare, toy.count, toy.shape, toy.parts) == (Ball(radius=0.01), 32, Box(sides=[1.0, 2.5]), [])
+
+
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [
+        ("name: a\ncuont: 2\n", "line 2: key 'cuont' is unknown; allowed are name, count, shape, spare, parts"),
+        ("parts:\n- radius: 1\n- raduis: 2\n", "line 3: parts[1]: key 'raduis' is unknown; allowed are radius."),
+        ("shape: !Box {radius: 1}", "line 1: shape: key 'radius' is unknown; allowed are sides."),
+        ("shape: !Cone {}", "line 1: shape: the tag !Cone is unknown; allowed are !Ball, !Box."),
+        ("spare: null\ncount: many", "line 2: count: is 'many'; allowed are numbers."),
+        ("weights: {a: 1, b: [2]}", "line 1: weights.b: is a list or mapping; allowed are numbers."),
+        ("name: a\nspare: 3\n", "line 2: spare: is no mapping; its keys may be radius."),
+        ("parts: [{radius: ten}]", "line 1: parts[0].radius: is 'ten'; allowed are numbers."),
+        ("X_WT: {translation: [1, 2]}", "line 1: X_WT: does not fit Drake's Transform; its keys may be base_frame, "),
+        ("- 1", "line 1: is no mapping; its keys may be name, count"),
+        ("", "is empty."),
+        ("name: [", "expected the node content"),
+    ],
+)
+def test_a_fault_is_told_with_its_line_and_what_is_allowed(tmp_path: Path, text: str, fault: str) -> None:
+    with pytest.raises(InvalidFileError) as caught:
+        load(tmp_path, text)
+    message = str(caught.value)
+    assert message.startswith(f"{tmp_path / 'toy.yaml'}: ")
+    assert fault in message
+    assert "\n" not in message
+
+
+def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
+    with pytest.raises(InvalidFileError, match=r"no\.yaml: cannot be read \(No such file"):
+        load_typed_yaml(Toy, tmp_path / "no.yaml")

@@ -1,0 +1,149 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from matplotlib.image import imread
+from pydrake.math import RigidTransform
+
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.sensing.patches import Patch, describe_patch
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.visualization.body_meshes import Triangles
+from tactopose_drake.visualization.picture import save_picture
+from tactopose_drake.visualization.scene import (
+    CONTACT_COLOUR,
+    ESTIMATE_COLOUR,
+    PRESSURE_COLOUR,
+    PRIOR_COLOUR,
+    TRUTH_COLOUR,
+    Colour,
+    Scene,
+)
+from tactopose_drake.visualization.viewpoint import choose_view
+
+TOUCH = Contacts(
+    [[0.03, 0, 0], [-0.03, 0, 0], [0, 0, 0.05]],
+    [[1, 0, 0], [-1, 0, 0], [0, 0, 1]],
+    [[2, 0, 0], [-1, 0, 0.2], [0, 0, 3.0]],
+)
+X_off = RigidTransform([0.03, 0.02, 0.01])
+
+
+@pytest.fixture(scope="module")
+def model() -> ObjectModel:
+    return ObjectModel.from_mesh(trimesh.creation.box((0.06, 0.08, 0.1)), cache=False)
+
+
+def wall(at: np.ndarray, normal: np.ndarray) -> Triangles:
+    """A hand that is a square of 40 cm across a direction."""
+    mesh = trimesh.creation.box((0.4, 0.4, 0.001), transform=trimesh.geometry.align_vectors([0, 0, 1], normal))
+    mesh.apply_translation(at)
+    return Triangles(np.array(mesh.vertices), np.array(mesh.faces, dtype=np.int32), np.full((8, 3), 0.6))
+
+
+def draw(path: Path, scene: Scene) -> np.ndarray:
+    save_picture(path, scene)
+    return imread(path)[..., :3]
+
+
+def share(image: np.ndarray, colour: Colour) -> float:
+    """Share of the pixels above the legend whose hue is near a colour's."""
+    pixels = image[60:-90].reshape(-1, 3)
+    wanted = np.array(colour) - np.mean(colour)
+    hues = pixels - pixels.mean(axis=1, keepdims=True)
+    strong = np.linalg.norm(hues, axis=1) > 0.15
+    cosine = hues @ wanted / np.maximum(np.linalg.norm(hues, axis=1) * np.linalg.norm(wanted), 1e-9)
+    return float(np.mean(strong & (cosine > 0.97)))
+
+
+def test_the_left_panel_shows_the_prior_and_the_right_one_the_estimate(model: ObjectModel, tmp_path: Path) -> None:
+    scene = Scene(model=model, contacts=TOUCH, prior=X_off, estimate=RigidTransform(), truth=RigidTransform())
+    left, right = np.split(draw(tmp_path / "picture.png", scene), 2, axis=1)
+    assert share(left, PRIOR_COLOUR) > 0.1
+    assert share(left, ESTIMATE_COLOUR) < 0.001
+    assert share(right, ESTIMATE_COLOUR) > 0.1
+    assert share(right, PRIOR_COLOUR) < 0.02  # its outline only
+    for panel in (left, right):
+        assert share(panel, CONTACT_COLOUR) > 0.002
+        assert share(panel, TRUTH_COLOUR) > 0.001
+
+
+@pytest.mark.parametrize("contacts", [TOUCH, Contacts(TOUCH.p_PC), Contacts.empty()])
+@pytest.mark.parametrize("poses", [{"estimate": X_off}, {"prior": X_off}])
+def test_what_is_not_known_is_left_out(model: ObjectModel, tmp_path: Path, contacts: Contacts, poses) -> None:
+    image = draw(tmp_path / "picture.png", Scene(model=model, contacts=contacts, **poses))
+    assert image.shape[1] < 800  # one panel
+    assert share(image, ESTIMATE_COLOUR if "estimate" in poses else PRIOR_COLOUR) > 0.1
+
+
+def test_the_same_scene_gives_the_same_picture(model: ObjectModel, tmp_path: Path) -> None:
+    scene = Scene(model=model, contacts=TOUCH, estimate=X_off)
+    np.testing.assert_array_equal(draw(tmp_path / "a.png", scene), draw(tmp_path / "b.png", scene))
+
+
+def pads(pressure: float) -> tuple[Patch, ...]:
+    """Four cells on each of the box's broad sides."""
+    cells = [[0.0, y, z] for y in (-0.005, 0.005) for z in (-0.005, 0.005)]
+    return tuple(
+        describe_patch(
+            np.add(cells, [0.031 * side, 0.0, 0.0]),
+            np.full(4, pressure),
+            alpha=1e-8,
+            n_PT=np.tile([-side, 0.0, 0.0], (4, 1)),
+            saturation=1e5,
+        )
+        for side in (-1.0, 1.0)
+    )
+
+
+def test_pressed_cells_are_plates_as_large_as_their_pressure(model: ObjectModel, tmp_path: Path) -> None:
+    shares = []
+    for pressure in (0.0, 2e4, 1e5):
+        scene = Scene(model=model, contacts=Contacts.empty(), patches=pads(pressure), estimate=RigidTransform())
+        shares.append(share(draw(tmp_path / "picture.png", scene), PRESSURE_COLOUR))
+    none, few, many = shares
+    assert none == 0.0
+    assert few > 0.0
+    assert 3.0 < many / few < 7.0  # In proportion, but for the plates' edges.
+
+
+@pytest.mark.parametrize("side", [(1.0, 0.0, 0.0), (0.0, -1.0, 0.0)])
+def test_the_view_is_not_from_behind_the_hand(model: ObjectModel, side: tuple[float, float, float]) -> None:
+    towards = np.array(side)
+    hand = wall(0.09 * towards, towards)
+    view = choose_view(Scene(model=model, contacts=Contacts.empty(), estimate=RigidTransform(), hand=hand))
+    assert view @ towards < 0.5
+
+
+def test_a_hand_within_the_object_is_not_seen(model: ObjectModel, tmp_path: Path) -> None:
+    box = trimesh.creation.box((0.05, 0.07, 0.09))
+    hand = Triangles(np.array(box.vertices), np.array(box.faces, dtype=np.int32), np.full((8, 3), 0.6))
+    scenes = [
+        Scene(model=model, contacts=Contacts.empty(), estimate=RigidTransform(), hand=shown) for shown in (None, hand)
+    ]
+    bare, inside = (draw(tmp_path / "picture.png", scene)[:-90] for scene in scenes)  # but for the legend
+    np.testing.assert_array_equal(bare, inside)
+
+
+def test_a_hand_over_the_object_lets_it_shine_through(model: ObjectModel, tmp_path: Path) -> None:
+    box = trimesh.creation.box((0.1, 0.12, 0.14))
+    hand = Triangles(np.array(box.vertices), np.array(box.faces, dtype=np.int32), np.full((8, 3), 0.6))
+    bare = draw(tmp_path / "a.png", Scene(model=model, contacts=Contacts.empty(), estimate=RigidTransform()))
+    inside = draw(
+        tmp_path / "b.png", Scene(model=model, contacts=Contacts.empty(), estimate=RigidTransform(), hand=hand)
+    )
+    assert 0.02 < share(inside, ESTIMATE_COLOUR) < share(bare, ESTIMATE_COLOUR)
+
+
+def test_the_estimate_is_painted_as_its_vertices_are(model: ObjectModel, tmp_path: Path) -> None:
+    red, blue = (0.9, 0.1, 0.1), (0.1, 0.1, 0.9)
+    colours = np.where(model.vertices[:, 2:] > 0.0, red, blue)
+    scene = Scene(model=model, contacts=Contacts.empty(), prior=X_off, estimate=RigidTransform())
+    save_picture(tmp_path / "picture.png", scene, colours=colours)
+    left, right = np.split(imread(tmp_path / "picture.png")[..., :3], 2, axis=1)
+    assert share(right, red) > 0.03
+    assert share(right, blue) > 0.03
+    assert share(right, ESTIMATE_COLOUR) < 0.01
+    assert share(left, PRIOR_COLOUR) > 0.1
+    assert share(left, blue) < 0.001
