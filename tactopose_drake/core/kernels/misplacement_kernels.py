@@ -6,7 +6,7 @@
 import numpy as np
 from numba import njit
 
-from tactopose_drake.core.kernels.pad_kernels import FAST, enter, look, misplace
+from tactopose_drake.core.kernels.pad_kernels import enter, look, misplace
 
 # Where the local model of a pad's cost promises less than this, it is taken at its word. That takes two steps or three;
 # at creases it may take many, which are not worth their time.
@@ -16,7 +16,7 @@ _MOST_STEPS = 4
 _HOPELESS = 30.0
 
 
-@njit(cache=True, error_model="numpy", fastmath=FAST)
+@njit(cache=True, error_model="numpy")
 def settle(grid, pads, k, sigmas, X, cells, pad):  # type: ignore[no-untyped-def]
     """A pad's least cost over its misplacement, by Levenberg and Marquardt's steps from 0; leaves the cells there."""
     u, g, L, step, trial = pad.u, pad.g, pad.L, pad.step, pad.trial
@@ -62,7 +62,7 @@ def settle(grid, pads, k, sigmas, X, cells, pad):  # type: ignore[no-untyped-def
     return cost
 
 
-@njit(cache=True, error_model="numpy", fastmath=FAST)
+@njit(cache=True, error_model="numpy")
 def _expand(sigmas, run, cells, pad):  # type: ignore[no-untyped-def]
     """The gradient and Gauss-Newton Hessian of a pad's cost by its misplacement."""
     g, H = pad.g, pad.H
@@ -79,7 +79,7 @@ def _expand(sigmas, run, cells, pad):  # type: ignore[no-untyped-def]
                     H[a, c] += rows[i, a] * rows[i, c]
 
 
-@njit(cache=True, error_model="numpy", fastmath=FAST)
+@njit(cache=True, error_model="numpy")
 def make_rows(directions, sigmas, run, cells):  # type: ignore[no-untyped-def]
     """The derivatives by misplacement and pose, given those by the places: the directions (n, 3)."""
     arms, places, by_pad, by_pose = cells.arms, cells.places, cells.by_pad, cells.by_pose
@@ -101,7 +101,7 @@ def _row(i, levers, directions, turn, shift, rows):  # type: ignore[no-untyped-d
     rows[i, 3], rows[i, 4], rows[i, 5] = shift * x, shift * y, shift * z
 
 
-@njit(cache=True, error_model="numpy", fastmath=FAST)
+@njit(cache=True, error_model="numpy")
 def couple(run, cells, C, L):  # type: ignore[no-untyped-def]
     """A pad's second derivatives: C (6, 6) by misplacement and pose, and the factor L of that by the misplacement."""
     weights, by_pad, by_pose = cells.weights, cells.by_pad, cells.by_pose
@@ -119,7 +119,7 @@ def couple(run, cells, C, L):  # type: ignore[no-untyped-def]
     _factor(L)
 
 
-@njit(cache=True, error_model="numpy", fastmath=FAST)
+@njit(cache=True, error_model="numpy")
 def _factor(L):  # type: ignore[no-untyped-def]
     """Cholesky's factor of a positive definite matrix (6, 6), in the place of its lower triangle."""
     for a in range(6):
@@ -130,7 +130,7 @@ def _factor(L):  # type: ignore[no-untyped-def]
             L[a, c] = np.sqrt(total) if a == c else total / L[c, c]
 
 
-@njit(cache=True, error_model="numpy", fastmath=FAST)
+@njit(cache=True, error_model="numpy")
 def solve(L, x):  # type: ignore[no-untyped-def]
     """(L L^T)^-1 x, in the place of x (6,)."""
     for a in range(6):

@@ -18,8 +18,6 @@ from numba import njit
 from tactopose_drake.core.kernels.grid_kernels import SOFT_LENGTH, cell, interpolate
 from tactopose_drake.core.kernels.pose_kernels import rotate_to_object, to_object
 
-FAST = {"contract", "reassoc", "nsz", "arcp"}
-
 
 class Cells(NamedTuple):
     """Scratch: n cells at one pose, in O.
@@ -100,7 +98,7 @@ def enter(pads, k, X, cells, pad):  # type: ignore[no-untyped-def]
             cells.arms[i, a] -= pad.middle[a]
 
 
-@njit(cache=True, error_model="numpy", fastmath=FAST)
+@njit(cache=True, error_model="numpy")
 def misplace(u, sigmas, run, cells, pad):  # type: ignore[no-untyped-def]
     """Where the cells of a pad that is misplaced by u are."""
     arms, places = cells.arms, cells.places
@@ -112,7 +110,7 @@ def misplace(u, sigmas, run, cells, pad):  # type: ignore[no-untyped-def]
         places[i, 2] = c + arms[i, 2] + x * arms[i, 1] - y * arms[i, 0]
 
 
-@njit(cache=True, error_model="numpy", fastmath=FAST)
+@njit(cache=True, error_model="numpy")
 def look(grid, traits, run, cells, pad):  # type: ignore[no-untyped-def]
     """The cells' weights at their places, the residuals, and the slopes of these.
 
@@ -157,7 +155,7 @@ def look(grid, traits, run, cells, pad):  # type: ignore[no-untyped-def]
             slopes[i, a] *= weight
 
 
-@njit(cache=True, error_model="numpy", fastmath=FAST)
+@njit(cache=True, error_model="numpy")
 def look_along(grid, run, cells):  # type: ignore[no-untyped-def]
     """The normals at the places."""
     values, origin, inverse_spacing = grid

@@ -20,7 +20,7 @@ from tactopose_drake.core.kernels.prior_kernels import prior_row
 from tactopose_drake.core.kernels.surface_contact_kernels import SOFT_ROOT, normal_weight
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+@njit(cache=True, nogil=True, error_model="numpy")
 def descend(  # type: ignore[no-untyped-def]
     values,
     origin,

@@ -119,7 +119,7 @@ def find_reach(group, center, information, reach):  # type: ignore[no-untyped-de
         reach[group[j]] = max(reach[group[j]], (np.sqrt(square) + np.sqrt(_FAR * spread)) ** 2)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+@njit(cache=True, nogil=True, error_model="numpy")
 def add_densities(X_group, first, center, information, reach, scale, power, X, density):  # type: ignore[no-untyped-def]
     """Adds scale (f / (f + d^T H d))^(power / 2) of each component, d from its center.
 

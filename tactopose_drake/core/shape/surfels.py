@@ -157,7 +157,7 @@ def _exp_minus(x):  # type: ignore[no-untyped-def]
     return one / power
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _densities(  # type: ignore[no-untyped-def]
     discs, first, origin, per_cell, shape, p, n, sigma, weight_n, spacing, X, cost
 ):
@@ -166,7 +166,7 @@ def _densities(  # type: ignore[no-untyped-def]
     """
     x_disc, y_disc, z_disc, x_normal, y_normal, z_normal = discs[0], discs[1], discs[2], discs[3], discs[4], discs[5]
     area, spread, roughness = discs[6], discs[7], discs[8]
-    q, m = np.empty(3), np.empty(3)
+    q, m, shares = np.empty(3), np.empty(3), np.empty(_BLOCK, dtype=np.float32)
     low, high = np.empty(3, dtype=np.int64), np.empty(3, dtype=np.int64)
     one, half = np.float32(1.0), np.float32(0.5)
     most = np.float32(_MOST)
@@ -182,7 +182,8 @@ def _densities(  # type: ignore[no-untyped-def]
                 low[a] = max(0, int(np.floor((q[a] - reach - origin[a]) * per_cell)))
                 high[a] = min(shape[a] - 1, int(np.floor((q[a] + reach - origin[a]) * per_cell)))
                 empty = empty or high[a] < low[a]
-            density = np.float32(0.0)
+            for j in range(_BLOCK):
+                shares[j] = 0.0
             if not empty:
                 q0, q1, q2 = np.float32(q[0]), np.float32(q[1]), np.float32(q[2])
                 m0, m1, m2 = np.float32(m[0]), np.float32(m[1]), np.float32(m[2])
@@ -208,6 +209,9 @@ def _densities(  # type: ignore[no-untyped-def]
                                 exponent += per_normal * wider * both * turned
                                 # Without a branch, which would part the block.
                                 share = area[k] * both * _exp_minus(min(exponent, most))
-                                density += share if block + np.uintp(j) < count else np.float32(0.0)
+                                shares[j] += share if block + np.uintp(j) < count else np.float32(0.0)
+            density = np.float32(0.0)
+            for j in range(_BLOCK):
+                density += shares[j]
             total -= np.log(density / (2.0 * np.pi) + _LEAST)
         cost[b] = total

@@ -205,7 +205,7 @@ def _is_near(X, rotations, origins, center, least_trace, farthest):  # type: ign
     return False
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+@njit(cache=True, nogil=True, error_model="numpy")
 def _best_poses(  # type: ignore[no-untyped-def]
     points,
     normals,
