@@ -20,14 +20,7 @@ from scipy.optimize import least_squares
 
 import tactopose_drake as tp
 from tactopose_drake.core.evidence.evidence import Evidence
-from tactopose_drake.core.poses import (
-    compose,
-    increments_between,
-    inverse,
-    make_poses,
-    random_rotations,
-    retract,
-)
+from tactopose_drake.core.poses import compose, increments_between, inverse, make_poses, random_rotations, retract
 from tactopose_drake.core.searches.pose_problem import make_problem
 from tactopose_drake.core.shape.free_spin import turn_toward
 from tactopose_drake.core.synthetic.synthetic_touch import touch_surface

@@ -8,11 +8,7 @@ from scipy.stats import chi2
 
 import tactopose_drake as tp
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
-from tactopose_drake.core.poses import (
-    exp_so3,
-    make_poses,
-    transform_points,
-)
+from tactopose_drake.core.poses import exp_so3, make_poses, transform_points
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
 from tactopose_drake.core.searches.pair_search import PairSearch
 from tactopose_drake.core.searches.search import SearchResult, never

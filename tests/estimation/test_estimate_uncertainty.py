@@ -5,9 +5,7 @@ import pytest
 import trimesh
 
 import tactopose_drake as tp
-from tactopose_drake.core.poses import (
-    rotation_angles,
-)
+from tactopose_drake.core.poses import rotation_angles
 from tactopose_drake.core.posterior.hypotheses import determined_part
 from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
 from tests.displaced_poses import displaced, error, random_pose

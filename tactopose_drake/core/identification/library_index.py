@@ -20,23 +20,26 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.identification.index_kernels import (
+    ANGLE,
+    ANGLE_BINS,
+    DISTANCE,
+    DISTANCE_BINS,
+    add_densities,
+    count_features,
+)
 from tactopose_drake.core.searches.pairs.contact_pairs import spread_out
-from tactopose_drake.core.shape.pair_features import fill_feature, pair_feature
+from tactopose_drake.core.shape.pair_features import pair_feature
 from tactopose_drake.core.shape.surface_samples import SurfaceSamples
 from tactopose_drake.core.validation import FloatArray
 
 SAMPLES = 512
 """Of an object's surface samples so many are paired."""
 
-_DISTANCE = 0.004  # A bin's width, m.
-_DISTANCE_BINS = 256  # The last holds all longer distances too.
-_ANGLE = np.pi / 12.0  # Likewise, rad.
-_ANGLE_BINS = 13  # The middles of the first and the last are 0 and pi: right angles are not on a border.
-_BINS = _DISTANCE_BINS * _ANGLE_BINS**3
+_BINS = DISTANCE_BINS * ANGLE_BINS**3
 _REACH = 2.5  # Bins count within so many standard deviations.
 # Of more contacts those that are farthest apart tell enough.
 _MOST_CONTACTS = 8
@@ -61,7 +64,7 @@ def count_pairs(samples: SurfaceSamples) -> PairCounts:
     """Counts the ordered pairs of `SAMPLES` of the samples, of which there are as many or more."""
     chosen = np.linspace(0, len(samples), SAMPLES, endpoint=False).astype(np.intp)
     counts = np.zeros(_BINS, dtype=np.int64)
-    _count(np.ascontiguousarray(samples.points[chosen]), np.ascontiguousarray(samples.normals[chosen]), counts)
+    count_features(np.ascontiguousarray(samples.points[chosen]), np.ascontiguousarray(samples.normals[chosen]), counts)
     bins = np.flatnonzero(counts)
     return PairCounts(bins.astype(np.int32), np.minimum(counts[bins], 2**16 - 1).astype(np.uint16))
 
@@ -114,7 +117,7 @@ class JointIndex:
                 turns = [sigma_normal[a], sigma_normal[b]]
                 sigma = np.array([sigma_length, *np.hypot(turns, tilt), np.hypot(*turns)])
             density[:] = 0.0
-            _add_densities(self.first, self.objects, self.counts, *_weights(feature, sigma), density)
+            add_densities(self.first, self.objects, self.counts, *_weights(feature, sigma), density)
             scores += np.log(density / (SAMPLES * (SAMPLES - 1)) + _LEAST)
         return scores
 
@@ -124,10 +127,10 @@ def _weights(feature: FloatArray, sigma: FloatArray) -> tuple[NDArray[np.int64],
 
     The weights are those of a Gaussian that is wider by a bin, because a sample may lie anywhere in its bin.
     """
-    width = np.array([_DISTANCE, _ANGLE, _ANGLE, _ANGLE])
-    bins = np.array([_DISTANCE_BINS, *np.full(3, _ANGLE_BINS)])
+    width = np.array([DISTANCE, ANGLE, ANGLE, ANGLE])
+    bins = np.array([DISTANCE_BINS, *np.full(3, ANGLE_BINS)])
     middle, spread = feature / width + np.array([0.0, 0.5, 0.5, 0.5]), np.sqrt((sigma / width) ** 2 + 1.0 / 6.0)
-    middle[0] = min(middle[0], _DISTANCE_BINS - 0.5)
+    middle[0] = min(middle[0], DISTANCE_BINS - 0.5)
     low = np.clip(np.floor(middle - _REACH * spread), 0, bins - 1).astype(np.int64)
     high = np.clip(np.floor(middle + _REACH * spread), 0, bins - 1).astype(np.int64)
     weights = np.zeros((4, int((high - low).max()) + 1))
@@ -138,32 +141,3 @@ def _weights(feature: FloatArray, sigma: FloatArray) -> tuple[NDArray[np.int64],
         else:
             weights[a, : len(steps)] = 1.0
     return low, weights
-
-
-@njit(cache=True, nogil=True)
-def _count(points, normals, counts):  # type: ignore[no-untyped-def]
-    feature = np.empty(4)
-    for i in range(points.shape[0]):
-        for j in range(points.shape[0]):
-            if i == j:
-                continue
-            fill_feature(points[i], normals[i], points[j], normals[j], feature)
-            row = min(int(feature[0] / _DISTANCE), _DISTANCE_BINS - 1)
-            for a in range(1, 4):
-                row = row * _ANGLE_BINS + int(feature[a] / _ANGLE + 0.5)
-            counts[row] += 1
-
-
-@njit(cache=True, nogil=True)
-def _add_densities(first, objects, counts, low, weights, density):  # type: ignore[no-untyped-def]
-    most = weights.shape[1]
-    for d in range(most):
-        for a in range(most):
-            for b in range(most):
-                for c in range(most):
-                    weight = weights[0, d] * weights[1, a] * weights[2, b] * weights[3, c]
-                    if weight > 0.0:
-                        row = (low[0] + d) * _ANGLE_BINS + low[1] + a
-                        row = (row * _ANGLE_BINS + low[2] + b) * _ANGLE_BINS + low[3] + c
-                        for k in range(first[row], first[row + 1]):
-                            density[objects[k]] += weight * counts[k]

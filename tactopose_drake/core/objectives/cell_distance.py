@@ -6,12 +6,11 @@ Source: [B16] J. Bimbo, thesis, 2016, algorithm 5.3.
 from collections.abc import Sequence
 
 import numpy as np
-from numba import njit
 
-from tactopose_drake.core.kernels.pose_kernels import to_object
+from tactopose_drake.core.objectives.cell_distance_kernels import pad_costs
 from tactopose_drake.core.objectives.differenced import DifferencedObjective
 from tactopose_drake.core.sensing.patches import Patch
-from tactopose_drake.core.shape.point_grid import PointGrid, nearest_square
+from tactopose_drake.core.shape.point_grid import PointGrid
 from tactopose_drake.core.validation import FloatArray
 
 
@@ -31,18 +30,5 @@ class CellDistance(DifferencedObjective):
     def residuals(self, X_PO: FloatArray) -> FloatArray:
         """Residuals (B, k) of poses (B, 3, 4), m, with k pads that feel the object."""
         costs = np.empty((len(X_PO), len(self._arguments[-1]) - 1))
-        _pad_costs(*self._arguments, X_PO, costs)
+        pad_costs(*self._arguments, X_PO, costs)
         return np.sqrt(2.0 * costs)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _pad_costs(points, starts, seeds, origin, spacing, cells, ends, X_PO, costs):  # type: ignore[no-untyped-def]
-    """Mean squared distance of the cells ends[k] to ends[k + 1] to the cloud, m^2, into costs (B, k)."""
-    q = np.empty(3)
-    for b in range(X_PO.shape[0]):
-        for k in range(costs.shape[1]):
-            total = 0.0
-            for i in range(ends[k], ends[k + 1]):
-                to_object(X_PO[b], cells[i], q)
-                total += nearest_square(points, starts, seeds, origin, spacing, q[0], q[1], q[2])
-            costs[b, k] = total / (ends[k + 1] - ends[k])

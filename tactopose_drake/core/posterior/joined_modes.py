@@ -5,17 +5,10 @@ asked of the modes as they were sampled: often they are much wider than the curv
 """
 
 import numpy as np
-from numba import njit
 
-from tactopose_drake.core.kernels.matrix_kernels import cholesky, invert
-from tactopose_drake.core.kernels.pose_kernels import compose_one, increment_between
+from tactopose_drake.core.posterior.joining_kernels import join
 from tactopose_drake.core.posterior.mode_moments import Moments
 from tactopose_drake.core.validation import FloatArray
-
-# Means of one peak lie within so many standard deviations.
-_ONE_PEAK = 2.0
-# Minima of one mode are not turned by more than this, rad: beyond, an increment is no measure of how a mode spreads.
-_WIDEST_TURN = 1.5
 
 
 def join_overlapping(
@@ -41,65 +34,5 @@ def join_overlapping(
     """
     mass, joint = mass.copy(), Moments(*(moment.copy() for moment in moments))
     spread = spread - moments.first[:, :, None] * moments.first[:, None]
-    _join(X_PO, np.argsort(cost, kind="stable"), symmetry_poses, mass, spread, *joint)
+    join(X_PO, np.argsort(cost, kind="stable"), symmetry_poses, mass, spread, *joint)
     return mass, joint
-
-
-@njit(cache=True, nogil=True)
-def _join(X, order, symmetries, mass, spread, worth, first, second):  # type: ignore[no-untyped-def]
-    """Adds each mode to the nearest of those before it that it overlaps, and leaves it no mass.
-
-    With u the increment to its image, J the derivative of increments there by those from its own pose, m the means, P
-    the mean products, C the spreads and p its share of both masses, they overlap where d = u + J m' - m is short by the
-    spread p J C' J^T + (1 - p) C. The joint mean is m + p d, and P becomes (1 - p) P + p (J P' J^T + J m' u^T +
-    u (J m')^T + u u^T).
-    """
-    image, u, turn = np.empty((3, 4)), np.empty(6), np.empty((6, 6))
-    best_u, best_turn = np.empty(6), np.empty((6, 6))
-    L, information = np.empty((6, 6)), np.empty((6, 6))
-    for place in range(1, order.shape[0]):
-        j = order[place]
-        nearest, into = _ONE_PEAK**2, -1
-        for i in order[:place]:
-            if mass[i] == 0.0:
-                continue
-            p = mass[j] / (mass[i] + mass[j])
-            for s in range(symmetries.shape[0]):
-                compose_one(X[j], symmetries[s], image)
-                increment_between(X[i], image, u)
-                if u[0] ** 2 + u[1] ** 2 + u[2] ** 2 > _WIDEST_TURN**2:
-                    continue
-                _derivative(X[j], symmetries[s], turn)
-                d = u + turn @ first[j] - first[i]
-                cholesky(p * (turn @ spread[j] @ turn.T) + (1.0 - p) * spread[i], L)
-                invert(L, information)
-                square = d @ information @ d
-                if square < nearest:
-                    nearest, into = square, i
-                    best_u[:], best_turn[:] = u, turn
-        if into >= 0:
-            p = mass[j] / (mass[into] + mass[j])
-            turned, J = best_turn @ first[j], best_turn
-            d = best_u + turned - first[into]
-            across = np.outer(turned, best_u)
-            products = J @ second[j] @ J.T + across + across.T + np.outer(best_u, best_u)
-            first[into] += p * d
-            second[into] = (1.0 - p) * second[into] + p * products
-            spread[into] = (1.0 - p) * spread[into] + p * (J @ spread[j] @ J.T) + p * (1.0 - p) * np.outer(d, d)
-            worth[into] = 1.0 / ((1.0 - p) ** 2 / worth[into] + p**2 / worth[j])
-            mass[into] += mass[j]
-            mass[j] = 0.0
-
-
-@njit(cache=True, inline="always")
-def _derivative(X, S, J):  # type: ignore[no-untyped-def]
-    """Of the increments at X S by those (w, v) at X: they are (R_S^T w, v + R (w x p_S)), with X = (R, p)."""
-    J[:] = 0.0
-    for i in range(3):
-        x, y, z = X[i, 0], X[i, 1], X[i, 2]
-        J[3 + i, 0] = z * S[1, 3] - y * S[2, 3]
-        J[3 + i, 1] = x * S[2, 3] - z * S[0, 3]
-        J[3 + i, 2] = y * S[0, 3] - x * S[1, 3]
-        J[3 + i, 3 + i] = 1.0
-        for k in range(3):
-            J[i, k] = S[k, i]

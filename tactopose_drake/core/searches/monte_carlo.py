@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from tactopose_drake.core.objectives.objective import LeastSquaresObjective
 from tactopose_drake.core.searches.initial_population import near_particles, scattered_particles
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
-from tactopose_drake.core.searches.roulette import breed, mark_different, place, weigh
+from tactopose_drake.core.searches.roulette_kernels import breed, mark_different, place, weigh
 from tactopose_drake.core.searches.search import PoseSpace, SearchResult, StopSignal, join_results, never
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError

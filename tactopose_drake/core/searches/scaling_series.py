@@ -6,12 +6,12 @@ Source: [P11] A. Petrovskaya and O. Khatib, Global localization of objects via t
 import dataclasses
 
 import numpy as np
-from numba import njit
 
 from tactopose_drake.core.kernels import pose_kernels
 from tactopose_drake.core.objectives.objective import LeastSquaresObjective
 from tactopose_drake.core.searches.candidates import refine_best
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
+from tactopose_drake.core.searches.region_kernels import mark_first
 from tactopose_drake.core.searches.search import PoseSpace, SearchResult, StopSignal, never
 from tactopose_drake.core.validation import FloatArray
 
@@ -101,26 +101,3 @@ def _in_ball(generator: np.random.Generator, count: int) -> FloatArray:
     direction = generator.normal(size=(count, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     return direction * np.cbrt(generator.random((count, 1)))
-
-
-@njit(cache=True, nogil=True)
-def mark_first(X_region, samples, per_region, radii, first):  # type: ignore[no-untyped-def]
-    """Marks, of the samples of each region, those that no earlier region holds: the cover stays even."""
-    trace, way = 1.0 + 2.0 * np.cos(min(radii[0], np.pi)), radii[1]
-    for b in range(len(samples)):
-        Y = samples[b]
-        first[b] = True
-        for a in range(b // per_region):
-            X = X_region[a]
-            square = 0.0
-            for i in range(3):
-                square += (X[i, 3] - Y[i, 3]) ** 2
-            if square >= way * way:
-                continue
-            dot = 0.0
-            for i in range(3):
-                for j in range(3):
-                    dot += X[i, j] * Y[i, j]
-            if dot > trace:
-                first[b] = False
-                break

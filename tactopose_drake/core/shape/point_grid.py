@@ -6,10 +6,10 @@ The cells of a column along z lie one after another, so the points in any part o
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
+from tactopose_drake.core.shape.point_grid_kernels import nearest_squares
 from tactopose_drake.core.validation import FloatArray, finite_array
 from tactopose_drake.errors import InvalidInputError
 
@@ -46,7 +46,7 @@ class PointGrid:
         """Distances, shape (n,), m, from points p_OQ, shape (n, 3), m, to the nearest point of the cloud."""
         queries = finite_array("p_OQ", p_OQ, (None, 3))
         squares = np.empty(len(queries))
-        _nearest_squares(*self.arguments, queries, squares)
+        nearest_squares(*self.arguments, queries, squares)
         return np.sqrt(squares)
 
 
@@ -79,50 +79,3 @@ def build_point_grid(points: ArrayLike) -> PointGrid:
     for array in arrays:
         array.setflags(write=False)
     return PointGrid(*arrays, spacing)
-
-
-@njit(cache=True, inline="always")
-def slot_of(x, origin, inverse_spacing, count):  # type: ignore[no-untyped-def]
-    """The cell that x is in along one axis, or the nearest one."""
-    return int(min(max((x - origin) * inverse_spacing, 0.0), count - 1.0))
-
-
-@njit(cache=True, error_model="numpy")
-def nearest_square(points, starts, seeds, origin, spacing, x, y, z):  # type: ignore[no-untyped-def]
-    """The squared distance, m^2, from (x, y, z) to the nearest point.
-
-    The seed of the nearest cell bounds it; the columns that reach into the ball of that radius are gone through.
-    """
-    nx, ny, nz = seeds.shape
-    inverse = 1.0 / spacing
-    seed = seeds[
-        slot_of(x, origin[0], inverse, nx), slot_of(y, origin[1], inverse, ny), slot_of(z, origin[2], inverse, nz)
-    ]
-    best = (points[seed, 0] - x) ** 2 + (points[seed, 1] - y) ** 2 + (points[seed, 2] - z) ** 2
-    reach = np.sqrt(best)
-    for i in range(slot_of(x - reach, origin[0], inverse, nx), slot_of(x + reach, origin[0], inverse, nx) + 1):
-        edge = origin[0] + i * spacing
-        gap_x = max(edge - x, x - edge - spacing, 0.0)
-        if gap_x * gap_x >= best:
-            continue
-        half = np.sqrt(best - gap_x * gap_x)
-        for j in range(slot_of(y - half, origin[1], inverse, ny), slot_of(y + half, origin[1], inverse, ny) + 1):
-            edge = origin[1] + j * spacing
-            gap_y = max(edge - y, y - edge - spacing, 0.0)
-            rest = best - gap_x * gap_x - gap_y * gap_y
-            if rest <= 0.0:
-                continue
-            half = np.sqrt(rest)
-            column = (i * ny + j) * nz
-            first = starts[column + slot_of(z - half, origin[2], inverse, nz)]
-            for n in range(first, starts[column + slot_of(z + half, origin[2], inverse, nz) + 1]):
-                square = (points[n, 0] - x) ** 2 + (points[n, 1] - y) ** 2 + (points[n, 2] - z) ** 2
-                best = min(best, square)
-    return best
-
-
-@njit(cache=True)
-def _nearest_squares(points, starts, seeds, origin, spacing, queries, squares):  # type: ignore[no-untyped-def]
-    """`nearest_square` of each query (n, 3), into squares (n,)."""
-    for n in range(queries.shape[0]):
-        squares[n] = nearest_square(points, starts, seeds, origin, spacing, queries[n, 0], queries[n, 1], queries[n, 2])

@@ -13,11 +13,10 @@ Source: [P75] B. T. Phong, Illumination for computer generated pictures, Commun.
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from tactopose_drake.core.shape.distance_transform import closest_weights
+from tactopose_drake.core.shape.normal_kernels import average_around_vertices, interpolate
 from tactopose_drake.core.validation import FloatArray
 
 CREASE = math.radians(30.0)
@@ -55,7 +54,7 @@ def smooth_normals(
     blur = max(min(BLUR, _WALL_SHARE * wall) / spacing, _LEAST_CELLS)
     spread_length = _blurred_length(values, blur)
     corners = corner_normals(vertices, faces, packed[:, 12:15], math.cos(CREASE))
-    _interpolate(values, packed, nearest, corners, origin, spacing, math.cos(0.5 * CREASE))
+    interpolate(values, packed, nearest, corners, origin, spacing, math.cos(0.5 * CREASE))
     for axis in range(1, 4):
         values[..., axis] = gaussian_filter(values[..., axis], blur, mode="nearest")
     length = np.sqrt(np.einsum("ijkc,ijkc->ijk", values[..., 1:], values[..., 1:]))
@@ -83,47 +82,5 @@ def corner_normals(
     order = np.argsort(flat, kind="stable")
     first = np.searchsorted(flat[order], np.arange(len(vertices) + 1))
     normals = np.empty((len(faces), 3, 3))
-    _average_around_vertices(order, first, np.ascontiguousarray(face_normals), angles, crease_cosine, normals)
+    average_around_vertices(order, first, np.ascontiguousarray(face_normals), angles, crease_cosine, normals)
     return normals
-
-
-@njit(cache=True)
-def _average_around_vertices(order, first, face_normals, angles, crease_cosine, normals):  # type: ignore[no-untyped-def]
-    """For each corner, the mean of its vertex's face normals, weighted by angle, leaving out those across a crease."""
-    for vertex in range(len(first) - 1):
-        for a in range(first[vertex], first[vertex + 1]):
-            face, corner = order[a] // 3, order[a] % 3
-            x, y, z = 0.0, 0.0, 0.0
-            n = face_normals[face]
-            for b in range(first[vertex], first[vertex + 1]):
-                m = face_normals[order[b] // 3]
-                if n[0] * m[0] + n[1] * m[1] + n[2] * m[2] > crease_cosine:
-                    weight = angles[order[b] // 3, order[b] % 3]
-                    x, y, z = x + weight * m[0], y + weight * m[1], z + weight * m[2]
-            length = np.sqrt(x * x + y * y + z * z)
-            normals[face, corner, 0], normals[face, corner, 1], normals[face, corner, 2] = (
-                x / length,
-                y / length,
-                z / length,
-            )
-
-
-@njit(cache=True)
-def _interpolate(values, packed, nearest, corners, origin, spacing, cosine):  # type: ignore[no-untyped-def]
-    """Puts the interpolated normal of the closest point where the gradient points the same way.
-
-    Beside a crease the gradient fans out between the two faces, as the normal of a contact on the edge does: it stays.
-    """
-    nx, ny, nz = nearest.shape
-    for i in range(nx):
-        for j in range(ny):
-            for k in range(nz):
-                face = nearest[i, j, k]
-                v, w = closest_weights(
-                    packed[face], origin[0] + i * spacing, origin[1] + j * spacing, origin[2] + k * spacing
-                )
-                n = (1.0 - v - w) * corners[face, 0] + v * corners[face, 1] + w * corners[face, 2]
-                length = np.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
-                g = values[i, j, k]
-                if n[0] * g[1] + n[1] * g[2] + n[2] * g[3] > cosine * length:
-                    g[1], g[2], g[3] = n[0] / length, n[1] / length, n[2] / length

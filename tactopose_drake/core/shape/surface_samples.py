@@ -12,9 +12,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from tactopose_drake.core.shape.sampling_kernels import triangle_curve
 from tactopose_drake.core.validation import FloatArray
 
 CANDIDATES_PER_SAMPLE = 4
@@ -68,7 +68,7 @@ def points_along_surface(
     along = (np.arange(count) + 0.5) * (ends[-1] / count)
     face = np.minimum(np.searchsorted(ends, along, side="right"), len(faces) - 1)
     share = np.clip(1.0 - (ends[face] - along) / twice_area[face], 0.0, 1.0 - 1e-12)
-    points = np.einsum("nc,ncd->nd", _triangle_curve(share), triangles[face])
+    points = np.einsum("nc,ncd->nd", triangle_curve(share), triangles[face])
     return points, cross[face] / twice_area[face, None], 0.5 * float(ends[-1]) / count
 
 
@@ -82,36 +82,6 @@ def _spatial_order(points: FloatArray, bits: int = 10) -> NDArray[np.intp]:
         for axis in range(3):
             code |= ((cell[:, axis] >> bit) & 1) << (3 * bit + axis)
     return np.argsort(code, kind="stable")
-
-
-@njit(cache=True, nogil=True)
-def _triangle_curve(share, depth=12):  # type: ignore[no-untyped-def]
-    """Barycentric weights (n, 3) of the points at the given shares, in [0, 1), of a triangle's area.
-
-    Each base-4 digit of the share picks one of the four sub-triangles [B15]: three keep a corner, one is turned.
-    """
-    weights, corners, opposite = np.empty((len(share), 3)), np.empty((3, 3)), np.empty((3, 3))
-    for n in range(len(share)):
-        rest = share[n]
-        corners[:] = np.eye(3)
-        for _ in range(depth):
-            rest *= 4.0
-            digit = int(rest)
-            rest -= digit
-            for a in range(3):
-                total = corners[0, a] + corners[1, a] + corners[2, a]
-                for c in range(3):
-                    opposite[c, a] = 0.5 * (total - corners[c, a])
-            if digit == 3:
-                corners[:] = opposite
-            else:
-                for a in range(3):
-                    kept = corners[digit, a]
-                    for c in range(3):
-                        corners[c, a] = 0.5 * (kept + corners[c, a])
-        for a in range(3):
-            weights[n, a] = (corners[0, a] + corners[1, a] + corners[2, a]) / 3.0
-    return weights
 
 
 def _spread(candidates: FloatArray) -> NDArray[np.intp]:

@@ -16,10 +16,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from tactopose_drake.core.shape.surface_samples import points_along_surface
+from tactopose_drake.core.shape.surfel_kernels import BLOCK, densities
 from tactopose_drake.core.validation import FloatArray
 
 MAX_SURFELS = 250_000
@@ -30,10 +30,6 @@ _SPACING_SHARE = 1.3
 _POINTS_PER_DISC = 9
 _FLAT = 0.92  # The mean of a disc's normals is at least so long: they differ by some 20 degrees.
 _CELL_SHARE = 3.4  # A cell's width in the same: a contact's surroundings lie in few long runs.
-_BLOCK = 16  # So many discs are reckoned at once.
-_REACH = 3.8  # Discs count within so many standard deviations.
-_MOST = 24.0  # No disc counts for less than the exponential of minus this.
-_LEAST = 1e-9  # The density far from the surface, as a share of that on it.
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +38,7 @@ class Surfels:
 
     Attributes:
         discs: centre in O, m; outward unit normal; area, m^2; variance of its points along each axis of its plane, m^2;
-            variance of its normals about each, rad^2; shape (9, n + _BLOCK), the last of which are none, of area 0.
+            variance of its normals about each, rad^2; shape (9, n + BLOCK), the last of which are none, of area 0.
         first: the number of discs in the cells before each, shape (cells + 1,); cells along z lie next to each other.
         origin: the first cell's lower corner, shape (3,), m.
         cell: a cell's width, m.
@@ -91,7 +87,7 @@ def make_surfels(vertices: FloatArray, faces: NDArray[np.int32], area: float, sp
     nx, ny, nz = (int(n) for n in index.max(axis=0) + 1)
     key = (index[:, 0] * ny + index[:, 1]) * nz + index[:, 2]
     order = np.argsort(key, kind="stable")
-    discs = np.concatenate([discs[order].T, np.zeros((9, _BLOCK))], axis=1).astype(np.float32)
+    discs = np.concatenate([discs[order].T, np.zeros((9, BLOCK))], axis=1).astype(np.float32)
     first = np.searchsorted(key[order], np.arange(nx * ny * nz + 1)).astype(np.int32)
     for array in (discs, first, origin):
         array.setflags(write=False)
@@ -125,7 +121,7 @@ def contact_densities(
         X_PO: poses, shape (B, 3, 4).
         cost: the result.
     """
-    _densities(
+    densities(
         surfels.discs,
         surfels.first,
         surfels.origin,
@@ -139,79 +135,3 @@ def contact_densities(
         X_PO,
         cost,
     )
-
-
-@njit(cache=True, inline="always")
-def _exp_minus(x):  # type: ignore[no-untyped-def]
-    """exp(-x) of a float32, to a thousandth where 0 <= x < 8 and a quarter up to 24: the library's takes twice as long.
-
-    The sixteenth power of a short series for exp(x / 16).
-    """
-    y, one = x * np.float32(1.0 / 16.0), np.float32(1.0)
-    third = np.float32(1.0 / 6.0) + y * (np.float32(1.0 / 24.0) + y * np.float32(1.0 / 120.0))
-    power = one + y * (one + y * (np.float32(0.5) + y * third))
-    power = power * power
-    power = power * power
-    power = power * power
-    power = power * power
-    return one / power
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _densities(  # type: ignore[no-untyped-def]
-    discs, first, origin, per_cell, shape, p, n, sigma, weight_n, spacing, X, cost
-):
-    """Each number of the discs is an array by itself, read by unsigned offsets, which need no check of their sign, and
-    in whole blocks: what of a run's last block lies behind its end counts for nothing.
-    """
-    x_disc, y_disc, z_disc, x_normal, y_normal, z_normal = discs[0], discs[1], discs[2], discs[3], discs[4], discs[5]
-    area, spread, roughness = discs[6], discs[7], discs[8]
-    q, m, shares = np.empty(3), np.empty(3), np.empty(_BLOCK, dtype=np.float32)
-    low, high = np.empty(3, dtype=np.int64), np.empty(3, dtype=np.int64)
-    one, half = np.float32(1.0), np.float32(0.5)
-    most = np.float32(_MOST)
-    for b in range(X.shape[0]):
-        total = 0.0
-        for i in range(p.shape[0]):
-            reach = _REACH * sigma[i] + 0.5 * spacing
-            x, y, z = p[i, 0] - X[b, 0, 3], p[i, 1] - X[b, 1, 3], p[i, 2] - X[b, 2, 3]
-            empty = False
-            for a in range(3):
-                q[a] = X[b, 0, a] * x + X[b, 1, a] * y + X[b, 2, a] * z
-                m[a] = X[b, 0, a] * n[i, 0] + X[b, 1, a] * n[i, 1] + X[b, 2, a] * n[i, 2]
-                low[a] = max(0, int(np.floor((q[a] - reach - origin[a]) * per_cell)))
-                high[a] = min(shape[a] - 1, int(np.floor((q[a] + reach - origin[a]) * per_cell)))
-                empty = empty or high[a] < low[a]
-            for j in range(_BLOCK):
-                shares[j] = 0.0
-            if not empty:
-                q0, q1, q2 = np.float32(q[0]), np.float32(q[1]), np.float32(q[2])
-                m0, m1, m2 = np.float32(m[0]), np.float32(m[1]), np.float32(m[2])
-                variance, per_across = np.float32(sigma[i] ** 2), np.float32(0.5 / sigma[i] ** 2)
-                per_normal = np.float32(weight_n[i] ** 2)
-                for a in range(low[0], high[0] + 1):
-                    for c in range(low[1], high[1] + 1):
-                        row = (a * shape[1] + c) * shape[2]
-                        begin = np.uintp(first[row + low[2]])
-                        count = np.uintp(first[row + high[2] + 1]) - begin
-                        for block in range(np.uintp(0), count, np.uintp(_BLOCK)):
-                            for j in range(np.uintp(_BLOCK)):
-                                k = begin + block + np.uintp(j)
-                                dx, dy, dz = q0 - x_disc[k], q1 - y_disc[k], q2 - z_disc[k]
-                                d = dx * x_normal[k] + dy * y_normal[k] + dz * z_normal[k]
-                                square = dx * dx + dy * dy + dz * dz - d * d
-                                # One division for both factors.
-                                wider, rougher = variance + spread[k], one + per_normal * roughness[k]
-                                both = one / (wider * rougher)
-                                exponent = per_across * d * d + half * rougher * both * square
-                                # Half the squared difference of unit vectors is one minus their product.
-                                turned = one - (m0 * x_normal[k] + m1 * y_normal[k] + m2 * z_normal[k])
-                                exponent += per_normal * wider * both * turned
-                                # Without a branch, which would part the block.
-                                share = area[k] * both * _exp_minus(min(exponent, most))
-                                shares[j] += share if block + np.uintp(j) < count else np.float32(0.0)
-            density = np.float32(0.0)
-            for j in range(_BLOCK):
-                density += shares[j]
-            total -= np.log(density / (2.0 * np.pi) + _LEAST)
-        cost[b] = total

@@ -14,12 +14,12 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
-from numba import njit
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.poses import exp_so3, make_poses
-from tactopose_drake.core.shape.distance_transform import closest_weights, pack_triangles
+from tactopose_drake.core.shape.distance_transform import pack_triangles
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.synthetic.rolling_kernels import nearest_points
 from tactopose_drake.core.validation import FloatArray
 
 
@@ -124,31 +124,8 @@ class RollingTouch:
         R, p = self.X_PO[:, :3], self.X_PO[:, 3]
         q = np.ascontiguousarray((self.p_PF - p) @ R)
         nearest = np.empty_like(q)
-        _nearest_points(self._packed, self._middle, self._reach, q, nearest)
+        nearest_points(self._packed, self._middle, self._reach, q, nearest)
         away = q - nearest
         n_O = away / np.linalg.norm(away, axis=1, keepdims=True)
         self.p_PC, self.n_PC = nearest @ R.T + p, n_O @ R.T
         self.p_PF = self.p_PC + self._radius * self.n_PC
-
-
-@njit(cache=True)
-def _nearest_points(packed, middle, reach, q, nearest):  # type: ignore[no-untyped-def]
-    """The mesh's points (k, 3) that are nearest to the points q (k, 3); faces out of reach are passed over."""
-    for i in range(q.shape[0]):
-        least = np.inf
-        for f in range(packed.shape[0]):
-            far = 0.0
-            for a in range(3):
-                far += (q[i, a] - middle[f, a]) ** 2
-            bound = least + reach[f]
-            if far >= bound * bound:
-                continue
-            t = packed[f]
-            v, w = closest_weights(t, q[i, 0], q[i, 1], q[i, 2])
-            square = 0.0
-            for a in range(3):
-                square += (q[i, a] - t[a] - v * t[3 + a] - w * t[6 + a]) ** 2
-            if square < least * least:
-                least = np.sqrt(square)
-                for a in range(3):
-                    nearest[i, a] = t[a] + v * t[3 + a] + w * t[6 + a]

@@ -9,14 +9,7 @@ from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.objectives.objective import SumObjective
 from tactopose_drake.core.objectives.patch_contact import PatchCells, PatchContact
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
-from tactopose_drake.core.poses import (
-    exp_so3,
-    increments_between,
-    inverse,
-    make_poses,
-    retract,
-    transform_points,
-)
+from tactopose_drake.core.poses import exp_so3, increments_between, inverse, make_poses, retract, transform_points
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
 from tactopose_drake.core.sensing.patches import Patch, describe_patch
 from tactopose_drake.core.shape.object_model import ObjectModel

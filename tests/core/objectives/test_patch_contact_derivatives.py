@@ -2,12 +2,7 @@ import numpy as np
 import pytest
 
 from tactopose_drake.core.objectives.patch_contact import PatchCells, PatchContact
-from tactopose_drake.core.poses import (
-    exp_so3,
-    make_poses,
-    retract,
-    transform_points,
-)
+from tactopose_drake.core.poses import exp_so3, make_poses, retract, transform_points
 from tactopose_drake.core.sensing.patches import describe_patch
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.synthetic.synthetic_patch import flat_pad

@@ -3,12 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from tactopose_drake.core.poses import (
-    exp_so3,
-    identity_poses,
-    make_poses,
-    retract,
-)
+from tactopose_drake.core.poses import exp_so3, identity_poses, make_poses, retract
 from tactopose_drake.core.posterior.hypotheses import determined_part, find_modes, free_directions
 from tactopose_drake.core.searches.search import SearchResult
 

@@ -13,7 +13,7 @@ from tactopose_drake.core.searches.initial_population import (
 )
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
 from tactopose_drake.core.searches.monte_carlo import MonteCarlo, MonteCarloDesign, noise_schedule
-from tactopose_drake.core.searches.roulette import (
+from tactopose_drake.core.searches.roulette_kernels import (
     bisect_from_end,
     breed,
     count_from_end,

@@ -9,14 +9,7 @@ from tactopose_drake.core.evidence.prior import PosePrior
 from tactopose_drake.core.objectives.objective import SumObjective
 from tactopose_drake.core.objectives.pose_prior import PriorObjective
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
-from tactopose_drake.core.poses import (
-    compose,
-    make_poses,
-    random_rotations,
-    retract,
-    rotation_angles,
-    transform_points,
-)
+from tactopose_drake.core.poses import compose, make_poses, random_rotations, retract, rotation_angles, transform_points
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
 from tactopose_drake.core.searches.pair_search import PairSearch
 from tactopose_drake.core.searches.search import PriorSpace, SearchResult

@@ -3,7 +3,7 @@ import pytest
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.searches.pairs.contact_tables import contact_table
-from tactopose_drake.core.searches.pairs.pair_poses import coarse_cost
+from tactopose_drake.core.searches.pairs.pair_pose_kernels import coarse_cost
 from tactopose_drake.core.shape.coarse_field import CoarseField, coarsen
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.synthetic.synthetic_touch import random_surface_points

@@ -4,13 +4,8 @@ import trimesh
 
 from tactopose_drake.core.poses import compose, make_poses, random_rotations, transform_points
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.shape.pair_features import (
-    PairFeatures,
-    build_pair_features,
-    find_matches,
-    fundamental_points,
-    pair_feature,
-)
+from tactopose_drake.core.shape.pair_feature_kernels import find_matches
+from tactopose_drake.core.shape.pair_features import PairFeatures, build_pair_features, fundamental_points, pair_feature
 
 NO_SYMMETRY = np.eye(3, 4)[None]
 

@@ -3,12 +3,7 @@ import pytest
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.poses import compose, exp_so3, make_poses
-from tactopose_drake.core.tracking.object_motion import (
-    MotionNoise,
-    move_freely,
-    move_with_fingertips,
-    move_with_palm,
-)
+from tactopose_drake.core.tracking.object_motion import MotionNoise, move_freely, move_with_fingertips, move_with_palm
 from tactopose_drake.errors import InvalidInputError
 from tests.core.tracking.boxes import n_OC, p_OC
 

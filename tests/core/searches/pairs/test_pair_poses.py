@@ -4,7 +4,8 @@ import pytest
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.poses import compose, make_poses, random_rotations, rotation_angles, transform_points
 from tactopose_drake.core.searches.pairs.contact_tables import contact_table
-from tactopose_drake.core.searches.pairs.pair_poses import MatchedPairs, best_poses, coarse_cost
+from tactopose_drake.core.searches.pairs.pair_pose_kernels import coarse_cost
+from tactopose_drake.core.searches.pairs.pair_poses import MatchedPairs, best_poses
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.shape.symmetry import RotationalSymmetry
 

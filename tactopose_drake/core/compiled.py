@@ -1,0 +1,150 @@
+"""How inner loops are compiled: by numba, each for one signature, which its annotations say.
+
+A function under `@kernel` is compiled when it is first called, for the types of its annotations and for no others, and
+cached on disk. So each kernel exists once. Arrays that it reads may be writable or read-only; all are contiguous in C's
+order. What does not fit is refused rather than compiled anew. The arithmetic is IEEE's, in the order of the source: no
+sums are reordered and no products fused, so equal arguments give equal bits, whatever was compiled before.
+
+    @kernel
+    def retract(X: Floats3, increment: Floats2, out: OutFloats3) -> None: ...
+
+A function under `@inlined` becomes part of its callers, for whatever types they have.
+"""
+
+import functools
+import hashlib
+import inspect
+import typing
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple, TypeAlias, TypeVar
+
+import numba
+import numpy as np
+from numba.core import types
+from numba.core.registry import CPUDispatcher
+from numpy.typing import NDArray
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+class _Array(NamedTuple):
+    """What an annotation says of an array beyond its type in Python."""
+
+    dtype: types.Number
+    dimensions: int
+    written: bool
+
+    def type(self) -> types.Array:
+        return types.Array(self.dtype, self.dimensions, "C", readonly=not self.written)
+
+
+_Doubles: TypeAlias = NDArray[np.float64]
+_Singles: TypeAlias = NDArray[np.float32]
+_Longs: TypeAlias = NDArray[np.int64]
+
+# Arrays that a kernel reads, by the type of their numbers and how many axes they have ...
+Floats1: TypeAlias = Annotated[_Doubles, _Array(types.float64, 1, False)]
+Floats2: TypeAlias = Annotated[_Doubles, _Array(types.float64, 2, False)]
+Floats3: TypeAlias = Annotated[_Doubles, _Array(types.float64, 3, False)]
+Floats4: TypeAlias = Annotated[_Doubles, _Array(types.float64, 4, False)]
+Singles1: TypeAlias = Annotated[_Singles, _Array(types.float32, 1, False)]
+Singles2: TypeAlias = Annotated[_Singles, _Array(types.float32, 2, False)]
+Singles3: TypeAlias = Annotated[_Singles, _Array(types.float32, 3, False)]
+Singles4: TypeAlias = Annotated[_Singles, _Array(types.float32, 4, False)]
+Longs1: TypeAlias = Annotated[_Longs, _Array(types.int64, 1, False)]
+Longs2: TypeAlias = Annotated[_Longs, _Array(types.int64, 2, False)]
+Ints1: TypeAlias = Annotated[NDArray[np.int32], _Array(types.int32, 1, False)]
+Ints2: TypeAlias = Annotated[NDArray[np.int32], _Array(types.int32, 2, False)]
+Ints3: TypeAlias = Annotated[NDArray[np.int32], _Array(types.int32, 3, False)]
+Shorts2: TypeAlias = Annotated[NDArray[np.int16], _Array(types.int16, 2, False)]
+Shorts3: TypeAlias = Annotated[NDArray[np.int16], _Array(types.int16, 3, False)]
+Bytes2: TypeAlias = Annotated[NDArray[np.int8], _Array(types.int8, 2, False)]
+UnsignedBytes2: TypeAlias = Annotated[NDArray[np.uint8], _Array(types.uint8, 2, False)]
+Flags1: TypeAlias = Annotated[NDArray[np.bool_], _Array(types.boolean, 1, False)]
+# ... and those that it writes.
+OutFloats1: TypeAlias = Annotated[_Doubles, _Array(types.float64, 1, True)]
+OutFloats2: TypeAlias = Annotated[_Doubles, _Array(types.float64, 2, True)]
+OutFloats3: TypeAlias = Annotated[_Doubles, _Array(types.float64, 3, True)]
+OutFloats4: TypeAlias = Annotated[_Doubles, _Array(types.float64, 4, True)]
+OutSingles1: TypeAlias = Annotated[_Singles, _Array(types.float32, 1, True)]
+OutSingles2: TypeAlias = Annotated[_Singles, _Array(types.float32, 2, True)]
+OutSingles3: TypeAlias = Annotated[_Singles, _Array(types.float32, 3, True)]
+OutSingles4: TypeAlias = Annotated[_Singles, _Array(types.float32, 4, True)]
+OutLongs1: TypeAlias = Annotated[_Longs, _Array(types.int64, 1, True)]
+OutInts1: TypeAlias = Annotated[NDArray[np.int32], _Array(types.int32, 1, True)]
+OutInts2: TypeAlias = Annotated[NDArray[np.int32], _Array(types.int32, 2, True)]
+OutInts3: TypeAlias = Annotated[NDArray[np.int32], _Array(types.int32, 3, True)]
+OutShorts2: TypeAlias = Annotated[NDArray[np.int16], _Array(types.int16, 2, True)]
+OutUnsignedBytes2: TypeAlias = Annotated[NDArray[np.uint8], _Array(types.uint8, 2, True)]
+OutFlags1: TypeAlias = Annotated[NDArray[np.bool_], _Array(types.boolean, 1, True)]
+
+
+def numba_type(annotation: Any) -> types.Type:
+    """The numba type that an annotation stands for.
+
+    Raises:
+        TypeError: an annotation that stands for none.
+    """
+    for said in getattr(annotation, "__metadata__", ()):
+        if isinstance(said, _Array):
+            return said.type()
+    plain = {float: types.float64, int: types.int64, bool: types.boolean}
+    if annotation in plain:
+        return plain[annotation]
+    if typing.get_origin(annotation) is tuple:
+        return types.Tuple([numba_type(item) for item in typing.get_args(annotation)])
+    if isinstance(annotation, type) and issubclass(annotation, tuple) and hasattr(annotation, "_fields"):
+        hints = typing.get_type_hints(annotation, include_extras=True)
+        return types.NamedTuple([numba_type(hints[name]) for name in annotation._fields], annotation)
+    raise TypeError(f"{annotation}: stands for no type of a kernel's argument.")
+
+
+class Kernel(CPUDispatcher):
+    """A function that is compiled for the one signature that its annotations say."""
+
+    @functools.cached_property
+    def declared(self) -> tuple[types.Type, ...]:
+        """The types of the arguments."""
+        hints = typing.get_type_hints(self.py_func, include_extras=True)
+        return tuple(numba_type(hints[name]) for name in inspect.signature(self.py_func).parameters)
+
+    def make_ready(self) -> None:
+        """Compiles it, or loads it from the cache on disk; later calls do nothing."""
+        if self._can_compile:
+            self.compile(self.declared)
+            self.disable_compile()
+
+    def _compile_for_args(self, *args: Any, **kws: Any) -> Any:
+        """What numba asks for at the first call: what to call with these arguments."""
+        self.make_ready()
+        return self
+
+    def get_call_template(self, args: Any, kws: Any) -> Any:
+        """What numba asks for when another kernel calls this one."""
+        self.make_ready()
+        return super().get_call_template(args, kws)
+
+
+def kernel(function: Function) -> Function:
+    """Compiles a function for the types of its annotations, at its first call."""
+    compiled = Kernel(py_func=function, targetoptions={"nopython": True, "nogil": True, "error_model": "numpy"})
+    compiled.enable_caching()
+    # The cache looks at the file of the function alone; but what it calls is compiled into it.
+    cached = compiled._cache._cache_file
+    cached._source_stamp = (cached._source_stamp, _fingerprint())
+    return typing.cast(Function, compiled)
+
+
+def inlined(function: Function) -> Function:
+    """Makes a function part of the kernels that call it, for the types that they give it."""
+    inline: Function = numba.njit(function, inline="always", error_model="numpy")
+    return inline
+
+
+@functools.cache
+def _fingerprint() -> bytes:
+    """Of the sources of all kernels."""
+    core = Path(__file__).parent
+    sources = sorted([Path(__file__), *core.rglob("*_kernels.py")])
+    return hashlib.blake2b(b"".join(path.read_bytes() for path in sources), digest_size=16).digest()

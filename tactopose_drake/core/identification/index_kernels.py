@@ -1,0 +1,40 @@
+"""Counts of pair features, and the densities of contacts among them."""
+
+import numpy as np
+from numba import njit
+
+from tactopose_drake.core.shape.pair_feature_kernels import fill_feature
+
+DISTANCE = 0.004  # A bin's width, m.
+DISTANCE_BINS = 256  # The last holds all longer distances too.
+ANGLE = np.pi / 12.0  # Likewise, rad.
+ANGLE_BINS = 13  # The middles of the first and the last are 0 and pi: right angles are not on a border.
+
+
+@njit(cache=True, nogil=True)
+def count_features(points, normals, counts):  # type: ignore[no-untyped-def]
+    feature = np.empty(4)
+    for i in range(points.shape[0]):
+        for j in range(points.shape[0]):
+            if i == j:
+                continue
+            fill_feature(points[i], normals[i], points[j], normals[j], feature)
+            row = min(int(feature[0] / DISTANCE), DISTANCE_BINS - 1)
+            for a in range(1, 4):
+                row = row * ANGLE_BINS + int(feature[a] / ANGLE + 0.5)
+            counts[row] += 1
+
+
+@njit(cache=True, nogil=True)
+def add_densities(first, objects, counts, low, weights, density):  # type: ignore[no-untyped-def]
+    most = weights.shape[1]
+    for d in range(most):
+        for a in range(most):
+            for b in range(most):
+                for c in range(most):
+                    weight = weights[0, d] * weights[1, a] * weights[2, b] * weights[3, c]
+                    if weight > 0.0:
+                        row = (low[0] + d) * ANGLE_BINS + low[1] + a
+                        row = (row * ANGLE_BINS + low[2] + b) * ANGLE_BINS + low[3] + c
+                        for k in range(first[row], first[row + 1]):
+                            density[objects[k]] += weight * counts[k]

@@ -1,0 +1,119 @@
+"""What of the surface lies in front of a tactile pad, and how its covariance fits the felt one."""
+
+import numpy as np
+from numba import njit
+
+from tactopose_drake.core.kernels.pose_kernels import to_object
+from tactopose_drake.core.shape.point_grid_kernels import nearest_square, slot_of
+
+
+@njit(cache=True, inline="always")
+def _place(X, X_PB, lower, upper, centroid, R, p, c, low, high):  # type: ignore[no-untyped-def]
+    """A box seen from the object at the pose X: R = R_OB, p = p_OB, and the corners, along O's axes, of what holds it.
+
+    c is the patch's centroid in B.
+    """
+    for a in range(3):
+        p[a] = 0.0
+        for e in range(3):
+            p[a] += X[e, a] * (X_PB[e, 3] - X[e, 3])
+            R[a, e] = X[0, a] * X_PB[0, e] + X[1, a] * X_PB[1, e] + X[2, a] * X_PB[2, e]
+    for a in range(3):
+        middle, reach, c[a] = p[a], 0.0, 0.0
+        for e in range(3):
+            middle += R[a, e] * 0.5 * (lower[e] + upper[e])
+            reach += abs(R[a, e]) * 0.5 * (upper[e] - lower[e])
+            c[a] += X_PB[e, a] * (centroid[e] - X_PB[e, 3])
+        low[a], high[a] = middle - reach, middle + reach
+
+
+@njit(cache=True, inline="always")
+def _overlap(low, high, origin, spacing, shape):  # type: ignore[no-untyped-def]
+    """Whether the axis-parallel box from low to high meets the grid."""
+    meet = True
+    for a in range(3):
+        meet = meet and high[a] >= origin[a] and low[a] <= origin[a] + shape[a] * spacing
+    return meet
+
+
+@njit(cache=True, error_model="numpy")
+def _gather(  # type: ignore[no-untyped-def]
+    points, starts, shape, origin, spacing, R, p, c, low, high, lower, upper, first, second
+):
+    """The moments about c of the points in the box: their number, depth below z = 0, and least square distance from c.
+
+    Their sum goes into first (3,), the lower triangle of the sum of their products into second (3, 3).
+    """
+    count, depth, nearest = 0, 0.0, np.inf
+    first[:] = 0.0
+    second[:] = 0.0
+    if not _overlap(low, high, origin, spacing, shape):
+        return count, depth, nearest
+    nx, ny, nz = shape
+    inverse = 1.0 / spacing
+    y_first, y_end = slot_of(low[1], origin[1], inverse, ny), slot_of(high[1], origin[1], inverse, ny) + 1
+    z_first, z_end = slot_of(low[2], origin[2], inverse, nz), slot_of(high[2], origin[2], inverse, nz) + 1
+    for i in range(slot_of(low[0], origin[0], inverse, nx), slot_of(high[0], origin[0], inverse, nx) + 1):
+        for j in range(y_first, y_end):
+            column = (i * ny + j) * nz
+            for n in range(starts[column + z_first], starts[column + z_end]):
+                dx, dy, dz = points[n, 0] - p[0], points[n, 1] - p[1], points[n, 2] - p[2]
+                z = R[0, 2] * dx + R[1, 2] * dy + R[2, 2] * dz
+                if z < lower[2] or z > upper[2]:
+                    continue
+                x = R[0, 0] * dx + R[1, 0] * dy + R[2, 0] * dz
+                y = R[0, 1] * dx + R[1, 1] * dy + R[2, 1] * dz
+                if x < lower[0] or x > upper[0] or y < lower[1] or y > upper[1]:
+                    continue
+                depth += max(0.0, -z)
+                count += 1
+                x, y, z = x - c[0], y - c[1], z - c[2]
+                nearest = min(nearest, x * x + y * y + z * z)
+                first[0] += x
+                first[1] += y
+                first[2] += z
+                second[0, 0] += x * x
+                second[1, 0] += y * x
+                second[1, 1] += y * y
+                second[2, 0] += z * x
+                second[2, 1] += z * y
+                second[2, 2] += z * z
+    return count, depth, nearest
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def pad_costs(  # type: ignore[no-untyped-def]
+    points, starts, seeds, origin, spacing, X_PB, lower, upper, centroid, covariance, weights, X_PO, costs
+):
+    """Algorithm 5.2's cost of each pad at each pose, m, into costs (B, k).
+
+    Few poses need the nearest point: where a point of the box is within the gate of the centroid, so is the nearest.
+    """
+    gate, h1, h2, h3 = weights
+    R, p, c, low, high = np.empty((3, 3)), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    first, second, q = np.empty(3), np.empty((3, 3)), np.empty(3)
+    for b in range(X_PO.shape[0]):
+        X = X_PO[b]
+        for k in range(costs.shape[1]):
+            _place(X, X_PB[k], lower[k], upper[k], centroid[k], R, p, c, low, high)
+            count, depth, nearest = _gather(
+                points, starts, seeds.shape, origin, spacing, R, p, c, low, high, lower[k], upper[k], first, second
+            )
+            distance = 0.0
+            if count <= 3 or nearest > gate * gate:
+                to_object(X, centroid[k], q)
+                distance = np.sqrt(nearest_square(points, starts, seeds, origin, spacing, q[0], q[1], q[2]))
+            matched = count > 3 and distance <= gate
+            total, offset, square = h1 * distance, 0.0, 0.0
+            for a in range(3):
+                for e in range(a + 1):
+                    difference = -covariance[k, a, e]
+                    if matched:
+                        difference += (second[a, e] - first[a] * first[e] / count) / (count - 1)
+                    square += difference * difference * (1.0 if a == e else 2.0)
+                offset += first[a] * first[a]
+            if matched:
+                total = np.sqrt(offset) / count + h2 * depth
+            if not np.isnan(covariance[k, 0, 0]):
+                total += h3 * np.sqrt(square)
+            costs[b, k] = total

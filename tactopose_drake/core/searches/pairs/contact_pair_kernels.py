@@ -1,0 +1,131 @@
+"""Which pairs of contacts to look up, and what they measure."""
+
+import numpy as np
+from numba import njit
+
+from tactopose_drake.core.shape.pair_feature_kernels import find_matches
+
+# The number of matches is guessed from every so many pairs of samples: as many as the processor reads at once.
+_GUESS_STEP = 16
+# For so many matches of a pair of contacts there is room at first.
+_ROOM = 1 << 14
+
+
+@njit(cache=True)
+def mark_spread_out(points, chosen):  # type: ignore[no-untyped-def]
+    start, nearest = np.zeros(3), np.full(points.shape[0], np.inf)
+    for i in range(points.shape[0]):
+        for a in range(3):
+            start[a] += points[i, a] / points.shape[0]
+    for k in range(chosen.shape[0]):
+        for i in range(points.shape[0]):
+            square = 0.0
+            for a in range(3):
+                square += (points[i, a] - start[a]) ** 2
+            # Those that are chosen are no more asked; the middle's distances count for the first one alone.
+            nearest[i] = square if k < 2 and nearest[i] >= 0.0 else min(nearest[i], square)
+        chosen[k] = np.argmax(nearest)
+        nearest[chosen[k]] = -1.0
+        for a in range(3):
+            start[a] = points[chosen[k], a]
+
+
+@njit(cache=True, nogil=True)
+def choose(  # type: ignore[no-untyped-def]
+    p,
+    n,
+    sigma_p,
+    sigma_n,
+    has_normals,
+    features,
+    first,
+    unit,
+    length,
+    most_contacts,
+    offset,
+    bend,
+    reach,
+    open_spins,
+    phase,
+    ends,
+    spins,
+    begins,
+    matches,
+):
+    """Fills `MatchedPairs`, and returns the number of pairs of contacts; see `PairChoice`."""
+    among = np.empty(min(most_contacts, p.shape[0]), dtype=np.intp)
+    mark_spread_out(p, among)
+    most = among.shape[0] * (among.shape[0] - 1) // 2
+    asked, turns = np.empty((most, 2), dtype=np.intp), np.empty(most, dtype=np.int64)
+    feature, weight = np.empty((most, 4)), np.empty((most, 4))
+    arguments = (p, n, sigma_p, sigma_n, has_normals, among, length, offset, bend, open_spins)
+    queries = _measure_pairs(*arguments, asked, feature, weight, turns)
+    guess, nothing = np.empty(queries, dtype=np.int64), np.empty(0, dtype=np.int32)
+    for q in range(queries):
+        for c in range(4):
+            feature[q, c] /= unit[c]
+            weight[q, c] *= unit[c]
+        guess[q] = _GUESS_STEP * find_matches(features, first, feature[q], weight[q], reach, _GUESS_STEP, nothing)
+        guess[q] *= turns[q]
+
+    found = np.empty(_ROOM, dtype=np.int32)
+    used, room, poses = 0, matches.shape[0], matches.shape[0]
+    for q in np.argsort(guess, kind="mergesort"):
+        most = min(room, poses // 4) // turns[q]
+        if most == 0 or used == ends.shape[0]:
+            break
+        # Of more matches than there is room for, every second or third, and so on: evenly over the features.
+        step = max(1, guess[q] // (turns[q] * most))
+        count = find_matches(features, first, feature[q], weight[q], reach, step, found)
+        if count > found.shape[0]:
+            found = np.empty(count, dtype=np.int32)
+            find_matches(features, first, feature[q], weight[q], reach, step, found)
+        kept = min(count, most)
+        if kept == 0:
+            continue
+        for k in range(kept):
+            matches[begins[used] + k] = found[k if count <= most else int((k + phase[used]) * (count / most))]
+        ends[used], spins[used], begins[used + 1] = asked[q], turns[q], begins[used] + kept
+        used += 1
+        room -= kept * turns[q]
+    return used
+
+
+@njit(cache=True)
+def _measure_pairs(  # type: ignore[no-untyped-def]
+    p, n, sigma_p, sigma_n, has_normals, among, length, offset, bend, open_spins, pairs, feature, weight, spins
+):
+    """What is looked up: pairs of contacts (q, 2), their features (q, 4), one over the standard deviations of those
+    (q, 4), and the turns (q,) that each match stands for; returns their number.
+    """
+    count = 0
+    cosines = np.empty(3)
+    for i in range(among.shape[0]):
+        for j in range(i + 1, among.shape[0]):
+            a, b = among[i], among[j]
+            noise = sigma_p[a] ** 2 + sigma_p[b] ** 2
+            x, y, z = p[b, 0] - p[a, 0], p[b, 1] - p[a, 1], p[b, 2] - p[a, 2]
+            distance, off = np.sqrt(x * x + y * y + z * z), np.sqrt(noise + offset**2)
+            if distance < 3.0 * np.sqrt(noise) or distance > length + 3.0 * off:
+                continue
+            pairs[count, 0], pairs[count, 1], spins[count] = a, b, open_spins
+            feature[count], weight[count] = 0.0, 0.0
+            feature[count, 0], weight[count, 0] = distance, 1.0 / off
+            if has_normals:
+                cosines[0] = (n[a, 0] * x + n[a, 1] * y + n[a, 2] * z) / distance
+                cosines[1] = (n[b, 0] * x + n[b, 1] * y + n[b, 2] * z) / distance
+                cosines[2] = n[a, 0] * n[b, 0] + n[a, 1] * n[b, 1] + n[a, 2] * n[b, 2]
+                for c in range(3):
+                    feature[count, 1 + c] = np.arccos(min(1.0, max(-1.0, cosines[c])))
+                turn_a, turn_b = sigma_n[a] ** 2 + bend**2, sigma_n[b] ** 2 + bend**2
+                tilt = 2.0 * (off / distance) ** 2
+                turned = turn_a + sigma_n[b] ** 2
+                weight[count, 1] = 1.0 / np.sqrt(turn_a + tilt)
+                weight[count, 2] = 1.0 / np.sqrt(turn_b + tilt)
+                weight[count, 3] = 1.0 / np.sqrt(turned)
+                # The normals' parts across the line, which say the spin, against their errors.
+                across = np.sin(feature[count, 1]) ** 2 + np.sin(feature[count, 2]) ** 2
+                if across > 4.0 * turned:
+                    spins[count] = 1
+            count += 1
+    return count

@@ -1,0 +1,185 @@
+"""The poses that lay two contacts on two surface samples, and their cost on the coarse field."""
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True, inline="always")
+def _axes(p, q, axes, middle):  # type: ignore[no-untyped-def]
+    """Axes (rows) at two points, x from one to the other, any y and z; and the point between them."""
+    for a in range(3):
+        axes[0, a] = q[a] - p[a]
+        middle[a] = 0.5 * (p[a] + q[a])
+    scale = 1.0 / np.sqrt(axes[0, 0] ** 2 + axes[0, 1] ** 2 + axes[0, 2] ** 2)
+    x, y, z = axes[0, 0] * scale, axes[0, 1] * scale, axes[0, 2] * scale
+    axes[0, 0], axes[0, 1], axes[0, 2] = x, y, z
+    if abs(x) < 0.6:
+        scale = 1.0 / np.sqrt(y * y + z * z)
+        axes[1, 0], axes[1, 1], axes[1, 2] = 0.0, z * scale, -y * scale
+    else:
+        scale = 1.0 / np.sqrt(x * x + y * y)
+        axes[1, 0], axes[1, 1], axes[1, 2] = y * scale, -x * scale, 0.0
+    axes[2, 0] = y * axes[1, 2] - z * axes[1, 1]
+    axes[2, 1] = z * axes[1, 0] - x * axes[1, 2]
+    axes[2, 2] = x * axes[1, 1] - y * axes[1, 0]
+
+
+@njit(cache=True, inline="always")
+def _contact_frame(first, second, frame):  # type: ignore[no-untyped-def]
+    """Of two rows of `contact_table` into the frame (6, 3): the point between them; axes, x from the first to the
+    second; y and z of each normal.
+    """
+    _axes(first[:3], second[:3], frame[1:4], frame[0])
+    for axis in range(2):
+        frame[4, axis], frame[5, axis] = 0.0, 0.0
+        for c in range(3):
+            frame[4, axis] += first[3 + c] * frame[2 + axis, c]
+            frame[5, axis] += second[3 + c] * frame[2 + axis, c]
+
+
+@njit(cache=True, inline="always")
+def _pair_pose(points, normals, i, j, axes, middle, frame, spin, spins, X):  # type: ignore[no-untyped-def]
+    """The pose of one match and spin, into X (3, 4)."""
+    if spins == 1:
+        cosine, sine = 1e-30, 0.0  # Normals along the line leave the spin at zero.
+        for k, row in ((i, 4), (j, 5)):
+            n = normals[k]
+            y = n[0] * axes[1, 0] + n[1] * axes[1, 1] + n[2] * axes[1, 2]
+            z = n[0] * axes[2, 0] + n[1] * axes[2, 1] + n[2] * axes[2, 2]
+            cosine += y * frame[row, 0] + z * frame[row, 1]
+            sine += y * frame[row, 1] - z * frame[row, 0]
+        scale = 1.0 / np.sqrt(cosine * cosine + sine * sine)
+        cosine, sine = cosine * scale, sine * scale
+    else:
+        angle = 2.0 * np.pi * spin / spins
+        cosine, sine = np.cos(angle), np.sin(angle)
+    for a in range(3):
+        x = frame[1, a]
+        y, z = cosine * frame[2, a] + sine * frame[3, a], cosine * frame[3, a] - sine * frame[2, a]
+        X[a, 3] = frame[0, a]
+        for b in range(3):
+            X[a, b] = x * axes[0, b] + y * axes[1, b] + z * axes[2, b]
+            X[a, 3] -= X[a, b] * middle[b]
+
+
+# Beside its caller, because numba's cache on disk notices changes of the caller's file alone.
+@njit(cache=True, inline="always", error_model="numpy")
+def coarse_cost(values, shape, origin, inverse_spacing, steps, table, order, X, limit):  # type: ignore[no-untyped-def]
+    """Sum of the squared whitened differences at the pose X (3, 4), or some number beyond the limit.
+
+    The contacts' `table` is that of `contact_table`, read in this order; `steps` is how many steps of the distance are
+    in a voxel.
+    """
+    nx, ny, nz = shape
+    total = 0.0
+    for m in order:
+        x, y, z = table[m, 0] - X[0, 3], table[m, 1] - X[1, 3], table[m, 2] - X[2, 3]
+        # Voxels from the first one's centre.
+        u = (X[0, 0] * x + X[1, 0] * y + X[2, 0] * z - origin[0]) * inverse_spacing
+        v = (X[0, 1] * x + X[1, 1] * y + X[2, 1] * z - origin[1]) * inverse_spacing
+        w = (X[0, 2] * x + X[1, 2] * y + X[2, 2] * z - origin[2]) * inverse_spacing
+        a, b, c = min(max(u, 0.0), nx - 1.0), min(max(v, 0.0), ny - 1.0), min(max(w, 0.0), nz - 1.0)
+        at = np.uintp((int(a + 0.5) * ny + int(b + 0.5)) * nz + int(c + 0.5))
+        d = float(values[at, 0])
+        if u != a or v != b or w != c:
+            d += steps * np.sqrt((u - a) ** 2 + (v - b) ** 2 + (w - c) ** 2)
+        total += d * d * table[m, 6]
+        if table[m, 7] > 0.0:
+            n0, n1, n2 = table[m, 3], table[m, 4], table[m, 5]
+            e = values[at, 1] / 127.0 - (X[0, 0] * n0 + X[1, 0] * n1 + X[2, 0] * n2)
+            f = values[at, 2] / 127.0 - (X[0, 1] * n0 + X[1, 1] * n1 + X[2, 1] * n2)
+            g = values[at, 3] / 127.0 - (X[0, 2] * n0 + X[1, 2] * n1 + X[2, 2] * n2)
+            total += (e * e + f * f + g * g) * table[m, 7]
+        if total > limit:
+            break
+    return total
+
+
+@njit(cache=True, inline="always")
+def _is_near(X, rotations, origins, center, least_trace, farthest):  # type: ignore[no-untyped-def]
+    """Whether an image of the pose X, by one of g symmetries, is near enough to the centre.
+
+    Its rotation there is compared with X's by `rotations` (g, 3, 3), its origin is X's point `origins` (g, 3).
+    """
+    for s in range(rotations.shape[0]):
+        distance, trace = 0.0, 0.0
+        for a in range(3):
+            way = X[a, 3] - center[a]
+            for b in range(3):
+                way += X[a, b] * origins[s, b]
+                trace += X[a, b] * rotations[s, a, b]
+            distance += way * way
+        if distance <= farthest and trace >= least_trace:
+            return True
+    return False
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def keep_best(  # type: ignore[no-untyped-def]
+    points,
+    normals,
+    pairs,
+    matches,
+    begins,
+    ends,
+    spins,
+    values,
+    shape,
+    origin,
+    inverse_spacing,
+    steps,
+    table,
+    rotations,
+    origins,
+    center,
+    least_trace,
+    farthest,
+    X_best,
+    cost,
+):
+    """Fills the poses and costs, and returns their number. What is worse than so many already is left as it is."""
+    axes, middle, X, frame = np.empty((3, 3)), np.empty(3), np.empty((3, 4)), np.empty((6, 3))
+    count, used, limit = cost.shape[0], 0, np.inf
+    # A pose is kept as its pair, its match and its spin; before a pair is done, there may be more than are wanted.
+    room = 0
+    for q in range(spins.shape[0]):
+        room = max(room, count + (begins[q + 1] - begins[q]) * spins[q])
+    kept, kept_cost = np.empty((room, 3), dtype=np.int32), np.empty(room, dtype=np.float32)
+    order = np.empty(table.shape[0], dtype=np.intp)
+    for q in range(spins.shape[0]):
+        a, b = ends[q, 0], ends[q, 1]
+        _contact_frame(table[a], table[b], frame)
+        # The contacts of a pair fit by construction: the others say sooner that a pose is bad.
+        place = 0
+        for m in range(table.shape[0]):
+            if m != a and m != b:
+                order[place] = m
+                place += 1
+        order[place], order[place + 1] = a, b
+        for row in range(begins[q], begins[q + 1]):
+            i, j = pairs[matches[row], 0], pairs[matches[row], 1]
+            _axes(points[i], points[j], axes, middle)
+            for spin in range(spins[q]):
+                _pair_pose(points, normals, i, j, axes, middle, frame, spin, spins[q], X)
+                if _is_near(X, rotations, origins, center, least_trace, farthest):
+                    total = coarse_cost(values, shape, origin, inverse_spacing, steps, table, order, X, limit)
+                    if total <= limit:
+                        kept[used, 0], kept[used, 1], kept[used, 2] = q, row, spin
+                        kept_cost[used] = total
+                        used += 1
+        if used > count:
+            limit = np.partition(kept_cost[:used], count - 1)[count - 1]
+            now = 0
+            for k in range(used):
+                if kept_cost[k] <= limit and now < count:
+                    kept[now], kept_cost[now] = kept[k], kept_cost[k]
+                    now += 1
+            used = now
+    for place, k in enumerate(np.argsort(kept_cost[:used], kind="mergesort")):
+        q, row, spin = kept[k, 0], kept[k, 1], kept[k, 2]
+        i, j = pairs[matches[row], 0], pairs[matches[row], 1]
+        _contact_frame(table[ends[q, 0]], table[ends[q, 1]], frame)
+        _axes(points[i], points[j], axes, middle)
+        _pair_pose(points, normals, i, j, axes, middle, frame, spin, spins[q], X_best[place])
+        cost[place] = kept_cost[k]
+    return used

@@ -1,0 +1,27 @@
+"""The first of the poses in each region."""
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True, nogil=True)
+def mark_first(X_region, samples, per_region, radii, first):  # type: ignore[no-untyped-def]
+    """Marks, of the samples of each region, those that no earlier region holds: the cover stays even."""
+    trace, way = 1.0 + 2.0 * np.cos(min(radii[0], np.pi)), radii[1]
+    for b in range(len(samples)):
+        Y = samples[b]
+        first[b] = True
+        for a in range(b // per_region):
+            X = X_region[a]
+            square = 0.0
+            for i in range(3):
+                square += (X[i, 3] - Y[i, 3]) ** 2
+            if square >= way * way:
+                continue
+            dot = 0.0
+            for i in range(3):
+                for j in range(3):
+                    dot += X[i, j] * Y[i, j]
+            if dot > trace:
+                first[b] = False
+                break

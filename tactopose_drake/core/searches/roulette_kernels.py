@@ -1,0 +1,92 @@
+"""Draws of particles in proportion to their weight, and their moves."""
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True)
+def weigh(cost, scale, power, weight, sums, first, last):  # type: ignore[no-untyped-def]
+    """Weights of the costs first to last, and the sums of all weights so far; costs count in units of the scale."""
+    for j in range(first, last):
+        weight[j] = (1.0 + 1.0 / (1.0 + max(cost[j], 0.0) / scale)) ** power  # [B16] eq. 4.9
+        sums[j] = weight[j] + (sums[j - 1] if j > 0 else 0.0)
+
+
+@njit(cache=True)
+def count_from_end(weight, count, mark):  # type: ignore[no-untyped-def]
+    """The particle d of the first `count` where the weights from the end down to d first exceed the mark."""
+    total = 0.0
+    for d in range(count - 1, -1, -1):
+        total += weight[d]
+        if total > mark:
+            return d
+    return 0
+
+
+@njit(cache=True)
+def bisect_from_end(sums, count, mark):  # type: ignore[no-untyped-def]
+    """The same particle, found by bisection of the weights' running sums."""
+    before = sums[count - 1] - mark
+    low, high = 0, count - 1
+    while low < high:
+        middle = (low + high + 1) // 2
+        if sums[middle - 1] < before:
+            low = middle
+        else:
+            high = middle - 1
+    return low
+
+
+@njit(cache=True)
+def breed(particles, weight, sums, count, draws, noise, center, X):  # type: ignore[no-untyped-def]
+    """Copies a particle for each draw, with its noise (m, 7) added, behind the first `count`; their poses go to X.
+
+    A single draw counts from the end, as the thesis does; where there are more, the running sums are bisected.
+    """
+    for i in range(len(draws)):
+        mark = draws[i] * sums[count - 1]
+        parent = count_from_end(weight, count, mark) if len(draws) == 1 else bisect_from_end(sums, count, mark)
+        child, length = particles[count + i], 0.0
+        for a in range(7):
+            child[a] = particles[parent, a] + noise[i, a]
+            if a < 4:
+                length += child[a] ** 2
+        for a in range(4):
+            child[a] /= np.sqrt(length)
+    place(particles[count : count + len(draws)], center, X)
+
+
+@njit(cache=True)
+def place(particles, center, X):  # type: ignore[no-untyped-def]
+    """Poses X (m, 3, 4) of particles (m, 7) about the centre (3, 4). [B16] eq. 2.19."""
+    R = np.empty((3, 3))
+    for b in range(len(particles)):
+        w, x, y, z = particles[b, 0], particles[b, 1], particles[b, 2], particles[b, 3]
+        R[0, 0], R[0, 1], R[0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)
+        R[1, 0], R[1, 1], R[1, 2] = 2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)
+        R[2, 0], R[2, 1], R[2, 2] = 2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)
+        for i in range(3):
+            for j in range(3):
+                X[b, i, j] = center[i, 0] * R[0, j] + center[i, 1] * R[1, j] + center[i, 2] * R[2, j]
+            X[b, i, 3] = center[i, 3] + particles[b, 4 + i]
+
+
+@njit(cache=True)
+def mark_different(particles, rotation, translation, different):  # type: ignore[no-untyped-def]
+    """Marks each particle that differs from all marked ones before it. [B16] section 4.2.7.
+
+    Two differ when their quaternions (up to sign) or their translations lie further apart than the given distances.
+    """
+    for b in range(len(particles)):
+        different[b] = True
+        for a in range(b):
+            if not different[a]:
+                continue
+            dot, square = 0.0, 0.0
+            for c in range(4):
+                dot += particles[a, c] * particles[b, c]
+            for c in range(4, 7):
+                square += (particles[a, c] - particles[b, c]) ** 2
+            if 2.0 - 2.0 * abs(dot) < rotation**2 and square < translation**2:  # |q_a - q_b|^2 of unit quaternions
+                different[b] = False
+                break

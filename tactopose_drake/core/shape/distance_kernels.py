@@ -1,0 +1,151 @@
+"""Exact distances from the nodes of a regular grid to triangles: a band, sweeps, and the sign."""
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True, inline="always")
+def closest_weights(t, x, y, z):  # type: ignore[no-untyped-def]
+    """Weights (v, w) of the closest point a + v ab + w ac of a packed triangle. [E05] section 5.1.5."""
+    px, py, pz = x - t[0], y - t[1], z - t[2]
+    d1 = t[3] * px + t[4] * py + t[5] * pz
+    d2 = t[6] * px + t[7] * py + t[8] * pz
+    abab, abac, acac = t[9], t[10], t[11]
+    if d1 <= 0.0 and d2 <= 0.0:
+        return 0.0, 0.0
+    d3, d4 = d1 - abab, d2 - abac
+    if d3 >= 0.0 and d4 <= d3:
+        return 1.0, 0.0
+    vc = d1 * d4 - d3 * d2
+    if vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
+        return d1 / (d1 - d3), 0.0
+    d5, d6 = d1 - abac, d2 - acac
+    if d6 >= 0.0 and d5 <= d6:
+        return 0.0, 1.0
+    vb = d5 * d2 - d1 * d6
+    if vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
+        return 0.0, d2 / (d2 - d6)
+    va = d3 * d6 - d5 * d4
+    if va <= 0.0 and d4 >= d3 and d5 >= d6:
+        w = (d4 - d3) / ((d4 - d3) + (d5 - d6))
+        return 1.0 - w, w
+    scale = 1.0 / (va + vb + vc)
+    return vb * scale, vc * scale
+
+
+@njit(cache=True, inline="always")
+def _offset(t, x, y, z):  # type: ignore[no-untyped-def]
+    """The vector from the closest point of a packed triangle to a point."""
+    v, w = closest_weights(t, x, y, z)
+    return x - t[0] - v * t[3] - w * t[6], y - t[1] - v * t[4] - w * t[7], z - t[2] - v * t[5] - w * t[8]
+
+
+@njit(cache=True)
+def fill_band(packed, origin, spacing, band, nearest, distance):  # type: ignore[no-untyped-def]
+    """Tests every face against the nodes within `band` of it."""
+    nx, ny, nz = nearest.shape
+    for f in range(packed.shape[0]):
+        t = packed[f]
+        i0, i1 = _node_range(t[0], t[3], t[6], origin[0], spacing, band, nx)
+        j0, j1 = _node_range(t[1], t[4], t[7], origin[1], spacing, band, ny)
+        k0, k1 = _node_range(t[2], t[5], t[8], origin[2], spacing, band, nz)
+        for i in range(i0, i1):
+            x = origin[0] + i * spacing
+            for j in range(j0, j1):
+                y = origin[1] + j * spacing
+                above = t[12] * (x - t[0]) + t[13] * (y - t[1]) - t[14] * t[2]
+                for k in range(k0, k1):
+                    z = origin[2] + k * spacing
+                    height = abs(above + t[14] * z)
+                    if height <= band and height < distance[i, j, k]:
+                        dx, dy, dz = _offset(t, x, y, z)
+                        d = np.sqrt(dx * dx + dy * dy + dz * dz)
+                        if d < distance[i, j, k]:
+                            distance[i, j, k] = d
+                            nearest[i, j, k] = f
+
+
+@njit(cache=True, inline="always")
+def _node_range(a, ab, ac, origin, spacing, band, count):  # type: ignore[no-untyped-def]
+    """The nodes along one direction that lie within `band` of a triangle's extent."""
+    low = a + min(0.0, ab, ac) - band
+    high = a + max(0.0, ab, ac) + band
+    first = max(0, int(np.ceil((low - origin) / spacing)))
+    last = min(count - 1, int(np.floor((high - origin) / spacing)))
+    return first, last + 1
+
+
+@njit(cache=True)
+def sweep(packed, origin, spacing, band, nearest, distance):  # type: ignore[no-untyped-def]
+    """Carries the nearest faces beyond the band, once in each of the eight diagonal directions.
+
+    The outermost layer of nodes is padding: infinitely far, and never written.
+    """
+    nx, ny, nz = nearest.shape
+    all_nearest, all_distance = nearest.reshape(-1), distance.reshape(-1)
+    back, step = np.empty(7, dtype=np.int64), np.empty(7)
+    for octant in range(8):
+        si, sj, sk = 1 - 2 * (octant & 1), 1 - (octant & 2), 1 - ((octant & 4) >> 1)
+        for n in range(7):
+            a, b, c = (n + 1) & 1, ((n + 1) >> 1) & 1, (n + 1) >> 2
+            back[n] = (a * si * ny + b * sj) * nz + c * sk
+            step[n] = np.sqrt(a + b + c) * spacing
+        for ii in range(1, nx - 1):
+            i = ii if si > 0 else nx - 1 - ii
+            x = origin[0] + i * spacing
+            for jj in range(1, ny - 1):
+                j = jj if sj > 0 else ny - 1 - jj
+                y = origin[1] + j * spacing
+                for kk in range(1, nz - 1):
+                    k = kk if sk > 0 else nz - 1 - kk
+                    here = np.uint64((i * ny + j) * nz + k)
+                    best = all_distance[here]
+                    if best <= band:
+                        continue
+                    z = origin[2] + k * spacing
+                    face = all_nearest[here]
+                    tried = face
+                    for n in range(7):
+                        there = np.uint64((i * ny + j) * nz + k - back[n])
+                        candidate = all_nearest[there]
+                        # A face is at least the neighbour's distance to its own nearest, minus the step, away.
+                        if candidate == face or candidate == tried or all_distance[there] - step[n] >= best:
+                            continue
+                        tried = candidate
+                        dx, dy, dz = _offset(packed[candidate], x, y, z)
+                        square = dx * dx + dy * dy + dz * dz
+                        if square < best * best:
+                            best, face = np.sqrt(square), candidate
+                    all_distance[here], all_nearest[here] = best, face
+
+
+@njit(cache=True)
+def signed_field(packed, nearest, winding, origin, spacing):  # type: ignore[no-untyped-def]
+    """Signed distance and unit gradient at every node, shape (nx, ny, nz, 4), float32.
+
+    The gradient points from the closest point to the node (outside) or the other way (inside). On the surface, where
+    that direction is lost in rounding, it is the face's normal.
+    """
+    nx, ny, nz = nearest.shape
+    values = np.empty((nx, ny, nz, 4), dtype=np.float32)
+    on_surface = 1e-5 * spacing
+    for i in range(nx):
+        x = origin[0] + i * spacing
+        for j in range(ny):
+            y = origin[1] + j * spacing
+            for k in range(nz):
+                z = origin[2] + k * spacing
+                t = packed[nearest[i, j, k]]
+                dx, dy, dz = _offset(t, x, y, z)
+                d = np.sqrt(dx * dx + dy * dy + dz * dz)
+                sign = -1.0 if winding[i, j, k] >= 1 else 1.0
+                values[i, j, k, 0] = sign * d
+                if d > on_surface:
+                    values[i, j, k, 1] = sign * dx / d
+                    values[i, j, k, 2] = sign * dy / d
+                    values[i, j, k, 3] = sign * dz / d
+                else:
+                    values[i, j, k, 1] = t[12]
+                    values[i, j, k, 2] = t[13]
+                    values[i, j, k, 3] = t[14]
+    return values

@@ -1,0 +1,48 @@
+"""Normals averaged around vertices, and read off at the nodes of a grid."""
+
+import numpy as np
+from numba import njit
+
+from tactopose_drake.core.shape.distance_kernels import closest_weights
+
+
+@njit(cache=True)
+def average_around_vertices(order, first, face_normals, angles, crease_cosine, normals):  # type: ignore[no-untyped-def]
+    """For each corner, the mean of its vertex's face normals, weighted by angle, leaving out those across a crease."""
+    for vertex in range(len(first) - 1):
+        for a in range(first[vertex], first[vertex + 1]):
+            face, corner = order[a] // 3, order[a] % 3
+            x, y, z = 0.0, 0.0, 0.0
+            n = face_normals[face]
+            for b in range(first[vertex], first[vertex + 1]):
+                m = face_normals[order[b] // 3]
+                if n[0] * m[0] + n[1] * m[1] + n[2] * m[2] > crease_cosine:
+                    weight = angles[order[b] // 3, order[b] % 3]
+                    x, y, z = x + weight * m[0], y + weight * m[1], z + weight * m[2]
+            length = np.sqrt(x * x + y * y + z * z)
+            normals[face, corner, 0], normals[face, corner, 1], normals[face, corner, 2] = (
+                x / length,
+                y / length,
+                z / length,
+            )
+
+
+@njit(cache=True)
+def interpolate(values, packed, nearest, corners, origin, spacing, cosine):  # type: ignore[no-untyped-def]
+    """Puts the interpolated normal of the closest point where the gradient points the same way.
+
+    Beside a crease the gradient fans out between the two faces, as the normal of a contact on the edge does: it stays.
+    """
+    nx, ny, nz = nearest.shape
+    for i in range(nx):
+        for j in range(ny):
+            for k in range(nz):
+                face = nearest[i, j, k]
+                v, w = closest_weights(
+                    packed[face], origin[0] + i * spacing, origin[1] + j * spacing, origin[2] + k * spacing
+                )
+                n = (1.0 - v - w) * corners[face, 0] + v * corners[face, 1] + w * corners[face, 2]
+                length = np.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
+                g = values[i, j, k]
+                if n[0] * g[1] + n[1] * g[2] + n[2] * g[3] > cosine * length:
+                    g[1], g[2], g[3] = n[0] / length, n[1] / length, n[2] / length

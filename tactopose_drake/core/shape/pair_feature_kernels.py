@@ -1,0 +1,119 @@
+"""The features of pairs of surface samples: how they are computed, sorted into bins, and found again."""
+
+import numpy as np
+from numba import njit
+
+BYTE = 255.0
+DISTANCE_SHIFT = 3  # 32 bins
+_ANGLE_SHIFT = 4  # 16 bins
+ANGLE_BINS = 256 >> _ANGLE_SHIFT
+
+
+@njit(cache=True)
+def fill_feature(p, n, q, m, out):  # type: ignore[no-untyped-def]
+    """The compiled `pair_feature` of points p and q with normals n and m, into out (4,)."""
+    x, y, z = q[0] - p[0], q[1] - p[1], q[2] - p[2]
+    d = np.sqrt(x * x + y * y + z * z)
+    out[0] = d
+    along = (n[0] * x + n[1] * y + n[2] * z) / d
+    out[1] = np.arccos(min(1.0, max(-1.0, along)))
+    along = (m[0] * x + m[1] * y + m[2] * z) / d
+    out[2] = np.arccos(min(1.0, max(-1.0, along)))
+    out[3] = np.arccos(min(1.0, max(-1.0, n[0] * m[0] + n[1] * m[1] + n[2] * m[2])))
+
+
+@njit(cache=True, inline="always")
+def _bin(d, a, b, c):  # type: ignore[no-untyped-def]
+    bins = ((d >> DISTANCE_SHIFT) * ANGLE_BINS + (a >> _ANGLE_SHIFT)) * ANGLE_BINS + (b >> _ANGLE_SHIFT)
+    return bins * ANGLE_BINS + (c >> _ANGLE_SHIFT)
+
+
+@njit(cache=True)
+def sort_pairs(points, normals, firsts, length, features, pairs, first):  # type: ignore[no-untyped-def]
+    """Counting sort of all pairs (firsts, points) by bin; first is zero on entry."""
+    n = points.shape[0]
+    feature = np.empty(4)
+    unsorted = np.empty((firsts.shape[0] * (n - 1), 4), dtype=np.uint8)
+    row = 0
+    for i in firsts:
+        for j in range(n):
+            if i == j:
+                continue
+            fill_feature(points[i], normals[i], points[j], normals[j], feature)
+            unsorted[row, 0] = int(feature[0] * (BYTE / length) + 0.5)
+            for a in range(1, 4):
+                unsorted[row, a] = int(feature[a] * (BYTE / np.pi) + 0.5)
+            u = unsorted[row]
+            first[_bin(np.int64(u[0]), np.int64(u[1]), np.int64(u[2]), np.int64(u[3])) + 1] += 1
+            row += 1
+    for b in range(1, first.shape[0]):
+        first[b] += first[b - 1]
+    place = first[:-1].copy()
+    row = 0
+    for i in firsts:
+        for j in range(n):
+            if i == j:
+                continue
+            u = unsorted[row]
+            b = _bin(np.int64(u[0]), np.int64(u[1]), np.int64(u[2]), np.int64(u[3]))
+            k = place[b]
+            place[b] += 1
+            features[k] = u
+            pairs[k, 0], pairs[k, 1] = i, j
+            row += 1
+
+
+@njit(cache=True, nogil=True)
+def find_matches(features, first, feature, weight, reach, step, found):  # type: ignore[no-untyped-def]
+    """Finds the pairs whose features differ from a measured one by at most `reach` standard deviations.
+
+    Args:
+        features: of `PairFeatures`.
+        first: the same.
+        feature: what was measured, in units of bytes, shape (4,).
+        weight: one over its standard deviations, in the same, shape (4,); zero where nothing was measured.
+        reach: of the root of the sum of the four squared whitened differences.
+        step: of the pairs only those are looked at whose number is a multiple of it.
+        found: indices of the pairs, rising, are written here as far as there is room, shape (n,).
+
+    Returns:
+        Their number.
+    """
+    count, square = 0, reach * reach
+    begin, end = _bins(feature[0], weight[0], reach, DISTANCE_SHIFT)
+    for d in range(begin, end):
+        left_d = max(0.0, square - _least_square(d, feature[0], weight[0], DISTANCE_SHIFT))
+        begin_a, end_a = _bins(feature[1], weight[1], np.sqrt(left_d), _ANGLE_SHIFT)
+        for a in range(begin_a, end_a):
+            left_a = max(0.0, left_d - _least_square(a, feature[1], weight[1], _ANGLE_SHIFT))
+            begin_b, end_b = _bins(feature[2], weight[2], np.sqrt(left_a), _ANGLE_SHIFT)
+            for b in range(begin_b, end_b):
+                left_b = max(0.0, left_a - _least_square(b, feature[2], weight[2], _ANGLE_SHIFT))
+                begin_c, end_c = _bins(feature[3], weight[3], np.sqrt(left_b), _ANGLE_SHIFT)
+                row = ((d * ANGLE_BINS + a) * ANGLE_BINS + b) * ANGLE_BINS
+                # Bins that differ in the last angle alone lie next to each other.
+                for k in range(-(-first[row + begin_c] // step) * step, first[row + end_c], step):
+                    at, total = np.uintp(k), 0.0
+                    for c in range(4):
+                        difference = (features[at, c] - feature[c]) * weight[c]
+                        total += difference * difference
+                    if total <= square:
+                        if count < found.shape[0]:
+                            found[count] = k
+                        count += 1
+    return count
+
+
+@njit(cache=True, inline="always")
+def _bins(value, weight, reach, shift):  # type: ignore[no-untyped-def]
+    """The first bin within reach of a feature's number, and the one after the last; at least one."""
+    way = 256.0 if weight * 256.0 <= reach else reach / weight
+    begin = int(max(0.0, min(BYTE, np.floor(value - way)))) >> shift
+    return begin, (int(max(0.0, min(BYTE, np.ceil(value + way)))) >> shift) + 1
+
+
+@njit(cache=True, inline="always")
+def _least_square(b, value, weight, shift):  # type: ignore[no-untyped-def]
+    """The least squared whitened difference between a feature's number and those of a bin."""
+    low = float(b << shift)
+    return (max(0.0, low - value, value - (low + ((1 << shift) - 1))) * weight) ** 2

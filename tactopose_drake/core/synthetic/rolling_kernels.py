@@ -1,0 +1,29 @@
+"""The nearest points of a mesh to points that roll along it."""
+
+import numpy as np
+from numba import njit
+
+from tactopose_drake.core.shape.distance_kernels import closest_weights
+
+
+@njit(cache=True)
+def nearest_points(packed, middle, reach, q, nearest):  # type: ignore[no-untyped-def]
+    """The mesh's points (k, 3) that are nearest to the points q (k, 3); faces out of reach are passed over."""
+    for i in range(q.shape[0]):
+        least = np.inf
+        for f in range(packed.shape[0]):
+            far = 0.0
+            for a in range(3):
+                far += (q[i, a] - middle[f, a]) ** 2
+            bound = least + reach[f]
+            if far >= bound * bound:
+                continue
+            t = packed[f]
+            v, w = closest_weights(t, q[i, 0], q[i, 1], q[i, 2])
+            square = 0.0
+            for a in range(3):
+                square += (q[i, a] - t[a] - v * t[3 + a] - w * t[6 + a]) ** 2
+            if square < least * least:
+                least = np.sqrt(square)
+                for a in range(3):
+                    nearest[i, a] = t[a] + v * t[3 + a] + w * t[6 + a]
