@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from tactopose_drake.core.mesh import bodies as mesh_bodies
 from tactopose_drake.core.mesh.winding_kernels import winding_numbers
 from tactopose_drake.core.shape import distance_transform
+from tactopose_drake.core.shape.distance_kernels import signed_field
 from tactopose_drake.core.shape.smooth_normals import smooth_normals
 from tactopose_drake.core.validation import FloatArray, positive_number
 from tactopose_drake.errors import InvalidInputError
@@ -137,7 +138,7 @@ def build_grid(
     packed = distance_transform.pack_triangles(vertices[faces])
     nearest = distance_transform.nearest_faces(packed, origin, h, shape)
     winding = _winding(vertices, faces, origin, h, shape)
-    values = distance_transform.signed_field(packed, nearest, winding, origin, h)
+    values = signed_field(packed, nearest, winding, origin, h)
     smooth_normals(values, vertices, faces, packed, nearest, origin, h, wall)
     values.setflags(write=False)
     origin.setflags(write=False)

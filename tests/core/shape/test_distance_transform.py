@@ -3,7 +3,9 @@ import pytest
 import trimesh
 from numpy.typing import NDArray
 
+from tactopose_drake.core.mesh.winding_kernels import winding_numbers
 from tactopose_drake.core.shape import distance_transform
+from tactopose_drake.core.shape.distance_kernels import signed_field
 from tests.core.meshes import arrays, ball, create, cube, inside_out, joined, random_pose, shape_poor_in_symmetry
 
 Grid = tuple[NDArray[np.float64], float, tuple[int, int, int]]
@@ -66,8 +68,8 @@ def test_field_is_distance_with_sign_and_its_unit_gradient(shape: trimesh.Trimes
     origin, spacing, counts = grid = grid_around(vertices)
     packed = distance_transform.pack_triangles(vertices[faces])
     nearest = distance_transform.nearest_faces(packed, origin, spacing, counts)
-    winding, _ = distance_transform.winding_numbers(vertices, faces, origin, spacing, counts)
-    values = distance_transform.signed_field(packed, nearest, winding, origin, spacing)
+    winding, _ = winding_numbers(vertices, faces, origin, spacing, counts)
+    values = signed_field(packed, nearest, winding, origin, spacing)
     assert values.dtype == np.float32
     np.testing.assert_allclose(np.linalg.norm(values[..., 1:], axis=-1), 1.0, atol=1e-6)
     # Following the gradient by the signed distance leads to the surface.
@@ -81,7 +83,7 @@ def test_field_is_distance_with_sign_and_its_unit_gradient(shape: trimesh.Trimes
 def test_inside_is_where_trimesh_says(shape: trimesh.Trimesh) -> None:
     vertices, faces = arrays(shape)
     origin, spacing, counts = grid = grid_around(vertices, nodes=25)
-    winding, rest = distance_transform.winding_numbers(vertices, faces, origin, spacing, counts)
+    winding, rest = winding_numbers(vertices, faces, origin, spacing, counts)
     assert not rest.any()
     points = nodes_of(grid).reshape(-1, 3)[::11]
     inside = np.zeros(len(points))
@@ -102,7 +104,7 @@ def test_winding_numbers_count_overlapping_and_inverted_bodies() -> None:
     ):
         vertices, faces = arrays(mesh)
         origin, spacing, counts = grid_around(vertices, nodes=21)
-        winding, rest = distance_transform.winding_numbers(vertices, faces, origin, spacing, counts)
+        winding, rest = winding_numbers(vertices, faces, origin, spacing, counts)
         assert not rest.any()
         assert winding[counts[0] // 2, counts[1] // 2, counts[2] // 2] == in_the_middle
         assert winding[0, 0, 0] == 0
@@ -117,7 +119,7 @@ def test_columns_through_edges_and_vertices_cross_the_surface_once() -> None:
     spacing = 0.06 / 16
     origin = np.array([-0.03, -0.03, -0.03]) - 2 * spacing
     counts = (21, 21, 21)
-    winding, rest = distance_transform.winding_numbers(
+    winding, rest = winding_numbers(
         vertices, faces, origin + spacing * np.array([1e-7, 2.3e-7, 0.0]), spacing, counts
     )
     assert not rest.any()
@@ -133,7 +135,7 @@ def test_columns_that_graze_an_edge_cross_the_surface_once() -> None:
     for start, end in vertices[faces[:400, :2]]:
         origin = start + generator.random() * (end - start)
         origin[2] = vertices[:, 2].min() - 0.01
-        winding, rest = distance_transform.winding_numbers(vertices, faces, origin, 0.01, (1, 1, 12))
+        winding, rest = winding_numbers(vertices, faces, origin, 0.01, (1, 1, 12))
         assert rest[0, 0] == 0
         assert set(np.unique(winding)) <= {0, 1}
 
@@ -143,7 +145,7 @@ def test_open_meshes_leave_a_remainder_in_the_columns_through_the_hole() -> None
     mesh.update_faces(mesh.face_normals[:, 2] < 0.9)
     vertices, faces = arrays(mesh)
     origin, spacing, counts = grid_around(vertices, nodes=20)
-    _, rest = distance_transform.winding_numbers(vertices, faces, origin, spacing, counts)
+    _, rest = winding_numbers(vertices, faces, origin, spacing, counts)
     assert rest[counts[0] // 2, counts[1] // 2] == 1
     assert rest[0, 0] == 0
 
@@ -155,8 +157,8 @@ def test_gradient_on_the_surface_is_the_face_s_normal() -> None:
     packed = distance_transform.pack_triangles(vertices[faces])
     counts = (17, 17, 17)
     nearest = distance_transform.nearest_faces(packed, origin, spacing, counts)
-    winding, _ = distance_transform.winding_numbers(vertices, faces, origin + 1e-9, spacing, counts)
-    values = distance_transform.signed_field(packed, nearest, winding, origin, spacing)
+    winding, _ = winding_numbers(vertices, faces, origin + 1e-9, spacing, counts)
+    values = signed_field(packed, nearest, winding, origin, spacing)
     np.testing.assert_allclose(values[8, 8, 14], [0, 0, 0, 1], atol=1e-6)
     np.testing.assert_allclose(values[8, 8, 2], [0, 0, 0, -1], atol=1e-6)
     np.testing.assert_allclose(values[2, 8, 8], [0, -1, 0, 0], atol=1e-6)
