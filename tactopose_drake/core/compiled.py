@@ -59,6 +59,8 @@ Ints2: TypeAlias = Annotated[NDArray[np.int32], _Array(types.int32, 2, False)]
 Ints3: TypeAlias = Annotated[NDArray[np.int32], _Array(types.int32, 3, False)]
 Shorts2: TypeAlias = Annotated[NDArray[np.int16], _Array(types.int16, 2, False)]
 Shorts3: TypeAlias = Annotated[NDArray[np.int16], _Array(types.int16, 3, False)]
+UnsignedShorts1: TypeAlias = Annotated[NDArray[np.uint16], _Array(types.uint16, 1, False)]
+UnsignedLongs1: TypeAlias = Annotated[NDArray[np.uint64], _Array(types.uint64, 1, False)]
 Bytes2: TypeAlias = Annotated[NDArray[np.int8], _Array(types.int8, 2, False)]
 UnsignedBytes2: TypeAlias = Annotated[NDArray[np.uint8], _Array(types.uint8, 2, False)]
 Flags1: TypeAlias = Annotated[NDArray[np.bool_], _Array(types.boolean, 1, False)]
@@ -72,12 +74,19 @@ OutSingles2: TypeAlias = Annotated[_Singles, _Array(types.float32, 2, True)]
 OutSingles3: TypeAlias = Annotated[_Singles, _Array(types.float32, 3, True)]
 OutSingles4: TypeAlias = Annotated[_Singles, _Array(types.float32, 4, True)]
 OutLongs1: TypeAlias = Annotated[_Longs, _Array(types.int64, 1, True)]
+OutLongs2: TypeAlias = Annotated[_Longs, _Array(types.int64, 2, True)]
 OutInts1: TypeAlias = Annotated[NDArray[np.int32], _Array(types.int32, 1, True)]
 OutInts2: TypeAlias = Annotated[NDArray[np.int32], _Array(types.int32, 2, True)]
 OutInts3: TypeAlias = Annotated[NDArray[np.int32], _Array(types.int32, 3, True)]
 OutShorts2: TypeAlias = Annotated[NDArray[np.int16], _Array(types.int16, 2, True)]
 OutUnsignedBytes2: TypeAlias = Annotated[NDArray[np.uint8], _Array(types.uint8, 2, True)]
 OutFlags1: TypeAlias = Annotated[NDArray[np.bool_], _Array(types.boolean, 1, True)]
+OutFlags2: TypeAlias = Annotated[NDArray[np.bool_], _Array(types.boolean, 2, True)]
+# Numbers that come together.
+Triple: TypeAlias = tuple[float, float, float]
+Shape3: TypeAlias = tuple[int, int, int]
+# An unsigned number: an offset by one needs no check of its sign.
+Unsigned: TypeAlias = Annotated[int, types.uint64]
 
 
 def numba_type(annotation: Any) -> types.Type:
@@ -89,6 +98,8 @@ def numba_type(annotation: Any) -> types.Type:
     for said in getattr(annotation, "__metadata__", ()):
         if isinstance(said, _Array):
             return said.type()
+        if isinstance(said, types.Type):
+            return said
     plain = {float: types.float64, int: types.int64, bool: types.boolean}
     if annotation in plain:
         return plain[annotation]
@@ -96,7 +107,7 @@ def numba_type(annotation: Any) -> types.Type:
         return types.Tuple([numba_type(item) for item in typing.get_args(annotation)])
     if isinstance(annotation, type) and issubclass(annotation, tuple) and hasattr(annotation, "_fields"):
         hints = typing.get_type_hints(annotation, include_extras=True)
-        return types.NamedTuple([numba_type(hints[name]) for name in annotation._fields], annotation)
+        return types.BaseTuple.from_types([numba_type(hints[name]) for name in annotation._fields], annotation)
     raise TypeError(f"{annotation}: stands for no type of a kernel's argument.")
 
 

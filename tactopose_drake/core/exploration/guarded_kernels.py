@@ -4,13 +4,25 @@ Poses are (B, 3, 4). A distance costs one gather of the first of the grid's four
 """
 
 import numpy as np
-from numba import njit
 
+from tactopose_drake.core.compiled import (
+    Floats1,
+    Floats2,
+    Floats3,
+    Floats4,
+    Longs1,
+    OutFlags1,
+    OutFlags2,
+    OutFloats2,
+    OutLongs2,
+    Singles4,
+    kernel,
+)
 from tactopose_drake.core.kernels.grid_kernels import cell
 
 
-@njit(cache=True)
-def _distance(values, origin, inverse_spacing, X, p):  # type: ignore[no-untyped-def]
+@kernel
+def _distance(values: Singles4, origin: Floats1, inverse_spacing: float, X: Floats2, p: Floats1) -> float:
     """Of a point p (3,) in P from the object at pose X (3, 4); outside of the grid the way to it is added."""
     dx, dy, dz = p[0] - X[0, 3], p[1] - X[1, 3], p[2] - X[2, 3]
     x = X[0, 0] * dx + X[1, 0] * dy + X[2, 0] * dz
@@ -27,8 +39,18 @@ def _distance(values, origin, inverse_spacing, X, p):  # type: ignore[no-untyped
     return d0 + fx * (d1 - d0) + np.sqrt(ox * ox + oy * oy + oz * oz) / inverse_spacing
 
 
-@njit(cache=True, nogil=True)
-def first_hits(values, origin, inverse_spacing, tip, radius, X, place, before, after):  # type: ignore[no-untyped-def]
+@kernel
+def first_hits(
+    values: Singles4,
+    origin: Floats1,
+    inverse_spacing: float,
+    tip: Floats3,
+    radius: float,
+    X: Floats3,
+    place: OutLongs2,
+    before: OutFloats2,
+    after: OutFloats2,
+) -> None:
     """The first place of each motion's tip (m, s, 3) within a radius of the object, into place (B, m); else s.
 
     The gaps to the object there and at the place before it go to after and before (B, m); a motion that starts within
@@ -46,10 +68,18 @@ def first_hits(values, origin, inverse_spacing, tip, radius, X, place, before, a
                 last = gap
 
 
-@njit(cache=True, nogil=True)
-def are_clear(  # type: ignore[no-untyped-def]
-    values, origin, inverse_spacing, tip, tip_radius, body, body_radius, X, clear
-):
+@kernel
+def are_clear(
+    values: Singles4,
+    origin: Floats1,
+    inverse_spacing: float,
+    tip: Floats3,
+    tip_radius: float,
+    body: Floats4,
+    body_radius: Floats1,
+    X: Floats3,
+    clear: OutFlags2,
+) -> None:
     """Whether the tip (m, s, 3) starts off the object, and no body sphere (m, s, b, 3) meets it before the tip does.
 
     Goes to clear (B, m). Points are in P, radii and body_radius (b,) in m.
@@ -70,8 +100,17 @@ def are_clear(  # type: ignore[no-untyped-def]
                     break
 
 
-@njit(cache=True, nogil=True)
-def stay_apart(tip, tip_radius, body, body_radius, p, radius, end, apart):  # type: ignore[no-untyped-def]
+@kernel
+def stay_apart(
+    tip: Floats3,
+    tip_radius: float,
+    body: Floats4,
+    body_radius: Floats1,
+    p: Floats2,
+    radius: Floats1,
+    end: Longs1,
+    apart: OutFlags1,
+) -> None:
     """Whether each motion's spheres, tip (m, s, 3) and body (m, s, b, 3), keep off others, p (h, 3).
 
     Places after `end` (m,) do not count, nor do pairs that meet where the motion starts: they are joined there.

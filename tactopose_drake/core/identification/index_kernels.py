@@ -1,8 +1,8 @@
 """Counts of pair features, and the densities of contacts among them."""
 
 import numpy as np
-from numba import njit
 
+from tactopose_drake.core.compiled import Floats2, Ints1, Longs1, OutFloats1, OutLongs1, UnsignedShorts1, kernel
 from tactopose_drake.core.shape.pair_feature_kernels import fill_feature
 
 DISTANCE = 0.004  # A bin's width, m.
@@ -11,8 +11,8 @@ ANGLE = np.pi / 12.0  # Likewise, rad.
 ANGLE_BINS = 13  # The middles of the first and the last are 0 and pi: right angles are not on a border.
 
 
-@njit(cache=True, nogil=True)
-def count_features(points, normals, counts):  # type: ignore[no-untyped-def]
+@kernel
+def count_features(points: Floats2, normals: Floats2, counts: OutLongs1) -> None:
     feature = np.empty(4)
     for i in range(points.shape[0]):
         for j in range(points.shape[0]):
@@ -25,8 +25,10 @@ def count_features(points, normals, counts):  # type: ignore[no-untyped-def]
             counts[row] += 1
 
 
-@njit(cache=True, nogil=True)
-def add_densities(first, objects, counts, low, weights, density):  # type: ignore[no-untyped-def]
+@kernel
+def add_densities(
+    first: Longs1, objects: Ints1, counts: UnsignedShorts1, low: Longs1, weights: Floats2, density: OutFloats1
+) -> None:
     most = weights.shape[1]
     for d in range(most):
         for a in range(most):

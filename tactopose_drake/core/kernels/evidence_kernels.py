@@ -4,8 +4,20 @@ Poses are (B, 3, 4); increments (w, v) as in `poses.py`.
 """
 
 import numpy as np
-from numba import njit
 
+from tactopose_drake.core.compiled import (
+    Floats1,
+    Floats2,
+    Floats3,
+    Longs1,
+    OutFlags1,
+    OutFloats1,
+    OutFloats2,
+    OutFloats3,
+    OutLongs1,
+    Singles4,
+    kernel,
+)
 from tactopose_drake.core.kernels.grid_kernels import interpolate, look_up_with_derivative
 from tactopose_drake.core.kernels.pose_kernels import chain, rotate_to_object, to_object
 
@@ -13,8 +25,10 @@ from tactopose_drake.core.kernels.pose_kernels import chain, rotate_to_object, t
 _SOFT_SINE = 1e-9
 
 
-@njit(cache=True)
-def gather_neighbourhoods(p, order, width, group, distance, leads):  # type: ignore[no-untyped-def]
+@kernel
+def gather_neighbourhoods(
+    p: Floats2, order: Longs1, width: float, group: OutLongs1, distance: OutFloats1, leads: OutFlags1
+) -> None:
     """Parts points (h, 3) into groups (h,): the next in the order that is left takes all that are left within a width.
 
     Such a one leads (h,) its group; distances (h,) are from there.
@@ -35,10 +49,21 @@ def gather_neighbourhoods(p, order, width, group, distance, leads):  # type: ign
         count += 1
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def penetration_depths(  # type: ignore[no-untyped-def]
-    values, origin, inverse_spacing, p, radius, reach, start, allowed, X, excess, points, slopes
-):
+@kernel
+def penetration_depths(
+    values: Singles4,
+    origin: Floats1,
+    inverse_spacing: float,
+    p: Floats2,
+    radius: Floats1,
+    reach: Floats1,
+    start: Longs1,
+    allowed: float,
+    X: Floats3,
+    excess: OutFloats2,
+    points: OutFloats3,
+    slopes: OutFloats3,
+) -> None:
     """How deep each neighbourhood of spheres is in the object at each pose beyond what is allowed, excess (B, g) >= 0.
 
     Neighbourhood g is start[g]:start[g + 1]. Where it is in the object, the centre of its deepest sphere in O goes to
@@ -106,8 +131,10 @@ def penetration_depths(  # type: ignore[no-untyped-def]
             excess[b, g] = depth - allowed
 
 
-@njit(cache=True)
-def penetration_jacobian(weight, X, excess, points, slopes, jacobian):  # type: ignore[no-untyped-def]
+@kernel
+def penetration_jacobian(
+    weight: float, X: Floats3, excess: Floats2, points: Floats3, slopes: Floats3, jacobian: OutFloats3
+) -> None:
     """The derivatives (B, g, 6) of the residuals, weight times the excess, by the increment."""
     for b in range(X.shape[0]):
         for g in range(excess.shape[1]):
@@ -116,8 +143,17 @@ def penetration_jacobian(weight, X, excess, points, slopes, jacobian):  # type: 
                 chain(slopes[b, g], points[b, g], X[b], -weight, jacobian[b, g])
 
 
-@njit(cache=True, nogil=True)
-def penetration_normal_equations(weight, X, excess, points, slopes, cost, gradient, hessian):  # type: ignore[no-untyped-def]
+@kernel
+def penetration_normal_equations(
+    weight: float,
+    X: Floats3,
+    excess: Floats2,
+    points: Floats3,
+    slopes: Floats3,
+    cost: OutFloats1,
+    gradient: OutFloats2,
+    hessian: OutFloats3,
+) -> None:
     """Cost (B,), gradient (B, 6) and Gauss-Newton Hessian (B, 6, 6): most neighbourhoods are clear and add nothing."""
     J = np.empty(6)
     for b in range(X.shape[0]):
@@ -135,10 +171,19 @@ def penetration_normal_equations(weight, X, excess, points, slopes, cost, gradie
                         hessian[b, a, c] += J[a] * J[c]
 
 
-@njit(cache=True)
-def friction_residuals(  # type: ignore[no-untyped-def]
-    values, origin, inverse_spacing, p, u, variance, cone, X, residuals, jacobian
-):
+@kernel
+def friction_residuals(
+    values: Singles4,
+    origin: Floats1,
+    inverse_spacing: float,
+    p: Floats2,
+    u: Floats2,
+    variance: Floats1,
+    cone: float,
+    X: Floats3,
+    residuals: OutFloats2,
+    jacobian: OutFloats3,
+) -> None:
     """Residuals (B, k), see `objectives.friction_cone`, and their Jacobian (B, k, 6) by the increment.
 
     u (k, 3) are the forces' directions in P, variance (k,) that of their angle to the normal, cone the friction angle.
@@ -177,8 +222,10 @@ def friction_residuals(  # type: ignore[no-untyped-def]
             jacobian[b, i, 2] -= weight * (n[0] * f[1] - n[1] * f[0])
 
 
-@njit(cache=True)
-def balance_residuals(A, offset, c, X, residuals, jacobian):  # type: ignore[no-untyped-def]
+@kernel
+def balance_residuals(
+    A: Floats2, offset: Floats1, c: Floats1, X: Floats3, residuals: OutFloats2, jacobian: OutFloats3
+) -> None:
     """Residuals (B, m) that are linear in where a point c (3,) of the object is: A (R c + t) + offset.
 
     A is (m, 3), offset (m,). With their Jacobian (B, m, 6) by the increment.

@@ -4,8 +4,8 @@ A look-up is one gather: eight nodes of four float32 each (signed distance, norm
 """
 
 import numpy as np
-from numba import njit
 
+from tactopose_drake.core.compiled import Floats1, OutFloats1, OutFloats2, Singles4, inlined, kernel
 from tactopose_drake.core.kernels.pose_kernels import to_object
 from tactopose_drake.core.kernels.prefetch import prefetch
 
@@ -15,8 +15,8 @@ SOFT_LENGTH = 0.05
 _U4 = np.uintp(4)
 
 
-@njit(cache=True, inline="always")
-def cell(q, origin, inverse_spacing, limit):  # type: ignore[no-untyped-def]
+@inlined
+def cell(q, origin, inverse_spacing, limit):
     """The node below q along one axis, the fraction beyond it, and how far outside of the grid q is, in cells."""
     u = (q - origin) * inverse_spacing
     outside = 0.0
@@ -32,8 +32,8 @@ def cell(q, origin, inverse_spacing, limit):  # type: ignore[no-untyped-def]
     return i, u - i, outside
 
 
-@njit(cache=True, inline="always")
-def prefetch_cells(flat, shape, origin, inverse_spacing, X, p, q):  # type: ignore[no-untyped-def]
+@inlined
+def prefetch_cells(flat, shape, origin, inverse_spacing, X, p, q):
     """Asks for what the contacts p (k, 3) will read of the flattened grid at the pose X (3, 4); q (3,) is for work."""
     nx, ny, nz = shape[0], shape[1], shape[2]
     sy, sx = np.uintp(4 * nz), np.uintp(4 * nz * ny)
@@ -49,8 +49,10 @@ def prefetch_cells(flat, shape, origin, inverse_spacing, X, p, q):  # type: igno
         prefetch(flat, at + sx + sy)
 
 
-@njit(cache=True)
-def look_up(values, origin, inverse_spacing, x, y, z, out):  # type: ignore[no-untyped-def]
+@kernel
+def look_up(
+    values: Singles4, origin: Floats1, inverse_spacing: float, x: float, y: float, z: float, out: OutFloats1
+) -> None:
     """Trilinear distance and normal at one point, out[0:4]; outside of the grid the way to it is added."""
     i, fx, ox = cell(x, origin[0], inverse_spacing, values.shape[0] - 1.0)
     j, fy, oy = cell(y, origin[1], inverse_spacing, values.shape[1] - 1.0)
@@ -75,8 +77,17 @@ def look_up(values, origin, inverse_spacing, x, y, z, out):  # type: ignore[no-u
         out[0] += np.sqrt(ox * ox + oy * oy + oz * oz) / inverse_spacing
 
 
-@njit(cache=True)
-def look_up_with_derivative(values, origin, inverse_spacing, x, y, z, out, slope):  # type: ignore[no-untyped-def]
+@kernel
+def look_up_with_derivative(
+    values: Singles4,
+    origin: Floats1,
+    inverse_spacing: float,
+    x: float,
+    y: float,
+    z: float,
+    out: OutFloats1,
+    slope: OutFloats2,
+) -> None:
     """As `look_up`, with slope[c, a] = d out[c] / d axis a, exact for the interpolant; slope is (4, 3)."""
     i, fx, ox = cell(x, origin[0], inverse_spacing, values.shape[0] - 1.0)
     j, fy, oy = cell(y, origin[1], inverse_spacing, values.shape[1] - 1.0)
@@ -103,8 +114,8 @@ def look_up_with_derivative(values, origin, inverse_spacing, x, y, z, out, slope
         slope[0, 2] += oz / way
 
 
-@njit(cache=True, inline="always")
-def interpolate(flat, at, sx, sy, fx, fy, fz):  # type: ignore[no-untyped-def]
+@inlined
+def interpolate(flat, at, sx, sy, fx, fy, fz):
     """One channel of the flattened grid in the cell whose first node is at `at`, and its slopes per cell.
 
     sx and sy are the strides to the next node along x and y; along z it is 4.
@@ -120,8 +131,8 @@ def interpolate(flat, at, sx, sy, fx, fy, fz):  # type: ignore[no-untyped-def]
     return v0 + fx * (v1 - v0), v1 - v0, y0 + fx * (y1 - y0), z0 + fx * (z1 - z0)
 
 
-@njit(cache=True, inline="always")
-def extend(field, slope, ox, oy, oz, inverse_spacing):  # type: ignore[no-untyped-def]
+@inlined
+def extend(field, slope, ox, oy, oz, inverse_spacing):
     """Outside of the grid, by (ox, oy, oz) cells, the field is its nearest point's, and the way there is added."""
     way = np.sqrt(ox * ox + oy * oy + oz * oz)
     field[0] += way / inverse_spacing

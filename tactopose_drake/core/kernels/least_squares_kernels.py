@@ -1,11 +1,24 @@
 """Levenberg-Marquardt's steps and what they need, compiled: for a batch of least-squares problems of any size."""
 
 import numpy as np
-from numba import njit
+
+from tactopose_drake.core.compiled import (
+    Floats1,
+    Floats2,
+    Floats3,
+    OutFlags1,
+    OutFloats1,
+    OutFloats2,
+    OutFloats3,
+    inlined,
+    kernel,
+)
 
 
-@njit(cache=True)
-def form_normal_equations(residuals, jacobian, cost, gradient, hessian):  # type: ignore[no-untyped-def]
+@kernel
+def form_normal_equations(
+    residuals: Floats2, jacobian: Floats3, cost: OutFloats1, gradient: OutFloats2, hessian: OutFloats3
+) -> None:
     """Cost (B,), gradient (B, n) and Gauss-Newton Hessian (B, n, n) from residuals (B, m) and a Jacobian (B, m, n)."""
     count, m, n = jacobian.shape
     for b in range(count):
@@ -26,8 +39,8 @@ def form_normal_equations(residuals, jacobian, cost, gradient, hessian):  # type
         cost[b] = 0.5 * total
 
 
-@njit(cache=True, inline="always")
-def damped_step(m, H, g, damping, L, y, step):  # type: ignore[no-untyped-def]
+@inlined
+def damped_step(m, H, g, damping, L, y, step):
     """-(H + damping diag H)^-1 g into step (m,), by Cholesky, from the lower triangle of H; L and y are for work.
 
     A pivot that vanishes (a direction that nothing determines) gets no step.
@@ -56,8 +69,8 @@ def damped_step(m, H, g, damping, L, y, step):  # type: ignore[no-untyped-def]
         step[i] = s * L[i, i]
 
 
-@njit(cache=True, nogil=True)
-def damped_steps(hessian, gradient, damping, step):  # type: ignore[no-untyped-def]
+@kernel
+def damped_steps(hessian: Floats3, gradient: Floats2, damping: Floats1, step: OutFloats2) -> None:
     """Steps of each problem, see `damped_step`, into step (B, m); m is any size."""
     m = gradient.shape[1]
     L, y = np.empty((m, m)), np.empty(m)
@@ -65,22 +78,22 @@ def damped_steps(hessian, gradient, damping, step):  # type: ignore[no-untyped-d
         damped_step(m, hessian[b], gradient[b], damping[b], L, y, step[b])
 
 
-@njit(cache=True, nogil=True)
-def accept_steps(  # type: ignore[no-untyped-def]
-    state,
-    cost,
-    gradient,
-    hessian,
-    new_state,
-    new_cost,
-    new_gradient,
-    new_hessian,
-    step,
-    damping,
-    tolerance,
-    limit,
-    done,
-):
+@kernel
+def accept_steps(
+    state: OutFloats2,
+    cost: OutFloats1,
+    gradient: OutFloats2,
+    hessian: OutFloats3,
+    new_state: Floats2,
+    new_cost: Floats1,
+    new_gradient: Floats2,
+    new_hessian: Floats3,
+    step: Floats2,
+    damping: OutFloats1,
+    tolerance: float,
+    limit: float,
+    done: OutFlags1,
+) -> None:
     """Levenberg-Marquardt's judgement of each problem's step: moves it if the cost falls, and changes the damping.
 
     A problem is done when its cost falls, or the local model promises (half of -g s) that it falls, by less than the

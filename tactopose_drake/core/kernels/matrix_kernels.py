@@ -4,8 +4,8 @@ Source: [GV] G. Golub and C. Van Loan, Matrix Computations, 4th ed., 2013, secti
 """
 
 import numpy as np
-from numba import njit
 
+from tactopose_drake.core.compiled import Floats3, OutFloats1, OutFloats2, OutFloats3, inlined, kernel
 from tactopose_drake.core.validation import FloatArray
 
 _MOST_SWEEPS = 30  # Six or seven are enough for any matrix of six rows.
@@ -28,8 +28,8 @@ def eigenpairs(matrices: FloatArray) -> tuple[FloatArray, FloatArray]:
     return values, rows
 
 
-@njit(cache=True, nogil=True)
-def _diagonalize_all(matrices, values, rows):  # type: ignore[no-untyped-def]
+@kernel
+def _diagonalize_all(matrices: OutFloats3, values: OutFloats2, rows: OutFloats3) -> None:
     """Jacobi's rotations, row by row, until what is off the diagonal is rounding; the matrices are for work."""
     n = matrices.shape[1]
     for b in range(matrices.shape[0]):
@@ -54,8 +54,8 @@ def _diagonalize_all(matrices, values, rows):  # type: ignore[no-untyped-def]
             values[b, i] = A[i, i]
 
 
-@njit(cache=True, inline="always")
-def _rotate(A, V, p, q):  # type: ignore[no-untyped-def]
+@inlined
+def _rotate(A, V, p, q):
     """Makes A[p, q] vanish by a rotation in the plane of both axes. [GV] algorithm 8.5.1."""
     tau = 0.5 * (A[q, q] - A[p, p]) / A[p, q]
     t = 1.0 / (tau + np.sqrt(1.0 + tau * tau)) if tau >= 0.0 else -1.0 / (np.sqrt(1.0 + tau * tau) - tau)
@@ -68,16 +68,16 @@ def _rotate(A, V, p, q):  # type: ignore[no-untyped-def]
         V[p, k], V[q, k] = c * V[p, k] - s * V[q, k], s * V[p, k] + c * V[q, k]
 
 
-@njit(cache=True, nogil=True)
-def _invert_all(matrices, inverse, logarithm):  # type: ignore[no-untyped-def]
+@kernel
+def _invert_all(matrices: Floats3, inverse: OutFloats3, logarithm: OutFloats1) -> None:
     L = np.empty(matrices.shape[1:])
     for b in range(matrices.shape[0]):
         logarithm[b] = cholesky(matrices[b], L)
         invert(L, inverse[b])
 
 
-@njit(cache=True, inline="always")
-def cholesky(A, L):  # type: ignore[no-untyped-def]
+@inlined
+def cholesky(A, L):
     """The lower triangle L of A = L L^T (n, n), from A's; the logarithm of A's determinant, infinite without L."""
     total = 0.0
     for i in range(L.shape[0]):
@@ -96,8 +96,8 @@ def cholesky(A, L):  # type: ignore[no-untyped-def]
     return total
 
 
-@njit(cache=True, inline="always")
-def solve_transposed(L, z, u):  # type: ignore[no-untyped-def]
+@inlined
+def solve_transposed(L, z, u):
     """u = L^-T z: with H = L L^T and white z, u has the covariance H^-1."""
     n = L.shape[0]
     for i in range(n - 1, -1, -1):
@@ -107,8 +107,8 @@ def solve_transposed(L, z, u):  # type: ignore[no-untyped-def]
         u[i] = s / L[i, i]
 
 
-@njit(cache=True, inline="always")
-def invert(L, inverse):  # type: ignore[no-untyped-def]
+@inlined
+def invert(L, inverse):
     """(L L^T)^-1 (n, n), column by column; L's own place is free for reuse afterwards."""
     n = L.shape[0]
     for j in range(n):

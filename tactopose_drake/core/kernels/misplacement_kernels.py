@@ -4,9 +4,9 @@
 """
 
 import numpy as np
-from numba import njit
 
-from tactopose_drake.core.kernels.pad_kernels import enter, look, misplace
+from tactopose_drake.core.compiled import Floats1, Floats2, OutFloats1, OutFloats2, Singles4, inlined, kernel
+from tactopose_drake.core.kernels.pad_kernels import Cells, Pad, Pads, Run, enter, look, misplace
 
 # Where the local model of a pad's cost promises less than this, it is taken at its word. That takes two steps or three;
 # at creases it may take many, which are not worth their time.
@@ -16,8 +16,16 @@ _MOST_STEPS = 4
 _HOPELESS = 30.0
 
 
-@njit(cache=True, error_model="numpy")
-def settle(grid, pads, k, sigmas, X, cells, pad):  # type: ignore[no-untyped-def]
+@kernel
+def settle(
+    grid: tuple[Singles4, Floats1, float],
+    pads: Pads,
+    k: int,
+    sigmas: tuple[float, float],
+    X: Floats2,
+    cells: Cells,
+    pad: Pad,
+) -> float:
     """A pad's least cost over its misplacement, by Levenberg and Marquardt's steps from 0; leaves the cells there."""
     u, g, L, step, trial = pad.u, pad.g, pad.L, pad.step, pad.trial
     traits, run = pads[2], (pads[3][k], pads[3][k + 1])
@@ -62,8 +70,8 @@ def settle(grid, pads, k, sigmas, X, cells, pad):  # type: ignore[no-untyped-def
     return cost
 
 
-@njit(cache=True, error_model="numpy")
-def _expand(sigmas, run, cells, pad):  # type: ignore[no-untyped-def]
+@kernel
+def _expand(sigmas: tuple[float, float], run: Run, cells: Cells, pad: Pad) -> None:
     """The gradient and Gauss-Newton Hessian of a pad's cost by its misplacement."""
     g, H = pad.g, pad.H
     arms, slopes, weights, residual, rows = cells.arms, cells.slopes, cells.weights, cells.residual, cells.by_pad
@@ -79,8 +87,8 @@ def _expand(sigmas, run, cells, pad):  # type: ignore[no-untyped-def]
                     H[a, c] += rows[i, a] * rows[i, c]
 
 
-@njit(cache=True, error_model="numpy")
-def make_rows(directions, sigmas, run, cells):  # type: ignore[no-untyped-def]
+@kernel
+def make_rows(directions: Floats2, sigmas: tuple[float, float], run: Run, cells: Cells) -> None:
     """The derivatives by misplacement and pose, given those by the places: the directions (n, 3)."""
     arms, places, by_pad, by_pose = cells.arms, cells.places, cells.by_pad, cells.by_pose
     for i in range(run[0], run[1]):
@@ -88,8 +96,8 @@ def make_rows(directions, sigmas, run, cells):  # type: ignore[no-untyped-def]
         _row(i, places, directions, -1.0, -1.0, by_pose)
 
 
-@njit(cache=True, inline="always")
-def _row(i, levers, directions, turn, shift, rows):  # type: ignore[no-untyped-def]
+@inlined
+def _row(i, levers, directions, turn, shift, rows):
     """The derivatives by a turn and a shift of the i-th point at its lever, given those by the point, of (n, 3) each.
 
     Whole arrays are given, because a row of one that is given has its references counted.
@@ -101,8 +109,8 @@ def _row(i, levers, directions, turn, shift, rows):  # type: ignore[no-untyped-d
     rows[i, 3], rows[i, 4], rows[i, 5] = shift * x, shift * y, shift * z
 
 
-@njit(cache=True, error_model="numpy")
-def couple(run, cells, C, L):  # type: ignore[no-untyped-def]
+@kernel
+def couple(run: Run, cells: Cells, C: OutFloats2, L: OutFloats2) -> None:
     """A pad's second derivatives: C (6, 6) by misplacement and pose, and the factor L of that by the misplacement."""
     weights, by_pad, by_pose = cells.weights, cells.by_pad, cells.by_pose
     C[:] = 0.0
@@ -119,8 +127,8 @@ def couple(run, cells, C, L):  # type: ignore[no-untyped-def]
     _factor(L)
 
 
-@njit(cache=True, error_model="numpy")
-def _factor(L):  # type: ignore[no-untyped-def]
+@kernel
+def _factor(L: OutFloats2) -> None:
     """Cholesky's factor of a positive definite matrix (6, 6), in the place of its lower triangle."""
     for a in range(6):
         for c in range(a + 1):
@@ -130,8 +138,8 @@ def _factor(L):  # type: ignore[no-untyped-def]
             L[a, c] = np.sqrt(total) if a == c else total / L[c, c]
 
 
-@njit(cache=True, error_model="numpy")
-def solve(L, x):  # type: ignore[no-untyped-def]
+@kernel
+def solve(L: Floats2, x: OutFloats1) -> None:
     """(L L^T)^-1 x, in the place of x (6,)."""
     for a in range(6):
         for e in range(a):

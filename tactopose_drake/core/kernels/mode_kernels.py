@@ -1,14 +1,14 @@
 """Which of many poses are the same mode, compiled: up to the object's symmetries and what is known of each."""
 
 import numpy as np
-from numba import njit
 
+from tactopose_drake.core.compiled import Floats3, OutFlags1, kernel
 from tactopose_drake.core.kernels.matrix_kernels import cholesky, invert
 from tactopose_drake.core.kernels.pose_kernels import compose_one, increment_between
 
 
-@njit(cache=True)
-def mark_distinct(X, information, symmetries, threshold, distinct):  # type: ignore[no-untyped-def]
+@kernel
+def mark_distinct(X: Floats3, information: Floats3, symmetries: Floats3, threshold: float, distinct: OutFlags1) -> None:
     """Marks, of poses X (B, 3, 4) by rising cost, each that no better marked one equals up to a symmetry.
 
     Two poses are equal when the squared Mahalanobis length of the increment between them, by the information (B, 6, 6)

@@ -10,13 +10,44 @@ each pad begin, and that there are n; `sigmas` is (sigma_rotation, sigma_positio
 loops over such numbers need no check for negative indices.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
-from numba import njit
 
+from tactopose_drake.core.compiled import (
+    Floats1,
+    Floats2,
+    OutFloats1,
+    OutFloats2,
+    Singles4,
+    Unsigned,
+    UnsignedLongs1,
+    inlined,
+    kernel,
+)
 from tactopose_drake.core.kernels.grid_kernels import SOFT_LENGTH, cell, interpolate
 from tactopose_drake.core.kernels.pose_kernels import rotate_to_object, to_object
+
+Run: TypeAlias = tuple[Unsigned, Unsigned]
+"""The first of a pad's cells among all, and the one behind its last."""
+
+
+class Pads(NamedTuple):
+    """All pads' cells in P, one pad after the other.
+
+    Attributes:
+        points: shape (n, 3), m.
+        normals: out of the pad, shape (n, 3).
+        traits: side, weight, depth and width of each, shape (n, 4).
+        starts: the first cell of each pad, and behind the last one's, shape (k + 1,).
+        middles: of the pads, shape (k, 3), m.
+    """
+
+    points: Floats2
+    normals: Floats2
+    traits: Floats2
+    starts: UnsignedLongs1
+    middles: Floats2
 
 
 class Cells(NamedTuple):
@@ -34,16 +65,16 @@ class Cells(NamedTuple):
         by_pad, by_pose: derivatives of the residual by the misplacement and by the pose's (w, R^T v), shape (n, 6).
     """
 
-    arms: Any
-    outward: Any
-    places: Any
-    clear: Any
-    weights: Any
-    residual: Any
-    slopes: Any
-    normals: Any
-    by_pad: Any
-    by_pose: Any
+    arms: OutFloats2
+    outward: OutFloats2
+    places: OutFloats2
+    clear: OutFloats1
+    weights: OutFloats1
+    residual: OutFloats1
+    slopes: OutFloats2
+    normals: OutFloats2
+    by_pad: OutFloats2
+    by_pose: OutFloats2
 
 
 class Pad(NamedTuple):
@@ -57,17 +88,17 @@ class Pad(NamedTuple):
         step, trial: shape (6,).
     """
 
-    middle: Any
-    u: Any
-    g: Any
-    H: Any
-    L: Any
-    step: Any
-    trial: Any
+    middle: OutFloats1
+    u: OutFloats1
+    g: OutFloats1
+    H: OutFloats2
+    L: OutFloats2
+    step: OutFloats1
+    trial: OutFloats1
 
 
-@njit(cache=True)
-def scratch(n):  # type: ignore[no-untyped-def]
+@kernel
+def scratch(n: int) -> tuple[Cells, Pad]:
     """Room for n cells, and for a pad."""
     cells = Cells(
         np.empty((n, 3)),
@@ -85,8 +116,8 @@ def scratch(n):  # type: ignore[no-untyped-def]
     return cells, pad
 
 
-@njit(cache=True, error_model="numpy")
-def enter(pads, k, X, cells, pad):  # type: ignore[no-untyped-def]
+@kernel
+def enter(pads: Pads, k: int, X: Floats2, cells: Cells, pad: Pad) -> None:
     """A pad in O at the pose X: its middle, its cells' arms and outward normals; nothing is known of them yet."""
     points, normals, _, starts, middles = pads
     to_object(X, middles[k], pad.middle)
@@ -98,8 +129,8 @@ def enter(pads, k, X, cells, pad):  # type: ignore[no-untyped-def]
             cells.arms[i, a] -= pad.middle[a]
 
 
-@njit(cache=True, error_model="numpy")
-def misplace(u, sigmas, run, cells, pad):  # type: ignore[no-untyped-def]
+@kernel
+def misplace(u: Floats1, sigmas: tuple[float, float], run: Run, cells: Cells, pad: Pad) -> None:
     """Where the cells of a pad that is misplaced by u are."""
     arms, places = cells.arms, cells.places
     x, y, z = sigmas[0] * u[0], sigmas[0] * u[1], sigmas[0] * u[2]
@@ -110,8 +141,8 @@ def misplace(u, sigmas, run, cells, pad):  # type: ignore[no-untyped-def]
         places[i, 2] = c + arms[i, 2] + x * arms[i, 1] - y * arms[i, 0]
 
 
-@njit(cache=True, error_model="numpy")
-def look(grid, traits, run, cells, pad):  # type: ignore[no-untyped-def]
+@kernel
+def look(grid: tuple[Singles4, Floats1, float], traits: Floats2, run: Run, cells: Cells, pad: Pad) -> None:
     """The cells' weights at their places, the residuals, and the slopes of these.
 
     A cell that feels nothing does not count before it has come as far as it was clear of the object.
@@ -155,8 +186,8 @@ def look(grid, traits, run, cells, pad):  # type: ignore[no-untyped-def]
             slopes[i, a] *= weight
 
 
-@njit(cache=True, error_model="numpy")
-def look_along(grid, run, cells):  # type: ignore[no-untyped-def]
+@kernel
+def look_along(grid: tuple[Singles4, Floats1, float], run: Run, cells: Cells) -> None:
     """The normals at the places."""
     values, origin, inverse_spacing = grid
     flat = values.reshape(-1)
@@ -179,8 +210,8 @@ def look_along(grid, run, cells):  # type: ignore[no-untyped-def]
             normals[i, a] *= cells.weights[i] / np.sqrt(square)
 
 
-@njit(cache=True, inline="always")
-def _slack(dot, square, depth, width):  # type: ignore[no-untyped-def]
+@inlined
+def _slack(dot, square, depth, width):
     """How far a pressed cell's point may be from a surface that only a part of the cell feels, see `PatchCells`.
 
     Given are the gradient's part along the pad's inward normal, and its square.

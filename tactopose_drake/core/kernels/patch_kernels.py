@@ -4,15 +4,17 @@ Each pad is misplaced as `misplacement_kernels.py` finds it. `grid`, `pads` and 
 """
 
 import numpy as np
-from numba import njit
 
+from tactopose_drake.core.compiled import Floats1, Floats3, OutFloats1, OutFloats2, OutFloats3, Singles4, kernel
 from tactopose_drake.core.kernels.misplacement_kernels import couple, make_rows, settle, solve
-from tactopose_drake.core.kernels.pad_kernels import look_along, scratch
+from tactopose_drake.core.kernels.pad_kernels import Pads, look_along, scratch
 from tactopose_drake.core.kernels.pose_kernels import turn_translations
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def patch_costs(grid, pads, sigmas, X, costs):  # type: ignore[no-untyped-def]
+@kernel
+def patch_costs(
+    grid: tuple[Singles4, Floats1, float], pads: Pads, sigmas: tuple[float, float], X: Floats3, costs: OutFloats2
+) -> None:
     """Half the sum of squares of the residuals of each pad at each pose, into costs (B, k)."""
     cells, pad = scratch(len(pads[0]))
     for b in range(X.shape[0]):
@@ -20,8 +22,15 @@ def patch_costs(grid, pads, sigmas, X, costs):  # type: ignore[no-untyped-def]
             costs[b, k] = settle(grid, pads, k, sigmas, X[b], cells, pad)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def patch_residuals(grid, pads, sigmas, X, residuals, jacobian):  # type: ignore[no-untyped-def]
+@kernel
+def patch_residuals(
+    grid: tuple[Singles4, Floats1, float],
+    pads: Pads,
+    sigmas: tuple[float, float],
+    X: Floats3,
+    residuals: OutFloats2,
+    jacobian: OutFloats3,
+) -> None:
     """Residuals (B, n + 6 k), of the cells and then of the pads' misplacements, and their Jacobian by the increment.
 
     How the misplacement follows the pose is Gauss and Newton's approximation, exact where the residuals vanish.
@@ -58,8 +67,16 @@ def patch_residuals(grid, pads, sigmas, X, residuals, jacobian):  # type: ignore
                 jacobian[b, i, 3 + a] = X[b, a, 0] * x + X[b, a, 1] * y + X[b, a, 2] * z
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def patch_normal_equations(grid, pads, sigmas, X, cost, gradient, hessian):  # type: ignore[no-untyped-def]
+@kernel
+def patch_normal_equations(
+    grid: tuple[Singles4, Floats1, float],
+    pads: Pads,
+    sigmas: tuple[float, float],
+    X: Floats3,
+    cost: OutFloats1,
+    gradient: OutFloats2,
+    hessian: OutFloats3,
+) -> None:
     """Cost (B,), gradient (B, 6), and the Gauss-Newton Hessian (B, 6, 6) along the smooth normals."""
     starts = pads[3]
     cells, pad = scratch(len(pads[0]))

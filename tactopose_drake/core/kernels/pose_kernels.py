@@ -4,26 +4,27 @@ Poses are (3, 4), or (B, 3, 4) for a batch; increments (w, v) as in `poses.py`.
 """
 
 import numpy as np
-from numba import njit
+
+from tactopose_drake.core.compiled import Floats1, Floats2, Floats3, OutFloats1, OutFloats3, inlined, kernel
 
 
-@njit(cache=True)
-def to_object(X, p, q):  # type: ignore[no-untyped-def]
+@kernel
+def to_object(X: Floats2, p: Floats1, q: OutFloats1) -> None:
     """q = R^T (p - t) for one pose X (3, 4)."""
     dx, dy, dz = p[0] - X[0, 3], p[1] - X[1, 3], p[2] - X[2, 3]
     for a in range(3):
         q[a] = X[0, a] * dx + X[1, a] * dy + X[2, a] * dz
 
 
-@njit(cache=True)
-def rotate_to_object(X, n, m):  # type: ignore[no-untyped-def]
+@kernel
+def rotate_to_object(X: Floats2, n: Floats1, m: OutFloats1) -> None:
     """m = R^T n for one pose X (3, 4)."""
     for a in range(3):
         m[a] = X[0, a] * n[0] + X[1, a] * n[1] + X[2, a] * n[2]
 
 
-@njit(cache=True, inline="always")
-def chain(row, q, X, weight, J):  # type: ignore[no-untyped-def]
+@inlined
+def chain(row, q, X, weight, J):
     """Turns a derivative by the point in O into one by the increment: dq = [q]x w - R^T v."""
     J[0] = weight * (row[1] * q[2] - row[2] * q[1])
     J[1] = weight * (row[2] * q[0] - row[0] * q[2])
@@ -32,15 +33,15 @@ def chain(row, q, X, weight, J):  # type: ignore[no-untyped-def]
         J[3 + a] = -weight * (X[a, 0] * row[0] + X[a, 1] * row[1] + X[a, 2] * row[2])
 
 
-@njit(cache=True, inline="always")
-def chain_in_object(row, q, J):  # type: ignore[no-untyped-def]
+@inlined
+def chain_in_object(row, q, J):
     """As `chain`, by the increment (w, R^T v): dq = [q]x w - R^T v."""
     J[0], J[1], J[2] = row[1] * q[2] - row[2] * q[1], row[2] * q[0] - row[0] * q[2], row[0] * q[1] - row[1] * q[0]
     J[3], J[4], J[5] = -row[0], -row[1], -row[2]
 
 
-@njit(cache=True, inline="always")
-def turn_normal(m, weight, J):  # type: ignore[no-untyped-def]
+@inlined
+def turn_normal(m, weight, J):
     """Adds to rows 1 to 3 that the measured normal turns with the increment too: d(R^T n) = [m]x w."""
     J[1, 1] += m[2] * weight
     J[1, 2] -= m[1] * weight
@@ -50,8 +51,8 @@ def turn_normal(m, weight, J):  # type: ignore[no-untyped-def]
     J[3, 1] -= m[0] * weight
 
 
-@njit(cache=True, inline="always")
-def turn_translations(X, g, H, gradient, hessian):  # type: ignore[no-untyped-def]
+@inlined
+def turn_translations(X, g, H, gradient, hessian):
     """Gradient and Hessian by (w, v) from those by (w, R^T v), of which H is the lower triangle."""
     for a in range(3):
         gradient[a] = g[a]
@@ -71,8 +72,8 @@ def turn_translations(X, g, H, gradient, hessian):  # type: ignore[no-untyped-de
             hessian[3 + a, 3 + c] = hessian[3 + c, 3 + a] = both
 
 
-@njit(cache=True, inline="always")
-def retract_one(X, increment, out):  # type: ignore[no-untyped-def]
+@inlined
+def retract_one(X, increment, out):
     """R exp(w), p + v for one pose (3, 4) and increment (6,)."""
     x, y, z = increment[0], increment[1], increment[2]
     angle2 = x * x + y * y + z * z
@@ -92,15 +93,15 @@ def retract_one(X, increment, out):  # type: ignore[no-untyped-def]
         out[i, 3] = X[i, 3] + increment[3 + i]
 
 
-@njit(cache=True, nogil=True)
-def retract(X, increment, out):  # type: ignore[no-untyped-def]
+@kernel
+def retract(X: Floats3, increment: Floats2, out: OutFloats3) -> None:
     """The compiled `poses.retract`: R exp(w), p + v for poses (B, 3, 4) and increments (B, 6)."""
     for b in range(X.shape[0]):
         retract_one(X[b], increment[b], out[b])
 
 
-@njit(cache=True, inline="always")
-def compose_one(X, Y, out):  # type: ignore[no-untyped-def]
+@inlined
+def compose_one(X, Y, out):
     """The pose X Y; all (3, 4)."""
     for i in range(3):
         for j in range(4):
@@ -108,8 +109,8 @@ def compose_one(X, Y, out):  # type: ignore[no-untyped-def]
         out[i, 3] += X[i, 3]
 
 
-@njit(cache=True, inline="always")
-def increment_between(X, Y, out):  # type: ignore[no-untyped-def]
+@inlined
+def increment_between(X, Y, out):
     """The increment (w, v) from the pose X to Y, both (3, 4), into out (6,)."""
     for i in range(3):
         out[3 + i] = Y[i, 3] - X[i, 3]

@@ -4,13 +4,13 @@ Poses are (B, 3, 4); increments (w, v) as in `poses.py`.
 """
 
 import numpy as np
-from numba import njit
 
+from tactopose_drake.core.compiled import Floats1, Floats2, Floats3, OutFloats1, OutFloats2, OutFloats3, inlined, kernel
 from tactopose_drake.core.kernels.pose_kernels import increment_between
 
 
-@njit(cache=True)
-def prior_costs(X_prior, weights, X, cost):  # type: ignore[no-untyped-def]
+@kernel
+def prior_costs(X_prior: Floats2, weights: Floats1, X: Floats3, cost: OutFloats1) -> None:
     """Half the squared whitened increment from the prior's pose (3, 4) to each pose, into cost (B,)."""
     u = np.empty(6)
     for b in range(X.shape[0]):
@@ -21,8 +21,10 @@ def prior_costs(X_prior, weights, X, cost):  # type: ignore[no-untyped-def]
         cost[b] = 0.5 * total
 
 
-@njit(cache=True)
-def prior_residuals(X_prior, weights, X, residuals, jacobian):  # type: ignore[no-untyped-def]
+@kernel
+def prior_residuals(
+    X_prior: Floats2, weights: Floats1, X: Floats3, residuals: OutFloats2, jacobian: OutFloats3
+) -> None:
     """Whitened increments (B, 6) from the prior's pose, and their derivatives by the increment (B, 6, 6).
 
     The derivative of the rotation vector is the inverse right Jacobian of SO(3): J. Sola et al., A micro Lie theory for
@@ -33,8 +35,8 @@ def prior_residuals(X_prior, weights, X, residuals, jacobian):  # type: ignore[n
         prior_row(X_prior, weights, X[b], u, residuals[b], jacobian[b])
 
 
-@njit(cache=True, inline="always")
-def prior_row(X_prior, weights, X, u, residual, J):  # type: ignore[no-untyped-def]
+@inlined
+def prior_row(X_prior, weights, X, u, residual, J):
     """The same of one pose (3, 4), into (6,) and (6, 6); u (6,) is for work."""
     increment_between(X_prior, X, u)
     x, y, z = u[0], u[1], u[2]

@@ -6,8 +6,19 @@ Source: [B16] J. Bimbo, thesis, 2016, eqs. 3.3 and 3.5, whitened by the sensors'
 """
 
 import numpy as np
-from numba import njit
 
+from tactopose_drake.core.compiled import (
+    Floats1,
+    Floats2,
+    Floats3,
+    OutFloats1,
+    OutFloats2,
+    OutFloats3,
+    OutFloats4,
+    Singles4,
+    inlined,
+    kernel,
+)
 from tactopose_drake.core.kernels.grid_kernels import SOFT_LENGTH, look_up, look_up_with_derivative, prefetch_cells
 from tactopose_drake.core.kernels.pose_kernels import chain, rotate_to_object, to_object, turn_normal
 
@@ -15,8 +26,18 @@ from tactopose_drake.core.kernels.pose_kernels import chain, rotate_to_object, t
 SOFT_ROOT = 1e-4
 
 
-@njit(cache=True, nogil=True)
-def contact_costs(values, origin, inverse_spacing, p, n, weight_p, weight_n, X, cost):  # type: ignore[no-untyped-def]
+@kernel
+def contact_costs(
+    values: Singles4,
+    origin: Floats1,
+    inverse_spacing: float,
+    p: Floats2,
+    n: Floats2,
+    weight_p: Floats1,
+    weight_n: Floats1,
+    X: Floats3,
+    cost: OutFloats1,
+) -> None:
     """Half the sum of squares of the contact residuals of each pose, into cost (B,)."""
     flat = values.reshape(-1)
     q, m, field = np.empty(3), np.empty(3), np.empty(4)
@@ -38,10 +59,19 @@ def contact_costs(values, origin, inverse_spacing, p, n, weight_p, weight_n, X, 
         cost[b] = 0.5 * total
 
 
-@njit(cache=True)
-def contact_residuals(  # type: ignore[no-untyped-def]
-    values, origin, inverse_spacing, p, n, weight_p, weight_n, X, residuals, jacobian
-):
+@kernel
+def contact_residuals(
+    values: Singles4,
+    origin: Floats1,
+    inverse_spacing: float,
+    p: Floats2,
+    n: Floats2,
+    weight_p: Floats1,
+    weight_n: Floats1,
+    X: Floats3,
+    residuals: OutFloats3,
+    jacobian: OutFloats4,
+) -> None:
     """Residuals (B, k, 5), see `contact_rows`, and their Jacobian (B, k, 5, 6) by the increment."""
     smooth, work = np.empty((4, 6)), np.empty((10, 4))
     for b in range(X.shape[0]):
@@ -62,8 +92,8 @@ def contact_residuals(  # type: ignore[no-untyped-def]
             )
 
 
-@njit(cache=True, inline="always")
-def normal_weight(field, weight_n):  # type: ignore[no-untyped-def]
+@inlined
+def normal_weight(field, weight_n):
     """One over the standard deviation of the normal's difference, and its variance over the sensor's alone.
 
     The mean of unit vectors is as short as they are spread: over two directions, their variance is (1 - |n|^2) / 2.
@@ -73,10 +103,21 @@ def normal_weight(field, weight_n):  # type: ignore[no-untyped-def]
     return weight_n / np.sqrt(spread), spread
 
 
-@njit(cache=True)
-def contact_rows(  # type: ignore[no-untyped-def]
-    values, origin, inverse_spacing, p, n, weight_p, weight_n, X, residual, J, smooth, work
-):
+@kernel
+def contact_rows(
+    values: Singles4,
+    origin: Floats1,
+    inverse_spacing: float,
+    p: Floats1,
+    n: Floats1,
+    weight_p: float,
+    weight_n: float,
+    X: Floats2,
+    residual: OutFloats1,
+    J: OutFloats2,
+    smooth: OutFloats2,
+    work: OutFloats2,
+) -> None:
     """The five residuals of one contact at one pose, their Jacobian (5, 6), and the rows (4, 6) that carry information.
 
     The residuals are the distance, the difference of the normals, and the root of twice the log of the normal's

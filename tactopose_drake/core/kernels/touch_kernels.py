@@ -4,8 +4,18 @@ Source: [B16] J. Bimbo, thesis, 2016, eqs. 2.30 and 2.31, 3.3 and 3.5.
 """
 
 import numpy as np
-from numba import njit
 
+from tactopose_drake.core.compiled import (
+    Floats1,
+    Floats2,
+    OutFlags1,
+    OutFloats1,
+    OutFloats2,
+    OutFloats3,
+    OutLongs1,
+    Singles4,
+    kernel,
+)
 from tactopose_drake.core.kernels.grid_kernels import SOFT_LENGTH, cell, extend, interpolate, prefetch_cells
 from tactopose_drake.core.kernels.least_squares_kernels import damped_step
 from tactopose_drake.core.kernels.pose_kernels import (
@@ -20,28 +30,28 @@ from tactopose_drake.core.kernels.prior_kernels import prior_row
 from tactopose_drake.core.kernels.surface_contact_kernels import SOFT_ROOT, normal_weight
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def descend(  # type: ignore[no-untyped-def]
-    values,
-    origin,
-    inverse_spacing,
-    p,
-    n,
-    weight_p,
-    weight_n,
-    X_prior,
-    prior_weights,
-    max_iterations,
-    tolerance,
-    initial_damping,
-    max_damping,
-    X,
-    cost,
-    gradient,
-    hessian,
-    iterations,
-    converged,
-):
+@kernel
+def descend(
+    values: Singles4,
+    origin: Floats1,
+    inverse_spacing: float,
+    p: Floats2,
+    n: Floats2,
+    weight_p: Floats1,
+    weight_n: Floats1,
+    X_prior: Floats2,
+    prior_weights: Floats1,
+    max_iterations: int,
+    tolerance: float,
+    initial_damping: float,
+    max_damping: float,
+    X: OutFloats3,
+    cost: OutFloats1,
+    gradient: OutFloats2,
+    hessian: OutFloats3,
+    iterations: OutLongs1,
+    converged: OutFlags1,
+) -> None:
     """Levenberg-Marquardt from each pose X (B, 3, 4), which moves; as `LevenbergMarquardt.refine` does it in rounds.
 
     Writes the cost (B,) there, of the contacts' residuals and the prior's; there is no prior where its weights are

@@ -1,11 +1,14 @@
 """Which nodes of a regular grid lie inside a mesh: winding numbers by signed crossings, compiled by numba."""
 
 import numpy as np
-from numba import njit
+
+from tactopose_drake.core.compiled import Floats1, Floats2, Ints2, Shape3, Shorts2, Shorts3, inlined, kernel
 
 
-@njit(cache=True)
-def winding_numbers(vertices, faces, origin, spacing, shape):  # type: ignore[no-untyped-def]
+@kernel
+def winding_numbers(
+    vertices: Floats2, faces: Ints2, origin: Floats1, spacing: float, shape: Shape3
+) -> tuple[Shorts3, Shorts2]:
     """Winding numbers of the nodes, by signed crossings counted upwards along z.
 
     An edge's side test is computed with its vertices in one order for both of its faces, so no column slips through a
@@ -58,8 +61,8 @@ def winding_numbers(vertices, faces, origin, spacing, shape):  # type: ignore[no
     return winding, rest
 
 
-@njit(cache=True, inline="always")
-def _side(p, q, in_order, x, y):  # type: ignore[no-untyped-def]
+@inlined
+def _side(p, q, in_order, x, y):
     """Which side of the line p q the point (x, y) is on; never zero, and bitwise opposite for q p."""
     if in_order:
         side = (q[0] - p[0]) * (y - p[1]) - (q[1] - p[1]) * (x - p[0])

@@ -1,14 +1,24 @@
 """The distances of a pad's felt cells from the surface's points."""
 
 import numpy as np
-from numba import njit
 
+from tactopose_drake.core.compiled import Floats1, Floats2, Floats3, Ints1, Ints3, Longs1, OutFloats2, kernel
 from tactopose_drake.core.kernels.pose_kernels import to_object
 from tactopose_drake.core.shape.point_grid_kernels import nearest_square
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def pad_costs(points, starts, seeds, origin, spacing, cells, ends, X_PO, costs):  # type: ignore[no-untyped-def]
+@kernel
+def pad_costs(
+    points: Floats2,
+    starts: Ints1,
+    seeds: Ints3,
+    origin: Floats1,
+    spacing: float,
+    cells: Floats2,
+    ends: Longs1,
+    X_PO: Floats3,
+    costs: OutFloats2,
+) -> None:
     """Mean squared distance of the cells ends[k] to ends[k + 1] to the cloud, m^2, into costs (B, k)."""
     q = np.empty(3)
     for b in range(X_PO.shape[0]):

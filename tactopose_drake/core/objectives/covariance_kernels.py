@@ -1,14 +1,25 @@
 """What of the surface lies in front of a tactile pad, and how its covariance fits the felt one."""
 
 import numpy as np
-from numba import njit
 
+from tactopose_drake.core.compiled import (
+    Floats1,
+    Floats2,
+    Floats3,
+    Ints1,
+    Ints3,
+    OutFloats1,
+    OutFloats2,
+    Shape3,
+    inlined,
+    kernel,
+)
 from tactopose_drake.core.kernels.pose_kernels import to_object
 from tactopose_drake.core.shape.point_grid_kernels import nearest_square, slot_of
 
 
-@njit(cache=True, inline="always")
-def _place(X, X_PB, lower, upper, centroid, R, p, c, low, high):  # type: ignore[no-untyped-def]
+@inlined
+def _place(X, X_PB, lower, upper, centroid, R, p, c, low, high):
     """A box seen from the object at the pose X: R = R_OB, p = p_OB, and the corners, along O's axes, of what holds it.
 
     c is the patch's centroid in B.
@@ -27,8 +38,8 @@ def _place(X, X_PB, lower, upper, centroid, R, p, c, low, high):  # type: ignore
         low[a], high[a] = middle - reach, middle + reach
 
 
-@njit(cache=True, inline="always")
-def _overlap(low, high, origin, spacing, shape):  # type: ignore[no-untyped-def]
+@inlined
+def _overlap(low, high, origin, spacing, shape):
     """Whether the axis-parallel box from low to high meets the grid."""
     meet = True
     for a in range(3):
@@ -36,10 +47,23 @@ def _overlap(low, high, origin, spacing, shape):  # type: ignore[no-untyped-def]
     return meet
 
 
-@njit(cache=True, error_model="numpy")
-def _gather(  # type: ignore[no-untyped-def]
-    points, starts, shape, origin, spacing, R, p, c, low, high, lower, upper, first, second
-):
+@kernel
+def _gather(
+    points: Floats2,
+    starts: Ints1,
+    shape: Shape3,
+    origin: Floats1,
+    spacing: float,
+    R: Floats2,
+    p: Floats1,
+    c: Floats1,
+    low: Floats1,
+    high: Floats1,
+    lower: Floats1,
+    upper: Floats1,
+    first: OutFloats1,
+    second: OutFloats2,
+) -> int:
     """The moments about c of the points in the box: their number, depth below z = 0, and least square distance from c.
 
     Their sum goes into first (3,), the lower triangle of the sum of their products into second (3, 3).
@@ -81,10 +105,22 @@ def _gather(  # type: ignore[no-untyped-def]
     return count, depth, nearest
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def pad_costs(  # type: ignore[no-untyped-def]
-    points, starts, seeds, origin, spacing, X_PB, lower, upper, centroid, covariance, weights, X_PO, costs
-):
+@kernel
+def pad_costs(
+    points: Floats2,
+    starts: Ints1,
+    seeds: Ints3,
+    origin: Floats1,
+    spacing: float,
+    X_PB: Floats3,
+    lower: Floats2,
+    upper: Floats2,
+    centroid: Floats2,
+    covariance: Floats3,
+    weights: Floats1,
+    X_PO: Floats3,
+    costs: OutFloats2,
+) -> None:
     """Algorithm 5.2's cost of each pad at each pose, m, into costs (B, k).
 
     Few poses need the nearest point: where a point of the box is within the gate of the centroid, so is the nearest.

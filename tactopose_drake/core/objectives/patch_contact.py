@@ -7,6 +7,7 @@ import numpy as np
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.kernels import patch_kernels
+from tactopose_drake.core.kernels.pad_kernels import Pads
 from tactopose_drake.core.objectives.objective import NormalEquations, SumObjective
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.sensing.patches import Patch
@@ -64,7 +65,7 @@ class PatchCells:
         middles = np.array([patch.p_PT.mean(axis=0) for patch in patches]).reshape(-1, 3)
         self._arguments = (
             (grid.values, grid.origin, 1.0 / grid.spacing),
-            (points, normals, traits, starts, middles),
+            Pads(points, normals, traits, starts, middles),
             (sigma_rotation, sigma_position),
         )
         self._pads, self._rows = len(pads), len(points) + 6 * len(pads)

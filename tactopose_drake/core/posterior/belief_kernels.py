@@ -11,14 +11,23 @@ not by chance [JS61].
 """
 
 import numpy as np
-from numba import njit
 
+from tactopose_drake.core.compiled import (
+    Floats1,
+    Floats2,
+    Floats3,
+    OutFloats1,
+    OutFloats2,
+    OutFloats3,
+    OutFloats4,
+    kernel,
+)
 from tactopose_drake.core.kernels import least_squares_kernels, pose_kernels
 from tactopose_drake.core.kernels.matrix_kernels import cholesky, invert
 
 
-@njit(cache=True)
-def weigh(cost, lowest, densities, weights):  # type: ignore[no-untyped-def]
+@kernel
+def weigh(cost: Floats1, lowest: float, densities: Floats2, weights: OutFloats2) -> None:
     """The weights of samples of these costs (B,), in the groups' shares (B, g); at the cost `lowest` exp(-c) is 1."""
     for b in range(densities.shape[0]):
         density = 1e-300
@@ -29,8 +38,17 @@ def weigh(cost, lowest, densities, weights):  # type: ignore[no-untyped-def]
             weights[b, g] = weight * (densities[b, g] / density)
 
 
-@njit(cache=True)
-def try_shares(X, laplace, mean, worth, way, chance, shares, tried):  # type: ignore[no-untyped-def]
+@kernel
+def try_shares(
+    X: Floats3,
+    laplace: Floats3,
+    mean: Floats2,
+    worth: Floats1,
+    way: Floats1,
+    chance: float,
+    shares: OutFloats2,
+    tried: OutFloats4,
+) -> None:
     """The share of each mean that counts times those of the way (s,), into (n, s); poses so far from X (n, s, 3, 4)."""
     L, information, u = np.empty((6, 6)), np.empty((6, 6)), np.empty(6)
     for j in range(X.shape[0]):
@@ -48,8 +66,10 @@ def try_shares(X, laplace, mean, worth, way, chance, shares, tried):  # type: ig
             pose_kernels.retract_one(X[j], u, tried[j, t])
 
 
-@njit(cache=True)
-def step_down(gradient, hessian, soft, units, longest, X):  # type: ignore[no-untyped-def]
+@kernel
+def step_down(
+    gradient: Floats2, hessian: Floats3, soft: Floats1, units: Floats1, longest: float, X: OutFloats3
+) -> None:
     """Moves poses X (B, 3, 4) by -(H + diag soft)^-1 g, or as much of it as is no longer than that, m, in the units."""
     H, L, forward, step, moved = np.empty((6, 6)), np.empty((6, 6)), np.empty(6), np.empty(6), np.empty((3, 4))
     for b in range(X.shape[0]):
@@ -68,8 +88,10 @@ def step_down(gradient, hessian, soft, units, longest, X):  # type: ignore[no-un
         X[b] = moved
 
 
-@njit(cache=True, nogil=True)
-def add_moments(X_group, X, weights, worth, first, second):  # type: ignore[no-untyped-def]
+@kernel
+def add_moments(
+    X_group: Floats3, X: Floats3, weights: Floats2, worth: OutFloats1, first: OutFloats2, second: OutFloats3
+) -> None:
     """Fills `mode_moments.Moments`, of which the second and third are zero on entry, from weights (B, g)."""
     u = np.empty(6)
     for g in range(X_group.shape[0]):

@@ -1,8 +1,8 @@
 """Modes that overlap are joined, with their masses and moments."""
 
 import numpy as np
-from numba import njit
 
+from tactopose_drake.core.compiled import Floats3, Longs1, OutFloats1, OutFloats2, OutFloats3, inlined, kernel
 from tactopose_drake.core.kernels.matrix_kernels import cholesky, invert
 from tactopose_drake.core.kernels.pose_kernels import compose_one, increment_between
 
@@ -12,8 +12,17 @@ _ONE_PEAK = 2.0
 _WIDEST_TURN = 1.5
 
 
-@njit(cache=True, nogil=True)
-def join(X, order, symmetries, mass, spread, worth, first, second):  # type: ignore[no-untyped-def]
+@kernel
+def join(
+    X: Floats3,
+    order: Longs1,
+    symmetries: Floats3,
+    mass: OutFloats1,
+    spread: OutFloats3,
+    worth: OutFloats1,
+    first: OutFloats2,
+    second: OutFloats3,
+) -> None:
     """Adds each mode to the nearest of those before it that it overlaps, and leaves it no mass.
 
     With u the increment to its image, J the derivative of increments there by those from its own pose, m the means, P
@@ -58,8 +67,8 @@ def join(X, order, symmetries, mass, spread, worth, first, second):  # type: ign
             mass[j] = 0.0
 
 
-@njit(cache=True, inline="always")
-def _derivative(X, S, J):  # type: ignore[no-untyped-def]
+@inlined
+def _derivative(X, S, J):
     """Of the increments at X S by those (w, v) at X: they are (R_S^T w, v + R (w x p_S)), with X = (R, p)."""
     J[:] = 0.0
     for i in range(3):

@@ -7,8 +7,8 @@ determinant of the right Jacobian of the increment's rotation vector.
 """
 
 import numpy as np
-from numba import njit
 
+from tactopose_drake.core.compiled import Floats1, Floats2, Floats3, Longs1, OutFloats1, OutFloats2, OutFloats3, kernel
 from tactopose_drake.core.kernels import pose_kernels
 from tactopose_drake.core.kernels.matrix_kernels import cholesky, invert, solve_transposed
 
@@ -17,8 +17,8 @@ FREEDOM = 6
 _FAR = 1500.0
 
 
-@njit(cache=True)
-def leave_out(turns, across, logarithm):  # type: ignore[no-untyped-def]
+@kernel
+def leave_out(turns: Floats3, across: OutFloats3, logarithm: OutFloats1) -> None:
     """Leaves one turn out after the other."""
     L, image = np.empty((6, 6)), np.empty(6)
     for j in range(across.shape[0]):
@@ -37,8 +37,16 @@ def leave_out(turns, across, logarithm):  # type: ignore[no-untyped-def]
                     A[i, k] -= image[i] * image[k] / along
 
 
-@njit(cache=True)
-def enter_chart(X_group, group, X, information, center, inside, turns):  # type: ignore[no-untyped-def]
+@kernel
+def enter_chart(
+    X_group: Floats3,
+    group: Longs1,
+    X: Floats3,
+    information: Floats3,
+    center: OutFloats2,
+    inside: OutFloats3,
+    turns: OutFloats3,
+) -> None:
     """By the right Jacobian of the rotations and its inverse: J. Sola et al., A micro Lie theory for state estimation,
     2018, eqs. 143 and 144.
     """
@@ -80,8 +88,8 @@ def enter_chart(X_group, group, X, information, center, inside, turns):  # type:
                 turns[j, a, c] = inverse[a, 0] * x + inverse[a, 1] * y + inverse[a, 2] * z
 
 
-@njit(cache=True)
-def oppose(count, normal):  # type: ignore[no-untyped-def]
+@kernel
+def oppose(count: Longs1, normal: OutFloats2) -> None:
     """Makes every second row of each component's the opposite of the row before."""
     first = 0
     for j in range(count.shape[0]):
@@ -91,8 +99,16 @@ def oppose(count, normal):  # type: ignore[no-untyped-def]
         first += count[j]
 
 
-@njit(cache=True)
-def draw(X_group, group, center, information, count, normal, X):  # type: ignore[no-untyped-def]
+@kernel
+def draw(
+    X_group: Floats3,
+    group: Longs1,
+    center: Floats2,
+    information: Floats3,
+    count: Longs1,
+    normal: Floats2,
+    X: OutFloats3,
+) -> None:
     u, L = np.empty(6), np.empty((6, 6))
     b = 0
     for j in range(count.shape[0]):
@@ -105,8 +121,8 @@ def draw(X_group, group, center, information, count, normal, X):  # type: ignore
             b += 1
 
 
-@njit(cache=True)
-def find_reach(group, center, information, reach):  # type: ignore[no-untyped-def]
+@kernel
+def find_reach(group: Longs1, center: Floats2, information: Floats3, reach: OutFloats1) -> None:
     """The squared distance in translation, m^2, within which a pose may belong to each group, into reach (g,)."""
     L, covariance = np.empty((6, 6)), np.empty((6, 6))
     for j in range(group.shape[0]):
@@ -119,8 +135,18 @@ def find_reach(group, center, information, reach):  # type: ignore[no-untyped-de
         reach[group[j]] = max(reach[group[j]], (np.sqrt(square) + np.sqrt(_FAR * spread)) ** 2)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def add_densities(X_group, first, center, information, reach, scale, power, X, density):  # type: ignore[no-untyped-def]
+@kernel
+def add_densities(
+    X_group: Floats3,
+    first: Longs1,
+    center: Floats2,
+    information: Floats3,
+    reach: Floats1,
+    scale: Floats1,
+    power: int,
+    X: Floats3,
+    density: OutFloats2,
+) -> None:
     """Adds scale (f / (f + d^T H d))^(power / 2) of each component, d from its center.
 
     Each number of the components is an array by itself, so that several components are reckoned at once.

@@ -1,11 +1,12 @@
 """The first of the poses in each region."""
 
 import numpy as np
-from numba import njit
+
+from tactopose_drake.core.compiled import Floats1, Floats3, OutFlags1, kernel
 
 
-@njit(cache=True, nogil=True)
-def mark_first(X_region, samples, per_region, radii, first):  # type: ignore[no-untyped-def]
+@kernel
+def mark_first(X_region: Floats3, samples: Floats3, per_region: int, radii: Floats1, first: OutFlags1) -> None:
     """Marks, of the samples of each region, those that no earlier region holds: the cover stays even."""
     trace, way = 1.0 + 2.0 * np.cos(min(radii[0], np.pi)), radii[1]
     for b in range(len(samples)):

@@ -1,19 +1,22 @@
 """Draws of particles in proportion to their weight, and their moves."""
 
 import numpy as np
-from numba import njit
+
+from tactopose_drake.core.compiled import Floats1, Floats2, OutFlags1, OutFloats1, OutFloats2, OutFloats3, kernel
 
 
-@njit(cache=True)
-def weigh(cost, scale, power, weight, sums, first, last):  # type: ignore[no-untyped-def]
+@kernel
+def weigh(
+    cost: Floats1, scale: float, power: float, weight: OutFloats1, sums: OutFloats1, first: int, last: int
+) -> None:
     """Weights of the costs first to last, and the sums of all weights so far; costs count in units of the scale."""
     for j in range(first, last):
         weight[j] = (1.0 + 1.0 / (1.0 + max(cost[j], 0.0) / scale)) ** power  # [B16] eq. 4.9
         sums[j] = weight[j] + (sums[j - 1] if j > 0 else 0.0)
 
 
-@njit(cache=True)
-def count_from_end(weight, count, mark):  # type: ignore[no-untyped-def]
+@kernel
+def count_from_end(weight: Floats1, count: int, mark: float) -> int:
     """The particle d of the first `count` where the weights from the end down to d first exceed the mark."""
     total = 0.0
     for d in range(count - 1, -1, -1):
@@ -23,8 +26,8 @@ def count_from_end(weight, count, mark):  # type: ignore[no-untyped-def]
     return 0
 
 
-@njit(cache=True)
-def bisect_from_end(sums, count, mark):  # type: ignore[no-untyped-def]
+@kernel
+def bisect_from_end(sums: Floats1, count: int, mark: float) -> int:
     """The same particle, found by bisection of the weights' running sums."""
     before = sums[count - 1] - mark
     low, high = 0, count - 1
@@ -37,8 +40,17 @@ def bisect_from_end(sums, count, mark):  # type: ignore[no-untyped-def]
     return low
 
 
-@njit(cache=True)
-def breed(particles, weight, sums, count, draws, noise, center, X):  # type: ignore[no-untyped-def]
+@kernel
+def breed(
+    particles: OutFloats2,
+    weight: Floats1,
+    sums: Floats1,
+    count: int,
+    draws: Floats1,
+    noise: Floats2,
+    center: Floats2,
+    X: OutFloats3,
+) -> None:
     """Copies a particle for each draw, with its noise (m, 7) added, behind the first `count`; their poses go to X.
 
     A single draw counts from the end, as the thesis does; where there are more, the running sums are bisected.
@@ -56,8 +68,8 @@ def breed(particles, weight, sums, count, draws, noise, center, X):  # type: ign
     place(particles[count : count + len(draws)], center, X)
 
 
-@njit(cache=True)
-def place(particles, center, X):  # type: ignore[no-untyped-def]
+@kernel
+def place(particles: Floats2, center: Floats2, X: OutFloats3) -> None:
     """Poses X (m, 3, 4) of particles (m, 7) about the centre (3, 4). [B16] eq. 2.19."""
     R = np.empty((3, 3))
     for b in range(len(particles)):
@@ -71,8 +83,8 @@ def place(particles, center, X):  # type: ignore[no-untyped-def]
             X[b, i, 3] = center[i, 3] + particles[b, 4 + i]
 
 
-@njit(cache=True)
-def mark_different(particles, rotation, translation, different):  # type: ignore[no-untyped-def]
+@kernel
+def mark_different(particles: Floats2, rotation: float, translation: float, different: OutFlags1) -> None:
     """Marks each particle that differs from all marked ones before it. [B16] section 4.2.7.
 
     Two differ when their quaternions (up to sign) or their translations lie further apart than the given distances.

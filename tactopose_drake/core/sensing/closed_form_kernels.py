@@ -6,23 +6,22 @@ Everything is in the surface's frame F, for a wrench divided by its force: f is 
 
 import math
 
-from numba import njit
-
+from tactopose_drake.core.compiled import Floats1, OutFloats1, Triple, kernel
 from tactopose_drake.core.surfaces.surface_kernels import ROD, SMOOTH, project
 
 EDGE = 1e-9  # rounding error allowed at the edge of the admissible part, relative to the extent
 
 
-@njit(cache=True, error_model="numpy")
-def closed_form(kind, shape, m, f, q):  # type: ignore[no-untyped-def]
+@kernel
+def closed_form(kind: int, shape: Floats1, m: Triple, f: Triple, q: OutFloats1) -> bool:
     """The contact q on a rod or an ellipsoid (for a superquadric: on the ellipsoid of its semi-axes)."""
     if kind == ROD:
         return rod_contact(shape, m, f, q)
     return _ellipsoid_contact(shape[0], shape[1], shape[2], m, f, q)
 
 
-@njit(cache=True, error_model="numpy")
-def _ellipsoid_contact(a, b, c, m, f, q):  # type: ignore[no-untyped-def]
+@kernel
+def _ellipsoid_contact(a: float, b: float, c: float, m: Triple, f: Triple, q: OutFloats1) -> bool:
     """The compressive contact q on an ellipsoid; False if there is none.
 
     With q = (a u_x, b u_y, c u_z), |u| = 1, equation 2.2 becomes that of a unit sphere, u x g + k u = w. Its product
@@ -47,8 +46,8 @@ def _ellipsoid_contact(a, b, c, m, f, q):  # type: ignore[no-untyped-def]
     return True
 
 
-@njit(cache=True, error_model="numpy")
-def rod_contact(shape, m, f, q):  # type: ignore[no-untyped-def]
+@kernel
+def rod_contact(shape: Floats1, m: Triple, f: Triple, q: OutFloats1) -> bool:
     """The compressive contact q on a cylinder (endless where lo or hi is infinite) with hemispheres at lo and hi.
 
     On the side n_z = 0, so m_z = R (n x f)_z gives n, and m along z x n gives the height.
@@ -74,8 +73,8 @@ def rod_contact(shape, m, f, q):  # type: ignore[no-untyped-def]
     return False
 
 
-@njit(cache=True, error_model="numpy")
-def facing_point(kind, shape, f, q):  # type: ignore[no-untyped-def]
+@kernel
+def facing_point(kind: int, shape: Floats1, f: Triple, q: OutFloats1) -> bool:
     """A start for the iteration: a point of the surface that faces the force squarely; False if there is none."""
     if kind == SMOOTH:
         for i in range(3):

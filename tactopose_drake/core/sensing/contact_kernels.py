@@ -5,12 +5,13 @@ length. `surface_kernels.py` says what a surface is, `intrinsic_contact.py` expl
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from tactopose_drake.core.compiled import Floats1, Floats2, OutFloats1, OutFloats2, OutLongs1, Triple, kernel
 from tactopose_drake.core.sensing.closed_form_kernels import EDGE, closed_form, facing_point, rod_contact
-from tactopose_drake.core.sensing.newton_kernels import MAX_ITERATIONS, linearize, newton
+from tactopose_drake.core.sensing.newton_kernels import MAX_ITERATIONS, Work, linearize, newton
 from tactopose_drake.core.surfaces.surface_kernels import ROD, SMOOTH, project
 
 VALID, NOT_FINITE, TOO_WEAK, MISSES, TENSION, OUTSIDE, FRICTION, TORQUE, LAYER = range(9)
@@ -23,17 +24,44 @@ _EXTRA = 0.2  # lever arm of the moment that keeps f.m off zero on that way, rel
 _GRAZING = 10.0
 
 
-@njit(cache=True, error_model="numpy")
-def solve(kind, shape, X_SF, F_S, limits, iterate, out, codes):  # type: ignore[no-untyped-def]
+class Points(NamedTuple):
+    """Scratch: the contact q (3,), where a search for it starts (3,), and a shape on the way to the surface's own."""
+
+    q: OutFloats1
+    start: OutFloats1
+    between: OutFloats1
+
+
+@kernel
+def solve(
+    kind: int,
+    shape: Floats1,
+    X_SF: Floats2,
+    F_S: Floats2,
+    limits: Floats1,
+    iterate: bool,
+    out: OutFloats2,
+    codes: OutLongs1,
+) -> None:
     """Solves wrenches F_S (B, 6); fills out (B, RESULT_SIZE) and codes (B,)."""
-    work = (np.empty(3), np.empty((3, 3)), np.empty(18), np.empty(18), np.empty(3))
-    points = (np.empty(3), np.empty(3), np.empty(len(shape)))
+    work = Work(np.empty(3), np.empty((3, 3)), np.empty(18), np.empty(18), np.empty(3))
+    points = Points(np.empty(3), np.empty(3), np.empty(len(shape)))
     for i in range(len(F_S)):
         codes[i] = _solve(kind, shape, X_SF, F_S[i], limits, iterate, out[i], work, points)
 
 
-@njit(cache=True, error_model="numpy")
-def _solve(kind, shape, X, F, limits, iterate, out, work, points):  # type: ignore[no-untyped-def]
+@kernel
+def _solve(
+    kind: int,
+    shape: Floats1,
+    X: Floats2,
+    F: Floats1,
+    limits: Floats1,
+    iterate: bool,
+    out: OutFloats1,
+    work: Work,
+    points: Points,
+) -> int:
     """Solves one wrench F (6,) in S; X (3, 4) is X_SF; fills out (RESULT_SIZE,) and returns the code.
 
     limits: least force, friction coefficient (infinite: unknown), layer's compliance (m/N) and thickness (m).
@@ -65,18 +93,18 @@ def _solve(kind, shape, X, F, limits, iterate, out, work, points):  # type: igno
     if count < 0 or not _admissible(shape, q):
         push = 0.0
         if count >= 0:
-            linearize(kind, shape, m, f, compliance, q, work[0], work[1], work[2])
-            push = -work[2][6]
+            linearize(kind, shape, m, f, compliance, q, work.g, work.H, work.here)
+            push = -work.here[6]
         # A pull is a push of the opposite wrench. Off the edge both may explain this one: the pull is named if it needs
         # far less friction. On a closed surface there is always a push.
         pull_m, pull_f = (-m[0], -m[1], -m[2]), (-f[0], -f[1], -f[2])
         if kind == ROD and rod_contact(shape, pull_m, pull_f, q) and _admissible(shape, q):
-            linearize(kind, shape, pull_m, pull_f, 0.0, q, work[0], work[1], work[2])
-            if -work[2][6] > 2.0 * push:
+            linearize(kind, shape, pull_m, pull_f, 0.0, q, work.g, work.H, work.here)
+            if -work.here[6] > 2.0 * push:
                 return TENSION
         return OUTSIDE if count >= 0 else MISSES
-    linearize(kind, shape, m, f, compliance, q, work[0], work[1], work[2])
-    state = work[2]
+    linearize(kind, shape, m, f, compliance, q, work.g, work.H, work.here)
+    state = work.here
     fn, torque = state[6], state[7]
     friction = math.sqrt(max(0.0, 1.0 - fn * fn))
     if friction > -_GRAZING * fn:
@@ -104,8 +132,19 @@ def _solve(kind, shape, X, F, limits, iterate, out, work, points):  # type: igno
     return VALID
 
 
-@njit(cache=True, error_model="numpy")
-def _locate(kind, shape, m, f, compliance, iterate, q, between, start, work):  # type: ignore[no-untyped-def]
+@kernel
+def _locate(
+    kind: int,
+    shape: Floats1,
+    m: Triple,
+    f: Triple,
+    compliance: float,
+    iterate: bool,
+    q: OutFloats1,
+    between: OutFloats1,
+    start: OutFloats1,
+    work: Work,
+) -> int:
     """The contact q that pushes, in closed form where there is one; iterations, negative if there is no contact.
 
     Where Newton's method fails from the point that faces the force, it follows the contact from the closed form, while
@@ -145,12 +184,12 @@ def _locate(kind, shape, m, f, compliance, iterate, q, between, start, work):  #
     return -1
 
 
-@njit(cache=True)
-def _add(m, factor, f):  # type: ignore[no-untyped-def]
+@kernel
+def _add(m: Triple, factor: float, f: Triple) -> Triple:
     return m[0] + factor * f[0], m[1] + factor * f[1], m[2] + factor * f[2]
 
 
-@njit(cache=True, error_model="numpy")
-def _admissible(shape, q):  # type: ignore[no-untyped-def]
+@kernel
+def _admissible(shape: Floats1, q: Floats1) -> bool:
     slack = EDGE * shape[7]
     return shape[5] - slack <= q[2] <= shape[6] + slack

@@ -5,18 +5,41 @@ Everything is in the surface's frame F, for a wrench divided by its force: f is 
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from tactopose_drake.core.compiled import Floats1, OutFloats1, OutFloats2, Triple, kernel
 from tactopose_drake.core.surfaces.surface_kernels import evaluate_one, project
 
 MAX_ITERATIONS = 60
+
+
+class Work(NamedTuple):
+    """Scratch of Newton's method: gradient (3,), Hessian (3, 3), two states (18,) and a trial point (3,)."""
+
+    g: OutFloats1
+    H: OutFloats2
+    here: OutFloats1
+    there: OutFloats1
+    trial: OutFloats1
+
+
 _MIN_FRACTION = 1e-4  # of a Newton step, below which the line search gives up
 
 
-@njit(cache=True, error_model="numpy")
-def linearize(kind, shape, m, f, compliance, q, g, H, out):  # type: ignore[no-untyped-def]
+@kernel
+def linearize(
+    kind: int,
+    shape: Floats1,
+    m: Triple,
+    f: Triple,
+    compliance: float,
+    q: Floats1,
+    g: OutFloats1,
+    H: OutFloats2,
+    out: OutFloats1,
+) -> None:
     """The equations at q, out (18,): residual (2), its Jacobian (2x2), f.n, torque; n, t1, t2; largest curvature.
 
     The residual is the part of e = m - p x f in the tangent plane (t1, t2); the rest, e.n, is the local torque. Its
@@ -63,8 +86,16 @@ def linearize(kind, shape, m, f, compliance, q, g, H, out):  # type: ignore[no-u
     out[17] = 0.5 * (W11 + W22) + math.sqrt(0.25 * (W11 - W22) ** 2 + W12 * W12)
 
 
-@njit(cache=True, error_model="numpy")
-def newton(kind, shape, m, f, compliance, q, work):  # type: ignore[no-untyped-def]
+@kernel
+def newton(
+    kind: int,
+    shape: Floats1,
+    m: Triple,
+    f: Triple,
+    compliance: float,
+    q: OutFloats1,
+    work: Work,
+) -> int:
     """Newton's method on the surface with a line search, from q, which it moves; iterations, negative if it stalls.
 
     det J = (f.n)^2 + torque^2 det W > 0 on a rigid convex surface, so the squared residual has no other local minimum

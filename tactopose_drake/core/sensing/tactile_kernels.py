@@ -1,11 +1,12 @@
 """The inner loop of the simulated tactile array, compiled by numba and cached on disk."""
 
 import numpy as np
-from numba import njit
+
+from tactopose_drake.core.compiled import Floats1, Floats2, Floats3, Longs1, OutFloats1, OutFloats2, kernel
 
 
-@njit(cache=True)
-def faces_are_valid(faces, vertices):  # type: ignore[no-untyped-def]
+@kernel
+def faces_are_valid(faces: Longs1, vertices: int) -> bool:
     """Whether a flat list of faces (count, indices, count, ...) is complete and names vertices that exist."""
     i = 0
     while i < len(faces):
@@ -19,8 +20,10 @@ def faces_are_valid(faces, vertices):  # type: ignore[no-untyped-def]
     return True
 
 
-@njit(cache=True)
-def cell_forces(vertices, pressure, faces, planes, normals, out):  # type: ignore[no-untyped-def]
+@kernel
+def cell_forces(
+    vertices: Floats2, pressure: Floats1, faces: Longs1, planes: Floats3, normals: Floats2, out: OutFloats2
+) -> None:
     """Adds to out[cell] the force of each face's part inside the cell's wedge.
 
     A face is clipped by one plane after the other (Sutherland, Hodgman), its linear pressure interpolated along the
@@ -66,8 +69,8 @@ def cell_forces(vertices, pressure, faces, planes, normals, out):  # type: ignor
                 _add_force(polygon, count, out[cell])
 
 
-@njit(cache=True)
-def _outside(vertices, faces, first, size, planes):  # type: ignore[no-untyped-def]
+@kernel
+def _outside(vertices: Floats2, faces: Longs1, first: int, size: int, planes: Floats2) -> bool:
     """Whether one plane alone keeps the whole face out: true of nearly all pairs of face and cell."""
     for side in range(4):
         out = True
@@ -81,8 +84,8 @@ def _outside(vertices, faces, first, size, planes):  # type: ignore[no-untyped-d
     return False
 
 
-@njit(cache=True)
-def _clip(polygon, count, plane, height, out):  # type: ignore[no-untyped-def]
+@kernel
+def _clip(polygon: Floats2, count: int, plane: Floats1, height: OutFloats1, out: OutFloats2) -> int:
     """The part of a polygon on the inner side of a plane, in `out`; returns its number of vertices."""
     for k in range(count):
         q = polygon[k]
@@ -102,8 +105,8 @@ def _clip(polygon, count, plane, height, out):  # type: ignore[no-untyped-def]
     return kept
 
 
-@njit(cache=True)
-def _add_force(polygon, count, out):  # type: ignore[no-untyped-def]
+@kernel
+def _add_force(polygon: Floats2, count: int, out: OutFloats1) -> None:
     """Subtracts the integral of pressure times normal from `out`: pressure pushes against the outward normal."""
     a = polygon[0]
     for k in range(1, count - 1):

@@ -1,11 +1,22 @@
 """Exact distances from the nodes of a regular grid to triangles: a band, sweeps, and the sign."""
 
 import numpy as np
-from numba import njit
+
+from tactopose_drake.core.compiled import (
+    Floats1,
+    Floats2,
+    Ints3,
+    OutFloats3,
+    OutInts3,
+    Shorts3,
+    Singles4,
+    inlined,
+    kernel,
+)
 
 
-@njit(cache=True, inline="always")
-def closest_weights(t, x, y, z):  # type: ignore[no-untyped-def]
+@inlined
+def closest_weights(t, x, y, z):
     """Weights (v, w) of the closest point a + v ab + w ac of a packed triangle. [E05] section 5.1.5."""
     px, py, pz = x - t[0], y - t[1], z - t[2]
     d1 = t[3] * px + t[4] * py + t[5] * pz
@@ -33,15 +44,17 @@ def closest_weights(t, x, y, z):  # type: ignore[no-untyped-def]
     return vb * scale, vc * scale
 
 
-@njit(cache=True, inline="always")
-def _offset(t, x, y, z):  # type: ignore[no-untyped-def]
+@inlined
+def _offset(t, x, y, z):
     """The vector from the closest point of a packed triangle to a point."""
     v, w = closest_weights(t, x, y, z)
     return x - t[0] - v * t[3] - w * t[6], y - t[1] - v * t[4] - w * t[7], z - t[2] - v * t[5] - w * t[8]
 
 
-@njit(cache=True)
-def fill_band(packed, origin, spacing, band, nearest, distance):  # type: ignore[no-untyped-def]
+@kernel
+def fill_band(
+    packed: Floats2, origin: Floats1, spacing: float, band: float, nearest: OutInts3, distance: OutFloats3
+) -> None:
     """Tests every face against the nodes within `band` of it."""
     nx, ny, nz = nearest.shape
     for f in range(packed.shape[0]):
@@ -65,8 +78,8 @@ def fill_band(packed, origin, spacing, band, nearest, distance):  # type: ignore
                             nearest[i, j, k] = f
 
 
-@njit(cache=True, inline="always")
-def _node_range(a, ab, ac, origin, spacing, band, count):  # type: ignore[no-untyped-def]
+@inlined
+def _node_range(a, ab, ac, origin, spacing, band, count):
     """The nodes along one direction that lie within `band` of a triangle's extent."""
     low = a + min(0.0, ab, ac) - band
     high = a + max(0.0, ab, ac) + band
@@ -75,8 +88,10 @@ def _node_range(a, ab, ac, origin, spacing, band, count):  # type: ignore[no-unt
     return first, last + 1
 
 
-@njit(cache=True)
-def sweep(packed, origin, spacing, band, nearest, distance):  # type: ignore[no-untyped-def]
+@kernel
+def sweep(
+    packed: Floats2, origin: Floats1, spacing: float, band: float, nearest: OutInts3, distance: OutFloats3
+) -> None:
     """Carries the nearest faces beyond the band, once in each of the eight diagonal directions.
 
     The outermost layer of nodes is padding: infinitely far, and never written.
@@ -119,8 +134,8 @@ def sweep(packed, origin, spacing, band, nearest, distance):  # type: ignore[no-
                     all_distance[here], all_nearest[here] = best, face
 
 
-@njit(cache=True)
-def signed_field(packed, nearest, winding, origin, spacing):  # type: ignore[no-untyped-def]
+@kernel
+def signed_field(packed: Floats2, nearest: Ints3, winding: Shorts3, origin: Floats1, spacing: float) -> Singles4:
     """Signed distance and unit gradient at every node, shape (nx, ny, nz, 4), float32.
 
     The gradient points from the closest point to the node (outside) or the other way (inside). On the surface, where

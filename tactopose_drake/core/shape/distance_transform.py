@@ -49,6 +49,8 @@ def nearest_faces(
     distance = np.full(nearest.shape, np.inf)
     band = BAND * spacing
     inner = (slice(1, -1),) * 3
-    fill_band(packed, origin, spacing, band, nearest[inner], distance[inner])
+    near, exact = np.full(shape, -1, dtype=np.int32), np.full(shape, np.inf)
+    fill_band(packed, origin, spacing, band, near, exact)
+    nearest[inner], distance[inner] = near, exact
     sweep(packed, origin - spacing, spacing, band, nearest, distance)
-    return nearest[inner]
+    return np.ascontiguousarray(nearest[inner])

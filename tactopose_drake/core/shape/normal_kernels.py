@@ -1,13 +1,15 @@
 """Normals averaged around vertices, and read off at the nodes of a grid."""
 
 import numpy as np
-from numba import njit
 
+from tactopose_drake.core.compiled import Floats1, Floats2, Floats3, Ints3, Longs1, OutFloats3, OutSingles4, kernel
 from tactopose_drake.core.shape.distance_kernels import closest_weights
 
 
-@njit(cache=True)
-def average_around_vertices(order, first, face_normals, angles, crease_cosine, normals):  # type: ignore[no-untyped-def]
+@kernel
+def average_around_vertices(
+    order: Longs1, first: Longs1, face_normals: Floats2, angles: Floats2, crease_cosine: float, normals: OutFloats3
+) -> None:
     """For each corner, the mean of its vertex's face normals, weighted by angle, leaving out those across a crease."""
     for vertex in range(len(first) - 1):
         for a in range(first[vertex], first[vertex + 1]):
@@ -27,8 +29,16 @@ def average_around_vertices(order, first, face_normals, angles, crease_cosine, n
             )
 
 
-@njit(cache=True)
-def interpolate(values, packed, nearest, corners, origin, spacing, cosine):  # type: ignore[no-untyped-def]
+@kernel
+def interpolate(
+    values: OutSingles4,
+    packed: Floats2,
+    nearest: Ints3,
+    corners: Floats3,
+    origin: Floats1,
+    spacing: float,
+    cosine: float,
+) -> None:
     """Puts the interpolated normal of the closest point where the gradient points the same way.
 
     Beside a crease the gradient fans out between the two faces, as the normal of a contact on the edge does: it stays.

@@ -1,7 +1,20 @@
 """The features of pairs of surface samples: how they are computed, sorted into bins, and found again."""
 
 import numpy as np
-from numba import njit
+
+from tactopose_drake.core.compiled import (
+    Floats1,
+    Floats2,
+    Ints1,
+    Longs1,
+    OutFloats1,
+    OutInts1,
+    OutShorts2,
+    OutUnsignedBytes2,
+    UnsignedBytes2,
+    inlined,
+    kernel,
+)
 
 BYTE = 255.0
 DISTANCE_SHIFT = 3  # 32 bins
@@ -9,8 +22,8 @@ _ANGLE_SHIFT = 4  # 16 bins
 ANGLE_BINS = 256 >> _ANGLE_SHIFT
 
 
-@njit(cache=True)
-def fill_feature(p, n, q, m, out):  # type: ignore[no-untyped-def]
+@kernel
+def fill_feature(p: Floats1, n: Floats1, q: Floats1, m: Floats1, out: OutFloats1) -> None:
     """The compiled `pair_feature` of points p and q with normals n and m, into out (4,)."""
     x, y, z = q[0] - p[0], q[1] - p[1], q[2] - p[2]
     d = np.sqrt(x * x + y * y + z * z)
@@ -22,14 +35,22 @@ def fill_feature(p, n, q, m, out):  # type: ignore[no-untyped-def]
     out[3] = np.arccos(min(1.0, max(-1.0, n[0] * m[0] + n[1] * m[1] + n[2] * m[2])))
 
 
-@njit(cache=True, inline="always")
-def _bin(d, a, b, c):  # type: ignore[no-untyped-def]
+@inlined
+def _bin(d, a, b, c):
     bins = ((d >> DISTANCE_SHIFT) * ANGLE_BINS + (a >> _ANGLE_SHIFT)) * ANGLE_BINS + (b >> _ANGLE_SHIFT)
     return bins * ANGLE_BINS + (c >> _ANGLE_SHIFT)
 
 
-@njit(cache=True)
-def sort_pairs(points, normals, firsts, length, features, pairs, first):  # type: ignore[no-untyped-def]
+@kernel
+def sort_pairs(
+    points: Floats2,
+    normals: Floats2,
+    firsts: Longs1,
+    length: float,
+    features: OutUnsignedBytes2,
+    pairs: OutShorts2,
+    first: OutInts1,
+) -> None:
     """Counting sort of all pairs (firsts, points) by bin; first is zero on entry."""
     n = points.shape[0]
     feature = np.empty(4)
@@ -63,8 +84,10 @@ def sort_pairs(points, normals, firsts, length, features, pairs, first):  # type
             row += 1
 
 
-@njit(cache=True, nogil=True)
-def find_matches(features, first, feature, weight, reach, step, found):  # type: ignore[no-untyped-def]
+@kernel
+def find_matches(
+    features: UnsignedBytes2, first: Ints1, feature: Floats1, weight: Floats1, reach: float, step: int, found: OutInts1
+) -> int:
     """Finds the pairs whose features differ from a measured one by at most `reach` standard deviations.
 
     Args:
@@ -104,16 +127,16 @@ def find_matches(features, first, feature, weight, reach, step, found):  # type:
     return count
 
 
-@njit(cache=True, inline="always")
-def _bins(value, weight, reach, shift):  # type: ignore[no-untyped-def]
+@inlined
+def _bins(value, weight, reach, shift):
     """The first bin within reach of a feature's number, and the one after the last; at least one."""
     way = 256.0 if weight * 256.0 <= reach else reach / weight
     begin = int(max(0.0, min(BYTE, np.floor(value - way)))) >> shift
     return begin, (int(max(0.0, min(BYTE, np.ceil(value + way)))) >> shift) + 1
 
 
-@njit(cache=True, inline="always")
-def _least_square(b, value, weight, shift):  # type: ignore[no-untyped-def]
+@inlined
+def _least_square(b, value, weight, shift):
     """The least squared whitened difference between a feature's number and those of a bin."""
     low = float(b << shift)
     return (max(0.0, low - value, value - (low + ((1 << shift) - 1))) * weight) ** 2

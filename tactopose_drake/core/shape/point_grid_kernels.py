@@ -1,17 +1,20 @@
 """The nearest of many points, by a grid of cells."""
 
 import numpy as np
-from numba import njit
+
+from tactopose_drake.core.compiled import Floats1, Floats2, Ints1, Ints3, OutFloats1, inlined, kernel
 
 
-@njit(cache=True, inline="always")
-def slot_of(x, origin, inverse_spacing, count):  # type: ignore[no-untyped-def]
+@inlined
+def slot_of(x, origin, inverse_spacing, count):
     """The cell that x is in along one axis, or the nearest one."""
     return int(min(max((x - origin) * inverse_spacing, 0.0), count - 1.0))
 
 
-@njit(cache=True, error_model="numpy")
-def nearest_square(points, starts, seeds, origin, spacing, x, y, z):  # type: ignore[no-untyped-def]
+@kernel
+def nearest_square(
+    points: Floats2, starts: Ints1, seeds: Ints3, origin: Floats1, spacing: float, x: float, y: float, z: float
+) -> float:
     """The squared distance, m^2, from (x, y, z) to the nearest point.
 
     The seed of the nearest cell bounds it; the columns that reach into the ball of that radius are gone through.
@@ -44,8 +47,10 @@ def nearest_square(points, starts, seeds, origin, spacing, x, y, z):  # type: ig
     return best
 
 
-@njit(cache=True)
-def nearest_squares(points, starts, seeds, origin, spacing, queries, squares):  # type: ignore[no-untyped-def]
+@kernel
+def nearest_squares(
+    points: Floats2, starts: Ints1, seeds: Ints3, origin: Floats1, spacing: float, queries: Floats2, squares: OutFloats1
+) -> None:
     """`nearest_square` of each query (n, 3), into squares (n,)."""
     for n in range(queries.shape[0]):
         squares[n] = nearest_square(points, starts, seeds, origin, spacing, queries[n, 0], queries[n, 1], queries[n, 2])

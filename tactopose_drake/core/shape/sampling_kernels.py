@@ -1,11 +1,14 @@
 """A space-filling order of the points of a triangle."""
 
 import numpy as np
-from numba import njit
+
+from tactopose_drake.core.compiled import Floats1, Floats2, kernel
+
+_DEPTH = 12  # Digits of the share that count.
 
 
-@njit(cache=True, nogil=True)
-def triangle_curve(share, depth=12):  # type: ignore[no-untyped-def]
+@kernel
+def triangle_curve(share: Floats1) -> Floats2:
     """Barycentric weights (n, 3) of the points at the given shares, in [0, 1), of a triangle's area.
 
     Each base-4 digit of the share picks one of the four sub-triangles [B15]: three keep a corner, one is turned.
@@ -14,7 +17,7 @@ def triangle_curve(share, depth=12):  # type: ignore[no-untyped-def]
     for n in range(len(share)):
         rest = share[n]
         corners[:] = np.eye(3)
-        for _ in range(depth):
+        for _ in range(_DEPTH):
             rest *= 4.0
             digit = int(rest)
             rest -= digit

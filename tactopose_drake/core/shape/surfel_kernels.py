@@ -1,7 +1,18 @@
 """The density of contacts over a surface of many small discs."""
 
 import numpy as np
-from numba import njit
+
+from tactopose_drake.core.compiled import (
+    Floats1,
+    Floats2,
+    Floats3,
+    Ints1,
+    OutFloats1,
+    Shape3,
+    Singles2,
+    inlined,
+    kernel,
+)
 
 BLOCK = 16  # So many discs are reckoned at once.
 _REACH = 3.8  # Discs count within so many standard deviations.
@@ -9,8 +20,8 @@ _MOST = 24.0  # No disc counts for less than the exponential of minus this.
 _LEAST = 1e-9  # The density far from the surface, as a share of that on it.
 
 
-@njit(cache=True, inline="always")
-def _exp_minus(x):  # type: ignore[no-untyped-def]
+@inlined
+def _exp_minus(x):
     """exp(-x) of a float32, to a thousandth where 0 <= x < 8 and a quarter up to 24: the library's takes twice as long.
 
     The sixteenth power of a short series for exp(x / 16).
@@ -25,10 +36,21 @@ def _exp_minus(x):  # type: ignore[no-untyped-def]
     return one / power
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def densities(  # type: ignore[no-untyped-def]
-    discs, first, origin, per_cell, shape, p, n, sigma, weight_n, spacing, X, cost
-):
+@kernel
+def densities(
+    discs: Singles2,
+    first: Ints1,
+    origin: Floats1,
+    per_cell: float,
+    shape: Shape3,
+    p: Floats2,
+    n: Floats2,
+    sigma: Floats1,
+    weight_n: Floats1,
+    spacing: float,
+    X: Floats3,
+    cost: OutFloats1,
+) -> None:
     """Each number of the discs is an array by itself, read by unsigned offsets, which need no check of their sign, and
     in whole blocks: what of a run's last block lies behind its end counts for nothing.
     """

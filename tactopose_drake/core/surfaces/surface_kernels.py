@@ -10,7 +10,8 @@ z_min <= z <= z_max can be touched.
 import math
 
 import numpy as np
-from numba import njit
+
+from tactopose_drake.core.compiled import Floats1, Floats2, OutFloats1, OutFloats2, OutFloats3, kernel
 
 SMOOTH, ROD = 0, 1
 
@@ -19,15 +20,17 @@ SMOOTH, ROD = 0, 1
 _TINY = 1e-12
 
 
-@njit(cache=True, error_model="numpy")
-def evaluate(kind, shape, points, value, gradient, hessian):  # type: ignore[no-untyped-def]
+@kernel
+def evaluate(
+    kind: int, shape: Floats1, points: Floats2, value: OutFloats1, gradient: OutFloats2, hessian: OutFloats3
+) -> None:
     """Fills value (n,), gradient (n, 3) and hessian (n, 3, 3) of S at points (n, 3) in F."""
     for i in range(len(points)):
         value[i] = evaluate_one(kind, shape, points[i, 0], points[i, 1], points[i, 2], gradient[i], hessian[i])
 
 
-@njit(cache=True, error_model="numpy")
-def evaluate_one(kind, shape, x, y, z, g, H):  # type: ignore[no-untyped-def]
+@kernel
+def evaluate_one(kind: int, shape: Floats1, x: float, y: float, z: float, g: OutFloats1, H: OutFloats2) -> float:
     """S at one point; fills its gradient g and Hessian H."""
     if kind == SMOOTH and not (shape[3] == 1.0 and shape[4] == 1.0):
         return _superquadric(shape, x, y, z, g, H) - 1.0
@@ -44,8 +47,8 @@ def evaluate_one(kind, shape, x, y, z, g, H):  # type: ignore[no-untyped-def]
     return 0.5 * (g[0] * x + g[1] * y + g[2] * z) - 1.0
 
 
-@njit(cache=True, error_model="numpy")
-def _superquadric(shape, x, y, z, g, H):  # type: ignore[no-untyped-def]
+@kernel
+def _superquadric(shape: Floats1, x: float, y: float, z: float, g: OutFloats1, H: OutFloats2) -> float:
     """Squared gauge N^2 of a superquadric; fills gradient g and Hessian H.
 
     The gauge is a norm of norms, N = |(r, Z)| with r = |(X, Y)| in the p-norms p1 = 2 / e1 and p2 = 2 / e2, of
@@ -80,8 +83,8 @@ def _superquadric(shape, x, y, z, g, H):  # type: ignore[no-untyped-def]
     return N * N
 
 
-@njit(cache=True, error_model="numpy")
-def project(kind, shape, q):  # type: ignore[no-untyped-def]
+@kernel
+def project(kind: int, shape: Floats1, q: OutFloats1) -> None:
     """Moves q (3,) onto the surface, along the ray from the centre or from the rod's axis."""
     x, y, z, axis = q[0], q[1], q[2], 0.0
     if kind == ROD:

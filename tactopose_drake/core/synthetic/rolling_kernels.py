@@ -1,13 +1,13 @@
 """The nearest points of a mesh to points that roll along it."""
 
 import numpy as np
-from numba import njit
 
+from tactopose_drake.core.compiled import Floats1, Floats2, OutFloats2, kernel
 from tactopose_drake.core.shape.distance_kernels import closest_weights
 
 
-@njit(cache=True)
-def nearest_points(packed, middle, reach, q, nearest):  # type: ignore[no-untyped-def]
+@kernel
+def nearest_points(packed: Floats2, middle: Floats2, reach: Floats1, q: Floats2, nearest: OutFloats2) -> None:
     """The mesh's points (k, 3) that are nearest to the points q (k, 3); faces out of reach are passed over."""
     for i in range(q.shape[0]):
         least = np.inf

@@ -1,7 +1,8 @@
 """Which triangle each pixel sees, and how bright it is."""
 
 import numpy as np
-from numba import njit
+
+from tactopose_drake.core.compiled import Floats1, Floats2, Ints2, Singles3, kernel
 
 # Directions towards the lights in the camera's frame (right, down, forward), and their strengths.
 _KEY_LIGHT, _KEY = (-0.45, -0.65, -0.61), 0.62
@@ -10,8 +11,10 @@ _AMBIENT = 0.34
 _GLOSS, _GLOSS_EXPONENT = 0.16, 40
 
 
-@njit(cache=True)
-def rasterize(pixels, inverse_depths, faces, width, height):  # type: ignore[no-untyped-def]
+@kernel
+def rasterize(
+    pixels: Floats2, inverse_depths: Floats1, faces: Ints2, width: int, height: int
+) -> tuple[Floats2, Ints2, Singles3]:
     """For each pixel the nearest face, its inverse depth, and the weights of its corners there."""
     nearest = np.zeros((height, width), dtype=np.float32)
     face = np.full((height, width), -1, dtype=np.int32)
@@ -45,8 +48,10 @@ def rasterize(pixels, inverse_depths, faces, width, height):  # type: ignore[no-
     return nearest, face, weights
 
 
-@njit(cache=True)
-def shade(face, weights, faces, p_C, n_C, albedo):  # type: ignore[no-untyped-def]
+@kernel
+def shade(
+    face: Ints2, weights: Singles3, faces: Ints2, p_C: Floats2, n_C: Floats2, albedo: Floats2
+) -> tuple[Singles3, Singles3]:
     """Colour and cosine of the angle of view at each pixel; the highlight is [B77]'s."""
     height, width = face.shape
     colour = np.zeros((height, width, 3), dtype=np.float32)

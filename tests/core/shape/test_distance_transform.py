@@ -119,9 +119,7 @@ def test_columns_through_edges_and_vertices_cross_the_surface_once() -> None:
     spacing = 0.06 / 16
     origin = np.array([-0.03, -0.03, -0.03]) - 2 * spacing
     counts = (21, 21, 21)
-    winding, rest = winding_numbers(
-        vertices, faces, origin + spacing * np.array([1e-7, 2.3e-7, 0.0]), spacing, counts
-    )
+    winding, rest = winding_numbers(vertices, faces, origin + spacing * np.array([1e-7, 2.3e-7, 0.0]), spacing, counts)
     assert not rest.any()
     assert set(np.unique(winding)) == {0, 1}
     inner = winding[3:18, 3:18, 3:18]

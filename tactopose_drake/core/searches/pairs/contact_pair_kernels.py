@@ -1,8 +1,19 @@
 """Which pairs of contacts to look up, and what they measure."""
 
 import numpy as np
-from numba import njit
 
+from tactopose_drake.core.compiled import (
+    Floats1,
+    Floats2,
+    Ints1,
+    Longs1,
+    OutFloats2,
+    OutInts1,
+    OutLongs1,
+    OutLongs2,
+    UnsignedBytes2,
+    kernel,
+)
 from tactopose_drake.core.shape.pair_feature_kernels import find_matches
 
 # The number of matches is guessed from every so many pairs of samples: as many as the processor reads at once.
@@ -11,8 +22,8 @@ _GUESS_STEP = 16
 _ROOM = 1 << 14
 
 
-@njit(cache=True)
-def mark_spread_out(points, chosen):  # type: ignore[no-untyped-def]
+@kernel
+def mark_spread_out(points: Floats2, chosen: OutLongs1) -> None:
     start, nearest = np.zeros(3), np.full(points.shape[0], np.inf)
     for i in range(points.shape[0]):
         for a in range(3):
@@ -30,28 +41,28 @@ def mark_spread_out(points, chosen):  # type: ignore[no-untyped-def]
             start[a] = points[chosen[k], a]
 
 
-@njit(cache=True, nogil=True)
-def choose(  # type: ignore[no-untyped-def]
-    p,
-    n,
-    sigma_p,
-    sigma_n,
-    has_normals,
-    features,
-    first,
-    unit,
-    length,
-    most_contacts,
-    offset,
-    bend,
-    reach,
-    open_spins,
-    phase,
-    ends,
-    spins,
-    begins,
-    matches,
-):
+@kernel
+def choose(
+    p: Floats2,
+    n: Floats2,
+    sigma_p: Floats1,
+    sigma_n: Floats1,
+    has_normals: bool,
+    features: UnsignedBytes2,
+    first: Ints1,
+    unit: Floats1,
+    length: float,
+    most_contacts: int,
+    offset: float,
+    bend: float,
+    reach: float,
+    open_spins: int,
+    phase: Floats1,
+    ends: OutLongs2,
+    spins: OutLongs1,
+    begins: OutLongs1,
+    matches: OutInts1,
+) -> int:
     """Fills `MatchedPairs`, and returns the number of pairs of contacts; see `PairChoice`."""
     among = np.empty(min(most_contacts, p.shape[0]), dtype=np.intp)
     mark_spread_out(p, among)
@@ -91,10 +102,23 @@ def choose(  # type: ignore[no-untyped-def]
     return used
 
 
-@njit(cache=True)
-def _measure_pairs(  # type: ignore[no-untyped-def]
-    p, n, sigma_p, sigma_n, has_normals, among, length, offset, bend, open_spins, pairs, feature, weight, spins
-):
+@kernel
+def _measure_pairs(
+    p: Floats2,
+    n: Floats2,
+    sigma_p: Floats1,
+    sigma_n: Floats1,
+    has_normals: bool,
+    among: Longs1,
+    length: float,
+    offset: float,
+    bend: float,
+    open_spins: int,
+    pairs: OutLongs2,
+    feature: OutFloats2,
+    weight: OutFloats2,
+    spins: OutLongs1,
+) -> int:
     """What is looked up: pairs of contacts (q, 2), their features (q, 4), one over the standard deviations of those
     (q, 4), and the turns (q,) that each match stands for; returns their number.
     """

@@ -1,11 +1,12 @@
 """The first of the poses in each cell of a grid over poses."""
 
 import numpy as np
-from numba import njit
+
+from tactopose_drake.core.compiled import Floats3, OutFlags1, kernel
 
 
-@njit(cache=True)
-def mark_first_in_cell(X, per_length, per_angle, distinct):  # type: ignore[no-untyped-def]
+@kernel
+def mark_first_in_cell(X: Floats3, per_length: float, per_angle: float, distinct: OutFlags1) -> None:
     """By a table of hashes: cells that share all 64 bits are taken for one."""
     size = 16
     while size < 4 * X.shape[0]:

@@ -1,11 +1,26 @@
 """The poses that lay two contacts on two surface samples, and their cost on the coarse field."""
 
 import numpy as np
-from numba import njit
+
+from tactopose_drake.core.compiled import (
+    Bytes2,
+    Floats1,
+    Floats2,
+    Floats3,
+    Ints1,
+    Longs1,
+    Longs2,
+    OutFloats3,
+    OutSingles1,
+    Shape3,
+    Shorts2,
+    inlined,
+    kernel,
+)
 
 
-@njit(cache=True, inline="always")
-def _axes(p, q, axes, middle):  # type: ignore[no-untyped-def]
+@inlined
+def _axes(p, q, axes, middle):
     """Axes (rows) at two points, x from one to the other, any y and z; and the point between them."""
     for a in range(3):
         axes[0, a] = q[a] - p[a]
@@ -24,8 +39,8 @@ def _axes(p, q, axes, middle):  # type: ignore[no-untyped-def]
     axes[2, 2] = x * axes[1, 1] - y * axes[1, 0]
 
 
-@njit(cache=True, inline="always")
-def _contact_frame(first, second, frame):  # type: ignore[no-untyped-def]
+@inlined
+def _contact_frame(first, second, frame):
     """Of two rows of `contact_table` into the frame (6, 3): the point between them; axes, x from the first to the
     second; y and z of each normal.
     """
@@ -37,8 +52,8 @@ def _contact_frame(first, second, frame):  # type: ignore[no-untyped-def]
             frame[5, axis] += second[3 + c] * frame[2 + axis, c]
 
 
-@njit(cache=True, inline="always")
-def _pair_pose(points, normals, i, j, axes, middle, frame, spin, spins, X):  # type: ignore[no-untyped-def]
+@inlined
+def _pair_pose(points, normals, i, j, axes, middle, frame, spin, spins, X):
     """The pose of one match and spin, into X (3, 4)."""
     if spins == 1:
         cosine, sine = 1e-30, 0.0  # Normals along the line leave the spin at zero.
@@ -63,8 +78,8 @@ def _pair_pose(points, normals, i, j, axes, middle, frame, spin, spins, X):  # t
 
 
 # Beside its caller, because numba's cache on disk notices changes of the caller's file alone.
-@njit(cache=True, inline="always", error_model="numpy")
-def coarse_cost(values, shape, origin, inverse_spacing, steps, table, order, X, limit):  # type: ignore[no-untyped-def]
+@inlined
+def coarse_cost(values, shape, origin, inverse_spacing, steps, table, order, X, limit):
     """Sum of the squared whitened differences at the pose X (3, 4), or some number beyond the limit.
 
     The contacts' `table` is that of `contact_table`, read in this order; `steps` is how many steps of the distance are
@@ -95,8 +110,8 @@ def coarse_cost(values, shape, origin, inverse_spacing, steps, table, order, X, 
     return total
 
 
-@njit(cache=True, inline="always")
-def _is_near(X, rotations, origins, center, least_trace, farthest):  # type: ignore[no-untyped-def]
+@inlined
+def _is_near(X, rotations, origins, center, least_trace, farthest):
     """Whether an image of the pose X, by one of g symmetries, is near enough to the centre.
 
     Its rotation there is compared with X's by `rotations` (g, 3, 3), its origin is X's point `origins` (g, 3).
@@ -114,29 +129,29 @@ def _is_near(X, rotations, origins, center, least_trace, farthest):  # type: ign
     return False
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def keep_best(  # type: ignore[no-untyped-def]
-    points,
-    normals,
-    pairs,
-    matches,
-    begins,
-    ends,
-    spins,
-    values,
-    shape,
-    origin,
-    inverse_spacing,
-    steps,
-    table,
-    rotations,
-    origins,
-    center,
-    least_trace,
-    farthest,
-    X_best,
-    cost,
-):
+@kernel
+def keep_best(
+    points: Floats2,
+    normals: Floats2,
+    pairs: Shorts2,
+    matches: Ints1,
+    begins: Longs1,
+    ends: Longs2,
+    spins: Longs1,
+    values: Bytes2,
+    shape: Shape3,
+    origin: Floats1,
+    inverse_spacing: float,
+    steps: float,
+    table: Floats2,
+    rotations: Floats3,
+    origins: Floats2,
+    center: Floats1,
+    least_trace: float,
+    farthest: float,
+    X_best: OutFloats3,
+    cost: OutSingles1,
+) -> int:
     """Fills the poses and costs, and returns their number. What is worse than so many already is left as it is."""
     axes, middle, X, frame = np.empty((3, 3)), np.empty(3), np.empty((3, 4)), np.empty((6, 3))
     count, used, limit = cost.shape[0], 0, np.inf

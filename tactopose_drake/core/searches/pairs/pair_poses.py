@@ -86,7 +86,7 @@ def best_poses(
         table,
         np.ascontiguousarray(center[:, :3] @ np.swapaxes(turns[:, :, :3], 1, 2)),
         np.ascontiguousarray(turns[:, :, 3]),
-        center[:, 3],
+        np.ascontiguousarray(center[:, 3]),
         1.0 + 2.0 * np.cos(reach[0]) if reach[0] < np.pi else -np.inf,
         reach[1] ** 2,
         X_PO,
