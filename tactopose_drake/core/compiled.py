@@ -114,6 +114,9 @@ def numba_type(annotation: Any) -> types.Type:
 class Kernel(CPUDispatcher):
     """A function that is compiled for the one signature that its annotations say."""
 
+    _can_compile: bool
+    _cache: Any
+
     @functools.cached_property
     def declared(self) -> tuple[types.Type, ...]:
         """The types of the arguments."""
@@ -151,6 +154,13 @@ def inlined(function: Function) -> Function:
     """Makes a function part of the kernels that call it, for the types that they give it."""
     inline: Function = numba.njit(function, inline="always", error_model="numpy")
     return inline
+
+
+def read_only(array: Any) -> Any:
+    """An array as the fields of kernels' named tuples are: contiguous and read-only."""
+    contiguous = np.ascontiguousarray(array).view()
+    contiguous.setflags(write=False)
+    return contiguous
 
 
 @functools.cache

@@ -1,7 +1,7 @@
 """Many known objects: a folder of meshes or a manifest, indexed once, so that few of them need a closer look.
 
-What identification needs of every object is in `JointIndex`, some 20 kB each; an object's model is loaded when it is a
-candidate. Both are kept on disk by the mesh's content (see `model_cache`), each as soon as it is made: an interrupted
+What identification needs of every object is in `LibraryIndex`, some 20 kB each; an object's model is loaded when it is
+a candidate. Both are kept on disk by the mesh's content (see `model_cache`), each as soon as it is made: an interrupted
 indexing goes on where it stopped, and a changed mesh is indexed anew.
 """
 
@@ -15,7 +15,7 @@ from concurrent.futures import Executor, Future, as_completed
 from pathlib import Path
 from typing import NamedTuple
 
-from tactopose_drake.core.identification.library_index import SAMPLES, JointIndex, PairCounts, count_pairs
+from tactopose_drake.core.identification.library_index import SAMPLES, LibraryIndex, PairCounts, count_pairs
 from tactopose_drake.core.mesh.loading import load_mesh
 from tactopose_drake.core.mesh.repair import MeshRepairWarning
 from tactopose_drake.core.shape import model_cache
@@ -70,7 +70,7 @@ class ObjectLibrary:
 
     objects: tuple[LibraryObject, ...]
     skipped: tuple[SkippedObject, ...]
-    index: JointIndex
+    index: LibraryIndex
 
     def __len__(self) -> int:
         return len(self.objects)
@@ -108,7 +108,7 @@ class ObjectLibrary:
             raise InvalidFileError(f"{path}: holds no object that can be used{reason}; the least is 1.")
         indexed.sort(key=lambda pair: pair[0].name)
         return cls(
-            tuple(known for known, _ in indexed), tuple(skipped), JointIndex.join([pairs for _, pairs in indexed])
+            tuple(known for known, _ in indexed), tuple(skipped), LibraryIndex.join([pairs for _, pairs in indexed])
         )
 
 

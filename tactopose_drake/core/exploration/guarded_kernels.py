@@ -3,6 +3,8 @@
 Poses are (B, 3, 4). A distance costs one gather of the first of the grid's four channels.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from tactopose_drake.core.compiled import (
@@ -15,15 +17,31 @@ from tactopose_drake.core.compiled import (
     OutFlags2,
     OutFloats2,
     OutLongs2,
-    Singles4,
     kernel,
 )
-from tactopose_drake.core.kernels.grid_kernels import cell
+from tactopose_drake.core.kernels.grid_kernels import Grid, cell
+
+
+class Finger(NamedTuple):
+    """A finger along m motions of s places, in P; all arrays are read-only.
+
+    Attributes:
+        tip: the fingertip's centre, shape (m, s, 3), m.
+        tip_radius: m.
+        body: centres of the spheres that fill the rest, shape (m, s, b, 3), m.
+        body_radius: shape (b,), m.
+    """
+
+    tip: Floats3
+    tip_radius: float
+    body: Floats4
+    body_radius: Floats1
 
 
 @kernel
-def _distance(values: Singles4, origin: Floats1, inverse_spacing: float, X: Floats2, p: Floats1) -> float:
+def _distance(grid: Grid, X: Floats2, p: Floats1) -> float:
     """Of a point p (3,) in P from the object at pose X (3, 4); outside of the grid the way to it is added."""
+    values, origin, inverse_spacing = grid
     dx, dy, dz = p[0] - X[0, 3], p[1] - X[1, 3], p[2] - X[2, 3]
     x = X[0, 0] * dx + X[1, 0] * dy + X[2, 0] * dz
     y = X[0, 1] * dx + X[1, 1] * dy + X[2, 1] * dz
@@ -41,9 +59,7 @@ def _distance(values: Singles4, origin: Floats1, inverse_spacing: float, X: Floa
 
 @kernel
 def first_hits(
-    values: Singles4,
-    origin: Floats1,
-    inverse_spacing: float,
+    grid: Grid,
     tip: Floats3,
     radius: float,
     X: Floats3,
@@ -61,7 +77,7 @@ def first_hits(
         for m in range(tip.shape[0]):
             last, place[b, m] = 0.0, places
             for s in range(places):
-                gap = _distance(values, origin, inverse_spacing, X[b], tip[m, s]) - radius
+                gap = _distance(grid, X[b], tip[m, s]) - radius
                 if gap <= 0.0 and s > 0:
                     place[b, m], before[b, m], after[b, m] = s, max(last, 0.0), gap
                     break
@@ -70,30 +86,26 @@ def first_hits(
 
 @kernel
 def are_clear(
-    values: Singles4,
-    origin: Floats1,
-    inverse_spacing: float,
-    tip: Floats3,
-    tip_radius: float,
-    body: Floats4,
-    body_radius: Floats1,
+    grid: Grid,
+    finger: Finger,
     X: Floats3,
     clear: OutFlags2,
 ) -> None:
     """Whether the tip (m, s, 3) starts off the object, and no body sphere (m, s, b, 3) meets it before the tip does.
 
-    Goes to clear (B, m). Points are in P, radii and body_radius (b,) in m.
+    Goes to clear (B, m).
     """
+    tip, tip_radius, body, body_radius = finger
     for b in range(X.shape[0]):
         for m in range(tip.shape[0]):
             clear[b, m] = True
             for s in range(tip.shape[1]):
-                if _distance(values, origin, inverse_spacing, X[b], tip[m, s]) <= tip_radius:
+                if _distance(grid, X[b], tip[m, s]) <= tip_radius:
                     if s == 0:
                         clear[b, m] = False
                     break
                 for i in range(body.shape[2]):
-                    if _distance(values, origin, inverse_spacing, X[b], body[m, s, i]) <= body_radius[i]:
+                    if _distance(grid, X[b], body[m, s, i]) <= body_radius[i]:
                         clear[b, m] = False
                         break
                 if not clear[b, m]:
@@ -102,10 +114,7 @@ def are_clear(
 
 @kernel
 def stay_apart(
-    tip: Floats3,
-    tip_radius: float,
-    body: Floats4,
-    body_radius: Floats1,
+    finger: Finger,
     p: Floats2,
     radius: Floats1,
     end: Longs1,
@@ -115,6 +124,7 @@ def stay_apart(
 
     Places after `end` (m,) do not count, nor do pairs that meet where the motion starts: they are joined there.
     """
+    tip, tip_radius, body, body_radius = finger
     spheres = body.shape[2]
     for m in range(tip.shape[0]):
         apart[m] = True

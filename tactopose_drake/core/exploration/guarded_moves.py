@@ -6,6 +6,7 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tactopose_drake.core.compiled import read_only
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.exploration import guarded_kernels
 from tactopose_drake.core.grasping.finger_reach import FingerGeometry
@@ -45,6 +46,13 @@ class GuardedMoves:
 
     def __len__(self) -> int:
         return len(self.tip)
+
+    @property
+    def _finger(self) -> guarded_kernels.Finger:
+        """The motions as kernels read them."""
+        return guarded_kernels.Finger(
+            read_only(self.tip), self.radius, read_only(self.body), read_only(self.body_radius)
+        )
 
     @classmethod
     def lines(
@@ -94,9 +102,7 @@ class GuardedMoves:
         """What each motion meets, for each of B poses (B, 3, 4) of the object."""
         grid, places = model.grid, self.tip.shape[1]
         place, before, after = np.empty((len(X_PO), len(self)), dtype=np.intp), *np.ones((2, len(X_PO), len(self)))
-        guarded_kernels.first_hits(
-            grid.values, grid.origin, 1.0 / grid.spacing, self.tip, self.radius, X_PO, place, before, after
-        )
+        guarded_kernels.first_hits(grid.nodes, self.tip, self.radius, X_PO, place, before, after)
         steps = np.diff(self.tip, axis=1)
         lengths = np.linalg.norm(steps, axis=2)
         travelled = np.concatenate([np.zeros((len(self), 1)), np.cumsum(lengths, axis=1)], axis=1)
@@ -122,13 +128,9 @@ class GuardedMoves:
         """
         grid, places = model.grid, self.tip.shape[1]
         place, gaps = np.empty((len(X_PO), len(self)), dtype=np.intp), np.empty((2, len(X_PO), len(self)))
-        guarded_kernels.first_hits(
-            grid.values, grid.origin, 1.0 / grid.spacing, self.tip, self.radius, X_PO, place, gaps[0], gaps[1]
-        )
+        guarded_kernels.first_hits(grid.nodes, self.tip, self.radius, X_PO, place, gaps[0], gaps[1])
         end, apart = np.minimum(place.max(axis=0), places - 1), np.empty(len(self), dtype=np.bool_)
-        guarded_kernels.stay_apart(
-            self.tip, self.radius, self.body, self.body_radius, others.p_PH, others.radius, end, apart
-        )
+        guarded_kernels.stay_apart(self._finger, others.p_PH, others.radius, end, apart)
         return apart
 
     def are_clear(self, model: ObjectModel, X_PO: FloatArray) -> NDArray[np.bool_]:
@@ -138,13 +140,8 @@ class GuardedMoves:
         """
         grid, clear = model.grid, np.empty((len(X_PO), len(self)), dtype=np.bool_)
         guarded_kernels.are_clear(
-            grid.values,
-            grid.origin,
-            1.0 / grid.spacing,
-            self.tip,
-            self.radius,
-            self.body,
-            self.body_radius,
+            grid.nodes,
+            self._finger,
             X_PO,
             clear,
         )

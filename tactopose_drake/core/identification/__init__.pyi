@@ -1,5 +1,5 @@
 from .library_index import SAMPLES as SAMPLES
-from .library_index import JointIndex as JointIndex
+from .library_index import LibraryIndex as LibraryIndex
 from .library_index import PairCounts as PairCounts
 from .library_index import count_pairs as count_pairs
 from .model_evidence import log_evidence as log_evidence

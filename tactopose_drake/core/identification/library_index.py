@@ -70,7 +70,7 @@ def count_pairs(samples: SurfaceSamples) -> PairCounts:
 
 
 @dataclass(frozen=True, eq=False)
-class JointIndex:
+class LibraryIndex:
     """The pairs of many objects, sorted by bin.
 
     Attributes:
@@ -86,7 +86,7 @@ class JointIndex:
     counts: NDArray[np.uint16]
 
     @classmethod
-    def join(cls, objects: Sequence[PairCounts]) -> JointIndex:
+    def join(cls, objects: Sequence[PairCounts]) -> LibraryIndex:
         """The index of objects, which are numbered as they come."""
         first = np.zeros(_BINS + 1, dtype=np.int64)
         for pairs in objects:

@@ -3,6 +3,8 @@
 Poses are (B, 3, 4); increments (w, v) as in `poses.py`.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from tactopose_drake.core.compiled import (
@@ -15,14 +17,45 @@ from tactopose_drake.core.compiled import (
     OutFloats2,
     OutFloats3,
     OutLongs1,
-    Singles4,
     kernel,
 )
-from tactopose_drake.core.kernels.grid_kernels import interpolate, look_up_with_derivative
+from tactopose_drake.core.kernels.grid_kernels import Grid, interpolate, look_up_with_derivative
 from tactopose_drake.core.kernels.pose_kernels import chain, rotate_to_object, to_object
 
 # Bounds the derivative of the angle between two directions where they are parallel.
 _SOFT_SINE = 1e-9
+
+
+class Spheres(NamedTuple):
+    """The hand's spheres in neighbourhoods, read-only: neighbourhood g is start[g]:start[g + 1].
+
+    Attributes:
+        p: centres in P, shape (h, 3), m.
+        radius: shape (h,), m.
+        reach: no sphere reaches further from the centre of its neighbourhood's first, shape (h,), m.
+        start: shape (g + 1,).
+    """
+
+    p: Floats2
+    radius: Floats1
+    reach: Floats1
+    start: Longs1
+
+
+class Depths(NamedTuple):
+    """How deep neighbourhoods of spheres are in the object, see `penetration_depths`."""
+
+    excess: OutFloats2
+    points: OutFloats3
+    slopes: OutFloats3
+
+
+class Forces(NamedTuple):
+    """Forces, read-only: points (k, 3) and directions (k, 3) in P, and the variance (k,) of their angle to normals."""
+
+    p: Floats2
+    u: Floats2
+    variance: Floats1
 
 
 @kernel
@@ -50,20 +83,7 @@ def gather_neighbourhoods(
 
 
 @kernel
-def penetration_depths(
-    values: Singles4,
-    origin: Floats1,
-    inverse_spacing: float,
-    p: Floats2,
-    radius: Floats1,
-    reach: Floats1,
-    start: Longs1,
-    allowed: float,
-    X: Floats3,
-    excess: OutFloats2,
-    points: OutFloats3,
-    slopes: OutFloats3,
-) -> None:
+def penetration_depths(grid: Grid, spheres: Spheres, allowed: float, X: Floats3, depths: Depths) -> None:
     """How deep each neighbourhood of spheres is in the object at each pose beyond what is allowed, excess (B, g) >= 0.
 
     Neighbourhood g is start[g]:start[g + 1]. Where it is in the object, the centre of its deepest sphere in O goes to
@@ -75,6 +95,9 @@ def penetration_depths(
 
     One body, without calls that are given arrays: their reference counts would cost more than the arithmetic.
     """
+    values, origin, inverse_spacing = grid
+    p, radius, reach, start = spheres
+    excess, points, slopes = depths
     flat = values.reshape(-1)
     nx, ny, nz = values.shape[0], values.shape[1], values.shape[2]
     x0, y0, z0, spacing = origin[0], origin[1], origin[2], 1.0 / inverse_spacing
@@ -132,10 +155,9 @@ def penetration_depths(
 
 
 @kernel
-def penetration_jacobian(
-    weight: float, X: Floats3, excess: Floats2, points: Floats3, slopes: Floats3, jacobian: OutFloats3
-) -> None:
+def penetration_jacobian(weight: float, X: Floats3, depths: Depths, jacobian: OutFloats3) -> None:
     """The derivatives (B, g, 6) of the residuals, weight times the excess, by the increment."""
+    excess, points, slopes = depths
     for b in range(X.shape[0]):
         for g in range(excess.shape[1]):
             jacobian[b, g] = 0.0
@@ -147,14 +169,13 @@ def penetration_jacobian(
 def penetration_normal_equations(
     weight: float,
     X: Floats3,
-    excess: Floats2,
-    points: Floats3,
-    slopes: Floats3,
+    depths: Depths,
     cost: OutFloats1,
     gradient: OutFloats2,
     hessian: OutFloats3,
 ) -> None:
     """Cost (B,), gradient (B, 6) and Gauss-Newton Hessian (B, 6, 6): most neighbourhoods are clear and add nothing."""
+    excess, points, slopes = depths
     J = np.empty(6)
     for b in range(X.shape[0]):
         cost[b] = 0.0
@@ -173,28 +194,20 @@ def penetration_normal_equations(
 
 @kernel
 def friction_residuals(
-    values: Singles4,
-    origin: Floats1,
-    inverse_spacing: float,
-    p: Floats2,
-    u: Floats2,
-    variance: Floats1,
-    cone: float,
-    X: Floats3,
-    residuals: OutFloats2,
-    jacobian: OutFloats3,
+    grid: Grid, forces: Forces, cone: float, X: Floats3, residuals: OutFloats2, jacobian: OutFloats3
 ) -> None:
     """Residuals (B, k), see `objectives.friction_cone`, and their Jacobian (B, k, 6) by the increment.
 
-    u (k, 3) are the forces' directions in P, variance (k,) that of their angle to the normal, cone the friction angle.
+    cone is the friction angle, rad.
     """
+    p, u, variance = forces
     q, f, field, slope, row = np.empty(3), np.empty(3), np.empty(4), np.empty((4, 3)), np.empty(3)
     for b in range(X.shape[0]):
         for i in range(p.shape[0]):
             residuals[b, i] = 0.0
             jacobian[b, i] = 0.0
             to_object(X[b], p[i], q)
-            look_up_with_derivative(values, origin, inverse_spacing, q[0], q[1], q[2], field, slope)
+            look_up_with_derivative(grid, q[0], q[1], q[2], field, slope)
             rotate_to_object(X[b], u[i], f)
             n = field[1:]
             square = n[0] * n[0] + n[1] * n[1] + n[2] * n[2]

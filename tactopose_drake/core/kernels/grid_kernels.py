@@ -3,6 +3,8 @@
 A look-up is one gather: eight nodes of four float32 each (signed distance, normal), which lie in four runs of 32 bytes.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from tactopose_drake.core.compiled import Floats1, OutFloats1, OutFloats2, Singles4, inlined, kernel
@@ -13,6 +15,20 @@ from tactopose_drake.core.kernels.prefetch import prefetch
 SOFT_LENGTH = 0.05
 
 _U4 = np.uintp(4)
+
+
+class Grid(NamedTuple):
+    """A distance grid, as kernels read it.
+
+    Attributes:
+        values: signed distance, m, and normal at the nodes, shape (nx, ny, nz, 4), read-only.
+        origin: the first node in O, shape (3,), m, read-only.
+        inverse_spacing: one over the distance between nodes, 1/m.
+    """
+
+    values: Singles4
+    origin: Floats1
+    inverse_spacing: float
 
 
 @inlined
@@ -33,15 +49,15 @@ def cell(q, origin, inverse_spacing, limit):
 
 
 @inlined
-def prefetch_cells(flat, shape, origin, inverse_spacing, X, p, q):
+def prefetch_cells(grid, flat, X, p, q):
     """Asks for what the contacts p (k, 3) will read of the flattened grid at the pose X (3, 4); q (3,) is for work."""
-    nx, ny, nz = shape[0], shape[1], shape[2]
+    nx, ny, nz = grid.values.shape[0], grid.values.shape[1], grid.values.shape[2]
     sy, sx = np.uintp(4 * nz), np.uintp(4 * nz * ny)
     for i in range(p.shape[0]):
         to_object(X, p[i], q)
-        ix = cell(q[0], origin[0], inverse_spacing, nx - 1.0)[0]
-        iy = cell(q[1], origin[1], inverse_spacing, ny - 1.0)[0]
-        iz = cell(q[2], origin[2], inverse_spacing, nz - 1.0)[0]
+        ix = cell(q[0], grid.origin[0], grid.inverse_spacing, nx - 1.0)[0]
+        iy = cell(q[1], grid.origin[1], grid.inverse_spacing, ny - 1.0)[0]
+        iz = cell(q[2], grid.origin[2], grid.inverse_spacing, nz - 1.0)[0]
         at = np.uintp(4 * ((ix * ny + iy) * nz + iz))
         prefetch(flat, at)
         prefetch(flat, at + sy)
@@ -50,10 +66,9 @@ def prefetch_cells(flat, shape, origin, inverse_spacing, X, p, q):
 
 
 @kernel
-def look_up(
-    values: Singles4, origin: Floats1, inverse_spacing: float, x: float, y: float, z: float, out: OutFloats1
-) -> None:
+def look_up(grid: Grid, x: float, y: float, z: float, out: OutFloats1) -> None:
     """Trilinear distance and normal at one point, out[0:4]; outside of the grid the way to it is added."""
+    values, origin, inverse_spacing = grid.values, grid.origin, grid.inverse_spacing
     i, fx, ox = cell(x, origin[0], inverse_spacing, values.shape[0] - 1.0)
     j, fy, oy = cell(y, origin[1], inverse_spacing, values.shape[1] - 1.0)
     k, fz, oz = cell(z, origin[2], inverse_spacing, values.shape[2] - 1.0)
@@ -78,17 +93,9 @@ def look_up(
 
 
 @kernel
-def look_up_with_derivative(
-    values: Singles4,
-    origin: Floats1,
-    inverse_spacing: float,
-    x: float,
-    y: float,
-    z: float,
-    out: OutFloats1,
-    slope: OutFloats2,
-) -> None:
+def look_up_with_derivative(grid: Grid, x: float, y: float, z: float, out: OutFloats1, slope: OutFloats2) -> None:
     """As `look_up`, with slope[c, a] = d out[c] / d axis a, exact for the interpolant; slope is (4, 3)."""
+    values, origin, inverse_spacing = grid.values, grid.origin, grid.inverse_spacing
     i, fx, ox = cell(x, origin[0], inverse_spacing, values.shape[0] - 1.0)
     j, fy, oy = cell(y, origin[1], inverse_spacing, values.shape[1] - 1.0)
     k, fz, oz = cell(z, origin[2], inverse_spacing, values.shape[2] - 1.0)

@@ -1,5 +1,7 @@
 """Levenberg-Marquardt's steps and what they need, compiled: for a batch of least-squares problems of any size."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from tactopose_drake.core.compiled import (
@@ -13,6 +15,15 @@ from tactopose_drake.core.compiled import (
     inlined,
     kernel,
 )
+
+
+class Problems(NamedTuple):
+    """Where a batch of problems stands: what is moved (B, s), cost (B,), gradient (B, m) and Hessian (B, m, m)."""
+
+    state: OutFloats2
+    cost: OutFloats1
+    gradient: OutFloats2
+    hessian: OutFloats3
 
 
 @kernel
@@ -80,14 +91,8 @@ def damped_steps(hessian: Floats3, gradient: Floats2, damping: Floats1, step: Ou
 
 @kernel
 def accept_steps(
-    state: OutFloats2,
-    cost: OutFloats1,
-    gradient: OutFloats2,
-    hessian: OutFloats3,
-    new_state: Floats2,
-    new_cost: Floats1,
-    new_gradient: Floats2,
-    new_hessian: Floats3,
+    here: Problems,
+    there: Problems,
     step: Floats2,
     damping: OutFloats1,
     tolerance: float,
@@ -99,16 +104,18 @@ def accept_steps(
     A problem is done when its cost falls, or the local model promises (half of -g s) that it falls, by less than the
     tolerance times cost + 1; or when the damping exceeds its limit.
     """
+    state, cost, gradient, hessian = here
     for b in range(cost.shape[0]):
         least = tolerance * (cost[b] + 1.0)
         promised = 0.0
         for i in range(step.shape[1]):
             promised -= 0.5 * gradient[b, i] * step[b, i]
-        decrease = cost[b] - new_cost[b]
+        decrease = cost[b] - there.cost[b]
         done[b] = promised < least or 0.0 < decrease < least
         if decrease > 0.0:
             damping[b] *= 0.1
-            state[b], cost[b], gradient[b], hessian[b] = new_state[b], new_cost[b], new_gradient[b], new_hessian[b]
+            state[b], cost[b] = there.state[b], there.cost[b]
+            gradient[b], hessian[b] = there.gradient[b], there.hessian[b]
         else:
             damping[b] *= 10.0
             done[b] = done[b] or damping[b] > limit

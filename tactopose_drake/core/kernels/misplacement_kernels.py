@@ -5,7 +5,8 @@
 
 import numpy as np
 
-from tactopose_drake.core.compiled import Floats1, Floats2, OutFloats1, OutFloats2, Singles4, inlined, kernel
+from tactopose_drake.core.compiled import Floats2, OutFloats1, OutFloats2, inlined, kernel
+from tactopose_drake.core.kernels.grid_kernels import Grid
 from tactopose_drake.core.kernels.pad_kernels import Cells, Pad, Pads, Run, enter, look, misplace
 
 # Where the local model of a pad's cost promises less than this, it is taken at its word. That takes two steps or three;
@@ -18,7 +19,7 @@ _HOPELESS = 30.0
 
 @kernel
 def settle(
-    grid: tuple[Singles4, Floats1, float],
+    grid: Grid,
     pads: Pads,
     k: int,
     sigmas: tuple[float, float],

@@ -19,13 +19,12 @@ from tactopose_drake.core.compiled import (
     Floats2,
     OutFloats1,
     OutFloats2,
-    Singles4,
     Unsigned,
     UnsignedLongs1,
     inlined,
     kernel,
 )
-from tactopose_drake.core.kernels.grid_kernels import SOFT_LENGTH, cell, interpolate
+from tactopose_drake.core.kernels.grid_kernels import SOFT_LENGTH, Grid, cell, interpolate
 from tactopose_drake.core.kernels.pose_kernels import rotate_to_object, to_object
 
 Run: TypeAlias = tuple[Unsigned, Unsigned]
@@ -142,7 +141,7 @@ def misplace(u: Floats1, sigmas: tuple[float, float], run: Run, cells: Cells, pa
 
 
 @kernel
-def look(grid: tuple[Singles4, Floats1, float], traits: Floats2, run: Run, cells: Cells, pad: Pad) -> None:
+def look(grid: Grid, traits: Floats2, run: Run, cells: Cells, pad: Pad) -> None:
     """The cells' weights at their places, the residuals, and the slopes of these.
 
     A cell that feels nothing does not count before it has come as far as it was clear of the object.
@@ -187,7 +186,7 @@ def look(grid: tuple[Singles4, Floats1, float], traits: Floats2, run: Run, cells
 
 
 @kernel
-def look_along(grid: tuple[Singles4, Floats1, float], run: Run, cells: Cells) -> None:
+def look_along(grid: Grid, run: Run, cells: Cells) -> None:
     """The normals at the places."""
     values, origin, inverse_spacing = grid
     flat = values.reshape(-1)

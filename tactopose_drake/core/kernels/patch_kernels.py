@@ -5,16 +5,15 @@ Each pad is misplaced as `misplacement_kernels.py` finds it. `grid`, `pads` and 
 
 import numpy as np
 
-from tactopose_drake.core.compiled import Floats1, Floats3, OutFloats1, OutFloats2, OutFloats3, Singles4, kernel
+from tactopose_drake.core.compiled import Floats3, OutFloats1, OutFloats2, OutFloats3, kernel
+from tactopose_drake.core.kernels.grid_kernels import Grid
 from tactopose_drake.core.kernels.misplacement_kernels import couple, make_rows, settle, solve
 from tactopose_drake.core.kernels.pad_kernels import Pads, look_along, scratch
 from tactopose_drake.core.kernels.pose_kernels import turn_translations
 
 
 @kernel
-def patch_costs(
-    grid: tuple[Singles4, Floats1, float], pads: Pads, sigmas: tuple[float, float], X: Floats3, costs: OutFloats2
-) -> None:
+def patch_costs(grid: Grid, pads: Pads, sigmas: tuple[float, float], X: Floats3, costs: OutFloats2) -> None:
     """Half the sum of squares of the residuals of each pad at each pose, into costs (B, k)."""
     cells, pad = scratch(len(pads[0]))
     for b in range(X.shape[0]):
@@ -24,7 +23,7 @@ def patch_costs(
 
 @kernel
 def patch_residuals(
-    grid: tuple[Singles4, Floats1, float],
+    grid: Grid,
     pads: Pads,
     sigmas: tuple[float, float],
     X: Floats3,
@@ -69,7 +68,7 @@ def patch_residuals(
 
 @kernel
 def patch_normal_equations(
-    grid: tuple[Singles4, Floats1, float],
+    grid: Grid,
     pads: Pads,
     sigmas: tuple[float, float],
     X: Floats3,

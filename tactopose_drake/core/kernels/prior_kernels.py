@@ -3,28 +3,35 @@
 Poses are (B, 3, 4); increments (w, v) as in `poses.py`.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from tactopose_drake.core.compiled import Floats1, Floats2, Floats3, OutFloats1, OutFloats2, OutFloats3, inlined, kernel
 from tactopose_drake.core.kernels.pose_kernels import increment_between
 
 
+class Prior(NamedTuple):
+    """A pose (3, 4) and one over the standard deviations (6,) of increments from it, all zero for none; read-only."""
+
+    X: Floats2
+    weights: Floats1
+
+
 @kernel
-def prior_costs(X_prior: Floats2, weights: Floats1, X: Floats3, cost: OutFloats1) -> None:
+def prior_costs(prior: Prior, X: Floats3, cost: OutFloats1) -> None:
     """Half the squared whitened increment from the prior's pose (3, 4) to each pose, into cost (B,)."""
     u = np.empty(6)
     for b in range(X.shape[0]):
-        increment_between(X_prior, X[b], u)
+        increment_between(prior.X, X[b], u)
         total = 0.0
         for i in range(6):
-            total += (u[i] * weights[i]) ** 2
+            total += (u[i] * prior.weights[i]) ** 2
         cost[b] = 0.5 * total
 
 
 @kernel
-def prior_residuals(
-    X_prior: Floats2, weights: Floats1, X: Floats3, residuals: OutFloats2, jacobian: OutFloats3
-) -> None:
+def prior_residuals(prior: Prior, X: Floats3, residuals: OutFloats2, jacobian: OutFloats3) -> None:
     """Whitened increments (B, 6) from the prior's pose, and their derivatives by the increment (B, 6, 6).
 
     The derivative of the rotation vector is the inverse right Jacobian of SO(3): J. Sola et al., A micro Lie theory for
@@ -32,13 +39,14 @@ def prior_residuals(
     """
     u = np.empty(6)
     for b in range(X.shape[0]):
-        prior_row(X_prior, weights, X[b], u, residuals[b], jacobian[b])
+        prior_row(prior, X[b], u, residuals[b], jacobian[b])
 
 
 @inlined
-def prior_row(X_prior, weights, X, u, residual, J):
+def prior_row(prior, X, u, residual, J):
     """The same of one pose (3, 4), into (6,) and (6, 6); u (6,) is for work."""
-    increment_between(X_prior, X, u)
+    weights = prior.weights
+    increment_between(prior.X, X, u)
     x, y, z = u[0], u[1], u[2]
     angle2 = x * x + y * y + z * z
     if angle2 < 1e-6:

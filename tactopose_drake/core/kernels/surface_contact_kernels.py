@@ -5,6 +5,8 @@ Poses are (B, 3, 4); increments (w, v) as in `poses.py`.
 Source: [B16] J. Bimbo, thesis, 2016, eqs. 3.3 and 3.5, whitened by the sensors' standard deviations.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from tactopose_drake.core.compiled import (
@@ -15,38 +17,66 @@ from tactopose_drake.core.compiled import (
     OutFloats2,
     OutFloats3,
     OutFloats4,
-    Singles4,
     inlined,
     kernel,
 )
-from tactopose_drake.core.kernels.grid_kernels import SOFT_LENGTH, look_up, look_up_with_derivative, prefetch_cells
+from tactopose_drake.core.kernels.grid_kernels import (
+    SOFT_LENGTH,
+    Grid,
+    look_up,
+    look_up_with_derivative,
+    prefetch_cells,
+)
 from tactopose_drake.core.kernels.pose_kernels import chain, rotate_to_object, to_object, turn_normal
 
 # Bounds the derivative of the square root in the residual that normalises the normals' likelihood.
 SOFT_ROOT = 1e-4
 
 
+class Touch(NamedTuple):
+    """Contacts, as kernels read them; all arrays are read-only.
+
+    Attributes:
+        p: points in P, shape (k, 3), m.
+        n: unit normals in P, shape (k, 3); anything where there is none.
+        weight_p: one over sigma of each point, shape (k,), 1/m.
+        weight_n: one over sigma of each normal, shape (k,), 1/rad; zero where there is none.
+    """
+
+    p: Floats2
+    n: Floats2
+    weight_p: Floats1
+    weight_n: Floats1
+
+
+class Rows(NamedTuple):
+    """What one contact at one pose comes to: see `contact_rows`.
+
+    Attributes:
+        residual: shape (5,).
+        J: its Jacobian by the increment, shape (5, 6).
+        smooth: the rows that carry information, shape (4, 6).
+        work: scratch, shape (10, 4).
+    """
+
+    residual: OutFloats1
+    J: OutFloats2
+    smooth: OutFloats2
+    work: OutFloats2
+
+
 @kernel
-def contact_costs(
-    values: Singles4,
-    origin: Floats1,
-    inverse_spacing: float,
-    p: Floats2,
-    n: Floats2,
-    weight_p: Floats1,
-    weight_n: Floats1,
-    X: Floats3,
-    cost: OutFloats1,
-) -> None:
+def contact_costs(grid: Grid, touch: Touch, X: Floats3, cost: OutFloats1) -> None:
     """Half the sum of squares of the contact residuals of each pose, into cost (B,)."""
-    flat = values.reshape(-1)
+    p, n, weight_p, weight_n = touch
+    flat = grid.values.reshape(-1)
     q, m, field = np.empty(3), np.empty(3), np.empty(4)
     for b in range(X.shape[0]):
-        prefetch_cells(flat, values.shape, origin, inverse_spacing, X[b], p, q)
+        prefetch_cells(grid, flat, X[b], p, q)
         total = 0.0
         for i in range(p.shape[0]):
             to_object(X[b], p[i], q)
-            look_up(values, origin, inverse_spacing, q[0], q[1], q[2], field)
+            look_up(grid, q[0], q[1], q[2], field)
             r = field[0] * weight_p[i]
             total += r * r
             if weight_n[i] > 0.0:
@@ -60,36 +90,12 @@ def contact_costs(
 
 
 @kernel
-def contact_residuals(
-    values: Singles4,
-    origin: Floats1,
-    inverse_spacing: float,
-    p: Floats2,
-    n: Floats2,
-    weight_p: Floats1,
-    weight_n: Floats1,
-    X: Floats3,
-    residuals: OutFloats3,
-    jacobian: OutFloats4,
-) -> None:
+def contact_residuals(grid: Grid, touch: Touch, X: Floats3, residuals: OutFloats3, jacobian: OutFloats4) -> None:
     """Residuals (B, k, 5), see `contact_rows`, and their Jacobian (B, k, 5, 6) by the increment."""
     smooth, work = np.empty((4, 6)), np.empty((10, 4))
     for b in range(X.shape[0]):
-        for i in range(p.shape[0]):
-            contact_rows(
-                values,
-                origin,
-                inverse_spacing,
-                p[i],
-                n[i],
-                weight_p[i],
-                weight_n[i],
-                X[b],
-                residuals[b, i],
-                jacobian[b, i],
-                smooth,
-                work,
-            )
+        for i in range(touch.p.shape[0]):
+            contact_rows(grid, touch, i, X[b], Rows(residuals[b, i], jacobian[b, i], smooth, work))
 
 
 @inlined
@@ -104,20 +110,7 @@ def normal_weight(field, weight_n):
 
 
 @kernel
-def contact_rows(
-    values: Singles4,
-    origin: Floats1,
-    inverse_spacing: float,
-    p: Floats1,
-    n: Floats1,
-    weight_p: float,
-    weight_n: float,
-    X: Floats2,
-    residual: OutFloats1,
-    J: OutFloats2,
-    smooth: OutFloats2,
-    work: OutFloats2,
-) -> None:
+def contact_rows(grid: Grid, touch: Touch, i: int, X: Floats2, rows: Rows) -> None:
     """The five residuals of one contact at one pose, their Jacobian (5, 6), and the rows (4, 6) that carry information.
 
     The residuals are the distance, the difference of the normals, and the root of twice the log of the normal's
@@ -127,10 +120,12 @@ def contact_rows(
     direction. The exact derivatives follow each facet, and each change of the mean normal's length; they would claim
     that the facets of a tessellated cylinder determine its spin.
     """
-    # Views of the caller's scratch array (10, 4): an allocation here would cost as much as the arithmetic.
+    p, n, weight_p, weight_n = touch.p[i], touch.n[i], touch.weight_p[i], touch.weight_n[i]
+    residual, J, smooth, work = rows
+    # Views of the caller's scratch array: an allocation here would cost as much as the arithmetic.
     q, m, along, row, field, slope, mean = work[0], work[1], work[2], work[3], work[4], work[5:9], work[9]
     to_object(X, p, q)
-    look_up_with_derivative(values, origin, inverse_spacing, q[0], q[1], q[2], field, slope)
+    look_up_with_derivative(grid, q[0], q[1], q[2], field, slope)
     square = field[1] ** 2 + field[2] ** 2 + field[3] ** 2
     scale = 1.0 / np.sqrt(square + SOFT_LENGTH**2)
     for a in range(3):

@@ -25,7 +25,7 @@ class CellDistance(DifferencedObjective):
         felt = [patch.points[patch.active] for patch in patches if patch.status != "no_contact"]
         cells = np.concatenate([np.empty((0, 3)), *felt])
         ends = np.cumsum([0, *(len(points) for points in felt)])
-        self._arguments = (*cloud.arguments, cells, ends)
+        self._arguments = (cloud.kernel_view, cells, ends)
 
     def residuals(self, X_PO: FloatArray) -> FloatArray:
         """Residuals (B, k) of poses (B, 3, 4), m, with k pads that feel the object."""

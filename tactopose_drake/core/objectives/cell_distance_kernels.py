@@ -2,18 +2,14 @@
 
 import numpy as np
 
-from tactopose_drake.core.compiled import Floats1, Floats2, Floats3, Ints1, Ints3, Longs1, OutFloats2, kernel
+from tactopose_drake.core.compiled import Floats2, Floats3, Longs1, OutFloats2, kernel
 from tactopose_drake.core.kernels.pose_kernels import to_object
-from tactopose_drake.core.shape.point_grid_kernels import nearest_square
+from tactopose_drake.core.shape.point_grid_kernels import Cloud, nearest_square
 
 
 @kernel
 def pad_costs(
-    points: Floats2,
-    starts: Ints1,
-    seeds: Ints3,
-    origin: Floats1,
-    spacing: float,
+    cloud: Cloud,
     cells: Floats2,
     ends: Longs1,
     X_PO: Floats3,
@@ -26,5 +22,5 @@ def pad_costs(
             total = 0.0
             for i in range(ends[k], ends[k + 1]):
                 to_object(X_PO[b], cells[i], q)
-                total += nearest_square(points, starts, seeds, origin, spacing, q[0], q[1], q[2])
+                total += nearest_square(cloud, q[0], q[1], q[2])
             costs[b, k] = total / (ends[k + 1] - ends[k])

@@ -1,29 +1,52 @@
 """What of the surface lies in front of a tactile pad, and how its covariance fits the felt one."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from tactopose_drake.core.compiled import (
     Floats1,
     Floats2,
     Floats3,
-    Ints1,
-    Ints3,
     OutFloats1,
     OutFloats2,
-    Shape3,
     inlined,
     kernel,
 )
 from tactopose_drake.core.kernels.pose_kernels import to_object
-from tactopose_drake.core.shape.point_grid_kernels import nearest_square, slot_of
+from tactopose_drake.core.shape.point_grid_kernels import Cloud, nearest_square, slot_of
+
+
+class Pads(NamedTuple):
+    """The pads that feel the object, read-only: the boxes in front of them, X_PB (k, 3, 4), and their corners in B,
+    lower and upper (k, 3); and the patches' centroids in P (k, 3) and covariances (k, 3, 3).
+    """
+
+    X_PB: Floats3
+    lower: Floats2
+    upper: Floats2
+    centroid: Floats2
+    covariance: Floats3
+
+
+class Box(NamedTuple):
+    """Scratch: a box as `_place` sees it."""
+
+    R: OutFloats2
+    p: OutFloats1
+    c: OutFloats1
+    low: OutFloats1
+    high: OutFloats1
 
 
 @inlined
-def _place(X, X_PB, lower, upper, centroid, R, p, c, low, high):
+def _place(X, pads, k, seen):
     """A box seen from the object at the pose X: R = R_OB, p = p_OB, and the corners, along O's axes, of what holds it.
 
     c is the patch's centroid in B.
     """
+    X_PB, lower, upper, centroid = pads.X_PB[k], pads.lower[k], pads.upper[k], pads.centroid[k]
+    R, p, c, low, high = seen
     for a in range(3):
         p[a] = 0.0
         for e in range(3):
@@ -49,25 +72,15 @@ def _overlap(low, high, origin, spacing, shape):
 
 @kernel
 def _gather(
-    points: Floats2,
-    starts: Ints1,
-    shape: Shape3,
-    origin: Floats1,
-    spacing: float,
-    R: Floats2,
-    p: Floats1,
-    c: Floats1,
-    low: Floats1,
-    high: Floats1,
-    lower: Floats1,
-    upper: Floats1,
-    first: OutFloats1,
-    second: OutFloats2,
-) -> int:
+    cloud: Cloud, box: Box, lower: Floats1, upper: Floats1, first: OutFloats1, second: OutFloats2
+) -> tuple[int, float, float]:
     """The moments about c of the points in the box: their number, depth below z = 0, and least square distance from c.
 
     Their sum goes into first (3,), the lower triangle of the sum of their products into second (3, 3).
     """
+    points, starts, seeds, origin, spacing = cloud
+    R, p, c, low, high = box
+    shape = seeds.shape
     count, depth, nearest = 0, 0.0, np.inf
     first[:] = 0.0
     second[:] = 0.0
@@ -107,16 +120,8 @@ def _gather(
 
 @kernel
 def pad_costs(
-    points: Floats2,
-    starts: Ints1,
-    seeds: Ints3,
-    origin: Floats1,
-    spacing: float,
-    X_PB: Floats3,
-    lower: Floats2,
-    upper: Floats2,
-    centroid: Floats2,
-    covariance: Floats3,
+    cloud: Cloud,
+    pads: Pads,
     weights: Floats1,
     X_PO: Floats3,
     costs: OutFloats2,
@@ -126,30 +131,28 @@ def pad_costs(
     Few poses need the nearest point: where a point of the box is within the gate of the centroid, so is the nearest.
     """
     gate, h1, h2, h3 = weights
-    R, p, c, low, high = np.empty((3, 3)), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    box = Box(np.empty((3, 3)), np.empty(3), np.empty(3), np.empty(3), np.empty(3))
     first, second, q = np.empty(3), np.empty((3, 3)), np.empty(3)
     for b in range(X_PO.shape[0]):
         X = X_PO[b]
         for k in range(costs.shape[1]):
-            _place(X, X_PB[k], lower[k], upper[k], centroid[k], R, p, c, low, high)
-            count, depth, nearest = _gather(
-                points, starts, seeds.shape, origin, spacing, R, p, c, low, high, lower[k], upper[k], first, second
-            )
+            _place(X, pads, k, box)
+            count, depth, nearest = _gather(cloud, box, pads.lower[k], pads.upper[k], first, second)
             distance = 0.0
             if count <= 3 or nearest > gate * gate:
-                to_object(X, centroid[k], q)
-                distance = np.sqrt(nearest_square(points, starts, seeds, origin, spacing, q[0], q[1], q[2]))
+                to_object(X, pads.centroid[k], q)
+                distance = np.sqrt(nearest_square(cloud, q[0], q[1], q[2]))
             matched = count > 3 and distance <= gate
             total, offset, square = h1 * distance, 0.0, 0.0
             for a in range(3):
                 for e in range(a + 1):
-                    difference = -covariance[k, a, e]
+                    difference = -pads.covariance[k, a, e]
                     if matched:
                         difference += (second[a, e] - first[a] * first[e] / count) / (count - 1)
                     square += difference * difference * (1.0 if a == e else 2.0)
                 offset += first[a] * first[a]
             if matched:
                 total = np.sqrt(offset) / count + h2 * depth
-            if not np.isnan(covariance[k, 0, 0]):
+            if not np.isnan(pads.covariance[k, 0, 0]):
                 total += h3 * np.sqrt(square)
             costs[b, k] = total

@@ -8,7 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tactopose_drake.core.objectives.covariance_kernels import pad_costs
+from tactopose_drake.core.compiled import read_only
+from tactopose_drake.core.objectives.covariance_kernels import Pads, pad_costs
 from tactopose_drake.core.objectives.differenced import DifferencedObjective
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.sensing.sensing_range import sensing_box
@@ -82,12 +83,14 @@ class CovarianceMatching(DifferencedObjective):
             ]
         )
         self._arguments = (
-            *cloud.arguments,
-            np.array([box.X_PB for box in boxes]).reshape(-1, 3, 4),
-            np.array([box.lower for box in boxes]).reshape(-1, 3),
-            np.array([box.upper for box in boxes]).reshape(-1, 3),
-            centroids,
-            np.swapaxes(rotations, 1, 2) @ covariances @ rotations,
+            cloud.kernel_view,
+            Pads(
+                read_only(np.array([box.X_PB for box in boxes]).reshape(-1, 3, 4)),
+                read_only(np.array([box.lower for box in boxes]).reshape(-1, 3)),
+                read_only(np.array([box.upper for box in boxes]).reshape(-1, 3)),
+                read_only(centroids),
+                read_only(np.swapaxes(rotations, 1, 2) @ covariances @ rotations),
+            ),
             weights,
         )
         self._count = len(felt)

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from tactopose_drake.core.compiled import read_only
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.kernels import evidence_kernels
 from tactopose_drake.core.objectives.objective import NormalEquations, form_normal_equations
@@ -34,12 +35,12 @@ class FrictionCone:
         felt = size > contacts.sigma_force
         size, sigma_force = size[felt], np.asarray(contacts.sigma_force)[felt]
         self._arguments = (
-            grid.values,
-            grid.origin,
-            1.0 / grid.spacing,
-            contacts.p_PC[felt],
-            contacts.f_PC[felt] / size[:, None],
-            np.asarray(contacts.sigma_normal)[felt] ** 2 + (sigma_force / size) ** 2,
+            grid.nodes,
+            evidence_kernels.Forces(
+                read_only(contacts.p_PC[felt]),
+                read_only(contacts.f_PC[felt] / size[:, None]),
+                read_only(np.asarray(contacts.sigma_normal)[felt] ** 2 + (sigma_force / size) ** 2),
+            ),
             math.atan(friction),
         )
         self._count = len(size)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactopose_drake.core.kernels import least_squares_kernels
+from tactopose_drake.core.kernels.touch_kernels import DescentRule
 from tactopose_drake.core.validation import FloatArray
 
 
@@ -49,15 +50,6 @@ class LeastSquaresObjective(Objective, Protocol):
         ...
 
 
-class DescentRule(NamedTuple):
-    """What `searches.levenberg_marquardt.LevenbergMarquardt` goes by; see there."""
-
-    max_iterations: int
-    tolerance: float
-    initial_damping: float
-    max_damping: float
-
-
 class Descent(NamedTuple):
     """Where steps have led: poses (B, 3, 4), costs (B,), steps tried (B,), and whether each ended at a minimum (B,)."""
 
@@ -79,7 +71,7 @@ def form_normal_equations(residuals: FloatArray, jacobian: FloatArray) -> Normal
     """Normal equations from residuals (B, m) and any Jacobian (B, m, n)."""
     count, _, n = jacobian.shape
     equations = NormalEquations(np.empty(count), np.empty((count, n)), np.empty((count, n, n)))
-    least_squares_kernels.form_normal_equations(residuals, jacobian, *equations)
+    least_squares_kernels.form_normal_equations(residuals, np.ascontiguousarray(jacobian), *equations)
     return equations
 
 

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from tactopose_drake.core.compiled import read_only
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.kernels import patch_kernels
 from tactopose_drake.core.kernels.pad_kernels import Pads
@@ -64,8 +65,8 @@ class PatchCells:
         starts = np.cumsum([0, *(len(pad[1]) for pad in pads)], dtype=np.uintp)
         middles = np.array([patch.p_PT.mean(axis=0) for patch in patches]).reshape(-1, 3)
         self._arguments = (
-            (grid.values, grid.origin, 1.0 / grid.spacing),
-            Pads(points, normals, traits, starts, middles),
+            grid.nodes,
+            Pads(*map(read_only, (points, normals, traits, starts, middles))),
             (sigma_rotation, sigma_position),
         )
         self._pads, self._rows = len(pads), len(points) + 6 * len(pads)

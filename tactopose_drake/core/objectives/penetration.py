@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from tactopose_drake.core.compiled import read_only
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.kernels import evidence_kernels
 from tactopose_drake.core.objectives.objective import NormalEquations
@@ -42,8 +43,8 @@ class Penetration:
         reach, group = reach[order], group[order]
         start = np.searchsorted(group, np.arange(group[-1] + 2))
         reach[start[:-1]] = np.maximum.reduceat(reach, start[:-1])
-        self._grid = grid.values, grid.origin, 1.0 / grid.spacing
-        self._spheres = hand.p_PH[order], hand.radius[order], reach, start
+        self._grid = grid.nodes
+        self._spheres = evidence_kernels.Spheres(*map(read_only, (hand.p_PH[order], hand.radius[order], reach, start)))
         self._allowed, self._weight = allowed, 1.0 / hand.sigma
 
     def cost(self, X_PO: FloatArray) -> FloatArray:
@@ -59,19 +60,19 @@ class Penetration:
         """Residuals (B, g) and their derivatives by the increment (B, g, 6)."""
         depths = self._depths(X_PO)
         jacobian = np.empty((*depths[0].shape, 6))
-        evidence_kernels.penetration_jacobian(self._weight, X_PO, *depths, jacobian)
+        evidence_kernels.penetration_jacobian(self._weight, X_PO, depths, jacobian)
         return self._weight * depths[0], jacobian
 
     def normal_equations(self, X_PO: FloatArray) -> NormalEquations:
         """Cost, gradient and Gauss-Newton Hessian at poses (B, 3, 4)."""
         depths, count = self._depths(X_PO), len(X_PO)
         equations = NormalEquations(np.empty(count), np.empty((count, 6)), np.empty((count, 6, 6)))
-        evidence_kernels.penetration_normal_equations(self._weight, X_PO, *depths, *equations)
+        evidence_kernels.penetration_normal_equations(self._weight, X_PO, depths, *equations)
         return equations
 
-    def _depths(self, X_PO: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def _depths(self, X_PO: FloatArray) -> evidence_kernels.Depths:
         """Of each neighbourhood the overlap beyond what is allowed (B, g), m; where it is in O, and the slope there."""
-        shape = len(X_PO), len(self._spheres[-1]) - 1
-        excess, points, slopes = np.empty(shape), np.empty((*shape, 3)), np.empty((*shape, 3))
-        evidence_kernels.penetration_depths(*self._grid, *self._spheres, self._allowed, X_PO, excess, points, slopes)
-        return excess, points, slopes
+        shape = len(X_PO), len(self._spheres.start) - 1
+        depths = evidence_kernels.Depths(np.empty(shape), np.empty((*shape, 3)), np.empty((*shape, 3)))
+        evidence_kernels.penetration_depths(self._grid, self._spheres, self._allowed, X_PO, depths)
+        return depths

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from tactopose_drake.core.compiled import read_only
 from tactopose_drake.core.kernels import prior_kernels
 from tactopose_drake.core.objectives.objective import NormalEquations, form_normal_equations
 from tactopose_drake.core.validation import FloatArray
@@ -12,7 +13,7 @@ class PoseGaussian:
 
     def __init__(self, X_PO: FloatArray, covariance: FloatArray) -> None:
         """Takes the pose (3, 4) and the covariance (6, 6) of the increments from it, rad and m."""
-        self._X_PO = np.ascontiguousarray(X_PO)
+        self._center = prior_kernels.Prior(read_only(X_PO), read_only(np.ones(6)))
         self._root = np.linalg.cholesky(np.linalg.inv(covariance)).T
 
     def cost(self, X_PO: FloatArray) -> FloatArray:
@@ -27,7 +28,7 @@ class PoseGaussian:
     def residuals_and_jacobian(self, X_PO: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Residuals (B, 6) and their derivatives by the increment (B, 6, 6)."""
         increments, jacobian = np.empty((len(X_PO), 6)), np.empty((len(X_PO), 6, 6))
-        prior_kernels.prior_residuals(self._X_PO, np.ones(6), X_PO, increments, jacobian)
+        prior_kernels.prior_residuals(self._center, X_PO, increments, jacobian)
         return increments @ self._root.T, self._root @ jacobian
 
     def normal_equations(self, X_PO: FloatArray) -> NormalEquations:

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from tactopose_drake.core.compiled import read_only
 from tactopose_drake.core.evidence.prior import PosePrior
 from tactopose_drake.core.kernels import prior_kernels
 from tactopose_drake.core.objectives.objective import NormalEquations, form_normal_equations
@@ -12,12 +13,12 @@ class PriorObjective:
     """Increments from the prior's pose to the pose, divided by their standard deviations: six residuals."""
 
     def __init__(self, prior: PosePrior) -> None:
-        self.arguments = (prior.X_PO, 1.0 / prior.sigmas)
+        self.kernel_view = prior_kernels.Prior(read_only(prior.X_PO), read_only(1.0 / prior.sigmas))
 
     def cost(self, X_PO: FloatArray) -> FloatArray:
         """Costs (B,) of poses (B, 3, 4)."""
         cost = np.empty(len(X_PO))
-        prior_kernels.prior_costs(*self.arguments, X_PO, cost)
+        prior_kernels.prior_costs(self.kernel_view, X_PO, cost)
         return cost
 
     def residuals(self, X_PO: FloatArray) -> FloatArray:
@@ -27,7 +28,7 @@ class PriorObjective:
     def residuals_and_jacobian(self, X_PO: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Residuals (B, 6) and their derivatives by the increment (B, 6, 6)."""
         residuals, jacobian = np.empty((len(X_PO), 6)), np.empty((len(X_PO), 6, 6))
-        prior_kernels.prior_residuals(*self.arguments, X_PO, residuals, jacobian)
+        prior_kernels.prior_residuals(self.kernel_view, X_PO, residuals, jacobian)
         return residuals, jacobian
 
     def normal_equations(self, X_PO: FloatArray) -> NormalEquations:

@@ -1,15 +1,16 @@
 """Contacts against the signed distance grid: the form that is fast, smooth and a likelihood."""
 
-from typing import Any
-
 import numpy as np
 
+from tactopose_drake.core.compiled import read_only
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.kernels import surface_contact_kernels, touch_kernels
+from tactopose_drake.core.kernels import surface_contact_kernels
+from tactopose_drake.core.kernels.prior_kernels import Prior
+from tactopose_drake.core.kernels.surface_contact_kernels import Touch
+from tactopose_drake.core.kernels.touch_kernels import DescentRule, Ends, descend
 from tactopose_drake.core.objectives.objective import (
     DescendingObjective,
     Descent,
-    DescentRule,
     NormalEquations,
     SumObjective,
 )
@@ -17,8 +18,7 @@ from tactopose_drake.core.objectives.pose_prior import PriorObjective
 from tactopose_drake.core.shape.signed_distance import DistanceGrid
 from tactopose_drake.core.validation import FloatArray
 
-# The kernels' arguments for it.
-_NO_PRIOR = (np.eye(3, 4), np.zeros(6))
+_NO_PRIOR = Prior(read_only(np.eye(3, 4)), read_only(np.zeros(6)))
 
 
 class SurfaceContact(DescendingObjective):
@@ -32,21 +32,19 @@ class SurfaceContact(DescendingObjective):
 
     def __init__(self, grid: DistanceGrid, contacts: Contacts) -> None:
         self._has_normals = contacts.n_PC is not None
-        self.arguments = (
-            grid.values,
-            grid.origin,
-            1.0 / grid.spacing,
-            np.ascontiguousarray(contacts.p_PC),
-            np.ascontiguousarray(np.zeros_like(contacts.p_PC) if contacts.n_PC is None else contacts.n_PC),
-            np.ascontiguousarray(1.0 / contacts.sigma_position),
-            np.ascontiguousarray((1.0 if self._has_normals else 0.0) / contacts.sigma_normal),
+        self.grid = grid.nodes
+        self.touch = Touch(
+            read_only(contacts.p_PC),
+            read_only(np.zeros_like(contacts.p_PC) if contacts.n_PC is None else contacts.n_PC),
+            read_only(1.0 / contacts.sigma_position),
+            read_only((1.0 if self._has_normals else 0.0) / contacts.sigma_normal),
         )
         self._count = len(contacts)
 
     def cost(self, X_PO: FloatArray) -> FloatArray:
         """Costs (B,) of poses (B, 3, 4)."""
         cost = np.empty(len(X_PO))
-        surface_contact_kernels.contact_costs(*self.arguments, X_PO, cost)
+        surface_contact_kernels.contact_costs(self.grid, self.touch, X_PO, cost)
         return cost
 
     def residuals(self, X_PO: FloatArray) -> FloatArray:
@@ -57,17 +55,17 @@ class SurfaceContact(DescendingObjective):
         """Residuals (B, m) and their exact derivatives by the increment (B, m, 6)."""
         count, rows = len(X_PO), 5 if self._has_normals else 1
         residuals, jacobian = np.empty((count, self._count, 5)), np.empty((count, self._count, 5, 6))
-        surface_contact_kernels.contact_residuals(*self.arguments, X_PO, residuals, jacobian)
+        surface_contact_kernels.contact_residuals(self.grid, self.touch, X_PO, residuals, jacobian)
         m = rows * self._count
         return residuals[:, :, :rows].reshape(count, m), jacobian[:, :, :rows].reshape(count, m, 6)
 
     def normal_equations(self, X_PO: FloatArray) -> NormalEquations:
         """Cost, exact gradient, and the Gauss-Newton Hessian along the smooth normals, at poses (B, 3, 4)."""
-        return _normal_equations((*self.arguments, *_NO_PRIOR), X_PO)
+        return _normal_equations(self, _NO_PRIOR, X_PO)
 
     def descend(self, rule: DescentRule, X_PO: FloatArray) -> Descent:
         """All of Levenberg-Marquardt's steps at once; see `DescendingObjective`."""
-        return _descend((*self.arguments, *_NO_PRIOR), rule, X_PO)
+        return _descend(self, _NO_PRIOR, rule, X_PO)
 
 
 class ContactWithPrior(SumObjective, DescendingObjective):
@@ -75,38 +73,37 @@ class ContactWithPrior(SumObjective, DescendingObjective):
 
     def __init__(self, touch: SurfaceContact, prior: PriorObjective) -> None:
         super().__init__([touch, prior])
-        self._arguments = (*touch.arguments, *prior.arguments)
+        self._touch, self._prior = touch, prior.kernel_view
 
     def normal_equations(self, X_PO: FloatArray) -> NormalEquations:
         """Cost, exact gradient, and the Gauss-Newton Hessian, at poses (B, 3, 4)."""
-        return _normal_equations(self._arguments, X_PO)
+        return _normal_equations(self._touch, self._prior, X_PO)
 
     def descend(self, rule: DescentRule, X_PO: FloatArray) -> Descent:
         """All of Levenberg-Marquardt's steps at once; see `DescendingObjective`."""
-        return _descend(self._arguments, rule, X_PO)
+        return _descend(self._touch, self._prior, rule, X_PO)
 
 
-def _normal_equations(arguments: tuple[Any, ...], X_PO: FloatArray) -> NormalEquations:
-    cost, gradient, hessian, _, _ = _run(arguments, DescentRule(0, 0.0, 0.0, 0.0), X_PO.copy())
-    return NormalEquations(cost, gradient, hessian)
+def _normal_equations(contact: SurfaceContact, prior: Prior, X_PO: FloatArray) -> NormalEquations:
+    ends = _run(contact, prior, DescentRule(0, 0.0, 0.0, 0.0), X_PO.copy())
+    return NormalEquations(ends.cost, ends.gradient, ends.hessian)
 
 
-def _descend(arguments: tuple[Any, ...], rule: DescentRule, X_PO: FloatArray) -> Descent:
+def _descend(contact: SurfaceContact, prior: Prior, rule: DescentRule, X_PO: FloatArray) -> Descent:
     X_PO = X_PO.copy()
-    cost, _, _, iterations, converged = _run(arguments, rule, X_PO)
-    return Descent(X_PO, cost, iterations, converged)
+    ends = _run(contact, prior, rule, X_PO)
+    return Descent(X_PO, ends.cost, ends.iterations, ends.converged)
 
 
-def _run(arguments: tuple[Any, ...], rule: DescentRule, X_PO: FloatArray) -> tuple[Any, ...]:
-    """The kernel's results; moves the poses."""
+def _run(contact: SurfaceContact, prior: Prior, rule: DescentRule, X_PO: FloatArray) -> Ends:
+    """What the kernel says; moves the poses."""
     count = len(X_PO)
-    results = (
+    ends = Ends(
         np.empty(count),
         np.empty((count, 6)),
         np.empty((count, 6, 6)),
         np.empty(count, dtype=np.int64),
         np.empty(count, dtype=np.bool_),
     )
-    everything: tuple[Any, ...] = (*arguments, *rule, X_PO, *results)
-    touch_kernels.descend(*everything)
-    return results
+    descend(contact.grid, contact.touch, prior, rule, X_PO, ends)
+    return ends

@@ -2,8 +2,10 @@
 
 import numpy as np
 
+from tactopose_drake.core.compiled import read_only
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.shape.surfel_kernels import Measurements
 from tactopose_drake.core.shape.surfels import contact_densities
 from tactopose_drake.core.validation import FloatArray
 
@@ -19,15 +21,15 @@ class SurfaceDensity:
     def __init__(self, model: ObjectModel, contacts: Contacts) -> None:
         self._surfels = model.surfels(float(np.min(contacts.sigma_position)))
         n_PC = np.zeros_like(contacts.p_PC) if contacts.n_PC is None else contacts.n_PC
-        self._arguments = (
-            np.ascontiguousarray(contacts.p_PC),
-            np.ascontiguousarray(n_PC),
-            np.ascontiguousarray(contacts.sigma_position),
-            np.ascontiguousarray((0.0 if contacts.n_PC is None else 1.0) / contacts.sigma_normal),
+        self._measured = Measurements(
+            read_only(contacts.p_PC),
+            read_only(n_PC),
+            read_only(np.asarray(contacts.sigma_position)),
+            read_only((0.0 if contacts.n_PC is None else 1.0) / contacts.sigma_normal),
         )
 
     def cost(self, X_PO: FloatArray) -> FloatArray:
         """Costs (B,) of poses (B, 3, 4)."""
         cost = np.empty(len(X_PO))
-        contact_densities(self._surfels, *self._arguments, np.ascontiguousarray(X_PO), cost)
+        contact_densities(self._surfels, self._measured, np.ascontiguousarray(X_PO), cost)
         return cost

@@ -6,6 +6,8 @@ H = L L^T, z white and c of chi-square with f degrees of freedom. By the volume 
 determinant of the right Jacobian of the increment's rotation vector.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from tactopose_drake.core.compiled import Floats1, Floats2, Floats3, Longs1, OutFloats1, OutFloats2, OutFloats3, kernel
@@ -15,6 +17,26 @@ from tactopose_drake.core.kernels.matrix_kernels import cholesky, invert, solve_
 FREEDOM = 6
 # A group counts up to this squared Mahalanobis distance; one sample in half a million lies further out.
 _FAR = 1500.0
+
+
+class Components(NamedTuple):
+    """The components of a mixture, sorted by group; read-only.
+
+    Attributes:
+        X_group: the groups' poses, shape (g, 3, 4).
+        first: the first component of each group, and behind the last one's, shape (g + 1,).
+        center: increments from the group's pose, shape (n, 6).
+        information: shape (n, 6, 6).
+        reach: squared distance in translation within which a pose may belong to each group, shape (g,), m^2.
+        scale: the densities' constants, shape (n,).
+    """
+
+    X_group: Floats3
+    first: Longs1
+    center: Floats2
+    information: Floats3
+    reach: Floats1
+    scale: Floats1
 
 
 @kernel
@@ -136,21 +158,12 @@ def find_reach(group: Longs1, center: Floats2, information: Floats3, reach: OutF
 
 
 @kernel
-def add_densities(
-    X_group: Floats3,
-    first: Longs1,
-    center: Floats2,
-    information: Floats3,
-    reach: Floats1,
-    scale: Floats1,
-    power: int,
-    X: Floats3,
-    density: OutFloats2,
-) -> None:
+def add_densities(components: Components, power: int, X: Floats3, density: OutFloats2) -> None:
     """Adds scale (f / (f + d^T H d))^(power / 2) of each component, d from its center.
 
     Each number of the components is an array by itself, so that several components are reckoned at once.
     """
+    X_group, first, center, information, reach, scale = components
     count = center.shape[0]
     c, H = np.empty((6, count)), np.empty((21, count))
     for j in range(count):

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tactopose_drake.core.compiled import read_only
 from tactopose_drake.core.posterior import mixture_kernels
 from tactopose_drake.core.posterior.mixture_kernels import FREEDOM
 from tactopose_drake.core.validation import FloatArray
@@ -63,9 +64,9 @@ class PoseMixture:
         density, reach = np.zeros((len(X_PO), len(self.X_PO))), np.zeros(len(self.X_PO))
         mixture_kernels.find_reach(self.group, self.center, self.information, reach)
         first = np.searchsorted(self.group, np.arange(len(self.X_PO) + 1))
-        mixture_kernels.add_densities(
-            self.X_PO, first, self.center, information, reach, scale, FREEDOM + n, X_PO, density
-        )
+        arrays = (self.X_PO, first, self.center, information, reach, scale)
+        components = mixture_kernels.Components(*map(read_only, arrays))
+        mixture_kernels.add_densities(components, FREEDOM + n, X_PO, density)
         return density
 
 

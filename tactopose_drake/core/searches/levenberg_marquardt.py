@@ -9,9 +9,9 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from tactopose_drake.core.kernels import least_squares_kernels
+from tactopose_drake.core.kernels.touch_kernels import DescentRule
 from tactopose_drake.core.objectives.objective import (
     DescendingObjective,
-    DescentRule,
     LeastSquaresObjective,
     NormalEquations,
 )
@@ -91,10 +91,8 @@ class LevenbergMarquardt:
             there = self.parameters.normal_equations(objective, moved, start)
             done = np.empty(len(here), dtype=np.bool_)
             least_squares_kernels.accept_steps(
-                here.reshape(len(here), -1),
-                *equations,
-                moved.reshape(len(here), -1),
-                *there,
+                least_squares_kernels.Problems(here.reshape(len(here), -1), *equations),
+                least_squares_kernels.Problems(moved.reshape(len(here), -1), *there),
                 step,
                 damping,
                 self.tolerance,
@@ -118,7 +116,9 @@ class LevenbergMarquardt:
         self, objective: DescendingObjective, X_start: FloatArray, should_stop: StopSignal
     ) -> Iterator[SearchResult]:
         """The same in compiled blocks of poses; those that there is no time for stay where they are."""
-        rule = DescentRule(self.max_iterations, self.tolerance, self.initial_damping, self.max_damping)
+        rule = DescentRule(
+            self.max_iterations, float(self.tolerance), float(self.initial_damping), float(self.max_damping)
+        )
         standing = rule._replace(max_iterations=0)
         size = 1 + _BLOCK // (1 + self.max_iterations)
         for first in range(0, max(1, len(X_start)), size):

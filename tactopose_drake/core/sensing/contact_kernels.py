@@ -11,7 +11,7 @@ import numpy as np
 
 from tactopose_drake.core.compiled import Floats1, Floats2, OutFloats1, OutFloats2, OutLongs1, Triple, kernel
 from tactopose_drake.core.sensing.closed_form_kernels import EDGE, closed_form, facing_point, rod_contact
-from tactopose_drake.core.sensing.newton_kernels import MAX_ITERATIONS, Work, linearize, newton
+from tactopose_drake.core.sensing.newton_kernels import MAX_ITERATIONS, Line, Work, linearize, newton
 from tactopose_drake.core.surfaces.surface_kernels import ROD, SMOOTH, project
 
 VALID, NOT_FINITE, TOO_WEAK, MISSES, TENSION, OUTSIDE, FRICTION, TORQUE, LAYER = range(9)
@@ -32,40 +32,43 @@ class Points(NamedTuple):
     between: OutFloats1
 
 
+class Scratch(NamedTuple):
+    """All scratch of one solution."""
+
+    work: Work
+    points: Points
+
+
+class Conditions(NamedTuple):
+    """What holds for all wrenches.
+
+    Attributes:
+        limits: least force, N; friction coefficient (infinite: unknown); the layer's compliance, m/N, and thickness, m;
+            shape (4,), read-only.
+        iterate: whether Newton's method is used even where there is a closed form.
+    """
+
+    limits: Floats1
+    iterate: bool
+
+
 @kernel
 def solve(
-    kind: int,
-    shape: Floats1,
-    X_SF: Floats2,
-    F_S: Floats2,
-    limits: Floats1,
-    iterate: bool,
-    out: OutFloats2,
-    codes: OutLongs1,
+    kind: int, shape: Floats1, X_SF: Floats2, F_S: Floats2, conditions: Conditions, out: OutFloats2, codes: OutLongs1
 ) -> None:
     """Solves wrenches F_S (B, 6); fills out (B, RESULT_SIZE) and codes (B,)."""
     work = Work(np.empty(3), np.empty((3, 3)), np.empty(18), np.empty(18), np.empty(3))
     points = Points(np.empty(3), np.empty(3), np.empty(len(shape)))
     for i in range(len(F_S)):
-        codes[i] = _solve(kind, shape, X_SF, F_S[i], limits, iterate, out[i], work, points)
+        codes[i] = _solve(kind, shape, X_SF, F_S[i], conditions, out[i], Scratch(work, points))
 
 
 @kernel
 def _solve(
-    kind: int,
-    shape: Floats1,
-    X: Floats2,
-    F: Floats1,
-    limits: Floats1,
-    iterate: bool,
-    out: OutFloats1,
-    work: Work,
-    points: Points,
+    kind: int, shape: Floats1, X: Floats2, F: Floats1, conditions: Conditions, out: OutFloats1, scratch: Scratch
 ) -> int:
-    """Solves one wrench F (6,) in S; X (3, 4) is X_SF; fills out (RESULT_SIZE,) and returns the code.
-
-    limits: least force, friction coefficient (infinite: unknown), layer's compliance (m/N) and thickness (m).
-    """
+    """Solves one wrench F (6,) in S; X (3, 4) is X_SF; fills out (RESULT_SIZE,) and returns the code."""
+    limits, (work, points) = conditions.limits, scratch
     out[:] = np.nan
     for i in range(6):
         if not math.isfinite(F[i]):
@@ -87,23 +90,23 @@ def _solve(
         X[0, 1] * b0 + X[1, 1] * b1 + X[2, 1] * b2,
         X[0, 2] * b0 + X[1, 2] * b1 + X[2, 2] * b2,
     )
-    compliance = limits[2] * force
-    q, start, between = points
-    count = _locate(kind, shape, m, f, compliance, iterate, q, between, start, work)
+    compliance, q = limits[2] * force, points.q
+    line = Line(m, f, compliance)
+    count = _locate(kind, shape, line, conditions.iterate, points, work)
     if count < 0 or not _admissible(shape, q):
         push = 0.0
         if count >= 0:
-            linearize(kind, shape, m, f, compliance, q, work.g, work.H, work.here)
+            linearize(kind, shape, line, q, work.g, work.H, work.here)
             push = -work.here[6]
         # A pull is a push of the opposite wrench. Off the edge both may explain this one: the pull is named if it needs
         # far less friction. On a closed surface there is always a push.
         pull_m, pull_f = (-m[0], -m[1], -m[2]), (-f[0], -f[1], -f[2])
         if kind == ROD and rod_contact(shape, pull_m, pull_f, q) and _admissible(shape, q):
-            linearize(kind, shape, pull_m, pull_f, 0.0, q, work.g, work.H, work.here)
+            linearize(kind, shape, Line(pull_m, pull_f, 0.0), q, work.g, work.H, work.here)
             if -work.here[6] > 2.0 * push:
                 return TENSION
         return OUTSIDE if count >= 0 else MISSES
-    linearize(kind, shape, m, f, compliance, q, work.g, work.H, work.here)
+    linearize(kind, shape, line, q, work.g, work.H, work.here)
     state = work.here
     fn, torque = state[6], state[7]
     friction = math.sqrt(max(0.0, 1.0 - fn * fn))
@@ -133,18 +136,7 @@ def _solve(
 
 
 @kernel
-def _locate(
-    kind: int,
-    shape: Floats1,
-    m: Triple,
-    f: Triple,
-    compliance: float,
-    iterate: bool,
-    q: OutFloats1,
-    between: OutFloats1,
-    start: OutFloats1,
-    work: Work,
-) -> int:
+def _locate(kind: int, shape: Floats1, line: Line, iterate: bool, points: Points, work: Work) -> int:
     """The contact q that pushes, in closed form where there is one; iterations, negative if there is no contact.
 
     Where Newton's method fails from the point that faces the force, it follows the contact from the closed form, while
@@ -152,6 +144,8 @@ def _locate(
     shape as long as f.m != 0, so short enough strides never lose it; a moment along f that fades away on the way keeps
     f.m off zero.
     """
+    m, f, compliance = line
+    q, start, between = points
     exact = kind == ROD or (shape[3] == 1.0 and shape[4] == 1.0)
     if exact and compliance == 0.0 and not iterate:
         return 0 if closed_form(kind, shape, m, f, q) else -1
@@ -168,7 +162,7 @@ def _locate(
         moment = _add(m, (1.0 - goal) * extra, f)
         q[:] = start
         project(kind, between, q)
-        count = newton(kind, between, moment, f, goal * compliance, q, work)
+        count = newton(kind, between, Line(moment, f, goal * compliance), q, work)
         iterations += max(count, 1)
         if count >= 0 and goal == 1.0:
             return iterations

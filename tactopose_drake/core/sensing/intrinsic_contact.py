@@ -27,6 +27,7 @@ from typing import Final, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tactopose_drake.core.compiled import read_only
 from tactopose_drake.core.sensing import contact_kernels
 from tactopose_drake.core.sensing.soft_layer import SoftLayer
 from tactopose_drake.core.surfaces.surface import Surface
@@ -242,6 +243,7 @@ def _solve(
         limits[2:] = 1.0 / layer.stiffness, layer.thickness
     out = np.empty((len(wrenches), contact_kernels.RESULT_SIZE))
     codes = np.empty(len(wrenches), dtype=np.int64)
-    contact_kernels.solve(surface.kind, surface.shape, surface.X_SF, wrenches, limits, method == "newton", out, codes)
+    conditions = contact_kernels.Conditions(read_only(limits), method == "newton")
+    contact_kernels.solve(surface.kind, surface.shape, surface.X_SF, wrenches, conditions, out, codes)
     out.setflags(write=False)
     return out, codes

@@ -15,6 +15,14 @@ from tactopose_drake.core.surfaces.surface_kernels import evaluate_one, project
 MAX_ITERATIONS = 60
 
 
+class Line(NamedTuple):
+    """A wrench over its force: moment m and direction f in F, and the layer's compliance times the force, m."""
+
+    m: Triple
+    f: Triple
+    compliance: float
+
+
 class Work(NamedTuple):
     """Scratch of Newton's method: gradient (3,), Hessian (3, 3), two states (18,) and a trial point (3,)."""
 
@@ -32,9 +40,7 @@ _MIN_FRACTION = 1e-4  # of a Newton step, below which the line search gives up
 def linearize(
     kind: int,
     shape: Floats1,
-    m: Triple,
-    f: Triple,
-    compliance: float,
+    line: Line,
     q: Floats1,
     g: OutFloats1,
     H: OutFloats2,
@@ -47,6 +53,7 @@ def linearize(
     d = -compliance f.n, p = q - d n,
         J = (f.n) [n]x (1 - d W) - compliance (n x f_t) (W f_t)^T - (e.n) W.
     """
+    m, f, compliance = line
     evaluate_one(kind, shape, q[0], q[1], q[2], g, H)
     length = math.sqrt(g[0] * g[0] + g[1] * g[1] + g[2] * g[2])
     n0, n1, n2 = g[0] / length, g[1] / length, g[2] / length
@@ -87,26 +94,19 @@ def linearize(
 
 
 @kernel
-def newton(
-    kind: int,
-    shape: Floats1,
-    m: Triple,
-    f: Triple,
-    compliance: float,
-    q: OutFloats1,
-    work: Work,
-) -> int:
+def newton(kind: int, shape: Floats1, line: Line, q: OutFloats1, work: Work) -> int:
     """Newton's method on the surface with a line search, from q, which it moves; iterations, negative if it stalls.
 
     det J = (f.n)^2 + torque^2 det W > 0 on a rigid convex surface, so the squared residual has no other local minimum
     than the contact: a step of Newton always descends. Steps stay where the force pushes.
     """
+    m = line.m
     g, H, here, there, trial = work
     tolerance = 1e-13 * (shape[7] + abs(m[0]) + abs(m[1]) + abs(m[2]))
     square, bound, step1, step2, length, fraction, iterations = np.inf, np.inf, 0.0, 0.0, np.inf, 1.0, -1
     trial[:] = q
     while iterations < MAX_ITERATIONS:
-        linearize(kind, shape, m, f, compliance, trial, g, H, there)
+        linearize(kind, shape, line, trial, g, H, there)
         if there[6] < 0.0 and there[0] ** 2 + there[1] ** 2 < bound:
             q[:] = trial
             here[:] = there

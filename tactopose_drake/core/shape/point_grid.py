@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
-from tactopose_drake.core.shape.point_grid_kernels import nearest_squares
+from tactopose_drake.core.compiled import read_only
+from tactopose_drake.core.shape.point_grid_kernels import Cloud, nearest_squares
 from tactopose_drake.core.validation import FloatArray, finite_array
 from tactopose_drake.errors import InvalidInputError
 
@@ -38,15 +39,16 @@ class PointGrid:
     spacing: float
 
     @property
-    def arguments(self) -> tuple[FloatArray, NDArray[np.int32], NDArray[np.int32], FloatArray, float]:
-        """What kernels take."""
-        return self.points, self.starts, self.seeds, self.origin, self.spacing
+    def kernel_view(self) -> Cloud:
+        """The points as kernels read them."""
+        points, starts, seeds, origin = map(read_only, (self.points, self.starts, self.seeds, self.origin))
+        return Cloud(points, starts, seeds, origin, float(self.spacing))
 
     def distance(self, p_OQ: ArrayLike) -> FloatArray:
         """Distances, shape (n,), m, from points p_OQ, shape (n, 3), m, to the nearest point of the cloud."""
         queries = finite_array("p_OQ", p_OQ, (None, 3))
         squares = np.empty(len(queries))
-        nearest_squares(*self.arguments, queries, squares)
+        nearest_squares(self.kernel_view, queries, squares)
         return np.sqrt(squares)
 
 

@@ -1,8 +1,20 @@
 """The nearest of many points, by a grid of cells."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from tactopose_drake.core.compiled import Floats1, Floats2, Ints1, Ints3, OutFloats1, inlined, kernel
+
+
+class Cloud(NamedTuple):
+    """The fields of a `PointGrid`; read-only."""
+
+    points: Floats2
+    starts: Ints1
+    seeds: Ints3
+    origin: Floats1
+    spacing: float
 
 
 @inlined
@@ -12,13 +24,12 @@ def slot_of(x, origin, inverse_spacing, count):
 
 
 @kernel
-def nearest_square(
-    points: Floats2, starts: Ints1, seeds: Ints3, origin: Floats1, spacing: float, x: float, y: float, z: float
-) -> float:
+def nearest_square(cloud: Cloud, x: float, y: float, z: float) -> float:
     """The squared distance, m^2, from (x, y, z) to the nearest point.
 
     The seed of the nearest cell bounds it; the columns that reach into the ball of that radius are gone through.
     """
+    points, starts, seeds, origin, spacing = cloud
     nx, ny, nz = seeds.shape
     inverse = 1.0 / spacing
     seed = seeds[
@@ -48,9 +59,7 @@ def nearest_square(
 
 
 @kernel
-def nearest_squares(
-    points: Floats2, starts: Ints1, seeds: Ints3, origin: Floats1, spacing: float, queries: Floats2, squares: OutFloats1
-) -> None:
+def nearest_squares(cloud: Cloud, queries: Floats2, squares: OutFloats1) -> None:
     """`nearest_square` of each query (n, 3), into squares (n,)."""
     for n in range(queries.shape[0]):
-        squares[n] = nearest_square(points, starts, seeds, origin, spacing, queries[n, 0], queries[n, 1], queries[n, 2])
+        squares[n] = nearest_square(cloud, queries[n, 0], queries[n, 1], queries[n, 2])

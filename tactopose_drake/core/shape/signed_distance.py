@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tactopose_drake.core.compiled import read_only
+from tactopose_drake.core.kernels.grid_kernels import Grid
 from tactopose_drake.core.mesh import bodies as mesh_bodies
 from tactopose_drake.core.mesh.winding_kernels import winding_numbers
 from tactopose_drake.core.shape import distance_transform
@@ -75,6 +77,11 @@ class DistanceGrid:
             usable = np.linalg.norm(nearest, axis=-1, keepdims=True) >= _LOST
             normal[lost] = np.where(usable, nearest, [0.0, 0.0, 1.0])
         return fields[..., 0], normal / np.linalg.norm(normal, axis=-1, keepdims=True)
+
+    @property
+    def nodes(self) -> Grid:
+        """The grid as kernels read it."""
+        return Grid(read_only(self.values), read_only(self.origin), 1.0 / self.spacing)
 
     def _interpolate(self, p_OQ: ArrayLike, channels: int) -> FloatArray:
         """The first `channels` fields at points (..., 3), shape (..., channels); the distance extended outside."""

@@ -1,5 +1,7 @@
 """The density of contacts over a surface of many small discs."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from tactopose_drake.core.compiled import (
@@ -20,6 +22,37 @@ _MOST = 24.0  # No disc counts for less than the exponential of minus this.
 _LEAST = 1e-9  # The density far from the surface, as a share of that on it.
 
 
+class Discs(NamedTuple):
+    """The discs of `Surfels`, sorted into cells; read-only.
+
+    Attributes:
+        rows: one for each number of a disc, shape (9, n + BLOCK).
+        first: the number of discs in the cells before each.
+        origin: the first cell's lower corner, shape (3,), m.
+        per_cell: one over a cell's width, 1/m.
+        shape: number of cells along x, y and z.
+        spacing: about the distance between neighbours, m.
+    """
+
+    rows: Singles2
+    first: Ints1
+    origin: Floats1
+    per_cell: float
+    shape: Shape3
+    spacing: float
+
+
+class Measurements(NamedTuple):
+    """Contacts, read-only: points (k, 3), m, and unit normals (k, 3) in P; sigma of coordinates (k,), m, and one over
+    sigma of each normal (k,), 1/rad, zero where there is none.
+    """
+
+    p: Floats2
+    n: Floats2
+    sigma_position: Floats1
+    weight_normal: Floats1
+
+
 @inlined
 def _exp_minus(x):
     """exp(-x) of a float32, to a thousandth where 0 <= x < 8 and a quarter up to 24: the library's takes twice as long.
@@ -37,25 +70,14 @@ def _exp_minus(x):
 
 
 @kernel
-def densities(
-    discs: Singles2,
-    first: Ints1,
-    origin: Floats1,
-    per_cell: float,
-    shape: Shape3,
-    p: Floats2,
-    n: Floats2,
-    sigma: Floats1,
-    weight_n: Floats1,
-    spacing: float,
-    X: Floats3,
-    cost: OutFloats1,
-) -> None:
+def densities(discs: Discs, measured: Measurements, X: Floats3, cost: OutFloats1) -> None:
     """Each number of the discs is an array by itself, read by unsigned offsets, which need no check of their sign, and
     in whole blocks: what of a run's last block lies behind its end counts for nothing.
     """
-    x_disc, y_disc, z_disc, x_normal, y_normal, z_normal = discs[0], discs[1], discs[2], discs[3], discs[4], discs[5]
-    area, spread, roughness = discs[6], discs[7], discs[8]
+    rows, first, origin, per_cell, shape, spacing = discs
+    p, n, sigma, weight_n = measured
+    x_disc, y_disc, z_disc, x_normal, y_normal, z_normal = rows[0], rows[1], rows[2], rows[3], rows[4], rows[5]
+    area, spread, roughness = rows[6], rows[7], rows[8]
     q, m, shares = np.empty(3), np.empty(3), np.empty(BLOCK, dtype=np.float32)
     low, high = np.empty(3, dtype=np.int64), np.empty(3, dtype=np.int64)
     one, half = np.float32(1.0), np.float32(0.5)

@@ -18,8 +18,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tactopose_drake.core.compiled import read_only
 from tactopose_drake.core.shape.surface_samples import points_along_surface
-from tactopose_drake.core.shape.surfel_kernels import BLOCK, densities
+from tactopose_drake.core.shape.surfel_kernels import BLOCK, Discs, Measurements, densities
 from tactopose_drake.core.validation import FloatArray
 
 MAX_SURFELS = 250_000
@@ -99,39 +100,17 @@ def _averages(rows: FloatArray, group: NDArray[np.intp], size: NDArray[np.intp])
     return np.stack([np.bincount(group, column) / size for column in rows.T], axis=1)
 
 
-def contact_densities(
-    surfels: Surfels,
-    p: FloatArray,
-    n: FloatArray,
-    sigma_position: FloatArray,
-    weight_normal: FloatArray,
-    X_PO: FloatArray,
-    cost: FloatArray,
-) -> None:
-    """Writes the negative log densities of contacts (k, 3) at poses (B, 3, 4) into cost (B,).
+def contact_densities(surfels: Surfels, measured: Measurements, X_PO: FloatArray, cost: FloatArray) -> None:
+    """Writes the negative log densities of contacts at poses (B, 3, 4) into cost (B,).
 
     Each contact's density is divided by that on a flat surface with the right normal.
-
-    Args:
-        surfels: the surface.
-        p: points in P, shape (k, 3), m.
-        n: unit normals in P, shape (k, 3).
-        sigma_position: of each coordinate of each point, shape (k,), m.
-        weight_normal: one over sigma of each normal, shape (k,), 1/rad; zero where there is none.
-        X_PO: poses, shape (B, 3, 4).
-        cost: the result.
     """
-    densities(
-        surfels.discs,
-        surfels.first,
-        surfels.origin,
+    discs = Discs(
+        read_only(surfels.discs),
+        read_only(surfels.first),
+        read_only(surfels.origin),
         1.0 / surfels.cell,
         surfels.shape,
-        p,
-        n,
-        sigma_position,
-        weight_normal,
         surfels.spacing,
-        X_PO,
-        cost,
     )
+    densities(discs, measured, X_PO, cost)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tactopose_drake.core.compiled import Floats1, Floats2, Ints2, Singles3, kernel
+from tactopose_drake.core.compiled import Floats1, Floats2, Ints2, Singles2, Singles3, kernel
 
 # Directions towards the lights in the camera's frame (right, down, forward), and their strengths.
 _KEY_LIGHT, _KEY = (-0.45, -0.65, -0.61), 0.62
@@ -14,7 +14,7 @@ _GLOSS, _GLOSS_EXPONENT = 0.16, 40
 @kernel
 def rasterize(
     pixels: Floats2, inverse_depths: Floats1, faces: Ints2, width: int, height: int
-) -> tuple[Floats2, Ints2, Singles3]:
+) -> tuple[Singles2, Ints2, Singles3]:
     """For each pixel the nearest face, its inverse depth, and the weights of its corners there."""
     nearest = np.zeros((height, width), dtype=np.float32)
     face = np.full((height, width), -1, dtype=np.int32)

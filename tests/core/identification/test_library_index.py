@@ -3,8 +3,8 @@ import pytest
 import trimesh
 
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.identification import library_index as joint_index
-from tactopose_drake.core.identification.library_index import SAMPLES, JointIndex, count_pairs
+from tactopose_drake.core.identification import index_kernels, library_index
+from tactopose_drake.core.identification.library_index import SAMPLES, LibraryIndex, count_pairs
 from tactopose_drake.core.poses import random_rotations
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.shape.pair_features import pair_feature
@@ -24,8 +24,8 @@ def models() -> list[ObjectModel]:
 
 
 @pytest.fixture(scope="module")
-def index(models: list[ObjectModel]) -> JointIndex:
-    return JointIndex.join([count_pairs(model.samples) for model in models])
+def index(models: list[ObjectModel]) -> LibraryIndex:
+    return LibraryIndex.join([count_pairs(model.samples) for model in models])
 
 
 def touch(model: ObjectModel, seed: int) -> Contacts:
@@ -34,7 +34,7 @@ def touch(model: ObjectModel, seed: int) -> Contacts:
     return touch_surface(model, X_PO, 5, generator, spread=False)
 
 
-def test_every_pair_is_counted(models: list[ObjectModel], index: JointIndex) -> None:
+def test_every_pair_is_counted(models: list[ObjectModel], index: LibraryIndex) -> None:
     for i, model in enumerate(models):
         pairs = count_pairs(model.samples)
         assert np.all(np.diff(pairs.bins) > 0)
@@ -42,7 +42,7 @@ def test_every_pair_is_counted(models: list[ObjectModel], index: JointIndex) -> 
         assert index.counts[index.objects == i].sum() == SAMPLES * (SAMPLES - 1)
 
 
-def test_objects_of_distinct_shape_are_told_apart(models: list[ObjectModel], index: JointIndex) -> None:
+def test_objects_of_distinct_shape_are_told_apart(models: list[ObjectModel], index: LibraryIndex) -> None:
     first = [
         int(index.scores(touch(model, seed)).argmax() == i) for i, model in enumerate(models) for seed in range(10)
     ]
@@ -51,7 +51,7 @@ def test_objects_of_distinct_shape_are_told_apart(models: list[ObjectModel], ind
 
 @pytest.mark.parametrize("has_normals", [True, False])
 def test_densities_are_those_of_the_samples_pairs(
-    models: list[ObjectModel], index: JointIndex, has_normals: bool
+    models: list[ObjectModel], index: LibraryIndex, has_normals: bool
 ) -> None:
     """A kernel about the contacts' feature, summed over all pairs one by one."""
     measured = touch(models[0], 1)
@@ -66,7 +66,7 @@ def test_densities_are_those_of_the_samples_pairs(
         np.arccos(np.clip(np.einsum("ja,ija->ij", normals, unit), -1, 1)),
         np.arccos(np.clip(normals @ normals.T, -1, 1)),
     ]
-    width = np.array([joint_index._DISTANCE, *np.full(3, joint_index._ANGLE)])
+    width = np.array([index_kernels.DISTANCE, *np.full(3, index_kernels.ANGLE)])
     distance = float(np.linalg.norm(contacts.p_PC[1] - contacts.p_PC[0]))
     sigma = [np.sqrt(2.0) * 0.0009]
     feature = np.array([distance, 0.0, 0.0, 0.0])
@@ -81,12 +81,12 @@ def test_densities_are_those_of_the_samples_pairs(
         steps = bins - feature[a] / width[a]
         kernel *= np.exp(-0.5 * (steps / spread) ** 2) / (np.sqrt(2.0 * np.pi) * spread)
     expected = kernel.sum() / (SAMPLES * (SAMPLES - 1))
-    found = np.exp(index.scores(contacts)[0]) - joint_index._LEAST
+    found = np.exp(index.scores(contacts)[0]) - library_index._LEAST
     # Bins beyond 2.5 standard deviations, a hundredth of each direction, are left out.
     assert found == pytest.approx(expected, rel=0.06)
 
 
-def test_moving_the_hand_changes_nothing(models: list[ObjectModel], index: JointIndex) -> None:
+def test_moving_the_hand_changes_nothing(models: list[ObjectModel], index: LibraryIndex) -> None:
     contacts = touch(models[3], 2)
     R = random_rotations(np.random.default_rng(5), 1)[0]
     assert contacts.n_PC is not None
@@ -94,13 +94,13 @@ def test_moving_the_hand_changes_nothing(models: list[ObjectModel], index: Joint
     np.testing.assert_allclose(index.scores(moved), index.scores(contacts), rtol=1e-6)
 
 
-def test_an_objects_score_is_its_own(models: list[ObjectModel], index: JointIndex) -> None:
+def test_an_objects_score_is_its_own(models: list[ObjectModel], index: LibraryIndex) -> None:
     contacts, order = touch(models[1], 3), [2, 0, 3]
-    fewer = JointIndex.join([count_pairs(models[i].samples) for i in order])
+    fewer = LibraryIndex.join([count_pairs(models[i].samples) for i in order])
     np.testing.assert_array_equal(fewer.scores(contacts), index.scores(contacts)[order])
 
 
-def test_contacts_that_say_nothing_leave_all_objects_equal(index: JointIndex) -> None:
+def test_contacts_that_say_nothing_leave_all_objects_equal(index: LibraryIndex) -> None:
     assert np.ptp(index.scores(Contacts([[0.0, 0.0, 0.1]], [[0.0, 0.0, 1.0]]))) == 0.0
     together = Contacts([[0.0, 0.0, 0.1], [0.0, 0.0005, 0.1]], [[0.0, 0.0, 1.0]] * 2)
     assert np.ptp(index.scores(together)) == 0.0
@@ -108,8 +108,8 @@ def test_contacts_that_say_nothing_leave_all_objects_equal(index: JointIndex) ->
 
 def test_distances_beyond_the_last_bin_are_counted_there() -> None:
     long = ObjectModel.from_mesh(trimesh.creation.box((1.6, 0.05, 0.05)), samples=SAMPLES, spacing=0.02, cache=False)
-    index = JointIndex.join([count_pairs(long.samples)])
+    index = LibraryIndex.join([count_pairs(long.samples)])
     ends = Contacts([[-0.8, 0.0, 0.0], [0.8, 0.0, 0.0]], [[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
     apart = Contacts([[-3.0, 0.0, 0.0], [3.0, 0.0, 0.0]], [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
     assert np.isfinite(index.scores(apart)).all()
-    assert index.scores(ends)[0] > np.log(joint_index._LEAST) + 1.0
+    assert index.scores(ends)[0] > np.log(library_index._LEAST) + 1.0

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tactopose_drake.core.sensing.newton_kernels import linearize
+from tactopose_drake.core.sensing.newton_kernels import Line, linearize
 from tactopose_drake.core.surfaces import Surface
 from tactopose_drake.core.surfaces.surface_kernels import project
 from tests.core.touches import SURFACES, seeds
@@ -28,7 +28,7 @@ def test_the_jacobian_agrees_with_central_differences(surface: Surface, seed: in
     if np.abs(q).min() < 4e-4 or abs(abs(q[2]) - 0.007) < 1e-4:  # creases, and the seam between side and end
         return
     out = np.empty(18)
-    linearize(surface.kind, surface.shape, m, f, compliance, q, np.empty(3), np.empty((3, 3)), out)
+    linearize(surface.kind, surface.shape, Line(tuple(m), tuple(f), compliance), q, np.empty(3), np.empty((3, 3)), out)
     t = out[11:17].reshape(2, 3)
     n = out[8:11]
     np.testing.assert_allclose(n, surface.normal([q])[0], atol=1e-12)
@@ -57,7 +57,7 @@ def test_the_rigid_jacobian_is_singular_only_where_the_force_is_tangent(surface:
     q = surface.sample(generator, 1)[0]
     m, f = generator.normal(scale=0.01, size=3), generator.normal(size=3)
     out = np.empty(18)
-    linearize(surface.kind, surface.shape, m, f, 0.0, q, np.empty(3), np.empty((3, 3)), out)
+    linearize(surface.kind, surface.shape, Line(tuple(m), tuple(f), 0.0), q, np.empty(3), np.empty((3, 3)), out)
     t = out[11:17].reshape(2, 3)
     gradient, hessian = surface.gradient([q])[0], surface.hessian([q])[0]
     W = t @ hessian @ t.T / np.linalg.norm(gradient)

@@ -4,6 +4,7 @@ import pytest
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.searches.pairs.contact_tables import contact_table
 from tactopose_drake.core.searches.pairs.pair_pose_kernels import coarse_cost
+from tactopose_drake.core.searches.pairs.pair_poses import kernel_field
 from tactopose_drake.core.shape.coarse_field import CoarseField, coarsen
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.synthetic.synthetic_touch import random_surface_points
@@ -11,9 +12,7 @@ from tactopose_drake.core.synthetic.synthetic_touch import random_surface_points
 
 def cost(field: CoarseField, contacts: Contacts, X_PO: np.ndarray, off: float = 0.0, turn: float = 0.0) -> float:
     table = contact_table(field, contacts, off, turn)
-    steps = field.spacing / field.step
-    arguments = (field.values, field.shape, field.origin, 1 / field.spacing, steps, table)
-    return float(coarse_cost(*arguments, np.arange(len(table)), X_PO, np.inf))
+    return float(coarse_cost(kernel_field(field), table, np.arange(len(table)), X_PO, np.inf))
 
 
 def test_a_voxel_holds_the_grids_distance_and_normal(blob: ObjectModel) -> None:

@@ -1,5 +1,7 @@
 """Which pairs of contacts to look up, and what they measure."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from tactopose_drake.core.compiled import (
@@ -22,6 +24,62 @@ _GUESS_STEP = 16
 _ROOM = 1 << 14
 
 
+class Measured(NamedTuple):
+    """Contacts, read-only: points (k, 3), normals (k, 3), their standard deviations (k,), and if there are normals."""
+
+    p: Floats2
+    n: Floats2
+    sigma_p: Floats1
+    sigma_n: Floats1
+    has_normals: bool
+
+
+class Library(NamedTuple):
+    """An object's pairs of samples, as `PairFeatures` holds them; read-only.
+
+    Attributes:
+        features: in steps of a byte, shape (m, 4).
+        first: the first pair of each bin.
+        unit: the steps, shape (4,), m and rad.
+        length: the largest distance, m.
+    """
+
+    features: UnsignedBytes2
+    first: Ints1
+    unit: Floats1
+    length: float
+
+
+class Choice(NamedTuple):
+    """How pairs are chosen: see `PairChoice`; `offset` is in m."""
+
+    most_contacts: int
+    offset: float
+    bend: float
+    reach: float
+    open_spins: int
+
+
+class Chosen(NamedTuple):
+    """The fields of `MatchedPairs`, to be filled."""
+
+    ends: OutLongs2
+    spins: OutLongs1
+    begins: OutLongs1
+    matches: OutInts1
+
+
+class Queries(NamedTuple):
+    """Pairs of contacts (q, 2), their features (q, 4), one over the standard deviations of those (q, 4), and the turns
+    (q,) that each match stands for.
+    """
+
+    pairs: OutLongs2
+    feature: OutFloats2
+    weight: OutFloats2
+    spins: OutLongs1
+
+
 @kernel
 def mark_spread_out(points: Floats2, chosen: OutLongs1) -> None:
     start, nearest = np.zeros(3), np.full(points.shape[0], np.inf)
@@ -42,35 +100,17 @@ def mark_spread_out(points: Floats2, chosen: OutLongs1) -> None:
 
 
 @kernel
-def choose(
-    p: Floats2,
-    n: Floats2,
-    sigma_p: Floats1,
-    sigma_n: Floats1,
-    has_normals: bool,
-    features: UnsignedBytes2,
-    first: Ints1,
-    unit: Floats1,
-    length: float,
-    most_contacts: int,
-    offset: float,
-    bend: float,
-    reach: float,
-    open_spins: int,
-    phase: Floats1,
-    ends: OutLongs2,
-    spins: OutLongs1,
-    begins: OutLongs1,
-    matches: OutInts1,
-) -> int:
+def choose(measured: Measured, library: Library, choice: Choice, phase: Floats1, chosen: Chosen) -> int:
     """Fills `MatchedPairs`, and returns the number of pairs of contacts; see `PairChoice`."""
-    among = np.empty(min(most_contacts, p.shape[0]), dtype=np.intp)
-    mark_spread_out(p, among)
+    features, first, unit, _ = library
+    ends, spins, begins, matches = chosen
+    reach = choice.reach
+    among = np.empty(min(choice.most_contacts, measured.p.shape[0]), dtype=np.intp)
+    mark_spread_out(measured.p, among)
     most = among.shape[0] * (among.shape[0] - 1) // 2
     asked, turns = np.empty((most, 2), dtype=np.intp), np.empty(most, dtype=np.int64)
     feature, weight = np.empty((most, 4)), np.empty((most, 4))
-    arguments = (p, n, sigma_p, sigma_n, has_normals, among, length, offset, bend, open_spins)
-    queries = _measure_pairs(*arguments, asked, feature, weight, turns)
+    queries = _measure_pairs(measured, among, library.length, choice, Queries(asked, feature, weight, turns))
     guess, nothing = np.empty(queries, dtype=np.int64), np.empty(0, dtype=np.int32)
     for q in range(queries):
         for c in range(4):
@@ -103,25 +143,11 @@ def choose(
 
 
 @kernel
-def _measure_pairs(
-    p: Floats2,
-    n: Floats2,
-    sigma_p: Floats1,
-    sigma_n: Floats1,
-    has_normals: bool,
-    among: Longs1,
-    length: float,
-    offset: float,
-    bend: float,
-    open_spins: int,
-    pairs: OutLongs2,
-    feature: OutFloats2,
-    weight: OutFloats2,
-    spins: OutLongs1,
-) -> int:
-    """What is looked up: pairs of contacts (q, 2), their features (q, 4), one over the standard deviations of those
-    (q, 4), and the turns (q,) that each match stands for; returns their number.
-    """
+def _measure_pairs(measured: Measured, among: Longs1, length: float, choice: Choice, queries: Queries) -> int:
+    """Fills what is looked up, of pairs no farther apart than the length, m, allows; returns the number of queries."""
+    p, n, sigma_p, sigma_n, has_normals = measured
+    pairs, feature, weight, spins = queries
+    offset, bend = choice.offset, choice.bend
     count = 0
     cosines = np.empty(3)
     for i in range(among.shape[0]):
@@ -132,7 +158,7 @@ def _measure_pairs(
             distance, off = np.sqrt(x * x + y * y + z * z), np.sqrt(noise + offset**2)
             if distance < 3.0 * np.sqrt(noise) or distance > length + 3.0 * off:
                 continue
-            pairs[count, 0], pairs[count, 1], spins[count] = a, b, open_spins
+            pairs[count, 0], pairs[count, 1], spins[count] = a, b, choice.open_spins
             feature[count], weight[count] = 0.0, 0.0
             feature[count, 0], weight[count, 0] = distance, 1.0 / off
             if has_normals:

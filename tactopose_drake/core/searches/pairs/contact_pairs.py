@@ -5,8 +5,16 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
+from tactopose_drake.core.compiled import read_only
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.searches.pairs.contact_pair_kernels import choose, mark_spread_out
+from tactopose_drake.core.searches.pairs.contact_pair_kernels import (
+    Choice,
+    Chosen,
+    Library,
+    Measured,
+    choose,
+    mark_spread_out,
+)
 from tactopose_drake.core.searches.pairs.pair_poses import MatchedPairs
 from tactopose_drake.core.shape.pair_features import PairFeatures
 from tactopose_drake.core.validation import FloatArray
@@ -41,27 +49,20 @@ class PairChoice:
         """
         ends, spins = np.empty((self.pairs, 2), dtype=np.intp), np.empty(self.pairs, dtype=np.int64)
         begins, matches = np.zeros(self.pairs + 1, dtype=np.intp), np.empty(self.poses, dtype=np.int32)
-        count = choose(
-            contacts.p_PC,
-            np.zeros_like(contacts.p_PC) if contacts.n_PC is None else contacts.n_PC,
-            np.asarray(contacts.sigma_position),
-            np.asarray(contacts.sigma_normal),
+        measured = Measured(
+            read_only(contacts.p_PC),
+            read_only(np.zeros_like(contacts.p_PC) if contacts.n_PC is None else contacts.n_PC),
+            read_only(np.asarray(contacts.sigma_position)),
+            read_only(np.asarray(contacts.sigma_normal)),
             contacts.n_PC is not None,
-            features.features,
-            features.first,
-            features.unit,
-            features.length,
-            self.contacts,
-            self.offset * features.spacing,
-            self.bend,
-            self.reach,
-            self.spins,
-            generator.random(self.pairs),
-            ends,
-            spins,
-            begins,
-            matches,
         )
+        kept, first, unit = map(read_only, (features.features, features.first, features.unit))
+        library = Library(kept, first, unit, float(features.length))
+        choice = Choice(
+            self.contacts, float(self.offset * features.spacing), float(self.bend), float(self.reach), self.spins
+        )
+        phase = generator.random(self.pairs)
+        count = choose(measured, library, choice, phase, Chosen(ends, spins, begins, matches))
         return MatchedPairs(ends[:count], spins[:count], begins[: count + 1], matches)
 
 

@@ -1,5 +1,7 @@
 """The poses that lay two contacts on two surface samples, and their cost on the coarse field."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from tactopose_drake.core.compiled import (
@@ -10,6 +12,8 @@ from tactopose_drake.core.compiled import (
     Ints1,
     Longs1,
     Longs2,
+    OutFloats1,
+    OutFloats2,
     OutFloats3,
     OutSingles1,
     Shape3,
@@ -17,6 +21,59 @@ from tactopose_drake.core.compiled import (
     inlined,
     kernel,
 )
+
+
+class Samples(NamedTuple):
+    """An object's surface samples (n, 3), their normals (n, 3), and pairs of them (m, 2); read-only."""
+
+    points: Floats2
+    normals: Floats2
+    pairs: Shorts2
+
+
+class Matched(NamedTuple):
+    """The fields of `MatchedPairs`; read-only."""
+
+    matches: Ints1
+    begins: Longs1
+    ends: Longs2
+    spins: Longs1
+
+
+class Field(NamedTuple):
+    """A `CoarseField`, read-only, with one over its spacing, 1/m, and the steps of the distance in a voxel."""
+
+    values: Bytes2
+    shape: Shape3
+    origin: Floats1
+    inverse_spacing: float
+    steps: float
+
+
+class Images(NamedTuple):
+    """Which poses are near enough to a centre by one of g symmetries; read-only.
+
+    Attributes:
+        rotations: with which a pose's rotation is compared, shape (g, 3, 3).
+        origins: the images' origins in O, shape (g, 3), m.
+        center: of the poses' origins, shape (3,), m.
+        least_trace: of the product of rotations that are near enough.
+        farthest: the square of the largest distance, m^2.
+    """
+
+    rotations: Floats3
+    origins: Floats2
+    center: Floats1
+    least_trace: float
+    farthest: float
+
+
+class Frames(NamedTuple):
+    """Axes (3, 3) at two samples, the point between them (3,), and the contacts' frame (6, 3), see `_contact_frame`."""
+
+    axes: OutFloats2
+    middle: OutFloats1
+    frame: OutFloats2
 
 
 @inlined
@@ -53,8 +110,9 @@ def _contact_frame(first, second, frame):
 
 
 @inlined
-def _pair_pose(points, normals, i, j, axes, middle, frame, spin, spins, X):
+def _pair_pose(normals, i, j, frames, spin, spins, X):
     """The pose of one match and spin, into X (3, 4)."""
+    axes, middle, frame = frames
     if spins == 1:
         cosine, sine = 1e-30, 0.0  # Normals along the line leave the spin at zero.
         for k, row in ((i, 4), (j, 5)):
@@ -77,15 +135,14 @@ def _pair_pose(points, normals, i, j, axes, middle, frame, spin, spins, X):
             X[a, 3] -= X[a, b] * middle[b]
 
 
-# Beside its caller, because numba's cache on disk notices changes of the caller's file alone.
 @inlined
-def coarse_cost(values, shape, origin, inverse_spacing, steps, table, order, X, limit):
+def coarse_cost(field, table, order, X, limit):
     """Sum of the squared whitened differences at the pose X (3, 4), or some number beyond the limit.
 
-    The contacts' `table` is that of `contact_table`, read in this order; `steps` is how many steps of the distance are
-    in a voxel.
+    The contacts' `table` is that of `contact_table`, read in this order.
     """
-    nx, ny, nz = shape
+    values, origin, inverse_spacing, steps = field.values, field.origin, field.inverse_spacing, field.steps
+    nx, ny, nz = field.shape
     total = 0.0
     for m in order:
         x, y, z = table[m, 0] - X[0, 3], table[m, 1] - X[1, 3], table[m, 2] - X[2, 3]
@@ -111,11 +168,9 @@ def coarse_cost(values, shape, origin, inverse_spacing, steps, table, order, X, 
 
 
 @inlined
-def _is_near(X, rotations, origins, center, least_trace, farthest):
-    """Whether an image of the pose X, by one of g symmetries, is near enough to the centre.
-
-    Its rotation there is compared with X's by `rotations` (g, 3, 3), its origin is X's point `origins` (g, 3).
-    """
+def _is_near(X, images):
+    """Whether an image of the pose X, by one of g symmetries, is near enough to the centre."""
+    rotations, origins, center = images.rotations, images.origins, images.center
     for s in range(rotations.shape[0]):
         distance, trace = 0.0, 0.0
         for a in range(3):
@@ -124,35 +179,24 @@ def _is_near(X, rotations, origins, center, least_trace, farthest):
                 way += X[a, b] * origins[s, b]
                 trace += X[a, b] * rotations[s, a, b]
             distance += way * way
-        if distance <= farthest and trace >= least_trace:
+        if distance <= images.farthest and trace >= images.least_trace:
             return True
     return False
 
 
 @kernel
 def keep_best(
-    points: Floats2,
-    normals: Floats2,
-    pairs: Shorts2,
-    matches: Ints1,
-    begins: Longs1,
-    ends: Longs2,
-    spins: Longs1,
-    values: Bytes2,
-    shape: Shape3,
-    origin: Floats1,
-    inverse_spacing: float,
-    steps: float,
+    samples: Samples,
+    matched: Matched,
+    field: Field,
     table: Floats2,
-    rotations: Floats3,
-    origins: Floats2,
-    center: Floats1,
-    least_trace: float,
-    farthest: float,
+    images: Images,
     X_best: OutFloats3,
     cost: OutSingles1,
 ) -> int:
     """Fills the poses and costs, and returns their number. What is worse than so many already is left as it is."""
+    pairs = samples.pairs
+    matches, begins, ends, spins = matched
     axes, middle, X, frame = np.empty((3, 3)), np.empty(3), np.empty((3, 4)), np.empty((6, 3))
     count, used, limit = cost.shape[0], 0, np.inf
     # A pose is kept as its pair, its match and its spin; before a pair is done, there may be more than are wanted.
@@ -164,37 +208,48 @@ def keep_best(
     for q in range(spins.shape[0]):
         a, b = ends[q, 0], ends[q, 1]
         _contact_frame(table[a], table[b], frame)
-        # The contacts of a pair fit by construction: the others say sooner that a pose is bad.
-        place = 0
-        for m in range(table.shape[0]):
-            if m != a and m != b:
-                order[place] = m
-                place += 1
-        order[place], order[place + 1] = a, b
+        _put_last(a, b, order)
         for row in range(begins[q], begins[q + 1]):
             i, j = pairs[matches[row], 0], pairs[matches[row], 1]
-            _axes(points[i], points[j], axes, middle)
+            _axes(samples.points[i], samples.points[j], axes, middle)
             for spin in range(spins[q]):
-                _pair_pose(points, normals, i, j, axes, middle, frame, spin, spins[q], X)
-                if _is_near(X, rotations, origins, center, least_trace, farthest):
-                    total = coarse_cost(values, shape, origin, inverse_spacing, steps, table, order, X, limit)
+                _pair_pose(samples.normals, i, j, Frames(axes, middle, frame), spin, spins[q], X)
+                if _is_near(X, images):
+                    total = coarse_cost(field, table, order, X, limit)
                     if total <= limit:
                         kept[used, 0], kept[used, 1], kept[used, 2] = q, row, spin
                         kept_cost[used] = total
                         used += 1
         if used > count:
             limit = np.partition(kept_cost[:used], count - 1)[count - 1]
-            now = 0
-            for k in range(used):
-                if kept_cost[k] <= limit and now < count:
-                    kept[now], kept_cost[now] = kept[k], kept_cost[k]
-                    now += 1
-            used = now
+            used = _drop_worse(limit, count, used, kept, kept_cost)
     for place, k in enumerate(np.argsort(kept_cost[:used], kind="mergesort")):
         q, row, spin = kept[k, 0], kept[k, 1], kept[k, 2]
         i, j = pairs[matches[row], 0], pairs[matches[row], 1]
         _contact_frame(table[ends[q, 0]], table[ends[q, 1]], frame)
-        _axes(points[i], points[j], axes, middle)
-        _pair_pose(points, normals, i, j, axes, middle, frame, spin, spins[q], X_best[place])
+        _axes(samples.points[i], samples.points[j], axes, middle)
+        _pair_pose(samples.normals, i, j, Frames(axes, middle, frame), spin, spins[q], X_best[place])
         cost[place] = kept_cost[k]
     return used
+
+
+@inlined
+def _put_last(a, b, order):
+    """The order of contacts with a pair last: it fits by construction, the others say sooner that a pose is bad."""
+    place = 0
+    for m in range(order.shape[0]):
+        if m != a and m != b:
+            order[place] = m
+            place += 1
+    order[place], order[place + 1] = a, b
+
+
+@inlined
+def _drop_worse(limit, count, used, kept, cost):
+    """Keeps of the first `used` those that cost no more than the limit, `count` at the most; their number."""
+    now = 0
+    for k in range(used):
+        if cost[k] <= limit and now < count:
+            kept[now], cost[now] = kept[k], cost[k]
+            now += 1
+    return now

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tactopose_drake.core.searches.pairs.pair_pose_kernels import keep_best
+from tactopose_drake.core.compiled import read_only
+from tactopose_drake.core.searches.pairs.pair_pose_kernels import Field, Images, Matched, Samples, keep_best
 from tactopose_drake.core.shape.coarse_field import CoarseField
 from tactopose_drake.core.shape.pair_features import PairFeatures
 from tactopose_drake.core.validation import FloatArray
@@ -39,6 +40,12 @@ class MatchedPairs:
     def count(self) -> int:
         """The number of their poses."""
         return int(np.diff(self.begins) @ self.spins)
+
+
+def kernel_field(field: CoarseField) -> Field:
+    """The coarse field as kernels read it."""
+    values, origin = read_only(field.values), read_only(field.origin)
+    return Field(values, field.shape, origin, 1.0 / field.spacing, field.spacing / field.step)
 
 
 def best_poses(
@@ -70,25 +77,19 @@ def best_poses(
     """
     most = min(count, pairs.count)
     X_PO, cost = np.empty((most, 3, 4)), np.empty(most, dtype=np.float32)
+    images = Images(
+        read_only(center[:, :3] @ np.swapaxes(turns[:, :, :3], 1, 2)),
+        read_only(turns[:, :, 3]),
+        read_only(center[:, 3]),
+        float(1.0 + 2.0 * np.cos(reach[0]) if reach[0] < np.pi else -np.inf),
+        float(reach[1] ** 2),
+    )
     found = keep_best(
-        features.points,
-        features.normals,
-        features.pairs,
-        pairs.matches,
-        pairs.begins,
-        pairs.ends,
-        pairs.spins,
-        field.values,
-        field.shape,
-        field.origin,
-        1.0 / field.spacing,
-        field.spacing / field.step,
+        Samples(*map(read_only, (features.points, features.normals, features.pairs))),
+        Matched(*map(read_only, (pairs.matches, pairs.begins, pairs.ends, pairs.spins))),
+        kernel_field(field),
         table,
-        np.ascontiguousarray(center[:, :3] @ np.swapaxes(turns[:, :, :3], 1, 2)),
-        np.ascontiguousarray(turns[:, :, 3]),
-        np.ascontiguousarray(center[:, 3]),
-        1.0 + 2.0 * np.cos(reach[0]) if reach[0] < np.pi else -np.inf,
-        reach[1] ** 2,
+        images,
         X_PO,
         cost,
     )
