@@ -13,12 +13,12 @@ from pydrake.solvers import MathematicalProgram, NloptSolver, SolverOptions
 from tactopose_drake.core.objectives.objective import LeastSquaresObjective
 from tactopose_drake.core.searches.candidates import CandidatePoses, refine_best
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
-from tactopose_drake.core.searches.search import PoseSpace, SearchResult, StopSignal, never
+from tactopose_drake.core.searches.search import PoseSpace, Search, SearchResult, StopSignal, never
 from tactopose_drake.estimation.mathematical_program import StoppedError
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Direct:
+class Direct(Search):
     """Divides the box that the space reaches, the promising parts first; the best poses that it saw are refined.
 
     It takes no random number: the same problem gives the same poses.

@@ -19,15 +19,15 @@ from tactopose_drake.core.posterior.belief import BeliefSampling
 from tactopose_drake.core.posterior.hypotheses import Modes, find_modes
 from tactopose_drake.core.posterior.plausibility import degrees_of_freedom, explain_touch
 from tactopose_drake.core.posterior.posterior import make_posterior
-from tactopose_drake.core.searches.gradient_descent import GradientDescent
+from tactopose_drake.core.searches.baselines.gradient_descent import GradientDescent
+from tactopose_drake.core.searches.baselines.monte_carlo import MonteCarlo
+from tactopose_drake.core.searches.baselines.scaling_series import ScalingSeries
+from tactopose_drake.core.searches.baselines.simulated_annealing import SimulatedAnnealing
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
-from tactopose_drake.core.searches.monte_carlo import MonteCarlo
 from tactopose_drake.core.searches.pair_search import PairSearch
 from tactopose_drake.core.searches.patch_searches import patch_search
 from tactopose_drake.core.searches.pose_problem import PoseProblem, make_problem
-from tactopose_drake.core.searches.scaling_series import ScalingSeries
 from tactopose_drake.core.searches.search import Search, StopSignal
-from tactopose_drake.core.searches.simulated_annealing import SimulatedAnnealing
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.free_spin import turn_toward
 from tactopose_drake.core.shape.object_model import ObjectModel
@@ -116,9 +116,10 @@ def estimate_pose(
     generator = np.random.default_rng(seed)
     modes = _find_modes(model, evidence, problem, search, generator, deadline, max_hypotheses)
     explained = explain_touch(model, evidence, modes.X_PO)
-    if not explained.any() and prior is not None and isinstance(search, PairSearch) and not deadline():
+    wider_search = search.widened() if prior is not None and not explained.any() else None
+    if wider_search is not None and not deadline():
         # The valley with the pose may be a narrow one that no start has led to.
-        wider = _find_modes(model, evidence, problem, search.widened(), generator, deadline, max_hypotheses)
+        wider = _find_modes(model, evidence, problem, wider_search, generator, deadline, max_hypotheses)
         modes = min(modes, wider, key=lambda found: float(found.cost.min()))
         explained = explain_touch(model, evidence, modes.X_PO)
     if explained.any() and not deadline():

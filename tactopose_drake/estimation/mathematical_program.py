@@ -18,7 +18,7 @@ from pydrake.solvers import (
 from tactopose_drake.core.objectives.objective import LeastSquaresObjective
 from tactopose_drake.core.poses import retract, right_jacobian
 from tactopose_drake.core.searches.candidates import CandidatePoses
-from tactopose_drake.core.searches.search import PoseSpace, SearchResult, StopSignal, never
+from tactopose_drake.core.searches.search import PoseSpace, Search, SearchResult, StopSignal, never
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
 
@@ -58,7 +58,7 @@ _SOLVERS = {
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class PoseProgram:
+class PoseProgram(Search):
     """Minimises an objective over the increment from one pose with a solver of Drake's.
 
     The decision variables are the increment (w, v) from the centre of the space, each divided by the change that moves

@@ -12,8 +12,8 @@ from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.evidence.prior import PosePrior
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.poses import exp_so3, make_poses, transform_points
+from tactopose_drake.core.searches.baselines.monte_carlo import MonteCarlo
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
-from tactopose_drake.core.searches.monte_carlo import MonteCarlo
 from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
 from tactopose_drake.estimation.estimate import GLOBAL_METHODS, METHODS
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from tactopose_drake.core.searches.monte_carlo import MonteCarlo, MonteCarloDesign
+from tactopose_drake.core.searches.baselines.monte_carlo import MonteCarlo, MonteCarloDesign
 from tests.examples.scripts import load_script
 
 

@@ -3,7 +3,6 @@ from .covariance_matching import CovarianceMatching as CovarianceMatching
 from .differenced import DifferencedObjective as DifferencedObjective
 from .friction_cone import FrictionCone as FrictionCone
 from .nearest_point_contact import NearestPointContact as NearestPointContact
-from .objective import DescendingObjective as DescendingObjective
 from .objective import LeastSquaresObjective as LeastSquaresObjective
 from .objective import NormalEquations as NormalEquations
 from .objective import Objective as Objective

@@ -4,14 +4,14 @@ from abc import ABC, abstractmethod
 
 import numpy as np
 
-from tactopose_drake.core.objectives.objective import NormalEquations, form_normal_equations
+from tactopose_drake.core.objectives.objective import LeastSquaresObjective, NormalEquations, form_normal_equations
 from tactopose_drake.core.poses import retract
 from tactopose_drake.core.validation import FloatArray
 
 _FORWARD_STEP = 1e-6
 
 
-class DifferencedObjective(ABC):
+class DifferencedObjective(LeastSquaresObjective, ABC):
     """Half the sum of squared residuals, with forward differences as derivatives ([B16] eq. 2.28).
 
     [B16] J. Bimbo, thesis, 2016.

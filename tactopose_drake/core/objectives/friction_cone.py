@@ -7,12 +7,12 @@ import numpy as np
 from tactopose_drake.core.compiled import read_only
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.kernels import evidence_kernels
-from tactopose_drake.core.objectives.objective import NormalEquations, form_normal_equations
+from tactopose_drake.core.objectives.objective import LeastSquaresObjective, NormalEquations, form_normal_equations
 from tactopose_drake.core.shape.signed_distance import DistanceGrid
 from tactopose_drake.core.validation import FloatArray
 
 
-class FrictionCone:
+class FrictionCone(LeastSquaresObjective):
     """How far each force is out of its cone: max(0, angle(f, n) - atan(friction)) / sigma, a residual a contact.
 
     n is the object's outward normal where the contact is, at the pose; f is the force on the fingertip, which leans

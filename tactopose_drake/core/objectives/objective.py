@@ -1,7 +1,6 @@
 """What an objective is, and how objectives add up."""
 
-from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -34,8 +33,26 @@ class Objective(Protocol):
         ...
 
 
+class Descent(NamedTuple):
+    """Where steps have led: poses (B, 3, 4), costs (B,), steps tried (B,), and whether each ended at a minimum (B,)."""
+
+    X_PO: FloatArray
+    cost: FloatArray
+    iterations: NDArray[np.int64]
+    converged: NDArray[np.bool_]
+
+
 class LeastSquaresObjective(Objective, Protocol):
-    """An objective that is half a sum of squares, with derivatives by the six increments."""
+    """An objective that is half a sum of squares, with derivatives by the six increments.
+
+    What some objectives can do faster than a search can ask for it has a default here; derive from this class to have
+    it.
+
+    Attributes:
+        is_touch: whether it is the smooth likelihood of contacts, and of nothing else.
+    """
+
+    is_touch: bool = False
 
     def residuals(self, X_PO: FloatArray) -> FloatArray:
         """Residuals (B, m) of poses (B, 3, 4)."""
@@ -49,22 +66,15 @@ class LeastSquaresObjective(Objective, Protocol):
         """Cost, gradient and Gauss-Newton Hessian at poses (B, 3, 4)."""
         ...
 
+    @property
+    def terms(self) -> tuple["LeastSquaresObjective", ...]:
+        """The objectives that it is the sum of."""
+        return (self,)
 
-class Descent(NamedTuple):
-    """Where steps have led: poses (B, 3, 4), costs (B,), steps tried (B,), and whether each ended at a minimum (B,)."""
-
-    X_PO: FloatArray
-    cost: FloatArray
-    iterations: NDArray[np.int64]
-    converged: NDArray[np.bool_]
-
-
-class DescendingObjective(ABC):
-    """A least-squares objective that makes all of Levenberg-Marquardt's steps in one compiled loop."""
-
-    @abstractmethod
-    def descend(self, rule: DescentRule, X_PO: FloatArray) -> Descent:
-        """Moves each of the poses (B, 3, 4) on its own."""
+    @property
+    def descent(self) -> Callable[[DescentRule, FloatArray], Descent] | None:
+        """Levenberg-Marquardt from each of the poses (B, 3, 4) in one compiled loop; None where there is none."""
+        return None
 
 
 def form_normal_equations(residuals: FloatArray, jacobian: FloatArray) -> NormalEquations:
@@ -75,11 +85,16 @@ def form_normal_equations(residuals: FloatArray, jacobian: FloatArray) -> Normal
     return equations
 
 
-class SumObjective:
+class SumObjective(LeastSquaresObjective):
     """The sum of least-squares objectives: their costs add, their residuals stack."""
 
     def __init__(self, terms: Sequence[LeastSquaresObjective]) -> None:
-        self.terms = tuple(terms)
+        self._terms = tuple(terms)
+
+    @property
+    def terms(self) -> tuple[LeastSquaresObjective, ...]:
+        """The objectives that it is the sum of."""
+        return self._terms
 
     def cost(self, X_PO: FloatArray) -> FloatArray:
         """Costs (B,) of poses (B, 3, 4)."""

@@ -9,7 +9,7 @@ from tactopose_drake.core.compiled import read_only
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.kernels import patch_kernels
 from tactopose_drake.core.kernels.pad_kernels import Pads
-from tactopose_drake.core.objectives.objective import NormalEquations, SumObjective
+from tactopose_drake.core.objectives.objective import LeastSquaresObjective, NormalEquations, SumObjective
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.signed_distance import DistanceGrid
@@ -19,7 +19,7 @@ from tactopose_drake.core.validation import FloatArray, positive_number
 _ANYWHERE = 1e3
 
 
-class PatchCells:
+class PatchCells(LeastSquaresObjective):
     """What every cell of the pads says of the signed distance phi of the object.
 
     A cell that feels the pressure p has the surface where it is pressed in: phi(q) = 0 at its point, alpha p below the

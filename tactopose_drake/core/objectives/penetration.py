@@ -5,7 +5,7 @@ import numpy as np
 from tactopose_drake.core.compiled import read_only
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.kernels import evidence_kernels
-from tactopose_drake.core.objectives.objective import NormalEquations
+from tactopose_drake.core.objectives.objective import LeastSquaresObjective, NormalEquations
 from tactopose_drake.core.shape.signed_distance import DistanceGrid
 from tactopose_drake.core.validation import FloatArray
 
@@ -13,7 +13,7 @@ from tactopose_drake.core.validation import FloatArray
 _NEIGHBOURHOOD = 0.02
 
 
-class Penetration:
+class Penetration(LeastSquaresObjective):
     """Overlap of the hand with the object, where it is deepest in each neighbourhood.
 
     The spheres are parted into neighbourhoods of some centimetres. Each has one residual, max(0, d - allowed) / sigma,

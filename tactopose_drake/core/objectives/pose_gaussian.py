@@ -4,11 +4,11 @@ import numpy as np
 
 from tactopose_drake.core.compiled import read_only
 from tactopose_drake.core.kernels import prior_kernels
-from tactopose_drake.core.objectives.objective import NormalEquations, form_normal_equations
+from tactopose_drake.core.objectives.objective import LeastSquaresObjective, NormalEquations, form_normal_equations
 from tactopose_drake.core.validation import FloatArray
 
 
-class PoseGaussian:
+class PoseGaussian(LeastSquaresObjective):
     """Increments from a pose, whitened by their covariance: six residuals L^T u, with the information L L^T."""
 
     def __init__(self, X_PO: FloatArray, covariance: FloatArray) -> None:

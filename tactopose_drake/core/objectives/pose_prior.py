@@ -5,11 +5,11 @@ import numpy as np
 from tactopose_drake.core.compiled import read_only
 from tactopose_drake.core.evidence.prior import PosePrior
 from tactopose_drake.core.kernels import prior_kernels
-from tactopose_drake.core.objectives.objective import NormalEquations, form_normal_equations
+from tactopose_drake.core.objectives.objective import LeastSquaresObjective, NormalEquations, form_normal_equations
 from tactopose_drake.core.validation import FloatArray
 
 
-class PriorObjective:
+class PriorObjective(LeastSquaresObjective):
     """Increments from the prior's pose to the pose, divided by their standard deviations: six residuals."""
 
     def __init__(self, prior: PosePrior) -> None:

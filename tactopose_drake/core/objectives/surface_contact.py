@@ -1,5 +1,8 @@
 """Contacts against the signed distance grid: the form that is fast, smooth and a likelihood."""
 
+import functools
+from collections.abc import Callable
+
 import numpy as np
 
 from tactopose_drake.core.compiled import read_only
@@ -9,8 +12,8 @@ from tactopose_drake.core.kernels.prior_kernels import Prior
 from tactopose_drake.core.kernels.surface_contact_kernels import Touch
 from tactopose_drake.core.kernels.touch_kernels import DescentRule, Ends, descend
 from tactopose_drake.core.objectives.objective import (
-    DescendingObjective,
     Descent,
+    LeastSquaresObjective,
     NormalEquations,
     SumObjective,
 )
@@ -21,7 +24,7 @@ from tactopose_drake.core.validation import FloatArray
 _NO_PRIOR = Prior(read_only(np.eye(3, 4)), read_only(np.zeros(6)))
 
 
-class SurfaceContact(DescendingObjective):
+class SurfaceContact(LeastSquaresObjective):
     """Distance of each contact to the surface, and the difference of its normal from the surface's.
 
     Residuals of contact m, with q = R_PO^T (p_PC - p_PO) the contact in the object's frame:
@@ -29,6 +32,8 @@ class SurfaceContact(DescendingObjective):
 
     The whitened forms of [B16] eq. 3.3 (contacts without normals) and 3.5 (with normals); [B16] J. Bimbo, thesis, 2016.
     """
+
+    is_touch = True
 
     def __init__(self, grid: DistanceGrid, contacts: Contacts) -> None:
         self._has_normals = contacts.n_PC is not None
@@ -63,12 +68,13 @@ class SurfaceContact(DescendingObjective):
         """Cost, exact gradient, and the Gauss-Newton Hessian along the smooth normals, at poses (B, 3, 4)."""
         return _normal_equations(self, _NO_PRIOR, X_PO)
 
-    def descend(self, rule: DescentRule, X_PO: FloatArray) -> Descent:
-        """All of Levenberg-Marquardt's steps at once; see `DescendingObjective`."""
-        return _descend(self, _NO_PRIOR, rule, X_PO)
+    @property
+    def descent(self) -> Callable[[DescentRule, FloatArray], Descent]:
+        """Levenberg-Marquardt from each of the poses (B, 3, 4) in one compiled loop."""
+        return functools.partial(_descend, self, _NO_PRIOR)
 
 
-class ContactWithPrior(SumObjective, DescendingObjective):
+class ContactWithPrior(SumObjective):
     """Contacts and a prior, added up as `SumObjective` does it, but in one compiled loop."""
 
     def __init__(self, touch: SurfaceContact, prior: PriorObjective) -> None:
@@ -79,9 +85,10 @@ class ContactWithPrior(SumObjective, DescendingObjective):
         """Cost, exact gradient, and the Gauss-Newton Hessian, at poses (B, 3, 4)."""
         return _normal_equations(self._touch, self._prior, X_PO)
 
-    def descend(self, rule: DescentRule, X_PO: FloatArray) -> Descent:
-        """All of Levenberg-Marquardt's steps at once; see `DescendingObjective`."""
-        return _descend(self._touch, self._prior, rule, X_PO)
+    @property
+    def descent(self) -> Callable[[DescentRule, FloatArray], Descent]:
+        """Levenberg-Marquardt from each of the poses (B, 3, 4) in one compiled loop."""
+        return functools.partial(_descend, self._touch, self._prior)
 
 
 def _normal_equations(contact: SurfaceContact, prior: Prior, X_PO: FloatArray) -> NormalEquations:

@@ -8,12 +8,12 @@ import numpy as np
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.force_balance import ForceBalance
 from tactopose_drake.core.kernels import evidence_kernels
-from tactopose_drake.core.objectives.objective import NormalEquations, form_normal_equations
+from tactopose_drake.core.objectives.objective import LeastSquaresObjective, NormalEquations, form_normal_equations
 from tactopose_drake.core.poses import skew
 from tactopose_drake.core.validation import FloatArray
 
 
-class WrenchBalance:
+class WrenchBalance(LeastSquaresObjective):
     """Moments and forces that are left over on an object at rest: six residuals, whitened by their noise.
 
     The object feels -f at each contact and its weight W at its centre of mass c. About any point g,

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from tactopose_drake.core.evidence.evidence import Evidence
-from tactopose_drake.core.objectives.objective import LeastSquaresObjective, Objective, SumObjective
+from tactopose_drake.core.objectives.objective import LeastSquaresObjective, Objective
 from tactopose_drake.core.objectives.surface_density import SurfaceDensity
 from tactopose_drake.core.searches.pose_problem import PoseProblem
 from tactopose_drake.core.shape.object_model import ObjectModel
@@ -84,8 +84,7 @@ def make_posterior(model: ObjectModel, evidence: Evidence, problem: PoseProblem)
     """
     objective = problem.objective
     terms: list[Objective] = [SurfaceDensity(model, evidence.contacts)] if len(evidence.contacts) else []
-    smooth = objective.terms if isinstance(objective, SumObjective) else (objective,)
-    terms += [term for term in smooth if term is not problem.touch]
+    terms += [term for term in objective.terms if term is not problem.touch]
 
     def exact_cost(X_PO: FloatArray) -> FloatArray:
         cost = terms[0].cost(X_PO)

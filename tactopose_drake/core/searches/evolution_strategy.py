@@ -12,7 +12,7 @@ import numpy as np
 
 from tactopose_drake.core.objectives.objective import Objective
 from tactopose_drake.core.poses import increments_between, retract
-from tactopose_drake.core.searches.search import PoseSpace, SearchResult, StopSignal, never
+from tactopose_drake.core.searches.search import PoseSpace, Search, SearchResult, StopSignal, never
 from tactopose_drake.core.validation import FloatArray
 
 Proposals = Callable[[PoseSpace, np.random.Generator], FloatArray]
@@ -26,7 +26,7 @@ class _Best(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class EvolutionStrategy:
+class EvolutionStrategy(Search):
     """Populations that start at the best of many poses; after some rounds only the better ones go on.
 
     For objectives that jump or bend, where a step along the derivative leads nowhere.

@@ -11,12 +11,12 @@ import numpy as np
 from tactopose_drake.core.kernels import least_squares_kernels
 from tactopose_drake.core.kernels.touch_kernels import DescentRule
 from tactopose_drake.core.objectives.objective import (
-    DescendingObjective,
+    Descent,
     LeastSquaresObjective,
     NormalEquations,
 )
 from tactopose_drake.core.searches.parameters import IncrementParameters, Parameters
-from tactopose_drake.core.searches.search import PoseSpace, SearchResult, StopSignal, join_results, never
+from tactopose_drake.core.searches.search import PoseSpace, Search, SearchResult, StopSignal, join_results, never
 from tactopose_drake.core.validation import FloatArray
 
 # A compiled descent may be stopped after so many steps, a millisecond or so.
@@ -41,7 +41,7 @@ def cholesky_steps(hessian: FloatArray, gradient: FloatArray, damping: FloatArra
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class LevenbergMarquardt:
+class LevenbergMarquardt(Search):
     """Levenberg-Marquardt with the thesis' damping rule: a tenth after a better step, tenfold after a rejected one.
 
     Attributes:
@@ -76,8 +76,9 @@ class LevenbergMarquardt:
         """Minimises from each of the poses (B, 3, 4); returns them by rising cost."""
         X_start = np.ascontiguousarray(X_start)
         is_plain = self.solver is cholesky_steps and isinstance(self.parameters, IncrementParameters)
-        if is_plain and isinstance(objective, DescendingObjective):
-            blocks = self._descend(objective, X_start, should_stop)
+        descent = objective.descent if is_plain else None
+        if descent is not None:
+            blocks = self._descend(descent, X_start, should_stop)
             return join_results(*blocks).ranked()
         here = self.parameters.start(X_start).copy()
         state, cost = here.copy(), np.empty(len(here))
@@ -113,7 +114,7 @@ class LevenbergMarquardt:
         return SearchResult(self.parameters.poses(state, X_start), cost, iterations, converged).ranked()
 
     def _descend(
-        self, objective: DescendingObjective, X_start: FloatArray, should_stop: StopSignal
+        self, descent: Callable[[DescentRule, FloatArray], Descent], X_start: FloatArray, should_stop: StopSignal
     ) -> Iterator[SearchResult]:
         """The same in compiled blocks of poses; those that there is no time for stay where they are."""
         rule = DescentRule(
@@ -122,6 +123,6 @@ class LevenbergMarquardt:
         standing = rule._replace(max_iterations=0)
         size = 1 + _BLOCK // (1 + self.max_iterations)
         for first in range(0, max(1, len(X_start)), size):
-            yield SearchResult(*objective.descend(rule, X_start[first : first + size]))
+            yield SearchResult(*descent(rule, X_start[first : first + size]))
             if should_stop():
                 rule = standing

@@ -21,7 +21,7 @@ from tactopose_drake.core.searches.pairs.contact_pairs import PairChoice
 from tactopose_drake.core.searches.pairs.contact_tables import contact_table
 from tactopose_drake.core.searches.pairs.distinct import distinct_poses
 from tactopose_drake.core.searches.pairs.pair_poses import best_poses
-from tactopose_drake.core.searches.search import PoseSpace, SearchResult, StopSignal, join_results, never
+from tactopose_drake.core.searches.search import PoseSpace, Search, SearchResult, StopSignal, join_results, never
 from tactopose_drake.core.shape.free_spin import nearest_images
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
@@ -34,7 +34,7 @@ _NOTICED, _IMAGED = 0.1, 2
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class PairSearch:
+class PairSearch(Search):
     """Poses from pairs of contacts, refined in rounds of fewer and fewer.
 
     Attributes:
@@ -76,7 +76,7 @@ class PairSearch:
     last: LevenbergMarquardt = LevenbergMarquardt(max_iterations=15, tolerance=1e-3)
     polish: LevenbergMarquardt = LevenbergMarquardt(max_iterations=40, tolerance=1e-4)
 
-    def widened(self) -> "PairSearch":
+    def widened(self) -> Search:
         """The search with four times the starts where there is a prior."""
         return dataclasses.replace(
             self,
@@ -101,7 +101,7 @@ class PairSearch:
             X_PO = np.concatenate([X_PO, space.sample(generator, self.candidates)])
         # The first steps are by the touch alone, as the proposals are: other evidence is slow, and tells most once they
         # touch. Then it has its say in which of them go on.
-        if isinstance(objective, SurfaceContact):
+        if objective.is_touch:
             touching = self.first.refine(objective, X_PO, should_stop)
         else:
             touching = self.first.refine(SurfaceContact(self.model.grid, self.contacts), X_PO, should_stop)

@@ -65,7 +65,7 @@ def make_problem(model: ObjectModel, evidence: Evidence) -> PoseProblem:
     if prior is None:
         return PoseProblem(touch, determining, likelihood, likelihood, TouchSpace(model, evidence.touch))
     known = PriorObjective(prior)
-    objective = ContactWithPrior(touch, known) if likelihood is touch else _sum([*terms, known])
+    objective = ContactWithPrior(touch, known) if likelihood.is_touch else _sum([*terms, known])
     return PoseProblem(touch, determining, likelihood, objective, PriorSpace(prior))
 
 

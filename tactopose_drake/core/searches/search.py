@@ -109,3 +109,7 @@ class Search(Protocol):
     ) -> SearchResult:
         """Returns poses of the space that (locally) minimise the objective, by rising cost; at least one."""
         ...
+
+    def widened(self) -> "Search | None":
+        """The same near a prior, looking at more; None where there is no such."""
+        return None

@@ -10,7 +10,7 @@ from tactopose_drake.core.objectives.objective import (
 from tactopose_drake.core.objectives.pose_prior import PriorObjective
 from tactopose_drake.core.objectives.surface_contact import ContactWithPrior, SurfaceContact
 from tactopose_drake.core.poses import increments_between, rotation_angles
-from tactopose_drake.core.searches.gradient_descent import GradientDescent
+from tactopose_drake.core.searches.baselines.gradient_descent import GradientDescent
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt, cholesky_steps, pseudo_inverse_steps
 from tactopose_drake.core.searches.parameters import QuaternionParameters
 from tactopose_drake.core.searches.search import PriorSpace, Search

@@ -13,14 +13,14 @@ from tactopose_drake.core.evidence.prior import PosePrior
 from tactopose_drake.core.objectives.objective import LeastSquaresObjective, NormalEquations
 from tactopose_drake.core.objectives.pose_prior import PriorObjective
 from tactopose_drake.core.poses import increments_between, retract
+from tactopose_drake.core.searches.baselines.gradient_descent import GradientDescent
+from tactopose_drake.core.searches.baselines.monte_carlo import MonteCarlo
+from tactopose_drake.core.searches.baselines.scaling_series import ScalingSeries
+from tactopose_drake.core.searches.baselines.simulated_annealing import SimulatedAnnealing
 from tactopose_drake.core.searches.evolution_strategy import EvolutionStrategy
-from tactopose_drake.core.searches.gradient_descent import GradientDescent
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
-from tactopose_drake.core.searches.monte_carlo import MonteCarlo
 from tactopose_drake.core.searches.pair_search import PairSearch
-from tactopose_drake.core.searches.scaling_series import ScalingSeries
 from tactopose_drake.core.searches.search import PriorSpace, Search, SearchResult, StopSignal, never
-from tactopose_drake.core.searches.simulated_annealing import SimulatedAnnealing
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.estimation.direct import Direct

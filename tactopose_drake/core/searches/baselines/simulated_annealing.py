@@ -13,7 +13,7 @@ from scipy.optimize import dual_annealing
 from tactopose_drake.core.objectives.objective import LeastSquaresObjective
 from tactopose_drake.core.searches.candidates import CandidatePoses, refine_best
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
-from tactopose_drake.core.searches.search import PoseSpace, SearchResult, StopSignal, never
+from tactopose_drake.core.searches.search import PoseSpace, Search, SearchResult, StopSignal, never
 from tactopose_drake.core.validation import FloatArray
 
 
@@ -22,7 +22,7 @@ class _StoppedError(Exception):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class SimulatedAnnealing:
+class SimulatedAnnealing(Search):
     """Generalised simulated annealing on the box that the space reaches; the best poses that it saw are refined.
 
     Attributes:

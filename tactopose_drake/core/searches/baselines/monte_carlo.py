@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactopose_drake.core.objectives.objective import LeastSquaresObjective
-from tactopose_drake.core.searches.initial_population import near_particles, scattered_particles
+from tactopose_drake.core.searches.baselines.initial_population import near_particles, scattered_particles
+from tactopose_drake.core.searches.baselines.roulette_kernels import breed, mark_different, place, weigh
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
-from tactopose_drake.core.searches.roulette_kernels import breed, mark_different, place, weigh
-from tactopose_drake.core.searches.search import PoseSpace, SearchResult, StopSignal, join_results, never
+from tactopose_drake.core.searches.search import PoseSpace, Search, SearchResult, StopSignal, join_results, never
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
 
@@ -56,7 +56,7 @@ class MonteCarloDesign:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class MonteCarlo:
+class MonteCarlo(Search):
     """Copies particles by their weight, adds noise that falls to zero, and keeps them all.
 
     With `batch` 1 this is the thesis' search: one particle is copied, changed and judged at a time, and may be the

@@ -5,15 +5,14 @@ import pytest
 from scipy.stats import chisquare, kstest
 
 from tactopose_drake.core.poses import make_poses, matrix_from_quaternion, rotation_angles
-from tactopose_drake.core.searches.initial_population import (
+from tactopose_drake.core.searches.baselines.initial_population import (
     near_particles,
     scattered_particles,
     straight_quaternions,
     uniform_quaternions,
 )
-from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
-from tactopose_drake.core.searches.monte_carlo import MonteCarlo, MonteCarloDesign, noise_schedule
-from tactopose_drake.core.searches.roulette_kernels import (
+from tactopose_drake.core.searches.baselines.monte_carlo import MonteCarlo, MonteCarloDesign, noise_schedule
+from tactopose_drake.core.searches.baselines.roulette_kernels import (
     bisect_from_end,
     breed,
     count_from_end,
@@ -21,6 +20,7 @@ from tactopose_drake.core.searches.roulette_kernels import (
     place,
     weigh,
 )
+from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
 from tactopose_drake.core.searches.search import PriorSpace
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray

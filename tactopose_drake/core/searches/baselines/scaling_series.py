@@ -9,10 +9,10 @@ import numpy as np
 
 from tactopose_drake.core.kernels import pose_kernels
 from tactopose_drake.core.objectives.objective import LeastSquaresObjective
+from tactopose_drake.core.searches.baselines.region_kernels import mark_first
 from tactopose_drake.core.searches.candidates import refine_best
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
-from tactopose_drake.core.searches.region_kernels import mark_first
-from tactopose_drake.core.searches.search import PoseSpace, SearchResult, StopSignal, never
+from tactopose_drake.core.searches.search import PoseSpace, Search, SearchResult, StopSignal, never
 from tactopose_drake.core.validation import FloatArray
 
 # Each round halves the volume of a neighbourhood in six dimensions.
@@ -20,7 +20,7 @@ _ZOOM = 2.0 ** (-1.0 / 6.0)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class ScalingSeries:
+class ScalingSeries(Search):
     """Keeps a set of neighbourhoods that may hold the pose, covers them evenly with samples, and prunes.
 
     A neighbourhood is the poses within a rotation and a translation of its middle. Round by round both radii shrink,

@@ -9,12 +9,12 @@ import numpy as np
 
 from tactopose_drake.core.objectives.objective import LeastSquaresObjective
 from tactopose_drake.core.searches.parameters import IncrementParameters, Parameters
-from tactopose_drake.core.searches.search import PoseSpace, SearchResult, StopSignal, never
+from tactopose_drake.core.searches.search import PoseSpace, Search, SearchResult, StopSignal, never
 from tactopose_drake.core.validation import FloatArray
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class GradientDescent:
+class GradientDescent(Search):
     """x <- x - lambda J^T G, each parameter in units that move the object's surface about equally far.
 
     The step size lambda begins at the inverse of the largest curvature at the start; a step that raises the cost is

@@ -1,7 +1,7 @@
 import numpy as np
 
 from tactopose_drake.core.poses import exp_so3, identity_poses
-from tactopose_drake.core.searches.region_kernels import mark_first
+from tactopose_drake.core.searches.baselines.region_kernels import mark_first
 
 
 def test_samples_within_an_earlier_neighbourhood_are_dropped() -> None:
