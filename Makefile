@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test bench docs report full-report format clean
+.PHONY: demo test test-portable bench docs report full-report format clean
 
 demo: $(STAMP)
 	$(BIN)/tactopose demo
@@ -14,6 +14,20 @@ test: $(STAMP)
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/pytest
+
+# The same tests, or those that TESTS names, under the plainest instruction set of this kind of processor. The compiled
+# kernels, NumPy, OpenBLAS and the C library's functions round otherwise there, so what passes here as well rests on no
+# processor's last bits. Nothing that was compiled or computed for this machine is taken over.
+TESTS ?= tests
+PLAIN_BLAS := $(if $(filter x86_64,$(shell uname -m)),Nehalem,ARMV8)
+FOUND_BY_NUMPY := import numpy; print(*numpy.show_config(mode="dicts")["SIMD Extensions"].get("found", []))
+
+test-portable: $(STAMP)
+	NUMBA_CPU_NAME=generic NUMBA_CACHE_DIR=$(CURDIR)/out/portable/kernels \
+	TACTOPOSE_CACHE_DIR=$(CURDIR)/out/portable/models \
+	NPY_DISABLE_CPU_FEATURES="$$($(BIN)/python -c '$(FOUND_BY_NUMPY)')" \
+	OPENBLAS_CORETYPE=$(PLAIN_BLAS) GLIBC_TUNABLES=glibc.cpu.hwcaps=-AVX2,-FMA,-FMA4 \
+	$(BIN)/pytest $(TESTS)
 
 bench: $(STAMP)
 	$(BIN)/pytest -n 0 -s tests/benchmarks

@@ -1,7 +1,7 @@
 """Reruns the tables and figures of the thesis, and the studies beyond it, and puts them on one page.
 
     python examples/report.py            # few trials each: some minutes
-    python examples/report.py --full     # as many trials as the README's figures have, or nearly: an hour or two
+    python examples/report.py --full     # as many trials as docs/results.md has, or nearly: an hour or two
 
 Writes report.html (one file, pictures included) and report.md into `--out`. Nothing on the page is typed by hand: each
 section is what its own script wrote or printed in this run, with the command that ran it; the machine and the versions

@@ -14,10 +14,10 @@ CHECKOUT = Path(__file__).parents[1]
 USE = """
 from pathlib import Path
 import tactopose_drake
-from tactopose_drake.hand.hand_config import load_hand_config, make_hand_plant
+from tactopose_drake.hand import load_hand_config, make_hand_plant
 from tactopose_drake.resources import model_path
-from tactopose_drake.station.scenario import load_scenario
-from tactopose_drake.systems.force_torque_sensor import load_force_torque_model
+from tactopose_drake.station import load_scenario
+from tactopose_drake.systems import load_force_torque_model
 
 plant, hand = make_hand_plant(load_hand_config("shadow_like"))
 load_force_torque_model()
@@ -51,6 +51,12 @@ def test_models_and_diagrams_are_in_it(wheel: Path) -> None:
     }
     assert "models/objects/mug.sdf" in shipped
     assert {f"tactopose_drake/{path}" for path in shipped} <= set(contents(wheel))
+
+
+def test_stubs_that_the_faces_are_made_of_are_in_it(wheel: Path) -> None:
+    stubs = {path.relative_to(CHECKOUT).as_posix() for path in (CHECKOUT / "tactopose_drake").rglob("*.pyi")}
+    assert "tactopose_drake/core/searches/__init__.pyi" in stubs
+    assert stubs <= set(contents(wheel))
 
 
 def test_nothing_but_the_package_is_in_it(wheel: Path) -> None:

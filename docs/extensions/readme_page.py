@@ -11,12 +11,12 @@ README = Path(__file__).parents[2] / "README.md"
 
 def to_page(text: str) -> str:
     """The README as a page in docs/: what lies there is found from there, other files are named and not linked."""
-    text = text.replace("](docs/", "](")
 
     def name(link: re.Match[str]) -> str:
         return f"`{link[2]}`" if link[1] == link[2] else f"{link[1]} (`{link[2]}`)"
 
-    return re.sub(r"(?<!!)\[([^\]]+)\]\((?!https?:|guides/|pictures/)([^)]+)\)", name, text)
+    text = re.sub(r"(?<!!)\[([^\]]+)\]\((?!https?:|docs/)([^)]+)\)", name, text)
+    return text.replace("](docs/", "](")
 
 
 def read(app: Sphinx, name: str, source: list[str]) -> None:

@@ -1,4 +1,4 @@
-"""Reading the CAN logs of `recording.py`, and those of other programs in the same formats, as far as they are whole."""
+"""Reading the CAN logs of `can_recorder.py`, and those of other programs in these formats, as far as they are whole."""
 
 import io
 from collections.abc import Iterator

@@ -52,6 +52,14 @@ def test_pages_say_what_their_sources_say(site: Path, page: str, said: str) -> N
     assert said in " ".join(html.unescape(text).replace("\u2019", "'").replace("\u00b6", "").split())
 
 
+@pytest.mark.parametrize("page", [*PAGES, "README.md", "CONTRIBUTING.md", "tactopose_drake/drivers/README.md"])
+def test_files_that_a_page_names_are_there(page: str) -> None:
+    rooms = "|".join(path.name for folder in (ROOT, ROOT / "tactopose_drake") for path in folder.glob("[a-z]*/"))
+    named = re.findall(rf"`((?:{rooms})/[\w./*]*)`", (ROOT / page).read_text().replace("out/", ""))
+    missing = [name for name in named if not any([*ROOT.glob(name), *(ROOT / "tactopose_drake").glob(name)])]
+    assert not missing
+
+
 @pytest.mark.parametrize("folder", ["systems"])
 def test_every_module_of_the_folder_is_in_the_reference(folder: str) -> None:
     modules = {path.stem for path in (ROOT / "tactopose_drake" / folder).glob("[!_]*.py")}

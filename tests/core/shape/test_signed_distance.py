@@ -59,11 +59,12 @@ def test_no_two_distances_differ_by_more_than_the_way_between(seed: int) -> None
         a, b = generator.integers(0, grid.shape, (2, 500, 3))
         change = grid.values[tuple(a.T)][:, 0] - grid.values[tuple(b.T)][:, 0]
         assert np.all(np.abs(change) <= grid.spacing * (np.linalg.norm(a - b, axis=1) + 0.1))
-        # Between nodes the interpolation may be steeper, where the gradient jumps at a ridge.
+        # Between nodes the interpolation may be steeper, where the gradient jumps at a ridge: along each axis it is a
+        # mean of differences between neighbouring nodes, so the root of three at the most.
         p = points_within(grid, seed)
         q = p + generator.normal(size=p.shape) * grid.spacing
         change, way = np.abs(grid.distance(p) - grid.distance(q)), np.linalg.norm(p - q, axis=1)
-        assert np.all(change <= 1.25 * way)
+        assert np.all(change <= np.sqrt(3.0) * way)
         assert np.mean(change <= 1.01 * way) > 0.97
 
 
