@@ -11,8 +11,11 @@ from tactopose_drake.core.mesh.topology import AnyIntArray, IntArray
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidMeshError
 
-_DEBRIS_SHARE = 1e-3
+_DEBRIS_SHARE = 1e-3  # of the largest body's volume
+_ALL_DEBRIS_SHARE = 1e-2  # of the volume of all bodies
 _SAME_VOLUME = 1e-6
+_MOST_BODIES = 5000
+_MOST_ENCLOSED_FACES = 20_000_000  # solid angles that are summed up to tell which body lies within which
 
 
 def counted(count: int, singular: str, plural: str) -> str:
@@ -35,10 +38,21 @@ def volumes(vertices: FloatArray, faces: AnyIntArray, body: IntArray | None = No
     return np.bincount(label, weights=signed).astype(np.float64)
 
 
+def is_debris(volume: FloatArray) -> NDArray[np.bool_]:
+    """Which of many pieces are debris, shape (pieces,): of less than 0.1 % of the largest one's volume (unsigned, m^3).
+
+    None is where such pieces together hold more than 1 % of the volume: then they are what the object is made of.
+    """
+    debris: NDArray[np.bool_] = volume < _DEBRIS_SHARE * volume.max()
+    if volume[debris].sum() > _ALL_DEBRIS_SHARE * volume.sum():
+        debris = volume == 0.0
+    return debris
+
+
 def arrange(vertices: FloatArray, faces: IntArray, repairs: list[str]) -> tuple[FloatArray, IntArray]:
     """Makes of closed bodies one solid whose winding number is one inside and zero outside.
 
-    Bodies of less than 0.1 % of the volume are dropped, bodies turned inside out are flipped unless they are cavities
+    Debris is dropped (see `is_debris`), bodies turned inside out are flipped unless they are cavities
     (inside-out shells within a body), overlapping ones are united. Each step but the cavities is stated.
 
     Args:
@@ -47,13 +61,15 @@ def arrange(vertices: FloatArray, faces: IntArray, repairs: list[str]) -> tuple[
         repairs: statements are appended to it.
 
     Raises:
-        InvalidMeshError: if there is no volume, or overlapping bodies cannot be united.
+        InvalidMeshError: if there is no volume, there are too many bodies, or overlapping ones cannot be united.
     """
     body = mesh_topology.body_labels(faces)
     volume = volumes(vertices, faces, body)
     if not np.any(volume):
         raise InvalidMeshError("is flat: it encloses no volume.")
-    debris = np.abs(volume) < _DEBRIS_SHARE * np.abs(volume).sum()
+    debris = is_debris(np.abs(volume))
+    if len(volume) - debris.sum() > _MOST_BODIES:
+        raise InvalidMeshError(f"has {len(volume)} separate bodies; allowed are {_MOST_BODIES} and fewer.")
     if debris.any():
         repairs.append(
             f"dropped {counted(debris.sum(), 'separate piece', 'separate pieces')} of less than 0.1 % of the volume"
@@ -92,19 +108,26 @@ def _inverted(volume: FloatArray, parents: list[IntArray]) -> NDArray[np.bool_]:
 
 
 def _enclosing_bodies(vertices: FloatArray, faces: IntArray, body: IntArray) -> list[IntArray]:
-    """For each body, the bodies that enclose a point of it, by winding number."""
+    """For each body, the bodies that enclose a point of it, by winding number.
+
+    Raises:
+        InvalidMeshError: if so many boxes lie within others that it would take too long.
+    """
     count = int(body.max()) + 1
     if count == 1:
         return [np.empty(0, dtype=np.int64)]
     lower, upper = _boxes(vertices, faces, body)
+    boxes = [np.flatnonzero(np.all((lower < lower[n]) & (upper > upper[n]), axis=1)) for n in range(count)]
+    ends = np.cumsum(np.bincount(body))
+    of_body = np.split(np.argsort(body, kind="stable"), ends[:-1])
+    work = sum(len(of_body[outer]) for outers in boxes for outer in outers)
+    if work > _MOST_ENCLOSED_FACES:
+        raise InvalidMeshError(f"has {count} bodies, too many of them within others to tell which are cavities.")
     enclosing = []
     for inner in range(count):
-        boxes = np.all((lower < lower[inner]) & (upper > upper[inner]), axis=1)
-        point = vertices[faces[body == inner][0]].mean(axis=0)
+        point = vertices[faces[of_body[inner][0]]].mean(axis=0)
         found = [
-            outer
-            for outer in np.flatnonzero(boxes)
-            if abs(_winding_number(point, vertices, faces[body == outer])) > 0.5
+            outer for outer in boxes[inner] if abs(_winding_number(point, vertices, faces[of_body[outer]])) > 0.5
         ]
         enclosing.append(np.array(found, dtype=np.int64))
     return enclosing
@@ -135,8 +158,9 @@ def _unite(
     """The union of the solids, each without its cavities; None if they are separate already."""
     solids = np.flatnonzero(volume > 0)
     lower, upper = _boxes(vertices, faces, body)
-    apart = np.any((lower[solids, None] >= upper[solids]) | (upper[solids, None] <= lower[solids]), axis=2)
-    if np.all(apart | np.eye(len(solids), dtype=bool)):
+    if all(
+        np.count_nonzero(np.all((lower[solids] < upper[n]) & (upper[solids] > lower[n]), axis=1)) == 1 for n in solids
+    ):
         return None
     # A cavity belongs to the smallest solid around it.
     owner = {

@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import trimesh
 from numpy.typing import ArrayLike, NDArray
 
 from tactopose_drake.core.mesh.bodies import cross_products
 from tactopose_drake.core.mesh.loading import MeshSource, RawMesh, load_mesh, mesh_file, mesh_name
 from tactopose_drake.core.mesh.repair import MeshRepairWarning, repair_mesh
+from tactopose_drake.core.mesh.solid import DENSITY
 from tactopose_drake.core.poses import compose, transform_points
 from tactopose_drake.core.shape import model_cache
 from tactopose_drake.core.shape.coarse_field import CoarseField, coarsen
@@ -31,9 +31,6 @@ from tactopose_drake.core.validation import FloatArray, finite_array, positive_n
 from tactopose_drake.errors import InvalidFileError, InvalidInputError, UnknownNameError
 
 _CONTINUOUS_TURNS = 12
-
-DENSITY = 1000.0
-"""Assumed density where no mass is given, kg/m^3."""
 
 # Formats whose geometry is all in the one file, so that the file's bytes identify it and need not be parsed again.
 _SELF_CONTAINED = {".obj", ".off", ".ply", ".stl"}
@@ -249,8 +246,7 @@ def _build(
 ) -> Arrays:
     """Everything that follows from the mesh alone, as arrays; what costs time comes after the checks."""
     mesh = repair_mesh(raw, label)
-    properties = trimesh.triangles.mass_properties(mesh.vertices[mesh.faces], density=DENSITY)
-    centroid, inertia = np.array(properties.center_mass), np.array(properties.inertia)
+    centroid, inertia = mesh.properties.centroid, mesh.properties.inertia
     grid = build_grid(mesh.vertices, mesh.faces, spacing=spacing, max_bytes=max_grid_bytes)
     surface = sample_surface(mesh.vertices, mesh.faces, samples)
     size = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
@@ -263,7 +259,7 @@ def _build(
         "grid_spacing": np.array(grid.spacing),
         "sample_points": surface.points,
         "sample_normals": surface.normals,
-        "volume": np.array(properties.volume, dtype=np.float64),
+        "volume": np.array(mesh.properties.volume),
         "centroid": centroid,
         "inertia": inertia,
         "axes": np.array([symmetry.axis for symmetry in found]).reshape(-1, 3),
