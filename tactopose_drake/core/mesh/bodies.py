@@ -107,6 +107,11 @@ def _inverted(volume: FloatArray, parents: list[IntArray]) -> NDArray[np.bool_]:
     return result
 
 
+def _faces_of_bodies(body: IntArray) -> list[NDArray[np.intp]]:
+    """The faces of each body, from each face's body."""
+    return np.split(np.argsort(body, kind="stable"), np.cumsum(np.bincount(body))[:-1])
+
+
 def _enclosing_bodies(vertices: FloatArray, faces: IntArray, body: IntArray) -> list[IntArray]:
     """For each body, the bodies that enclose a point of it, by winding number.
 
@@ -118,8 +123,7 @@ def _enclosing_bodies(vertices: FloatArray, faces: IntArray, body: IntArray) -> 
         return [np.empty(0, dtype=np.int64)]
     lower, upper = _boxes(vertices, faces, body)
     boxes = [np.flatnonzero(np.all((lower < lower[n]) & (upper > upper[n]), axis=1)) for n in range(count)]
-    ends = np.cumsum(np.bincount(body))
-    of_body = np.split(np.argsort(body, kind="stable"), ends[:-1])
+    of_body = _faces_of_bodies(body)
     work = sum(len(of_body[outer]) for outers in boxes for outer in outers)
     if work > _MOST_ENCLOSED_FACES:
         raise InvalidMeshError(f"has {count} bodies, too many of them within others to tell which are cavities.")
@@ -163,14 +167,14 @@ def _unite(
     ):
         return None
     # A cavity belongs to the smallest solid around it.
-    owner = {
-        cavity: min((outer for outer in parents[cavity] if volume[outer] > 0), key=lambda outer: volume[outer])
-        for cavity in np.flatnonzero(volume < 0)
-    }
-    parts = [
-        _manifold(vertices, faces[np.isin(body, [solid, *(c for c, o in owner.items() if o == solid)])])
-        for solid in solids
-    ]
+    shells = {int(solid): [int(solid)] for solid in solids}
+    for cavity in np.flatnonzero(volume < 0):
+        around = [int(outer) for outer in parents[cavity] if volume[outer] > 0]
+        if not around:
+            raise InvalidMeshError("has a body that is turned inside out, and none around it whose cavity it could be.")
+        shells[min(around, key=lambda outer: volume[outer])].append(int(cavity))
+    of_body = _faces_of_bodies(body)
+    parts = [_manifold(vertices, faces[np.concatenate([of_body[n] for n in shell])]) for shell in shells.values()]
     union = manifold3d.Manifold.batch_boolean(parts, manifold3d.OpType.Add)
     if union.status() != manifold3d.Error.NoError or union.is_empty():
         raise InvalidMeshError(f"has overlapping bodies that cannot be united ({union.status().name}).")

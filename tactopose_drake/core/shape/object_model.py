@@ -20,6 +20,7 @@ from tactopose_drake.core.mesh.solid import DENSITY
 from tactopose_drake.core.poses import compose, transform_points
 from tactopose_drake.core.shape import model_cache
 from tactopose_drake.core.shape.coarse_field import CoarseField, coarsen
+from tactopose_drake.core.shape.model_arrays import content_hash, describe_a_model
 from tactopose_drake.core.shape.model_cache import Arrays
 from tactopose_drake.core.shape.pair_features import PairFeatures, build_pair_features
 from tactopose_drake.core.shape.signed_distance import DistanceGrid, build_grid
@@ -191,7 +192,7 @@ class ObjectModel:
         options = f"{tolerance} {samples} {spacing} {max_grid_bytes}"
         key = model_cache.content_key(*(identity or ()), options)
         arrays = model_cache.load(key) if cache else None
-        if arrays is None:
+        if arrays is None or not describe_a_model(arrays, samples):
             label = str(mesh) if isinstance(mesh, str | Path) else name
             arrays = _build(raw or load_mesh(mesh), label, tolerance, samples, spacing, max_grid_bytes)
             if cache:
@@ -266,6 +267,6 @@ def _build(
         "orders": np.array([symmetry.order for symmetry in found], dtype=np.int64),
         "symmetry_poses": symmetry_group(found),
         "repairs": np.frombuffer(json.dumps(mesh.repairs).encode(), dtype=np.uint8),
-        "content_hash": np.frombuffer(model_cache.content_key(mesh.vertices, mesh.faces).encode(), dtype=np.uint8),
+        "content_hash": np.frombuffer(content_hash(mesh.vertices, mesh.faces).encode(), dtype=np.uint8),
     }
     return arrays
