@@ -66,7 +66,7 @@ class PairCounts:
         if bins.dtype != np.int32 or counts.dtype != np.uint16 or bins.ndim != 1 or bins.shape != counts.shape:
             return None
         rising = np.all(np.diff(bins) > 0)
-        return cls(bins, counts) if len(bins) and rising and 0 <= bins[0] and bins[-1] < _BINS else None
+        return cls(bins, counts) if len(bins) and rising and bins[0] >= 0 and bins[-1] < _BINS else None
 
 
 def count_pairs(samples: SurfaceSamples) -> PairCounts:

@@ -14,6 +14,7 @@ from tactopose_drake.errors import InvalidMeshError
 _DEBRIS_SHARE = 1e-3  # of the largest body's volume
 _ALL_DEBRIS_SHARE = 1e-2  # of the volume of all bodies
 _SAME_VOLUME = 1e-6
+_MOST_FACES_OF_UNION = 10  # as a multiple of the bodies' faces
 _MOST_BODIES = 5000
 _MOST_ENCLOSED_FACES = 20_000_000  # solid angles that are summed up to tell which body lies within which
 
@@ -130,9 +131,7 @@ def _enclosing_bodies(vertices: FloatArray, faces: IntArray, body: IntArray) -> 
     enclosing = []
     for inner in range(count):
         point = vertices[faces[of_body[inner][0]]].mean(axis=0)
-        found = [
-            outer for outer in boxes[inner] if abs(_winding_number(point, vertices, faces[of_body[outer]])) > 0.5
-        ]
+        found = [outer for outer in boxes[inner] if abs(_winding_number(point, vertices, faces[of_body[outer]])) > 0.5]
         enclosing.append(np.array(found, dtype=np.int64))
     return enclosing
 
@@ -175,13 +174,30 @@ def _unite(
         shells[min(around, key=lambda outer: volume[outer])].append(int(cavity))
     of_body = _faces_of_bodies(body)
     parts = [_manifold(vertices, faces[np.concatenate([of_body[n] for n in shell])]) for shell in shells.values()]
-    union = manifold3d.Manifold.batch_boolean(parts, manifold3d.OpType.Add)
+    union = _union(parts)
     if union.status() != manifold3d.Error.NoError or union.is_empty():
         raise InvalidMeshError(f"has overlapping bodies that cannot be united ({union.status().name}).")
     if abs(union.volume() - volume.sum()) <= _SAME_VOLUME * volume.sum():
         return None
     mesh = union.to_mesh64()
     return np.array(mesh.vert_properties[:, :3]), np.array(mesh.tri_verts).astype(np.int64)
+
+
+def _union(parts: list[manifold3d.Manifold]) -> manifold3d.Manifold:
+    """The union of solids, two by two.
+
+    Raises:
+        InvalidMeshError: if it takes so many faces that the bodies must pass through themselves all over.
+    """
+    most = _MOST_FACES_OF_UNION * sum(part.num_tri() for part in parts)
+    while len(parts) > 1:
+        united = [a + b for a, b in zip(parts[::2], parts[1::2], strict=False)]
+        parts = united + parts[len(united) * 2 :]
+        if sum(part.num_tri() for part in parts) > most:
+            raise InvalidMeshError(
+                "has overlapping bodies that pass through themselves, so that they cannot be united."
+            )
+    return parts[0]
 
 
 def _manifold(vertices: FloatArray, faces: IntArray) -> manifold3d.Manifold:

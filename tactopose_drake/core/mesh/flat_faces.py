@@ -1,8 +1,8 @@
-"""Removes faces without area from a closed mesh, which stays closed: their longest edges are turned.
+"""Removes faces without area from a closed mesh, which stays closed.
 
-A face without area has a corner on its longest edge. That edge joins it to a face beyond; turned, so that it runs from
-the corner to the far side of the face beyond, it leaves two faces that cover the same surface. Where such an edge exists
-already, the corner is moved into the nearer end of the edge instead.
+Where two corners are in one place but for rounding, they are merged. Otherwise such a face has a corner on its longest
+edge, which joins it to a face beyond; turned, so that it runs from the corner to the far side of the face beyond, the
+edge leaves two faces that cover the same surface.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidMeshError
 
 _FLAT_FACE = 1e-14  # area as a share of the squared size
+_ONE_PLACE = 1e-6  # length as a share of the size
 _MOST_ROUNDS = 60
 
 
@@ -36,16 +37,19 @@ def without_flat_faces(vertices: FloatArray, faces: IntArray, size: float, repai
     if not count:
         return faces
     for _ in range(_MOST_ROUNDS):
-        turned = _turn_longest_edges(vertices, faces, flat)
-        faces = turned if turned is not None else _merge_shortest_edge(vertices, faces, flat)
+        fewer = _merge_short_edges(vertices, faces, flat, size)
+        turned = _turn_longest_edges(vertices, faces, flat) if fewer is None else fewer
+        if turned is None or not len(turned):
+            break
+        faces = turned
         flat = _flat(vertices, faces, size)
         if not flat.any():
             repairs.append(f"removed {counted(count, 'face', 'faces')} without area")
             return faces
     place = np.round(vertices[faces[flat][0]].mean(axis=0), 4).tolist()
     raise InvalidMeshError(
-        f"has faces without area that cannot be removed, one of {int(flat.sum())} at {place} m; allowed are faces whose "
-        "corners do not lie on one line."
+        f"has faces without area that cannot be removed, one of {int(flat.sum())} at {place} m; allowed are faces "
+        "whose corners do not lie on one line."
     )
 
 
@@ -89,15 +93,28 @@ def _opposite(faces: IntArray, half_edge: IntArray) -> IntArray:
     return opposite
 
 
-def _merge_shortest_edge(vertices: FloatArray, faces: IntArray, flat: NDArray[np.bool_]) -> IntArray:
-    """Merges the ends of one flat face's shortest edge, if their only common neighbours are the edge's two faces'."""
-    for face in faces[flat]:
-        corners = vertices[face]
-        length = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
-        for shortest in np.argsort(length):
-            kept, merged = int(face[shortest]), int(face[(shortest + 1) % 3])
-            around = [set(faces[np.any(faces == end, axis=1)].ravel().tolist()) for end in (kept, merged)]
-            if len((around[0] & around[1]) - {kept, merged}) == 2:
-                moved = np.where(faces == merged, kept, faces)
-                return moved[~np.any(moved == np.roll(moved, 1, axis=1), axis=1)]
-    return faces
+def _merge_short_edges(vertices: FloatArray, faces: IntArray, flat: NDArray[np.bool_], size: float) -> IntArray | None:
+    """Merges the ends of flat faces' edges of no length, none beside another; None if there is none to merge.
+
+    Two vertices may become one if they have no common neighbours but those of the edge's two faces.
+    """
+    corners = faces[flat]
+    length = np.linalg.norm(vertices[np.roll(corners, -1, axis=1)] - vertices[corners], axis=2)
+    short = length <= _ONE_PLACE * size
+    edges = np.stack([corners[short], np.roll(corners, -1, axis=1)[short]], axis=1)
+    neighbours: dict[int, set[int]] = {}
+    for face in faces[np.isin(faces, edges).any(axis=1)].tolist():
+        for vertex in face:
+            neighbours.setdefault(vertex, set()).update(face)
+    merged_into = np.arange(len(vertices))
+    touched: set[int] = set()
+    for kept, merged in edges.tolist():
+        common, around = neighbours[kept] & neighbours[merged], neighbours[kept] | neighbours[merged]
+        if len(common) == 4 and not around & touched:
+            merged_into[merged] = kept
+            touched |= around
+    if not touched:
+        return None
+    moved = merged_into[faces]
+    left: IntArray = moved[~np.any(moved == np.roll(moved, 1, axis=1), axis=1)]
+    return left

@@ -1,20 +1,23 @@
-"""Triangle meshes from files, in any mesh format trimesh reads, or from trimesh's own objects.
+"""Triangle meshes from files, in the formats of meshes that trimesh reads, or from trimesh's own objects.
 
-What comes out is bounded before the work: the file's size, the size that an archive unpacks to, the numbers of vertices
-and faces with every instance counted. Of other files a mesh file may name only buffers in its own folder or below.
+What comes out is bounded before the work: the file's size, the size that an archive unpacks to, the numbers of parts,
+vertices and faces with every instance counted. Of other files a mesh file may name only buffers in its own folder or
+below.
 """
 
 from __future__ import annotations
 
+import logging
 import warnings
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
+from tactopose_drake.core.mesh.mesh_documents import check_document
 from tactopose_drake.core.mesh.mesh_references import ReferencedFiles
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidFileError, InvalidInputError, InvalidMeshError, UnknownNameError
@@ -25,10 +28,12 @@ LARGEST_FILE = 256 * 2**20
 MOST_FACES = 2_000_000
 MOST_VERTICES = 3 * MOST_FACES
 
-_FORMATS = (".3dxml", ".3mf", ".dae", ".glb", ".gltf", ".obj", ".off", ".ply", ".stl", ".xaml", ".zae", ".zip")
-_ARCHIVES = (".3dxml", ".3mf", ".zae", ".zip")
+_FORMATS = (".3mf", ".dae", ".glb", ".gltf", ".obj", ".off", ".ply", ".stl", ".xaml", ".zae")
 _WITH_MATERIALS = (".glb", ".gltf", ".obj", ".ply")  # whose readers can leave the materials alone
 _LONGEST_REASON = 300
+
+# What a reader stumbled over is in the error; on its own it would print a traceback of it where no handler is set.
+logging.getLogger("trimesh").addHandler(logging.NullHandler())
 
 MeshSource = str | Path | trimesh.Trimesh | trimesh.Scene
 
@@ -98,10 +103,9 @@ def _read(path: Path) -> RawMesh:
     than that the file is damaged.
     """
     ending = path.suffix.lower()
-    options = {"skip_materials": True} if ending in _WITH_MATERIALS else {}
+    options: dict[str, Any] = {"skip_materials": True} if ending in _WITH_MATERIALS else {}
     try:
-        if ending in _ARCHIVES:
-            _check_archive(path)
+        check_document(path, LARGEST_FILE)
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")
             with path.open("rb") as file:
@@ -120,14 +124,6 @@ def _read(path: Path) -> RawMesh:
         if len(reason) > _LONGEST_REASON:
             reason = f"{reason[:_LONGEST_REASON]}..."
         raise InvalidFileError(f"{path}: cannot be read as a mesh ({reason}).") from error
-
-
-def _check_archive(path: Path) -> None:
-    """Refuses an archive that unpacks to more than is allowed; its readers unpack no more than its directory says."""
-    with zipfile.ZipFile(path) as archive:
-        size = sum(entry.file_size for entry in archive.infolist())
-    if size > LARGEST_FILE:
-        raise InvalidFileError(f"{path}: unpacks to {size} bytes; allowed are {LARGEST_FILE} and fewer.")
 
 
 def _joined(source: trimesh.Trimesh | trimesh.Scene, name: str) -> RawMesh:

@@ -8,7 +8,7 @@ from pathlib import Path
 from trimesh.resolvers import Resolver
 
 
-class ReferencedFiles(Resolver):  # type: ignore[misc]
+class ReferencedFiles(Resolver):
     """Hands a reader of trimesh the files that a mesh file names.
 
     Only regular files in the folder or below it, after all symbolic links, and of a bounded size.
@@ -25,7 +25,9 @@ class ReferencedFiles(Resolver):  # type: ignore[misc]
             FileNotFoundError: if there is none that may be read.
         """
         path = (self._folder / key.strip()).resolve()
-        if not path.is_relative_to(self._folder) or not path.is_file() or path.stat().st_size > self._largest:
+        bounded = path.is_file() and path.stat().st_size <= self._largest
+        # A reader of glTF that cannot read a file would take `model.gltf` in its place.
+        if not bounded or not path.is_relative_to(self._folder) or path.suffix.lower() == ".gltf":
             raise FileNotFoundError(f"the file that it names, {key[:100]!r}, is not one that may be read")
         return path.read_bytes()
 

@@ -24,7 +24,7 @@ from tactopose_drake.errors import InvalidMeshError, MeshUnitsError
 LARGEST_SIZE = 3.0
 SMALLEST_SIZE = 0.002
 FARTHEST = 1000.0
-"""How far from the origin of its frame a mesh may lie, in sizes: beyond, poses of the frame say little of the object."""
+"""How far from its frame's origin a mesh may lie, in sizes: beyond, poses of the frame say little of the object."""
 
 _MERGE_DISTANCE = 1e-7  # duplicates of one vertex, as a share of the size
 _WELD_DISTANCES = (1e-5, 1e-4)  # cracks that are closed where that makes the mesh closed, as shares of the size
@@ -185,7 +185,11 @@ def _make_manifold(vertices: FloatArray, faces: IntArray, repairs: list[str]) ->
         repairs.append(f"separated bodies that touch along {counted(len(resolved), 'edge', 'edges')}")
     half_edges = mesh_topology.edge_labels(len(faces), pairs)
     faces, old = mesh_topology.split_vertices(faces, pairs)
-    return mesh_topology.split_repeated_edges(vertices[old], faces, half_edges) if links.crowded else (vertices[old], faces)
+    return (
+        mesh_topology.split_repeated_edges(vertices[old], faces, half_edges)
+        if links.crowded
+        else (vertices[old], faces)
+    )
 
 
 def _without_repeated_faces(faces: IntArray, repairs: list[str]) -> IntArray:

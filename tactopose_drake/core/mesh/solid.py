@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import trimesh
 
-from tactopose_drake.core.mesh.bodies import counted, cross_products
+from tactopose_drake.core.mesh.bodies import counted, cross_products, volumes
 from tactopose_drake.core.mesh.topology import AnyIntArray, half_edges
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidMeshError
@@ -54,10 +54,10 @@ def solid_properties(vertices: FloatArray, faces: AnyIntArray) -> SolidPropertie
     middle = 0.5 * (lower + upper)
     near = vertices if np.abs(middle).max() <= _FAR * size else vertices - middle
     area = 0.5 * float(np.linalg.norm(cross_products(vertices, faces), axis=1).sum())
+    if volumes(vertices, faces)[0] <= _FLAT_BODY * size * area:
+        raise InvalidMeshError("is flat: it encloses no volume.")
     properties = trimesh.triangles.mass_properties(near[faces], density=DENSITY)
     volume = float(properties.volume)
-    if volume <= _FLAT_BODY * size * area:
-        raise InvalidMeshError("is flat: it encloses no volume.")
     centroid, inertia = np.array(properties.center_mass), np.array(properties.inertia)
     if near is not vertices:
         centroid += middle

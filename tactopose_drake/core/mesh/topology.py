@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -170,7 +171,7 @@ def split_repeated_edges(vertices: FloatArray, faces: IntArray, label: IntArray)
         rim = [vertex for pair in zip(corners, between, strict=True) for vertex in pair if vertex >= 0]
         apex = rim.index(max(between))
         rim = rim[apex:] + rim[:apex]
-        pieces += [[rim[0], b, c] for b, c in zip(rim[1:], rim[2:], strict=False)]
+        pieces += [[rim[0], b, c] for b, c in itertools.pairwise(rim[1:])]
     return np.concatenate([vertices, vertices[ends[first[repeated]]].mean(axis=1)]), np.concatenate(
         [faces[~cut], np.array(pieces)]
     )

@@ -13,9 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactopose_drake.core.mesh.repair import LARGEST_SIZE
+from tactopose_drake.core.mesh.repair import LARGEST_SIZE, SMALLEST_SIZE
+from tactopose_drake.core.mesh.solid import DENSITY
 from tactopose_drake.core.shape import model_cache
 from tactopose_drake.core.shape.model_cache import Arrays
+from tactopose_drake.core.shape.signed_distance import grid_shape
 
 _LAYOUT: dict[str, tuple[type[np.generic], tuple[int | None, ...]]] = {
     "vertices": (np.float64, (None, 3)),
@@ -50,7 +52,8 @@ def describe_a_model(arrays: Arrays, samples: int) -> bool:
             return False
         if kind is np.float64 and not np.isfinite(array).all():
             return False
-    return _shape_is_sound(arrays, samples) and _rest_is_sound(arrays)
+    with np.errstate(over="ignore", invalid="ignore"):  # of numbers that are too large, and then refused
+        return _shape_is_sound(arrays, samples) and _rest_is_sound(arrays)
 
 
 def _shape_is_sound(arrays: Mapping[str, NDArray[Any]], samples: int) -> bool:
@@ -58,17 +61,22 @@ def _shape_is_sound(arrays: Mapping[str, NDArray[Any]], samples: int) -> bool:
     vertices, faces, distances = arrays["vertices"], arrays["faces"], arrays["distances"]
     if not len(vertices) or not len(faces) or faces.min() < 0 or faces.max() >= len(vertices):
         return False
-    if min(distances.shape) < 2 or arrays["grid_spacing"] <= 0.0:
+    if min(distances.shape) < 2 or not arrays["grid_spacing"] > 0.0:
         return False
     # A NaN among them makes the smallest and the largest one a NaN, and the comparison false.
     if not (distances.min() >= -_LARGEST_DISTANCE and distances.max() <= _LARGEST_DISTANCE):
         return False
-    lower, upper = vertices.min(axis=0), vertices.max(axis=0)
-    origin, last = arrays["grid_origin"], np.array(distances.shape[:3]) - 1
-    if np.any(origin > lower) or np.any(origin + arrays["grid_spacing"] * last < upper):
+    lower, upper, h = vertices.min(axis=0), vertices.max(axis=0), float(arrays["grid_spacing"])
+    size = float(np.linalg.norm(upper - lower))
+    if not SMALLEST_SIZE <= size <= LARGEST_SIZE or not 1e-3 < h / size * max(distances.shape) < 1e3:
+        return False
+    if distances.shape[:3] != grid_shape(lower, upper, h):
+        return False
+    middle = arrays["grid_origin"] + 0.5 * h * (np.array(distances.shape[:3]) - 1)
+    if np.any(np.abs(middle - 0.5 * (lower + upper)) > _UNIT * size):
         return False
     points, normals = arrays["sample_points"], arrays["sample_normals"]
-    slack = _UNIT * (upper - lower).max()
+    slack = _UNIT * size
     return (
         len(points) == len(normals) == samples
         and bool(np.all((points >= lower - slack) & (points <= upper + slack)))
@@ -79,10 +87,20 @@ def _shape_is_sound(arrays: Mapping[str, NDArray[Any]], samples: int) -> bool:
 def _rest_is_sound(arrays: Mapping[str, NDArray[Any]]) -> bool:
     """Whether the mass properties, symmetries and texts can be a model's."""
     axes, orders, poses = arrays["axes"], arrays["orders"], arrays["symmetry_poses"]
-    moments = np.linalg.eigvalsh(arrays["inertia"])
-    R = poses[:, :, :3]
+    lower, upper = arrays["vertices"].min(axis=0), arrays["vertices"].max(axis=0)
+    size, inertia, centroid = float(np.linalg.norm(upper - lower)), arrays["inertia"], arrays["centroid"]
+    volume = float(arrays["volume"])
+    R, p = poses[:, :, :3], poses[:, :, 3]
+    reach = 2.0 * (float(np.abs(centroid).max()) + size)
+    if not 0.0 < volume <= (1.0 + _UNIT) * float(np.prod(upper - lower)) or np.abs(p).max(initial=0.0) > reach:
+        return False
+    if np.abs(R).max(initial=0.0) > 2.0 or np.abs(inertia).max() > DENSITY * volume * size**2:
+        return False
+    moments = np.linalg.eigvalsh(inertia)
     return (
-        bool(arrays["volume"] > 0.0 and moments[0] > 0.0 and moments[2] <= moments[0] + moments[1])
+        bool(moments[0] > 0.0 and moments[2] <= moments[0] + moments[1])
+        and bool(np.all(np.abs(inertia - inertia.T) <= _UNIT * moments[2]))
+        and bool(np.all((centroid >= lower) & (centroid <= upper)))
         and len(axes) == len(orders)
         and _are_unit(axes)
         and bool(np.all((orders == 0) | (orders >= 2)))
@@ -94,6 +112,8 @@ def _rest_is_sound(arrays: Mapping[str, NDArray[Any]]) -> bool:
 
 
 def _are_unit(rows: NDArray[Any]) -> bool:
+    if np.abs(rows).max(initial=0.0) > 2.0:
+        return False
     return bool(np.all(np.abs(np.linalg.norm(rows, axis=1) - 1.0) <= _UNIT))
 
 

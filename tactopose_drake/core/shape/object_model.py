@@ -148,7 +148,8 @@ class ObjectModel:
         """Builds the model of a mesh in metres, or takes it from the cache, by the mesh's content.
 
         Args:
-            mesh: a file in any format trimesh reads, a `trimesh.Trimesh`, or a `trimesh.Scene`: its meshes joined.
+            mesh: a file (obj, stl, ply, off, glb, gltf, dae, zae, 3mf or xaml), a `trimesh.Trimesh`, or a
+                `trimesh.Scene`: its meshes joined.
             name: what to call the object.
             mass: kg.
             center_of_mass: in O, shape (3,), m.
@@ -164,7 +165,8 @@ class ObjectModel:
         Raises:
             InvalidFileError: if a file is missing or cannot be read as a mesh.
             UnknownNameError: if a file's format or `symmetry` is none of those that exist.
-            InvalidMeshError: if the mesh is empty, not finite, not manifold, flat, or too open to have an inside.
+            InvalidMeshError: if the mesh is empty, not finite, not manifold, flat, too open to have an inside, passes
+                through itself so that its inertia is that of no body, or lies far from its frame's origin.
             MeshUnitsError: if the mesh is evidently not in metres.
             InvalidInputError: if an option is out of its range.
 
