@@ -23,7 +23,7 @@ from tactopose_drake.errors import InvalidMeshError, MeshUnitsError
 
 LARGEST_SIZE = 3.0
 SMALLEST_SIZE = 0.002
-FARTHEST = 1000.0
+FARTHEST = 20.0
 """How far from its frame's origin a mesh may lie, in sizes: beyond, poses of the frame say little of the object."""
 
 _MERGE_DISTANCE = 1e-7  # duplicates of one vertex, as a share of the size
