@@ -127,10 +127,11 @@ def _index_all(entries: list[LibraryEntry], executor: Executor | None) -> Iterat
             yield entry, str(error)
             continue
         arrays = model_cache.load(_key(content))
-        if arrays is None:
+        pairs = None if arrays is None else PairCounts.from_arrays(arrays)
+        if pairs is None:
             missing.append(entry)
         else:
-            yield entry, _Indexed(content, PairCounts(arrays["bins"], arrays["counts"]))
+            yield entry, _Indexed(content, pairs)
     if executor is None:
         yield from ((entry, _index(entry)) for entry in missing)
         return

@@ -16,8 +16,9 @@ methods, Statistica Sinica 21, 2011.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,6 +59,17 @@ class PairCounts:
 
     bins: NDArray[np.int32]
     counts: NDArray[np.uint16]
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> PairCounts | None:
+        """What arrays that come from a file hold; None if they cannot be such counts."""
+        if set(arrays) != {"bins", "counts"}:
+            return None
+        bins, counts = arrays["bins"], arrays["counts"]
+        if bins.dtype != np.int32 or counts.dtype != np.uint16 or bins.ndim != 1 or bins.shape != counts.shape:
+            return None
+        rising = np.all(np.diff(bins) > 0)
+        return cls(bins, counts) if len(bins) and rising and bins[0] >= 0 and bins[-1] < _BINS else None
 
 
 def count_pairs(samples: SurfaceSamples) -> PairCounts:

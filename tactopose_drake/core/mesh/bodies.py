@@ -11,8 +11,12 @@ from tactopose_drake.core.mesh.topology import AnyIntArray, IntArray
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidMeshError
 
-_DEBRIS_SHARE = 1e-3
+_DEBRIS_SHARE = 1e-3  # of the largest body's volume
+_ALL_DEBRIS_SHARE = 1e-2  # of the volume of all bodies
 _SAME_VOLUME = 1e-6
+_MOST_FACES_OF_UNION = 10  # as a multiple of the bodies' faces
+_MOST_BODIES = 5000
+_MOST_ENCLOSED_FACES = 20_000_000  # solid angles that are summed up to tell which body lies within which
 
 
 def counted(count: int, singular: str, plural: str) -> str:
@@ -35,10 +39,21 @@ def volumes(vertices: FloatArray, faces: AnyIntArray, body: IntArray | None = No
     return np.bincount(label, weights=signed).astype(np.float64)
 
 
+def is_debris(volume: FloatArray) -> NDArray[np.bool_]:
+    """Which of many pieces are debris, shape (pieces,): of less than 0.1 % of the largest one's volume (unsigned, m^3).
+
+    None is where such pieces together hold more than 1 % of the volume: then they are what the object is made of.
+    """
+    debris: NDArray[np.bool_] = volume < _DEBRIS_SHARE * volume.max()
+    if volume[debris].sum() > _ALL_DEBRIS_SHARE * volume.sum():
+        debris = volume == 0.0
+    return debris
+
+
 def arrange(vertices: FloatArray, faces: IntArray, repairs: list[str]) -> tuple[FloatArray, IntArray]:
     """Makes of closed bodies one solid whose winding number is one inside and zero outside.
 
-    Bodies of less than 0.1 % of the volume are dropped, bodies turned inside out are flipped unless they are cavities
+    Debris is dropped (see `is_debris`), bodies turned inside out are flipped unless they are cavities
     (inside-out shells within a body), overlapping ones are united. Each step but the cavities is stated.
 
     Args:
@@ -47,13 +62,15 @@ def arrange(vertices: FloatArray, faces: IntArray, repairs: list[str]) -> tuple[
         repairs: statements are appended to it.
 
     Raises:
-        InvalidMeshError: if there is no volume, or overlapping bodies cannot be united.
+        InvalidMeshError: if there is no volume, there are too many bodies, or overlapping ones cannot be united.
     """
     body = mesh_topology.body_labels(faces)
     volume = volumes(vertices, faces, body)
     if not np.any(volume):
         raise InvalidMeshError("is flat: it encloses no volume.")
-    debris = np.abs(volume) < _DEBRIS_SHARE * np.abs(volume).sum()
+    debris = is_debris(np.abs(volume))
+    if len(volume) - debris.sum() > _MOST_BODIES:
+        raise InvalidMeshError(f"has {len(volume)} separate bodies; allowed are {_MOST_BODIES} and fewer.")
     if debris.any():
         repairs.append(
             f"dropped {counted(debris.sum(), 'separate piece', 'separate pieces')} of less than 0.1 % of the volume"
@@ -91,21 +108,30 @@ def _inverted(volume: FloatArray, parents: list[IntArray]) -> NDArray[np.bool_]:
     return result
 
 
+def _faces_of_bodies(body: IntArray) -> list[NDArray[np.intp]]:
+    """The faces of each body, from each face's body."""
+    return np.split(np.argsort(body, kind="stable"), np.cumsum(np.bincount(body))[:-1])
+
+
 def _enclosing_bodies(vertices: FloatArray, faces: IntArray, body: IntArray) -> list[IntArray]:
-    """For each body, the bodies that enclose a point of it, by winding number."""
+    """For each body, the bodies that enclose a point of it, by winding number.
+
+    Raises:
+        InvalidMeshError: if so many boxes lie within others that it would take too long.
+    """
     count = int(body.max()) + 1
     if count == 1:
         return [np.empty(0, dtype=np.int64)]
     lower, upper = _boxes(vertices, faces, body)
+    boxes = [np.flatnonzero(np.all((lower < lower[n]) & (upper > upper[n]), axis=1)) for n in range(count)]
+    of_body = _faces_of_bodies(body)
+    work = sum(len(of_body[outer]) for outers in boxes for outer in outers)
+    if work > _MOST_ENCLOSED_FACES:
+        raise InvalidMeshError(f"has {count} bodies, too many of them within others to tell which are cavities.")
     enclosing = []
     for inner in range(count):
-        boxes = np.all((lower < lower[inner]) & (upper > upper[inner]), axis=1)
-        point = vertices[faces[body == inner][0]].mean(axis=0)
-        found = [
-            outer
-            for outer in np.flatnonzero(boxes)
-            if abs(_winding_number(point, vertices, faces[body == outer])) > 0.5
-        ]
+        point = vertices[faces[of_body[inner][0]]].mean(axis=0)
+        found = [outer for outer in boxes[inner] if abs(_winding_number(point, vertices, faces[of_body[outer]])) > 0.5]
         enclosing.append(np.array(found, dtype=np.int64))
     return enclosing
 
@@ -135,25 +161,43 @@ def _unite(
     """The union of the solids, each without its cavities; None if they are separate already."""
     solids = np.flatnonzero(volume > 0)
     lower, upper = _boxes(vertices, faces, body)
-    apart = np.any((lower[solids, None] >= upper[solids]) | (upper[solids, None] <= lower[solids]), axis=2)
-    if np.all(apart | np.eye(len(solids), dtype=bool)):
+    if all(
+        np.count_nonzero(np.all((lower[solids] < upper[n]) & (upper[solids] > lower[n]), axis=1)) == 1 for n in solids
+    ):
         return None
     # A cavity belongs to the smallest solid around it.
-    owner = {
-        cavity: min((outer for outer in parents[cavity] if volume[outer] > 0), key=lambda outer: volume[outer])
-        for cavity in np.flatnonzero(volume < 0)
-    }
-    parts = [
-        _manifold(vertices, faces[np.isin(body, [solid, *(c for c, o in owner.items() if o == solid)])])
-        for solid in solids
-    ]
-    union = manifold3d.Manifold.batch_boolean(parts, manifold3d.OpType.Add)
+    shells = {int(solid): [int(solid)] for solid in solids}
+    for cavity in np.flatnonzero(volume < 0):
+        around = [int(outer) for outer in parents[cavity] if volume[outer] > 0]
+        if not around:
+            raise InvalidMeshError("has a body that is turned inside out, and none around it whose cavity it could be.")
+        shells[min(around, key=lambda outer: volume[outer])].append(int(cavity))
+    of_body = _faces_of_bodies(body)
+    parts = [_manifold(vertices, faces[np.concatenate([of_body[n] for n in shell])]) for shell in shells.values()]
+    union = _union(parts)
     if union.status() != manifold3d.Error.NoError or union.is_empty():
         raise InvalidMeshError(f"has overlapping bodies that cannot be united ({union.status().name}).")
     if abs(union.volume() - volume.sum()) <= _SAME_VOLUME * volume.sum():
         return None
     mesh = union.to_mesh64()
     return np.array(mesh.vert_properties[:, :3]), np.array(mesh.tri_verts).astype(np.int64)
+
+
+def _union(parts: list[manifold3d.Manifold]) -> manifold3d.Manifold:
+    """The union of solids, two by two.
+
+    Raises:
+        InvalidMeshError: if it takes so many faces that the bodies must pass through themselves all over.
+    """
+    most = _MOST_FACES_OF_UNION * sum(part.num_tri() for part in parts)
+    while len(parts) > 1:
+        united = [a + b for a, b in zip(parts[::2], parts[1::2], strict=False)]
+        parts = united + parts[len(united) * 2 :]
+        if sum(part.num_tri() for part in parts) > most:
+            raise InvalidMeshError(
+                "has overlapping bodies that pass through themselves, so that they cannot be united."
+            )
+    return parts[0]
 
 
 def _manifold(vertices: FloatArray, faces: IntArray) -> manifold3d.Manifold:

@@ -14,7 +14,6 @@ from tactopose_drake.errors import InvalidMeshError
 
 _AGREEMENT = 0.98
 _VOTING_NODES = 200_000
-_DEBRIS_SHARE = 1e-3
 _NO_AREA = 1e-9  # as a share of the squared size
 _STATED_HOLES = 5
 
@@ -62,14 +61,14 @@ def _put_lids(vertices: FloatArray, faces: IntArray) -> tuple[list[IntArray], Fl
 
 
 def _without_open_debris(vertices: FloatArray, faces: IntArray, repairs: list[str]) -> IntArray:
-    """Drops open pieces that enclose less than 0.1 % of the volume even with lids on."""
+    """Drops open pieces that are debris even with lids on."""
     _, closed_vertices, closed_faces = _put_lids(vertices, faces)
     body = mesh_topology.body_labels(closed_faces)
     volume = np.abs(mesh_bodies.volumes(closed_vertices, closed_faces, body))
     debris = np.zeros(len(volume), dtype=bool)
     debris[body[len(faces) :]] = True
-    debris &= volume <= _DEBRIS_SHARE * volume.sum()
-    if debris.all():
+    debris &= mesh_bodies.is_debris(volume)
+    if not np.any(volume):
         raise InvalidMeshError(f"is flat or loose: none of its {len(volume)} pieces encloses a volume.")
     if debris.any():
         repairs.append(

@@ -1,16 +1,39 @@
-"""Triangle meshes from files, in any format trimesh reads, or from trimesh's own objects."""
+"""Triangle meshes from files, in the formats of meshes that trimesh reads, or from trimesh's own objects.
+
+What comes out is bounded before the work: the file's size, the size that an archive unpacks to, the numbers of parts,
+vertices and faces with every instance counted. Of other files a mesh file may name only buffers in its own folder or
+below.
+"""
 
 from __future__ import annotations
 
+import logging
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
+from tactopose_drake.core.mesh.mesh_documents import check_document
+from tactopose_drake.core.mesh.mesh_references import ReferencedFiles
 from tactopose_drake.core.validation import FloatArray
-from tactopose_drake.errors import InvalidFileError, InvalidInputError, UnknownNameError
+from tactopose_drake.errors import InvalidFileError, InvalidInputError, InvalidMeshError, UnknownNameError
+
+LARGEST_FILE = 256 * 2**20
+"""Of a mesh file, of what an archive unpacks to, and of a buffer it names, bytes."""
+
+MOST_FACES = 2_000_000
+MOST_VERTICES = 3 * MOST_FACES
+
+_FORMATS = (".3mf", ".dae", ".glb", ".gltf", ".obj", ".off", ".ply", ".stl", ".xaml", ".zae")
+_WITH_MATERIALS = (".glb", ".gltf", ".obj", ".ply")  # whose readers can leave the materials alone
+_LONGEST_REASON = 300
+
+# What a reader stumbled over is in the error; on its own it would print a traceback of it where no handler is set.
+logging.getLogger("trimesh").addHandler(logging.NullHandler())
 
 MeshSource = str | Path | trimesh.Trimesh | trimesh.Scene
 
@@ -40,12 +63,18 @@ def mesh_file(source: str | Path) -> Path:
         InvalidFileError: if there is no such file.
         UnknownNameError: if no reader is known for the file name's ending.
     """
-    path = Path(source).expanduser()
-    if not path.is_file():
+    try:
+        path = Path(source).expanduser()
+        there = path.is_file()
+    except (RuntimeError, ValueError) as error:  # no such home, or a character that no path has
+        raise InvalidFileError(f"{source!r}: is no file's path ({error}).") from None
+    if not there:
         raise InvalidFileError(f"{path}: there is no such file.")
-    formats = {f for f in trimesh.available_formats() if "." not in f}
-    if path.suffix.lower().lstrip(".") not in formats:
-        raise UnknownNameError(f"{path}: mesh format", path.suffix, sorted(f".{name}" for name in formats))
+    if path.suffix.lower() not in _FORMATS:
+        raise UnknownNameError(f"{path}: mesh format", path.suffix, _FORMATS)
+    size = path.stat().st_size
+    if size > LARGEST_FILE:
+        raise InvalidFileError(f"{path}: has {size} bytes; allowed are {LARGEST_FILE} and fewer.")
     return path
 
 
@@ -53,25 +82,64 @@ def load_mesh(source: MeshSource) -> RawMesh:
     """Reads a mesh file, or takes over a mesh or a scene (its meshes placed and joined).
 
     Raises:
-        InvalidFileError: if a file is missing or cannot be read as a mesh.
+        InvalidFileError: if a file is missing, too large, or cannot be read as a mesh.
+        InvalidMeshError: if there are too many faces or vertices.
         UnknownNameError: if a file's format is not one that can be read.
         InvalidInputError: if the source is of another type.
     """
+    if isinstance(source, trimesh.Scene | trimesh.Trimesh):
+        return _joined(source, "mesh")
+    if isinstance(source, str | Path):
+        return _read(mesh_file(source))
+    raise InvalidInputError(
+        f"mesh: is a {type(source).__name__}; allowed are a file's path, a trimesh.Trimesh and a trimesh.Scene."
+    )
+
+
+def _read(path: Path) -> RawMesh:
+    """What trimesh's reader for the file's format makes of it.
+
+    The readers raise whatever their parsing stumbles over, and numpy warns of numbers that overflow: both mean no more
+    than that the file is damaged.
+    """
+    ending = path.suffix.lower()
+    options: dict[str, Any] = {"skip_materials": True} if ending in _WITH_MATERIALS else {}
+    try:
+        check_document(path, LARGEST_FILE)
+        with warnings.catch_warnings(), np.errstate(all="ignore"):
+            warnings.simplefilter("ignore")
+            with path.open("rb") as file:
+                scene = trimesh.load_scene(
+                    file,
+                    file_type=ending[1:],
+                    resolver=ReferencedFiles(path.parent, LARGEST_FILE if ending == ".gltf" else 0),
+                    process=False,
+                    **options,
+                )
+            return _joined(scene, str(path))
+    except InvalidInputError:
+        raise
+    except Exception as error:
+        reason = " ".join(f"{type(error).__name__}: {error}".split())
+        if len(reason) > _LONGEST_REASON:
+            reason = f"{reason[:_LONGEST_REASON]}..."
+        raise InvalidFileError(f"{path}: cannot be read as a mesh ({reason}).") from error
+
+
+def _joined(source: trimesh.Trimesh | trimesh.Scene, name: str) -> RawMesh:
+    """The triangles of a mesh, or of a scene's meshes, placed; the size is known before anything is joined."""
     if isinstance(source, trimesh.Scene):
-        mesh = source.to_mesh()
-    elif isinstance(source, trimesh.Trimesh):
-        mesh = source
-    elif isinstance(source, str | Path):
-        path = mesh_file(source)
-        try:
-            mesh = trimesh.load_mesh(path, process=False)
-        except Exception as error:  # the readers raise whatever their parsing stumbles over
-            reason = f"{type(error).__name__}: {error}"
-            raise InvalidFileError(f"{path}: cannot be read as a mesh ({reason}).") from error
+        placed = [source.geometry[source.graph[node][1]] for node in source.graph.nodes_geometry]
+        meshes = [mesh for mesh in placed if isinstance(mesh, trimesh.Trimesh)]
     else:
-        raise InvalidInputError(
-            f"mesh: is a {type(source).__name__}; allowed are a file's path, a trimesh.Trimesh and a trimesh.Scene."
-        )
+        meshes = [source]
+    for what, count, most in (
+        ("faces", sum(len(mesh.faces) for mesh in meshes), MOST_FACES),
+        ("vertices", sum(len(mesh.vertices) for mesh in meshes), MOST_VERTICES),
+    ):
+        if count > most:
+            raise InvalidMeshError(f"{name}: has {count} {what}; allowed are {most} and fewer.")
+    mesh = source.to_mesh() if isinstance(source, trimesh.Scene) else source
     return RawMesh(
         np.array(mesh.vertices, dtype=np.float64).reshape(-1, 3), np.array(mesh.faces, dtype=np.int64).reshape(-1, 3)
     )

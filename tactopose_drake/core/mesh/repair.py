@@ -13,19 +13,22 @@ from scipy.spatial import cKDTree
 from tactopose_drake.core.mesh import bodies as mesh_bodies
 from tactopose_drake.core.mesh import topology as mesh_topology
 from tactopose_drake.core.mesh.bodies import counted
+from tactopose_drake.core.mesh.flat_faces import without_flat_faces
 from tactopose_drake.core.mesh.holes import close_holes
 from tactopose_drake.core.mesh.loading import RawMesh
+from tactopose_drake.core.mesh.solid import SolidProperties, solid_properties
 from tactopose_drake.core.mesh.topology import IntArray
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidMeshError, MeshUnitsError
 
 LARGEST_SIZE = 3.0
 SMALLEST_SIZE = 0.002
+FARTHEST = 20.0
+"""How far from its frame's origin a mesh may lie, in sizes: beyond, poses of the frame say little of the object."""
 
 _MERGE_DISTANCE = 1e-7  # duplicates of one vertex, as a share of the size
 _WELD_DISTANCES = (1e-5, 1e-4)  # cracks that are closed where that makes the mesh closed, as shares of the size
-_FLAT_FACE = 1e-14  # area as a share of the squared size
-_FLAT_BODY = 1e-6  # volume over area as a share of the size
+_MOST_NEIGHBOURS = 50  # pairs of vertices within that distance, per vertex: there are no cracks in a heap of vertices
 
 
 class MeshRepairWarning(UserWarning):
@@ -38,13 +41,16 @@ class RepairedMesh:
 
     Attributes:
         vertices: shape (v, 3), m.
-        faces: vertex indices, anticlockwise seen from outside, shape (f, 3); none of zero area.
+        faces: vertex indices, anticlockwise seen from outside, shape (f, 3); none of zero area, and every edge of two
+            that run along it once each way.
         repairs: one sentence for each repair.
+        properties: volume, centroid and inertia, which are those of a body.
     """
 
     vertices: FloatArray
     faces: NDArray[np.int32]
     repairs: tuple[str, ...]
+    properties: SolidProperties
 
 
 def repair_mesh(raw: RawMesh, name: str) -> RepairedMesh:
@@ -60,8 +66,9 @@ def repair_mesh(raw: RawMesh, name: str) -> RepairedMesh:
         name: what error messages call the mesh.
 
     Raises:
-        InvalidMeshError: if there are no faces, a vertex is not finite, the mesh is not manifold, has no volume, or is
-            so open that inside cannot be told from outside.
+        InvalidMeshError: if there are no faces, a vertex is not finite, the mesh is not manifold, has no volume, is so
+            open that inside cannot be told from outside, passes through itself so that its inertia is that of no body,
+            or lies so far from its frame's origin that digits are lost.
         MeshUnitsError: if its size is not that of an object in metres.
     """
     repairs: list[str] = []
@@ -70,13 +77,11 @@ def repair_mesh(raw: RawMesh, name: str) -> RepairedMesh:
         vertices, faces = _connect(raw.vertices, raw.faces, size, repairs)
         vertices, faces = close_holes(vertices, faces, size, repairs)
         vertices, faces = mesh_bodies.arrange(vertices, faces, repairs)
-        vertices, faces = _compact(vertices, _without_flat_faces(vertices, faces, size, repairs))
-        crosses = mesh_bodies.cross_products(vertices, faces)
-        if mesh_bodies.volumes(vertices, faces)[0] <= _FLAT_BODY * size * 0.5 * np.linalg.norm(crosses, axis=1).sum():
-            raise InvalidMeshError("is flat: it encloses no volume.")
+        vertices, faces = _compact(vertices, without_flat_faces(vertices, faces, size, repairs))
+        properties = solid_properties(vertices, faces)
     except (InvalidMeshError, MeshUnitsError) as error:
         raise type(error)(f"{name}: {error}") from None
-    return RepairedMesh(vertices, faces.astype(np.int32), tuple(repairs))
+    return RepairedMesh(vertices, faces.astype(np.int32), tuple(repairs), properties)
 
 
 def _check(raw: RawMesh) -> float:
@@ -92,8 +97,10 @@ def _check(raw: RawMesh) -> float:
     bad = used[np.any(~np.isfinite(raw.vertices[used]), axis=1)]
     if len(bad):
         raise InvalidMeshError(f"vertex {bad[0]} is {raw.vertices[bad[0]].tolist()}; allowed are finite numbers.")
-    extents = np.ptp(raw.vertices[used], axis=0)
-    size = float(np.linalg.norm(extents))
+    lower, upper = raw.vertices[used].min(axis=0), raw.vertices[used].max(axis=0)
+    with np.errstate(over="ignore"):  # an infinite size is refused below
+        extents = upper - lower
+        size = float(np.linalg.norm(extents))
     if size == 0.0:
         raise InvalidMeshError("is a single point; allowed are meshes with a volume.")
     if not SMALLEST_SIZE <= size <= LARGEST_SIZE:
@@ -102,6 +109,12 @@ def _check(raw: RawMesh) -> float:
         raise MeshUnitsError(
             f"measures {measures} m, diagonal {size:.3g} m; allowed are diagonals of {SMALLEST_SIZE:g} to "
             f"{LARGEST_SIZE:g} m. Scale it {cure}."
+        )
+    distance = float(np.linalg.norm(0.5 * (lower + upper)))
+    if distance > FARTHEST * size:
+        raise InvalidMeshError(
+            f"lies {distance:.3g} m from the origin of its frame, {distance / size:.3g} times its size; allowed are "
+            f"{FARTHEST:g} times. Move it near the origin."
         )
     return size
 
@@ -114,11 +127,12 @@ def _connect(vertices: FloatArray, faces: IntArray, size: float, repairs: list[s
     if len(mesh_topology.link_faces(connected[1]).open):
         for share in _WELD_DISTANCES:
             welded_stated: list[str] = []
+            welding = _weld(vertices, faces, share * size)
             try:
-                welded = _make_manifold(*_weld(vertices, faces, share * size), welded_stated)
+                welded = None if welding is None else _make_manifold(*welding, welded_stated)
             except InvalidMeshError:
                 continue
-            if not len(mesh_topology.link_faces(welded[1]).open):
+            if welded is not None and not len(mesh_topology.link_faces(welded[1]).open):
                 repairs += [*welded_stated, f"welded cracks up to {1e6 * share * size:.2g} um wide"]
                 return welded
     repairs += stated
@@ -138,9 +152,12 @@ def _merge(vertices: FloatArray, faces: IntArray, distance: float) -> tuple[Floa
     return vertices[used[order[new]]], everywhere[faces]
 
 
-def _weld(vertices: FloatArray, faces: IntArray, distance: float) -> tuple[FloatArray, IntArray]:
-    """Makes vertices one that are within `distance` of each other, or linked by a chain of such."""
-    pairs = cKDTree(vertices).query_pairs(distance, output_type="ndarray")
+def _weld(vertices: FloatArray, faces: IntArray, distance: float) -> tuple[FloatArray, IntArray] | None:
+    """Makes vertices one that are within `distance` of each other, or linked by a chain of such; None if most are."""
+    tree = cKDTree(vertices)
+    if tree.count_neighbors(tree, distance) > _MOST_NEIGHBOURS * len(vertices):
+        return None
+    pairs = tree.query_pairs(distance, output_type="ndarray")
     graph = coo_array((np.ones(len(pairs), dtype=bool), (pairs[:, 0], pairs[:, 1])), shape=(len(vertices),) * 2)
     _, label = connected_components(graph, directed=False)
     first = np.unique(label, return_index=True)[1]
@@ -166,8 +183,13 @@ def _make_manifold(vertices: FloatArray, faces: IntArray, repairs: list[str]) ->
         resolved = [mesh_topology.pair_around_edge(vertices, faces, crowd) for crowd in links.crowded]
         pairs = np.concatenate([pairs, *resolved])
         repairs.append(f"separated bodies that touch along {counted(len(resolved), 'edge', 'edges')}")
+    half_edges = mesh_topology.edge_labels(len(faces), pairs)
     faces, old = mesh_topology.split_vertices(faces, pairs)
-    return vertices[old], faces
+    return (
+        mesh_topology.split_repeated_edges(vertices[old], faces, half_edges)
+        if links.crowded
+        else (vertices[old], faces)
+    )
 
 
 def _without_repeated_faces(faces: IntArray, repairs: list[str]) -> IntArray:
@@ -185,15 +207,6 @@ def _without_repeated_faces(faces: IntArray, repairs: list[str]) -> IntArray:
     if dropped:
         repairs.append(f"removed {counted(dropped, 'repeated face', 'repeated faces')}")
     return faces
-
-
-def _without_flat_faces(vertices: FloatArray, faces: IntArray, size: float, repairs: list[str]) -> IntArray:
-    """Drops faces without area. They were needed until here, where they joined their neighbours."""
-    flat = 0.5 * np.linalg.norm(mesh_bodies.cross_products(vertices, faces), axis=1) <= _FLAT_FACE * size**2
-    if flat.any():
-        repairs.append(f"removed {counted(flat.sum(), 'face', 'faces')} without area")
-    sound: IntArray = faces[~flat]
-    return sound
 
 
 def _compact(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:

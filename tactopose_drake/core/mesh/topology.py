@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -91,9 +92,9 @@ def pair_around_edge(vertices: FloatArray, faces: IntArray, crowd: IntArray) -> 
     Raises:
         InvalidMeshError: if the faces do not alternate.
     """
-    start, end = half_edges(faces)
-    a, b = int(min(start[crowd[0]], end[crowd[0]])), int(max(start[crowd[0]], end[crowd[0]]))
-    along = start[crowd] == a
+    start, end = faces[crowd // 3, crowd % 3], faces[crowd // 3, (crowd + 1) % 3]
+    a, b = int(min(start[0], end[0])), int(max(start[0], end[0]))
+    along = start == a
     place = np.round(0.5 * (vertices[a] + vertices[b]), 4).tolist()
     error = InvalidMeshError(
         f"is not manifold: {len(crowd)} faces share the edge at {place} m and enclose no bodies; "
@@ -137,6 +138,43 @@ def split_vertices(faces: IntArray, pairs: IntArray) -> tuple[IntArray, IntArray
     old = np.empty(vertices, dtype=np.int64)
     old[corner] = start
     return corner.astype(np.int64).reshape(-1, 3), old
+
+
+def edge_labels(count: int, pairs: IntArray) -> IntArray:
+    """A number for each half edge of `count` faces, shape (3 count,): the same for the two of a pair."""
+    label = np.arange(3 * count)
+    label[pairs[:, 1]] = label[pairs[:, 0]]
+    return label
+
+
+def split_repeated_edges(vertices: FloatArray, faces: IntArray, label: IntArray) -> tuple[FloatArray, IntArray]:
+    """Gives an edge that joins the same two vertices as another a vertex in its middle.
+
+    Args:
+        vertices: shape (v, 3), m.
+        faces: vertex indices, shape (f, 3).
+        label: the edge of each half edge, shape (3 f,), see `edge_labels`.
+    """
+    start, end = half_edges(faces)
+    ends = np.stack([np.minimum(start, end), np.maximum(start, end)], axis=1)
+    _, first, edge = np.unique(label, return_index=True, return_inverse=True)
+    _, kept = np.unique(ends[first], axis=0, return_index=True)
+    repeated = np.setdiff1d(np.arange(len(first)), kept)
+    if not len(repeated):
+        return vertices, faces
+    middle = np.full(len(first), -1)
+    middle[repeated] = len(vertices) + np.arange(len(repeated))
+    middles = middle[edge].reshape(-1, 3)
+    cut = np.any(middles >= 0, axis=1)
+    pieces = []
+    for corners, between in zip(faces[cut].tolist(), middles[cut].tolist(), strict=True):
+        rim = [vertex for pair in zip(corners, between, strict=True) for vertex in pair if vertex >= 0]
+        apex = rim.index(max(between))
+        rim = rim[apex:] + rim[:apex]
+        pieces += [[rim[0], b, c] for b, c in itertools.pairwise(rim[1:])]
+    return np.concatenate([vertices, vertices[ends[first[repeated]]].mean(axis=1)]), np.concatenate(
+        [faces[~cut], np.array(pieces)]
+    )
 
 
 def body_labels(faces: IntArray) -> IntArray:

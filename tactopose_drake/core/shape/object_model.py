@@ -11,15 +11,16 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import trimesh
 from numpy.typing import ArrayLike, NDArray
 
 from tactopose_drake.core.mesh.bodies import cross_products
 from tactopose_drake.core.mesh.loading import MeshSource, RawMesh, load_mesh, mesh_file, mesh_name
 from tactopose_drake.core.mesh.repair import MeshRepairWarning, repair_mesh
+from tactopose_drake.core.mesh.solid import DENSITY
 from tactopose_drake.core.poses import compose, transform_points
 from tactopose_drake.core.shape import model_cache
 from tactopose_drake.core.shape.coarse_field import CoarseField, coarsen
+from tactopose_drake.core.shape.model_arrays import content_hash, describe_a_model
 from tactopose_drake.core.shape.model_cache import Arrays
 from tactopose_drake.core.shape.pair_features import PairFeatures, build_pair_features
 from tactopose_drake.core.shape.signed_distance import DistanceGrid, build_grid
@@ -31,9 +32,6 @@ from tactopose_drake.core.validation import FloatArray, finite_array, positive_n
 from tactopose_drake.errors import InvalidFileError, InvalidInputError, UnknownNameError
 
 _CONTINUOUS_TURNS = 12
-
-DENSITY = 1000.0
-"""Assumed density where no mass is given, kg/m^3."""
 
 # Formats whose geometry is all in the one file, so that the file's bytes identify it and need not be parsed again.
 _SELF_CONTAINED = {".obj", ".off", ".ply", ".stl"}
@@ -150,7 +148,8 @@ class ObjectModel:
         """Builds the model of a mesh in metres, or takes it from the cache, by the mesh's content.
 
         Args:
-            mesh: a file in any format trimesh reads, a `trimesh.Trimesh`, or a `trimesh.Scene`: its meshes joined.
+            mesh: a file (obj, stl, ply, off, glb, gltf, dae, zae, 3mf or xaml), a `trimesh.Trimesh`, or a
+                `trimesh.Scene`: its meshes joined.
             name: what to call the object.
             mass: kg.
             center_of_mass: in O, shape (3,), m.
@@ -166,7 +165,8 @@ class ObjectModel:
         Raises:
             InvalidFileError: if a file is missing or cannot be read as a mesh.
             UnknownNameError: if a file's format or `symmetry` is none of those that exist.
-            InvalidMeshError: if the mesh is empty, not finite, not manifold, flat, or too open to have an inside.
+            InvalidMeshError: if the mesh is empty, not finite, not manifold, flat, too open to have an inside, passes
+                through itself so that its inertia is that of no body, or lies far from its frame's origin.
             MeshUnitsError: if the mesh is evidently not in metres.
             InvalidInputError: if an option is out of its range.
 
@@ -194,7 +194,7 @@ class ObjectModel:
         options = f"{tolerance} {samples} {spacing} {max_grid_bytes}"
         key = model_cache.content_key(*(identity or ()), options)
         arrays = model_cache.load(key) if cache else None
-        if arrays is None:
+        if arrays is None or not describe_a_model(arrays, samples):
             label = str(mesh) if isinstance(mesh, str | Path) else name
             arrays = _build(raw or load_mesh(mesh), label, tolerance, samples, spacing, max_grid_bytes)
             if cache:
@@ -249,8 +249,7 @@ def _build(
 ) -> Arrays:
     """Everything that follows from the mesh alone, as arrays; what costs time comes after the checks."""
     mesh = repair_mesh(raw, label)
-    properties = trimesh.triangles.mass_properties(mesh.vertices[mesh.faces], density=DENSITY)
-    centroid, inertia = np.array(properties.center_mass), np.array(properties.inertia)
+    centroid, inertia = mesh.properties.centroid, mesh.properties.inertia
     grid = build_grid(mesh.vertices, mesh.faces, spacing=spacing, max_bytes=max_grid_bytes)
     surface = sample_surface(mesh.vertices, mesh.faces, samples)
     size = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
@@ -263,13 +262,13 @@ def _build(
         "grid_spacing": np.array(grid.spacing),
         "sample_points": surface.points,
         "sample_normals": surface.normals,
-        "volume": np.array(properties.volume, dtype=np.float64),
+        "volume": np.array(mesh.properties.volume),
         "centroid": centroid,
         "inertia": inertia,
         "axes": np.array([symmetry.axis for symmetry in found]).reshape(-1, 3),
         "orders": np.array([symmetry.order for symmetry in found], dtype=np.int64),
         "symmetry_poses": symmetry_group(found),
         "repairs": np.frombuffer(json.dumps(mesh.repairs).encode(), dtype=np.uint8),
-        "content_hash": np.frombuffer(model_cache.content_key(mesh.vertices, mesh.faces).encode(), dtype=np.uint8),
+        "content_hash": np.frombuffer(content_hash(mesh.vertices, mesh.faces).encode(), dtype=np.uint8),
     }
     return arrays

@@ -140,7 +140,7 @@ def build_grid(
             raise InvalidInputError(
                 f"spacing: is {h:g} m; allowed with max_grid_bytes = {max_bytes} are numbers >= {finest:.3g} m."
             )
-    shape = _grid_shape(lower, upper, h)
+    shape = grid_shape(lower, upper, h)
     origin = 0.5 * (lower + upper) - 0.5 * h * (np.array(shape) - 1)
     packed = distance_transform.pack_triangles(vertices[faces])
     nearest = distance_transform.nearest_faces(packed, origin, h, shape)
@@ -175,7 +175,8 @@ def _wall_thickness(vertices: FloatArray, faces: NDArray[np.int32]) -> float:
     return 2.0 * float(mesh_bodies.volumes(vertices, faces)[0]) / area
 
 
-def _grid_shape(lower: FloatArray, upper: FloatArray, h: float) -> tuple[int, int, int]:
+def grid_shape(lower: FloatArray, upper: FloatArray, h: float) -> tuple[int, int, int]:
+    """Number of nodes along x, y and z of a grid of spacing h over a mesh's box, corners of shape (3,), m."""
     margin = max(MARGIN_CELLS * h, MARGIN_SHARE * float(np.linalg.norm(upper - lower)))
     nx, ny, nz = (int(n) for n in np.ceil((upper - lower + 2 * margin) / h) + 1)
     return nx, ny, nz
@@ -185,6 +186,6 @@ def _spacing_for(lower: FloatArray, upper: FloatArray, nodes: int) -> float:
     """The spacing at which the grid has at most this many nodes."""
     extent = upper - lower + 2 * MARGIN_SHARE * float(np.linalg.norm(upper - lower))
     h = float(np.cbrt(np.prod(extent) / nodes))
-    while np.prod(_grid_shape(lower, upper, h), dtype=np.float64) > nodes:
+    while np.prod(grid_shape(lower, upper, h), dtype=np.float64) > nodes:
         h *= 1.002
     return h

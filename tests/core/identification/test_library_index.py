@@ -4,7 +4,7 @@ import trimesh
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.identification import index_kernels, library_index
-from tactopose_drake.core.identification.library_index import SAMPLES, LibraryIndex, count_pairs
+from tactopose_drake.core.identification.library_index import SAMPLES, LibraryIndex, PairCounts, count_pairs
 from tactopose_drake.core.poses import random_rotations
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.shape.pair_features import pair_feature
@@ -113,3 +113,16 @@ def test_distances_beyond_the_last_bin_are_counted_there() -> None:
     apart = Contacts([[-3.0, 0.0, 0.0], [3.0, 0.0, 0.0]], [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
     assert np.isfinite(index.scores(apart)).all()
     assert index.scores(ends)[0] > np.log(library_index._LEAST) + 1.0
+
+
+def test_counts_from_a_file_are_checked(models: list[ObjectModel]) -> None:
+    pairs = count_pairs(models[0].samples)
+    found = PairCounts.from_arrays({"bins": pairs.bins, "counts": pairs.counts})
+    assert found is not None
+    np.testing.assert_array_equal(found.bins, pairs.bins)
+    beyond, before = pairs.bins.copy(), pairs.bins.copy()
+    beyond[-1], before[0] = 2**31 - 1, -1
+    for bins in (beyond, before, pairs.bins[::-1], pairs.bins[:-1], pairs.bins.astype(np.int64)):
+        assert PairCounts.from_arrays({"bins": bins, "counts": pairs.counts}) is None
+    assert PairCounts.from_arrays({"bins": pairs.bins[:0], "counts": pairs.counts[:0]}) is None
+    assert PairCounts.from_arrays({"bins": pairs.bins}) is None

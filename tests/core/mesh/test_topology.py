@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+import trimesh
 
 from tactopose_drake.core.mesh import topology as mesh_topology
 from tactopose_drake.errors import InvalidMeshError
@@ -112,3 +113,21 @@ def test_sound_meshes_are_left_as_they_are() -> None:
         split, old = mesh_topology.split_vertices(faces, mesh_topology.link_faces(faces).pairs)
         np.testing.assert_array_equal(old[split], faces)
         assert len(old) == len(mesh.vertices)
+
+
+def test_two_edges_between_the_same_vertices_are_told_apart_by_a_vertex_in_between() -> None:
+    """Two tetrahedra with one edge in common, whose vertices stay common."""
+    vertices = np.array([[0, 0, 0], [0, 0, 1], [1, 0, 0], [0.5, 1, 0], [-1, 0, 0], [-0.5, -1, 0]], dtype=np.float64)
+    one, other = [[0, 2, 3], [0, 1, 2], [2, 1, 3], [0, 3, 1]], [[0, 4, 5], [0, 1, 4], [4, 1, 5], [0, 5, 1]]
+    pairs = [mesh_topology.link_faces(np.array(faces)).pairs + 12 * n for n, faces in enumerate((one, other))]
+    faces = np.array(one + other)
+    assert len(mesh_topology.link_faces(faces).crowded) == 1
+    split, pieces = mesh_topology.split_repeated_edges(
+        vertices, faces, mesh_topology.edge_labels(8, np.concatenate(pairs))
+    )
+    links = mesh_topology.link_faces(pieces)
+    assert len(links.pairs) * 2 == 3 * len(pieces) == 30
+    np.testing.assert_array_equal(split[6:], [[0.0, 0.0, 0.5]])
+    before, after = (trimesh.Trimesh(*mesh, process=False).volume for mesh in ((vertices, faces), (split, pieces)))
+    assert after == pytest.approx(before)
+    assert before != 0.0

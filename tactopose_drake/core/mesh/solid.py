@@ -1,0 +1,92 @@
+"""What a mesh must be so that it is a body: closed, oriented, and with the volume and inertia of one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import trimesh
+
+from tactopose_drake.core.mesh.bodies import counted, cross_products, volumes
+from tactopose_drake.core.mesh.topology import AnyIntArray, half_edges
+from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.errors import InvalidMeshError
+
+DENSITY = 1000.0
+"""Assumed density where no mass is given, kg/m^3."""
+
+_FLAT_BODY = 1e-6  # volume over area as a share of the size
+_FAR = 10.0  # sizes from the origin at which the integrals would lose digits that count
+_ROUNDING = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class SolidProperties:
+    """The integrals over a uniform body of density `DENSITY`.
+
+    Attributes:
+        volume: m^3.
+        centroid: shape (3,), m.
+        inertia: about the centroid, shape (3, 3), kg m^2.
+    """
+
+    volume: float
+    centroid: FloatArray
+    inertia: FloatArray
+
+
+def solid_properties(vertices: FloatArray, faces: AnyIntArray) -> SolidProperties:
+    """The volume, centroid and inertia of a mesh that has to be a body's surface.
+
+    Args:
+        vertices: shape (v, 3), m.
+        faces: vertex indices, anticlockwise seen from outside, shape (f, 3).
+
+    Raises:
+        InvalidMeshError: if a number is not finite, an index out of range, an edge not of two faces that run along it
+            once each way, or the volume, the centroid or the inertia that of no body.
+    """
+    if not len(faces) or faces.min() < 0 or faces.max() >= len(vertices) or not np.isfinite(vertices).all():
+        raise InvalidMeshError("has no faces, or faces of vertices that do not exist.")
+    _check_closed(faces)
+    lower, upper = vertices.min(axis=0), vertices.max(axis=0)
+    size = float(np.linalg.norm(upper - lower))
+    middle = 0.5 * (lower + upper)
+    near = vertices if np.abs(middle).max() <= _FAR * size else vertices - middle
+    area = 0.5 * float(np.linalg.norm(cross_products(vertices, faces), axis=1).sum())
+    if volumes(vertices, faces)[0] <= _FLAT_BODY * size * area:
+        raise InvalidMeshError("is flat: it encloses no volume.")
+    properties = trimesh.triangles.mass_properties(near[faces], density=DENSITY)
+    volume = float(properties.volume)
+    centroid, inertia = np.array(properties.center_mass), np.array(properties.inertia)
+    if near is not vertices:
+        centroid += middle
+    moments = np.linalg.eigvalsh(inertia)
+    # The mean squares of the distances from the three principal planes, which no body has below zero.
+    squares = (0.5 * moments.sum() - moments) / (DENSITY * volume)
+    margin = _ROUNDING * size
+    if (
+        not np.all((squares > 0.0) & (squares < size**2))
+        or np.any((centroid < lower - margin) | (centroid > upper + margin))
+        or volume > (1.0 + _ROUNDING) * float(np.prod(upper - lower))
+    ):
+        raise InvalidMeshError(
+            f"passes through itself, so that parts of it are inside out: the integrals over it are those of no body "
+            f"(volume {volume:.3g} m^3, principal moments {', '.join(f'{moment:.3g}' for moment in moments)} kg m^2 at "
+            f"{DENSITY:g} kg/m^3)."
+        )
+    return SolidProperties(volume, centroid, inertia)
+
+
+def _check_closed(faces: AnyIntArray) -> None:
+    """Refuses a mesh some of whose edges are not of two faces that run along them once each way."""
+    start, end = half_edges(faces.astype(np.int64))
+    stride = int(faces.max()) + 1
+    there, back = np.sort(start * stride + end), np.sort(end * stride + start)
+    repeated = int(np.count_nonzero(there[1:] == there[:-1])) + int(np.count_nonzero(start == end))
+    alone = 0 if np.array_equal(there, back) else int(np.setdiff1d(there, back).size)
+    if repeated or alone or not np.array_equal(there, back):
+        raise InvalidMeshError(
+            f"is not closed after all repairs: {counted(alone, 'edge has', 'edges have')} no face beyond, "
+            f"{counted(repeated, 'edge is', 'edges are')} of more than two faces."
+        )

@@ -1,0 +1,130 @@
+"""The arrays that a kept model consists of, and whether arrays that come from a file can be such a model.
+
+Compiled loops do not check indices, so what they are handed must be checked before: types, shapes, ranges, finite
+numbers, and that the vertices, the faces, the grid and the samples are of one object.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactopose_drake.core.mesh.repair import LARGEST_SIZE, SMALLEST_SIZE
+from tactopose_drake.core.mesh.solid import DENSITY
+from tactopose_drake.core.shape import model_cache
+from tactopose_drake.core.shape.model_cache import Arrays
+from tactopose_drake.core.shape.signed_distance import grid_shape
+
+_LAYOUT: dict[str, tuple[type[np.generic], tuple[int | None, ...]]] = {
+    "vertices": (np.float64, (None, 3)),
+    "faces": (np.int32, (None, 3)),
+    "distances": (np.float32, (None, None, None, 4)),
+    "grid_origin": (np.float64, (3,)),
+    "grid_spacing": (np.float64, ()),
+    "sample_points": (np.float64, (None, 3)),
+    "sample_normals": (np.float64, (None, 3)),
+    "volume": (np.float64, ()),
+    "centroid": (np.float64, (3,)),
+    "inertia": (np.float64, (3, 3)),
+    "axes": (np.float64, (None, 3)),
+    "orders": (np.int64, (None,)),
+    "symmetry_poses": (np.float64, (None, 3, 4)),
+    "repairs": (np.uint8, (None,)),
+    "content_hash": (np.uint8, (32,)),
+}
+_LARGEST_DISTANCE = 2.0 * LARGEST_SIZE  # from a node of the grid to the surface, m
+_UNIT = 1e-6
+
+
+def describe_a_model(arrays: Arrays, samples: int) -> bool:
+    """Whether the arrays can be those of a model with so many surface samples."""
+    if arrays.keys() != _LAYOUT.keys():
+        return False
+    for name, (kind, shape) in _LAYOUT.items():
+        array = arrays[name]
+        if array.dtype != kind or array.ndim != len(shape):
+            return False
+        if any(wanted not in (None, length) for wanted, length in zip(shape, array.shape, strict=True)):
+            return False
+        if kind is np.float64 and not np.isfinite(array).all():
+            return False
+    with np.errstate(over="ignore", invalid="ignore"):  # of numbers that are too large, and then refused
+        return _shape_is_sound(arrays, samples) and _rest_is_sound(arrays)
+
+
+def _shape_is_sound(arrays: Mapping[str, NDArray[Any]], samples: int) -> bool:
+    """Whether faces, grid and samples belong to the vertices."""
+    vertices, faces, distances = arrays["vertices"], arrays["faces"], arrays["distances"]
+    if not len(vertices) or not len(faces) or faces.min() < 0 or faces.max() >= len(vertices):
+        return False
+    if min(distances.shape) < 2 or not arrays["grid_spacing"] > 0.0:
+        return False
+    # A NaN among them makes the smallest and the largest one a NaN, and the comparison false.
+    if not (distances.min() >= -_LARGEST_DISTANCE and distances.max() <= _LARGEST_DISTANCE):
+        return False
+    lower, upper, h = vertices.min(axis=0), vertices.max(axis=0), float(arrays["grid_spacing"])
+    size = float(np.linalg.norm(upper - lower))
+    if not SMALLEST_SIZE <= size <= LARGEST_SIZE or not 1e-3 < h / size * max(distances.shape) < 1e3:
+        return False
+    if distances.shape[:3] != grid_shape(lower, upper, h):
+        return False
+    middle = arrays["grid_origin"] + 0.5 * h * (np.array(distances.shape[:3]) - 1)
+    if np.any(np.abs(middle - 0.5 * (lower + upper)) > _UNIT * size):
+        return False
+    points, normals = arrays["sample_points"], arrays["sample_normals"]
+    slack = _UNIT * size
+    return (
+        len(points) == len(normals) == samples
+        and bool(np.all((points >= lower - slack) & (points <= upper + slack)))
+        and _are_unit(normals)
+    )
+
+
+def _rest_is_sound(arrays: Mapping[str, NDArray[Any]]) -> bool:
+    """Whether the mass properties, symmetries and texts can be a model's."""
+    axes, orders, poses = arrays["axes"], arrays["orders"], arrays["symmetry_poses"]
+    lower, upper = arrays["vertices"].min(axis=0), arrays["vertices"].max(axis=0)
+    size, inertia, centroid = float(np.linalg.norm(upper - lower)), arrays["inertia"], arrays["centroid"]
+    volume = float(arrays["volume"])
+    R, p = poses[:, :, :3], poses[:, :, 3]
+    reach = 2.0 * (float(np.abs(centroid).max()) + size)
+    if not 0.0 < volume <= (1.0 + _UNIT) * float(np.prod(upper - lower)) or np.abs(p).max(initial=0.0) > reach:
+        return False
+    if np.abs(R).max(initial=0.0) > 2.0 or np.abs(inertia).max() > DENSITY * volume * size**2:
+        return False
+    moments = np.linalg.eigvalsh(inertia)
+    return (
+        bool(moments[0] > 0.0 and moments[2] <= moments[0] + moments[1])
+        and bool(np.all(np.abs(inertia - inertia.T) <= _UNIT * moments[2]))
+        and bool(np.all((centroid >= lower) & (centroid <= upper)))
+        and len(axes) == len(orders)
+        and _are_unit(axes)
+        and bool(np.all((orders == 0) | (orders >= 2)))
+        and len(poses) > 0
+        and bool(np.all(np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)) <= _UNIT))
+        and _are_texts(arrays["repairs"])
+        and arrays["content_hash"].tobytes() == content_hash(arrays["vertices"], arrays["faces"]).encode()
+    )
+
+
+def _are_unit(rows: NDArray[Any]) -> bool:
+    if np.abs(rows).max(initial=0.0) > 2.0:
+        return False
+    return bool(np.all(np.abs(np.linalg.norm(rows, axis=1) - 1.0) <= _UNIT))
+
+
+def _are_texts(content: NDArray[Any]) -> bool:
+    try:
+        texts = json.loads(content.tobytes())
+    except (ValueError, RecursionError):
+        return False
+    return isinstance(texts, list) and all(isinstance(text, str) for text in texts)
+
+
+def content_hash(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> str:
+    """What identifies a repaired mesh, 32 hexadecimal digits."""
+    return model_cache.content_key(vertices, faces)

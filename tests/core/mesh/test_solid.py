@@ -1,0 +1,52 @@
+import numpy as np
+import pytest
+
+from tactopose_drake.core.mesh.solid import DENSITY, solid_properties
+from tactopose_drake.errors import InvalidMeshError
+from tests.core.meshes import arrays, create, cube
+
+SIDES = np.array([0.03, 0.05, 0.08])
+INERTIA = DENSITY * SIDES.prod() * np.diag((SIDES**2).sum() - SIDES**2) / 12.0
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.1, 1.0, 20.0, 90.0])
+def test_the_integrals_keep_their_digits_far_from_the_origin(offset: float) -> None:
+    vertices, faces = arrays(create.box(SIDES))
+    place = offset * np.array([0.6, -0.8, 0.0])
+    properties = solid_properties(vertices + place, faces)
+    assert properties.volume == pytest.approx(SIDES.prod(), rel=1e-9)
+    np.testing.assert_allclose(properties.centroid, place, atol=1e-10)
+    np.testing.assert_allclose(properties.inertia, INERTIA, rtol=1e-9, atol=1e-9 * INERTIA.max())
+
+
+def test_an_edge_without_a_second_face_is_refused() -> None:
+    vertices, faces = arrays(cube())
+    with pytest.raises(InvalidMeshError, match="is not closed after all repairs: 3 edges have no face beyond"):
+        solid_properties(vertices, faces[1:])
+
+
+def test_faces_that_show_different_sides_are_refused() -> None:
+    vertices, faces = arrays(cube())
+    faces[0] = faces[0, ::-1]
+    with pytest.raises(InvalidMeshError, match="is not closed after all repairs"):
+        solid_properties(vertices, faces)
+
+
+def test_an_edge_of_four_faces_is_refused() -> None:
+    vertices, faces = arrays(cube())
+    with pytest.raises(InvalidMeshError, match="36 edges are of more than two faces"):
+        solid_properties(vertices, np.vstack([faces, faces]))
+
+
+@pytest.mark.parametrize("index", [-1, 8])
+def test_faces_of_no_vertex_are_refused(index: int) -> None:
+    vertices, faces = arrays(cube())
+    faces[3, 1] = index
+    with pytest.raises(InvalidMeshError, match="faces of vertices that do not exist"):
+        solid_properties(vertices, faces)
+
+
+def test_a_mesh_inside_out_is_no_solid() -> None:
+    vertices, faces = arrays(cube())
+    with pytest.raises(InvalidMeshError, match="encloses no volume"):
+        solid_properties(vertices, faces[:, ::-1])
