@@ -18,6 +18,7 @@ from tactopose_drake.core.tracking.pose_measurement import PoseMeasurement
 from tactopose_drake.core.validation import FloatArray, positive_number
 from tactopose_drake.core.vision.depth_tracking import DepthTrackerModel, fit_pose, take_picture
 from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.systems.ports import eval_input
 from tactopose_drake.visualization.body_meshes import BodyMeshes
 
@@ -207,7 +208,7 @@ class DepthTracker(LeafSystem):
 
     def _calc_prior(self, context: Context, output: AbstractValue) -> None:
         measurement = self._get(context).measurement
-        output.set_value(None if measurement is None else measurement.as_prior())
+        output.set_value(None if measurement is None else PosePrior.of(measurement.as_prior()))
 
     def _calc_pose(self, context: Context, output: AbstractValue) -> None:
         X_CO = self._get(context).X_CO

@@ -79,7 +79,7 @@ def test_the_error_is_that_of_the_hidden_share(object_model: ObjectModel, p_WFin
     context = look_once(diagram, vision)
     assert vision.GetOutputPort("hidden_share").Eval(context)[0] == pytest.approx(hidden, abs=0.02)
     prior = vision.GetOutputPort("prior").Eval(context)
-    error = increments_between(((X_WPalm @ X_PalmP).inverse() @ X_WO).GetAsMatrix34(), prior.X_PO)
+    error = increments_between(((X_WPalm @ X_PalmP).inverse() @ X_WO).GetAsMatrix34(), prior.mean)
     assert np.linalg.norm(error[3:]) == pytest.approx(0.05 if hidden else 0.004, rel=0.05)
     assert np.linalg.norm(error[:3]) == pytest.approx(math.radians(21 if hidden else 1), rel=0.05)
 
@@ -93,7 +93,7 @@ def test_a_ball_at_the_objects_edge_hides_a_part(object_model: ObjectModel) -> N
 def test_the_same_seed_sees_the_same_and_each_frame_errs_anew(object_model: ObjectModel) -> None:
     diagram, _, vision = make_station(object_model, (0.0, 0.05, 0.6))
     poses = [
-        vision.GetOutputPort("prior").Eval(look_once(diagram, vision, seed, duration)).X_PO
+        vision.GetOutputPort("prior").Eval(look_once(diagram, vision, seed, duration)).mean
         for seed, duration in ((3, 0.05), (3, 0.05), (4, 0.05), (3, 0.15))
     ]
     np.testing.assert_array_equal(poses[0], poses[1])

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tactopose_drake.core.evidence.prior import PosePrior
+from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.kernels import prior_kernels
 from tactopose_drake.core.objectives.objective import NormalEquations, form_normal_equations
 from tactopose_drake.core.validation import FloatArray
@@ -11,8 +11,8 @@ from tactopose_drake.core.validation import FloatArray
 class PriorObjective:
     """Increments from the prior's pose to the pose, divided by their standard deviations: six residuals."""
 
-    def __init__(self, prior: PosePrior) -> None:
-        self.arguments = (prior.X_PO, 1.0 / prior.sigmas)
+    def __init__(self, prior: GaussianPrior) -> None:
+        self.arguments = (prior.mean, 1.0 / prior.sigmas)
 
     def cost(self, X_PO: FloatArray) -> FloatArray:
         """Costs (B,) of poses (B, 3, 4)."""

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from tactopose_drake.core.evidence.prior import PosePrior
+from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.validation import FloatArray, finite_array, pose_matrix
 from tactopose_drake.errors import InvalidInputError
 
@@ -41,14 +41,14 @@ class PoseMeasurement:
             object.__setattr__(self, name, array)
 
     @classmethod
-    def from_prior(cls, prior: PosePrior, time: float) -> PoseMeasurement:
+    def from_prior(cls, prior: GaussianPrior, time: float) -> PoseMeasurement:
         """What a prior says, as of a time, s."""
-        return cls(time, prior.X_PO, np.diag(prior.sigmas**2))
+        return cls(time, prior.mean, np.diag(prior.sigmas**2))
 
-    def as_prior(self) -> PosePrior:
+    def as_prior(self) -> GaussianPrior:
         """A prior that is at least as wide in every direction of rotation and of translation."""
         widest = [float(np.sqrt(np.linalg.eigvalsh(self.covariance[part, part])[-1])) for part in (_W, _V)]
-        return PosePrior(self.X_PO, sigma_rotation=widest[0], sigma_translation=widest[1])
+        return GaussianPrior(self.X_PO, sigma_rotation=widest[0], sigma_translation=widest[1])
 
 
 _W, _V = slice(0, 3), slice(3, 6)
