@@ -12,7 +12,7 @@ from .hand_config import make_hand_plant as make_hand_plant
 from .hand_reach import make_hand_reach as make_hand_reach
 from .hand_reach import rest_positions as rest_positions
 from .joint_matrices import joint_matrix as joint_matrix
-from .joint_paths import JointPaths as JointPaths
+from .kinematics import HandKinematics as HandKinematics
 from .pad_calibration import DEPTH_SHARES as DEPTH_SHARES
 from .pad_calibration import OFFSETS as OFFSETS
 from .pad_calibration import TILTS_DEG as TILTS_DEG
