@@ -9,6 +9,7 @@ from .hand_config import HandConfig as HandConfig
 from .hand_config import add_hand as add_hand
 from .hand_config import load_hand_config as load_hand_config
 from .hand_config import make_hand_plant as make_hand_plant
+from .hand_joints import HandJoints as HandJoints
 from .hand_reach import make_hand_reach as make_hand_reach
 from .hand_reach import rest_positions as rest_positions
 from .joint_matrices import joint_matrix as joint_matrix

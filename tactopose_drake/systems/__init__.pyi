@@ -1,3 +1,4 @@
+from .camera_view import CameraView as CameraView
 from .can_barrett_hand import PADS as PADS
 from .can_barrett_hand import CanBarrettHand as CanBarrettHand
 from .can_force_torque import CanForceTorque as CanForceTorque
@@ -8,7 +9,6 @@ from .force_torque_sensor import ForceTorqueSensor as ForceTorqueSensor
 from .force_torque_sensor import load_force_torque_model as load_force_torque_model
 from .grasp_controller import GraspController as GraspController
 from .grasp_controller import GraspControllerParams as GraspControllerParams
-from .grasp_controller import hand_layout as hand_layout
 from .grip_controller import GripController as GripController
 from .grip_controller import GripControllerParams as GripControllerParams
 from .grip_controller import set_motor_gains as set_motor_gains

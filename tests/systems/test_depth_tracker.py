@@ -18,6 +18,7 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.pose_measurement import PoseMeasurement
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.prior import PosePrior
+from tactopose_drake.systems.camera_view import CameraView
 from tactopose_drake.systems.depth_tracker import DepthTracker, DepthTrackerParams
 from tactopose_drake.systems.random_sources import seed_random_sources
 
@@ -51,12 +52,14 @@ class Bench:
         self.tracker = builder.AddNamedSystem(
             "tracker",
             DepthTracker(
-                plant,
-                scene_graph.model_inspector(),
-                object_body=thing,
-                object_model=object_model,
-                palm_frame=palm_frame,
-                X_WC=X_WC,
+                CameraView(
+                    plant=plant,
+                    inspector=scene_graph.model_inspector(),
+                    object_body=thing,
+                    object_model=object_model,
+                    palm_frame=palm_frame,
+                    X_WC=X_WC,
+                ),
                 params=DepthTrackerParams(**params),
             ),
         )

@@ -15,6 +15,7 @@ from tactopose_drake.core.poses import increments_between
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.vision.vision_model import VisionModel
 from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.systems.camera_view import CameraView
 from tactopose_drake.systems.random_sources import seed_random_sources
 from tactopose_drake.systems.simulated_vision import SimulatedVision, SimulatedVisionParams
 
@@ -50,12 +51,14 @@ def make_station(
     vision = builder.AddNamedSystem(
         "vision",
         SimulatedVision(
-            plant,
-            scene_graph.model_inspector(),
-            object_body=thing,
-            object_model=object_model,
-            palm_frame=palm_frame,
-            X_WC=X_WC,
+            CameraView(
+                plant=plant,
+                inspector=scene_graph.model_inspector(),
+                object_body=thing,
+                object_model=object_model,
+                palm_frame=palm_frame,
+                X_WC=X_WC,
+            ),
             params=SimulatedVisionParams(model=MODEL, period=0.1),
         ),
     )
