@@ -17,7 +17,7 @@ class PoseMeasurement:
 
     Attributes:
         time: when it was so, s, of the clock that the frames of the belief are of: of the picture, not of its delivery.
-        X_PO: the pose at that time, shape (3, 4); a RigidTransform is taken too.
+        X_PO: the pose at that time, shape (3, 4), its translation in m; a RigidTransform is taken too.
         covariance: of the increment (w, v) from it to the true pose, shape (6, 6), rad and m.
 
     Raises:
@@ -42,7 +42,12 @@ class PoseMeasurement:
 
     @classmethod
     def from_prior(cls, prior: GaussianPrior, time: float) -> PoseMeasurement:
-        """What a prior says, as of a time, s."""
+        """What a prior says, as a measurement.
+
+        Args:
+            prior: what is known of the pose.
+            time: as of when, s.
+        """
         return cls(time, prior.mean, np.diag(prior.sigmas**2))
 
     def as_prior(self) -> GaussianPrior:
