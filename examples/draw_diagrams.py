@@ -31,7 +31,7 @@ from tactopose_drake.station import (
     make_arm_station,
     make_station,
 )
-from tactopose_drake.systems import PoseTrackingParams, SimulatedVision, SimulatedVisionParams
+from tactopose_drake.systems import CameraView, PoseTrackingParams, SimulatedVision, SimulatedVisionParams
 
 LEFT_OUT = ("RandomSource", "SceneGraph")
 STYLE = """rankdir=LR; ranksep=0.6; nodesep=0.12; bgcolor=white;
@@ -152,12 +152,14 @@ def make_control_stack(plan: GraspPlan) -> ArmStation:
         vision = builder.AddNamedSystem(
             "vision",
             SimulatedVision(
-                parts.plant,
-                parts.scene_graph.model_inspector(),
-                object_body=parts.object_body,
-                object_model=parts.model,
-                palm_frame=parts.hand.palm_frame,
-                X_WC=RigidTransform(),
+                CameraView(
+                    plant=parts.plant,
+                    inspector=parts.scene_graph.model_inspector(),
+                    object_body=parts.object_body,
+                    object_model=parts.model,
+                    palm_frame=parts.hand.palm_frame,
+                    X_WC=RigidTransform(),
+                ),
                 params=SimulatedVisionParams(),
             ),
         )

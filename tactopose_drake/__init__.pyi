@@ -1,6 +1,5 @@
 from .core.evidence.contacts import Contacts as Contacts
 from .core.evidence.force_balance import ForceBalance as ForceBalance
-from .core.evidence.prior import PosePrior as PosePrior
 from .core.grasping.quality import GraspQuality as GraspQuality
 from .core.grasping.quality import force_closure_probability as force_closure_probability
 from .core.grasping.quality import grasp_quality as grasp_quality
@@ -23,6 +22,7 @@ from .estimation.identification import identify as identify
 from .estimation.identities import Identification as Identification
 from .estimation.identities import Identity as Identity
 from .estimation.object_library import ObjectLibrary as ObjectLibrary
+from .estimation.prior import PosePrior as PosePrior
 from .estimation.results import PoseEstimate as PoseEstimate
 from .estimation.results import PoseHypothesis as PoseHypothesis
 from .hand.geometry import HandGeometry as HandGeometry

@@ -6,7 +6,7 @@ simulation.
 
 import numpy as np
 
-from tactopose_drake.core.evidence.prior import PosePrior
+from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.station.scenario import Scenario, load_scenario
 from tactopose_drake.station.senses import CanBus
 

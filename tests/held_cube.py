@@ -6,8 +6,8 @@ test has a hand full of touch without a simulation.
 
 import numpy as np
 
-from tactopose_drake.core.evidence.prior import PosePrior
 from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.station.scenario import Scenario, load_scenario
 from tactopose_drake.station.senses import CanBus, CanSenses, ForceTorqueBoard
 

@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from pydrake.systems.framework import LeafSystem
 
 import tactopose_drake
 
@@ -166,3 +167,18 @@ def test_users_import_from_faces_alone() -> None:
                     assert alias.name in face.__all__, f"{path}: {node.module} does not offer {alias.name}"
                 seen += 1
     assert seen > 100
+
+
+def test_every_system_is_offered_and_shown() -> None:
+    face = importlib.import_module("tactopose_drake.systems")
+    systems = {name for name in face.__all__ if name.startswith("Add")}
+    for path in (PACKAGE / "systems").glob("*.py"):
+        for node in ast.parse(path.read_text()).body:
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                module = importlib.import_module(f"tactopose_drake.systems.{path.stem}")
+                if issubclass(getattr(module, node.name), LeafSystem):
+                    systems.add(node.name)
+    assert len(systems) > 25
+    assert systems <= set(face.__all__)
+    shown = "\n".join(source for _, source in user_sources())
+    assert not [name for name in systems if not re.search(rf"\b{name}\b", shown)]

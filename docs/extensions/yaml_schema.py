@@ -19,7 +19,8 @@ from sphinx.util.docutils import SphinxDirective
 
 def comments(schema: type) -> dict[str, str]:
     """What the source says of each field: the comment behind or above it, or its entry under `Attributes:`."""
-    found: dict[str, str] = {}
+    inherited = [comments(base) for base in schema.__bases__ if dataclasses.is_dataclass(base)]
+    found = {name: text for of_base in inherited for name, text in of_base.items()}
     documentation = inspect.getdoc(schema) or ""
     _, _, attributes = documentation.partition("Attributes:\n")
     for name, text in re.findall(r"^    (\w+): (.*?)(?=^    \w|^\S|\Z)", attributes, re.M | re.S):

@@ -58,7 +58,7 @@ def thesis_solver(search: Search, normal_weight: float) -> Solver:
     def solve(shape: Shape, trial: Trial) -> Outcome:
         started = time.perf_counter()
         cloud = shape.model.samples
-        objective = PointCloudContact(cloud.points, cloud.normals, trial.contacts, trial.prior.X_PO, normal_weight)
+        objective = PointCloudContact(cloud.points, cloud.normals, trial.contacts, trial.prior.mean, normal_weight)
         found = search.minimize(objective, PriorSpace(trial.prior), np.random.default_rng(0))
         return Outcome(found.X_PO[0], float(found.iterations[0]), time.perf_counter() - started)
 

@@ -118,7 +118,7 @@ def run_experiment(
             journal.add(bench.key(task), numbers)
             progress.advance(bar)
     priors = [(bench.trial(i, MAIN_CELL).prior, bench.grasps[i].X_PO) for i in range(max(counts.values()))]
-    initial = [pose_errors(bench.model, prior.X_PO[None], X_PO) for prior, X_PO in priors if prior is not None]
+    initial = [pose_errors(bench.model, prior.mean[None], X_PO) for prior, X_PO in priors if prior is not None]
     return Results(
         bench.experiment,
         Errors(*(np.array([errors[part] for errors in initial]).ravel() for part in (0, 1))),

@@ -43,7 +43,7 @@ from tactopose_drake.station import (
     reach_axis,
     smooth_motion,
 )
-from tactopose_drake.systems import DepthTracker, DepthTrackerParams, PoseTrackingParams
+from tactopose_drake.systems import CameraView, DepthTracker, DepthTrackerParams, PoseTrackingParams
 
 Array = NDArray[np.float64]
 
@@ -163,12 +163,14 @@ def make_carrying_station(name: str, knows_hand: bool, seed: int, places: Array)
         # Half the Kinect's resolution.
         params.model.width, params.model.height, params.model.focal_length = 320, 240, 288.0
         tracker = DepthTracker(
-            parts.plant,
-            parts.scene_graph.model_inspector(),
-            object_body=parts.object_body,
-            object_model=model,
-            palm_frame=parts.hand.palm_frame,
-            X_WC=camera_pose(),
+            CameraView(
+                plant=parts.plant,
+                inspector=parts.scene_graph.model_inspector(),
+                object_body=parts.object_body,
+                object_model=model,
+                palm_frame=parts.hand.palm_frame,
+                X_WC=camera_pose(),
+            ),
             others=(parts.arm.model_instance,),
             params=params,
         )

@@ -43,7 +43,7 @@ def draw(figure: str, experiment: Experiment, number: int, seed: int, path: Path
     trial = make_trial(experiment.object, grasp, MAIN_CELL.fingers, MAIN_CELL.noise, (seed, number), experiment.guess)
     estimate = tp.estimate_pose(model, trial.contacts, prior=trial.prior, hand=trial.hand)
     best = estimate.best.X_PO
-    before = far_pose(np.random.default_rng((seed, number))) if trial.prior is None else trial.prior.X_PO
+    before = far_pose(np.random.default_rng((seed, number))) if trial.prior is None else trial.prior.mean
     scene = Scene(
         model=model,
         contacts=tp.Contacts(grasp.p_PC, grasp.n_PC, grasp.f_PC),

@@ -96,7 +96,7 @@ def main(seed: int, out: Path | None) -> None:
     particles, cost = problem.search.evolve(problem.objective, problem.space, np.random.default_rng(seed))
     found = problem.search.minimize(problem.objective, problem.space, np.random.default_rng(seed)).X_PO[:1]
     assert trial.prior is not None
-    before, after = (pose_errors(model, X_PO, trial.X_PO) for X_PO in (trial.prior.X_PO[None], found))
+    before, after = (pose_errors(model, X_PO, trial.X_PO) for X_PO in (trial.prior.mean[None], found))
     lines = [
         f"# Figures 4.5 and 4.19, seed {seed}",
         "",

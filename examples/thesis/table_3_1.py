@@ -65,7 +65,7 @@ def run_trials(shape: Shape, trials: int, seed: int, description: str) -> dict[R
     values = np.empty((trials, len(ROWS), len(COLUMNS)))
     for i in track(range(trials), description, console=Console(stderr=True), transient=True):
         trial = make_trial(shape, generator)
-        outcomes = [Outcome(trial.prior.X_PO, math.nan, math.nan)]
+        outcomes = [Outcome(trial.prior.mean, math.nan, math.nan)]
         outcomes += [solvers[row](shape, trial) for row in ROWS[1:]]
         X_PO = np.stack([outcome.X_PO for outcome in outcomes])
         touch = touch_errors(shape.model, trial.contacts, X_PO)

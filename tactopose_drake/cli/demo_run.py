@@ -19,12 +19,12 @@ from tactopose_drake.cli.demo_reports import (
 )
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.patch_contacts import with_patches
-from tactopose_drake.core.evidence.prior import PosePrior
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import TactoposeError
 from tactopose_drake.estimation.files import save_result
+from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
 from tactopose_drake.runs.grasp_simulation import GraspResult, simulate_grasp
@@ -100,7 +100,7 @@ def run_demo(
         model=grasp.station.model,
         contacts=touch,
         patches=tuple(patch for patch, _ in pads.values()),
-        prior=RigidTransform(prior.X_PO),
+        prior=prior.X_PO,
         estimate=estimate.best.X_PO,
         truth=grasp.X_PO,
         hand=_hand_surface(grasp),
@@ -108,7 +108,7 @@ def run_demo(
     )
     vision, touched = (
         report_pose(name, X_PO, grasp.X_PO, grasp.station.model, touch, estimate.best.free_directions)
-        for name, X_PO in (("vision", prior.X_PO), ("touch", estimate.best.X_PO.GetAsMatrix34()))
+        for name, X_PO in (("vision", prior.mean), ("touch", estimate.best.X_PO.GetAsMatrix34()))
     )
     truth = grasp.truth
     return DemoResult(

@@ -15,7 +15,6 @@ from pathlib import Path
 
 import click
 from pydrake.geometry import Meshcat
-from pydrake.math import RigidTransform
 from rich.console import Console
 
 from tactopose_drake.cli.demo_run import DemoResult, GraspFailedError, run_demo, save_demo
@@ -95,7 +94,7 @@ def estimate(
     scene = Scene(
         model=model,
         contacts=contacts,
-        prior=None if prior is None else RigidTransform(prior.X_PO),
+        prior=None if prior is None else prior.X_PO,
         estimate=found.best.X_PO,
     )
     if html is not None:

@@ -14,6 +14,7 @@ from .identities import Identification as Identification
 from .object_library import LibraryWarning as LibraryWarning
 from .object_library import ObjectLibrary as ObjectLibrary
 from .object_library import forget_models as forget_models
+from .prior import PosePrior as PosePrior
 from .results import PoseEstimate as PoseEstimate
 from .results import PoseHypothesis as PoseHypothesis
 from .results import Status as Status

@@ -10,38 +10,21 @@ import numpy as np
 from pydrake.autodiffutils import AutoDiffXd, ExtractValue
 from pydrake.solvers import MathematicalProgram, NloptSolver, SolverOptions
 
-from tactopose_drake.core.objectives.objective import LeastSquaresObjective
-from tactopose_drake.core.searches.candidates import CandidatePoses, refine_best
-from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
-from tactopose_drake.core.searches.search import PoseSpace, Search, SearchResult, StopSignal, never
+from tactopose_drake.core.searches.box_search import BoxSearch
+from tactopose_drake.core.searches.candidates import CandidatePoses
+from tactopose_drake.core.searches.search import StopSignal
 from tactopose_drake.estimation.mathematical_program import StoppedError
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Direct(Search):
+class Direct(BoxSearch):
     """Divides the box that the space reaches, the promising parts first; the best poses that it saw are refined.
 
     It takes no random number: the same problem gives the same poses.
-
-    Attributes:
-        max_evaluations: poses tried at the most.
-        refined: so many of the best distinct poses are refined in the end.
-        refinement: how.
     """
 
-    max_evaluations: int = 20_000
-    refined: int = 20
-    refinement: LevenbergMarquardt = dataclasses.field(default_factory=LevenbergMarquardt)
-
-    def minimize(
-        self,
-        objective: LeastSquaresObjective,
-        space: PoseSpace,
-        generator: np.random.Generator,
-        should_stop: StopSignal = never,
-    ) -> SearchResult:
-        """The minima that the best of the visited poses lead to, by rising cost."""
-        candidates = CandidatePoses(objective, space.center, np.repeat(space.reach, 3))
+    def try_poses(self, candidates: CandidatePoses, generator: np.random.Generator, should_stop: StopSignal) -> None:
+        """Divides the box."""
 
         def cost(y: np.ndarray[Any, Any]) -> AutoDiffXd:
             if len(candidates) and should_stop():
@@ -57,5 +40,3 @@ class Direct(Search):
         options.SetOption(solver.solver_id(), NloptSolver.AlgorithmName(), "GN_DIRECT_L")
         options.SetOption(solver.solver_id(), NloptSolver.MaxEvalName(), self.max_evaluations)
         solver.Solve(program, np.zeros(6), options)
-        found = refine_best(objective, candidates.by_cost(), self.refined, self.refinement, should_stop)
-        return found._replace(iterations=found.iterations + len(candidates))

@@ -13,7 +13,6 @@ from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.evidence.force_balance import ForceBalance
 from tactopose_drake.core.evidence.hand_clearance import HandClearance
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
-from tactopose_drake.core.evidence.prior import PosePrior
 from tactopose_drake.core.identification.model_evidence import log_evidence
 from tactopose_drake.core.posterior.belief import BeliefSampling
 from tactopose_drake.core.posterior.hypotheses import Modes, find_modes
@@ -35,6 +34,7 @@ from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import InvalidInputError, TooFewContactsError, UnknownNameError
 from tactopose_drake.estimation.direct import Direct
 from tactopose_drake.estimation.mathematical_program import PoseProgram
+from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.estimation.results import PoseEstimate, PoseHypothesis, status_of
 
 # Without a prior, fewer contacts and patches leave whole families of poses, whichever mode carries most of the mass.

@@ -10,14 +10,11 @@ from typing import Literal
 import numpy as np
 from pydrake.math import RigidTransform
 
-from tactopose_drake.core.posterior.pose_modes import PoseModes
+from tactopose_drake.core.posterior.pose_modes import MOST_OF_THE_MASS, PoseModes
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
 
 Status = Literal["ok", "ambiguous", "no_solution"]
-
-# The share of the mass that the best hypothesis must carry to be called the answer.
-_MOST_OF_THE_MASS = 0.5
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -95,7 +92,7 @@ class PoseEstimate:
             dataclasses.replace(hypothesis, probability=hypothesis.probability / mass if mass else 1.0 / len(chosen))
             for hypothesis in chosen
         )
-        undetermined = self.status == "ambiguous" and self.best.probability >= _MOST_OF_THE_MASS
+        undetermined = self.status == "ambiguous" and self.best.probability >= MOST_OF_THE_MASS
         return dataclasses.replace(
             self,
             hypotheses=hypotheses,
@@ -108,6 +105,6 @@ def status_of(hypotheses: Sequence[PoseHypothesis], undetermined: bool) -> Statu
     """Of hypotheses by falling probability; `undetermined`: however they are weighed."""
     if not hypotheses[0].explains_touch:
         return "no_solution"
-    if undetermined or hypotheses[0].probability < _MOST_OF_THE_MASS:
+    if undetermined or hypotheses[0].probability < MOST_OF_THE_MASS:
         return "ambiguous"
     return "ok"

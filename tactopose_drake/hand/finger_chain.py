@@ -7,7 +7,7 @@ from pydrake.multibody.tree import RevoluteJoint, WeldJoint
 
 from tactopose_drake.core.grasping.serial_chain import SerialChain
 from tactopose_drake.errors import InvalidInputError
-from tactopose_drake.hand.hand_config import Hand
+from tactopose_drake.hand.hand_config import FingerConfig, Hand
 
 
 def finger_chain(plant: MultibodyPlant, hand: Hand, finger: str) -> SerialChain:
@@ -27,7 +27,6 @@ def finger_chain(plant: MultibodyPlant, hand: Hand, finger: str) -> SerialChain:
         plant.get_joint(index).child_body().index(): plant.get_joint(index)
         for index in plant.GetJointIndices(hand.model_instance)
     }
-    follows = {coupling.joint: coupling for coupling in config.couplings}
     sensor_frame, body = hand.sensor_frames[finger], hand.sensor_frames[finger].body()
     X_last: RigidTransform = sensor_frame.GetFixedPoseInBodyFrame()
     joints: list[RevoluteJoint] = []
@@ -46,16 +45,10 @@ def finger_chain(plant: MultibodyPlant, hand: Hand, finger: str) -> SerialChain:
             else:
                 X_last = offset @ X_last
         elif isinstance(joint, RevoluteJoint):
-            leader = follows[joint.name()].follows if joint.name() in follows else joint.name()
-            if leader not in config.joints:
-                raise InvalidInputError(
-                    f"finger {finger!r}: joint {joint.name()!r} is none of its joints {config.joints}."
-                )
-            ratio = follows[joint.name()].ratio if joint.name() in follows else 1.0
             joints.append(joint)
             X_parents.append(X_parent)
             X_children.append(X_child)
-            coupling.append([ratio * (name == leader) for name in config.joints])
+            coupling.append(_ratios(config, joint.name()))
         else:
             raise InvalidInputError(
                 f"joint {joint.name()!r}: is {joint.type_name()}; allowed on a finger are revolute and fixed joints."
@@ -73,3 +66,13 @@ def finger_chain(plant: MultibodyPlant, hand: Hand, finger: str) -> SerialChain:
         np.array([joint.position_upper_limits()[0] for joint in actuated]),
         tuple(joint.child_body().name() for joint in reversed(joints)),
     )
+
+
+def _ratios(config: FingerConfig, joint: str) -> list[float]:
+    """What a joint's position is of those of the finger's actuated joints."""
+    follows = {coupling.joint: coupling for coupling in config.couplings}
+    leader = follows[joint].follows if joint in follows else joint
+    if leader not in config.joints:
+        raise InvalidInputError(f"finger {config.name!r}: joint {joint!r} is none of its joints {config.joints}.")
+    ratio = follows[joint].ratio if joint in follows else 1.0
+    return [ratio * (name == leader) for name in config.joints]

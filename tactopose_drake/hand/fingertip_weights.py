@@ -3,13 +3,27 @@
 import numpy as np
 from pydrake.math import RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import Frame, WeldJoint
 
 from tactopose_drake.core.sensing.force_torque import weight_wrench
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.hand.hand_config import Hand
-from tactopose_drake.hand.joint_paths import JointPaths
+from tactopose_drake.hand.kinematics import HandKinematics
 
 _GRAVITY_W = np.array([0.0, 0.0, -9.81])  # m/s^2, Drake's default
+
+
+def fingertip_mass(plant: MultibodyPlant, weld: WeldJoint, sensor_frame: Frame) -> tuple[float, FloatArray]:
+    """Mass, kg, and centre of mass p_STipcm, shape (3,), m, of the fingertip behind a weld.
+
+    Args:
+        plant: finalized plant that holds the hand.
+        weld: joint between finger (parent) and fingertip (child).
+        sensor_frame: S, fixed on the finger or on the fingertip.
+    """
+    tip, context = weld.child_body(), plant.CreateDefaultContext()
+    X_STip = plant.CalcRelativeTransform(context, sensor_frame, tip.body_frame())
+    return float(tip.get_mass(context)), X_STip @ tip.CalcCenterOfMassInBodyFrame(context)
 
 
 class FingertipWeights:
@@ -23,14 +37,11 @@ class FingertipWeights:
             hand: the hand in it.
             R_WBase: how the hand's base stands in the real world, whose z points up.
         """
-        self._plant, self._context, self._frames = plant, plant.CreateDefaultContext(), hand.sensor_frames
+        self._kinematics, self._frames = HandKinematics(plant, plant.world_frame()), hand.sensor_frames
         self._g_Base = R_WBase.inverse() @ _GRAVITY_W
-        self._paths = JointPaths(plant, plant.world_frame())
         self._per_gravity: dict[str, FloatArray] = {}  # (6, 3): the weight's wrench is this times gravity in S
         for finger, weld in hand.welds.items():
-            tip = weld.child_body()
-            X_STip = plant.CalcRelativeTransform(self._context, self._frames[finger], tip.body_frame())
-            mass, p_STipcm = tip.get_mass(self._context), X_STip @ tip.CalcCenterOfMassInBodyFrame(self._context)
+            mass, p_STipcm = fingertip_mass(plant, weld, self._frames[finger])
             self._per_gravity[finger] = np.column_stack([weight_wrench(mass, p_STipcm, axis) for axis in np.eye(3)])
 
     def wrenches(self, q: FloatArray) -> dict[str, FloatArray]:
@@ -42,13 +53,8 @@ class FingertipWeights:
         Returns:
             Shape (6,) each, N m and N; NaN where a joint that turns the sensor is not known.
         """
-        known = self._paths.known(q)
-        self._plant.SetPositions(self._context, np.nan_to_num(q))
-        wrenches = {}
-        for finger, frame in self._frames.items():
-            if known[int(frame.body().index())]:
-                g_S = frame.CalcRotationMatrixInWorld(self._context).matrix().T @ self._g_Base
-                wrenches[finger] = self._per_gravity[finger] @ g_S
-            else:
-                wrenches[finger] = np.full(6, np.nan)
+        self._kinematics.move(q)
+        wrenches = {finger: np.full(6, np.nan) for finger in self._frames}
+        for finger, X_BaseS in self._kinematics.poses(self._frames).items():
+            wrenches[finger] = self._per_gravity[finger] @ (X_BaseS.rotation().matrix().T @ self._g_Base)
         return wrenches

@@ -13,6 +13,7 @@ from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.finger_chain import finger_chain
 from tactopose_drake.hand.geometry import BodySpheres
 from tactopose_drake.hand.hand_config import Hand, HandConfig, add_hand
+from tactopose_drake.hand.kinematics import HandKinematics
 
 # Samples of a finger's workspace for each of its joints.
 _SAMPLES_PER_JOINT = 1200
@@ -76,17 +77,13 @@ def _round_end(surface: Surface) -> tuple[FloatArray, float]:
 
 def _palm_spheres(plant: MultibodyPlant, hand: Hand, spheres: BodySpheres) -> Spheres:
     """The spheres that no finger moves, where zero joint positions put them."""
-    context = plant.CreateDefaultContext()
-    X_PW = hand.palm_frame.CalcPoseInWorld(context).inverse()
     of_fingers: set[int] = set()
     for finger in hand.fingers:
         chain = finger_chain(plant, hand, finger)
         of_fingers |= {int(plant.GetBodyByName(name, hand.model_instance).index()) for name in chain.bodies}
         of_fingers.add(int(hand.welds[finger].child_body().index()))
     fixed = ~np.isin(spheres.body, sorted(of_fingers))
-    return X_PW.multiply(spheres.positions(plant.get_body_poses_output_port().Eval(context)).T).T[
-        fixed
-    ], spheres.radius[fixed]
+    return HandKinematics(plant, hand.palm_frame).positions(spheres)[fixed], spheres.radius[fixed]
 
 
 def _rest_spheres(geometry: FingerGeometry, q: FloatArray) -> Spheres:

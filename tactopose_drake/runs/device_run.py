@@ -9,8 +9,8 @@ from pydrake.common.value import AbstractValue
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, EventStatus
 
-from tactopose_drake.core.evidence.prior import PosePrior
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.runs.advance import Look, Progress, RunView, advance
 from tactopose_drake.runs.known_signals import known_signals
 from tactopose_drake.runs.recording import Recording

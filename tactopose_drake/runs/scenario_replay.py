@@ -9,7 +9,7 @@ from pydrake.systems.analysis import Simulator
 
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.runs.advance import Look, Progress, RunView, advance
-from tactopose_drake.runs.manifest import SIGNALS, load_manifest
+from tactopose_drake.runs.manifest import SIGNALS, Manifest, load_manifest
 from tactopose_drake.runs.simulation import TRUE_POSE
 from tactopose_drake.station.can_devices import CanDevices, logged_buses
 from tactopose_drake.station.hardware import make_hardware_station
@@ -61,10 +61,7 @@ def replay(
     """
     manifest = load_manifest(folder)
     manifest.check_scenario(scenario, folder)
-    estimator = dataclasses.replace(scenario.estimation.estimator, max_duration=None)
-    estimation = dataclasses.replace(scenario.estimation, estimator=estimator)
-    senses = manifest.scenario.senses
-    scenario = dataclasses.replace(scenario, senses=senses, estimation=estimation)
+    scenario = _as_recorded(scenario, manifest)
     signals, cut = read_signals(folder / SIGNALS)
     # What is beyond the last whole line is not known.
     last = max((signal.times[-1] for signal in signals.values()), default=0.0)
@@ -72,12 +69,9 @@ def replay(
     tell("reading the object")
     model = ObjectModel.from_mesh(scenario.object_mesh())
     with contextlib.ExitStack() as parts:
-        devices = None
-        if isinstance(senses, CanSenses):
-            if senses.barrett_hand is not None:
-                signals.pop("joint_positions", None)  # They are in the log.
-            devices = CanDevices(senses, logged_buses({name: folder / file for name, file in manifest.buses.items()}))
-            devices.set_biases(manifest.biases)
+        devices = _logged_devices(folder, manifest)
+        if devices is not None and devices.hand is not None:
+            signals.pop("joint_positions", None)  # They are in the log.
         station = make_hardware_station(scenario, devices, signals, model=model)
         if devices is not None:
             parts.enter_context(devices)
@@ -99,3 +93,20 @@ def replay(
         texts = (*(str(end) for end in ends), *([cut] if cut else []))
         view = RunView(station.diagram, simulator.get_context())
         return Replay(view, texts, not cut and all(end.whole for end in ends))
+
+
+def _as_recorded(scenario: Scenario, manifest: Manifest) -> Scenario:
+    """The scenario with the recording's senses, and without a time limit."""
+    estimator = dataclasses.replace(scenario.estimation.estimator, max_duration=None)
+    estimation = dataclasses.replace(scenario.estimation, estimator=estimator)
+    return dataclasses.replace(scenario, senses=manifest.scenario.senses, estimation=estimation)
+
+
+def _logged_devices(folder: Path, manifest: Manifest) -> CanDevices | None:
+    """The devices of a recording on buses that play their logs; None where it has none."""
+    senses = manifest.scenario.senses
+    if not isinstance(senses, CanSenses):
+        return None
+    devices = CanDevices(senses, logged_buses({name: folder / file for name, file in manifest.buses.items()}))
+    devices.set_biases(manifest.biases)
+    return devices

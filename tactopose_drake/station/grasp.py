@@ -12,9 +12,10 @@ from pydrake.systems.framework import DiagramBuilder, OutputPort
 from tactopose_drake.core.grasping.grasp_planner import GraspPlan
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.hand.hand_config import Hand
+from tactopose_drake.hand.hand_joints import HandJoints
 from tactopose_drake.hand.hand_reach import rest_positions
 from tactopose_drake.station.scenario import Scenario
-from tactopose_drake.systems.grasp_controller import GraspController, hand_layout
+from tactopose_drake.systems.grasp_controller import GraspController
 from tactopose_drake.systems.grip_controller import GripController
 
 # A push below any that occurs: the hand's open posture.
@@ -63,7 +64,7 @@ def add_grip(builder: DiagramBuilder, scenario: Scenario, plant: MultibodyPlant,
     controller = builder.AddNamedSystem("grip_controller", GripController(plant, hand, params))
     builder.Connect(controller.GetOutputPort("desired_state"), plant.get_desired_state_input_port(hand.model_instance))
     _connect_controller(builder, plant, hand, controller)
-    q, places = _rest(plant, hand), _places(plant, hand)
+    q, places = _rest(plant, hand), HandJoints.of(plant, hand).position
     for joint, position in params.fixed.items():
         q[places[joint]] = position
     X_PO = scenario.grip.X_PO[scenario.object].Sample(RandomGenerator(scenario.seed))
@@ -86,15 +87,9 @@ def _connect_controller(
     builder.ExportOutput(controller.GetOutputPort("status"), "grasp_status")
 
 
-def _places(plant: MultibodyPlant, hand: Hand) -> dict[str, int]:
-    """Where each moving joint's position is among the hand's."""
-    first, _, names = hand_layout(plant, hand)
-    return {name: plant.GetJointByName(name, hand.model_instance).position_start() - first for name in names}
-
-
 def _rest(plant: MultibodyPlant, hand: Hand) -> FloatArray:
     """The hand's joint positions when no finger takes part, shape (nq,), rad."""
-    places, q = _places(plant, hand), np.zeros(plant.num_positions(hand.model_instance))
+    places, q = HandJoints.of(plant, hand).position, np.zeros(plant.num_positions(hand.model_instance))
     for finger in hand.config.fingers:
         for name, position in zip(finger.joints, rest_positions(hand.config, finger.name), strict=True):
             q[places[name]] = position
@@ -103,7 +98,7 @@ def _rest(plant: MultibodyPlant, hand: Hand) -> FloatArray:
 
 def _followed(plant: MultibodyPlant, hand: Hand, q: FloatArray) -> FloatArray:
     """The positions (nq,), with each coupled joint where its leader has it."""
-    places, q = _places(plant, hand), q.copy()
+    places, q = HandJoints.of(plant, hand).position, q.copy()
     for finger in hand.config.fingers:
         for coupling in finger.couplings:
             q[places[coupling.joint]] = coupling.ratio * q[places[coupling.follows]]

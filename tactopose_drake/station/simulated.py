@@ -18,6 +18,7 @@ from tactopose_drake.station.grasp_planning import plan_scenario
 from tactopose_drake.station.scenario import Scenario
 from tactopose_drake.station.simulated_senses import add_noise, add_senses
 from tactopose_drake.station.tracking import add_tracking
+from tactopose_drake.systems.camera_view import CameraView
 from tactopose_drake.systems.grip_controller import set_motor_gains
 from tactopose_drake.systems.palm_pose import PalmPose
 from tactopose_drake.systems.patch_display import PatchDisplay
@@ -134,12 +135,7 @@ def make_station(
         add_tracking(builder, scenario.tracking, hand.config, model, {**senses, **more})
     if meshcat is not None:
         _add_display(builder, plant, scene_graph, hand, model, meshcat)
-    for name in ("contact_results", "body_poses"):
-        builder.ExportOutput(plant.GetOutputPort(name), name)
-    builder.ExportOutput(scene_graph.get_query_output_port(), "query")
-    add_noise(builder, scenario, hand)
-    diagram = builder.Build()
-    diagram.set_name("station")
+    diagram = finish_station("station", builder, scenario, plant, scene_graph, hand)
     return Station(diagram, plant, scene_graph, hand, object_body, object_joint, model, start, plan, scenario)
 
 
@@ -156,12 +152,14 @@ def _add_vision(
     vision = builder.AddNamedSystem(
         "vision",
         SimulatedVision(
-            plant,
-            scene_graph.model_inspector(),
-            object_body=object_body,
-            object_model=model,
-            palm_frame=hand.palm_frame,
-            X_WC=scenario.X_WC.GetDeterministicValue(),
+            CameraView(
+                plant=plant,
+                inspector=scene_graph.model_inspector(),
+                object_body=object_body,
+                object_model=model,
+                palm_frame=hand.palm_frame,
+                X_WC=scenario.X_WC.GetDeterministicValue(),
+            ),
             params=scenario.vision,
         ),
     )
@@ -175,13 +173,34 @@ def _add_estimation(
 ) -> None:
     """The pose estimation, from the senses and vision."""
     estimation = AddPoseEstimation(builder, hand.config, model, scenario.estimation)
-    for name, port in senses.items():
-        builder.Connect(port, estimation.GetInputPort(name))
     prior = builder.GetSubsystemByName("vision").GetOutputPort("prior")
-    builder.Connect(prior, estimation.GetInputPort("prior"))
-    for index in range(estimation.num_output_ports()):
-        port = estimation.get_output_port(index)
+    feed_estimation(builder, estimation, {**senses, "prior": prior})
+
+
+def feed_estimation(builder: DiagramBuilder, estimation: Diagram, inputs: Mapping[str, OutputPort]) -> None:
+    """Connects the inputs of an estimation or a tracking by their names, and gives the diagram its outputs."""
+    for name, port in inputs.items():
+        builder.Connect(port, estimation.GetInputPort(name))
+    for port in map(estimation.get_output_port, range(estimation.num_output_ports())):
         builder.ExportOutput(port, port.get_name())
+
+
+def finish_station(
+    name: str,
+    builder: DiagramBuilder,
+    scenario: Scenario,
+    plant: MultibodyPlant,
+    scene_graph: SceneGraph,
+    hand: Hand,
+) -> Diagram:
+    """The diagram, when it has its noise and the ports that tell the truth."""
+    for port in ("contact_results", "body_poses"):
+        builder.ExportOutput(plant.GetOutputPort(port), port)
+    builder.ExportOutput(scene_graph.get_query_output_port(), "query")
+    add_noise(builder, scenario, hand)
+    diagram = builder.Build()
+    diagram.set_name(name)
+    return diagram
 
 
 def _add_display(

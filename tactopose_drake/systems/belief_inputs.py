@@ -13,12 +13,12 @@ from pydrake.systems.framework import Context, LeafSystem
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
-from tactopose_drake.core.evidence.prior import PosePrior
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.tracking.frame import Frame
 from tactopose_drake.core.tracking.pose_measurement import PoseMeasurement
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import PortTypeError
+from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.systems.ports import eval_optional_input
 
 # Noise moves a reading that is alive within less than this, s.
@@ -131,7 +131,7 @@ class BeliefInputs:
                 f"{self._name(self._vision)}: holds a {type(seen).__name__}; allowed are PoseMeasurement, PosePrior "
                 "and None."
             )
-        if before.prior is None or not np.array_equal(before.prior.X_PO, seen.X_PO):
+        if before.prior is None or not np.array_equal(before.prior.X_PO, seen.mean):
             before = dataclasses.replace(before, prior=PoseMeasurement.from_prior(seen, context.get_time()))
         return before.prior, before
 

@@ -15,7 +15,7 @@ from pydrake.systems.framework import Context, LeafSystem, ValueProducer
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.sensing.intrinsic_contact import ContactSolution
 from tactopose_drake.core.validation import positive_number
-from tactopose_drake.hand.joint_paths import JointPaths
+from tactopose_drake.systems.hand_kinematics import declare_kinematics
 from tactopose_drake.systems.ports import eval_input
 
 
@@ -40,14 +40,6 @@ class _Touch:
     fingers_in_contact: tuple[str, ...]
     fingers_untouched: tuple[str, ...]
     status: str
-
-
-@dataclasses.dataclass
-class _Kinematics:
-    """Scratch of the forward kinematics; lives in a cache entry."""
-
-    plant_context: Context
-    X_PS: dict[str, RigidTransform]
 
 
 class ContactsInPalm(LeafSystem):
@@ -94,15 +86,10 @@ class ContactsInPalm(LeafSystem):
         super().__init__()
         self._params = ContactsInPalmParams() if params is None else params
         self._params.validate()
-        self._plant, self._sensor_frames, self._palm_frame = plant, dict(sensor_frames), palm_frame
-        self._paths = JointPaths(plant, palm_frame)
+        self._sensor_frames = dict(sensor_frames)
         self._positions = self.DeclareVectorInputPort("joint_positions", plant.num_positions())
         self._solutions = self.DeclareAbstractInputPort("contact_solutions", AbstractValue.Make({}))
-        self._kinematics = self.DeclareCacheEntry(
-            "poses of the sensors in the palm",
-            ValueProducer(allocate=self._allocate_kinematics, calc=self._calc_kinematics),
-            {self._positions.ticket()},
-        )
+        self._kinematics = declare_kinematics(self, plant, palm_frame, self._positions)
         self._touch = self.DeclareCacheEntry(
             "contacts in the palm",
             ValueProducer(allocate=lambda: AbstractValue.Make(None), calc=self._calc_touch),
@@ -118,22 +105,9 @@ class ContactsInPalm(LeafSystem):
 
         self.DeclareAbstractOutputPort(name, model.Clone, calc, prerequisites_of_calc={self._touch.ticket()})
 
-    def _allocate_kinematics(self) -> AbstractValue:
-        return AbstractValue.Make(_Kinematics(self._plant.CreateDefaultContext(), {}))
-
-    def _calc_kinematics(self, context: Context, cached: AbstractValue) -> None:
-        kinematics, q = cached.get_mutable_value(), self._positions.Eval(context)
-        known = self._paths.known(q)
-        self._plant.SetPositions(kinematics.plant_context, np.nan_to_num(q))
-        kinematics.X_PS = {
-            finger: self._plant.CalcRelativeTransform(kinematics.plant_context, self._palm_frame, frame)
-            for finger, frame in self._sensor_frames.items()
-            if known[int(frame.body().index())]
-        }
-
     def _calc_touch(self, context: Context, cached: AbstractValue) -> None:
         solutions = eval_input(self._solutions, context, dict)
-        X_PS = self._kinematics.Eval(context).X_PS
+        X_PS = self._kinematics.Eval(context).poses(self._sensor_frames)
         fingers = tuple(finger for finger in X_PS if finger in solutions and solutions[finger].valid)
         rows = [_move(X_PS[finger], solutions[finger]) for finger in fingers]
         p_PC, n_PC, f_PC = np.array(rows).reshape(-1, 3, 3).transpose(1, 0, 2)

@@ -6,18 +6,17 @@ import math
 import numpy as np
 from pydrake.common import RandomDistribution
 from pydrake.common.value import AbstractValue
-from pydrake.geometry import SceneGraphInspector
 from pydrake.math import RigidTransform
-from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import Frame, ModelInstanceIndex, RigidBody
+from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSystem, State
 
 from tactopose_drake.core.poses import compose, inverse, random_rotations, retract, transform_points
-from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.pose_measurement import PoseMeasurement
 from tactopose_drake.core.validation import FloatArray, positive_number
 from tactopose_drake.core.vision.depth_tracking import DepthTrackerModel, fit_pose, take_picture
 from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.estimation.prior import PosePrior
+from tactopose_drake.systems.camera_view import CameraView
 from tactopose_drake.systems.ports import eval_input
 from tactopose_drake.visualization.body_meshes import BodyMeshes
 
@@ -87,38 +86,27 @@ class DepthTracker(LeafSystem):
 
     def __init__(
         self,
-        plant: MultibodyPlant,
-        inspector: SceneGraphInspector,
+        view: CameraView,
         *,
-        object_body: RigidBody,
-        object_model: ObjectModel,
-        palm_frame: Frame,
-        X_WC: RigidTransform,
         others: tuple[ModelInstanceIndex, ...] = (),
         params: DepthTrackerParams | None = None,
     ) -> None:
         """Takes numbers and shapes from a finalized plant; keeps no reference to it.
 
         Args:
-            plant: finalized plant that holds the hand and the object.
-            inspector: of the SceneGraph that holds their geometry (`scene_graph.model_inspector()`).
-            object_body: the object; its body frame is the frame O of the model's mesh.
-            object_model: the object.
-            palm_frame: P; the hand is its model instance.
-            X_WC: pose of the camera in the world; z forward, y down.
+            view: object, hand and camera.
             others: more model instances that hide the object, whose pixels count as the hand's: an arm.
             params: see there.
         """
         super().__init__()
         self._params = DepthTrackerParams() if params is None else params
         self._params.validate()
-        self._object_model = object_model
-        self._hiding = [
-            BodyMeshes.from_inspector(plant, inspector, instance) for instance in (palm_frame.model_instance(), *others)
-        ]
-        self._object, self._palm = int(object_body.index()), int(palm_frame.body().index())
-        self._X_BP = palm_frame.GetFixedPoseInBodyFrame()
-        self._X_WC = X_WC
+        self._object_model = view.object_model
+        hiding = (view.palm_frame.model_instance(), *others)
+        self._hiding = [BodyMeshes.from_inspector(view.plant, view.inspector, instance) for instance in hiding]
+        self._object, self._palm = int(view.object_body.index()), int(view.palm_frame.body().index())
+        self._X_BP = view.palm_frame.GetFixedPoseInBodyFrame()
+        self._X_WC = view.X_WC
 
         self._body_poses = self.DeclareAbstractInputPort("body_poses", AbstractValue.Make([RigidTransform()]))
         self._noise = self.DeclareVectorInputPort("noise", 8, RandomDistribution.kGaussian)
@@ -207,7 +195,7 @@ class DepthTracker(LeafSystem):
 
     def _calc_prior(self, context: Context, output: AbstractValue) -> None:
         measurement = self._get(context).measurement
-        output.set_value(None if measurement is None else measurement.as_prior())
+        output.set_value(None if measurement is None else PosePrior.of(measurement.as_prior()))
 
     def _calc_pose(self, context: Context, output: AbstractValue) -> None:
         X_CO = self._get(context).X_CO

@@ -1,20 +1,14 @@
 """How the fingertips move in the palm, as a system."""
 
-import dataclasses
 from collections.abc import Mapping
 
 import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import Frame, JacobianWrtVariable
-from pydrake.systems.framework import Context, LeafSystem, ValueProducer
+from pydrake.multibody.tree import Frame
+from pydrake.systems.framework import Context, LeafSystem
 
-
-@dataclasses.dataclass
-class _Scratch:
-    """Of the forward kinematics; lives in a cache entry."""
-
-    plant_context: Context
+from tactopose_drake.systems.hand_kinematics import declare_kinematics
 
 
 class FingertipVelocities(LeafSystem):
@@ -44,22 +38,15 @@ class FingertipVelocities(LeafSystem):
             palm_frame: P.
         """
         super().__init__()
-        self._plant, self._tip_frames, self._palm_frame = plant, dict(tip_frames), palm_frame
+        self._tip_frames = dict(tip_frames)
         self._positions = self.DeclareVectorInputPort("joint_positions", plant.num_positions())
         self._velocities = self.DeclareVectorInputPort("joint_velocities", plant.num_velocities())
-        self._scratch = self.DeclareCacheEntry(
-            "scratch of the kinematics",
-            ValueProducer(
-                allocate=lambda: AbstractValue.Make(_Scratch(plant.CreateDefaultContext())),
-                calc=lambda context, value: None,
-            ),
-            {self.nothing_ticket()},
-        )
+        self._kinematics = declare_kinematics(self, plant, palm_frame, self._positions)
         self.DeclareAbstractOutputPort(
             "tip_velocities",
             lambda: AbstractValue.Make(None),
             self._calc,
-            prerequisites_of_calc={self._positions.ticket(), self._velocities.ticket()},
+            prerequisites_of_calc={self._kinematics.ticket(), self._positions.ticket(), self._velocities.ticket()},
         )
 
     def _calc(self, context: Context, output: AbstractValue) -> None:
@@ -69,13 +56,5 @@ class FingertipVelocities(LeafSystem):
         if not (np.all(np.isfinite(q)) and np.all(np.isfinite(v))):
             output.set_value(None)
             return
-        plant_context = self._scratch.Eval(context).plant_context
-        self._plant.SetPositions(plant_context, q)
-        velocities = {}
-        for finger, frame in self._tip_frames.items():
-            p_FP = self._plant.CalcPointsPositions(plant_context, self._palm_frame, np.zeros(3), frame)[:, 0]
-            J = self._plant.CalcJacobianSpatialVelocity(
-                plant_context, JacobianWrtVariable.kV, frame, p_FP, self._palm_frame, self._palm_frame
-            )
-            velocities[finger] = J @ v
-        output.set_value(velocities)
+        kinematics = self._kinematics.Eval(context)
+        output.set_value({finger: kinematics.velocity(frame, v) for finger, frame in self._tip_frames.items()})

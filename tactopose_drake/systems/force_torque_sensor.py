@@ -15,6 +15,7 @@ from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
 from tactopose_drake.core.sensing.force_torque import ForceTorqueModel, measure, shift_wrench, weight_wrench
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import UnknownNameError
+from tactopose_drake.hand.fingertip_weights import fingertip_mass
 from tactopose_drake.resources import load_typed_yaml, model_path
 from tactopose_drake.systems.ports import eval_input
 
@@ -97,12 +98,9 @@ class ForceTorqueSensor(LeafSystem):
         self._R_BS = sensor_frame.GetFixedRotationMatrixInBodyFrame()
         self._g_W = np.array(plant.gravity_field().gravity_vector())
 
-        tip, plant_context = weld.child_body(), plant.CreateDefaultContext()
-        X_SJ = plant.CalcRelativeTransform(plant_context, sensor_frame, weld.frame_on_child())
-        X_STip = plant.CalcRelativeTransform(plant_context, sensor_frame, tip.body_frame())
+        X_SJ = plant.CalcRelativeTransform(plant.CreateDefaultContext(), sensor_frame, weld.frame_on_child())
         self._X_SJ: np.ndarray = X_SJ.GetAsMatrix34()
-        self._tip_mass = float(tip.get_mass(plant_context))
-        self._p_STipcm: np.ndarray = X_STip @ tip.CalcCenterOfMassInBodyFrame(plant_context)
+        self._tip_mass, self._p_STipcm = fingertip_mass(plant, weld, sensor_frame)
 
         self._reactions = self.DeclareAbstractInputPort(
             "reaction_forces", AbstractValue.Make([SpatialForce(np.zeros(6))])

@@ -18,6 +18,7 @@ from tactopose_drake.core.grasping.grasp_law import (
 from tactopose_drake.core.validation import FloatArray, positive_number
 from tactopose_drake.errors import UnknownNameError
 from tactopose_drake.hand.hand_config import Hand
+from tactopose_drake.hand.hand_joints import HandJoints
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -93,55 +94,29 @@ class GraspController(LeafSystem):
         self._motions = dict(motions)
         self._law = GraspLaw(push_rate=self._params.push_rate)
         self._q_rest = np.array(q_rest, dtype=np.float64)
-        first_q, first_v, _ = hand_layout(plant, hand)
-        nq, nv = plant.num_positions(hand.model_instance), plant.num_velocities(hand.model_instance)
-        joints = actuated_joints(plant, hand)
-        self._joint_of_actuator = np.array(
-            [plant.GetJointByName(n, hand.model_instance).position_start() for n in joints]
-        )
-        self._joint_of_actuator -= first_q
-        self._velocity_of_actuator = np.array(
-            [plant.GetJointByName(n, hand.model_instance).velocity_start() - first_v for n in joints]
-        )
-        self._joints_of_finger = {
-            finger: np.array(
-                [
-                    plant.GetJointByName(name, hand.model_instance).position_start() - first_q
-                    for name in hand.config.finger(finger).joints
-                ]
-            )
-            for finger in hand.fingers
-        }
+        joints = HandJoints.of(plant, hand)
+        self._joint_of_actuator = joints.positions(joints.actuated)
+        self._velocity_of_actuator = joints.velocities(joints.actuated)
+        self._joints_of_finger = {finger.name: joints.positions(finger.joints) for finger in hand.config.fingers}
         of_fingers = {name for finger in hand.config.fingers for name in finger.joints}
-        on_finger = np.array([name in of_fingers for name in joints])
+        on_finger = np.array([name in of_fingers for name in joints.actuated])
         self._stiffness = np.where(on_finger, self._params.finger_stiffness, self._params.other_stiffness)
         self._damping = np.where(on_finger, self._params.finger_damping, self._params.other_damping)
 
-        self._nq = nq
-        self._state_port = self.DeclareVectorInputPort("hand_state", nq + nv)
+        self._nq = plant.num_positions(hand.model_instance)
+        self._state_port = self.DeclareVectorInputPort("hand_state", plant.num_multibody_states(hand.model_instance))
         self._wrenches = {finger: self.DeclareVectorInputPort(f"wrench_{finger}", 6) for finger in motions}
         self._open = self.DeclareVectorInputPort("open", 1)
         # Pushes, then since when all fingers carry their set force (s; NaN: they do not), whether holding, and when the
         # fingers began to close, s.
         start = np.append(np.full(len(motions), -self._law.approach_push), [np.nan, 0.0, 0.0])
-        state = self.DeclareDiscreteState(start)
+        state = self.discrete_state_ticket(self.DeclareDiscreteState(start))
         self.DeclarePeriodicDiscreteUpdateEvent(self._params.period, 0.0, self._update)
-        self.DeclareVectorOutputPort(
-            "actuation",
-            len(joints),
-            self._calc_actuation,
-            prerequisites_of_calc={self._state_port.ticket(), self.discrete_state_ticket(state)},
-        )
-        self.DeclareVectorOutputPort(
-            "holding", 1, self._calc_holding, prerequisites_of_calc={self.discrete_state_ticket(state)}
-        )
-        wrench_tickets = {port.ticket() for port in self._wrenches.values()}
-        self.DeclareAbstractOutputPort(
-            "status",
-            lambda: AbstractValue.Make(""),
-            self._calc_status,
-            prerequisites_of_calc={self.discrete_state_ticket(state), *wrench_tickets},
-        )
+        needs = {state, self._state_port.ticket()}
+        self.DeclareVectorOutputPort("actuation", len(joints.actuated), self._calc_actuation, needs)
+        self.DeclareVectorOutputPort("holding", 1, self._calc_holding, {state})
+        needs = {state, *(port.ticket() for port in self._wrenches.values())}
+        self.DeclareAbstractOutputPort("status", lambda: AbstractValue.Make(""), self._calc_status, needs)
 
     def commanded(self, pushes: FloatArray) -> FloatArray:
         """Commanded positions of all joints of the hand, shape (nq,), rad, for one push a finger, N."""
@@ -191,21 +166,3 @@ class GraspController(LeafSystem):
             if not self._force(context, finger) >= self._law.slack_share * motion.set_force
         ]
         output.set_value("holding" + (f"; not carrying: {', '.join(slack)}" if slack else ""))
-
-
-def actuated_joints(plant: MultibodyPlant, hand: Hand) -> list[str]:
-    """Names of the joints that the hand's actuators drive, in the order of the actuation port."""
-    return [
-        plant.get_joint_actuator(index).joint().name() for index in plant.GetJointActuatorIndices(hand.model_instance)
-    ]
-
-
-def hand_layout(plant: MultibodyPlant, hand: Hand) -> tuple[int, int, list[str]]:
-    """First position and velocity index of the hand's joints in the plant, and the moving joints' names."""
-    joints = [plant.get_joint(index) for index in plant.GetJointIndices(hand.model_instance)]
-    moving = [joint for joint in joints if joint.num_positions() > 0]
-    return (
-        min(joint.position_start() for joint in moving),
-        min(joint.velocity_start() for joint in moving),
-        [joint.name() for joint in moving],
-    )

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from typing import cast
 
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
@@ -92,13 +93,12 @@ class GraspQualityEvaluator(LeafSystem):
     def _update(self, context: Context, state: State) -> EventStatus:
         contacts = eval_input(self._contacts, context, Contacts)
         params = self._params
-        norm: Norm = params.norm  # type: ignore[assignment]
         quality = grasp_quality(
             self._model,
             contacts,
             eval_input(self._pose, context, RigidTransform),
             friction=params.friction,
-            norm=norm,
+            norm=cast(Norm, params.norm),
             edges=params.edges,
         )
         volume = quality.volume if params.norm == "L1" else math.nan

@@ -12,7 +12,7 @@ from tactopose_drake.core.grasping.stall_law import close_until_stalled
 from tactopose_drake.core.validation import FloatArray, finite_array, positive_number
 from tactopose_drake.errors import UnknownNameError
 from tactopose_drake.hand.hand_config import Hand
-from tactopose_drake.systems.grasp_controller import hand_layout
+from tactopose_drake.hand.hand_joints import HandJoints
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -86,14 +86,12 @@ class GripController(LeafSystem):
         super().__init__()
         self._params = GripControllerParams() if params is None else params
         self._params.validate()
-        indices = plant.GetJointActuatorIndices(hand.model_instance)
-        joints = [plant.get_joint_actuator(index).joint() for index in indices]
-        names = [joint.name() for joint in joints]
+        joints = HandJoints.of(plant, hand)
+        names = joints.actuated
         for name in self._params.fixed:
             if name not in names:
                 raise UnknownNameError("GripControllerParams.fixed: joint", name, names)
-        first, _, _ = hand_layout(plant, hand)
-        self._joints = np.array([joint.position_start() - first for joint in joints])
+        self._joints = joints.positions(names)
         self._names = names
         self._closing = np.array([name not in self._params.fixed for name in names])
         start = np.array([self._params.fixed.get(name, 0.0) for name in names])

@@ -11,21 +11,19 @@ from pydrake.systems.framework import Context, LeafSystem, ValueProducer
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.hand.geometry import BodySpheres, HandGeometry
 from tactopose_drake.hand.hand_config import Hand
-from tactopose_drake.hand.joint_paths import JointPaths
+from tactopose_drake.systems.hand_kinematics import declare_kinematics
 from tactopose_drake.systems.ports import eval_optional_input
 
 
-@dataclasses.dataclass
-class _Kinematics:
-    """Scratch of the forward kinematics; lives in a cache entry.
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Placed:
+    """The spheres in the palm.
 
     Attributes:
-        plant_context: of the hand's plant.
         p_PH: centres of the spheres, shape (h, 3), m.
         known: whether a sphere's link is where it seems: all joints in between are known, shape (h,).
     """
 
-    plant_context: Context
     p_PH: FloatArray
     known: NDArray[np.bool_]
 
@@ -58,39 +56,30 @@ class HandVolume(LeafSystem):
             spheres: what fills its links.
         """
         super().__init__()
-        self._plant, self._palm_frame, self._spheres = plant, hand.palm_frame, spheres
-        self._paths = JointPaths(plant, hand.palm_frame)
+        self._spheres = spheres
         tips = {finger: int(weld.child_body().index()) for finger, weld in hand.welds.items()}
         self._on_tip = {finger: spheres.body == tip for finger, tip in tips.items()}
         self._positions = self.DeclareVectorInputPort("joint_positions", plant.num_positions())
         self._fingers_untouched = self.DeclareAbstractInputPort("fingers_untouched", AbstractValue.Make(()))
-        self._kinematics = self.DeclareCacheEntry(
+        self._kinematics = declare_kinematics(self, plant, hand.palm_frame, self._positions)
+        self._placed = self.DeclareCacheEntry(
             "the spheres in the palm",
-            ValueProducer(allocate=self._allocate_kinematics, calc=self._calc_kinematics),
-            {self._positions.ticket()},
+            ValueProducer(allocate=lambda: AbstractValue.Make(None), calc=self._place),
+            {self._kinematics.ticket()},
         )
         self.DeclareAbstractOutputPort(
-            "hand", lambda: AbstractValue.Make(None), self._calc_hand, {self._kinematics.ticket()}
+            "hand", lambda: AbstractValue.Make(None), self._calc_hand, {self._placed.ticket()}
         )
         self.DeclareAbstractOutputPort(
             "untouched",
             lambda: AbstractValue.Make(None),
             self._calc_untouched,
-            {self._kinematics.ticket(), self._fingers_untouched.ticket()},
+            {self._placed.ticket(), self._fingers_untouched.ticket()},
         )
 
-    def _allocate_kinematics(self) -> AbstractValue:
-        return AbstractValue.Make(
-            _Kinematics(self._plant.CreateDefaultContext(), np.zeros((0, 3)), np.zeros(0, np.bool_))
-        )
-
-    def _calc_kinematics(self, context: Context, cached: AbstractValue) -> None:
-        kinematics, q = cached.get_mutable_value(), self._positions.Eval(context)
-        kinematics.known = self._paths.known(q)[self._spheres.body]
-        self._plant.SetPositions(kinematics.plant_context, np.nan_to_num(q))
-        X_PW = self._palm_frame.CalcPoseInWorld(kinematics.plant_context).inverse()
-        X_WB = self._plant.get_body_poses_output_port().Eval(kinematics.plant_context)
-        kinematics.p_PH = X_PW.multiply(self._spheres.positions(X_WB).T).T
+    def _place(self, context: Context, cached: AbstractValue) -> None:
+        kinematics = self._kinematics.Eval(context)
+        cached.set_value(_Placed(kinematics.positions(self._spheres), kinematics.is_known(self._spheres.body)))
 
     def _calc_hand(self, context: Context, output: AbstractValue) -> None:
         output.set_value(self._geometry(context, np.ones(len(self._spheres.radius), dtype=np.bool_)))
@@ -104,6 +93,6 @@ class HandVolume(LeafSystem):
 
     def _geometry(self, context: Context, chosen: NDArray[np.bool_]) -> HandGeometry | None:
         """The spheres that are chosen (h,); None where there are none."""
-        kinematics = self._kinematics.Eval(context)
-        chosen = chosen & kinematics.known
-        return HandGeometry(kinematics.p_PH[chosen], self._spheres.radius[chosen]) if chosen.any() else None
+        placed = self._placed.Eval(context)
+        chosen = chosen & placed.known
+        return HandGeometry(placed.p_PH[chosen], self._spheres.radius[chosen]) if chosen.any() else None

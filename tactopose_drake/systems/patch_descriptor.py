@@ -13,8 +13,8 @@ from tactopose_drake.core.sensing.patches import Patch, describe_patch
 from tactopose_drake.core.validation import FloatArray, positive_number
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.hand_config import Hand
-from tactopose_drake.hand.joint_paths import JointPaths
 from tactopose_drake.hand.tactile_pads import TactilePad, load_tactile_pad
+from tactopose_drake.systems.hand_kinematics import declare_kinematics
 
 NO_READING = "no reading"
 
@@ -38,14 +38,6 @@ class PatchDescriptorParams:
                 f"PatchDescriptorParams.threshold_share: is {self.threshold_share:g}; allowed are numbers from 0 to "
                 "below 1."
             )
-
-
-@dataclasses.dataclass
-class _Kinematics:
-    """Scratch of the forward kinematics; lives in a cache entry."""
-
-    plant_context: Context
-    X_PT: dict[str, RigidTransform]
 
 
 class PatchDescriptor(LeafSystem):
@@ -92,8 +84,7 @@ class PatchDescriptor(LeafSystem):
         self._params.validate()
         if not hand.pad_frames:
             raise InvalidInputError("hand: has no tactile pads; allowed is a hand whose description names some.")
-        self._plant, self._hand = plant, hand
-        self._paths = JointPaths(plant, hand.palm_frame)
+        self._pad_frames = hand.pad_frames
         self._pads = {pad.name: load_tactile_pad(pad.array) for pad in hand.config.pads}
         self._alpha = {pad.name: pad.alpha for pad in hand.config.pads}
         for name, pad in self._pads.items():
@@ -107,11 +98,7 @@ class PatchDescriptor(LeafSystem):
             name: self.DeclareVectorInputPort(f"pressures_{name}", len(pad.layout)) for name, pad in self._pads.items()
         }
         self._ages = {name: self.DeclareVectorInputPort(f"age_{name}", 1) for name in self._pads}
-        self._kinematics = self.DeclareCacheEntry(
-            "poses of the pads in the palm",
-            ValueProducer(allocate=self._allocate_kinematics, calc=self._calc_kinematics),
-            {self._positions.ticket()},
-        )
+        self._kinematics = declare_kinematics(self, plant, hand.palm_frame, self._positions)
         self._described = self.DeclareCacheEntry(
             "patches by pad",
             ValueProducer(allocate=lambda: AbstractValue.Make({}), calc=self._calc_described),
@@ -126,23 +113,10 @@ class PatchDescriptor(LeafSystem):
                 name, AbstractValue.Make(empty).Clone, calc, prerequisites_of_calc={self._described.ticket()}
             )
 
-    def _allocate_kinematics(self) -> AbstractValue:
-        return AbstractValue.Make(_Kinematics(self._plant.CreateDefaultContext(), {}))
-
-    def _calc_kinematics(self, context: Context, cached: AbstractValue) -> None:
-        kinematics, q = cached.get_mutable_value(), self._positions.Eval(context)
-        known = self._paths.known(q)
-        self._plant.SetPositions(kinematics.plant_context, np.nan_to_num(q))
-        kinematics.X_PT = {
-            name: self._plant.CalcRelativeTransform(kinematics.plant_context, self._hand.palm_frame, frame)
-            for name, frame in self._hand.pad_frames.items()
-            if known[int(frame.body().index())]
-        }
-
     def _calc_described(self, context: Context, cached: AbstractValue) -> None:
         """For each pad its patch, or why there is none."""
         described: dict[str, Patch | str] = {}
-        X_PT = self._kinematics.Eval(context).X_PT
+        X_PT = self._kinematics.Eval(context).poses(self._pad_frames)
         for name, port in self._pressures.items():
             pressure = port.Eval(context) if port.HasValue(context) else np.full(port.size(), np.nan)
             age = float(self._ages[name].Eval(context)[0]) if self._ages[name].HasValue(context) else 0.0

@@ -11,6 +11,7 @@ from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSys
 
 from tactopose_drake.core.posterior.hypotheses import free_directions
 from tactopose_drake.core.posterior.plausibility import may_be_touched
+from tactopose_drake.core.posterior.pose_modes import MOST_OF_THE_MASS
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.frame import Frame
 from tactopose_drake.core.tracking.pose_belief import PoseBelief
@@ -22,8 +23,6 @@ from tactopose_drake.estimation.results import PoseEstimate, PoseHypothesis, Sta
 from tactopose_drake.systems.belief_inputs import BeliefInputs, Reading, Remembered
 from tactopose_drake.systems.ports import eval_optional_input
 
-# A mode that carries less is one of several.
-_MOST_OF_THE_MASS = 0.5
 _STATUSES: dict[str, Status] = {"ok": "ok", "slipping": "ok", "ambiguous": "ambiguous"}
 
 
@@ -185,7 +184,7 @@ class PoseBeliefEstimator(LeafSystem):
         except np.linalg.LinAlgError as error:  # of numbers beyond arithmetic
             belief = self._tracker.start(frame.time)
             belief = dataclasses.replace(belief, remarks=(f"begun anew: {error}",), vision=before.vision)
-        if belief.status == "slipping" and belief.probability[0] < _MOST_OF_THE_MASS:
+        if belief.status == "slipping" and belief.probability[0] < MOST_OF_THE_MASS:
             remarks = ("none of several poses carries most of the mass", *remarks)
         belief = dataclasses.replace(belief, remarks=(*belief.remarks, *remarks))
         return TimedBelief(belief, time.perf_counter() - started)
@@ -260,7 +259,7 @@ def estimate_of(belief: PoseBelief, size: float, duration: float = 0.0) -> PoseE
         )
     )
     status = _STATUSES.get(belief.status, "no_solution")
-    if status == "ok" and belief.probability[0] < _MOST_OF_THE_MASS:
+    if status == "ok" and belief.probability[0] < MOST_OF_THE_MASS:
         status = "ambiguous"
     return PoseEstimate(hypotheses, status, duration)
 

@@ -9,10 +9,10 @@ from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.evidence.prior import PosePrior
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.systems.ports import eval_input, eval_optional_input
 from tactopose_drake.visualization.meshcat import add_object, add_touch, move_touch
 
@@ -105,7 +105,7 @@ class PoseDisplay(LeafSystem):
         prior = eval_optional_input(self._prior, context, PosePrior)
         self._meshcat.SetProperty(f"{path}/prior", "visible", prior is not None, time)
         if prior is not None:
-            self._meshcat.SetTransform(f"{path}/prior", RigidTransform(prior.X_PO), time)
+            self._meshcat.SetTransform(f"{path}/prior", prior.X_PO, time)
         self._meshcat.SetTransform(f"{path}/estimate", eval_input(self._pose, context, RigidTransform), time)
         contacts = eval_input(self._contacts, context, Contacts)
         move_touch(self._meshcat, f"{path}/touch", contacts, self._params.max_contacts, time)

@@ -7,28 +7,21 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.hand.collision import HandCollision
 from tactopose_drake.hand.hand_config import HandConfig
-from tactopose_drake.systems.contact_solver import ContactSolverParams
-from tactopose_drake.systems.contacts_in_palm import ContactsInPalmParams
-from tactopose_drake.systems.patch_descriptor import PatchDescriptorParams
 from tactopose_drake.systems.pose_estimator import PoseEstimator, PoseEstimatorParams
-from tactopose_drake.systems.touch import add_touch
+from tactopose_drake.systems.touch import TouchParams, add_touch
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
-class PoseEstimationParams:
+class PoseEstimationParams(TouchParams):
     """The parameters of each part."""
 
-    solver: ContactSolverParams = dataclasses.field(default_factory=ContactSolverParams)
-    contacts: ContactsInPalmParams = dataclasses.field(default_factory=ContactsInPalmParams)
-    patches: PatchDescriptorParams = dataclasses.field(default_factory=PatchDescriptorParams)  # of a hand with pads
     estimator: PoseEstimatorParams = dataclasses.field(default_factory=PoseEstimatorParams)
-    use_hand_volume: bool = True  # whether it is evidence that the object is not in the hand, nor at silent fingertips
     check_collisions: bool = True  # whether hypotheses that collide with the hand are dropped
 
     def validate(self) -> None:
         """Raises InvalidInputError if a value is out of its range."""
-        for part in (self.solver, self.contacts, self.patches, self.estimator):
-            part.validate()
+        TouchParams.validate(self)
+        self.estimator.validate()
 
 
 def AddPoseEstimation(

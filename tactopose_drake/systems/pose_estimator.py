@@ -9,12 +9,12 @@ from pydrake.systems.framework import Context, EventStatus, LeafSystem, State, V
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
-from tactopose_drake.core.evidence.prior import PosePrior
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.estimate import estimate_pose
+from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.hand.collision import HandCollision, keep_clear
 from tactopose_drake.systems.ports import eval_input, eval_optional_input
@@ -142,7 +142,7 @@ class PoseEstimator(LeafSystem):
             contacts = Contacts.empty()
         prior = eval_optional_input(self._prior, context, PosePrior)
         if prior is not None and context.get_abstract_state(self._hypotheses).get_value() is None:
-            state.get_mutable_abstract_state(self._pose).set_value(RigidTransform(prior.X_PO))
+            state.get_mutable_abstract_state(self._pose).set_value(prior.X_PO)
 
         touches = len(contacts) + sum(patch.is_felt for patch in patches)
         if touches < self._params.min_contacts:

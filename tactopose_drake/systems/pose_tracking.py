@@ -7,31 +7,24 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.hand.hand_config import HandConfig
 from tactopose_drake.systems.belief_inputs import pad_source
-from tactopose_drake.systems.contact_solver import ContactSolverParams
-from tactopose_drake.systems.contacts_in_palm import ContactsInPalmParams
 from tactopose_drake.systems.fingertip_velocities import FingertipVelocities
 from tactopose_drake.systems.live_pose_belief_estimator import LivePoseBeliefEstimator
-from tactopose_drake.systems.patch_descriptor import PatchDescriptorParams
 from tactopose_drake.systems.pose_belief_estimator import PoseBeliefEstimator, PoseBeliefParams
-from tactopose_drake.systems.touch import add_touch
+from tactopose_drake.systems.touch import TouchParams, add_touch
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
-class PoseTrackingParams:
+class PoseTrackingParams(TouchParams):
     """The parameters of each part."""
 
-    solver: ContactSolverParams = dataclasses.field(default_factory=ContactSolverParams)
-    contacts: ContactsInPalmParams = dataclasses.field(default_factory=ContactsInPalmParams)
-    patches: PatchDescriptorParams = dataclasses.field(default_factory=PatchDescriptorParams)  # of a hand with pads
     belief: PoseBeliefParams = dataclasses.field(default_factory=PoseBeliefParams)
-    use_hand_volume: bool = True  # whether it is evidence that the object is not in the hand, nor at silent fingertips
     use_joint_velocities: bool = True  # whether the object is taken to move with the fingertips; else with the palm
     live: bool = False  # whether the belief is computed in a thread of its own, for hardware; not repeatable
 
     def validate(self) -> None:
         """Raises InvalidInputError if a value is out of its range."""
-        for part in (self.solver, self.contacts, self.patches, self.belief):
-            part.validate()
+        TouchParams.validate(self)
+        self.belief.validate()
 
 
 def AddPoseTracking(

@@ -15,8 +15,8 @@ from typing import Any, Self, TextIO, TypeAlias
 import numpy as np
 from pydrake.math import RigidTransform
 
-from tactopose_drake.core.evidence.prior import PosePrior
 from tactopose_drake.errors import InvalidFileError
+from tactopose_drake.estimation.prior import PosePrior
 
 # A vector (FloatArray), a pose (RigidTransform), what is known of a pose (PosePrior), or None: not known yet.
 Value: TypeAlias = Any
@@ -122,7 +122,7 @@ def read_signals(path: Path) -> tuple[dict[str, Signal], str]:
 
 def _encode(value: Value) -> Mapping[str, Any]:
     if isinstance(value, PosePrior):
-        prior = {"X_PO": value.X_PO.tolist(), "translation": value.sigma_translation, "rotation": value.sigma_rotation}
+        prior = {"X_PO": value.mean.tolist(), "translation": value.sigma_translation, "rotation": value.sigma_rotation}
         return {"prior": prior}
     if isinstance(value, RigidTransform):
         return {"pose": value.GetAsMatrix34().tolist()}

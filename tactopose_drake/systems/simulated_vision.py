@@ -5,17 +5,15 @@ import dataclasses
 import numpy as np
 from pydrake.common import RandomDistribution
 from pydrake.common.value import AbstractValue
-from pydrake.geometry import SceneGraphInspector
 from pydrake.math import RigidTransform
-from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import Frame, RigidBody
 from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
 
-from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.core.vision.occlusion import hidden_share
 from tactopose_drake.core.vision.vision_model import VisionModel, look
+from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.hand.geometry import BodySpheres
+from tactopose_drake.systems.camera_view import CameraView
 from tactopose_drake.systems.ports import eval_input
 
 # Surface points that the camera looks for; the share's standard error is then below 3 %.
@@ -54,37 +52,23 @@ class SimulatedVision(LeafSystem):
     - hidden_share: size 1, the share of the object's camera side that the hand hides, 0 to 1; changes with `prior`.
     """
 
-    def __init__(
-        self,
-        plant: MultibodyPlant,
-        inspector: SceneGraphInspector,
-        *,
-        object_body: RigidBody,
-        object_model: ObjectModel,
-        palm_frame: Frame,
-        X_WC: RigidTransform,
-        params: SimulatedVisionParams,
-    ) -> None:
+    def __init__(self, view: CameraView, params: SimulatedVisionParams) -> None:
         """Takes numbers from a finalized plant; keeps no reference to it.
 
         Args:
-            plant: finalized plant that holds the hand and the object.
-            inspector: of the SceneGraph that holds their geometry (`scene_graph.model_inspector()`).
-            object_body: the object; its body frame is the frame O of the model's mesh.
-            object_model: the object's surface.
-            palm_frame: P; the hand is its model instance.
-            X_WC: pose of the camera in the world; it looks everywhere.
+            view: object, hand and camera, which looks everywhere.
             params: size of the error and frame rate.
         """
         super().__init__()
         params.validate()
         self._model = params.model
-        self._spheres = BodySpheres.from_inspector(plant, inspector, palm_frame.model_instance())
-        self._object, self._palm = int(object_body.index()), int(palm_frame.body().index())
-        self._X_BP = palm_frame.GetFixedPoseInBodyFrame()
-        self._X_CW = X_WC.inverse()
-        chosen = np.linspace(0, len(object_model.samples.points) - 1, _POINTS).astype(int)
-        self._p_OQ, self._n_OQ = object_model.samples.points[chosen], object_model.samples.normals[chosen]
+        self._spheres = BodySpheres.from_inspector(view.plant, view.inspector, view.palm_frame.model_instance())
+        self._object, self._palm = int(view.object_body.index()), int(view.palm_frame.body().index())
+        self._X_BP = view.palm_frame.GetFixedPoseInBodyFrame()
+        self._X_CW = view.X_WC.inverse()
+        samples = view.object_model.samples
+        chosen = np.linspace(0, len(samples.points) - 1, _POINTS).astype(int)
+        self._p_OQ, self._n_OQ = samples.points[chosen], samples.normals[chosen]
 
         self._body_poses = self.DeclareAbstractInputPort("body_poses", AbstractValue.Make([RigidTransform()]))
         self._noise = self.DeclareVectorInputPort("noise", 6, RandomDistribution.kGaussian)
@@ -104,7 +88,7 @@ class SimulatedVision(LeafSystem):
             self._spheres.radius,
         )
         X_PO = (X_WB[self._palm] @ self._X_BP).inverse() @ X_WB[self._object]
-        prior = look(X_PO.GetAsMatrix34(), hidden, self._noise.Eval(context), self._model)
-        state.get_mutable_abstract_state(self._prior).set_value(prior)
+        seen = look(X_PO.GetAsMatrix34(), hidden, self._noise.Eval(context), self._model)
+        state.get_mutable_abstract_state(self._prior).set_value(PosePrior.of(seen))
         state.get_mutable_discrete_state(self._hidden).SetFromVector([hidden])
         return EventStatus.Succeeded()

@@ -1,6 +1,6 @@
 """From what a hand senses to the touch of one instant: the systems that an estimator and a belief have in common."""
 
-from typing import Protocol
+import dataclasses
 
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
@@ -13,13 +13,19 @@ from tactopose_drake.systems.hand_volume import HandVolume
 from tactopose_drake.systems.patch_descriptor import PatchDescriptor, PatchDescriptorParams
 
 
-class TouchParams(Protocol):
-    """The parameters of the parts, as those of an estimation and of a tracking hold them."""
+@dataclasses.dataclass(kw_only=True, slots=True)
+class TouchParams:
+    """The parameters of the parts that an estimation and a tracking have in common."""
 
-    solver: ContactSolverParams
-    contacts: ContactsInPalmParams
-    patches: PatchDescriptorParams
-    use_hand_volume: bool
+    solver: ContactSolverParams = dataclasses.field(default_factory=ContactSolverParams)
+    contacts: ContactsInPalmParams = dataclasses.field(default_factory=ContactsInPalmParams)
+    patches: PatchDescriptorParams = dataclasses.field(default_factory=PatchDescriptorParams)  # of a hand with pads
+    use_hand_volume: bool = True  # whether it is evidence that the object is not in the hand, nor at silent fingertips
+
+    def validate(self) -> None:
+        """Raises InvalidInputError if a value is out of its range."""
+        for part in (self.solver, self.contacts, self.patches):
+            part.validate()
 
 
 def add_touch(

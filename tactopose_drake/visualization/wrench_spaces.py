@@ -1,5 +1,7 @@
 """Grasp quality in Meshcat: the wrench space's projections, and where a finger should move."""
 
+from typing import Literal
+
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.geometry import Meshcat, Rgba, Sphere
@@ -32,10 +34,14 @@ def draw_wrench_space(meshcat: Meshcat, path: str, space: WrenchSpace, *, scale:
         space: of the grasp.
         scale: length of 1 N, m; torques are over the wrench space's length.
     """
-    for part, name, rgba in (("force", "forces", FORCE_RGBA), ("torque", "torques", TORQUE_RGBA)):
+    parts: tuple[tuple[Literal["force", "torque"], str, Rgba], ...] = (
+        ("force", "forces", FORCE_RGBA),
+        ("torque", "torques", TORQUE_RGBA),
+    )
+    for part, name, rgba in parts:
         at = f"{path}/{name}"
         meshcat.Delete(at)
-        hull = space.projection(part)  # type: ignore[arg-type]
+        hull = space.projection(part)
         if hull is None:
             continue
         vertices, faces = np.asfortranarray(scale * hull.vertices.T), np.asfortranarray(hull.simplices.T)

@@ -68,7 +68,7 @@ def correct_by_icp(model: tp.ObjectModel, trial: Trial) -> np.ndarray:
     # Each point three times: the same least squares, and no warning of so small a cloud.
     source = small_gicp.PointCloud(np.tile(trial.contacts.p_PC, (3, 1)))
     start = np.eye(4)
-    start[:3] = inverse(trial.prior.X_PO)
+    start[:3] = inverse(trial.prior.mean)
     found = small_gicp.align(
         cloud, source, tree, start, registration_type="PLANE_ICP", max_correspondence_distance=0.1, max_iterations=100
     )
@@ -79,9 +79,9 @@ def correct_by_scipy(model: tp.ObjectModel, trial: Trial) -> np.ndarray:
     problem = make_problem(model, Evidence(trial.contacts, trial.prior))
 
     def residuals(increment: np.ndarray) -> np.ndarray:
-        return problem.objective.residuals(retract(trial.prior.X_PO, increment)[None])[0]
+        return problem.objective.residuals(retract(trial.prior.mean, increment)[None])[0]
 
-    return retract(trial.prior.X_PO, least_squares(residuals, np.zeros(6), method="lm").x)
+    return retract(trial.prior.mean, least_squares(residuals, np.zeros(6), method="lm").x)
 
 
 def judge(

@@ -150,7 +150,7 @@ def test_moving_the_palm_frame_moves_the_estimate(blob: tp.ObjectModel) -> None:
     assert contacts.n_PC is not None
     prior = tp.PosePrior(displaced(X_PO, 5))
     moved = tp.Contacts(transform_points(X_QP, contacts.p_PC), contacts.n_PC @ X_QP[:, :3].T)
-    X_QO_prior = RigidTransform(X_QP).multiply(RigidTransform(prior.X_PO))
+    X_QO_prior = RigidTransform(X_QP).multiply(prior.X_PO)
     one = tp.estimate_pose(blob, contacts, prior=prior)
     other = tp.estimate_pose(blob, moved, prior=tp.PosePrior(X_QO_prior))
     expected = RigidTransform(X_QP).multiply(one.best.X_PO)

@@ -48,7 +48,9 @@ def test_what_is_absent_keeps_its_default(tmp_path: Path) -> None:
 
 def test_a_prior_is_read(tmp_path: Path) -> None:
     prior = load_prior(write(tmp_path, PRIOR))
-    np.testing.assert_allclose(prior.X_PO, [[1, 0, 0, 0.1], [0, -1, 0, 0.2], [0, 0, -1, 0.3]], atol=1e-15)
+    np.testing.assert_allclose(
+        prior.X_PO.GetAsMatrix34(), [[1, 0, 0, 0.1], [0, -1, 0, 0.2], [0, 0, -1, 0.3]], atol=1e-15
+    )
     assert prior.sigma_translation == 0.02
     assert prior.sigma_rotation == pytest.approx(math.radians(10.0))
 

@@ -9,13 +9,13 @@ import trimesh
 import tactopose_drake as tp
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
-from tactopose_drake.core.evidence.prior import PosePrior
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.poses import exp_so3, make_poses, transform_points
 from tactopose_drake.core.searches.baselines.monte_carlo import MonteCarlo
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
 from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
 from tactopose_drake.estimation.estimate import GLOBAL_METHODS, METHODS
+from tactopose_drake.estimation.prior import PosePrior
 
 NAMES = sorted(GLOBAL_METHODS)
 X_PO = make_poses(exp_so3(np.array([0.3, -0.8, 0.2])), np.array([0.02, -0.03, 0.06]))

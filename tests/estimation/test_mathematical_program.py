@@ -12,12 +12,12 @@ from tests.core.searches.problems import make_touch
 def test_the_gradient_is_exact_for_large_increments_too(blob: ObjectModel, angle: float) -> None:
     objective, prior, _ = make_touch(blob, 1)
     increment = np.array([0.6 * angle, -0.8 * angle, 0.0, 0.003, -0.002, 0.001])
-    _, gradient = cost_and_gradient(objective, prior.X_PO, increment)
+    _, gradient = cost_and_gradient(objective, prior.mean, increment)
     step = 1e-8 * np.eye(6)
     difference = [
         (
-            cost_and_gradient(objective, prior.X_PO, increment + h)[0]
-            - cost_and_gradient(objective, prior.X_PO, increment - h)[0]
+            cost_and_gradient(objective, prior.mean, increment + h)[0]
+            - cost_and_gradient(objective, prior.mean, increment - h)[0]
         )
         / 2e-8
         for h in step
@@ -45,4 +45,4 @@ def test_a_stopped_solver_returns_the_best_that_it_saw(blob: ObjectModel, solver
     found = PoseProgram(solver=solver).minimize(objective, PriorSpace(prior), np.random.default_rng(0), should_stop)
     assert found.iterations[0] == 16
     assert not found.converged[0]
-    assert objective.cost(found.X_PO)[0] == found.cost[0] < objective.cost(prior.X_PO[None])[0]
+    assert objective.cost(found.X_PO)[0] == found.cost[0] < objective.cost(prior.mean[None])[0]

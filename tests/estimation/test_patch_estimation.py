@@ -169,7 +169,7 @@ def test_every_global_method_takes_patches(model: tp.ObjectModel, method: str) -
     prior = doubtful(X_PO, 5)
     estimate = tp.estimate_pose(model, NOTHING, patches=patches, prior=prior, method=method, time_limit=5.0)
     assert estimate.best.explains_touch
-    before = np.linalg.norm(increments_between(prior.X_PO, X_PO)[:3])
+    before = np.linalg.norm(increments_between(prior.mean, X_PO)[:3])
     assert errors(estimate, X_PO)[1] < 0.5 * before
 
 

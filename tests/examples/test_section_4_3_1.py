@@ -124,7 +124,7 @@ def test_each_method_corrects_a_pose_that_the_touch_determines(
     assert probability.shape == (len(poses),)
     assert np.isnan(probability).all() == (method == "as published")
     assert trials.pose_errors(models["bust"], poses[:1], X_PO).success[0]
-    assert not trials.pose_errors(models["bust"], trial.prior.X_PO[None], X_PO).success[0]
+    assert not trials.pose_errors(models["bust"], trial.prior.mean[None], X_PO).success[0]
 
 
 @pytest.mark.parametrize(("name", "always"), [("bust", [0]), ("wine_glass", [0, 4])])
@@ -174,7 +174,7 @@ def test_guesses_are_as_far_off_as_in_the_thesis(trials: ModuleType, models: dic
     (grasp,) = make_grasps(models, "bust", 1)
     noise = trials.Noise(0.001, 0.1)
     priors = [trials.make_trial("bust", grasp, 5, noise, (3, seed), True).prior for seed in range(2000)]
-    errors = trials.pose_errors(models["bust"], np.stack([prior.X_PO for prior in priors]), X_PO)
+    errors = trials.pose_errors(models["bust"], np.stack([prior.mean for prior in priors]), X_PO)
     assert errors.translation.mean() == pytest.approx(0.0332, rel=0.03)
     assert np.degrees(errors.rotation.mean()) == pytest.approx(16.0, rel=0.03)
     assert priors[0].sigma_translation * math.sqrt(3) == pytest.approx(math.sqrt(np.mean(errors.translation**2)), 0.03)

@@ -87,7 +87,7 @@ def test_touch_corrects_vision_but_for_the_cans_spin_and_slide(result: GraspResu
     X_true = result.X_PO.GetAsMatrix34()
     estimate, prior = port(result, "hypotheses"), port(result, "prior")
     assert port(result, "status").split(":")[0] == estimate.status
-    before, after = (increments_between(X, X_true) for X in (prior.X_PO, estimate.best.X_PO.GetAsMatrix34()))
+    before, after = (increments_between(X, X_true) for X in (prior.mean, estimate.best.X_PO.GetAsMatrix34()))
     assert np.linalg.norm(before[3:]) > 0.02
     # Across the can's axis, which is along x of P.
     assert np.linalg.norm(after[4:]) < 0.5 * np.linalg.norm(before[4:])

@@ -68,7 +68,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     order = [plant.GetJointByName(name).position_start() for name in names]
     rows = np.column_stack([[0.0, 0.5], np.tile(held_cube.Q[order], (2, 1))])
     np.savetxt(folder / "joints.csv", rows, delimiter=",", header=", ".join(["time", *names]), comments="")
-    X_PO = held_cube.prior().X_PO
+    X_PO = held_cube.prior().mean
     pose = {"translation": X_PO[:, 3].tolist(), "quaternion_wxyz": quaternion_from_matrix(X_PO[:, :3]).tolist()}
     prior = {"X_PO": pose, "sigma_translation": 0.02, "sigma_rotation_deg": 11.0}
     (folder / "prior.yaml").write_text(yaml.safe_dump(prior))

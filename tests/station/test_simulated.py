@@ -6,8 +6,8 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.analysis import Simulator
 
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.evidence.prior import PosePrior
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
+from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.hand_reach import make_hand_reach
 from tactopose_drake.resources import resource_root

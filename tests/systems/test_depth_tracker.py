@@ -13,11 +13,12 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, DiagramBuilder
 from pydrake.systems.primitives import AddRandomInputs
 
-from tactopose_drake.core.evidence.prior import PosePrior
 from tactopose_drake.core.poses import increments_between
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.pose_measurement import PoseMeasurement
 from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.estimation.prior import PosePrior
+from tactopose_drake.systems.camera_view import CameraView
 from tactopose_drake.systems.depth_tracker import DepthTracker, DepthTrackerParams
 from tactopose_drake.systems.random_sources import seed_random_sources
 
@@ -51,12 +52,14 @@ class Bench:
         self.tracker = builder.AddNamedSystem(
             "tracker",
             DepthTracker(
-                plant,
-                scene_graph.model_inspector(),
-                object_body=thing,
-                object_model=object_model,
-                palm_frame=palm_frame,
-                X_WC=X_WC,
+                CameraView(
+                    plant=plant,
+                    inspector=scene_graph.model_inspector(),
+                    object_body=thing,
+                    object_model=object_model,
+                    palm_frame=palm_frame,
+                    X_WC=X_WC,
+                ),
                 params=DepthTrackerParams(**params),
             ),
         )
@@ -92,7 +95,7 @@ def test_the_pose_is_the_objects_in_the_palm(object_model: ObjectModel) -> None:
     assert error @ np.linalg.solve(vision.covariance, error) < 30.0
     prior = bench.tracker.GetOutputPort("prior").Eval(bench.context)
     assert isinstance(prior, PosePrior)
-    np.testing.assert_array_equal(prior.X_PO, vision.X_PO)
+    np.testing.assert_array_equal(prior.X_PO.GetAsMatrix34(), vision.X_PO)
     seen = bench.tracker.GetOutputPort("pose_in_world").Eval(bench.context)
     assert seen.IsNearlyEqualTo(X_WPalm @ X_PalmP @ RigidTransform(vision.X_PO), 1e-9)
 

@@ -5,7 +5,8 @@ from pydrake.systems.analysis import Simulator
 from tactopose_drake.core.grasping.grasp_law import ClosingMotion
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
 from tactopose_drake.hand.hand_config import load_hand_config, make_hand_plant
-from tactopose_drake.systems.grasp_controller import GraspController, GraspControllerParams, actuated_joints
+from tactopose_drake.hand.hand_joints import HandJoints
+from tactopose_drake.systems.grasp_controller import GraspController, GraspControllerParams
 
 SET_FORCE = 2.0
 PARAMS = GraspControllerParams(closing_time=1.0)
@@ -46,7 +47,7 @@ class Bench:
 
     def torque(self, joint: str) -> float:
         torques = self.controller.GetOutputPort("actuation").Eval(self.context)
-        return float(torques[actuated_joints(self.plant, self.hand).index(joint)])
+        return float(torques[HandJoints.of(self.plant, self.hand).actuated.index(joint)])
 
     def holding(self) -> bool:
         return bool(self.controller.GetOutputPort("holding").Eval(self.context)[0])

@@ -11,13 +11,13 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context
 
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.evidence.prior import PosePrior
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.frame import Frame
 from tactopose_drake.core.tracking.pose_belief import PoseBelief
 from tactopose_drake.core.tracking.pose_measurement import PoseMeasurement
 from tactopose_drake.core.tracking.pose_tracker import PoseTracker
 from tactopose_drake.errors import InvalidInputError, PortTypeError
+from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.systems.live_pose_belief_estimator import LivePoseBeliefEstimator
 from tactopose_drake.systems.pose_belief_estimator import PoseBeliefEstimator, PoseBeliefParams
 from tests.core.tracking.boxes import make_box, touch

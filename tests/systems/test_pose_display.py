@@ -9,9 +9,9 @@ from pydrake.multibody.tree import FixedOffsetFrame, SpatialInertia
 from pydrake.systems.analysis import Simulator
 
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.evidence.prior import PosePrior
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.systems.pose_display import PoseDisplay, PoseDisplayParams
 from tests.recording_meshcat import RecordingMeshcat
 
@@ -39,7 +39,7 @@ def test_prior_and_estimate_are_where_they_say(model: ObjectModel) -> None:
     prior = PosePrior(RigidTransform([0.0, 0.0, 0.2]))
     run(PoseDisplay(meshcat, model), contacts=TOUCH, prior=prior, object_pose=X_PO)
     assert meshcat.pose("/tactopose/estimate").IsNearlyEqualTo(X_PO, 1e-12)
-    np.testing.assert_allclose(meshcat.pose("/tactopose/prior").GetAsMatrix34(), prior.X_PO)
+    np.testing.assert_allclose(meshcat.pose("/tactopose/prior").GetAsMatrix34(), prior.X_PO.GetAsMatrix34())
     assert meshcat.visible("/tactopose/prior")
 
 

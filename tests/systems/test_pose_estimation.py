@@ -10,10 +10,10 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.evidence.prior import PosePrior
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.estimate import estimate_pose
+from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.hand.geometry import HandGeometry
 from tactopose_drake.hand.hand_config import HandConfig, add_hand, load_hand_config, make_hand_plant
 from tactopose_drake.systems.pose_estimation import AddPoseEstimation, MakePoseEstimation, PoseEstimationParams

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from pydrake.math import RigidTransform, RollPitchYaw
 
-from tactopose_drake.core.evidence.prior import PosePrior
 from tactopose_drake.errors import InvalidFileError
+from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.systems.signals import Signal, SignalRecorder, read_signals
 
 POSE = RigidTransform(RollPitchYaw(0.1, 0.2, 0.3), [0.01, 0.02, 1 / 3])
@@ -29,7 +29,7 @@ def write(path: Path | None) -> SignalRecorder:
 
 def as_bytes(value) -> bytes:
     if isinstance(value, PosePrior):
-        return value.X_PO.tobytes() + np.array([value.sigma_translation, value.sigma_rotation]).tobytes()
+        return value.mean.tobytes() + np.array([value.sigma_translation, value.sigma_rotation]).tobytes()
     if isinstance(value, RigidTransform):
         return value.GetAsMatrix34().tobytes()
     return b"" if value is None else value.tobytes()

@@ -15,6 +15,7 @@ from tactopose_drake.core.poses import increments_between
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.vision.vision_model import VisionModel
 from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.systems.camera_view import CameraView
 from tactopose_drake.systems.random_sources import seed_random_sources
 from tactopose_drake.systems.simulated_vision import SimulatedVision, SimulatedVisionParams
 
@@ -50,12 +51,14 @@ def make_station(
     vision = builder.AddNamedSystem(
         "vision",
         SimulatedVision(
-            plant,
-            scene_graph.model_inspector(),
-            object_body=thing,
-            object_model=object_model,
-            palm_frame=palm_frame,
-            X_WC=X_WC,
+            CameraView(
+                plant=plant,
+                inspector=scene_graph.model_inspector(),
+                object_body=thing,
+                object_model=object_model,
+                palm_frame=palm_frame,
+                X_WC=X_WC,
+            ),
             params=SimulatedVisionParams(model=MODEL, period=0.1),
         ),
     )
@@ -79,7 +82,7 @@ def test_the_error_is_that_of_the_hidden_share(object_model: ObjectModel, p_WFin
     context = look_once(diagram, vision)
     assert vision.GetOutputPort("hidden_share").Eval(context)[0] == pytest.approx(hidden, abs=0.02)
     prior = vision.GetOutputPort("prior").Eval(context)
-    error = increments_between(((X_WPalm @ X_PalmP).inverse() @ X_WO).GetAsMatrix34(), prior.X_PO)
+    error = increments_between(((X_WPalm @ X_PalmP).inverse() @ X_WO).GetAsMatrix34(), prior.mean)
     assert np.linalg.norm(error[3:]) == pytest.approx(0.05 if hidden else 0.004, rel=0.05)
     assert np.linalg.norm(error[:3]) == pytest.approx(math.radians(21 if hidden else 1), rel=0.05)
 
@@ -93,7 +96,7 @@ def test_a_ball_at_the_objects_edge_hides_a_part(object_model: ObjectModel) -> N
 def test_the_same_seed_sees_the_same_and_each_frame_errs_anew(object_model: ObjectModel) -> None:
     diagram, _, vision = make_station(object_model, (0.0, 0.05, 0.6))
     poses = [
-        vision.GetOutputPort("prior").Eval(look_once(diagram, vision, seed, duration)).X_PO
+        vision.GetOutputPort("prior").Eval(look_once(diagram, vision, seed, duration)).mean
         for seed, duration in ((3, 0.05), (3, 0.05), (4, 0.05), (3, 0.15))
     ]
     np.testing.assert_array_equal(poses[0], poses[1])

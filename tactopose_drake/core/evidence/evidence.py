@@ -6,19 +6,20 @@ from collections.abc import Sequence
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.force_balance import ForceBalance
+from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.evidence.patch_contacts import with_patches
-from tactopose_drake.core.evidence.prior import PosePrior
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import InvalidInputError
 
+# What each may be, and what its users call that.
 _KINDS = {
-    "contacts": Contacts,
-    "prior": PosePrior,
-    "hand": HandGeometry,
-    "untouched": HandGeometry,
-    "balance": ForceBalance,
+    "contacts": (Contacts, "Contacts"),
+    "prior": (GaussianPrior, "PosePrior"),
+    "hand": (HandGeometry, "HandGeometry"),
+    "untouched": (HandGeometry, "HandGeometry"),
+    "balance": (ForceBalance, "ForceBalance"),
 }
 
 
@@ -40,7 +41,7 @@ class Evidence:
     """
 
     contacts: Contacts
-    prior: PosePrior | None = None
+    prior: GaussianPrior | None = None
     hand: HandGeometry | None = None
     untouched: HandGeometry | None = None
     balance: ForceBalance | None = None
@@ -48,10 +49,10 @@ class Evidence:
     patches: Sequence[Patch] = ()
 
     def __post_init__(self) -> None:
-        for name, kind in _KINDS.items():
+        for name, (kind, called) in _KINDS.items():
             value = getattr(self, name)
             if not isinstance(value, kind) and (value is not None or name == "contacts"):
-                raise InvalidInputError(f"{name}: is a {type(value).__name__}; allowed is a {kind.__name__}.")
+                raise InvalidInputError(f"{name}: is a {type(value).__name__}; allowed is a {called}.")
         if self.friction is not None:
             object.__setattr__(self, "friction", positive_number("friction", self.friction, allow_zero=True))
         for name in ("balance", "friction"):

@@ -3,7 +3,7 @@
 import numpy as np
 
 from tactopose_drake.core.compiled import read_only
-from tactopose_drake.core.evidence.prior import PosePrior
+from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.kernels import prior_kernels
 from tactopose_drake.core.objectives.objective import LeastSquaresObjective, NormalEquations, form_normal_equations
 from tactopose_drake.core.validation import FloatArray
@@ -12,8 +12,8 @@ from tactopose_drake.core.validation import FloatArray
 class PriorObjective(LeastSquaresObjective):
     """Increments from the prior's pose to the pose, divided by their standard deviations: six residuals."""
 
-    def __init__(self, prior: PosePrior) -> None:
-        self.kernel_view = prior_kernels.Prior(read_only(prior.X_PO), read_only(1.0 / prior.sigmas))
+    def __init__(self, prior: GaussianPrior) -> None:
+        self.kernel_view = prior_kernels.Prior(read_only(prior.mean), read_only(1.0 / prior.sigmas))
 
     def cost(self, X_PO: FloatArray) -> FloatArray:
         """Costs (B,) of poses (B, 3, 4)."""

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.evidence.prior import PosePrior
+from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.posterior.hypotheses import determined_part, free_directions
 from tactopose_drake.core.searches.search import PriorSpace
@@ -74,7 +74,7 @@ class CramerRaoBound:
 
 
 def cramer_rao_bound(
-    model: ObjectModel, contacts: Contacts, X_PO: ArrayLike, prior: PosePrior | None = None
+    model: ObjectModel, contacts: Contacts, X_PO: ArrayLike, prior: GaussianPrior | None = None
 ) -> CramerRaoBound:
     """The bound for the object at the true pose X_PO, touched as the contacts say.
 

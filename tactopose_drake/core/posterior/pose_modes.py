@@ -9,6 +9,9 @@ from tactopose_drake.core.poses import retract
 from tactopose_drake.core.validation import FloatArray, finite_array
 from tactopose_drake.errors import InvalidInputError
 
+MOST_OF_THE_MASS = 0.5
+"""The share of the probability that the first mode must carry to be called the answer."""
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PoseModes:

@@ -5,7 +5,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from tactopose_drake.core.evidence.prior import PosePrior
+from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.kernels import pose_kernels
 from tactopose_drake.core.objectives.objective import LeastSquaresObjective
 from tactopose_drake.core.validation import FloatArray
@@ -83,9 +83,9 @@ class PriorSpace:
         reach: the radii that hold all but a thousandth of it: rotation, rad, and translation, m.
     """
 
-    def __init__(self, prior: PosePrior) -> None:
+    def __init__(self, prior: GaussianPrior) -> None:
         self._sigmas = prior.sigmas
-        self.center = prior.X_PO
+        self.center = prior.mean
         self.information = np.diag(1.0 / self._sigmas**2)
         self.reach = _REACH * prior.sigma_rotation, _REACH * prior.sigma_translation
 

@@ -1,10 +1,8 @@
 """What a belief is worth, in a word and a remark."""
 
+from tactopose_drake.core.posterior.pose_modes import MOST_OF_THE_MASS
 from tactopose_drake.core.tracking.pose_belief import BeliefStatus, PoseBelief
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
-
-# The mode that carries more than this share of the mass is the answer.
-_MOST_OF_THE_MASS = 0.5
 
 
 def judge(belief: PoseBelief, is_felt: bool, params: PoseTrackerParams) -> tuple[BeliefStatus, tuple[str, ...]]:
@@ -23,6 +21,6 @@ def judge(belief: PoseBelief, is_felt: bool, params: PoseTrackerParams) -> tuple
         return "lost", ("no pose explains the touch",)
     if time < belief.slip_time + params.slip_time or not belief.explains_touch[0]:
         return "slipping", ()
-    if belief.probability[0] < _MOST_OF_THE_MASS:
+    if belief.probability[0] < MOST_OF_THE_MASS:
         return "ambiguous", ()
     return "ok", ()

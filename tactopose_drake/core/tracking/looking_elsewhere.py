@@ -7,7 +7,7 @@ rightly far more probable. A belief that was wrong has no right to that: what is
 
 from typing import NamedTuple
 
-from tactopose_drake.core.evidence.prior import PosePrior
+from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.tracking.mode_set import ModeSet
 from tactopose_drake.core.tracking.new_modes import SLIPPED, around
 from tactopose_drake.core.tracking.pose_belief import PoseBelief
@@ -38,7 +38,7 @@ def where_to_look(
     belief: PoseBelief,
     modes: ModeSet,
     seen: PoseMeasurement | None,
-    prior: PosePrior | None,
+    prior: GaussianPrior | None,
     lost_time: float,
     *,
     troubled: bool,

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from tactopose_drake.core.evidence.prior import PosePrior
+from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.validation import FloatArray, finite_array, pose_matrix
 from tactopose_drake.errors import InvalidInputError
 
@@ -17,7 +17,7 @@ class PoseMeasurement:
 
     Attributes:
         time: when it was so, s, of the clock that the frames of the belief are of: of the picture, not of its delivery.
-        X_PO: the pose at that time, shape (3, 4); a RigidTransform is taken too.
+        X_PO: the pose at that time, shape (3, 4), its translation in m; a RigidTransform is taken too.
         covariance: of the increment (w, v) from it to the true pose, shape (6, 6), rad and m.
 
     Raises:
@@ -41,14 +41,19 @@ class PoseMeasurement:
             object.__setattr__(self, name, array)
 
     @classmethod
-    def from_prior(cls, prior: PosePrior, time: float) -> PoseMeasurement:
-        """What a prior says, as of a time, s."""
-        return cls(time, prior.X_PO, np.diag(prior.sigmas**2))
+    def from_prior(cls, prior: GaussianPrior, time: float) -> PoseMeasurement:
+        """What a prior says, as a measurement.
 
-    def as_prior(self) -> PosePrior:
+        Args:
+            prior: what is known of the pose.
+            time: as of when, s.
+        """
+        return cls(time, prior.mean, np.diag(prior.sigmas**2))
+
+    def as_prior(self) -> GaussianPrior:
         """A prior that is at least as wide in every direction of rotation and of translation."""
         widest = [float(np.sqrt(np.linalg.eigvalsh(self.covariance[part, part])[-1])) for part in (_W, _V)]
-        return PosePrior(self.X_PO, sigma_rotation=widest[0], sigma_translation=widest[1])
+        return GaussianPrior(self.X_PO, sigma_rotation=widest[0], sigma_translation=widest[1])
 
 
 _W, _V = slice(0, 3), slice(3, 6)

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 
-from tactopose_drake.core.evidence.prior import PosePrior
+from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.poses import retract
 from tactopose_drake.core.validation import FloatArray, finite_array, positive_number
 from tactopose_drake.errors import InvalidInputError
@@ -29,7 +29,7 @@ class VisionModel:
             raise InvalidInputError(f"VisionModel.lost_share: is {self.lost_share:g}; allowed are numbers up to 1.")
 
 
-def look(X_PO: FloatArray, hidden: float, normal_noise: FloatArray, model: VisionModel) -> PosePrior:
+def look(X_PO: FloatArray, hidden: float, normal_noise: FloatArray, model: VisionModel) -> GaussianPrior:
     """What vision makes of the object's true pose.
 
     The size of the error follows from the hidden share alone, its direction is random. An error of length e in a random
@@ -45,7 +45,7 @@ def look(X_PO: FloatArray, hidden: float, normal_noise: FloatArray, model: Visio
     translation = (1.0 - lost) * model.translation_clear + lost * model.translation_hidden
     rotation = math.radians((1.0 - lost) * model.rotation_clear_deg + lost * model.rotation_hidden_deg)
     increment = np.concatenate([rotation * _unit(normal_noise[:3]), translation * _unit(normal_noise[3:])])
-    return PosePrior(
+    return GaussianPrior(
         retract(finite_array("X_PO", X_PO, (3, 4)), increment),
         sigma_translation=translation / math.sqrt(3.0),
         sigma_rotation=rotation / math.sqrt(3.0),

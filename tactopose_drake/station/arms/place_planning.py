@@ -138,9 +138,7 @@ class PlacePlanner:
         """
         context = self._arm_plant.CreateDefaultContext()
         self._arm_plant.SetPositions(context, q)
-        hand_context = self._hand_plant.CreateDefaultContext()
-        self._hand_plant.SetPositions(hand_context, q_hand)
-        X_FP = self._X_FBase @ self._hand.palm_frame.CalcPoseInWorld(hand_context)
+        X_FP, _ = self._place_hand(q_hand)
         X_WP = self._arm.flange.CalcPoseInWorld(context) @ X_FP
         along = (self._grip.p_PQ - held.p_PQ) @ held.direction
         forward_P = np.array([0.0, 0.0, 1.0])
@@ -176,12 +174,7 @@ class PlacePlanner:
             held: the rod's axis in the palm.
         """
         params, generator = self._params, np.random.default_rng(self._params.seed)
-        context = self._hand_plant.CreateDefaultContext()
-        self._hand_plant.SetPositions(context, q_hand)
-        X_BaseP = self._hand.palm_frame.CalcPoseInWorld(context)
-        X_FP = self._X_FBase @ X_BaseP
-        p_BaseH = self._spheres.positions(self._hand_plant.get_body_poses_output_port().Eval(context))
-        p_PH = X_BaseP.inverse().multiply(p_BaseH.T).T
+        X_FP, p_PH = self._place_hand(q_hand)
         highest = self.longest_end + params.end_clearance
         lowest = self._hand_depth(p_PH, held) + params.hand_clearance
         lowest_points = np.vstack([X_FP.multiply(p_PH.T).T, X_FP.multiply(held.point(self.longest_end))])
@@ -211,6 +204,14 @@ class PlacePlanner:
         insert = smooth_motion(self._arm_plant, down, speed_share=params.insert_speed_share, **limits)
         retreat = smooth_motion(self._arm_plant, down[::-1], speed_share=params.insert_speed_share, **limits)
         return move, insert, retreat
+
+    def _place_hand(self, q_hand: FloatArray) -> tuple[RigidTransform, FloatArray]:
+        """The palm on the flange, and the spheres that fill the hand, in the palm, shape (h, 3), m."""
+        context = self._hand_plant.CreateDefaultContext()
+        self._hand_plant.SetPositions(context, q_hand)
+        X_BaseP = self._hand.palm_frame.CalcPoseInWorld(context)
+        p_BaseH = self._spheres.positions(self._hand_plant.get_body_poses_output_port().Eval(context))
+        return self._X_FBase @ X_BaseP, X_BaseP.inverse().multiply(p_BaseH.T).T
 
     def _is_clear(self, motion: PiecewisePolynomial, p_FH: FloatArray, radius: FloatArray) -> bool:
         """Whether spheres that are fixed on the flange stay higher than the box."""

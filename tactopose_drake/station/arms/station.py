@@ -19,8 +19,8 @@ from tactopose_drake.resources import add_model, make_parser
 from tactopose_drake.station.arms.arm import Arm, add_arm, hand_inertia, load_arm_config, make_arm_plant, mount_hand
 from tactopose_drake.station.grasp import add_planned_grasp
 from tactopose_drake.station.scenario import Scenario
-from tactopose_drake.station.simulated import Station
-from tactopose_drake.station.simulated_senses import add_noise, add_senses
+from tactopose_drake.station.simulated import Station, feed_estimation, finish_station
+from tactopose_drake.station.simulated_senses import add_senses
 from tactopose_drake.systems.palm_pose import PalmPose
 from tactopose_drake.systems.pose_estimation import AddPoseEstimation
 from tactopose_drake.systems.pose_tracking import AddPoseTracking, PoseTrackingParams
@@ -163,24 +163,14 @@ def make_arm_station(
         estimation = AddPoseEstimation(builder, hand.config, model, scenario.estimation)
     else:
         estimation = _add_tracking(builder, plant, hand, model, setup.tracking)
-    for name, port in senses.items():
-        builder.Connect(port, estimation.GetInputPort(name))
-    for index in range(estimation.num_output_ports()):
-        builder.ExportOutput(estimation.get_output_port(index), estimation.get_output_port(index).get_name())
+    feed_estimation(builder, estimation, senses)
 
     arm_plant, arm_alone = make_arm_plant(config, X_WBase, hand_inertia(plant, arm, hand, start.q))
-    parts = ArmParts(
-        plant, scene_graph, arm, arm_plant, arm_alone, hand, object_body, model, senses, estimation
-    )  # fmt: skip
+    parts = ArmParts(plant, scene_graph, arm, arm_plant, arm_alone, hand, object_body, model, senses, estimation)
     _add_arm_control(builder, parts, setup, add_decision(builder, parts))
     if meshcat is not None:
         MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat)
-    for name in ("contact_results", "body_poses"):
-        builder.ExportOutput(plant.GetOutputPort(name), name)
-    builder.ExportOutput(scene_graph.get_query_output_port(), "query")
-    add_noise(builder, scenario, hand)
-    diagram = builder.Build()
-    diagram.set_name("arm_station")
+    diagram = finish_station("arm_station", builder, scenario, plant, scene_graph, hand)
     return ArmStation(
         diagram, plant, scene_graph, hand, object_body, object_joint, model, start, plan, scenario, arm, setup
     )

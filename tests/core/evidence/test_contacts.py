@@ -5,10 +5,8 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from pydrake.math import RigidTransform, RollPitchYaw
 
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.evidence.prior import PosePrior
 from tactopose_drake.errors import InvalidInputError
 
 POINTS = np.array([[0.0, 0.0, 0.1], [0.02, 0.0, 0.1]])
@@ -57,27 +55,6 @@ def test_contacts_cannot_be_changed_from_outside() -> None:
 def test_bad_contacts_are_named(arguments: dict[str, object], message: str) -> None:
     with pytest.raises(InvalidInputError, match=message):
         Contacts(**arguments)  # type: ignore[arg-type]
-
-
-def test_a_prior_takes_a_rigid_transform_or_an_array() -> None:
-    X_PO = RigidTransform(RollPitchYaw(0.1, 0.2, 0.3), [0.01, 0.02, 0.03])
-    for value in (X_PO, X_PO.GetAsMatrix34(), X_PO.GetAsMatrix4()):
-        np.testing.assert_allclose(PosePrior(value).X_PO, X_PO.GetAsMatrix34())
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"X_PO": np.ones((3, 4))}, "X_PO: its left 3x3 block is not a rotation"),
-        ({"X_PO": np.diag([1.0, 1.0, -1.0, 1.0])}, "X_PO: its left 3x3 block is not a rotation"),
-        ({"X_PO": np.eye(3)}, "X_PO: has shape"),
-        ({"X_PO": np.eye(4), "sigma_translation": -1.0}, "sigma_translation: is -1; allowed are numbers > 0"),
-        ({"X_PO": np.eye(4), "sigma_rotation": math.nan}, "sigma_rotation: is nan"),
-    ],
-)
-def test_bad_priors_are_named(arguments: dict[str, object], message: str) -> None:
-    with pytest.raises(InvalidInputError, match=message):
-        PosePrior(**arguments)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("again", [copy.deepcopy, lambda contacts: pickle.loads(pickle.dumps(contacts))])

@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.evidence.prior import PosePrior
+from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.grasping.quality import force_closure_probability, grasp_quality, lever, on_surface
 from tactopose_drake.core.poses import compose, exp_so3, inverse, make_poses, random_rotations, transform_points
 from tactopose_drake.core.posterior.pose_modes import PoseModes
@@ -221,7 +221,7 @@ def test_a_belief_samples_its_mixture() -> None:
 def test_an_estimate_says_what_is_believed() -> None:
     model = ObjectModel.from_mesh(trimesh.creation.box(EXTENTS), max_grid_bytes=3_200_000)
     n_OC = np.array([[1.0, 0, 0], [-1, 0, 0], [-1, 0, 0], [-1, 0, 0]])
-    estimate = estimate_pose(model, Contacts(P_OC, n_OC), prior=PosePrior(np.eye(3, 4), 0.005, 0.1))
+    estimate = estimate_pose(model, Contacts(P_OC, n_OC), prior=GaussianPrior(np.eye(3, 4), 0.005, 0.1))
     belief = estimate.modes
     assert len(belief) == len(estimate.hypotheses)
     np.testing.assert_allclose(belief.probability, [hypothesis.probability for hypothesis in estimate.hypotheses])

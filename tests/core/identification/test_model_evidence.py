@@ -4,7 +4,7 @@ import trimesh
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
-from tactopose_drake.core.evidence.prior import PosePrior
+from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.identification.model_evidence import log_evidence
 from tactopose_drake.core.poses import random_rotations
 from tactopose_drake.core.shape.object_model import ObjectModel
@@ -80,7 +80,7 @@ def test_each_contact_counts_by_the_area_that_it_could_have_been_on(sphere: Obje
 def test_a_prior_tells_the_images_apart(cuboid: trimesh.Trimesh) -> None:
     model, contacts = make(cuboid), Contacts(np.zeros((1, 3)))
     without = log_evidence(model, Evidence(contacts), 0.0)
-    prior = PosePrior(np.eye(3, 4), sigma_translation=0.03)
+    prior = GaussianPrior(np.eye(3, 4), sigma_translation=0.03)
     assert without - log_evidence(model, Evidence(contacts, prior), 0.0) == pytest.approx(np.log(4.0))
 
 

@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.evidence.prior import PosePrior
+from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.objectives.objective import SumObjective
 from tactopose_drake.core.objectives.pose_prior import PriorObjective
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
@@ -48,7 +48,7 @@ def measure(exact: Contacts, generator: np.random.Generator) -> Contacts:
 def test_the_scatter_of_the_best_fit_is_the_bound(blob: ObjectModel, has_prior: bool) -> None:
     exact, X_PO = grasp(blob, 8, 1)
     sigmas = np.array([0.02, 0.0005])  # Of the order of what the touch says.
-    prior = PosePrior(X_PO, sigma_rotation=sigmas[0], sigma_translation=sigmas[1]) if has_prior else None
+    prior = GaussianPrior(X_PO, sigma_rotation=sigmas[0], sigma_translation=sigmas[1]) if has_prior else None
     bound = cramer_rao_bound(blob, exact, X_PO, prior)
     generator = np.random.default_rng(0)
     errors = []
@@ -58,7 +58,7 @@ def test_the_scatter_of_the_best_fit_is_the_bound(blob: ObjectModel, has_prior: 
         if has_prior:
             X_prior = retract(X_PO, generator.normal(size=6) * np.repeat(sigmas, 3))
             objective = SumObjective(
-                [touch, PriorObjective(PosePrior(X_prior, sigma_rotation=sigmas[0], sigma_translation=sigmas[1]))]
+                [touch, PriorObjective(GaussianPrior(X_prior, sigma_rotation=sigmas[0], sigma_translation=sigmas[1]))]
             )
         errors.append(increments_between(LevenbergMarquardt().refine(objective, X_PO[None]).X_PO[0], X_PO))
     # In the bound's own units the scatter is the unit matrix: 1500 draws know its parts to about 0.04.
@@ -80,7 +80,7 @@ def test_the_spin_and_slide_of_a_cylinder_are_infinitely_uncertain(cylinder: Obj
         assert np.linalg.norm(bound.covariance @ direction) < 0.05 * np.linalg.norm(bound.covariance)
     assert bound.rms_rotation == bound.rms_translation == math.inf
     # A prior makes them as uncertain as it is itself.
-    prior = PosePrior(np.eye(4), sigma_translation=0.033, sigma_rotation=0.3)
+    prior = GaussianPrior(np.eye(4), sigma_translation=0.033, sigma_rotation=0.3)
     with_prior = cramer_rao_bound(cylinder, contacts, np.eye(4), prior)
     np.testing.assert_allclose(with_prior.sigmas[[2, 5]], [0.3, 0.033], rtol=0.02)
     assert with_prior.free_directions.shape == (2, 6)

@@ -11,15 +11,15 @@ from tests.core.searches.problems import make_touch
 def test_candidates_are_remembered_by_cost(blob: ObjectModel) -> None:
     objective, prior, _ = make_touch(blob, 1)
     units = np.repeat([0.5, 0.02], 3)
-    candidates = CandidatePoses(objective, prior.X_PO, units)
+    candidates = CandidatePoses(objective, prior.mean, units)
     tried = np.random.default_rng(0).uniform(-1.0, 1.0, size=(20, 6))
     costs = [candidates.try_pose(y) for y in tried]
-    X_PO = retract(prior.X_PO, tried * units)
+    X_PO = retract(prior.mean, tried * units)
     np.testing.assert_allclose(costs, objective.cost(X_PO))
     np.testing.assert_allclose(candidates.pose(tried[3]), X_PO[3])
     candidates.remember(np.zeros(6), -1.0)
     assert len(candidates) == 21
-    np.testing.assert_allclose(candidates.by_cost(), np.concatenate([prior.X_PO[None], X_PO[np.argsort(costs)]]))
+    np.testing.assert_allclose(candidates.by_cost(), np.concatenate([prior.mean[None], X_PO[np.argsort(costs)]]))
 
 
 def test_of_poses_that_are_close_one_is_refined(blob: ObjectModel) -> None:

@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.evidence.prior import PosePrior
+from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.objectives.objective import SumObjective
 from tactopose_drake.core.objectives.pose_prior import PriorObjective
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
@@ -54,8 +54,8 @@ def test_near_a_prior_no_pose_known_is_better_than_the_best_found(name: str, cou
         generator = np.random.default_rng(seed)
         X_PO = random_pose(generator)
         contacts = touch_surface(model, X_PO, count, generator)
-        prior = PosePrior(X_PO)
-        prior = PosePrior(retract(X_PO, generator.normal(size=6) * prior.sigmas))
+        prior = GaussianPrior(X_PO)
+        prior = GaussianPrior(retract(X_PO, generator.normal(size=6) * prior.sigmas))
         objective = SumObjective([SurfaceContact(model.grid, contacts), PriorObjective(prior)])
         truth = LevenbergMarquardt().refine(objective, X_PO[None])
         found = PairSearch(model=model, contacts=contacts).minimize(objective, PriorSpace(prior), generator)
@@ -88,7 +88,7 @@ def test_another_objective_decides_between_the_proposed_poses() -> None:
     for _ in range(4):
         X_PO = random_pose(generator)
         contacts = touch_surface(box, X_PO, 8, generator)
-        wish = PriorObjective(PosePrior(X_PO, sigma_translation=0.1, sigma_rotation=0.5))
+        wish = PriorObjective(GaussianPrior(X_PO, sigma_translation=0.1, sigma_rotation=0.5))
         objective = SumObjective([SurfaceContact(box.grid, contacts), wish])
         found = PairSearch(model=box, contacts=contacts).minimize(objective, TouchSpace(box, contacts), generator)
         assert rotation_angles(found.X_PO[0, :, :3], X_PO[:, :3]) < math.radians(8)
@@ -98,7 +98,7 @@ def test_a_prior_keeps_the_proposed_poses_within_its_reach(blob: ObjectModel) ->
     generator = np.random.default_rng(0)
     X_PO = random_pose(generator)
     contacts = touch_surface(blob, X_PO, 5, generator)
-    space = PriorSpace(PosePrior(X_PO, sigma_translation=0.002, sigma_rotation=0.1))
+    space = PriorSpace(GaussianPrior(X_PO, sigma_translation=0.002, sigma_rotation=0.1))
     pairs = PairSearch(model=blob, contacts=contacts)
     near = pairs.propose(pairs.choice, 500, space, generator)
     assert len(near) > 0
@@ -115,7 +115,7 @@ def test_of_a_symmetric_object_the_images_near_the_prior_are_proposed(name: str)
         generator = np.random.default_rng(seed)
         X_PO = random_pose(generator)
         contacts = touch_surface(model, X_PO, 5, generator)
-        space = PriorSpace(PosePrior(X_PO, sigma_translation=0.02, sigma_rotation=0.15))
+        space = PriorSpace(GaussianPrior(X_PO, sigma_translation=0.02, sigma_rotation=0.15))
         pairs = PairSearch(model=model, contacts=contacts)
         near = pairs.propose(pairs.near_choice, 100, space, generator)
         assert rotation_angles(near[:, :, :3], X_PO[:, :3]).min() < 0.2
@@ -145,7 +145,7 @@ def test_with_a_prior_its_own_samples_are_tried_too(blob: ObjectModel) -> None:
     generator = np.random.default_rng(1)
     X_PO = random_pose(generator)
     contacts = touch_surface(blob, X_PO, 1, generator)
-    prior = PosePrior(retract(X_PO, np.array([0.1, 0.0, 0.1, 0.01, 0.0, 0.0])))
+    prior = GaussianPrior(retract(X_PO, np.array([0.1, 0.0, 0.1, 0.01, 0.0, 0.0])))
     objective = SumObjective([SurfaceContact(blob.grid, contacts), PriorObjective(prior)])
     found = PairSearch(model=blob, contacts=contacts).minimize(objective, PriorSpace(prior), generator)
     assert found.cost[0] < 1.0

@@ -4,8 +4,8 @@ import math
 import numpy as np
 import pytest
 
+from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.evidence.patch_contacts import patch_contacts
-from tactopose_drake.core.evidence.prior import PosePrior
 from tactopose_drake.core.objectives.covariance_matching import CovarianceMatching
 from tactopose_drake.core.objectives.objective import SumObjective
 from tactopose_drake.core.objectives.patch_contact import PatchContact
@@ -50,7 +50,9 @@ def test_near_a_prior_it_finds_the_pose(model: ObjectModel) -> None:
     for seed in range(8):
         X_PO, patches = touch(model, seed)
         w, v = np.random.default_rng(seed).uniform(-1.0, 1.0, (2, 3))
-        prior = PosePrior(retract(X_PO, np.concatenate([math.radians(20.0) * w, 0.01 * v])), 0.006, math.radians(12.0))
+        prior = GaussianPrior(
+            retract(X_PO, np.concatenate([math.radians(20.0) * w, 0.01 * v])), 0.006, math.radians(12.0)
+        )
         objective = SumObjective([PatchContact(model.grid, patches), PriorObjective(prior)])
         search = patch_search(model, patches)
         found = search.minimize(objective, PriorSpace(prior), np.random.default_rng(0))
@@ -79,7 +81,7 @@ def test_where_the_cost_jumps_it_is_found_without_derivatives(model: ObjectModel
     for seed in range(4):
         X_PO, patches = touch(model, seed)
         off = np.random.default_rng(seed).uniform(-1.0, 1.0, 6) * ([0.35] * 3 + [0.01] * 3)
-        space = PriorSpace(PosePrior(retract(X_PO, off), 0.006, math.radians(12.0)))
+        space = PriorSpace(GaussianPrior(retract(X_PO, off), 0.006, math.radians(12.0)))
         objective = CovarianceMatching(cloud, patches)
         found = [
             search(model, patches).minimize(objective, space, np.random.default_rng(0))
@@ -94,7 +96,9 @@ def test_where_the_cost_jumps_it_is_found_without_derivatives(model: ObjectModel
 def test_no_population_leaves_the_space(model: ObjectModel) -> None:
     """Though the touch is a way off."""
     X_PO, patches = touch(model, 1)
-    space = PriorSpace(PosePrior(retract(X_PO, np.array([0.0, 0.0, 0.0, 0.02, 0.0, 0.0])), 0.001, math.radians(5.0)))
+    space = PriorSpace(
+        GaussianPrior(retract(X_PO, np.array([0.0, 0.0, 0.0, 0.02, 0.0, 0.0])), 0.001, math.radians(5.0))
+    )
     objective = CovarianceMatching(build_point_grid(model.samples.points), patches)
     search = dataclasses.replace(corner_search(model, patches), samples=50, rounds=10)
     found = search.minimize(objective, space, np.random.default_rng(0))

@@ -5,8 +5,8 @@ import trimesh
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.evidence.force_balance import ForceBalance
+from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
-from tactopose_drake.core.evidence.prior import PosePrior
 from tactopose_drake.core.searches.pose_problem import make_problem
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.shape.symmetry import RotationalSymmetry
@@ -60,7 +60,7 @@ def test_each_evidence_counts(can: ObjectModel, evidence: Evidence, least: float
 
 
 def test_the_prior_is_no_part_of_the_likelihood(can: ObjectModel) -> None:
-    prior = PosePrior(np.column_stack([np.eye(3), [0.03, 0.0, 0.0]]), sigma_translation=0.01)
+    prior = GaussianPrior(np.column_stack([np.eye(3), [0.03, 0.0, 0.0]]), sigma_translation=0.01)
     problem = make_problem(can, Evidence(CONTACTS, prior, hand=TIPS))
     both = problem.objective.cost(IDENTITY)[0]
     assert both - problem.likelihood.cost(IDENTITY)[0] == pytest.approx(4.5)

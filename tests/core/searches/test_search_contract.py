@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.evidence.prior import PosePrior
+from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.objectives.objective import LeastSquaresObjective, NormalEquations
 from tactopose_drake.core.objectives.pose_prior import PriorObjective
 from tactopose_drake.core.poses import increments_between, retract
@@ -131,6 +131,6 @@ class TestSearch:
         # One that knows of no contact: a wish for a pose near the space's centre.
         center = retract(np.eye(3, 4), np.array([2.0, -1.0, 0.5, 0.1, 0.2, -0.1]))
         wished = retract(center, np.array([0.1, -0.05, 0.1, 0.01, 0.02, -0.01]))
-        objective = PriorObjective(PosePrior(wished, sigma_translation=0.001, sigma_rotation=0.05))
-        found = SEARCHES[name](blob()).minimize(objective, PriorSpace(PosePrior(center)), np.random.default_rng(0))
+        objective = PriorObjective(GaussianPrior(wished, sigma_translation=0.001, sigma_rotation=0.05))
+        found = SEARCHES[name](blob()).minimize(objective, PriorSpace(GaussianPrior(center)), np.random.default_rng(0))
         np.testing.assert_allclose(increments_between(found.X_PO[0], wished), 0.0, atol=1e-3)

@@ -3,7 +3,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from tactopose_drake.core.evidence.prior import PosePrior
+from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.poses import increments_between
 from tactopose_drake.core.tracking.looking_elsewhere import Look, where_to_look
 from tactopose_drake.core.tracking.mode_set import ModeSet
@@ -60,10 +60,10 @@ def test_after_a_while_without_touch_it_looks_over_the_spread_of_the_prediction(
 
 
 def test_vision_and_a_prior_say_where() -> None:
-    seen = PoseMeasurement.from_prior(PosePrior(ELSEWHERE), 5.0)
+    seen = PoseMeasurement.from_prior(GaussianPrior(ELSEWHERE), 5.0)
     assert where_to_look(BELIEF, MODES, seen, None, 0.2, troubled=False).near is seen
     none = ModeSet.empty()
     assert look(modes=none).near is None
-    near = where_to_look(BELIEF, none, None, PosePrior(ELSEWHERE), 0.2, troubled=True).near
+    near = where_to_look(BELIEF, none, None, GaussianPrior(ELSEWHERE), 0.2, troubled=True).near
     assert near is not None
     np.testing.assert_array_equal(increments_between(near.X_PO, ELSEWHERE), np.zeros(6))

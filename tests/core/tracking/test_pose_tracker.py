@@ -5,7 +5,7 @@ import pytest
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
-from tactopose_drake.core.evidence.prior import PosePrior
+from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.poses import increments_between, make_poses, random_rotations, retract
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.frame import Frame
@@ -18,7 +18,7 @@ from tests.core.tracking.boxes import make_box, touch
 
 NAMES = tuple("abcdef")
 X_PO = make_poses(random_rotations(np.random.default_rng(0), 1), np.array([[0.02, 0.0, 0.1]]))[0]
-GUESS = PosePrior(retract(X_PO, np.array([0.1, -0.15, 0.1, 0.01, -0.02, 0.01])))
+GUESS = GaussianPrior(retract(X_PO, np.array([0.1, -0.15, 0.1, 0.01, -0.02, 0.01])))
 
 
 @pytest.fixture(scope="module")
@@ -137,14 +137,14 @@ def test_vision_that_is_late_counts_as_of_its_time(tracker: PoseTracker) -> None
         contacts = Contacts(full.p_PC[:2], full.n_PC[:2])
         tips = dict.fromkeys(NAMES[:2], twist)
         vision = seen[i - 10] if i >= 10 else None
-        belief = tracker.step(belief, Frame(time, Evidence(contacts, prior=PosePrior(X)), NAMES[:2], tips, vision))
+        belief = tracker.step(belief, Frame(time, Evidence(contacts, prior=GaussianPrior(X)), NAMES[:2], tips, vision))
     assert belief.vision.remark == ""
     assert error(belief, X)[0] < 0.004
 
 
 def test_vision_alone_is_a_pose_without_contact(tracker: PoseTracker) -> None:
     follower = Follower(tracker)
-    belief = follower.feel(None, 1, PoseMeasurement.from_prior(PosePrior(X_PO), 0.005))
+    belief = follower.feel(None, 1, PoseMeasurement.from_prior(GaussianPrior(X_PO), 0.005))
     assert belief.status == "no_contact"
     assert error(belief, X_PO)[0] < 1e-6
 

@@ -10,10 +10,9 @@ import dataclasses
 import numpy as np
 from scipy.optimize import dual_annealing
 
-from tactopose_drake.core.objectives.objective import LeastSquaresObjective
-from tactopose_drake.core.searches.candidates import CandidatePoses, refine_best
-from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
-from tactopose_drake.core.searches.search import PoseSpace, Search, SearchResult, StopSignal, never
+from tactopose_drake.core.searches.box_search import BoxSearch
+from tactopose_drake.core.searches.candidates import CandidatePoses
+from tactopose_drake.core.searches.search import StopSignal
 from tactopose_drake.core.validation import FloatArray
 
 
@@ -22,28 +21,13 @@ class _StoppedError(Exception):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class SimulatedAnnealing(Search):
-    """Generalised simulated annealing on the box that the space reaches; the best poses that it saw are refined.
-
-    Attributes:
-        max_evaluations: poses tried at the most.
-        refined: so many of the best distinct poses are refined in the end.
-        refinement: how.
-    """
+class SimulatedAnnealing(BoxSearch):
+    """Generalised simulated annealing on the box that the space reaches; the best poses that it saw are refined."""
 
     max_evaluations: int = 30_000
-    refined: int = 20
-    refinement: LevenbergMarquardt = dataclasses.field(default_factory=LevenbergMarquardt)
 
-    def minimize(
-        self,
-        objective: LeastSquaresObjective,
-        space: PoseSpace,
-        generator: np.random.Generator,
-        should_stop: StopSignal = never,
-    ) -> SearchResult:
-        """The minima that the best of the annealed poses lead to, by rising cost."""
-        candidates = CandidatePoses(objective, space.center, np.repeat(space.reach, 3))
+    def try_poses(self, candidates: CandidatePoses, generator: np.random.Generator, should_stop: StopSignal) -> None:
+        """Anneals."""
 
         def cost(y: FloatArray) -> float:
             if len(candidates) and should_stop():
@@ -60,5 +44,3 @@ class SimulatedAnnealing(Search):
                 x0=np.zeros(6),
                 rng=generator,
             )
-        found = refine_best(objective, candidates.by_cost(), self.refined, self.refinement, should_stop)
-        return found._replace(iterations=found.iterations + len(candidates))

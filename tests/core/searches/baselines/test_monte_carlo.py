@@ -151,7 +151,7 @@ def test_the_costs_are_those_of_the_particles(blob: ObjectModel, batch: int) -> 
     search = MonteCarlo(scale=9.0, batch=batch, correction=DESIGN)
     particles, cost = search.evolve(objective, PriorSpace(prior), np.random.default_rng(0))
     X = np.empty((len(particles), 3, 4))
-    place(particles, prior.X_PO, X)
+    place(particles, prior.mean, X)
     np.testing.assert_allclose(cost, objective.cost(X), rtol=1e-9)
     # The search closes in.
     assert np.median(cost[-300:]) < 0.2 * np.median(cost[:300])

@@ -9,11 +9,11 @@ from tactopose_drake.core.validation import FloatArray, pose_matrix, positive_nu
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class PosePrior:
+class GaussianPrior:
     """A Gaussian belief of the object's pose.
 
     Attributes:
-        X_PO: the object's pose in the palm frame, shape (3, 4); a RigidTransform is taken too.
+        mean: the object's pose in the palm frame, shape (3, 4); anything with `GetAsMatrix34` is taken too.
         sigma_translation: standard deviation of each coordinate of p_PO, m.
         sigma_rotation: standard deviation of a small rotation about each axis, rad.
 
@@ -21,14 +21,14 @@ class PosePrior:
         InvalidInputError: a pose that is none, or a sigma that is not positive and finite.
     """
 
-    X_PO: FloatArray
+    mean: FloatArray
     sigma_translation: float = 0.033
     sigma_rotation: float = math.radians(16.0)
 
     def __post_init__(self) -> None:
-        X_PO = pose_matrix("X_PO", self.X_PO)
-        X_PO.setflags(write=False)
-        object.__setattr__(self, "X_PO", X_PO)
+        mean = pose_matrix("mean", self.mean)
+        mean.setflags(write=False)
+        object.__setattr__(self, "mean", mean)
         object.__setattr__(self, "sigma_translation", positive_number("sigma_translation", self.sigma_translation))
         object.__setattr__(self, "sigma_rotation", positive_number("sigma_rotation", self.sigma_rotation))
 

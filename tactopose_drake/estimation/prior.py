@@ -1,0 +1,45 @@
+"""What is known of the object's pose before the touch, with the pose as Drake has poses."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+from numpy.typing import ArrayLike
+from pydrake.math import RigidTransform
+
+from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
+from tactopose_drake.core.validation import FloatArray, pose_matrix
+
+
+@dataclasses.dataclass(frozen=True, eq=False, init=False)
+class PosePrior(GaussianPrior):
+    """A Gaussian belief of the object's pose.
+
+    Attributes:
+        X_PO: the object's pose in the palm frame.
+        mean: the same as an array, shape (3, 4), by which `core` knows it.
+        sigma_translation: standard deviation of each coordinate of p_PO, m.
+        sigma_rotation: standard deviation of a small rotation about each axis, rad.
+
+    Raises:
+        InvalidInputError: a pose that is none, or a sigma that is not positive and finite.
+    """
+
+    X_PO: RigidTransform = dataclasses.field(kw_only=True)
+    mean: FloatArray = dataclasses.field(init=False, repr=False)
+
+    def __init__(
+        self,
+        X_PO: RigidTransform | ArrayLike,
+        sigma_translation: float = 0.033,
+        sigma_rotation: float = math.radians(16.0),
+    ) -> None:
+        """Takes the pose as a RigidTransform, or as an array of shape (3, 4) or (4, 4)."""
+        super().__init__(pose_matrix("X_PO", X_PO), sigma_translation, sigma_rotation)
+        object.__setattr__(self, "X_PO", RigidTransform(pose=self.mean))
+
+    @classmethod
+    def of(cls, prior: GaussianPrior) -> PosePrior:
+        """What `core` knows of the pose."""
+        return cls(prior.mean, prior.sigma_translation, prior.sigma_rotation)

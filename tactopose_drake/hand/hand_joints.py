@@ -1,0 +1,49 @@
+"""Where the joints of a hand are among its own positions, velocities and actuators, whatever else is in the plant."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.multibody.plant import MultibodyPlant
+
+from tactopose_drake.hand.hand_config import Hand
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class HandJoints:
+    """The order of a hand's joints.
+
+    Attributes:
+        position: the place of each moving joint's position among the hand's, by the joint's name.
+        velocity: likewise of its velocity.
+        actuated: names of the joints that the hand's actuators drive, in the order of the actuation port.
+    """
+
+    position: Mapping[str, int]
+    velocity: Mapping[str, int]
+    actuated: tuple[str, ...]
+
+    @classmethod
+    def of(cls, plant: MultibodyPlant, hand: Hand) -> HandJoints:
+        """The order in a finalized plant that holds the hand."""
+        joints = [plant.get_joint(index) for index in plant.GetJointIndices(hand.model_instance)]
+        moving = [joint for joint in joints if joint.num_positions() > 0]
+        first_q = min(joint.position_start() for joint in moving)
+        first_v = min(joint.velocity_start() for joint in moving)
+        actuators = plant.GetJointActuatorIndices(hand.model_instance)
+        return cls(
+            {joint.name(): joint.position_start() - first_q for joint in moving},
+            {joint.name(): joint.velocity_start() - first_v for joint in moving},
+            tuple(plant.get_joint_actuator(index).joint().name() for index in actuators),
+        )
+
+    def positions(self, joints: Iterable[str]) -> NDArray[np.int64]:
+        """The places of some joints' positions, shape (k,)."""
+        return np.array([self.position[name] for name in joints], dtype=np.int64)
+
+    def velocities(self, joints: Iterable[str]) -> NDArray[np.int64]:
+        """The places of some joints' velocities, shape (k,)."""
+        return np.array([self.velocity[name] for name in joints], dtype=np.int64)

@@ -1,0 +1,74 @@
+import copy
+import dataclasses
+import math
+import pickle
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from numpy.typing import ArrayLike
+from pydrake.common.value import AbstractValue
+from pydrake.math import RigidTransform, RollPitchYaw
+
+import tactopose_drake as tp
+from tactopose_drake.core.evidence import Evidence, GaussianPrior
+from tactopose_drake.errors import InvalidInputError
+
+X_PO = RigidTransform(RollPitchYaw(0.1, 0.2, 0.3), [0.01, 0.02, 0.03])
+
+
+@pytest.mark.parametrize("given", [X_PO, X_PO.GetAsMatrix34(), X_PO.GetAsMatrix4(), X_PO.GetAsMatrix34().tolist()])
+def test_a_prior_takes_a_rigid_transform_or_an_array(given: RigidTransform | ArrayLike) -> None:
+    prior = tp.PosePrior(given, sigma_translation=0.02, sigma_rotation=0.1)
+    assert isinstance(prior.X_PO, RigidTransform)
+    np.testing.assert_array_equal(prior.X_PO.GetAsMatrix34(), X_PO.GetAsMatrix34())
+    np.testing.assert_array_equal(prior.mean, X_PO.GetAsMatrix34())
+    np.testing.assert_array_equal(prior.sigmas, [0.1, 0.1, 0.1, 0.02, 0.02, 0.02])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"X_PO": np.ones((3, 4))}, "X_PO: its left 3x3 block is not a rotation"),
+        ({"X_PO": np.diag([1.0, 1.0, -1.0, 1.0])}, "X_PO: its left 3x3 block is not a rotation"),
+        ({"X_PO": np.eye(3)}, "X_PO: has shape"),
+        ({"X_PO": np.eye(4), "sigma_translation": -1.0}, "sigma_translation: is -1; allowed are numbers > 0"),
+        ({"X_PO": np.eye(4), "sigma_rotation": math.nan}, "sigma_rotation: is nan"),
+    ],
+)
+def test_bad_priors_are_named(arguments: dict[str, object], message: str) -> None:
+    with pytest.raises(InvalidInputError, match=message):
+        tp.PosePrior(**arguments)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    "again",
+    [
+        copy.deepcopy,
+        lambda prior: pickle.loads(pickle.dumps(prior)),
+        lambda prior: AbstractValue.Make(prior).Clone().get_value(),
+        dataclasses.replace,
+    ],
+)
+def test_copies_are_equal_and_their_arrays_contiguous(again: Callable[[tp.PosePrior], tp.PosePrior]) -> None:
+    prior = tp.PosePrior(X_PO, 0.02, 0.1)
+    copied = again(prior)
+    assert isinstance(copied, tp.PosePrior)
+    assert copied.X_PO.IsExactlyEqualTo(X_PO)
+    np.testing.assert_array_equal(copied.mean, prior.mean)
+    np.testing.assert_array_equal(copied.sigmas, prior.sigmas)
+    assert copied.mean.flags.c_contiguous
+
+
+def test_one_number_of_a_prior_can_be_replaced() -> None:
+    prior = dataclasses.replace(tp.PosePrior(X_PO, 0.02, 0.1), sigma_rotation=0.3)
+    assert (prior.sigma_translation, prior.sigma_rotation) == (0.02, 0.3)
+    assert dataclasses.replace(prior, X_PO=np.eye(4)).X_PO.IsExactlyEqualTo(RigidTransform())
+
+
+def test_core_takes_the_prior_as_it_is_and_gives_it_back() -> None:
+    prior = tp.PosePrior(X_PO, 0.02, 0.1)
+    assert Evidence(tp.Contacts.empty(), prior).prior is prior
+    again = tp.PosePrior.of(GaussianPrior(prior.mean, prior.sigma_translation, prior.sigma_rotation))
+    assert again.X_PO.IsExactlyEqualTo(X_PO)
+    np.testing.assert_array_equal(again.sigmas, prior.sigmas)
