@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.prior import PosePrior
@@ -18,6 +17,7 @@ from tactopose_drake.core.poses import make_poses, matrix_from_quaternion
 from tactopose_drake.core.validation import FloatArray, finite_array
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
 from tactopose_drake.estimation.results import PoseEstimate
+from tactopose_drake.yaml_files import plain_data, read_yaml, shown
 
 
 def load_contacts(path: Path) -> Contacts:
@@ -32,7 +32,7 @@ def load_contacts(path: Path) -> Contacts:
     data = _mapping(path, "", _read(path), required=("contacts",), optional=("sigma_position", "sigma_normal_deg"))
     entries = data["contacts"]
     if not isinstance(entries, list) or not entries:
-        raise InvalidFileError(f"{path}: contacts: is {entries!r}; allowed is a list of at least one contact.")
+        raise InvalidFileError(f"{path}: contacts: is {shown(entries)}; allowed is a list of at least one contact.")
     rows = [
         _mapping(path, f"contacts[{i}]", entry, required=("position",), optional=("normal", "force"))
         for i, entry in enumerate(entries)
@@ -117,27 +117,21 @@ def check_writable(path: Path) -> None:
 
 
 def _read(path: Path) -> Any:
+    _, root = read_yaml(path)
     try:
-        text = path.read_text()
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "it is not text"
-        raise InvalidFileError(f"{path}: cannot be read ({reason}).") from None
-    try:
-        return yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        where = f" at line {mark.line + 1}, column {mark.column + 1}" if mark else ""
-        raise InvalidFileError(f"{path}: is not YAML{where} ({getattr(error, 'problem', None) or error}).") from None
+        return plain_data(root)
+    except InvalidFileError as error:
+        raise InvalidFileError(f"{path}: {error}") from None
 
 
 def _mapping(path: Path, where: str, value: Any, required: Iterable[str], optional: Iterable[str]) -> dict[str, Any]:
     required, known = list(required), [*required, *optional]
     place = f"{path}: {where}: " if where else f"{path}: "
     if not isinstance(value, dict):
-        raise InvalidFileError(f"{place}is {value!r}; allowed is a mapping with the keys {', '.join(known)}.")
+        raise InvalidFileError(f"{place}is {shown(value)}; allowed is a mapping with the keys {', '.join(known)}.")
     for key in value:
         if key not in known:
-            raise InvalidFileError(f"{place}key {key!r} is unknown; allowed are {', '.join(known)}.")
+            raise InvalidFileError(f"{place}key {shown(key)} is unknown; allowed are {', '.join(known)}.")
     for key in required:
         if key not in value:
             raise InvalidFileError(f"{place}key {key!r} is missing.")
@@ -145,15 +139,21 @@ def _mapping(path: Path, where: str, value: Any, required: Iterable[str], option
 
 
 def _vector(path: Path, where: str, value: Any, length: int) -> FloatArray:
-    try:
-        return finite_array(where, value, (length,))
-    except InvalidInputError as error:
-        raise InvalidFileError(f"{path}: {error}") from None
+    return _numbers(path, where, value if isinstance(value, list) else [value], (length,))
 
 
 def _number(path: Path, key: str, data: dict[str, Any]) -> float:
+    return float(_numbers(path, key, [data[key]], (1,))[0])
+
+
+def _numbers(path: Path, where: str, values: list[Any], shape: tuple[int]) -> FloatArray:
+    for i, value in enumerate(values):
+        # NumPy would take a boolean and the text of a number for one.
+        if not isinstance(value, float | int) or isinstance(value, bool):
+            place = where if len(values) == 1 else f"{where}[{i}]"
+            raise InvalidFileError(f"{path}: {place}: is {shown(value)}; allowed are numbers.")
     try:
-        return float(finite_array(key, data[key], ()))
+        return finite_array(where, values, shape)
     except InvalidInputError as error:
         raise InvalidFileError(f"{path}: {error}") from None
 

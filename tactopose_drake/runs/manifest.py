@@ -2,6 +2,7 @@
 
 import dataclasses
 import importlib.metadata
+import os
 import platform
 from collections.abc import Mapping
 from pathlib import Path
@@ -84,13 +85,13 @@ def load_manifest(folder: Path) -> Manifest:
     Raises:
         InvalidFileError: if the folder is none of a recording, or of another format.
     """
-    if not (folder / MANIFEST).is_file():
+    if not os.path.isfile(folder / MANIFEST):
         raise InvalidFileError(f"{folder}: is no recording; it has no {MANIFEST}.")
     manifest = load_typed_yaml(Manifest, folder / MANIFEST)
     if manifest.format != _FORMAT:
         raise InvalidFileError(f"{folder / MANIFEST}: has the format {manifest.format}; allowed is {_FORMAT}.")
     for name, file in manifest.buses.items():
-        if Path(file).name != file or not (folder / file).is_file():
+        if Path(file).name != file or not os.path.isfile(folder / file):
             raise InvalidFileError(f"{folder / MANIFEST}: the log {file!r} of the bus {name!r} is not in the folder.")
     return manifest
 

@@ -12,8 +12,8 @@ from tactopose_drake.runs.recording import Recording
 from tactopose_drake.runs.scenario_replay import replay
 from tactopose_drake.runs.simulation import start_simulation
 from tactopose_drake.station.scenario import Scenario
-from tactopose_drake.station.senses import CanSenses, RecordedSenses
-from tactopose_drake.station.simulated import make_station
+from tactopose_drake.station.senses import CanSenses, RecordedSenses, SimulatedDevices
+from tactopose_drake.station.simulated import check_bodies, make_station
 
 
 def run_scenario(
@@ -54,6 +54,8 @@ def run_scenario(
                 recording.look(view.diagram, view.context)
             look(view)
 
+        if not isinstance(scenario.senses, CanSenses) or scenario.senses.simulated == SimulatedDevices():
+            check_bodies(scenario)
         tell("reading the object")
         model = ObjectModel.from_mesh(scenario.object_mesh())
         run = run_devices if isinstance(scenario.senses, CanSenses) else _run_simulated
