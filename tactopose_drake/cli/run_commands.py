@@ -61,6 +61,8 @@ def replay(log: Path, scenario: str, speed: str, out: Path | None, monitor: bool
         played = replay_recording(log, loaded, paced=speed == "real", look=look, tell=tell)
     for end in played.ends:
         _console.print(end, style=None if played.whole else "yellow", soft_wrap=True, markup=False)
+    if played.difference:
+        _console.print(played.difference, style="yellow", soft_wrap=True, markup=False)
     _end(played.view)
 
 

@@ -2,7 +2,7 @@
 
 import json
 from pathlib import Path
-from typing import Self, TextIO
+from typing import Any, Self, TextIO
 
 from pydrake.systems.framework import Context, Diagram
 
@@ -38,9 +38,14 @@ class EstimateWriter:
 
     def write(self, diagram: Diagram, context: Context) -> None:
         """Adds a line of what a station's ports say now."""
-        line = {"time": context.get_time()}
-        line |= {name: diagram.GetOutputPort(name).Eval(context) for name in _TEXTS if diagram.HasOutputPort(name)}
-        line["fingers_in_contact"] = list(diagram.GetOutputPort("fingers_in_contact").Eval(context))
-        estimate = diagram.GetOutputPort("hypotheses").Eval(context)
-        line["hypotheses"] = None if estimate is None else hypotheses_data(estimate)
-        self._file.write(json.dumps(line, allow_nan=False) + "\n")
+        self._file.write(json.dumps(estimates_now(diagram, context), allow_nan=False) + "\n")
+
+
+def estimates_now(diagram: Diagram, context: Context) -> dict[str, Any]:
+    """A line of `EstimateWriter`, of what a station's ports say now."""
+    line: dict[str, Any] = {"time": context.get_time()}
+    line |= {name: diagram.GetOutputPort(name).Eval(context) for name in _TEXTS if diagram.HasOutputPort(name)}
+    line["fingers_in_contact"] = list(diagram.GetOutputPort("fingers_in_contact").Eval(context))
+    estimate = diagram.GetOutputPort("hypotheses").Eval(context)
+    line["hypotheses"] = None if estimate is None else hypotheses_data(estimate)
+    return line

@@ -159,8 +159,14 @@ def test_signals_that_were_cut_off_end_the_replay(
     copy = Path(shutil.copytree(recording, tmp_path / "copy"))
     signals = copy / "signals.jsonl"
     signals.write_bytes(signals.read_bytes()[:-30] + b'{"time": 0.5')
+    assert replay_here(copy, folder, tmp_path / "out.jsonl") == 2
+    message = capsys.readouterr().err
+    assert "signals.jsonl: is cut off after 1 whole lines. It has no joint_positions" in message
+    # The joints never move, so all that is recorded of them is the first line.
+    rows = (recording / "signals.jsonl").read_bytes().splitlines(keepends=True)
+    signals.write_bytes(b"".join(rows) + b'{"time": 0.5')
     replay_here(copy, folder, tmp_path / "out.jsonl")
-    assert "signals.jsonl: is cut off after" in capsys.readouterr().out
+    assert "signals.jsonl: is cut off after 2 whole lines" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
@@ -218,8 +224,9 @@ def test_what_cannot_be_run_is_said_at_once(folder: Path, tmp_path: Path, capsys
         status = tactopose("run", tmp_path / "bad.scenario.yaml", "--duration", "0.1")
         return status, " ".join(capsys.readouterr().err.split())
 
+    place = f"error: {tmp_path}/bad.scenario.yaml: CanSenses.fingers[little].bus"
     assert attempt("bus: right, base: 0x20", "bus: middle, base: 0x20") == (
-        2, "error: CanSenses.fingers[little].bus: 'middle' is unknown; valid names: left, right."
+        2, f"{place}: 'middle' is unknown; valid names: left, right."
     )  # fmt: skip
     status, message = attempt("thumb:", "toe:")
     assert status == 2
