@@ -48,6 +48,8 @@ def run_devices(
         if rig is not None:
             parts.enter_context(rig)
         parts.enter_context(devices)
+        if recording is not None:
+            recording.watch(devices.recorders)
         if senses.tare_samples:
             tell("taring: nothing may touch the hand")
             devices.tare(senses.tare_samples)

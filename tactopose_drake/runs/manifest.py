@@ -4,6 +4,7 @@ import dataclasses
 import importlib.metadata
 import os
 import platform
+import shutil
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from tactopose_drake.station.senses import CanSenses, RecordedSenses
 
 MANIFEST, SIGNALS, ESTIMATES = "manifest.yaml", "signals.jsonl", "estimates.jsonl"
 _FORMAT = 1
+_LEAST_FREE = 20_000_000  # bytes, for the first minute of a recording
 _PACKAGES = ("tactopose_drake", "drake", "numpy", "numba", "python-can")
 
 
@@ -119,15 +121,27 @@ def load_manifest(folder: Path) -> Manifest:
     return manifest
 
 
-def prepare_folder(folder: Path) -> None:
+def prepare_folder(folder: Path) -> bool:
     """Makes a folder for a new recording.
 
+    Returns:
+        Whether it was not there before.
+
     Raises:
-        InvalidInputError: if something is in it already, or it cannot be made.
+        InvalidInputError: if something is in it already, it cannot be made, or its disk is full.
     """
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise InvalidInputError(f"{folder}: exists; allowed for a recording is a folder that is new or empty.")
     try:
+        is_new = not folder.exists()
+        if not is_new and (not folder.is_dir() or any(folder.iterdir())):
+            raise InvalidInputError(f"{folder}: exists; allowed for a recording is a folder that is new or empty.")
         folder.mkdir(parents=True, exist_ok=True)
+        free = shutil.disk_usage(folder).free
+        if free < _LEAST_FREE and is_new:
+            folder.rmdir()
     except OSError as error:
         raise InvalidInputError(f"{folder}: cannot be made ({error.strerror}).") from None
+    if free < _LEAST_FREE:
+        raise InvalidInputError(
+            f"{folder}: its disk has {free / 1e6:.1f} MB left; allowed for a recording are {_LEAST_FREE / 1e6:g} MB."
+        )
+    return is_new

@@ -11,7 +11,7 @@ import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Self, TextIO, TypeAlias
+from typing import Any, Self, TypeAlias
 
 import numpy as np
 from pydrake.math import RigidTransform
@@ -19,6 +19,7 @@ from pydrake.math import RigidTransform
 from tactopose_drake.core.evidence.prior import PosePrior
 from tactopose_drake.core.validation import FloatArray, pose_matrix
 from tactopose_drake.errors import InvalidFileError
+from tactopose_drake.systems.line_file import LineFile
 from tactopose_drake.yaml_files import shown
 
 # A vector (FloatArray), a pose (RigidTransform), what is known of a pose (PosePrior), or None: not known yet.
@@ -54,7 +55,12 @@ class Signal:
 
 
 class SignalRecorder:
-    """Keeps signals in memory, and on disk where it is told to; a context manager."""
+    """Keeps signals in memory, or on disk where it is told to; a context manager.
+
+    Attributes:
+        signals: by name; empty where they are on disk.
+        file: on disk; None where they are in memory.
+    """
 
     def __init__(self, path: Path | None = None) -> None:
         """Creates the file.
@@ -67,19 +73,14 @@ class SignalRecorder:
         """
         self.signals: dict[str, Signal] = {}
         self._last: dict[str, str] = {}
-        self._file: TextIO | None = None
-        if path is not None:
-            try:
-                self._file = path.open("w", encoding="utf-8", buffering=1)
-            except OSError as error:
-                raise InvalidFileError(f"{path}: cannot be written ({error.strerror}).") from None
+        self.file = None if path is None else LineFile(path)
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self._file is not None:
-            self._file.close()
+        if self.file is not None:
+            self.file.close()
 
     def write(self, name: str, time: float, value: Value) -> None:
         """Adds a value, unless it is the signal's last one."""
@@ -87,8 +88,8 @@ class SignalRecorder:
         if self._last.get(name) == text:
             return
         self._last[name] = text
-        if self._file is not None:
-            self._file.write(f'{{"time": {time!r}, "name": {json.dumps(name)}, {text[1:]}\n')
+        if self.file is not None:
+            self.file.write(f'{{"time": {time!r}, "name": {json.dumps(name)}, {text[1:]}')
             return
         signal = self.signals.setdefault(name, Signal([], []))
         signal.times.append(time)
