@@ -16,6 +16,7 @@ from tactopose_drake.core.evidence.prior import PosePrior
 from tactopose_drake.core.poses import make_poses, matrix_from_quaternion
 from tactopose_drake.core.validation import FloatArray, finite_array
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
+from tactopose_drake.estimation.output_files import written_beside
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.yaml_files import plain_data, read_yaml, shown
 
@@ -83,10 +84,8 @@ def save_result(path: Path, estimate: PoseEstimate) -> None:
         InvalidFileError: the file cannot be written.
     """
     result = {"status": estimate.status, "duration": estimate.duration, "hypotheses": hypotheses_data(estimate)}
-    try:
-        path.write_text(json.dumps(result, indent=1, allow_nan=False) + "\n")
-    except OSError as error:
-        raise InvalidFileError(f"{path}: cannot be written ({error.strerror}).") from None
+    with written_beside(path) as beside:
+        beside.write_text(json.dumps(result, indent=1, allow_nan=False) + "\n")
 
 
 def hypotheses_data(estimate: PoseEstimate) -> list[dict[str, Any]]:
@@ -102,18 +101,6 @@ def hypotheses_data(estimate: PoseEstimate) -> list[dict[str, Any]]:
         }
         for hypothesis in estimate.hypotheses
     ]
-
-
-def check_writable(path: Path) -> None:
-    """Tells, before any work, whether a file can be written there.
-
-    Raises:
-        InvalidFileError: its folder does not exist, or it is a folder.
-    """
-    if not path.absolute().parent.is_dir():
-        raise InvalidFileError(f"{path}: the folder {path.absolute().parent} does not exist.")
-    if path.is_dir():
-        raise InvalidFileError(f"{path}: is a folder; allowed is a file, which may be new.")
 
 
 def _read(path: Path) -> Any:

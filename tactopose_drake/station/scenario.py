@@ -138,11 +138,11 @@ class Scenario:
         return self.object_sdf().with_suffix(".obj")
 
 
-def load_scenario(name_or_path: str | Path) -> Scenario:
-    """Reads a `*.scenario.yaml`: one of the package's diagrams by name, or any file by path.
+def scenario_file(name_or_path: str | Path) -> Path:
+    """Where a scenario is read from: one of the package's diagrams by name, or any file by path.
 
     Raises:
-        InvalidFileError: if the file cannot be read or does not fit `Scenario`, or a value is out of its range.
+        InvalidFileError: if there is no such file.
     """
     diagrams, ending = resource_root() / "diagrams", ".scenario.yaml"
     shipped = diagrams / f"{name_or_path}{ending}"
@@ -150,6 +150,16 @@ def load_scenario(name_or_path: str | Path) -> Scenario:
     if not os.path.exists(path):
         known = ", ".join(sorted(file.name.removesuffix(ending) for file in diagrams.glob(f"*{ending}")))
         raise InvalidFileError(f"{path}: there is no such file; the package's scenarios are {known}.")
+    return path
+
+
+def load_scenario(name_or_path: str | Path) -> Scenario:
+    """Reads a `*.scenario.yaml`: one of the package's diagrams by name, or any file by path.
+
+    Raises:
+        InvalidFileError: if the file cannot be read or does not fit `Scenario`, or a value is out of its range.
+    """
+    path = scenario_file(name_or_path)
     scenario = load_typed_yaml(Scenario, path)
     try:
         scenario.validate()
