@@ -23,6 +23,8 @@ MAX_BYTES = 2**20
 """Of a file."""
 MAX_DEPTH = 24
 """Of lists and mappings within each other."""
+MAX_LETTERS = 1000
+"""Of a value or key."""
 MAX_NODES = 200_000
 """Values and keys of a file, those behind an alias counted as often as it is used."""
 
@@ -89,7 +91,7 @@ class _Composer:
         if isinstance(event, yaml.AliasEvent):
             found = self._anchors.get(str(event.anchor))
             if found is None:
-                raise InvalidFileError(f"{_line(event)}*{event.anchor} stands for nothing that comes before it.")
+                raise InvalidFileError(f"{_line(event)}*{shown(event.anchor)[1:-1]} stands for nothing before it.")
             self._add(event, found[1])
             return found[0]
         if depth > MAX_DEPTH:
@@ -120,6 +122,8 @@ class _Composer:
     def _scalar(self, event: Any) -> yaml.ScalarNode:
         if any(ord(letter) < 32 or 127 <= ord(letter) < 160 for letter in event.value):
             raise InvalidFileError(f"{_line(event)}{shown(event.value)} has a control character, or more than a line.")
+        if len(event.value) > MAX_LETTERS:
+            raise InvalidFileError(f"{_line(event)}{shown(event.value)} has more than {MAX_LETTERS} letters.")
         return yaml.ScalarNode(
             self._tag(yaml.ScalarNode, event), event.value, event.start_mark, event.end_mark, event.style
         )

@@ -193,6 +193,7 @@ def _progress(message: str) -> Iterator[None]:
 def main() -> None:
     """The entry point of `tactopose`."""
     logging.getLogger("drake").setLevel(logging.WARNING)
+    logging.getLogger("can").setLevel(logging.ERROR)  # What a damaged log holds is said once, at its end.
     try:
         # It gives back what `Context.exit` and `click.exceptions.Exit` were given; commands give nothing.
         status = cli.main(standalone_mode=False)

@@ -22,6 +22,8 @@ from tactopose_drake.errors import InvalidFileError
 from tactopose_drake.systems.line_file import LineFile
 from tactopose_drake.yaml_files import shown
 
+_LARGEST = 1e12  # of a number, in SI units; nothing that is measured comes near
+
 # A vector (FloatArray), a pose (RigidTransform), what is known of a pose (PosePrior), or None: not known yet.
 Value: TypeAlias = Any
 
@@ -161,6 +163,8 @@ def _number(value: Any) -> float:
     """A finite number. NumPy would take text and booleans for some."""
     if not isinstance(value, float | int) or isinstance(value, bool) or not math.isfinite(value):
         raise ValueError(f"{shown(value)} is no finite number")
+    if abs(value) > _LARGEST:
+        raise ValueError(f"{shown(value)} is beyond {_LARGEST:g}")
     return float(value)
 
 
