@@ -91,7 +91,7 @@ class _Composer:
         if isinstance(event, yaml.AliasEvent):
             found = self._anchors.get(str(event.anchor))
             if found is None:
-                raise InvalidFileError(f"{_line(event)}*{shown(event.anchor)[1:-1]} stands for nothing before it.")
+                raise InvalidFileError(f"{_line(event)}*{_bare(str(event.anchor))} stands for nothing before it.")
             self._add(event, found[1])
             return found[0]
         if depth > MAX_DEPTH:
@@ -114,7 +114,7 @@ class _Composer:
                 pairs.append((self._node(inner, depth + 1), self._node(next(self._events), depth + 1)))
             node = yaml.MappingNode(self._tag(yaml.MappingNode, event), _merged(pairs), mark)
         if node.tag.startswith("tag:") and node.tag not in _PLAIN_TAGS:
-            raise InvalidFileError(f"{_line(event)}has the tag {shown(node.tag)[1:-1]}; allowed are plain data.")
+            raise InvalidFileError(f"{_line(event)}has the tag {_bare(node.tag)}; allowed are plain data.")
         if anchor is not None:
             self._anchors[anchor] = node, self._count - before
         return node
@@ -169,7 +169,7 @@ def plain_data(node: yaml.Node | None, place: str = "") -> Any:
     if node is None:
         return None
     if node.tag.startswith("!"):
-        raise InvalidFileError(f"{_where(node, place)}the tag {shown(node.tag)[1:-1]} is unknown; allowed is none.")
+        raise InvalidFileError(f"{_where(node, place)}the tag {_bare(node.tag)} is unknown; allowed is none.")
     if isinstance(node, yaml.SequenceNode):
         return [plain_data(item, f"{place}[{i}]") for i, item in enumerate(node.value)]
     if isinstance(node, yaml.MappingNode):
@@ -227,9 +227,7 @@ def check_type(kind: Any, node: yaml.Node, place: str = "") -> None:
         tag, names = node.tag.removeprefix("!"), [option.__name__ for option in options] if len(options) > 1 else []
         if tag not in names:
             allowed = f"are {', '.join(f'!{name}' for name in names)}" if names else "is none"
-            raise InvalidFileError(
-                f"{_where(node, place)}the tag {shown(node.tag)[1:-1]} is unknown; allowed {allowed}."
-            )
+            raise InvalidFileError(f"{_where(node, place)}the tag {_bare(node.tag)} is unknown; allowed {allowed}.")
         options = tuple(option for option in options if option.__name__ == tag)
     kind = options[0]
     if dataclasses.is_dataclass(kind):
@@ -319,6 +317,10 @@ def _is_octal(text: str) -> bool:
 def shown(value: object) -> str:
     """A value as messages show it: in quotes, in one line, and not at length."""
     text = repr(value)
+    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."
+
+
+def _bare(text: str) -> str:
     return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."
 
 

@@ -8,7 +8,7 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.runs.advance import Look, Progress, RunView, advance
-from tactopose_drake.runs.device_run import run_devices
+from tactopose_drake.runs.device_run import check_devices, run_devices
 from tactopose_drake.runs.recording import Recording
 from tactopose_drake.runs.scenario_replay import replay
 from tactopose_drake.runs.simulation import start_simulation
@@ -49,6 +49,8 @@ def run_scenario(
         return replay(Path(scenario.senses.folder), scenario, duration=duration, look=look, tell=tell).view
     if not isinstance(scenario.senses, CanSenses) or scenario.senses.simulated == SimulatedDevices():
         check_bodies(scenario)
+    if isinstance(scenario.senses, CanSenses):
+        check_devices(scenario)
     with contextlib.ExitStack() as parts:
         recording = None if record is None else parts.enter_context(Recording(record, scenario))
 

@@ -5,7 +5,7 @@ import pytest
 from pydrake.geometry import Box, Role
 
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
-from tactopose_drake.resources import model_path
+from tactopose_drake.resources import model_path, resource_root
 from tactopose_drake.runs.scenario_run import run_scenario
 from tactopose_drake.station.scenario import Scenario, load_scenario
 from tactopose_drake.station.simulated import make_station
@@ -127,6 +127,16 @@ def test_a_hand_that_cannot_be_simulated_is_told_before_any_work(
     errors = capsys.readouterr().err
     assert message in errors
     assert errors.count("\n") == 1
+
+
+def test_a_grip_of_joints_that_are_not_there_is_told_before_any_work(tmp_path: Path) -> None:
+    text = (resource_root() / "diagrams" / "barrett_like.scenario.yaml").read_text()
+    assert "finger_1_spread_joint" in text
+    (tmp_path / "own.scenario.yaml").write_text(text.replace("finger_1_spread_joint", "toe"))
+    told: list[str] = []
+    with pytest.raises(InvalidInputError, match="'toe' is unknown"):
+        run_scenario(load_scenario(tmp_path / "own.scenario.yaml"), tell=told.append)
+    assert told == []
 
 
 def test_an_object_with_joints_is_told_before_any_work(tmp_path: Path) -> None:
