@@ -16,7 +16,8 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
 
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
-from tactopose_drake.yaml_files import check_type, read_yaml, shown
+from tactopose_drake.yaml_files import read_yaml, shown
+from tactopose_drake.yaml_types import check_type
 
 Schema = TypeVar("Schema")
 

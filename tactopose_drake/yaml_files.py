@@ -1,21 +1,15 @@
 """Reading YAML that anybody may have written: within limits, without a key twice, and nothing that is not data.
 
-`read_yaml` makes a file into a tree of nodes, `plain_data` makes that into Python's numbers, texts, lists and mappings,
-and `check_type` tells what in a tree does not fit the type that it is to be read into. Every fault is one
-`InvalidFileError`.
+`read_yaml` makes a file into a tree of nodes, and `plain_data` makes that into Python's numbers, texts, lists and
+mappings. Every fault is one `InvalidFileError`.
 """
 
-import dataclasses
-import math
 import re
-import types
-import typing
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import yaml
-from pydrake.common.yaml import yaml_load_typed
 
 from tactopose_drake.errors import InvalidFileError
 
@@ -25,15 +19,17 @@ MAX_DEPTH = 24
 """Of lists and mappings within each other."""
 MAX_LETTERS = 1000
 """Of a value or key."""
+LARGEST = 1e15
+"""Of a number that is no integer, in SI units: its powers are finite."""
 MAX_NODES = 200_000
 """Values and keys of a file, those behind an alias counted as often as it is used."""
 
 _Loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # libyaml's where PyYAML has it: forty times as fast
-_YAML = "tag:yaml.org,2002:"
-_PLAIN_TAGS = {_YAML + name for name in ("null", "bool", "int", "float", "str", "seq", "map", "timestamp", "merge")}
+YAML = "tag:yaml.org,2002:"
+_PLAIN_TAGS = {YAML + name for name in ("null", "bool", "int", "float", "str", "seq", "map", "timestamp", "merge")}
 _INTEGER = re.compile(r"[-+]?(0|[1-9][0-9]*)|0x[0-9a-fA-F]+")
 _DECIMAL = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?")
-_NOT_FINITE = re.compile(r"[-+]?\.?(inf|Inf|INF|nan|NaN|NAN)")
+NOT_FINITE = re.compile(r"[-+]?\.?(inf|Inf|INF|nan|NaN|NAN)")
 _SHOWN = 60  # characters of a value in a message
 
 
@@ -91,7 +87,7 @@ class _Composer:
         if isinstance(event, yaml.AliasEvent):
             found = self._anchors.get(str(event.anchor))
             if found is None:
-                raise InvalidFileError(f"{_line(event)}*{_bare(str(event.anchor))} stands for nothing before it.")
+                raise InvalidFileError(f"{_line(event)}*{bare(str(event.anchor))} stands for nothing before it.")
             self._add(event, found[1])
             return found[0]
         if depth > MAX_DEPTH:
@@ -114,7 +110,7 @@ class _Composer:
                 pairs.append((self._node(inner, depth + 1), self._node(next(self._events), depth + 1)))
             node = yaml.MappingNode(self._tag(yaml.MappingNode, event), _merged(pairs), mark)
         if node.tag.startswith("tag:") and node.tag not in _PLAIN_TAGS:
-            raise InvalidFileError(f"{_line(event)}has the tag {_bare(node.tag)}; allowed are plain data.")
+            raise InvalidFileError(f"{_line(event)}has the tag {bare(node.tag)}; allowed are plain data.")
         if anchor is not None:
             self._anchors[anchor] = node, self._count - before
         return node
@@ -149,12 +145,12 @@ def _merged(pairs: list[tuple[yaml.Node, yaml.Node]]) -> list[tuple[yaml.Node, y
         if (key.tag, key.value) in own:
             raise InvalidFileError(f"{_line(key)}key {shown(key.value)} is given twice; allowed is once.")
         own[key.tag, key.value] = key, value
-        if key.tag == _YAML + "merge":
+        if key.tag == YAML + "merge":
             maps = value.value if isinstance(value, yaml.SequenceNode) else [value]
             if not all(isinstance(part, yaml.MappingNode) for part in maps):
                 raise InvalidFileError(f"{_line(key)}<< merges what is no mapping.")
             brought += [pair for part in maps for pair in part.value]
-    own = {name: pair for name, pair in own.items() if name[0] != _YAML + "merge"}
+    own = {name: pair for name, pair in own.items() if name[0] != YAML + "merge"}
     for key, value in brought:
         own.setdefault((key.tag, key.value), (key, value))
     return list(own.values())
@@ -169,22 +165,22 @@ def plain_data(node: yaml.Node | None, place: str = "") -> Any:
     if node is None:
         return None
     if node.tag.startswith("!"):
-        raise InvalidFileError(f"{_where(node, place)}the tag {_bare(node.tag)} is unknown; allowed is none.")
+        raise InvalidFileError(f"{where(node, place)}the tag {bare(node.tag)} is unknown; allowed is none.")
     if isinstance(node, yaml.SequenceNode):
         return [plain_data(item, f"{place}[{i}]") for i, item in enumerate(node.value)]
     if isinstance(node, yaml.MappingNode):
         for key, _ in node.value:
-            _check_key(key, place)
+            check_key(key, place)
         return {key.value: plain_data(value, f"{place}.{key.value}".lstrip(".")) for key, value in node.value}
-    if node.tag in (_YAML + "int", _YAML + "float"):
-        return float(node.value.replace(".", "")) if _NOT_FINITE.fullmatch(node.value) else number_of(node, place)
-    if node.tag == _YAML + "bool":
+    if node.tag in (YAML + "int", YAML + "float"):
+        return float(node.value.replace(".", "")) if NOT_FINITE.fullmatch(node.value) else number_of(node, place)
+    if node.tag == YAML + "bool":
         return node.value.lower() in ("yes", "true", "on")
-    if node.tag == _YAML + "null":
+    if node.tag == YAML + "null":
         return None
     # YAML itself takes 1e-8 for text.
     is_quoted = isinstance(node, yaml.ScalarNode) and bool(node.style)
-    return float(node.value) if not is_quoted and _DECIMAL.fullmatch(node.value) else node.value
+    return number_of(node, place) if not is_quoted and _DECIMAL.fullmatch(node.value) else node.value
 
 
 def number_of(node: yaml.Node, place: str, *, whole: bool = False) -> float | int:
@@ -195,119 +191,20 @@ def number_of(node: yaml.Node, place: str, *, whole: bool = False) -> float | in
     """
     allowed = "integers" if whole else "numbers"
     if not isinstance(node, yaml.ScalarNode):
-        raise InvalidFileError(f"{_where(node, place)}is a list or mapping; allowed are {allowed}.")
-    number: float | int = math.nan
+        raise InvalidFileError(f"{where(node, place)}is a list or mapping; allowed are {allowed}.")
     if _INTEGER.fullmatch(node.value):
         # More digits than 64 bits have take Python long to read.
-        number = int(node.value, 0) if len(node.value) <= 20 else math.inf
+        number = int(node.value, 0) if len(node.value) <= 20 else 2**63
+        if -(2**63) <= number < 2**63:
+            return number
+        allowed = "integers of 64 bits"
     elif _DECIMAL.fullmatch(node.value) and not whole and not _is_octal(node.value):
-        number = float(node.value)
-    elif not (_NOT_FINITE.fullmatch(node.value) and not whole):
-        raise InvalidFileError(f"{_where(node, place)}is {shown(node.value)}; allowed are {allowed}.")
-    if not -(2**63) <= number < 2**63 and not (math.isfinite(number) and not isinstance(number, int)):
-        raise InvalidFileError(f"{_where(node, place)}is {shown(node.value)}; allowed are finite numbers of 64 bits.")
-    return number
-
-
-def check_type(kind: Any, node: yaml.Node, place: str = "") -> None:
-    """Raises InvalidFileError at the first node that does not fit; the message begins with its line.
-
-    Args:
-        kind: a dataclass, one of Drake's types that are read from YAML, list, dict by text, int, float, bool, str, or a
-            union of such.
-        node: what is to be read into it.
-        place: of the node in its file, for messages.
-    """
-    options = typing.get_args(kind) if isinstance(kind, types.UnionType) else (kind,)
-    if type(None) in options:
-        if node.tag == _YAML + "null":
-            return
-        options = tuple(option for option in options if option is not type(None))
-    if node.tag.startswith("!") and not _is_drakes(options[0]):
-        tag, names = node.tag.removeprefix("!"), [option.__name__ for option in options] if len(options) > 1 else []
-        if tag not in names:
-            allowed = f"are {', '.join(f'!{name}' for name in names)}" if names else "is none"
-            raise InvalidFileError(f"{_where(node, place)}the tag {_bare(node.tag)} is unknown; allowed {allowed}.")
-        options = tuple(option for option in options if option.__name__ == tag)
-    kind = options[0]
-    if dataclasses.is_dataclass(kind):
-        _check_dataclass(typing.cast(type, kind), node, place)
-    elif _is_drakes(kind):
-        _check_drakes(kind, node, place)
-    elif typing.get_origin(kind) is list:
-        if not isinstance(node, yaml.SequenceNode):
-            raise InvalidFileError(f"{_where(node, place)}is no list.")
-        for i, item in enumerate(node.value):
-            check_type(typing.get_args(kind)[0], item, f"{place}[{i}]")
-    elif typing.get_origin(kind) is dict:
-        if not isinstance(node, yaml.MappingNode):
-            raise InvalidFileError(f"{_where(node, place)}is no mapping.")
-        for key, value in node.value:
-            _check_key(key, place)
-            check_type(typing.get_args(kind)[1], value, f"{place}.{key.value}")
-    else:
-        _check_scalar(options, node, place)
-
-
-def _check_dataclass(kind: type, node: yaml.Node, place: str) -> None:
-    types_of = typing.get_type_hints(kind)
-    if not isinstance(node, yaml.MappingNode):
-        raise InvalidFileError(f"{_where(node, place)}is no mapping; its keys may be {', '.join(types_of)}.")
-    for key, value in node.value:
-        if not place and key.value.startswith("_"):  # what is only there to be referred to
-            continue
-        if key.value not in types_of:
-            raise InvalidFileError(
-                f"{_where(key, place)}key {shown(key.value)} is unknown; allowed are {', '.join(types_of)}."
-            )
-        check_type(types_of[key.value], value, f"{place}.{key.value}".lstrip("."))
-
-
-def _check_scalar(options: tuple[Any, ...], node: yaml.Node, place: str) -> None:
-    """Of a scalar that may be of some of the types str, bool, int and float."""
-    name = node.tag.removeprefix(_YAML)
-    if {int, float}.intersection(options) and (name in ("int", "float") or not {str, bool}.intersection(options)):
-        if name == "bool":
-            raise InvalidFileError(f"{_where(node, place)}is {shown(node.value)}, a yes or no; allowed are numbers.")
-        number_of(node, place, whole=float not in options)
-    elif str in options and name != "str" and not (name == "bool" and bool in options):
-        raise InvalidFileError(f"{_where(node, place)}is {_shown_node(node)}; allowed is text, in quotes if need be.")
-    elif str not in options and name != "bool" and node.value not in ("true", "false"):
-        raise InvalidFileError(f"{_where(node, place)}is {_shown_node(node)}; allowed are true and false.")
-
-
-def _check_drakes(kind: type, node: yaml.Node, place: str) -> None:
-    _check_finite(node, place)
-    try:
-        yaml_load_typed(schema=kind, data=yaml.serialize(node))
-    except Exception:  # it raises AttributeError, AssertionError, RuntimeError ... on bad content
-        keys = ", ".join(field.name for field in kind.__fields__)  # type: ignore[attr-defined]
-        message = f"{_where(node, place)}does not fit Drake's {kind.__name__}; its keys may be {keys}."
-        raise InvalidFileError(message) from None
-
-
-def _check_finite(node: yaml.Node, place: str) -> None:
-    """Of all numbers in one of Drake's types, none of which is `true`."""
-    if isinstance(node, yaml.MappingNode):
-        for key, value in node.value:
-            _check_key(key, place)
-            _check_finite(value, f"{place}.{key.value}")
-    elif isinstance(node, yaml.SequenceNode):
-        for i, item in enumerate(node.value):
-            if item.tag == _YAML + "bool":
-                number_of(item, f"{place}[{i}]")
-            _check_finite(item, f"{place}[{i}]")
-    elif node.tag in (_YAML + "int", _YAML + "float") or _NOT_FINITE.fullmatch(node.value):
-        number_of(node, place)
-
-
-def _check_key(key: yaml.Node, place: str) -> None:
-    if key.tag != _YAML + "str":
-        raise InvalidFileError(f"{_where(key, place)}key {shown(key.value)} is no text; put it in quotes.")
-
-
-def _is_drakes(kind: Any) -> bool:
-    return hasattr(kind, "__fields__")
+        if abs(decimal := float(node.value)) <= LARGEST:
+            return decimal
+        allowed = f"numbers up to {LARGEST:g}"
+    elif NOT_FINITE.fullmatch(node.value) and not whole:
+        allowed = "finite numbers"
+    raise InvalidFileError(f"{where(node, place)}is {shown(node.value)}; allowed are {allowed}.")
 
 
 def _is_octal(text: str) -> bool:
@@ -320,17 +217,21 @@ def shown(value: object) -> str:
     return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."
 
 
-def _bare(text: str) -> str:
+def bare(text: str) -> str:
+    """Text as messages show it without quotes, not at length."""
     return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."
 
 
-def _shown_node(node: yaml.Node) -> str:
-    return shown(node.value) if isinstance(node, yaml.ScalarNode) else "a list or mapping"
+def check_key(key: yaml.Node, place: str) -> None:
+    """Raises InvalidFileError if a key is no text."""
+    if key.tag != YAML + "str":
+        raise InvalidFileError(f"{where(key, place)}key {shown(key.value)} is no text; put it in quotes.")
+
+
+def where(node: yaml.Node, place: str) -> str:
+    """How a message begins: the line, and the place in the file."""
+    return _line(node) + (f"{place}: " if place else "")
 
 
 def _line(node: Any) -> str:
     return f"line {node.start_mark.line + 1}: "
-
-
-def _where(node: yaml.Node, place: str) -> str:
-    return _line(node) + (f"{place}: " if place else "")

@@ -40,7 +40,7 @@ def test_what_is_read(tmp_path: Path, text: str, data: object) -> None:
 
 
 def test_safe_text_reads_as_yaml_itself_has_it(tmp_path: Path) -> None:
-    data = {"text": ["a", "b c", ""], "numbers": [0, 1, -3, 2.5, 1.0e-8, 1.7e300], "more": {"no": False, "nil": None}}
+    data = {"text": ["a", "b c", ""], "numbers": [0, 1, -3, 2.5, 1.0e-8, 1e-300], "more": {"no": False, "nil": None}}
     assert read(tmp_path, yaml.safe_dump(data)) == data
 
 
@@ -50,8 +50,8 @@ def test_safe_text_reads_as_yaml_itself_has_it(tmp_path: Path) -> None:
         ("a: 1\nb: 2\na: 3", "line 3: key 'a' is given twice; allowed is once."),
         ("a: {b: 1, b: 2}", "line 1: key 'b' is given twice"),
         ("a: !!int abc", "line 1: a: is 'abc'; allowed are numbers."),
-        ("a: " + "9" * 400, "allowed are finite numbers of 64 bits."),
-        ("a: 1" + "0" * 400 + ".0", "allowed are finite numbers of 64 bits."),
+        ("a: " + "9" * 400, "allowed are integers of 64 bits."),
+        ("a: 1" + "0" * 400 + ".0", "allowed are numbers up to 1e+15."),
         ("a: 010", "is '010'; allowed are numbers."),
         ("a: 12:30", "is '12:30'; allowed are numbers."),
         ("a: 1_000", "is '1_000'; allowed are numbers."),

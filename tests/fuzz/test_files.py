@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tactopose_drake.errors import InvalidFileError
-from tests.fuzz import files
+from tests.fuzz import file_damage, files
 
 
 @pytest.mark.parametrize("kind", [files.yaml_files, files.recordings])
@@ -30,7 +30,8 @@ def test_what_is_not_damaged_is_read() -> None:
 
 def test_a_damage_changes_the_text() -> None:
     changed = [
-        files.damage(files.CONTACTS, np.random.default_rng(seed)) != files.CONTACTS.encode() for seed in range(200)
+        file_damage.damage(files.CONTACTS, np.random.default_rng(seed)) != files.CONTACTS.encode()
+        for seed in range(200)
     ]
     assert sum(changed) > 180
 
@@ -66,7 +67,7 @@ def test_a_traceback_is_a_finding() -> None:
 def test_references_to_references_take_no_time(tmp_path: Path) -> None:
     started = time.process_time()
     for seed in range(20):
-        (tmp_path / "contacts.yaml").write_text(files._laugh(files.CONTACTS, np.random.default_rng(seed)))
+        (tmp_path / "contacts.yaml").write_text(file_damage._laugh(files.CONTACTS, np.random.default_rng(seed)))
         with pytest.raises(InvalidFileError):
             files.load_contacts(tmp_path / "contacts.yaml")
     assert time.process_time() - started < 20.0
