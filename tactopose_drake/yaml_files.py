@@ -28,7 +28,7 @@ _Loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # libyaml's where PyYAM
 YAML = "tag:yaml.org,2002:"
 _PLAIN_TAGS = {YAML + name for name in ("null", "bool", "int", "float", "str", "seq", "map", "timestamp", "merge")}
 _INTEGER = re.compile(r"[-+]?(0|[1-9][0-9]*)|0x[0-9a-fA-F]+")
-_DECIMAL = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?")
+DECIMAL = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?")
 NOT_FINITE = re.compile(r"[-+]?\.?(inf|Inf|INF|nan|NaN|NAN)")
 _SHOWN = 60  # characters of a value in a message
 
@@ -180,7 +180,7 @@ def plain_data(node: yaml.Node | None, place: str = "") -> Any:
         return None
     # YAML itself takes 1e-8 for text.
     is_quoted = isinstance(node, yaml.ScalarNode) and bool(node.style)
-    return number_of(node, place) if not is_quoted and _DECIMAL.fullmatch(node.value) else node.value
+    return number_of(node, place) if not is_quoted and DECIMAL.fullmatch(node.value) else node.value
 
 
 def number_of(node: yaml.Node, place: str, *, whole: bool = False) -> float | int:
@@ -198,7 +198,7 @@ def number_of(node: yaml.Node, place: str, *, whole: bool = False) -> float | in
         if -(2**63) <= number < 2**63:
             return number
         allowed = "integers of 64 bits"
-    elif _DECIMAL.fullmatch(node.value) and not whole and not _is_octal(node.value):
+    elif DECIMAL.fullmatch(node.value) and not whole and not _is_octal(node.value):
         if abs(decimal := float(node.value)) <= LARGEST:
             return decimal
         allowed = f"numbers up to {LARGEST:g}"

@@ -9,7 +9,7 @@ import yaml
 from pydrake.common.yaml import yaml_load_typed
 
 from tactopose_drake.errors import InvalidFileError
-from tactopose_drake.yaml_files import NOT_FINITE, YAML, bare, check_key, number_of, shown, where
+from tactopose_drake.yaml_files import DECIMAL, NOT_FINITE, YAML, bare, check_key, number_of, shown, where
 
 
 def check_type(kind: Any, node: yaml.Node, place: str = "") -> None:
@@ -100,8 +100,13 @@ def _check_finite(node: yaml.Node, place: str) -> None:
             if item.tag == YAML + "bool":
                 number_of(item, f"{place}[{i}]")
             _check_finite(item, f"{place}[{i}]")
-    elif node.tag in (YAML + "int", YAML + "float") or NOT_FINITE.fullmatch(node.value):
+    elif any(node.tag == YAML + name for name in ("int", "float")) or _is_number_as_text(node.value):
         number_of(node, place)
+
+
+def _is_number_as_text(text: str) -> bool:
+    """Whether Drake would read text, such as 1e-8, as a number."""
+    return DECIMAL.fullmatch(text) is not None or NOT_FINITE.fullmatch(text) is not None
 
 
 def _is_drakes(kind: Any) -> bool:

@@ -22,6 +22,7 @@ FAULTS = {
     "plant: {time_step: .nan}": "line 1: plant.time_step: is '.nan'; allowed are finite numbers",
     "plant: {stiction_tolerance: 0}": "Scenario.plant.stiction_tolerance: is 0; allowed are numbers > 0",
     "X_WBase: {translation: [.nan, 0, 0]}": "line 1: X_WBase.translation[0]: is '.nan'; allowed are finite numbers",
+    "X_WBase: {translation: [1e300, 0, 0]}": "X_WBase.translation[0]: is '1e300'; allowed are numbers up to 1e+15",
     "X_WBase: {translation: [yes, 0, 0]}": "line 1: X_WBase.translation[0]: is 'yes'; allowed are numbers",
     "X_WBase: {rotation: !Rpy {deg: [0, .inf, 0]}}": "X_WBase.rotation.deg[1]: is '.inf'; allowed are finite numbers",
     "X_WBase: {rotation: !AngleAxis {angle_deg: 3, axis: [0, 0, 0]}}": "Scenario.X_WBase: is no pose; allowed are a",
