@@ -1,22 +1,28 @@
 """Where models and diagrams are found, how `package://` URLs resolve, and YAML files read into dataclasses."""
 
 import dataclasses
-import types
-import typing
 from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
-import yaml
+import numpy as np
+from pydrake.common import RandomGenerator
+from pydrake.common.schema import Transform
 from pydrake.common.yaml import yaml_load_typed
+from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
 
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
+from tactopose_drake.yaml_files import read_yaml, shown
+from tactopose_drake.yaml_types import check_type
 
 Schema = TypeVar("Schema")
+
+_FARTHEST = 1000.0  # m
+_MAX_BYTES = 2**18  # of a file that is read into a dataclass; the largest of ours has 4000
 
 
 def resource_root() -> Path:
@@ -85,6 +91,43 @@ def add_model(parser: Parser, model: str | Path) -> ModelInstanceIndex:
     return instances[0]
 
 
+def fixed_pose(name: str, transform: Transform) -> RigidTransform:
+    """The pose that a file gives, which is not random.
+
+    Raises:
+        InvalidInputError: if it is random, is in another frame, or is no pose.
+    """
+    if not transform.IsDeterministic():  # Drake would end the process.
+        raise InvalidInputError(f"{name}: is random; allowed is a fixed pose.")
+    if transform.base_frame not in (None, "", "world"):
+        raise InvalidInputError(f"{name}.base_frame: is {transform.base_frame!r}; allowed is none.")
+    try:
+        return _sound(name, transform.GetDeterministicValue())
+    except RuntimeError as error:
+        raise InvalidInputError(f"{name}: is no pose ({' '.join(str(error).split())}).") from None
+
+
+def drawn_pose(name: str, transform: Transform, seed: int) -> RigidTransform:
+    """The pose that a file gives, where a seed decides on what is random in it.
+
+    Raises:
+        InvalidInputError: if it is in another frame, its ranges are impossible, or it is no pose.
+    """
+    try:
+        return _sound(name, transform.Sample(RandomGenerator(seed)))
+    except RuntimeError as error:
+        raise InvalidInputError(f"{name}: is no pose ({' '.join(str(error).split())}).") from None
+
+
+def _sound(name: str, X: RigidTransform) -> RigidTransform:
+    """The pose, if it is one and within a kilometre; Drake makes a matrix of whatever it is given."""
+    matrix = X.GetAsMatrix34()
+    R, p = matrix[:, :3], matrix[:, 3]
+    if not np.isfinite(matrix).all() or np.abs(R.T @ R - np.eye(3)).max() > 1e-6 or np.linalg.norm(p) > _FARTHEST:
+        raise InvalidInputError(f"{name}: is no pose; allowed are a rotation and at most {_FARTHEST:g} m.")
+    return X
+
+
 def load_typed_yaml(schema: type[Schema], path: Path) -> Schema:
     """Reads a YAML file into an instance of a dataclass; unknown keys are errors, absent keys keep their defaults.
 
@@ -92,82 +135,17 @@ def load_typed_yaml(schema: type[Schema], path: Path) -> Schema:
 
     Raises:
         InvalidFileError: if the file cannot be read or does not fit the schema; the message is one line that names the
-            file and, of a misspelt key or tag and of a number that is none, the line and what is allowed.
+            file, the line and what is allowed.
     """
+    text, root = read_yaml(path, _MAX_BYTES)
+    if root is None:
+        raise InvalidFileError(f"{path}: is empty.")
     try:
-        data: Schema = yaml_load_typed(schema=schema, filename=str(path))
-    except OSError as error:
-        raise InvalidFileError(f"{path}: cannot be read ({error.strerror}).") from error
+        check_type(schema, root)
+        data: Schema = yaml_load_typed(schema=schema, data=text)
+    except InvalidFileError as error:
+        raise InvalidFileError(f"{path}: {error}") from None
     except Exception as error:  # the loader raises AttributeError, AssertionError, RuntimeError ... on bad content
-        reason = _fault_of_file(schema, path) or " ".join(str(error).split()) or type(error).__name__
-        raise InvalidFileError(f"{path}: {reason}") from error
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise InvalidFileError(f"{path}: {shown(reason)}") from error
     return data
-
-
-def _fault_of_file(schema: type, path: Path) -> str | None:
-    """The first fault in a file that the loader has turned down; None where only the loader knows it."""
-    try:
-        root = yaml.compose(path.read_text(), Loader=yaml.SafeLoader)
-    except (UnicodeDecodeError, yaml.YAMLError):
-        return None
-    return "is empty." if root is None else _fault(schema, root, "")
-
-
-def _fault(kind: Any, node: yaml.Node, place: str) -> str | None:
-    """The first fault of a node that is to hold a value of a type, with its line; None where there is none to see."""
-    options = typing.get_args(kind) if isinstance(kind, types.UnionType) else (kind,)
-    if type(None) in options:
-        if node.tag == "tag:yaml.org,2002:null":
-            return None
-        options = tuple(option for option in options if option is not type(None))
-    tag = node.tag.removeprefix("!") if node.tag.startswith("!") else None
-    if tag is not None and tag not in (names := [option.__name__ for option in options]):
-        return f"{_where(node, place)}the tag !{tag} is unknown; allowed are {', '.join(f'!{name}' for name in names)}."
-    kind = next((option for option in options if option.__name__ == tag), options[0])
-    inside: list[tuple[Any, yaml.Node, str]] = []
-    if dataclasses.is_dataclass(kind):
-        types_of = typing.get_type_hints(kind)
-        if not isinstance(node, yaml.MappingNode):
-            return f"{_where(node, place)}is no mapping; its keys may be {', '.join(types_of)}."
-        for key, value in node.value:
-            if key.tag == "tag:yaml.org,2002:merge":  # `<<` stands for the keys of another mapping
-                continue
-            name = key.value if isinstance(key, yaml.ScalarNode) else "a list or mapping"
-            if name not in types_of:
-                return f"{_where(key, place)}key {name!r} is unknown; allowed are {', '.join(types_of)}."
-            inside.append((types_of[name], value, f"{place}.{name}".lstrip(".")))
-    elif hasattr(kind, "__fields__"):  # one of Drake's own
-        if not _is_read_by_drake(kind, node):
-            keys = ", ".join(field.name for field in kind.__fields__)
-            return f"{_where(node, place)}does not fit Drake's {kind.__name__}; its keys may be {keys}."
-    elif typing.get_origin(kind) is list and isinstance(node, yaml.SequenceNode):
-        inside = [(typing.get_args(kind)[0], item, f"{place}[{i}]") for i, item in enumerate(node.value)]
-    elif typing.get_origin(kind) is dict and isinstance(node, yaml.MappingNode):
-        inside = [(typing.get_args(kind)[1], value, f"{place}.{key.value}") for key, value in node.value]
-    elif kind in (int, float) and not _is_number(node):
-        found = repr(node.value) if isinstance(node, yaml.ScalarNode) else "a list or mapping"
-        return f"{_where(node, place)}is {found}; allowed are numbers."
-    return next((fault for part in inside if (fault := _fault(*part))), None)
-
-
-def _where(node: yaml.Node, place: str) -> str:
-    return f"line {node.start_mark.line + 1}: " + (f"{place}: " if place else "")
-
-
-def _is_read_by_drake(kind: type, node: yaml.Node) -> bool:
-    try:
-        yaml_load_typed(schema=kind, data=yaml.serialize(node))
-    except Exception:  # as in `load_typed_yaml`
-        return False
-    return True
-
-
-def _is_number(node: yaml.Node) -> bool:
-    """Whether the loader would take a node for one: 3, 0x20, and 1e-8, which YAML itself takes for text."""
-    if not isinstance(node, yaml.ScalarNode):
-        return False
-    try:
-        float(yaml.safe_load(node.value))
-    except (TypeError, ValueError, yaml.YAMLError):
-        return False
-    return True

@@ -47,14 +47,14 @@ def test_what_is_left_out_has_its_default(tmp_path: Path) -> None:
         ("parts:\n- radius: 1\n- raduis: 2\n", "line 3: parts[1]: key 'raduis' is unknown; allowed are radius."),
         ("shape: !Box {radius: 1}", "line 1: shape: key 'radius' is unknown; allowed are sides."),
         ("shape: !Cone {}", "line 1: shape: the tag !Cone is unknown; allowed are !Ball, !Box."),
-        ("spare: null\ncount: many", "line 2: count: is 'many'; allowed are numbers."),
+        ("spare: null\ncount: many", "line 2: count: is 'many'; allowed are integers."),
         ("weights: {a: 1, b: [2]}", "line 1: weights.b: is a list or mapping; allowed are numbers."),
         ("name: a\nspare: 3\n", "line 2: spare: is no mapping; its keys may be radius."),
         ("parts: [{radius: ten}]", "line 1: parts[0].radius: is 'ten'; allowed are numbers."),
         ("X_WT: {translation: [1, 2]}", "line 1: X_WT: does not fit Drake's Transform; its keys may be base_frame, "),
         ("- 1", "line 1: is no mapping; its keys may be name, count"),
         ("", "is empty."),
-        ("name: [", "expected the node content"),
+        ("name: [", "did not find expected node content"),
     ],
 )
 def test_a_fault_is_told_with_its_line_and_what_is_allowed(tmp_path: Path, text: str, fault: str) -> None:

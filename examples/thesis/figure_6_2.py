@@ -18,7 +18,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
-from pydrake.geometry import Meshcat
+from pydrake.geometry import Meshcat, MeshcatParams
 from pydrake.math import RigidTransform
 from rich import box
 from rich.console import Console
@@ -78,7 +78,7 @@ def print_numbers(result: DemoResult, qualities: dict[str, tp.GraspQuality], con
 
 def draw(result: DemoResult, quality: tp.GraspQuality) -> Meshcat:
     """The grasp, and beside it the wrench space's projections."""
-    meshcat = Meshcat()
+    meshcat = Meshcat(MeshcatParams(host="localhost"))
     draw_scene(meshcat, dataclasses.replace(result.scene, prior=None), friction=FRICTION)
     draw_wrench_space(meshcat, "/tactopose/wrenches", quality.space, scale=SCALE)
     assert result.scene.estimate is not None

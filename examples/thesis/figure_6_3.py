@@ -19,7 +19,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from pydrake.geometry import Meshcat
+from pydrake.geometry import Meshcat, MeshcatParams
 from rich.console import Console
 
 import tactopose_drake as tp
@@ -103,7 +103,7 @@ def summary(finger: str, found: ImprovementMap, reachable: NDArray[np.bool_], se
 
 def draw(result: DemoResult, found: ImprovementMap, reachable: NDArray[np.bool_]) -> Meshcat:
     """The hand with the coloured glass."""
-    meshcat = Meshcat()
+    meshcat = Meshcat(MeshcatParams(host="localhost"))
     draw_scene(meshcat, result.scene)
     for role in ("estimate", "prior", "truth"):
         meshcat.Delete(f"/tactopose/{role}")

@@ -21,7 +21,7 @@ import click
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from pydrake.geometry import Meshcat, Rgba, Sphere
+from pydrake.geometry import Meshcat, MeshcatParams, Rgba, Sphere
 from pydrake.math import RigidTransform
 from rich import box
 from rich.console import Console
@@ -200,7 +200,7 @@ def save_poses(path: Path, grasp: Grasp, belief: PoseModes) -> None:
 @click.option("--out", type=click.Path(path_type=Path), help="Writes the table, the plot and the scene here.")
 def main(grasps: int, out: Path | None) -> None:
     """Shows an ambiguous grasp, and counts the touches that it takes to make such grasps unique."""
-    console, meshcat = Console(), Meshcat()
+    console, meshcat = Console(), Meshcat(MeshcatParams(host="localhost"))
     grasp, estimate = first_grasp()
     belief = distinct_poses(grasp.model, estimate)
     console.print(show(meshcat, grasp, belief), highlight=False)

@@ -22,8 +22,9 @@ from tactopose_drake.core.evidence.patch_contacts import with_patches
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
-from tactopose_drake.errors import TactoposeError
+from tactopose_drake.errors import InvalidFileError, TactoposeError
 from tactopose_drake.estimation.files import save_result
+from tactopose_drake.estimation.output_files import check_outputs
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
@@ -123,9 +124,23 @@ def run_demo(
     )
 
 
+def prepare_demo(folder: Path) -> None:
+    """Makes the folder for the results.
+
+    Raises:
+        InvalidFileError: if nothing can be written there.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        reason = "is a file" if folder.is_file() else f"cannot be made ({error.strerror})"
+        raise InvalidFileError(f"{folder}: {reason}; allowed is a folder, which may be new.") from None
+    check_outputs(folder / name for name in ("result.json", "picture.png", "scene.html"))
+
+
 def save_demo(result: DemoResult, folder: Path, meshcat: Meshcat | None = None) -> tuple[Path, ...]:
     """Writes result.json and picture.png, and with Meshcat's recording scene.html; returns their paths."""
-    folder.mkdir(parents=True, exist_ok=True)
+    prepare_demo(folder)
     paths = [folder / "result.json", folder / "picture.png"]
     save_result(paths[0], result.estimate)
     save_picture(paths[1], result.scene)

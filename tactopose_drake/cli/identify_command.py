@@ -1,8 +1,9 @@
 """`tactopose identify`: which of many objects is touched, on the command line."""
 
 import contextlib
-import multiprocessing
+import multiprocessing.context
 import os
+import signal
 import warnings
 from collections.abc import Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
@@ -11,10 +12,10 @@ from typing import get_args
 
 import click
 from rich import box
-from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from tactopose_drake.cli.consoles import ERRORS, OUT
 from tactopose_drake.core.mesh.repair import MeshRepairWarning
 from tactopose_drake.estimation.files import load_contacts
 from tactopose_drake.estimation.identification import Likelihood, identify
@@ -24,8 +25,7 @@ from tactopose_drake.estimation.object_library import LibraryWarning, ObjectLibr
 _MOST_ROWS = 12
 _BAR = 12  # Characters of the longest.
 _path = click.Path(path_type=Path)
-_console = Console()
-_errors = Console(stderr=True, soft_wrap=True, highlight=False)
+_console, _errors = OUT, ERRORS
 
 
 @click.command(name="identify")
@@ -57,6 +57,24 @@ def identify_command(folder: Path, contacts_file: Path, jobs: int, likelihood: L
     _console.print(_line(found))
 
 
+class _QuietProcess(multiprocessing.context.SpawnProcess):
+    """A process that an interrupt from the keyboard passes by: whoever has started it ends it."""
+
+    def start(self) -> None:
+        if not hasattr(signal, "pthread_sigmask"):  # Windows
+            super().start()
+            return
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            super().start()  # It inherits what is blocked.
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+class _QuietContext(multiprocessing.context.SpawnContext):
+    Process = _QuietProcess
+
+
 @contextlib.contextmanager
 def _workers(jobs: int) -> Iterator[Executor | None]:
     """Processes that start when work comes in; none for a single job."""
@@ -64,7 +82,7 @@ def _workers(jobs: int) -> Iterator[Executor | None]:
         yield None
         return
     # What is not done yet is dropped when the user interrupts.
-    executor = ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn"))
+    executor = ProcessPoolExecutor(jobs, mp_context=_QuietContext())
     try:
         yield executor
     finally:

@@ -6,18 +6,20 @@ else.
 
 import logging
 import os
+import signal
 import sys
 import warnings
 import webbrowser
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any, NoReturn
 
 import click
-from pydrake.geometry import Meshcat
-from rich.console import Console
+from pydrake.geometry import Meshcat, MeshcatParams
 
-from tactopose_drake.cli.demo_run import DemoResult, GraspFailedError, run_demo, save_demo
+from tactopose_drake.cli.consoles import ERRORS, OUT
+from tactopose_drake.cli.demo_run import DemoResult, prepare_demo, run_demo, save_demo
 from tactopose_drake.cli.identify_command import identify_command
 from tactopose_drake.cli.reports import (
     fingers_table,
@@ -31,24 +33,37 @@ from tactopose_drake.cli.reports import (
 from tactopose_drake.cli.run_commands import replay, run
 from tactopose_drake.core.mesh.repair import MeshRepairWarning
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.errors import DriverError, InvalidInputError
+from tactopose_drake.errors import InvalidInputError, TactoposeError
 from tactopose_drake.estimation.estimate import METHODS, estimate_pose
-from tactopose_drake.estimation.files import check_writable, load_contacts, load_prior, save_result
+from tactopose_drake.estimation.files import load_contacts, load_prior, save_result
+from tactopose_drake.estimation.output_files import check_outputs
 from tactopose_drake.station.scenario import load_scenario
+from tactopose_drake.station.simulated import check_bodies
 from tactopose_drake.visualization.meshcat import aim_camera, draw_scene, save_html, upright
 from tactopose_drake.visualization.remote_meshcat import RemoteMeshcat
 from tactopose_drake.visualization.scene import Scene
 
 _UNUSABLE_INPUT = 2
-_console = Console()
-_errors = Console(stderr=True, soft_wrap=True, highlight=False)
+_console, _errors = OUT, ERRORS
 
 # The demo's scenarios by the hand's name on the command line.
 _DEMO_SCENARIOS = {"shadow": "shadow_like", "barrett": "barrett_like"}
 _path = click.Path(path_type=Path)
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+class InterruptedRunError(Exception):
+    """An interrupt from the keyboard; click itself would print a line of its own."""
+
+
+class _Commands(click.Group):
+    def invoke(self, ctx: click.Context) -> Any:
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt:
+            raise InterruptedRunError from None
+
+
+@click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="tactopose_drake")
 def cli() -> None:
     """Knows where a grasped object is, from touch."""
@@ -78,9 +93,7 @@ def estimate(
     """Estimates the pose of an object from contacts."""
     contacts = load_contacts(contacts_file)
     prior = None if prior_file is None else load_prior(prior_file)
-    for path in (out, html):
-        if path is not None:
-            check_writable(path)
+    check_outputs((out, html), inputs=(mesh, contacts_file, prior_file))
     remote = None if meshcat_url is None else click.get_current_context().with_resource(RemoteMeshcat(meshcat_url))
     with _progress(f"reading {mesh}"):
         model = ObjectModel.from_mesh(mesh)
@@ -98,7 +111,7 @@ def estimate(
         estimate=found.best.X_PO,
     )
     if html is not None:
-        meshcat = Meshcat()
+        meshcat = Meshcat(MeshcatParams(host="localhost"))
         draw_scene(meshcat, scene)
         aim_camera(meshcat, scene, upright(scene))
         save_html(html, meshcat)
@@ -119,9 +132,9 @@ def demo(hand: str, name: str | None, seed: int, out: Path, keep: bool, no_open:
     scenario = load_scenario(_DEMO_SCENARIOS[hand])
     scenario.object, scenario.seed = name or scenario.object, seed
     scenario.validate()
-    if out.exists() and not out.is_dir():
-        raise InvalidInputError(f"{out}: is a file; allowed is a folder, which may be new.")
-    meshcat = Meshcat()
+    prepare_demo(out)
+    check_bodies(scenario)
+    meshcat = Meshcat(MeshcatParams(host="localhost"))
     if keep:
         _console.print(f"Meshcat shows the run at {meshcat.web_url()}")
     with _errors.status("reading the object") as status:
@@ -179,10 +192,10 @@ def _progress(message: str) -> Iterator[None]:
 def main() -> None:
     """The entry point of `tactopose`."""
     logging.getLogger("drake").setLevel(logging.WARNING)
+    logging.getLogger("can").setLevel(logging.ERROR)  # What a damaged log holds is said once, at its end.
     try:
-        cli.main(standalone_mode=False)
-    except click.exceptions.Exit as stop:
-        sys.exit(stop.exit_code)
+        # It gives back what `Context.exit` and `click.exceptions.Exit` were given; commands give nothing.
+        status = cli.main(standalone_mode=False)
     except click.exceptions.NoArgsIsHelpError as error:
         click.echo(error.format_message(), err=True)
         sys.exit(_UNUSABLE_INPUT)
@@ -191,12 +204,14 @@ def main() -> None:
         _fail(f"{error.format_message()} `{command} --help` says what is allowed.")
     except InvalidInputError as error:
         _fail(str(error))
-    except (GraspFailedError, DriverError) as error:
+    except (TactoposeError, OSError) as error:
         _fail(str(error), status=1)
-    except (KeyboardInterrupt, click.Abort):
-        sys.exit(1)
+    except (InterruptedRunError, click.Abort):
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # What closes from here on is not to be interrupted again.
+        _fail("interrupted", status=1)
+    sys.exit(status or 0)
 
 
-def _fail(message: str, status: int = _UNUSABLE_INPUT) -> None:
+def _fail(message: str, status: int = _UNUSABLE_INPUT) -> NoReturn:
     _errors.print("error: " + " ".join(message.split()), style="red", markup=False)
     sys.exit(status)

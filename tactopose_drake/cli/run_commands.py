@@ -5,20 +5,19 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import click
-from rich.console import Console
 
-from tactopose_drake.estimation.files import check_writable
+from tactopose_drake.cli.consoles import ERRORS, OUT
+from tactopose_drake.estimation.output_files import check_outputs, written_beside
 from tactopose_drake.runs.advance import Look, Progress, RunView
 from tactopose_drake.runs.estimate_writer import EstimateWriter
 from tactopose_drake.runs.monitor import Monitor, estimate_line
 from tactopose_drake.runs.scenario_replay import replay as replay_recording
 from tactopose_drake.runs.scenario_run import run_scenario
-from tactopose_drake.station.scenario import load_scenario
+from tactopose_drake.station.scenario import load_scenario, scenario_file
 
 _path = click.Path(path_type=Path)
 _seconds = click.FloatRange(min=0.0, min_open=True)
-_console = Console()
-_errors = Console(stderr=True, soft_wrap=True, highlight=False)
+_console, _errors = OUT, ERRORS
 
 
 @click.command()
@@ -33,6 +32,8 @@ def run(scenario: str, duration: float | None, record: Path | None, monitor: boo
         view = run_scenario(loaded, duration=duration, record=record, look=look, tell=tell)
     if record is not None:
         _console.print(f"Recorded: {record}", soft_wrap=True)
+    for lost in view.lost:
+        _errors.print(f"not recorded: {lost}", style="yellow")
     _end(view)
 
 
@@ -47,10 +48,9 @@ def run(scenario: str, duration: float | None, record: Path | None, monitor: boo
 def replay(log: Path, scenario: str, speed: str, out: Path | None, monitor: bool) -> None:
     """Plays LOG, a folder that `run --record` made, through the drivers: the same estimates each time, bit by bit."""
     loaded = load_scenario(scenario)
-    if out is not None:
-        check_writable(out)
+    check_outputs((out,), inputs=(log, scenario_file(scenario)))
     with contextlib.ExitStack() as parts:
-        writer = None if out is None else parts.enter_context(EstimateWriter(out))
+        writer = None if out is None else parts.enter_context(_written(out))
         show, tell = parts.enter_context(_showing(monitor))
 
         def look(view: RunView) -> None:
@@ -61,7 +61,23 @@ def replay(log: Path, scenario: str, speed: str, out: Path | None, monitor: bool
         played = replay_recording(log, loaded, paced=speed == "real", look=look, tell=tell)
     for end in played.ends:
         _console.print(end, style=None if played.whole else "yellow", soft_wrap=True, markup=False)
+    if played.difference:
+        _console.print(played.difference, style="yellow", soft_wrap=True, markup=False)
     _end(played.view)
+
+
+@contextlib.contextmanager
+def _written(out: Path) -> Iterator[EstimateWriter]:
+    """A writer of a file that is there when all is written.
+
+    Raises:
+        InvalidFileError: if it could not be written to its end.
+    """
+    with written_beside(out) as beside:
+        with EstimateWriter(beside) as writer:
+            yield writer
+        if writer.file.problem:
+            raise OSError(writer.file.problem)
 
 
 @contextlib.contextmanager

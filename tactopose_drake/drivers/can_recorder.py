@@ -30,6 +30,9 @@ class CanRecorder:
 
     `.blf` keeps time stamps to their last bit. `.asc` is readable, but rounds them to a microsecond, moves all of them
     by the same part of a millisecond, and does not say what an error frame was about.
+
+    Attributes:
+        problem: why it records no more, in a sentence; empty while all is well.
     """
 
     def __init__(self, path: Path) -> None:
@@ -52,6 +55,8 @@ class CanRecorder:
             )
         except OSError as error:
             raise InvalidFileError(f"{path}: {error}") from error
+        self.problem = ""
+        self._path = path
         self._lock = threading.Lock()
         self._first: float | None = None
         self._count = 0  # of frames
@@ -75,22 +80,33 @@ class CanRecorder:
         for bus, track in self._recorded:
             bus.ignore(track)
         with self._lock:
-            self._writer.stop()
+            try:
+                self._writer.stop()
+            except OSError as error:
+                self._fail(error)
 
     def write(self, frame: can.Message, channel: int) -> None:
         """Adds a frame to the log; from any thread."""
         copied = copy.copy(frame)
         copied.channel = channel
         with self._lock:
+            if self.problem:
+                return
             # The formats count from the first frame, and know no time before it.
             self._first = copied.timestamp if self._first is None else self._first
             copied.timestamp = max(copied.timestamp, self._first)
-            self._writer.on_message_received(copied)
-            if isinstance(self._writer, can.BLFWriter) and self._count == 0:
-                self._date(self._writer)
-            self._count += 1
-            if self._count % _FLUSH_AFTER == 0:
-                self._writer.file.flush()
+            try:
+                self._writer.on_message_received(copied)
+                if isinstance(self._writer, can.BLFWriter) and self._count == 0:
+                    self._date(self._writer)
+                self._count += 1
+                if self._count % _FLUSH_AFTER == 0:
+                    self._writer.file.flush()
+            except OSError as error:  # a full disk ends the log, and not the thread of the bus
+                self._fail(error)
+
+    def _fail(self, error: OSError) -> None:
+        self.problem = self.problem or f"{self._path}: ends after about {self._count} frames ({error.strerror})."
 
     def _date(self, writer: can.BLFWriter) -> None:
         """Puts the start into the header, which python-can does at the end: a log that is cut off has its times too."""

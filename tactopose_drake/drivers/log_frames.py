@@ -1,13 +1,18 @@
 """Reading the CAN logs of `can_recorder.py`, and those of other programs in these formats, as far as they are whole."""
 
 import io
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
 import can
+from can.io.blf import OBJ_HEADER_BASE_STRUCT, BLFParseError
 
 from tactopose_drake.errors import EndOfLogError, InvalidFileError
+
+_LONGEST_GAP = 600.0  # s between two frames; the devices are polled, so a longer one is none of theirs
+_LARGEST_STEP_BACK = 1.0  # s; buses with several channels do not sort their frames
 
 
 def log_frames(path: Path) -> Iterator[can.Message]:
@@ -36,6 +41,9 @@ def log_frames(path: Path) -> Iterator[can.Message]:
             # A line that was cut off may still parse.
             if frame is None or (frame.dlc != len(frame.data) and not frame.is_remote_frame):
                 break
+            if not _follows(frame.timestamp, last if count else None):
+                whole = False
+                break
             count, last = count + 1, frame.timestamp
             yield frame
         if isinstance(reader, can.ASCReader):
@@ -45,12 +53,19 @@ def log_frames(path: Path) -> Iterator[can.Message]:
     raise EndOfLogError(f"{path}: is cut off or damaged after {count} whole frames, at {last:.6f} s.", whole=False)
 
 
+def _follows(time: float, last: float | None) -> bool:
+    """Whether a frame may come at this time after the last one: a replay waits for each."""
+    if last is None:
+        return math.isfinite(time) and time >= 0.0
+    return last - _LARGEST_STEP_BACK <= time <= last + _LONGEST_GAP
+
+
 def _reader(path: Path, file: BinaryIO) -> tuple[can.BLFReader | can.ASCReader, bool]:
     """A reader, and whether the log is whole as far as can be told before it is read."""
     suffix = path.suffix.lower()
     try:
         if suffix == ".blf":
-            blf = can.BLFReader(file)
+            blf = _SteadyReader(file)
             # The writer puts the size into the header when it is done.
             return blf, blf.file_size == path.stat().st_size
         if suffix == ".asc":
@@ -58,6 +73,20 @@ def _reader(path: Path, file: BinaryIO) -> tuple[can.BLFReader | can.ASCReader, 
     except Exception as error:  # likewise
         raise InvalidFileError(f"{path}: is not a log of CAN frames ({error!r}).") from error
     raise InvalidFileError(f"{path}: ends in {suffix!r}; allowed are .blf and .asc.")
+
+
+class _SteadyReader(can.BLFReader):
+    """Ends at an object that has no length, at which python-can's would stay for ever."""
+
+    def _parse_data(self, data: bytes) -> Iterator[can.Message]:
+        start = 0
+        while (start := data.find(b"LOBJ", start, start + 8)) >= 0 and start + OBJ_HEADER_BASE_STRUCT.size <= len(data):
+            size = OBJ_HEADER_BASE_STRUCT.unpack_from(data, start)[3]
+            if size < OBJ_HEADER_BASE_STRUCT.size:
+                yield from super()._parse_data(data[:start])
+                raise BLFParseError(f"an object has {size} bytes")
+            start += size
+        yield from super()._parse_data(data)
 
 
 class _WholeLines(io.TextIOWrapper):

@@ -2,7 +2,6 @@ from .direct import Direct as Direct
 from .estimate import GLOBAL_METHODS as GLOBAL_METHODS
 from .estimate import METHODS as METHODS
 from .estimate import estimate_pose as estimate_pose
-from .files import check_writable as check_writable
 from .files import hypotheses_data as hypotheses_data
 from .files import load_contacts as load_contacts
 from .files import load_prior as load_prior
@@ -14,6 +13,8 @@ from .identities import Identification as Identification
 from .object_library import LibraryWarning as LibraryWarning
 from .object_library import ObjectLibrary as ObjectLibrary
 from .object_library import forget_models as forget_models
+from .output_files import check_outputs as check_outputs
+from .output_files import written_beside as written_beside
 from .prior import PosePrior as PosePrior
 from .results import PoseEstimate as PoseEstimate
 from .results import PoseHypothesis as PoseHypothesis

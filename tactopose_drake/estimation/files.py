@@ -10,14 +10,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.poses import make_poses, matrix_from_quaternion
 from tactopose_drake.core.validation import FloatArray, finite_array
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
+from tactopose_drake.estimation.output_files import written_beside
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.estimation.results import PoseEstimate
+from tactopose_drake.yaml_files import plain_data, read_yaml, shown
 
 
 def load_contacts(path: Path) -> Contacts:
@@ -32,7 +33,7 @@ def load_contacts(path: Path) -> Contacts:
     data = _mapping(path, "", _read(path), required=("contacts",), optional=("sigma_position", "sigma_normal_deg"))
     entries = data["contacts"]
     if not isinstance(entries, list) or not entries:
-        raise InvalidFileError(f"{path}: contacts: is {entries!r}; allowed is a list of at least one contact.")
+        raise InvalidFileError(f"{path}: contacts: is {shown(entries)}; allowed is a list of at least one contact.")
     rows = [
         _mapping(path, f"contacts[{i}]", entry, required=("position",), optional=("normal", "force"))
         for i, entry in enumerate(entries)
@@ -83,10 +84,8 @@ def save_result(path: Path, estimate: PoseEstimate) -> None:
         InvalidFileError: the file cannot be written.
     """
     result = {"status": estimate.status, "duration": estimate.duration, "hypotheses": hypotheses_data(estimate)}
-    try:
-        path.write_text(json.dumps(result, indent=1, allow_nan=False) + "\n")
-    except OSError as error:
-        raise InvalidFileError(f"{path}: cannot be written ({error.strerror}).") from None
+    with written_beside(path) as beside:
+        beside.write_text(json.dumps(result, indent=1, allow_nan=False) + "\n")
 
 
 def hypotheses_data(estimate: PoseEstimate) -> list[dict[str, Any]]:
@@ -104,40 +103,22 @@ def hypotheses_data(estimate: PoseEstimate) -> list[dict[str, Any]]:
     ]
 
 
-def check_writable(path: Path) -> None:
-    """Tells, before any work, whether a file can be written there.
-
-    Raises:
-        InvalidFileError: its folder does not exist, or it is a folder.
-    """
-    if not path.absolute().parent.is_dir():
-        raise InvalidFileError(f"{path}: the folder {path.absolute().parent} does not exist.")
-    if path.is_dir():
-        raise InvalidFileError(f"{path}: is a folder; allowed is a file, which may be new.")
-
-
 def _read(path: Path) -> Any:
+    _, root = read_yaml(path)
     try:
-        text = path.read_text()
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "it is not text"
-        raise InvalidFileError(f"{path}: cannot be read ({reason}).") from None
-    try:
-        return yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        where = f" at line {mark.line + 1}, column {mark.column + 1}" if mark else ""
-        raise InvalidFileError(f"{path}: is not YAML{where} ({getattr(error, 'problem', None) or error}).") from None
+        return plain_data(root)
+    except InvalidFileError as error:
+        raise InvalidFileError(f"{path}: {error}") from None
 
 
 def _mapping(path: Path, where: str, value: Any, required: Iterable[str], optional: Iterable[str]) -> dict[str, Any]:
     required, known = list(required), [*required, *optional]
     place = f"{path}: {where}: " if where else f"{path}: "
     if not isinstance(value, dict):
-        raise InvalidFileError(f"{place}is {value!r}; allowed is a mapping with the keys {', '.join(known)}.")
+        raise InvalidFileError(f"{place}is {shown(value)}; allowed is a mapping with the keys {', '.join(known)}.")
     for key in value:
         if key not in known:
-            raise InvalidFileError(f"{place}key {key!r} is unknown; allowed are {', '.join(known)}.")
+            raise InvalidFileError(f"{place}key {shown(key)} is unknown; allowed are {', '.join(known)}.")
     for key in required:
         if key not in value:
             raise InvalidFileError(f"{place}key {key!r} is missing.")
@@ -145,15 +126,21 @@ def _mapping(path: Path, where: str, value: Any, required: Iterable[str], option
 
 
 def _vector(path: Path, where: str, value: Any, length: int) -> FloatArray:
-    try:
-        return finite_array(where, value, (length,))
-    except InvalidInputError as error:
-        raise InvalidFileError(f"{path}: {error}") from None
+    return _numbers(path, where, value if isinstance(value, list) else [value], (length,))
 
 
 def _number(path: Path, key: str, data: dict[str, Any]) -> float:
+    return float(_numbers(path, key, [data[key]], (1,))[0])
+
+
+def _numbers(path: Path, where: str, values: list[Any], shape: tuple[int]) -> FloatArray:
+    for i, value in enumerate(values):
+        # NumPy would take a boolean and the text of a number for one.
+        if not isinstance(value, float | int) or isinstance(value, bool):
+            place = where if len(values) == 1 else f"{where}[{i}]"
+            raise InvalidFileError(f"{path}: {place}: is {shown(value)}; allowed are numbers.")
     try:
-        return float(finite_array(key, data[key], ()))
+        return finite_array(where, values, shape)
     except InvalidInputError as error:
         raise InvalidFileError(f"{path}: {error}") from None
 

@@ -3,6 +3,7 @@
 An object that cannot be used is left out with its reason, and the others are used.
 """
 
+import os
 from collections.abc import Hashable, Iterable
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -13,6 +14,7 @@ import yaml
 from tactopose_drake.core.shape.symmetry import RotationalSymmetry, symmetry_group
 from tactopose_drake.core.validation import finite_array, positive_number
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
+from tactopose_drake.yaml_files import plain_data, read_yaml, shown
 
 MANIFEST = "library.yaml"
 """The manifest of a folder."""
@@ -20,6 +22,7 @@ MANIFEST = "library.yaml"
 _MESHES = frozenset({".3mf", ".dae", ".glb", ".gltf", ".obj", ".off", ".ply", ".stl"})
 _KEYS = ("mesh", "mass", "symmetry")
 _SYMMETRY_KEYS = ("axis", "point", "order")
+_HIGHEST_ORDER = 60  # as many poses as a group of symmetries may have
 
 Axis = tuple[tuple[float, ...], tuple[float, ...], int]
 """Of a symmetry: axis, a point on it (m), order."""
@@ -70,9 +73,9 @@ def read_library(path: Path) -> tuple[list[LibraryEntry], list[SkippedObject]]:
     Raises:
         InvalidFileError: no such folder or file, or a manifest that is no mapping.
     """
-    if path.is_dir():
-        return _read_manifest(path / MANIFEST) if (path / MANIFEST).is_file() else _read_folder(path)
-    if path.is_file():
+    if os.path.isdir(path):
+        return _read_manifest(path / MANIFEST) if os.path.isfile(path / MANIFEST) else _read_folder(path)
+    if os.path.isfile(path):
         return _read_manifest(path)
     raise InvalidFileError(f"{path}: there is no such folder or manifest.")
 
@@ -91,41 +94,23 @@ def _read_folder(folder: Path) -> tuple[list[LibraryEntry], list[SkippedObject]]
 
 
 def _read_manifest(path: Path) -> tuple[list[LibraryEntry], list[SkippedObject]]:
-    entries: dict[str, LibraryEntry] = {}
-    skipped = []
-    for name, value in _pairs(path):
-        if name in entries:
-            skipped.append(SkippedObject(name, "another object has the same name"))
-            continue
-        try:
-            entries[name] = _entry(path.parent, name, value)
-        except InvalidInputError as error:
-            skipped.append(SkippedObject(name, str(error)))
-    return list(entries.values()), skipped
-
-
-def _pairs(path: Path) -> list[tuple[str, Any]]:
-    """The manifest's names and values; a name that comes twice is there twice."""
-    try:
-        root = yaml.compose(path.read_text(), Loader=yaml.SafeLoader)
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "it is not text"
-        raise InvalidFileError(f"{path}: cannot be read ({reason}).") from None
-    except yaml.YAMLError as error:
-        raise InvalidFileError(f"{path}: is not YAML ({' '.join(str(error).split())}).") from None
+    _, root = read_yaml(path)
     if not isinstance(root, yaml.MappingNode):
         raise InvalidFileError(f"{path}: allowed is a mapping of names to objects.")
-    constructor = yaml.SafeLoader("")
-    return [
-        (str(constructor.construct_object(key, deep=True)), constructor.construct_object(value, deep=True))
-        for key, value in root.value
-    ]
+    entries = []
+    skipped = []
+    for key, value in root.value:
+        try:
+            entries.append(_entry(path.parent, key.value, plain_data(value)))
+        except InvalidInputError as error:
+            skipped.append(SkippedObject(key.value, str(error)))
+    return entries, skipped
 
 
 def _entry(folder: Path, name: str, value: Any) -> LibraryEntry:
     known = _mapping(name, value, _KEYS, ("mesh",))
     if not isinstance(known["mesh"], str):
-        raise InvalidInputError(f"{name}.mesh: is {known['mesh']!r}; allowed is the path of a file.")
+        raise InvalidInputError(f"{name}.mesh: is {shown(known['mesh'])}; allowed is the path of a file.")
     mass = None if known.get("mass") is None else positive_number(f"{name}.mass", known["mass"])
     return LibraryEntry(name, folder / known["mesh"], mass, _symmetry(name, known.get("symmetry", "auto")))
 
@@ -136,16 +121,19 @@ def _symmetry(name: str, value: Any) -> Literal["auto", "none"] | tuple[Axis, ..
     if value == "none":
         return "none"
     if not isinstance(value, list):
-        raise InvalidInputError(f"{name}.symmetry: is {value!r}; allowed are auto, none and a list of axes.")
+        raise InvalidInputError(f"{name}.symmetry: is {shown(value)}; allowed are auto, none and a list of axes.")
     axes = []
     for i, row in enumerate(value):
         where = f"{name}.symmetry[{i}]"
         axis = _mapping(where, row, _SYMMETRY_KEYS, _SYMMETRY_KEYS)
-        if not isinstance(axis["order"], int):
-            raise InvalidInputError(f"{where}.order: is {axis['order']!r}; allowed are 0 and integers >= 2.")
+        order = axis["order"]
+        if not isinstance(order, int) or isinstance(order, bool) or order == 1 or not 0 <= order <= _HIGHEST_ORDER:
+            raise InvalidInputError(
+                f"{where}.order: is {shown(order)}; allowed are 0 and integers from 2 to {_HIGHEST_ORDER}."
+            )
         vectors = (finite_array(f"{where}.{key}", axis[key], (3,)) for key in ("axis", "point"))
         direction, point = (tuple(vector.tolist()) for vector in vectors)
-        axes.append((direction, point, axis["order"]))
+        axes.append((direction, point, order))
     symmetry_group(make_symmetries(axes))
     return tuple(axes)
 
@@ -161,11 +149,11 @@ def make_symmetries(axes: Iterable[Axis]) -> list[RotationalSymmetry]:
 
 def _mapping(where: str, value: Any, allowed: tuple[str, ...], required: tuple[str, ...]) -> dict[Hashable, Any]:
     if not isinstance(value, dict):
-        raise InvalidInputError(f"{where}: is {value!r}; allowed is a mapping with the keys {', '.join(allowed)}.")
+        raise InvalidInputError(f"{where}: is {shown(value)}; allowed is a mapping with the keys {', '.join(allowed)}.")
     for key in value:
         if key not in allowed:
-            raise InvalidInputError(f"{where}: key {key!r} is unknown; allowed are {', '.join(allowed)}.")
+            raise InvalidInputError(f"{where}: key {shown(key)} is unknown; allowed are {', '.join(allowed)}.")
     for key in required:
         if key not in value:
-            raise InvalidInputError(f"{where}: key {key!r} is missing.")
+            raise InvalidInputError(f"{where}: key {shown(key)} is missing.")
     return value

@@ -1,6 +1,7 @@
 """What the package needs to know of a hand, and how it gets into a plant."""
 
 import dataclasses
+import os
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from pydrake.multibody.tree import Frame, ModelInstanceIndex, WeldJoint
 from tactopose_drake.core.surfaces import Capsule, Ellipsoid, Sphere, Surface
 from tactopose_drake.core.validation import finite_array, positive_number
 from tactopose_drake.errors import InvalidFileError, InvalidInputError, UnknownNameError
-from tactopose_drake.resources import ModelPackage, add_model, load_typed_yaml, make_parser, model_path
+from tactopose_drake.resources import ModelPackage, add_model, fixed_pose, load_typed_yaml, make_parser, model_path
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -24,7 +25,7 @@ class SphereSurface:
 
     def make(self) -> Surface:
         """The surface that the contact solver takes."""
-        return Sphere(self.radius, X_SF=self.X_SF.GetDeterministicValue())
+        return Sphere(self.radius, X_SF=fixed_pose("SphereSurface.X_SF", self.X_SF))
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -36,8 +37,8 @@ class EllipsoidSurface:
 
     def make(self) -> Surface:
         """The surface that the contact solver takes."""
-        a, b, c = self.semi_axes
-        return Ellipsoid((a, b, c), X_SF=self.X_SF.GetDeterministicValue())
+        a, b, c = finite_array("EllipsoidSurface.semi_axes", self.semi_axes, (3,)).tolist()
+        return Ellipsoid((a, b, c), X_SF=fixed_pose("EllipsoidSurface.X_SF", self.X_SF))
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -50,7 +51,7 @@ class CapsuleSurface:
 
     def make(self) -> Surface:
         """The surface that the contact solver takes."""
-        return Capsule(self.radius, self.length, X_SF=self.X_SF.GetDeterministicValue())
+        return Capsule(self.radius, self.length, X_SF=fixed_pose("CapsuleSurface.X_SF", self.X_SF))
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -172,18 +173,20 @@ def load_hand_config(name_or_path: str | Path) -> HandConfig:
     A model that the file names by a relative path is looked for beside the file.
 
     Raises:
-        InvalidFileError: if the file cannot be read or does not fit `HandConfig`.
-        InvalidInputError: if a value is out of its range.
+        InvalidFileError: if the file cannot be read or does not fit `HandConfig`, or a value is out of its range.
     """
     shipped = model_path("hands", str(name_or_path), f"{name_or_path}.hand.yaml")
-    path = shipped if shipped.is_file() else Path(name_or_path)
-    if not path.is_file():
+    path = shipped if os.path.isfile(shipped) else Path(name_or_path)
+    if not os.path.isfile(path):
         known = ", ".join(
             sorted(file.name.removesuffix(".hand.yaml") for file in model_path("hands").glob("*/*.hand.yaml"))
         )
         raise InvalidFileError(f"{path}: there is no such file; the package's hands are {known}.")
     config = load_typed_yaml(HandConfig, path)
-    config.validate()
+    try:
+        config.validate()
+    except InvalidInputError as error:
+        raise InvalidFileError(f"{path}: {error}") from None
     if "://" not in config.model:
         config.model = str(path.parent / config.model)
     return config

@@ -1,6 +1,7 @@
 """The files that describe tactile arrays: their cells, what limits them, and how often they are read."""
 
 import dataclasses
+import os
 from pathlib import Path
 
 from tactopose_drake.core.sensing.tactile_array import TactileModel
@@ -43,7 +44,7 @@ def load_tactile_pad(name_or_path: str | Path) -> TactilePad:
         InvalidInputError: if a value is out of its range; the message names the file.
     """
     shipped = model_path("sensors", f"{name_or_path}.yaml")
-    path = shipped if shipped.is_file() else Path(name_or_path)
+    path = shipped if os.path.isfile(shipped) else Path(name_or_path)
     file = load_typed_yaml(TactilePadFile, path)
     try:
         layout = file.pattern.make()

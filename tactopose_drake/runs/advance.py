@@ -17,11 +17,13 @@ class RunView:
         diagram: of the station.
         context: its root context.
         devices: of a run on CAN devices or from their logs; None else.
+        lost: what of a finished run could not be recorded, and why, in sentences.
     """
 
     diagram: Diagram
     context: Context
     devices: CanDevices | None = None
+    lost: tuple[str, ...] = ()
 
 
 Look = Callable[[RunView], None]

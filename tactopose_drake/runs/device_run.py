@@ -10,7 +10,10 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, EventStatus
 
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.errors import UnknownNameError
 from tactopose_drake.estimation.prior import PosePrior
+from tactopose_drake.hand.hand_config import load_hand_config, make_hand_plant
+from tactopose_drake.hand.joint_matrices import joint_matrix
 from tactopose_drake.runs.advance import Look, Progress, RunView, advance
 from tactopose_drake.runs.known_signals import known_signals
 from tactopose_drake.runs.recording import Recording
@@ -20,7 +23,8 @@ from tactopose_drake.runs.simulation import TRUE_POSE, sense_ports
 from tactopose_drake.station.can_devices import CanDevices, live_buses
 from tactopose_drake.station.hardware import HardwareStation, make_hardware_station
 from tactopose_drake.station.scenario import Scenario
-from tactopose_drake.station.senses import CanSenses
+from tactopose_drake.station.senses import CanSenses, SimulatedDevices
+from tactopose_drake.systems.can_barrett_hand import PADS
 from tactopose_drake.systems.signals import Signal
 
 
@@ -48,6 +52,8 @@ def run_devices(
         if rig is not None:
             parts.enter_context(rig)
         parts.enter_context(devices)
+        if recording is not None:
+            recording.watch(devices.recorders)
         if senses.tare_samples:
             tell("taring: nothing may touch the hand")
             devices.tare(senses.tare_samples)
@@ -63,6 +69,25 @@ def run_devices(
         with contextlib.suppress(KeyboardInterrupt):
             advance(simulator, devices, scenario.estimation.estimator.period, duration, look)
         return RunView(station.diagram, simulator.get_context())
+
+
+def check_devices(scenario: Scenario) -> None:
+    """Makes the drivers, and reads what is known without them, before anything takes its time; nothing is opened.
+
+    Raises:
+        InvalidInputError: if a value of a device is out of its range, or a name leads nowhere.
+    """
+    senses = scenario.senses
+    assert isinstance(senses, CanSenses)
+    CanDevices(senses, live_buses(senses))
+    if senses.barrett_hand is not None:
+        plant, hand = make_hand_plant(load_hand_config(scenario.hand))
+        joint_matrix(plant, hand, senses.barrett_hand.joints)
+        for pad in PADS:
+            if pad not in hand.pad_frames:
+                raise UnknownNameError(f"scenario: the hand {scenario.hand!r} lacks a pad", pad, hand.pad_frames)
+    if senses.simulated != SimulatedDevices():
+        known_signals(scenario)
 
 
 def _prepare(

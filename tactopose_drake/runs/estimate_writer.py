@@ -2,12 +2,12 @@
 
 import json
 from pathlib import Path
-from typing import Self, TextIO
+from typing import Any, Self
 
 from pydrake.systems.framework import Context, Diagram
 
-from tactopose_drake.errors import InvalidFileError
 from tactopose_drake.estimation.files import hypotheses_data
+from tactopose_drake.systems.line_file import LineFile
 
 _TEXTS = ("status", "contact_status", "patch_status", "sense_status")
 
@@ -17,6 +17,9 @@ class EstimateWriter:
 
     A line has `time` (s), the station's status ports, `fingers_in_contact`, and `hypotheses` as in result.json (null
     before the first). It depends on what was measured alone: how long the search took is left out.
+
+    Attributes:
+        file: the lines; it says whether they could be written.
     """
 
     def __init__(self, path: Path) -> None:
@@ -25,22 +28,24 @@ class EstimateWriter:
         Raises:
             InvalidFileError: if it cannot be written.
         """
-        try:
-            self._file: TextIO = path.open("w", encoding="utf-8", buffering=1)
-        except OSError as error:
-            raise InvalidFileError(f"{path}: cannot be written ({error.strerror}).") from None
+        self.file = LineFile(path)
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._file.close()
+        self.file.close()
 
     def write(self, diagram: Diagram, context: Context) -> None:
         """Adds a line of what a station's ports say now."""
-        line = {"time": context.get_time()}
-        line |= {name: diagram.GetOutputPort(name).Eval(context) for name in _TEXTS if diagram.HasOutputPort(name)}
-        line["fingers_in_contact"] = list(diagram.GetOutputPort("fingers_in_contact").Eval(context))
-        estimate = diagram.GetOutputPort("hypotheses").Eval(context)
-        line["hypotheses"] = None if estimate is None else hypotheses_data(estimate)
-        self._file.write(json.dumps(line, allow_nan=False) + "\n")
+        self.file.write(json.dumps(estimates_now(diagram, context), allow_nan=False))
+
+
+def estimates_now(diagram: Diagram, context: Context) -> dict[str, Any]:
+    """A line of `EstimateWriter`, of what a station's ports say now."""
+    line: dict[str, Any] = {"time": context.get_time()}
+    line |= {name: diagram.GetOutputPort(name).Eval(context) for name in _TEXTS if diagram.HasOutputPort(name)}
+    line["fingers_in_contact"] = list(diagram.GetOutputPort("fingers_in_contact").Eval(context))
+    estimate = diagram.GetOutputPort("hypotheses").Eval(context)
+    line["hypotheses"] = None if estimate is None else hypotheses_data(estimate)
+    return line

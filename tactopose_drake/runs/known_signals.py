@@ -1,5 +1,6 @@
 """What a scenario with CAN devices knows without them: joint angles and the object's pose by other means."""
 
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -60,7 +61,8 @@ def _read(path: Path) -> tuple[list[str], FloatArray, FloatArray]:
     try:
         with path.open(encoding="utf-8") as file:
             first, *names = (name.strip() for name in file.readline().split(","))
-            table = np.loadtxt(file, delimiter=",", ndmin=2)
+            with warnings.catch_warnings(action="ignore"):  # that there are no rows
+                table = np.loadtxt(file, delimiter=",", ndmin=2)
     except (OSError, ValueError) as error:
         raise InvalidFileError(f"{path}: {' '.join(str(error).split())}") from None
     if first != "time" or table.shape[1:] != (1 + len(names),) or not np.all(np.isfinite(table)):

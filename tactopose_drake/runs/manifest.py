@@ -2,20 +2,23 @@
 
 import dataclasses
 import importlib.metadata
+import os
 import platform
+import shutil
 from collections.abc import Mapping
 from pathlib import Path
 
 from pydrake.common.yaml import yaml_dump_typed
 
-from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.core.validation import FloatArray, finite_array, positive_number
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
 from tactopose_drake.resources import load_typed_yaml
 from tactopose_drake.station.scenario import Scenario
-from tactopose_drake.station.senses import CanSenses
+from tactopose_drake.station.senses import CanSenses, RecordedSenses
 
 MANIFEST, SIGNALS, ESTIMATES = "manifest.yaml", "signals.jsonl", "estimates.jsonl"
 _FORMAT = 1
+_LEAST_FREE = 20_000_000  # bytes, for the first minute of a recording
 _PACKAGES = ("tactopose_drake", "drake", "numpy", "numba", "python-can")
 
 
@@ -30,6 +33,25 @@ class Manifest:
     buses: dict[str, str] = dataclasses.field(default_factory=dict)  # file of each bus, by the scenario's names
     # Gauge readings that counted as no load, by finger: the tare, with the fingertip's weight in it.
     biases: dict[str, list[float]] = dataclasses.field(default_factory=dict)
+
+    def validate(self) -> None:
+        """Raises InvalidInputError if it does not say all that its devices need."""
+        senses = self.scenario.senses
+        if isinstance(senses, RecordedSenses):
+            raise InvalidInputError("Manifest.scenario.senses: are !RecordedSenses; allowed are others.")
+        buses, fingers = (senses.buses, senses.fingers) if isinstance(senses, CanSenses) else ({}, {})
+        for name, given, needed in (
+            ("buses", set(self.buses), set(buses)),
+            ("biases", set(self.biases), set(fingers)),
+        ):
+            if given != needed:
+                raise InvalidInputError(
+                    f"Manifest.{name}: are of {', '.join(sorted(given)) or 'none'}; allowed are those of the "
+                    f"scenario's senses, {', '.join(sorted(needed)) or 'none'}."
+                )
+        for finger, bias in self.biases.items():
+            finite_array(f"Manifest.biases[{finger}]", bias, (6,))
+        positive_number("Manifest.start", self.start, allow_zero=True)
 
     def check_scenario(self, scenario: Scenario, folder: Path) -> None:
         """Raises InvalidInputError if a scenario is not one that the recording can be replayed with.
@@ -84,26 +106,42 @@ def load_manifest(folder: Path) -> Manifest:
     Raises:
         InvalidFileError: if the folder is none of a recording, or of another format.
     """
-    if not (folder / MANIFEST).is_file():
+    if not os.path.isfile(folder / MANIFEST):
         raise InvalidFileError(f"{folder}: is no recording; it has no {MANIFEST}.")
     manifest = load_typed_yaml(Manifest, folder / MANIFEST)
     if manifest.format != _FORMAT:
         raise InvalidFileError(f"{folder / MANIFEST}: has the format {manifest.format}; allowed is {_FORMAT}.")
+    try:
+        manifest.validate()
+    except InvalidInputError as error:
+        raise InvalidFileError(f"{folder / MANIFEST}: {error}") from None
     for name, file in manifest.buses.items():
-        if Path(file).name != file or not (folder / file).is_file():
+        if Path(file).name != file or not os.path.isfile(folder / file):
             raise InvalidFileError(f"{folder / MANIFEST}: the log {file!r} of the bus {name!r} is not in the folder.")
     return manifest
 
 
-def prepare_folder(folder: Path) -> None:
+def prepare_folder(folder: Path) -> bool:
     """Makes a folder for a new recording.
 
+    Returns:
+        Whether it was not there before.
+
     Raises:
-        InvalidInputError: if something is in it already, or it cannot be made.
+        InvalidInputError: if something is in it already, it cannot be made, or its disk is full.
     """
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise InvalidInputError(f"{folder}: exists; allowed for a recording is a folder that is new or empty.")
     try:
+        is_new = not folder.exists()
+        if not is_new and (not folder.is_dir() or any(folder.iterdir())):
+            raise InvalidInputError(f"{folder}: exists; allowed for a recording is a folder that is new or empty.")
         folder.mkdir(parents=True, exist_ok=True)
+        free = shutil.disk_usage(folder).free
+        if free < _LEAST_FREE and is_new:
+            folder.rmdir()
     except OSError as error:
         raise InvalidInputError(f"{folder}: cannot be made ({error.strerror}).") from None
+    if free < _LEAST_FREE:
+        raise InvalidInputError(
+            f"{folder}: its disk has {free / 1e6:.1f} MB left; allowed for a recording are {_LEAST_FREE / 1e6:g} MB."
+        )
+    return is_new

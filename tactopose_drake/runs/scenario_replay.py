@@ -3,19 +3,27 @@
 import contextlib
 import dataclasses
 import math
+from collections.abc import Mapping
 from pathlib import Path
 
+import numpy as np
 from pydrake.systems.analysis import Simulator
 
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.errors import InvalidFileError, InvalidInputError
+from tactopose_drake.estimation.prior import PosePrior
+from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.runs.advance import Look, Progress, RunView, advance
-from tactopose_drake.runs.manifest import SIGNALS, Manifest, load_manifest
+from tactopose_drake.runs.manifest import ESTIMATES, MANIFEST, SIGNALS, Manifest, load_manifest
+from tactopose_drake.runs.replay_comparison import ReplayComparison
 from tactopose_drake.runs.simulation import TRUE_POSE
 from tactopose_drake.station.can_devices import CanDevices, logged_buses
 from tactopose_drake.station.hardware import make_hardware_station
 from tactopose_drake.station.scenario import Scenario
-from tactopose_drake.station.senses import CanSenses
-from tactopose_drake.systems.signals import read_signals
+from tactopose_drake.station.senses import CanSenses, JointPort
+from tactopose_drake.systems.signals import Signal, read_signals
+
+_LONGEST_SILENCE = 60.0  # s, from the beginning of a run to the first frame
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -26,11 +34,14 @@ class Replay:
         view: of the run at its end.
         ends: how each file ended, in a sentence: after how many frames, and whether it was cut off.
         whole: whether none was cut off.
+        difference: from when on, and why, the estimates are not those of the run; empty where they are, or where the
+            scenario estimates otherwise.
     """
 
     view: RunView
     ends: tuple[str, ...]
     whole: bool
+    difference: str
 
 
 def replay(
@@ -61,20 +72,30 @@ def replay(
     """
     manifest = load_manifest(folder)
     manifest.check_scenario(scenario, folder)
+    comparison = ReplayComparison(
+        folder / ESTIMATES, is_live=isinstance(manifest.scenario.senses, CanSenses)
+    )
+    is_compared = scenario.estimation == manifest.scenario.estimation
     scenario = _as_recorded(scenario, manifest)
+    scenario.validate()
     signals, cut = read_signals(folder / SIGNALS)
     # What is beyond the last whole line is not known.
     last = max((signal.times[-1] for signal in signals.values()), default=0.0)
     signals.pop(TRUE_POSE, None)
+    _check_signals(signals, scenario, cut or f"{folder / SIGNALS}: is whole.")
     tell("reading the object")
     model = ObjectModel.from_mesh(scenario.object_mesh())
     with contextlib.ExitStack() as parts:
         devices = _logged_devices(folder, manifest)
         if devices is not None and devices.hand is not None:
             signals.pop("joint_positions", None)  # They are in the log.
-        station = make_hardware_station(scenario, devices, signals, model=model)
+        try:
+            station = make_hardware_station(scenario, devices, signals, model=model)
+        except InvalidInputError as error:  # The scenario is valid by itself.
+            raise InvalidFileError(f"{folder}: {error}") from None
         if devices is not None:
             parts.enter_context(devices)
+            _check_start(manifest.start, devices, folder)
             devices.start(manifest.start)
         simulator = Simulator(station.diagram)
         if paced:
@@ -87,19 +108,28 @@ def replay(
         def at_end() -> bool:
             return bool(buses) and all(bus.log_end is not None for bus in buses)
 
+        def compare_and_look(view: RunView) -> None:
+            # What comes after the end of a log is not compared.
+            if is_compared and not at_end():
+                comparison.look(view)
+            look(view)
+
         with contextlib.suppress(KeyboardInterrupt):
-            advance(simulator, devices, scenario.estimation.estimator.period, until, look, at_end)
+            advance(simulator, devices, scenario.estimation.estimator.period, until, compare_and_look, at_end)
         ends = [bus.log_end for bus in buses if bus.log_end is not None]
         texts = (*(str(end) for end in ends), *([cut] if cut else []))
         view = RunView(station.diagram, simulator.get_context())
-        return Replay(view, texts, not cut and all(end.whole for end in ends))
+        return Replay(view, texts, not cut and all(end.whole for end in ends), comparison.difference)
 
 
 def _as_recorded(scenario: Scenario, manifest: Manifest) -> Scenario:
     """The scenario with the recording's senses, and without a time limit."""
     estimator = dataclasses.replace(scenario.estimation.estimator, max_duration=None)
     estimation = dataclasses.replace(scenario.estimation, estimator=estimator)
-    return dataclasses.replace(scenario, senses=manifest.scenario.senses, estimation=estimation)
+    senses = manifest.scenario.senses
+    if isinstance(senses, CanSenses):  # What came from files then is among the signals.
+        senses = dataclasses.replace(senses, joints=JointPort(), prior="")
+    return dataclasses.replace(scenario, senses=senses, estimation=estimation)
 
 
 def _logged_devices(folder: Path, manifest: Manifest) -> CanDevices | None:
@@ -110,3 +140,34 @@ def _logged_devices(folder: Path, manifest: Manifest) -> CanDevices | None:
     devices = CanDevices(senses, logged_buses({name: folder / file for name, file in manifest.buses.items()}))
     devices.set_biases(manifest.biases)
     return devices
+
+
+def _check_signals(signals: Mapping[str, Signal], scenario: Scenario, state: str) -> None:
+    """Raises InvalidFileError if a signal is missing that the run had: without it, the estimate would be another."""
+    senses, hand = scenario.senses, load_hand_config(scenario.hand)
+    needed = []
+    if not isinstance(senses, CanSenses):
+        needed = [f"wrench_{finger.name}" for finger in hand.fingers if finger.sensor_frame]
+        needed += [f"pressures_{pad.name}" for pad in hand.pads] + ["prior"]
+    if not isinstance(senses, CanSenses) or senses.barrett_hand is None:
+        needed.append("joint_positions")
+    for name in needed:
+        if name not in signals:
+            raise InvalidFileError(f"{state} It has no {name}, which the run has recorded.")
+    for name, signal in signals.items():
+        kind = PosePrior if name == "prior" else np.ndarray
+        if not all(isinstance(value, kind) or (value is None and name == "prior") for value in signal.values):
+            raise InvalidFileError(f"{state} Its {name} has another kind of value; allowed is a {_KINDS[kind]}.")
+
+
+_KINDS: dict[type, str] = {PosePrior: "prior", np.ndarray: "vector"}
+
+
+def _check_start(start: float, devices: CanDevices, folder: Path) -> None:
+    """Raises InvalidFileError if the run began long before the first frame: the replay would wait for it."""
+    first = min(bus.clock.time() for bus in devices.buses.values())
+    if start < first - _LONGEST_SILENCE:
+        raise InvalidFileError(
+            f"{folder / MANIFEST}: start: is {first - start:.0f} s before the logs' first frame; "
+            f"allowed are {_LONGEST_SILENCE:g} s at most."
+        )

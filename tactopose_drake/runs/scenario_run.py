@@ -1,19 +1,20 @@
 """Runs a scenario: in the simulator as fast as it goes, or on CAN devices in real time."""
 
 import contextlib
+import dataclasses
 from pathlib import Path
 
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.runs.advance import Look, Progress, RunView, advance
-from tactopose_drake.runs.device_run import run_devices
+from tactopose_drake.runs.device_run import check_devices, run_devices
 from tactopose_drake.runs.recording import Recording
 from tactopose_drake.runs.scenario_replay import replay
 from tactopose_drake.runs.simulation import start_simulation
 from tactopose_drake.station.scenario import Scenario
-from tactopose_drake.station.senses import CanSenses, RecordedSenses
-from tactopose_drake.station.simulated import make_station
+from tactopose_drake.station.senses import CanSenses, RecordedSenses, SimulatedDevices
+from tactopose_drake.station.simulated import check_bodies, make_station
 
 
 def run_scenario(
@@ -46,18 +47,25 @@ def run_scenario(
         if record is not None:
             raise InvalidInputError("record: the scenario's senses are recorded already; allowed are others.")
         return replay(Path(scenario.senses.folder), scenario, duration=duration, look=look, tell=tell).view
+    if not isinstance(scenario.senses, CanSenses) or scenario.senses.simulated == SimulatedDevices():
+        check_bodies(scenario)
+    if isinstance(scenario.senses, CanSenses):
+        check_devices(scenario)
     with contextlib.ExitStack() as parts:
         recording = None if record is None else parts.enter_context(Recording(record, scenario))
 
         def record_and_look(view: RunView) -> None:
             if recording is not None:
                 recording.look(view.diagram, view.context)
+                if recording.lost:
+                    tell(recording.lost[0])
             look(view)
 
         tell("reading the object")
         model = ObjectModel.from_mesh(scenario.object_mesh())
         run = run_devices if isinstance(scenario.senses, CanSenses) else _run_simulated
-        return run(scenario, model, duration, recording, record_and_look, tell)
+        view = run(scenario, model, duration, recording, record_and_look, tell)
+    return view if recording is None else dataclasses.replace(view, lost=recording.lost)
 
 
 def _run_simulated(

@@ -48,6 +48,7 @@ class CanDevices:
         buses: by name.
         boards: force-torque boards by finger.
         hand: Barrett's hand, or None.
+        recorders: of the buses that are recorded, once they are open.
     """
 
     def __init__(
@@ -66,6 +67,7 @@ class CanDevices:
         self.buses = dict(buses)
         self._senses, self._logs = senses, dict(logs or {})
         self._parts = contextlib.ExitStack()
+        self.recorders: list[CanRecorder] = []
         self.boards = {
             finger: _make_board(finger, board, self.buses[board.bus]) for finger, board in senses.fingers.items()
         }
@@ -83,6 +85,7 @@ class CanDevices:
             # The recorders last: they must outlive their buses, whose threads write to them.
             for name, path in self._logs.items():
                 parts.enter_context(recorder := CanRecorder(path))
+                self.recorders.append(recorder)
                 recorder.record(self.buses[name])
             for bus in self.buses.values():
                 parts.enter_context(bus)

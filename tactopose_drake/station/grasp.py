@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from pydrake.common import RandomGenerator
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder, OutputPort
@@ -14,6 +13,7 @@ from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.hand.hand_config import Hand
 from tactopose_drake.hand.hand_joints import HandJoints
 from tactopose_drake.hand.hand_reach import rest_positions
+from tactopose_drake.resources import drawn_pose
 from tactopose_drake.station.scenario import Scenario
 from tactopose_drake.systems.grasp_controller import GraspController
 from tactopose_drake.systems.grip_controller import GripController
@@ -67,7 +67,7 @@ def add_grip(builder: DiagramBuilder, scenario: Scenario, plant: MultibodyPlant,
     q, places = _rest(plant, hand), HandJoints.of(plant, hand).position
     for joint, position in params.fixed.items():
         q[places[joint]] = position
-    X_PO = scenario.grip.X_PO[scenario.object].Sample(RandomGenerator(scenario.seed))
+    X_PO = drawn_pose(f"Grip.X_PO[{scenario.object}]", scenario.grip.X_PO[scenario.object], scenario.seed)
     return GraspStart(_followed(plant, hand, q), X_PO)
 
 

@@ -8,7 +8,7 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.hand_config import load_hand_config, make_hand_plant
 from tactopose_drake.hand.hand_reach import make_hand_reach
-from tactopose_drake.resources import add_model, make_parser
+from tactopose_drake.resources import add_model, fixed_pose, make_parser
 from tactopose_drake.station.scenario import Scenario
 
 
@@ -26,7 +26,7 @@ def plan_scenario(scenario: Scenario, model: ObjectModel | None = None) -> list[
     X_BaseP = plant.CalcRelativeTransform(
         context, plant.GetFrameByName(config.base_link, hand.model_instance), hand.palm_frame
     )
-    R_WP = scenario.X_WBase.GetDeterministicValue().rotation() @ X_BaseP.rotation()
+    R_WP = fixed_pose("Scenario.X_WBase", scenario.X_WBase).rotation() @ X_BaseP.rotation()
     load_P = R_WP.inverse() @ (_object_mass(scenario) * plant.gravity_field().gravity_vector())
     reach = make_hand_reach(config, scenario.reach)
     plans = plan_grasps(model, reach, load_P, scenario.planner, np.random.default_rng(scenario.seed))

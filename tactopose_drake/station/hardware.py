@@ -15,6 +15,7 @@ from tactopose_drake.hand.fingertip_weights import FingertipWeights
 from tactopose_drake.hand.hand_config import Hand, HandConfig, load_hand_config, make_hand_plant
 from tactopose_drake.hand.joint_matrices import joint_matrix
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
+from tactopose_drake.resources import fixed_pose
 from tactopose_drake.station.can_devices import CanDevices
 from tactopose_drake.station.scenario import Scenario
 from tactopose_drake.station.senses import CanSenses
@@ -158,7 +159,7 @@ def _add_boards(
         ports[f"wrench_{finger}"] = sensor.GetOutputPort("wrench")
     if not senses.compensate_weight:
         return ports
-    weights = FingertipWeights(plant, hand, scenario.X_WBase.GetDeterministicValue().rotation())
+    weights = FingertipWeights(plant, hand, fixed_pose("Scenario.X_WBase", scenario.X_WBase).rotation())
     weight = builder.AddNamedSystem("fingertip_weight", FingertipWeight(weights, tuple(boards), plant.num_positions()))
     builder.Connect(joint_positions, weight.GetInputPort("joint_positions"))
     for name, port in ports.items():

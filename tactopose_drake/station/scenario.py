@@ -1,6 +1,7 @@
 """A simulated grasp as data: which hand, which object, where, and how each part behaves."""
 
 import dataclasses
+import os
 from pathlib import Path
 
 from pydrake.common.schema import Rotation, Transform
@@ -11,8 +12,11 @@ from tactopose_drake.core.grasping.grasp_planner import PlannerParams
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
 from tactopose_drake.hand.hand_config import load_hand_config
-from tactopose_drake.resources import load_typed_yaml, model_path, resource_root
+from tactopose_drake.hand.tactile_pads import load_tactile_pad
+from tactopose_drake.resources import drawn_pose, fixed_pose, load_typed_yaml, model_path, resource_root
+from tactopose_drake.station.scenario_limits import check_limits, check_plant
 from tactopose_drake.station.senses import CanSenses, RecordedSenses, SimulatedSenses
+from tactopose_drake.systems.force_torque_sensor import load_force_torque_model
 from tactopose_drake.systems.grasp_controller import GraspControllerParams
 from tactopose_drake.systems.grip_controller import GripControllerParams
 from tactopose_drake.systems.pose_estimation import PoseEstimationParams
@@ -95,11 +99,11 @@ class Scenario:
 
     def validate(self) -> None:
         """Raises InvalidInputError if a value is out of its range, or a file is missing."""
-        if self.seed < 0:
-            raise InvalidInputError(f"Scenario.seed: is {self.seed}; allowed are integers >= 0.")
+        check_limits("Scenario", self)
         positive_number("Scenario.duration", self.duration)
-        positive_number("Scenario.plant.time_step", self.plant.time_step)
-        positive_number("Scenario.sensor.period", self.sensor.period)
+        check_plant("Scenario.plant", self.plant)
+        fixed_pose("Scenario.X_WBase", self.X_WBase)
+        fixed_pose("Scenario.X_WC", self.X_WC)
         for field in dataclasses.fields(self.check):
             positive_number(f"Scenario.check.{field.name}", getattr(self.check, field.name))
         for part in (self.reach, self.planner, self.controller, self.vision, self.estimation, self.tracking):
@@ -107,10 +111,16 @@ class Scenario:
                 part.validate()
         if self.grip is not None:
             self.grip.validate()
+            for name, X_PO in self.grip.X_PO.items():
+                drawn_pose(f"Scenario.grip.X_PO[{name}]", X_PO, self.seed)
+        load_force_torque_model(self.sensor.calibration)
+        hand = load_hand_config(self.hand)
+        for pad in hand.pads:
+            load_tactile_pad(pad.array)
         if isinstance(self.senses, CanSenses):
-            self.senses.validate(load_hand_config(self.hand))
+            self.senses.validate(hand)
         for path in (self.object_sdf(), self.object_mesh()):
-            if not path.is_file():
+            if not os.path.isfile(path):
                 known = ", ".join(sorted(shipped.stem for shipped in model_path("objects").glob("*.sdf")))
                 raise InvalidInputError(f"Scenario.object: {path} does not exist; the package's objects are {known}.")
         if self.grip is not None and self.object not in self.grip.X_PO:
@@ -128,19 +138,31 @@ class Scenario:
         return self.object_sdf().with_suffix(".obj")
 
 
+def scenario_file(name_or_path: str | Path) -> Path:
+    """Where a scenario is read from: one of the package's diagrams by name, or any file by path.
+
+    Raises:
+        InvalidFileError: if there is no such file.
+    """
+    diagrams, ending = resource_root() / "diagrams", ".scenario.yaml"
+    shipped = diagrams / f"{name_or_path}{ending}"
+    path = shipped if os.path.isfile(shipped) else Path(name_or_path)
+    if not os.path.exists(path):
+        known = ", ".join(sorted(file.name.removesuffix(ending) for file in diagrams.glob(f"*{ending}")))
+        raise InvalidFileError(f"{path}: there is no such file; the package's scenarios are {known}.")
+    return path
+
+
 def load_scenario(name_or_path: str | Path) -> Scenario:
     """Reads a `*.scenario.yaml`: one of the package's diagrams by name, or any file by path.
 
     Raises:
-        InvalidFileError: if the file cannot be read or does not fit `Scenario`.
-        InvalidInputError: if a value is out of its range.
+        InvalidFileError: if the file cannot be read or does not fit `Scenario`, or a value is out of its range.
     """
-    diagrams, ending = resource_root() / "diagrams", ".scenario.yaml"
-    shipped = diagrams / f"{name_or_path}{ending}"
-    path = shipped if shipped.is_file() else Path(name_or_path)
-    if not path.exists():
-        known = ", ".join(sorted(file.name.removesuffix(ending) for file in diagrams.glob(f"*{ending}")))
-        raise InvalidFileError(f"{path}: there is no such file; the package's scenarios are {known}.")
+    path = scenario_file(name_or_path)
     scenario = load_typed_yaml(Scenario, path)
-    scenario.validate()
+    try:
+        scenario.validate()
+    except InvalidInputError as error:
+        raise InvalidFileError(f"{path}: {error}") from None
     return scenario

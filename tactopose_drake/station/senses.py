@@ -1,7 +1,7 @@
 """Where a scenario's senses come from: the simulator, devices on CAN buses, or a recording; only data."""
 
 import dataclasses
-from pathlib import Path
+import os
 
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
@@ -127,7 +127,7 @@ class CanSenses:
                     "CanSenses.joints: is given, but Barrett's hand measures its own; allowed is none."
                 )
         for path in (self.prior, self.joints.path if isinstance(self.joints, JointFile) else ""):
-            if path and not Path(path).is_file():
+            if path and not os.path.isfile(path):
                 raise InvalidInputError(f"CanSenses: the file {path} does not exist.")
 
     def _check_device(self, name: str, device: ForceTorqueBoard | BarrettPucks) -> None:

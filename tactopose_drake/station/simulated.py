@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from pydrake.geometry import Meshcat, MeshcatVisualizer, SceneGraph
+from pydrake.geometry import DefaultProximityProperties, Meshcat, MeshcatVisualizer, SceneGraph, SceneGraphConfig
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant
 from pydrake.multibody.tree import Joint, RigidBody
@@ -11,8 +11,9 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventSta
 
 from tactopose_drake.core.grasping.grasp_planner import GraspPlan
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.hand_config import Hand, add_hand, load_hand_config
-from tactopose_drake.resources import add_model, make_parser
+from tactopose_drake.resources import add_model, fixed_pose, make_parser
 from tactopose_drake.station.grasp import GraspStart, add_grip, add_planned_grasp
 from tactopose_drake.station.grasp_planning import plan_scenario
 from tactopose_drake.station.scenario import Scenario
@@ -105,13 +106,7 @@ def make_station(
     if scenario.grip is None and plan is None:
         plan = plan_scenario(scenario, model)[0]
     builder = DiagramBuilder()
-    plant, scene_graph = AddMultibodyPlant(config=scenario.plant, builder=builder)
-    hand = add_hand(plant, load_hand_config(scenario.hand), scenario.X_WBase.GetDeterministicValue())
-    object_instance = add_model(make_parser(plant), scenario.object_sdf())
-    if scenario.grip is not None:
-        set_motor_gains(plant, hand, scenario.grip.controller)
-    plant.Finalize()
-    (object_joint,) = (plant.get_joint(index) for index in plant.GetJointIndices(object_instance))
+    plant, scene_graph, hand, object_joint = _add_bodies(builder, scenario)
     object_body = object_joint.child_body()
 
     senses = add_senses(builder, scenario, plant, hand)
@@ -139,6 +134,42 @@ def make_station(
     return Station(diagram, plant, scene_graph, hand, object_body, object_joint, model, start, plan, scenario)
 
 
+def check_bodies(scenario: Scenario) -> None:
+    """Makes the simulator's bodies and senses, in a tenth of a second, before anything takes its time.
+
+    Raises:
+        InvalidInputError: if hand or object cannot be simulated; the message says why.
+    """
+    builder = DiagramBuilder()
+    plant, _, hand, _ = _add_bodies(builder, scenario)
+    add_senses(builder, scenario, plant, hand)
+    if scenario.grip is not None:
+        add_grip(builder, scenario, plant, hand)
+
+
+def _add_bodies(builder: DiagramBuilder, scenario: Scenario) -> tuple[MultibodyPlant, SceneGraph, Hand, Joint]:
+    """The plant with hand and object, finalized; the joint is the object's."""
+    # What a hand's or an object's file does not say of its shapes' contact makes them compliant.
+    default = DefaultProximityProperties(compliance_type="compliant")
+    plant, scene_graph = AddMultibodyPlant(
+        plant_config=scenario.plant,
+        scene_graph_config=SceneGraphConfig(default_proximity_properties=default),
+        builder=builder,
+    )
+    hand = add_hand(plant, load_hand_config(scenario.hand), fixed_pose("Scenario.X_WBase", scenario.X_WBase))
+    object_instance = add_model(make_parser(plant), scenario.object_sdf())
+    if scenario.grip is not None:
+        set_motor_gains(plant, hand, scenario.grip.controller)
+    try:
+        plant.Finalize()
+    except RuntimeError as error:
+        raise InvalidInputError(f"Scenario: cannot be simulated ({' '.join(str(error).split())}).") from None
+    joints = [plant.get_joint(index) for index in plant.GetJointIndices(object_instance)]
+    if len(joints) != 1 or joints[0].num_positions() != 7:
+        raise InvalidInputError(f"{scenario.object_sdf()}: has joints; allowed is one free body.")
+    return plant, scene_graph, hand, joints[0]
+
+
 def _add_vision(
     builder: DiagramBuilder,
     scenario: Scenario,
@@ -158,7 +189,7 @@ def _add_vision(
                 object_body=object_body,
                 object_model=model,
                 palm_frame=hand.palm_frame,
-                X_WC=scenario.X_WC.GetDeterministicValue(),
+                X_WC=fixed_pose("Scenario.X_WC", scenario.X_WC),
             ),
             params=scenario.vision,
         ),

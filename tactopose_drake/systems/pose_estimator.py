@@ -12,8 +12,8 @@ from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import positive_number
-from tactopose_drake.errors import InvalidInputError
-from tactopose_drake.estimation.estimate import estimate_pose
+from tactopose_drake.errors import InvalidInputError, UnknownNameError
+from tactopose_drake.estimation.estimate import METHODS, estimate_pose
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.hand.collision import HandCollision, keep_clear
@@ -33,7 +33,11 @@ class PoseEstimatorParams:
     collision_tolerance: float = 0.003  # depth in the hand that is no collision yet, m: three sigma of where it is
 
     def validate(self) -> None:
-        """Raises InvalidInputError if a number is out of its range; an unknown method is named by `estimate_pose`."""
+        """Raises InvalidInputError if a number is out of its range or the method unknown."""
+        if self.method not in METHODS:
+            raise UnknownNameError("PoseEstimatorParams.method", self.method, METHODS)
+        if self.seed < 0:
+            raise InvalidInputError(f"PoseEstimatorParams.seed: is {self.seed}; allowed are integers >= 0.")
         positive_number("PoseEstimatorParams.period", self.period)
         positive_number("PoseEstimatorParams.collision_tolerance", self.collision_tolerance, allow_zero=True)
         if self.max_duration is not None:

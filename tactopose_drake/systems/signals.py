@@ -8,15 +8,21 @@ the last bit; and any language reads it. NaN is `null`.
 import bisect
 import dataclasses
 import json
+import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Self, TextIO, TypeAlias
+from typing import Any, Self, TypeAlias
 
 import numpy as np
 from pydrake.math import RigidTransform
 
+from tactopose_drake.core.validation import FloatArray, pose_matrix
 from tactopose_drake.errors import InvalidFileError
 from tactopose_drake.estimation.prior import PosePrior
+from tactopose_drake.systems.line_file import LineFile
+from tactopose_drake.yaml_files import shown
+
+_LARGEST = 1e12  # of a number, in SI units; nothing that is measured comes near
 
 # A vector (FloatArray), a pose (RigidTransform), what is known of a pose (PosePrior), or None: not known yet.
 Value: TypeAlias = Any
@@ -51,7 +57,12 @@ class Signal:
 
 
 class SignalRecorder:
-    """Keeps signals in memory, and on disk where it is told to; a context manager."""
+    """Keeps signals in memory, or on disk where it is told to; a context manager.
+
+    Attributes:
+        signals: by name; empty where they are on disk.
+        file: on disk; None where they are in memory.
+    """
 
     def __init__(self, path: Path | None = None) -> None:
         """Creates the file.
@@ -64,19 +75,14 @@ class SignalRecorder:
         """
         self.signals: dict[str, Signal] = {}
         self._last: dict[str, str] = {}
-        self._file: TextIO | None = None
-        if path is not None:
-            try:
-                self._file = path.open("w", encoding="utf-8", buffering=1)
-            except OSError as error:
-                raise InvalidFileError(f"{path}: cannot be written ({error.strerror}).") from None
+        self.file = None if path is None else LineFile(path)
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self._file is not None:
-            self._file.close()
+        if self.file is not None:
+            self.file.close()
 
     def write(self, name: str, time: float, value: Value) -> None:
         """Adds a value, unless it is the signal's last one."""
@@ -84,8 +90,8 @@ class SignalRecorder:
         if self._last.get(name) == text:
             return
         self._last[name] = text
-        if self._file is not None:
-            self._file.write(f'{{"time": {time!r}, "name": {json.dumps(name)}, {text[1:]}\n')
+        if self.file is not None:
+            self.file.write(f'{{"time": {time!r}, "name": {json.dumps(name)}, {text[1:]}')
             return
         signal = self.signals.setdefault(name, Signal([], []))
         signal.times.append(time)
@@ -104,20 +110,66 @@ def read_signals(path: Path) -> tuple[dict[str, Signal], str]:
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        raise InvalidFileError(f"{path}: cannot be read ({error}).") from None
+        raise InvalidFileError(f"{path}: cannot be read ({' '.join(str(error).split())}).") from None
     whole, newline, rest = text.rpartition("\n")
     signals: dict[str, Signal] = {}
-    lines = whole.splitlines() if newline else []
+    lines = whole.split("\n") if newline else []
+    last = -math.inf
     for number, line in enumerate(lines, 1):
         try:
-            entry = json.loads(line)
-            time, name, value = float(entry.pop("time")), str(entry.pop("name")), _decode(entry)
-        except (ValueError, TypeError, KeyError, AttributeError) as error:
-            raise InvalidFileError(f"{path}: line {number} is no signal ({error}).") from None
-        signal = signals.setdefault(name, Signal([], []))
+            time, name, value = _read_line(line)
+            if time < last:
+                raise ValueError(f"its time is {time:g}, after {last:g}")
+            last, signal = time, signals.setdefault(name, Signal([], []))
+            _check_like(value, signal)
+        except (ArithmeticError, LookupError, RecursionError, RuntimeError, TypeError, ValueError) as error:
+            reason = shown(" ".join(str(error).split()))[1:-1]
+            raise InvalidFileError(f"{path}: line {number} is no signal ({reason}).") from None
         signal.times.append(time)
         signal.values.append(value)
     return signals, f"{path}: is cut off after {len(lines)} whole lines." if rest else ""
+
+
+def _read_line(line: str) -> tuple[float, str, Value]:
+    """Time, name and value; any of several errors for a line that is no signal."""
+    entry = json.loads(line, object_pairs_hook=_unique, parse_constant=_refuse)
+    if not isinstance(entry, dict):
+        raise TypeError("it is no mapping")
+    time, name = entry.pop("time", None), entry.pop("name", None)
+    if not isinstance(name, str):
+        raise TypeError("its name is no text")
+    return _number(time), name, _decode(entry)
+
+
+def _check_like(value: Value, signal: Signal) -> None:
+    """Raises ValueError if a value is not of the kind and length of its signal's others; None is of any kind."""
+    other = next((known for known in reversed(signal.values) if known is not None), None)
+    if value is not None and other is not None and (type(value), np.shape(value)) != (type(other), np.shape(other)):
+        raise ValueError("it is of another kind or length than the signal's others")
+
+
+def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    entry = dict(pairs)
+    if len(entry) < len(pairs):
+        raise ValueError("a key is given twice")
+    return entry
+
+
+def _refuse(text: str) -> float:
+    raise ValueError(f"{text} is no number")
+
+
+def _number(value: Any) -> float:
+    """A finite number. NumPy would take text and booleans for some."""
+    if not isinstance(value, float | int) or isinstance(value, bool) or not math.isfinite(value):
+        raise ValueError(f"{shown(value)} is no finite number")
+    if abs(value) > _LARGEST:
+        raise ValueError(f"{shown(value)} is beyond {_LARGEST:g}")
+    return float(value)
+
+
+def _matrix(rows: Any) -> FloatArray:
+    return np.array([[_number(value) for value in row] for row in rows], dtype=np.float64)
 
 
 def _encode(value: Value) -> Mapping[str, Any]:
@@ -134,11 +186,11 @@ def _encode(value: Value) -> Mapping[str, Any]:
 def _decode(entry: dict[str, Any]) -> Value:
     ((kind, data),) = entry.items()
     if kind == "vector":
-        return np.array([np.nan if number is None else number for number in data], dtype=np.float64)
+        return np.array([np.nan if number is None else _number(number) for number in data], dtype=np.float64)
     if kind == "pose":
-        return RigidTransform(np.array(data, dtype=np.float64))
+        return RigidTransform(pose_matrix("pose", _matrix(data)))
     if kind == "prior":
-        return PosePrior(np.array(data["X_PO"]), data["translation"], data["rotation"])
+        return PosePrior(_matrix(data["X_PO"]), _number(data["translation"]), _number(data["rotation"]))
     if kind == "unknown":
         return None
-    raise ValueError(f"{kind!r} is none of vector, pose, prior, unknown")
+    raise ValueError(f"{shown(kind)} is none of vector, pose, prior, unknown")

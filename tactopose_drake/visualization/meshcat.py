@@ -13,6 +13,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.estimation.output_files import written_beside
 from tactopose_drake.visualization.patch_marks import add_patches, move_patches
 from tactopose_drake.visualization.remote_meshcat import RemoteMeshcat
 from tactopose_drake.visualization.scene import (
@@ -189,8 +190,13 @@ def set_stage(meshcat: Meshcat, target: FloatArray, size: float, direction: Floa
 
 
 def save_html(path: Path, meshcat: Meshcat) -> None:
-    """Writes all that Meshcat shows, with its published recording, as one web page that works without a network."""
-    path.write_text(meshcat.StaticHtml(), encoding="utf-8")
+    """Writes all that Meshcat shows, with its published recording, as one web page that works without a network.
+
+    Raises:
+        InvalidFileError: the file cannot be written.
+    """
+    with written_beside(path) as beside:
+        beside.write_text(meshcat.StaticHtml(), encoding="utf-8")
 
 
 def _along(direction: FloatArray) -> RigidTransform:

@@ -14,6 +14,7 @@ from scipy.ndimage import binary_dilation, binary_erosion
 
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.core.vision.rasterizer import Camera, Layer, Surface, render
+from tactopose_drake.estimation.output_files import written_beside
 from tactopose_drake.visualization.patch_marks import plate_edges
 from tactopose_drake.visualization.scene import (
     CONTACT_COLOUR,
@@ -86,7 +87,8 @@ def save_picture(
         axes.set_title(caption, fontsize=15, pad=7)
     handles = _legend(scene, prior_label, is_painted=colours is not None)
     figure.legend(handles=handles, loc="lower center", ncols=4 if len(panels) < 2 else 7, frameon=False, fontsize=11)
-    figure.savefig(path, facecolor="white")
+    with written_beside(path) as beside:
+        figure.savefig(beside, facecolor="white")
 
 
 class _Overlay:

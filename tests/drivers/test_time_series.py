@@ -58,3 +58,9 @@ def test_bad_files_are_one_clear_error(tmp_path: Path, rows: np.ndarray) -> None
 def test_missing_files_are_one_clear_error(tmp_path: Path) -> None:
     with pytest.raises(InvalidFileError, match="nowhere"):
         load_time_series(tmp_path / "nowhere.csv", 6)
+
+
+def test_a_file_without_rows_is_one_clear_error(tmp_path: Path) -> None:
+    (tmp_path / "load.csv").write_text("time, m_x, m_y, m_z, f_x, f_y, f_z\n")
+    with pytest.raises(InvalidFileError, match=r"load\.csv"):
+        load_time_series(tmp_path / "load.csv", 6)

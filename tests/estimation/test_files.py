@@ -58,7 +58,7 @@ def test_a_prior_is_read(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("contacts: [", r"file.yaml: is not YAML at line 1, column 12"),
+        ("contacts: [", r"file.yaml: is not YAML at line 2, column 1"),
         ("3", "is 3; allowed is a mapping with the keys contacts, sigma_position, sigma_normal_deg"),
         ("contacts: []", r"contacts: is \[\]; allowed is a list of at least one contact"),
         ("touches: []", "key 'touches' is unknown; allowed are contacts"),
@@ -68,14 +68,21 @@ def test_a_prior_is_read(tmp_path: Path) -> None:
         ("contacts: [{position: [0, 0]}]", r"contacts\[0\].position: has shape \(2,\); allowed is \(3,\)"),
         ("contacts: [{position: [0, 0, 0], normal: [0, 1]}]", r"contacts\[0\].normal: has shape \(2,\)"),
         ("contacts: [{position: [0, .nan, 0]}]", r"contacts\[0\].position\[1\]: is nan; allowed are finite numbers"),
-        ("contacts: [{position: [a, b, c]}]", r"contacts\[0\].position: not an array of numbers"),
+        ("contacts: [{position: [a, b, c]}]", r"contacts\[0\].position\[0\]: is 'a'; allowed are numbers"),
         ("contacts: [{position: [0, 0, 0], normal: [0, 0, 2]}]", r"n_PC\[0\]: has length 2; allowed is 1 within"),
         (
             "contacts: [{position: [0, 0, 0], normal: [0, 0, 1]}, {position: [0, 0, 0]}]",
             r"contacts\[1\]: has no normal, but contacts\[0\] has",
         ),
         ("{contacts: [{position: [0, 0, 0]}], sigma_position: -1}", "sigma_position: is -1; allowed are numbers > 0"),
-        ("{contacts: [{position: [0, 0, 0]}], sigma_normal_deg: x}", "sigma_normal_deg: not an array of numbers"),
+        ("{contacts: [{position: [0, 0, 0]}], sigma_position: yes}", "sigma_position: is True; allowed are numbers"),
+        ("contacts: [{position: [0, true, 0]}]", r"position\[1\]: is True; allowed are numbers"),
+        ("contacts: [{position: ['0', 0, 0]}]", r"position\[0\]: is '0'; allowed are numbers"),
+        ("contacts: [{position: [2020-13-45, 0, 0]}]", r"position\[0\]: is '2020-13-45'; allowed are numbers"),
+        ("contacts: [{position: [[0], [0], 0]}]", r"position\[0\]: is \[0\]; allowed are numbers"),
+        ("contacts: [{position: [0, 0, 0], position: [1, 0, 0]}]", "line 1: key 'position' is given twice"),
+        ("contacts: [{position: [1" + "0" * 400 + ", 0, 0]}]", r"line 1: contacts\[0\].position\[0\]: is '100000"),
+        ("{contacts: [{position: [0, 0, 0]}], sigma_normal_deg: x}", "sigma_normal_deg: is 'x'; allowed are numbers"),
     ],
 )
 def test_each_fault_of_contacts_is_one_line_with_its_place(tmp_path: Path, text: str, message: str) -> None:

@@ -6,6 +6,7 @@ import yaml
 
 from tactopose_drake.errors import InvalidFileError
 from tactopose_drake.estimation import object_library
+from tactopose_drake.estimation.library_files import read_library
 from tactopose_drake.estimation.object_library import LibraryWarning, ObjectLibrary, forget_models
 
 BOX = trimesh.creation.box((0.08, 0.05, 0.03))
@@ -151,12 +152,20 @@ def test_a_bad_entry_is_left_out(folder: Path, entry: str, reason: str) -> None:
     assert names(library) == ["rod"]
 
 
-def test_a_name_that_comes_twice_in_a_manifest_counts_once(folder: Path) -> None:
+def test_a_name_that_comes_twice_in_a_manifest_is_an_error(folder: Path) -> None:
     (folder / "library.yaml").write_text("a: {mesh: rod.obj}\nb: {mesh: box.stl}\na: {mesh: box.stl}\n")
-    with pytest.warns(LibraryWarning, match="a is left out: another object has the same name"):
-        library = ObjectLibrary.open(folder)
-    assert names(library) == ["a", "b"]
-    assert library.objects[0].entry.mesh.name == "rod.obj"
+    with pytest.raises(InvalidFileError, match=r"library.yaml: line 3: key 'a' is given twice; allowed is once"):
+        ObjectLibrary.open(folder)
+
+
+@pytest.mark.parametrize("order", ["100000000", "61", "1", "-1", "yes", "2.5"])
+def test_an_order_of_symmetry_beyond_all_reason_is_refused_at_once(folder: Path, order: str) -> None:
+    axis = f"[{{axis: [0, 0, 1], point: [0, 0, 0], order: {order}}}]"
+    (folder / "library.yaml").write_text(f"a: {{mesh: rod.obj}}\nb: {{mesh: rod.obj, symmetry: {axis}}}\n")
+    entries, skipped = read_library(folder)
+    assert [entry.name for entry in entries] == ["a"]
+    assert "symmetry[0].order: is " in str(skipped[0])
+    assert "allowed are 0 and integers from 2 to 60" in str(skipped[0])
 
 
 @pytest.mark.parametrize("text", ["- a\n- b\n", "", "a: [", "plain"])

@@ -159,8 +159,14 @@ def test_signals_that_were_cut_off_end_the_replay(
     copy = Path(shutil.copytree(recording, tmp_path / "copy"))
     signals = copy / "signals.jsonl"
     signals.write_bytes(signals.read_bytes()[:-30] + b'{"time": 0.5')
+    assert replay_here(copy, folder, tmp_path / "out.jsonl") == 2
+    message = capsys.readouterr().err
+    assert "signals.jsonl: is cut off after 1 whole lines. It has no joint_positions" in message
+    # The joints never move, so all that is recorded of them is the first line.
+    rows = (recording / "signals.jsonl").read_bytes().splitlines(keepends=True)
+    signals.write_bytes(b"".join(rows) + b'{"time": 0.5')
     replay_here(copy, folder, tmp_path / "out.jsonl")
-    assert "signals.jsonl: is cut off after" in capsys.readouterr().out
+    assert "signals.jsonl: is cut off after 2 whole lines" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
@@ -180,6 +186,33 @@ def test_the_wrong_scenario_is_one_error(
     errors = capsys.readouterr().err
     assert message in " ".join(errors.split())
     assert "Traceback" not in errors
+
+
+def test_a_start_long_before_the_logs_is_refused(recording: Path, folder: Path, tmp_path: Path) -> None:
+    copy = Path(shutil.copytree(recording, tmp_path / "copy"))
+    text, start = (copy / "manifest.yaml").read_text(), load_manifest(recording).start
+    for early, message in ((3600.0, "start: is 36.. s before the logs' first frame"), (start, "before the logs'")):
+        (copy / "manifest.yaml").write_text(text.replace(f"start: {start!r}", f"start: {start - early!r}"))
+        with pytest.raises(InvalidFileError, match=message):
+            replay(copy, load_scenario(folder / "cube.scenario.yaml"))
+
+
+def test_a_replay_says_from_when_on_it_is_not_the_run(
+    recording: Path, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    copy, out = Path(shutil.copytree(recording, tmp_path / "copy")), tmp_path / "out.jsonl"
+    replay_here(copy, folder, out)
+    rows = lines(out)
+    (copy / "estimates.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
+    capsys.readouterr()
+    assert replay_here(copy, folder, out) == 0
+    assert "the estimates are not those of the run" not in capsys.readouterr().out
+    other = next(row for row in rows if row["hypotheses"])
+    other["hypotheses"][0]["translation"][0] += 0.001
+    (copy / "estimates.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
+    assert replay_here(copy, folder, out) == 0
+    printed = capsys.readouterr().out
+    assert f"From {other['time']:.2f} s on, the estimates are not those of the run: a live run works with" in printed
 
 
 def test_a_scenario_may_name_a_recording(recording: Path, folder: Path, tmp_path: Path) -> None:
@@ -209,7 +242,9 @@ def test_recordings_that_are_none_are_refused(recording: Path, folder: Path, tmp
             load_manifest(copy)
 
 
-def test_what_cannot_be_run_is_said_at_once(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_cannot_be_run_is_said_at_once(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     text = (folder / "cube.scenario.yaml").read_text()
 
     def attempt(old: str, new: str) -> tuple[int, str]:
@@ -218,12 +253,16 @@ def test_what_cannot_be_run_is_said_at_once(folder: Path, tmp_path: Path, capsys
         status = tactopose("run", tmp_path / "bad.scenario.yaml", "--duration", "0.1")
         return status, " ".join(capsys.readouterr().err.split())
 
+    place = f"error: {tmp_path}/bad.scenario.yaml: CanSenses.fingers[little].bus"
     assert attempt("bus: right, base: 0x20", "bus: middle, base: 0x20") == (
-        2, "error: CanSenses.fingers[little].bus: 'middle' is unknown; valid names: left, right."
+        2, f"{place}: 'middle' is unknown; valid names: left, right."
     )  # fmt: skip
     status, message = attempt("thumb:", "toe:")
     assert status == 2
     assert "CanSenses.fingers: 'toe' is unknown; valid names: first" in message
+    monkeypatch.setattr("tactopose_drake.runs.scenario_run.ObjectModel", None)  # nobody gets as far as the object
+    status, message = attempt("base: 0x22", "base: 0x10000")
+    assert (status, message.count("error: ")) == (2, 1)
     status, message = attempt("interface: virtual", "interface: telepathy")
     assert status == 2
     assert "'telepathy' is unknown" in message

@@ -108,6 +108,7 @@ def test_joints_that_are_not_given_follow_or_rest(tmp_path: Path) -> None:
     ("text", "message"),
     [
         ("time, FFJ2\n0.0\n", "must have a line of `time`"),
+        ("time, FFJ2\n", "must have a line of `time`"),
         ("FFJ2, time\n0.0, 1.0\n", "must have a line of `time`"),
         ("time, FFJ2\n0.0, nan\n", "must have a line of `time`"),
         ("time, FFJ2\n1.0, 0.0\n1.0, 0.1\n", "must rise"),

@@ -9,6 +9,13 @@ from tactopose_drake.core.sensing.tactile_layout import TactileLayout
 from tactopose_drake.core.validation import finite_array, positive_number, unit_vectors
 from tactopose_drake.errors import InvalidInputError
 
+_MAX_CELLS = 10_000  # of an array; the finest ones have some hundreds
+
+
+def _check_count(name: str, count: float) -> None:
+    if not count <= _MAX_CELLS:
+        raise InvalidInputError(f"{name}: makes {count:.4g} cells; allowed are {_MAX_CELLS} at most.")
+
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class CellRow:
@@ -46,6 +53,7 @@ class RowPattern:
         positive_number("RowPattern.pitch", self.pitch)
         if not self.rows:
             raise InvalidInputError("RowPattern.rows: is empty; allowed is a row or more.")
+        _check_count("RowPattern.rows", sum(row.count for row in self.rows))
         across = np.cross(along, normal)
         angles = np.radians([self._check(i, row).tangent_deg for i, row in enumerate(self.rows)])[:, None]
         tangents = np.cos(angles) * along - np.sin(angles) * normal
@@ -105,6 +113,8 @@ class CapsulePattern:
             if not 0 < getattr(self, name) < 90:
                 raise InvalidInputError(f"CapsulePattern.{name}: is {getattr(self, name):g}; allowed are 0 to 90.")
         half, end = math.radians(self.half_angle_deg), math.radians(self.end_angle_deg)
+        around, up = 2 * half * self.radius / self.cell, (self.length + end * self.radius) / self.cell
+        _check_count("CapsulePattern.cell", max(around, up, around * up))
         columns = math.ceil(2 * half * self.radius / self.cell)
         z = np.linspace(0.0, self.length, math.ceil(self.length / self.cell) + 1)
         bend = np.linspace(0.0, end, math.ceil(end * self.radius / self.cell) + 1)[1:]

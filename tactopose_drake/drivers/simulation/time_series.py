@@ -1,6 +1,7 @@
 """What a simulated device feels, read from a file."""
 
 import dataclasses
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -40,7 +41,9 @@ def load_time_series(path: Path, columns: int, start: float = 0.0) -> TimeSeries
         InvalidFileError: if the file cannot be read, or has other columns, or times that do not rise.
     """
     try:
-        table = finite_array("rows", np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2), (None, columns + 1))
+        with warnings.catch_warnings(action="ignore"):  # that there are no rows
+            rows = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)
+        table = finite_array("rows", rows, (None, columns + 1))
     except (OSError, ValueError) as error:
         raise InvalidFileError(f"{path}: {' '.join(str(error).split())}") from error
     if len(table) == 0 or not np.all(np.diff(table[:, 0]) > 0):

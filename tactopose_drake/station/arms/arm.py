@@ -1,6 +1,7 @@
 """What the package needs to know of an arm, how it gets into a plant, and how it gets a hand."""
 
 import dataclasses
+import os
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, ModelInstanceIndex, SpatialInertia
 
 from tactopose_drake.core.validation import FloatArray
-from tactopose_drake.errors import InvalidInputError, UnknownNameError
+from tactopose_drake.errors import InvalidFileError, InvalidInputError, UnknownNameError
 from tactopose_drake.hand.hand_config import Hand
 from tactopose_drake.resources import add_model, load_typed_yaml, make_parser, model_path
 
@@ -42,12 +43,15 @@ def load_arm_config(name_or_path: str | Path) -> ArmConfig:
     """Reads a `*.arm.yaml`: one of the package's arms by name, or any file by path.
 
     Raises:
-        InvalidFileError: if the file cannot be read or does not fit `ArmConfig`.
-        InvalidInputError: if a name is missing.
+        InvalidFileError: if the file cannot be read or does not fit `ArmConfig`, or a name is missing.
     """
     shipped = model_path("arms", str(name_or_path), f"{name_or_path}.arm.yaml")
-    config = load_typed_yaml(ArmConfig, shipped if shipped.is_file() else Path(name_or_path))
-    config.validate()
+    path = shipped if os.path.isfile(shipped) else Path(name_or_path)
+    config = load_typed_yaml(ArmConfig, path)
+    try:
+        config.validate()
+    except InvalidInputError as error:
+        raise InvalidFileError(f"{path}: {error}") from None
     return config
 
 

@@ -4,6 +4,7 @@ import numpy as np
 from pydrake.systems.framework import DiagramBuilder
 
 from tactopose_drake.core.grasping.held_axis import HeldAxis
+from tactopose_drake.resources import fixed_pose
 from tactopose_drake.station.arms.place_planning import PlaceParams, PlacePlanner
 from tactopose_drake.station.arms.place_task import PlaceTask
 from tactopose_drake.station.arms.station import ArmParts, ArmSetup
@@ -24,7 +25,7 @@ def AddPlaceTask(
     Returns:
         The task; its output `arm_reference` is what the arm is to follow.
     """
-    X_FBase = setup.X_FBase.GetDeterministicValue()
+    X_FBase = fixed_pose("ArmSetup.X_FBase", setup.X_FBase)
     planner = PlacePlanner(parts.arm_plant, parts.arm_alone, parts.hand.config, X_FBase, parts.model, grip, params)
     task: PlaceTask = builder.AddNamedSystem("place_task", PlaceTask(planner, np.array(setup.q_start)))
     grasp = builder.GetSubsystemByName("grasp_controller")

@@ -15,7 +15,7 @@ from tactopose_drake.core.grasping.grasp_planner import GraspPlan
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import finite_array, positive_number
 from tactopose_drake.hand.hand_config import Hand, add_hand, load_hand_config
-from tactopose_drake.resources import add_model, make_parser
+from tactopose_drake.resources import add_model, fixed_pose, make_parser
 from tactopose_drake.station.arms.arm import Arm, add_arm, hand_inertia, load_arm_config, make_arm_plant, mount_hand
 from tactopose_drake.station.grasp import add_planned_grasp
 from tactopose_drake.station.scenario import Scenario
@@ -144,10 +144,10 @@ def make_arm_station(
     model = ObjectModel.from_mesh(scenario.object_mesh()) if model is None else model
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlant(config=scenario.plant, builder=builder)
-    config, X_WBase = load_arm_config(setup.arm), setup.X_WBase.GetDeterministicValue()
+    config, X_WBase = load_arm_config(setup.arm), fixed_pose("ArmSetup.X_WBase", setup.X_WBase)
     arm = add_arm(plant, config, X_WBase)
     hand = add_hand(plant, load_hand_config(scenario.hand))
-    mount_hand(plant, arm, hand, setup.X_FBase.GetDeterministicValue())
+    mount_hand(plant, arm, hand, fixed_pose("ArmSetup.X_FBase", setup.X_FBase))
     _add_scene(plant, setup)
     object_instance = add_model(make_parser(plant), scenario.object_sdf())
     plant.Finalize()
@@ -195,7 +195,7 @@ def _add_scene(plant: MultibodyPlant, setup: ArmSetup) -> None:
     for item in setup.scene:
         instance = add_model(parser, item.model)
         root = plant.get_body(plant.GetBodyIndices(instance)[0]).body_frame()
-        plant.WeldFrames(plant.world_frame(), root, item.X_WModel.GetDeterministicValue())
+        plant.WeldFrames(plant.world_frame(), root, fixed_pose("SceneModel.X_WModel", item.X_WModel))
 
 
 def _add_arm_control(builder: DiagramBuilder, parts: ArmParts, setup: ArmSetup, reference: OutputPort) -> None:

@@ -1,0 +1,43 @@
+"""What the command line prints on: no name of a file or finger is taken for markup, or tells the terminal anything."""
+
+from typing import Any
+
+from rich.console import Console
+from rich.status import Status
+from rich.text import Text
+
+
+class PlainConsole(Console):
+    """A console that prints text as it is, and letters that are none as Python writes them."""
+
+    def render_str(self, text: str, **options: Any) -> Text:
+        """Text without markup, emoji codes and control characters."""
+        return super().render_str(printable(text), **options | {"markup": False, "emoji": False})
+
+    def status(self, status: Any, **options: Any) -> "PlainStatus":
+        """A spinner with a message, likewise."""
+        return PlainStatus(status, console=self, **options)
+
+
+class PlainStatus(Status):
+    """A spinner whose messages are plain."""
+
+    def __init__(self, status: str, **options: Any) -> None:
+        """Keeps its arguments."""
+        super().__init__(Text(printable(status)), **options)
+
+    def update(self, status: Any = None, **options: Any) -> None:
+        """Shows another message."""
+        super().update(None if status is None else Text(printable(status)), **options)
+
+
+def printable(text: str) -> str:
+    """Text in which control characters, and what cannot be encoded, are written out as Python does."""
+    return "".join(
+        letter if letter.isprintable() or letter == "\n" else letter.encode("unicode_escape").decode()
+        for letter in text
+    )
+
+
+OUT = PlainConsole()
+ERRORS = PlainConsole(stderr=True, soft_wrap=True, highlight=False)

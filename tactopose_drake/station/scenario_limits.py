@@ -1,0 +1,73 @@
+"""The limits that every number of a scenario keeps, whatever it stands for."""
+
+import dataclasses
+from typing import Any
+
+from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlantConfig
+from pydrake.systems.framework import DiagramBuilder
+
+from tactopose_drake.core.validation import positive_number
+from tactopose_drake.errors import InvalidInputError
+
+_SHORTEST = 1e-5  # s between two events: a simulation with shorter ones would hardly move
+_LARGEST = 1e12  # of a number, in SI units; beyond, squares and products soon are infinite
+_MOST = 1_000_000  # of anything that is counted
+_LONGEST_STEP = 0.1  # of the simulator, s; contact is not solved with longer ones
+
+
+def check_limits(name: str, value: Any) -> None:
+    """Checks a scenario's part and all that is in it.
+
+    Args:
+        name: of the part, for messages.
+        value: a dataclass, list, dict, number or anything else, which has no limits.
+
+    Raises:
+        InvalidInputError: a number that no scenario can have.
+    """
+    if isinstance(value, dict):
+        for key, item in value.items():
+            check_limits(f"{name}[{key}]", item)
+    elif isinstance(value, list):
+        for i, item in enumerate(value):
+            check_limits(f"{name}[{i}]", item)
+    elif dataclasses.is_dataclass(value):
+        for field in dataclasses.fields(value):
+            check_limits(f"{name}.{field.name}", getattr(value, field.name))
+    elif isinstance(value, float | int) and not isinstance(value, bool):
+        last = name.rpartition(".")[2]
+        if last == "seed":
+            if not isinstance(value, int) or not 0 <= value < 2**63:
+                raise InvalidInputError(f"{name}: is {value}; allowed are integers from 0 to 2^63 - 1.")
+        elif last == "period" and positive_number(name, value) < _SHORTEST:
+            raise InvalidInputError(f"{name}: is {value:g}; allowed are numbers >= {_SHORTEST:g}.")
+        elif isinstance(value, int) and not abs(value) <= _MOST:
+            raise InvalidInputError(f"{name}: is {value}; allowed are integers up to {_MOST}.")
+        elif not abs(value) <= _LARGEST:
+            raise InvalidInputError(f"{name}: is {value:g}; allowed are numbers up to {_LARGEST:g}.")
+
+
+def check_plant(name: str, config: MultibodyPlantConfig) -> None:
+    """Raises InvalidInputError if the simulator would not take its configuration."""
+    step = positive_number(f"{name}.time_step", config.time_step)
+    if not _SHORTEST <= step <= _LONGEST_STEP:
+        raise InvalidInputError(
+            f"{name}.time_step: is {step:g}; allowed are numbers from {_SHORTEST:g} to {_LONGEST_STEP:g}."
+        )
+    for key in ("penetration_allowance", "stiction_tolerance", "sap_near_rigid_threshold"):
+        allow_zero = key == "sap_near_rigid_threshold"
+        check_limits(f"{name}.{key}", positive_number(f"{name}.{key}", getattr(config, key), allow_zero=allow_zero))
+    for key, allowed in _PLANT_CHOICES.items():
+        if getattr(config, key) not in allowed:
+            raise InvalidInputError(f"{name}.{key}: is {getattr(config, key)!r}; allowed are {', '.join(allowed)}.")
+    try:
+        AddMultibodyPlant(config=config, builder=DiagramBuilder())
+    except RuntimeError as error:
+        raise InvalidInputError(f"{name}: {' '.join(str(error).split())}") from None
+
+
+_PLANT_CHOICES = {
+    "contact_model": ("point", "hydroelastic", "hydroelastic_with_fallback"),
+    "discrete_contact_approximation": ("tamsi", "sap", "similar", "lagged"),
+    "contact_surface_representation": ("triangle", "polygon"),
+}

@@ -1,0 +1,237 @@
+"""Reading YAML that anybody may have written: within limits, without a key twice, and nothing that is not data.
+
+`read_yaml` makes a file into a tree of nodes, and `plain_data` makes that into Python's numbers, texts, lists and
+mappings. Every fault is one `InvalidFileError`.
+"""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from tactopose_drake.errors import InvalidFileError
+
+MAX_BYTES = 2**20
+"""Of a file."""
+MAX_DEPTH = 24
+"""Of lists and mappings within each other."""
+MAX_LETTERS = 1000
+"""Of a value or key."""
+LARGEST = 1e15
+"""Of a number that is no integer, in SI units: its powers are finite."""
+MAX_NODES = 200_000
+"""Values and keys of a file, those behind an alias counted as often as it is used."""
+
+_Loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # libyaml's where PyYAML has it: forty times as fast
+YAML = "tag:yaml.org,2002:"
+_PLAIN_TAGS = {YAML + name for name in ("null", "bool", "int", "float", "str", "seq", "map", "timestamp", "merge")}
+_INTEGER = re.compile(r"[-+]?(0|[1-9][0-9]*)|0x[0-9a-fA-F]+")
+DECIMAL = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?")
+NOT_FINITE = re.compile(r"[-+]?\.?(inf|Inf|INF|nan|NaN|NAN)")
+_SHOWN = 60  # characters of a value in a message
+
+
+def read_yaml(path: Path, max_bytes: int = MAX_BYTES) -> tuple[str, yaml.Node | None]:
+    """The text of a file and its tree, with merged keys (`<<`) in their places; None for an empty file.
+
+    Raises:
+        InvalidFileError: if the file cannot be read, is no YAML in UTF-8, or is beyond the limits.
+    """
+    try:
+        with path.open("rb") as file:
+            content = file.read(max_bytes + 1)
+    except OSError as error:
+        raise InvalidFileError(f"{path}: cannot be read ({error.strerror}).") from None
+    except ValueError:  # a path with a NUL in it
+        raise InvalidFileError(f"{path}: cannot be read (it is no path).") from None
+    if len(content) > max_bytes:
+        raise InvalidFileError(f"{path}: is longer than {max_bytes} bytes, which is the most that is allowed.")
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InvalidFileError(f"{path}: cannot be read (it is not text in UTF-8, at byte {error.start}).") from None
+    try:
+        return text, _Composer(text).document()
+    except InvalidFileError as error:
+        raise InvalidFileError(f"{path}: {error}") from None
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f" at line {mark.line + 1}, column {mark.column + 1}" if mark else ""
+        reason = " ".join(str(getattr(error, "problem", None) or error).split())
+        raise InvalidFileError(f"{path}: is not YAML{where} ({reason}).") from None
+
+
+class _Composer:
+    """Makes the parser's events into nodes, and counts."""
+
+    def __init__(self, text: str) -> None:
+        self._events: Iterator[Any] = yaml.parse(text, Loader=_Loader)
+        self._resolver: Any = yaml.resolver.Resolver()
+        self._anchors: dict[str, tuple[yaml.Node, int] | None] = {}  # with its count; None while it is not closed
+        self._count = 0
+
+    def document(self) -> yaml.Node | None:
+        root: yaml.Node | None = None
+        for event in self._events:
+            if isinstance(event, yaml.DocumentStartEvent):
+                if root is not None:
+                    raise InvalidFileError(f"{_line(event)}begins a second document; allowed is one.")
+                root = self._node(next(self._events), 0)
+        return root
+
+    def _node(self, event: Any, depth: int) -> yaml.Node:
+        before = self._count
+        mark: Any = event.start_mark
+        if isinstance(event, yaml.AliasEvent):
+            found = self._anchors.get(str(event.anchor))
+            if found is None:
+                raise InvalidFileError(f"{_line(event)}*{bare(str(event.anchor))} stands for nothing before it.")
+            self._add(event, found[1])
+            return found[0]
+        if depth > MAX_DEPTH:
+            raise InvalidFileError(f"{_line(event)}is nested more than {MAX_DEPTH} deep, which is the most.")
+        self._add(event, 1)
+        anchor = event.anchor
+        if anchor is not None:
+            self._anchors[anchor] = None
+        node: yaml.Node
+        if isinstance(event, yaml.ScalarEvent):
+            node = self._scalar(event)
+        elif isinstance(event, yaml.SequenceStartEvent):
+            items = []
+            while not isinstance(inner := next(self._events), yaml.SequenceEndEvent):
+                items.append(self._node(inner, depth + 1))
+            node = yaml.SequenceNode(self._tag(yaml.SequenceNode, event), items, mark)
+        else:
+            pairs = []
+            while not isinstance(inner := next(self._events), yaml.MappingEndEvent):
+                pairs.append((self._node(inner, depth + 1), self._node(next(self._events), depth + 1)))
+            node = yaml.MappingNode(self._tag(yaml.MappingNode, event), _merged(pairs), mark)
+        if node.tag.startswith("tag:") and node.tag not in _PLAIN_TAGS:
+            raise InvalidFileError(f"{_line(event)}has the tag {bare(node.tag)}; allowed are plain data.")
+        if anchor is not None:
+            self._anchors[anchor] = node, self._count - before
+        return node
+
+    def _scalar(self, event: Any) -> yaml.ScalarNode:
+        if any(ord(letter) < 32 or 127 <= ord(letter) < 160 for letter in event.value):
+            raise InvalidFileError(f"{_line(event)}{shown(event.value)} has a control character, or more than a line.")
+        if len(event.value) > MAX_LETTERS:
+            raise InvalidFileError(f"{_line(event)}{shown(event.value)} has more than {MAX_LETTERS} letters.")
+        return yaml.ScalarNode(
+            self._tag(yaml.ScalarNode, event), event.value, event.start_mark, event.end_mark, event.style
+        )
+
+    def _tag(self, kind: type[yaml.Node], event: Any) -> str:
+        if event.tag is not None and event.tag != "!":
+            return str(event.tag)
+        return str(self._resolver.resolve(kind, getattr(event, "value", None), event.implicit))
+
+    def _add(self, event: Any, count: int) -> None:
+        self._count += count
+        if self._count > MAX_NODES:
+            raise InvalidFileError(f"{_line(event)}holds more than {MAX_NODES} values, which is the most.")
+
+
+def _merged(pairs: list[tuple[yaml.Node, yaml.Node]]) -> list[tuple[yaml.Node, yaml.Node]]:
+    """The pairs of a mapping, none twice, and after them those that `<<` brings."""
+    own: dict[tuple[str, str], tuple[yaml.Node, yaml.Node]] = {}
+    brought: list[tuple[yaml.Node, yaml.Node]] = []
+    for key, value in pairs:
+        if not isinstance(key, yaml.ScalarNode):
+            raise InvalidFileError(f"{_line(key)}has a list or mapping for a key; allowed is text.")
+        if (key.tag, key.value) in own:
+            raise InvalidFileError(f"{_line(key)}key {shown(key.value)} is given twice; allowed is once.")
+        own[key.tag, key.value] = key, value
+        if key.tag == YAML + "merge":
+            maps = value.value if isinstance(value, yaml.SequenceNode) else [value]
+            if not all(isinstance(part, yaml.MappingNode) for part in maps):
+                raise InvalidFileError(f"{_line(key)}<< merges what is no mapping.")
+            brought += [pair for part in maps for pair in part.value]
+    own = {name: pair for name, pair in own.items() if name[0] != YAML + "merge"}
+    for key, value in brought:
+        own.setdefault((key.tag, key.value), (key, value))
+    return list(own.values())
+
+
+def plain_data(node: yaml.Node | None, place: str = "") -> Any:
+    """The tree as lists, mappings by text, text, numbers, booleans and None; a date is text, and NaN is a number.
+
+    Raises:
+        InvalidFileError: at a number, key or tag that is none of these; the message begins with the line.
+    """
+    if node is None:
+        return None
+    if node.tag.startswith("!"):
+        raise InvalidFileError(f"{where(node, place)}the tag {bare(node.tag)} is unknown; allowed is none.")
+    if isinstance(node, yaml.SequenceNode):
+        return [plain_data(item, f"{place}[{i}]") for i, item in enumerate(node.value)]
+    if isinstance(node, yaml.MappingNode):
+        for key, _ in node.value:
+            check_key(key, place)
+        return {key.value: plain_data(value, f"{place}.{key.value}".lstrip(".")) for key, value in node.value}
+    if node.tag in (YAML + "int", YAML + "float"):
+        return float(node.value.replace(".", "")) if NOT_FINITE.fullmatch(node.value) else number_of(node, place)
+    if node.tag == YAML + "bool":
+        return node.value.lower() in ("yes", "true", "on")
+    if node.tag == YAML + "null":
+        return None
+    # YAML itself takes 1e-8 for text.
+    is_quoted = isinstance(node, yaml.ScalarNode) and bool(node.style)
+    return number_of(node, place) if not is_quoted and DECIMAL.fullmatch(node.value) else node.value
+
+
+def number_of(node: yaml.Node, place: str, *, whole: bool = False) -> float | int:
+    """A finite number: 3, 0x20, 2.5, and 1e-8; not 010, 1_000, 12:30 and what else YAML takes for one.
+
+    Raises:
+        InvalidFileError: if a node is none.
+    """
+    allowed = "integers" if whole else "numbers"
+    if not isinstance(node, yaml.ScalarNode):
+        raise InvalidFileError(f"{where(node, place)}is a list or mapping; allowed are {allowed}.")
+    if _INTEGER.fullmatch(node.value):
+        # More digits than 64 bits have take Python long to read.
+        number = int(node.value, 0) if len(node.value) <= 20 else 2**63
+        if -(2**63) <= number < 2**63:
+            return number
+        allowed = "integers of 64 bits"
+    elif DECIMAL.fullmatch(node.value) and not whole and not _is_octal(node.value):
+        if abs(decimal := float(node.value)) <= LARGEST:
+            return decimal
+        allowed = f"numbers up to {LARGEST:g}"
+    elif NOT_FINITE.fullmatch(node.value) and not whole:
+        allowed = "finite numbers"
+    raise InvalidFileError(f"{where(node, place)}is {shown(node.value)}; allowed are {allowed}.")
+
+
+def _is_octal(text: str) -> bool:
+    return re.fullmatch(r"[-+]?0[0-9]+", text) is not None
+
+
+def shown(value: object) -> str:
+    """A value as messages show it: in quotes, in one line, and not at length."""
+    text = repr(value)
+    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."
+
+
+def bare(text: str) -> str:
+    """Text as messages show it without quotes, not at length."""
+    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."
+
+
+def check_key(key: yaml.Node, place: str) -> None:
+    """Raises InvalidFileError if a key is no text."""
+    if key.tag != YAML + "str":
+        raise InvalidFileError(f"{where(key, place)}key {shown(key.value)} is no text; put it in quotes.")
+
+
+def where(node: yaml.Node, place: str) -> str:
+    """How a message begins: the line, and the place in the file."""
+    return _line(node) + (f"{place}: " if place else "")
+
+
+def _line(node: Any) -> str:
+    return f"line {node.start_mark.line + 1}: "

@@ -1,0 +1,117 @@
+"""Whether a tree of YAML fits the type that it is to be read into, and if not, where and what is allowed."""
+
+import dataclasses
+import types
+import typing
+from typing import Any
+
+import yaml
+from pydrake.common.yaml import yaml_load_typed
+
+from tactopose_drake.errors import InvalidFileError
+from tactopose_drake.yaml_files import DECIMAL, NOT_FINITE, YAML, bare, check_key, number_of, shown, where
+
+
+def check_type(kind: Any, node: yaml.Node, place: str = "") -> None:
+    """Raises InvalidFileError at the first node that does not fit; the message begins with its line.
+
+    Args:
+        kind: a dataclass, one of Drake's types that are read from YAML, list, dict by text, int, float, bool, str, or a
+            union of such.
+        node: what is to be read into it.
+        place: of the node in its file, for messages.
+    """
+    options = typing.get_args(kind) if isinstance(kind, types.UnionType) else (kind,)
+    if type(None) in options:
+        if node.tag == YAML + "null":
+            return
+        options = tuple(option for option in options if option is not type(None))
+    if node.tag.startswith("!") and not _is_drakes(options[0]):
+        tag, names = node.tag.removeprefix("!"), [option.__name__ for option in options] if len(options) > 1 else []
+        if tag not in names:
+            allowed = f"are {', '.join(f'!{name}' for name in names)}" if names else "is none"
+            raise InvalidFileError(f"{where(node, place)}the tag {bare(node.tag)} is unknown; allowed {allowed}.")
+        options = tuple(option for option in options if option.__name__ == tag)
+    kind = options[0]
+    if dataclasses.is_dataclass(kind):
+        _check_dataclass(typing.cast(type, kind), node, place)
+    elif _is_drakes(kind):
+        _check_drakes(kind, node, place)
+    elif typing.get_origin(kind) is list:
+        if not isinstance(node, yaml.SequenceNode):
+            raise InvalidFileError(f"{where(node, place)}is no list.")
+        for i, item in enumerate(node.value):
+            check_type(typing.get_args(kind)[0], item, f"{place}[{i}]")
+    elif typing.get_origin(kind) is dict:
+        if not isinstance(node, yaml.MappingNode):
+            raise InvalidFileError(f"{where(node, place)}is no mapping.")
+        for key, value in node.value:
+            check_key(key, place)
+            check_type(typing.get_args(kind)[1], value, f"{place}.{key.value}")
+    else:
+        _check_scalar(options, node, place)
+
+
+def _check_dataclass(kind: type, node: yaml.Node, place: str) -> None:
+    types_of = typing.get_type_hints(kind)
+    if not isinstance(node, yaml.MappingNode):
+        raise InvalidFileError(f"{where(node, place)}is no mapping; its keys may be {', '.join(types_of)}.")
+    for key, value in node.value:
+        if not place and key.value.startswith("_"):  # what is only there to be referred to
+            continue
+        if key.value not in types_of:
+            raise InvalidFileError(
+                f"{where(key, place)}key {shown(key.value)} is unknown; allowed are {', '.join(types_of)}."
+            )
+        check_type(types_of[key.value], value, f"{place}.{key.value}".lstrip("."))
+
+
+def _check_scalar(options: tuple[Any, ...], node: yaml.Node, place: str) -> None:
+    """Of a scalar that may be of some of the types str, bool, int and float."""
+    name = node.tag.removeprefix(YAML)
+    if {int, float}.intersection(options) and (name in ("int", "float") or not {str, bool}.intersection(options)):
+        if name == "bool":
+            raise InvalidFileError(f"{where(node, place)}is {shown(node.value)}, a yes or no; allowed are numbers.")
+        number_of(node, place, whole=float not in options)
+    elif str in options and name != "str" and not (name == "bool" and bool in options):
+        raise InvalidFileError(f"{where(node, place)}is {_shown_node(node)}; allowed is text, in quotes if need be.")
+    elif str not in options and name != "bool" and node.value not in ("true", "false"):
+        raise InvalidFileError(f"{where(node, place)}is {_shown_node(node)}; allowed are true and false.")
+
+
+def _check_drakes(kind: type, node: yaml.Node, place: str) -> None:
+    _check_finite(node, place)
+    try:
+        yaml_load_typed(schema=kind, data=yaml.serialize(node))
+    except Exception:  # it raises AttributeError, AssertionError, RuntimeError ... on bad content
+        keys = ", ".join(field.name for field in kind.__fields__)  # type: ignore[attr-defined]
+        message = f"{where(node, place)}does not fit Drake's {kind.__name__}; its keys may be {keys}."
+        raise InvalidFileError(message) from None
+
+
+def _check_finite(node: yaml.Node, place: str) -> None:
+    """Of all numbers in one of Drake's types, none of which is `true`."""
+    if isinstance(node, yaml.MappingNode):
+        for key, value in node.value:
+            check_key(key, place)
+            _check_finite(value, f"{place}.{key.value}")
+    elif isinstance(node, yaml.SequenceNode):
+        for i, item in enumerate(node.value):
+            if item.tag == YAML + "bool":
+                number_of(item, f"{place}[{i}]")
+            _check_finite(item, f"{place}[{i}]")
+    elif any(node.tag == YAML + name for name in ("int", "float")) or _is_number_as_text(node.value):
+        number_of(node, place)
+
+
+def _is_number_as_text(text: str) -> bool:
+    """Whether Drake would read text, such as 1e-8, as a number."""
+    return DECIMAL.fullmatch(text) is not None or NOT_FINITE.fullmatch(text) is not None
+
+
+def _is_drakes(kind: Any) -> bool:
+    return hasattr(kind, "__fields__")
+
+
+def _shown_node(node: yaml.Node) -> str:
+    return shown(node.value) if isinstance(node, yaml.ScalarNode) else "a list or mapping"

@@ -1,0 +1,196 @@
+"""What the command line promises whatever it is given: exit status, one line, no destroyed file, no open door."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from pydrake.geometry import Meshcat
+from rich.table import Table
+
+from tactopose_drake.cli.consoles import PlainConsole, printable
+from tactopose_drake.errors import InvalidFileError
+from tactopose_drake.estimation.output_files import check_outputs, written_beside
+from tactopose_drake.resources import model_path
+from tactopose_drake.runs.advance import RunView
+from tests.cli.test_cli import run
+
+START = "from tactopose_drake.cli.entry import start; print('begin', flush=True); start()"
+CONTACTS = "contacts: [{position: [0, 0, 0.02]}, {position: [0.02, 0, 0]}, {position: [0, 0.02, 0]}]"
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> Path:
+    """An object and contacts."""
+    (tmp_path / "cube.obj").write_bytes(model_path("objects", "cube.obj").read_bytes())
+    (tmp_path / "contacts.yaml").write_text(CONTACTS)
+    return tmp_path
+
+
+def inputs(files: Path) -> list[object]:
+    return ["--object", files / "cube.obj", "--contacts", files / "contacts.yaml"]
+
+
+def test_an_output_never_destroys_an_input(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    os.link(files / "contacts.yaml", files / "link.yaml")
+    (files / "symlink.yaml").symlink_to(files / "contacts.yaml")
+    for options, message in (
+        (["--out", files / "contacts.yaml"], "is an input, or in one"),
+        (["--out", files / "link.yaml"], "is an input, or in one"),
+        (["--html", files / "symlink.yaml"], "is an input, or in one"),
+        (["--html", files / "cube.obj"], "is an input, or in one"),
+        (["--out", files / "x", "--html", files / "x"], "is to be written twice"),
+        (["--out", files / "x", "--html", files / ".." / files.name / "x"], "is to be written twice"),
+        (["--out", files], "is a folder"),
+        (["--out", files / "absent" / "x"], "does not exist"),
+        (["--out", "/proc/x"], "cannot be written"),
+    ):
+        assert run("estimate", *inputs(files), *options) == 2
+        errors = capsys.readouterr().err
+        assert message in errors
+        assert errors.count("\n") == 1
+    assert (files / "contacts.yaml").read_text() == CONTACTS
+    assert (files / "cube.obj").read_bytes() == model_path("objects", "cube.obj").read_bytes()
+    assert sorted(os.listdir(files)) == ["contacts.yaml", "cube.obj", "link.yaml", "symlink.yaml"]
+
+
+def test_a_replay_writes_nothing_into_its_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "rec").mkdir()
+    (tmp_path / "rec" / "signals.jsonl").write_text("precious\n")
+    (tmp_path / "own.scenario.yaml").write_text("object: cube\n")
+    arguments = ["replay", tmp_path / "rec", "--scenario", tmp_path / "own.scenario.yaml", "--out"]
+    for out in (tmp_path / "rec" / "signals.jsonl", tmp_path / "rec" / "new.jsonl", tmp_path / "own.scenario.yaml"):
+        assert run(*arguments, out) == 2
+        assert "is an input, or in one" in capsys.readouterr().err
+    assert (tmp_path / "rec" / "signals.jsonl").read_text() == "precious\n"
+    assert os.listdir(tmp_path / "rec") == ["signals.jsonl"]
+
+
+def test_what_was_there_stays_until_all_is_written(tmp_path: Path) -> None:
+    path = tmp_path / "result.json"
+    path.write_text("old")
+
+    def fail() -> None:
+        with written_beside(path) as beside:
+            beside.write_text("half")
+            raise OSError(28, "No space left on device")
+
+    with pytest.raises(InvalidFileError, match=r"result.json: cannot be written \(No space left on device\)"):
+        fail()
+    assert path.read_text() == "old"
+    with written_beside(path) as beside:
+        beside.write_text("new")
+        assert path.read_text() == "old"
+    assert path.read_text() == "new"
+    assert os.listdir(tmp_path) == ["result.json"]
+    check_outputs([Path("/dev/null")])
+    with written_beside(Path("/dev/null")) as beside:
+        beside.write_text("into the void")
+    assert Path("/dev/null").is_char_device()
+
+
+@pytest.mark.parametrize(("estimate", "status"), [(None, 1), (object(), 0)])
+def test_the_exit_status_says_whether_there_is_an_estimate(
+    monkeypatch: pytest.MonkeyPatch, estimate: object, status: int
+) -> None:
+    class Station:
+        """All of whose ports give the estimate."""
+
+        def GetOutputPort(self, name: str) -> "Station":
+            return self
+
+        def Eval(self, context: object) -> object:
+            return estimate
+
+        def get_time(self) -> float:
+            return 0.3
+
+    station = Station()
+    view = RunView(station, station)
+    monkeypatch.setattr("tactopose_drake.cli.run_commands.run_scenario", lambda *_, **__: view)
+    monkeypatch.setattr("tactopose_drake.cli.run_commands.estimate_line", lambda _: "held: 0 contacts")
+    assert run("run", "shadow_like", "--duration", "0.3") == status
+
+
+def test_help_and_version_end_well(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("--help") == 0
+    assert run("--version") == 0
+    assert run("estimate", "--help") == 0
+    assert "Estimates the pose" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("name", ["[/x]", "[red]", ":smile:", "a\x1b[31mb", "a\nb", "\udcff"])
+def test_names_are_neither_markup_nor_commands(
+    files: Path, name: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert run("estimate", "--object", files / name, "--contacts", files / "contacts.yaml") == 2
+    errors = capsys.readouterr().err
+    assert errors.count("\n") == 1
+    assert "\x1b" not in errors
+    assert printable(" ".join(name.split())) in errors
+
+
+def test_a_console_prints_text_as_it_is(capsys: pytest.CaptureFixture[str]) -> None:
+    console = PlainConsole(width=100)
+    table = Table(title="[/title] \x1b]0;owned\x07")
+    table.add_column("[/x]")
+    table.add_row("[/row] :smile:")
+    console.print(table)
+    console.print("Written: [/x] \x1b[2J")
+    with console.status("[/status]") as status:
+        status.update("[/update] \x1b[2J")
+    printed = capsys.readouterr().out
+    assert "\x1b" not in printed
+    for text in ("[/title]", "[/x]", "[/row] :smile:", r"Written: [/x] \x1b[2J"):
+        assert text in printed
+
+
+def listening_addresses() -> set[str]:
+    """The addresses, in hexadecimal, on which this process listens."""
+    own = {os.readlink(f"/proc/self/fd/{fd}") for fd in os.listdir("/proc/self/fd") if _is_there(fd)}
+    found = set()
+    for table in ("/proc/net/tcp", "/proc/net/tcp6", "/proc/net/udp", "/proc/net/udp6"):
+        for line in Path(table).read_text().splitlines()[1:]:
+            fields = line.split()
+            is_open = fields[3] == "0A" or table.endswith(("udp", "udp6"))
+            if is_open and f"socket:[{fields[9]}]" in own:
+                found.add(fields[1].split(":")[0])
+    return found
+
+
+def _is_there(fd: str) -> bool:
+    return os.path.lexists(f"/proc/self/fd/{fd}")
+
+
+@pytest.mark.skipif(not Path("/proc/net/tcp").exists(), reason="the system does not tell who listens")
+def test_commands_listen_on_this_machine_alone(files: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[set[str]] = []
+
+    def look(self: Meshcat) -> str:
+        seen.append(listening_addresses())
+        return "<html>"
+
+    monkeypatch.setattr(Meshcat, "StaticHtml", look)
+    assert run("estimate", *inputs(files), "--html", files / "scene.html") == 0
+    local = {"0100007F", "00000000000000000000000001000000"}
+    assert seen
+    assert seen[0]
+    assert seen[0] <= local
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals")
+@pytest.mark.parametrize("delay", [0.1, 1.0, 6.0])
+def test_an_interrupt_is_one_line(files: Path, delay: float) -> None:
+    command = [sys.executable, "-c", START, "run", "shadow_like"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    assert process.stdout.readline() == "begin\n"
+    time.sleep(delay)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=120)
+    assert process.returncode == 1
+    assert errors.count("\n") == 1
+    assert "interrupted" in errors

@@ -1,0 +1,160 @@
+"""Recordings that are not what a run has written: each is refused in one line, and none plays as if it were whole."""
+
+import json
+import shutil
+import struct
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pydrake.math import RigidTransform
+from tactopose_drake.estimation.prior import PosePrior
+
+from tactopose_drake.drivers.log_frames import log_frames
+from tactopose_drake.errors import EndOfLogError, InvalidFileError
+from tactopose_drake.hand.hand_config import load_hand_config, make_hand_plant
+from tactopose_drake.hand.tactile_pads import load_tactile_pad
+from tactopose_drake.runs.manifest import SIGNALS, load_manifest, save_manifest
+from tactopose_drake.runs.scenario_replay import replay
+from tactopose_drake.station.scenario import Scenario, load_scenario
+from tactopose_drake.station.senses import CanBus, CanSenses, ForceTorqueBoard
+from tactopose_drake.systems.signals import SignalRecorder
+
+
+@pytest.fixture(scope="module")
+def scenario() -> Scenario:
+    return load_scenario("barrett_like")
+
+
+@pytest.fixture(scope="module")
+def recording(scenario: Scenario, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Of a simulated hand that feels nothing, for three tenths of a second."""
+    folder = tmp_path_factory.mktemp("recordings") / "empty_hand"
+    folder.mkdir()
+    save_manifest(folder, scenario, 0.0, {}, {})
+    config = load_hand_config(scenario.hand)
+    plant, _ = make_hand_plant(config)
+    with SignalRecorder(folder / SIGNALS) as recorder:
+        for time in (0.0, 0.1, 0.2, 0.3):
+            recorder.write("joint_positions", time, np.full(plant.num_positions(), 0.1 + time))
+            recorder.write("prior", time, PosePrior(np.eye(3, 4)))
+            recorder.write("true_pose", time, RigidTransform([0.0, 0.0, time]))
+            for finger in config.fingers:
+                if finger.sensor_frame:
+                    recorder.write(f"wrench_{finger.name}", time, np.zeros(6))
+            for pad in config.pads:
+                recorder.write(f"pressures_{pad.name}", time, np.zeros(len(load_tactile_pad(pad.array).layout)))
+    return folder
+
+
+def test_the_recording_plays_as_it_is(recording: Path, scenario: Scenario) -> None:
+    played = replay(recording, scenario)
+    assert played.whole
+    assert played.view.context.get_time() == 0.3
+
+
+def edit(change: Callable[[list[dict]], object]) -> Callable[[Path], None]:
+    """Damages the signals."""
+
+    def damage(folder: Path) -> None:
+        lines = [json.loads(line) for line in (folder / SIGNALS).read_text().splitlines()]
+        changed = change(lines)
+        lines = changed if isinstance(changed, list) else lines
+        (folder / SIGNALS).write_text("".join(json.dumps(line) + "\n" for line in lines))
+
+    return damage
+
+
+def replaced(file: str, old: str, new: str) -> Callable[[Path], None]:
+    def damage(folder: Path) -> None:
+        text = (folder / file).read_text()
+        assert old in text
+        (folder / file).write_text(text.replace(old, new, 1))
+
+    return damage
+
+
+def without(name: str) -> Callable[[Path], None]:
+    return edit(lambda lines: [line for line in lines if line["name"] != name])
+
+
+def of(lines: list[dict], name: str) -> dict:
+    return [line for line in lines if line["name"] == name][-1]
+
+
+DAMAGES = {
+    "start nan": (replaced("manifest.yaml", "start: 0.0", "start: .nan"), "start: is '.nan'; allowed are finite"),
+    "start early": (replaced("manifest.yaml", "start: 0.0", "start: -3600"), "start: is -3600; allowed are numbers >="),
+    "bus": (replaced("manifest.yaml", "buses: {}", "buses: {left: signals.jsonl}"), "buses: are of left; allowed are"),
+    "bias": (replaced("manifest.yaml", "biases: {}", "biases: {toe: [1]}"), "biases: are of toe; allowed are"),
+    "shuffled": (edit(lambda lines: lines[::-1]), "is no signal (its time is"),
+    "no joints": (without("joint_positions"), "has no joint_positions, which the run has recorded"),
+    "no prior": (without("prior"), "has no prior, which the run has recorded"),
+    "no pad": (without("pressures_palm"), "has no pressures_palm, which the run has recorded"),
+    "short": (edit(lambda lines: of(lines, "joint_positions")["vector"].pop()), "of another kind or length"),
+    "all short": (
+        edit(lambda lines: [line["vector"].pop() for line in lines if line["name"] == "joint_positions"] and None),
+        "'joint_positions': has 7 numbers; allowed are",
+    ),
+    "no vector": (edit(lambda lines: of(lines, "joint_positions").update(vector=3)), "is no signal"),
+    "two kinds": (edit(lambda lines: lines[0].update(unknown=True)), "is no signal"),
+    "text": (edit(lambda lines: of(lines, "joint_positions")["vector"].__setitem__(0, "1")), "is no finite number"),
+    "truth": (edit(lambda lines: of(lines, "joint_positions")["vector"].__setitem__(0, True)), "is no finite number"),
+    "digits": (edit(lambda lines: of(lines, "joint_positions")["vector"].__setitem__(0, 10**400)), "is no signal"),
+    "time": (edit(lambda lines: lines[-1].update(time="0.3")), "'0.3' is no finite number"),
+    "huge time": (replaced(SIGNALS, '"time": 0.3', '"time": 1e400'), "inf is no finite number"),
+    "nan": (replaced(SIGNALS, '"vector": [', '"vector": [NaN, '), "NaN is no number"),
+    "twice": (replaced(SIGNALS, '"time": 0.3', '"time": 0.3, "time": 0.3'), "a key is given twice"),
+    "nested": (replaced(SIGNALS, '"vector": [', '"vector": ' + "[" * 20000), "is no signal"),
+    "name": (edit(lambda lines: lines[-1].update(name=["a"])), "its name is no text"),
+    "stranger": (
+        edit(lambda lines: of(lines, "joint_positions").update(name="toe")),
+        "signal: 'toe' is unknown; valid names",
+    ),
+    "prior": (edit(lambda lines: of(lines, "prior").update(prior={"X_PO": 3})), "is no signal"),
+    "no pose": (edit(lambda lines: of(lines, "true_pose").update(pose=[[1, 0, 0, 0]] * 3)), "is no signal"),
+    "empty": (lambda folder: (folder / SIGNALS).write_text(""), "has no "),
+    "absent": (lambda folder: (folder / SIGNALS).unlink(), "signals.jsonl: cannot be read"),
+}
+
+
+@pytest.mark.parametrize("name", DAMAGES)
+def test_a_damaged_recording_is_refused_in_one_line(
+    recording: Path, scenario: Scenario, tmp_path: Path, name: str
+) -> None:
+    damage, fault = DAMAGES[name]
+    copy = Path(shutil.copytree(recording, tmp_path / "copy"))
+    damage(copy)
+    with pytest.raises(InvalidFileError) as caught:
+        replay(copy, scenario)
+    message = str(caught.value)
+    assert fault in message
+    assert "\n" not in message
+    assert len(message) < 700
+
+
+def test_a_recording_from_devices_names_all_of_them(tmp_path: Path) -> None:
+    board = ForceTorqueBoard(bus="left")
+    senses = CanSenses(buses={"left": CanBus(interface="virtual")}, fingers={"first": board})
+    scenario = Scenario(object="cube", senses=senses)
+    log = tmp_path / "left.blf"
+    log.write_bytes(b"")
+    for buses, biases, fault in (
+        ({}, {"first": np.zeros(6)}, "Manifest.buses: are of none; allowed are those of the scenario's senses, left"),
+        ({"left": log}, {}, "Manifest.biases: are of none; allowed are those of the scenario's senses, first"),
+        ({"left": log}, {"toe": np.zeros(6)}, "Manifest.biases: are of toe; allowed are those of the"),
+        ({"left": log}, {"first": np.zeros(5)}, r"Manifest.biases\[first\]: has shape \(5,\); allowed is \(6,\)"),
+    ):
+        save_manifest(tmp_path, scenario, 1.7e9, buses, biases)
+        with pytest.raises(InvalidFileError, match=fault):
+            load_manifest(tmp_path)
+
+
+def test_a_log_whose_object_has_no_length_ends_there(tmp_path: Path) -> None:
+    header = struct.pack("<4sLBBBBBBBBQQLL8H8H72x", b"LOGG", 144, 0, 0, 0, 0, 2, 6, 8, 1, 176, 176, 1, 0, *([0] * 16))
+    nothing = struct.pack("<4sHHLL", b"LOBJ", 16, 9, 0, 86)
+    container = struct.pack("<4sHHLLH6xL4x", b"LOBJ", 16, 1, 32 + len(nothing), 10, 0, len(nothing)) + nothing
+    (tmp_path / "log.blf").write_bytes(header + container)
+    with pytest.raises((EndOfLogError, InvalidFileError)):
+        list(log_frames(tmp_path / "log.blf"))

@@ -1,0 +1,153 @@
+import re
+from pathlib import Path
+
+import pytest
+from pydrake.geometry import Box, Role
+
+from tactopose_drake.errors import InvalidFileError, InvalidInputError
+from tactopose_drake.resources import model_path, resource_root
+from tactopose_drake.runs.scenario_run import run_scenario
+from tactopose_drake.station.scenario import Scenario, load_scenario
+from tactopose_drake.station.simulated import make_station
+from tests.cli.test_cli import run as tactopose
+
+FAULTS = {
+    "plant: {contact_model: soft}": "Scenario.plant.contact_model: is 'soft'; allowed are point, hydroelastic",
+    "plant: {discrete_contact_approximation: x}": "discrete_contact_approximation: is 'x'; allowed are tamsi",
+    "plant: {contact_surface_representation: x}": "contact_surface_representation: is 'x'; allowed are triangle",
+    "plant: {time_step: 0}": "Scenario.plant.time_step: is 0; allowed are numbers > 0",
+    "plant: {time_step: 1.0e-9}": "Scenario.plant.time_step: is 1e-09; allowed are numbers from 1e-05 to 0.1",
+    "plant: {time_step: 1.0e+9}": "Scenario.plant.time_step: is 1e+09; allowed are numbers from 1e-05 to 0.1",
+    "plant: {time_step: [1]}": "line 1: plant: does not fit Drake's MultibodyPlantConfig; its keys may be time_step",
+    "plant: {time_step: .nan}": "line 1: plant.time_step: is '.nan'; allowed are finite numbers",
+    "plant: {stiction_tolerance: 0}": "Scenario.plant.stiction_tolerance: is 0; allowed are numbers > 0",
+    "X_WBase: {translation: [.nan, 0, 0]}": "line 1: X_WBase.translation[0]: is '.nan'; allowed are finite numbers",
+    "X_WBase: {translation: [1e300, 0, 0]}": "X_WBase.translation[0]: is '1e300'; allowed are numbers up to 1e+15",
+    "X_WBase: {translation: [yes, 0, 0]}": "line 1: X_WBase.translation[0]: is 'yes'; allowed are numbers",
+    "X_WBase: {rotation: !Rpy {deg: [0, .inf, 0]}}": "X_WBase.rotation.deg[1]: is '.inf'; allowed are finite numbers",
+    "X_WBase: {rotation: !AngleAxis {angle_deg: 3, axis: [0, 0, 0]}}": "Scenario.X_WBase: is no pose; allowed are a",
+    "X_WBase: {translation: [1.0e+9, 0, 0]}": "Scenario.X_WBase: is no pose; allowed are a rotation and at most 1000 m",
+    "X_WBase: {rotation: !Uniform {}}": "Scenario.X_WBase: is random; allowed is a fixed pose",
+    "X_WC: {base_frame: camera}": "Scenario.X_WC.base_frame: is 'camera'; allowed is none",
+    "seed: 1.5": "line 1: seed: is '1.5'; allowed are integers",
+    "seed: yes": "line 1: seed: is 'yes', a yes or no; allowed are numbers",
+    "seed: -1": "Scenario.seed: is -1; allowed are integers from 0",
+    "seed: 9" + "9" * 400: "line 1: seed: is '9999",
+    "duration: .inf": "line 1: duration: is '.inf'; allowed are finite numbers",
+    "duration: [1, 2]": "line 1: duration: is a list or mapping; allowed are numbers",
+    "sensor: {calibration: SI-1}": "calibration: 'SI-1' is unknown; valid names: SI-12-0.12",
+    "sensor: {period: 1.0e-12}": "Scenario.sensor.period: is 1e-12; allowed are numbers >= 1e-05",
+    "estimation: {estimator: {method: guess}}": "PoseEstimatorParams.method: 'guess' is unknown; valid names: pair",
+    "estimation: {estimator: {seed: -3}}": "Scenario.estimation.estimator.seed: is -3; allowed are integers from 0",
+    "estimation: {contacts: {sigma_position: .inf}}": "contacts.sigma_position: is '.inf'; allowed are finite numbers",
+    "planner: {most_poses: 100000000000}": "Scenario.planner.most_poses: is 100000000000; allowed are integers up to",
+    "controller: {finger_stiffness: 1.0e+300}": "finger_stiffness: is '1.0e+300'; allowed are numbers up to 1e+15",
+    "controller: {finger_stiffness: 1.0e+14}": "Scenario.controller.finger_stiffness: is 1e+14; allowed are",
+    "grip: {X_PO: {mug: {translation: !UniformVector {min: [0, 0, 1], max: [0, 0, 0]}}}}": "X_PO[mug]: is no pose",
+    'hand: "a\\0b"': "has a control character",
+    "hand: " + "h" * 300: "there is no such file; the package's hands are",
+    "object: mug\nobject: cube": "line 2: key 'object' is given twice",
+    "a: &a [*a]": "*a stands for nothing",
+    "senses: !SimulatedSenses": "line 1: senses: is no mapping",
+    "senses: !Nonsense {}": "line 1: senses: the tag !Nonsense is unknown; allowed are !SimulatedSenses, !CanSenses",
+    "seed: !Seed 3": "line 1: seed: the tag !Seed is unknown; allowed is none",
+    "grip: !Grip {}": "line 1: grip: the tag !Grip is unknown; allowed is none",
+    "object: 3": "line 1: object: is '3'; allowed is text, in quotes if need be",
+    "object: 2026-11-22": "line 1: object: is '2026-11-22'; allowed is text",
+}
+
+
+@pytest.mark.parametrize("text", FAULTS)
+def test_a_fault_is_one_line_with_the_file_and_what_is_allowed(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "bad.scenario.yaml"
+    path.write_text(text)
+    with pytest.raises(InvalidFileError) as caught:
+        load_scenario(path)
+    message = str(caught.value)
+    assert FAULTS[text] in message
+    assert "\n" not in message
+    if "hand: h" not in text:  # the hand's own file is named
+        assert message.startswith(f"{path}: ")
+
+
+@pytest.mark.parametrize(("name", "value"), [("seed", 1.5), ("seed", 2**63), ("duration", float("inf"))])
+def test_a_scenario_made_in_python_is_checked_too(name: str, value: float) -> None:
+    with pytest.raises(InvalidInputError, match=f"Scenario.{name}: is "):
+        Scenario(**{name: value}).validate()
+
+
+def test_shapes_that_say_nothing_of_their_contact_are_compliant(tmp_path: Path) -> None:
+    model = model_path("hands", "barrett_like", "barrett_like.sdf").read_text()
+    hand = model_path("hands", "barrett_like", "barrett_like.hand.yaml").read_text()
+    box = "<box>.*?</geometry>)<drake:proximity_properties>.*?</drake:proximity_properties>"
+    (tmp_path / "model.sdf").write_text(re.sub(f"({box}", r"\1", model))
+    for part in model_path("hands", "barrett_like").glob("finger_pad.*"):
+        (tmp_path / part.name).write_bytes(part.read_bytes())
+    (tmp_path / "own.hand.yaml").write_text(re.sub("(?m)^model: .*", "model: model.sdf", hand))
+    scenario = load_scenario("barrett_like")
+    scenario.hand = str(tmp_path / "own.hand.yaml")
+    station = make_station(scenario)
+    context = station.diagram.CreateDefaultContext()
+    plant_context = station.plant.GetMyContextFromRoot(context)
+    inspector = station.plant.get_geometry_query_input_port().Eval(plant_context).inspector()
+    boxes = 0
+    for index in station.plant.GetBodyIndices(station.hand.model_instance):
+        for geometry in inspector.GetGeometries(station.plant.GetBodyFrameIdOrThrow(index), Role.kProximity):
+            properties = inspector.GetProximityProperties(geometry)
+            assert properties.HasProperty("hydroelastic", "compliance_type")
+            boxes += isinstance(inspector.GetShape(geometry), Box)
+    assert boxes > 3
+
+
+def copy_hand(folder: Path, old: str, new: str) -> Path:
+    """A scenario with the Shadow-like hand, whose model is changed."""
+    model = model_path("hands", "shadow_like", "shadow_like.sdf").read_text()
+    hand = model_path("hands", "shadow_like", "shadow_like.hand.yaml").read_text()
+    assert re.search(old, model)
+    (folder / "model.sdf").write_text(re.sub(old, new, model))
+    (folder / "own.hand.yaml").write_text(re.sub("(?m)^model: .*", "model: model.sdf", hand))
+    (folder / "own.scenario.yaml").write_text(f"hand: {folder}/own.hand.yaml\nobject: cube\n")
+    return folder / "own.scenario.yaml"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("<sdf", "<nonsense", "is no model that Drake can read"),
+        ('<joint name="FFJ1"', '<joint name="FFJX"', "'FFJ1' is unknown"),
+    ],
+)
+def test_a_hand_that_cannot_be_simulated_is_told_before_any_work(
+    tmp_path: Path, old: str, new: str, message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    told: list[str] = []
+    scenario = load_scenario(copy_hand(tmp_path, old, new))
+    with pytest.raises(InvalidInputError, match=message):
+        run_scenario(scenario, tell=told.append)
+    assert told == []
+    assert tactopose("run", tmp_path / "own.scenario.yaml") == 2
+    errors = capsys.readouterr().err
+    assert message in errors
+    assert errors.count("\n") == 1
+
+
+def test_a_grip_of_joints_that_are_not_there_is_told_before_any_work(tmp_path: Path) -> None:
+    text = (resource_root() / "diagrams" / "barrett_like.scenario.yaml").read_text()
+    assert "finger_1_spread_joint" in text
+    (tmp_path / "own.scenario.yaml").write_text(text.replace("finger_1_spread_joint", "toe"))
+    told: list[str] = []
+    with pytest.raises(InvalidInputError, match="'toe' is unknown"):
+        run_scenario(load_scenario(tmp_path / "own.scenario.yaml"), tell=told.append)
+    assert told == []
+
+
+def test_an_object_with_joints_is_told_before_any_work(tmp_path: Path) -> None:
+    (tmp_path / "pair.sdf").write_text(
+        """<sdf version="1.7"><model name="pair"><link name="a"/><link name="b"/></model></sdf>"""
+    )
+    (tmp_path / "pair.obj").write_bytes(model_path("objects", "cube.obj").read_bytes())
+    (tmp_path / "pair.scenario.yaml").write_text(f"object: {tmp_path}/pair.sdf")
+    told: list[str] = []
+    with pytest.raises(InvalidInputError, match=r"pair.sdf: has joints; allowed is one free body"):
+        run_scenario(load_scenario(tmp_path / "pair.scenario.yaml"), tell=told.append)
+    assert told == []
