@@ -18,7 +18,7 @@ from tactopose_drake.errors import InvalidFileError, InvalidInputError
 from tactopose_drake.estimation.output_files import written_beside
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.estimation.results import PoseEstimate
-from tactopose_drake.yaml_files import plain_data, read_yaml, shown
+from tactopose_drake.resources.yaml_files import plain_data, read_yaml, shown
 
 
 def load_contacts(path: Path) -> Contacts:

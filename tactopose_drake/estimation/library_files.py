@@ -14,7 +14,7 @@ import yaml
 from tactopose_drake.core.shape.symmetry import RotationalSymmetry, symmetry_group
 from tactopose_drake.core.validation import finite_array, positive_number
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
-from tactopose_drake.yaml_files import plain_data, read_yaml, shown
+from tactopose_drake.resources.yaml_files import plain_data, read_yaml, shown
 
 MANIFEST = "library.yaml"
 """The manifest of a folder."""

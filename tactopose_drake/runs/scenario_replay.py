@@ -72,9 +72,7 @@ def replay(
     """
     manifest = load_manifest(folder)
     manifest.check_scenario(scenario, folder)
-    comparison = ReplayComparison(
-        folder / ESTIMATES, is_live=isinstance(manifest.scenario.senses, CanSenses)
-    )
+    comparison = ReplayComparison(folder / ESTIMATES, is_live=isinstance(manifest.scenario.senses, CanSenses))
     is_compared = scenario.estimation == manifest.scenario.estimation
     scenario = _as_recorded(scenario, manifest)
     scenario.validate()

@@ -19,8 +19,8 @@ from pydrake.math import RigidTransform
 from tactopose_drake.core.validation import FloatArray, pose_matrix
 from tactopose_drake.errors import InvalidFileError
 from tactopose_drake.estimation.prior import PosePrior
+from tactopose_drake.resources.yaml_files import shown
 from tactopose_drake.systems.line_file import LineFile
-from tactopose_drake.yaml_files import shown
 
 _LARGEST = 1e12  # of a number, in SI units; nothing that is measured comes near
 

@@ -14,13 +14,13 @@ from pathlib import Path
 
 import can
 import numpy as np
-from tactopose_drake.estimation.prior import PosePrior
 
 from tactopose_drake.drivers.can_recorder import CanRecorder
 from tactopose_drake.drivers.log_frames import log_frames
 from tactopose_drake.errors import EndOfLogError, TactoposeError
 from tactopose_drake.estimation.files import load_contacts, load_prior
 from tactopose_drake.estimation.library_files import read_library
+from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.hand.hand_config import load_hand_config, make_hand_plant
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
 from tactopose_drake.resources import model_path, resource_root

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pydrake.math import RigidTransform
-from tactopose_drake.estimation.prior import PosePrior
 
 from tactopose_drake.drivers.log_frames import log_frames
 from tactopose_drake.errors import EndOfLogError, InvalidFileError
+from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.hand.hand_config import load_hand_config, make_hand_plant
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
 from tactopose_drake.runs.manifest import SIGNALS, load_manifest, save_manifest

@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from tactopose_drake.errors import InvalidFileError
-from tactopose_drake.yaml_files import MAX_BYTES, MAX_DEPTH, plain_data, read_yaml
+from tactopose_drake.resources.yaml_files import MAX_BYTES, MAX_DEPTH, plain_data, read_yaml
 
 
 def read(folder: Path, text: str | bytes) -> object:

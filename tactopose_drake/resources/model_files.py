@@ -1,33 +1,26 @@
-"""Where models and diagrams are found, how `package://` URLs resolve, and YAML files read into dataclasses."""
+"""Where models and diagrams are found, and how `package://` URLs resolve."""
 
 import dataclasses
 from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 from pydrake.common import RandomGenerator
 from pydrake.common.schema import Transform
-from pydrake.common.yaml import yaml_load_typed
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
 
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
-from tactopose_drake.yaml_files import read_yaml, shown
-from tactopose_drake.yaml_types import check_type
-
-Schema = TypeVar("Schema")
 
 _FARTHEST = 1000.0  # m
-_MAX_BYTES = 2**18  # of a file that is read into a dataclass; the largest of ours has 4000
 
 
 def resource_root() -> Path:
     """The folder that holds `models/` and `diagrams/`: the package itself when installed, the checkout otherwise."""
-    package = Path(__file__).resolve().parent
+    package = Path(__file__).resolve().parents[1]
     return package if (package / "models").is_dir() else package.parent
 
 
@@ -126,26 +119,3 @@ def _sound(name: str, X: RigidTransform) -> RigidTransform:
     if not np.isfinite(matrix).all() or np.abs(R.T @ R - np.eye(3)).max() > 1e-6 or np.linalg.norm(p) > _FARTHEST:
         raise InvalidInputError(f"{name}: is no pose; allowed are a rotation and at most {_FARTHEST:g} m.")
     return X
-
-
-def load_typed_yaml(schema: type[Schema], path: Path) -> Schema:
-    """Reads a YAML file into an instance of a dataclass; unknown keys are errors, absent keys keep their defaults.
-
-    Ranges are not checked here: `yaml_load_typed` bypasses `__post_init__`, so the schema's `validate` does it.
-
-    Raises:
-        InvalidFileError: if the file cannot be read or does not fit the schema; the message is one line that names the
-            file, the line and what is allowed.
-    """
-    text, root = read_yaml(path, _MAX_BYTES)
-    if root is None:
-        raise InvalidFileError(f"{path}: is empty.")
-    try:
-        check_type(schema, root)
-        data: Schema = yaml_load_typed(schema=schema, data=text)
-    except InvalidFileError as error:
-        raise InvalidFileError(f"{path}: {error}") from None
-    except Exception as error:  # the loader raises AttributeError, AssertionError, RuntimeError ... on bad content
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise InvalidFileError(f"{path}: {shown(reason)}") from error
-    return data

@@ -1,15 +1,53 @@
-"""Whether a tree of YAML fits the type that it is to be read into, and if not, where and what is allowed."""
+"""Reading YAML into dataclasses; what does not fit the type is told with its line and what is allowed."""
 
 import dataclasses
 import types
 import typing
-from typing import Any
+from pathlib import Path
+from typing import Any, TypeVar
 
 import yaml
 from pydrake.common.yaml import yaml_load_typed
 
 from tactopose_drake.errors import InvalidFileError
-from tactopose_drake.yaml_files import DECIMAL, NOT_FINITE, YAML, bare, check_key, number_of, shown, where
+from tactopose_drake.resources.yaml_files import (
+    DECIMAL,
+    NOT_FINITE,
+    YAML,
+    bare,
+    check_key,
+    number_of,
+    read_yaml,
+    shown,
+    where,
+)
+
+Schema = TypeVar("Schema")
+
+_MAX_BYTES = 2**18  # of a file that is read into a dataclass; the largest of ours has 4000
+
+
+def load_typed_yaml(schema: type[Schema], path: Path) -> Schema:
+    """Reads a YAML file into an instance of a dataclass; unknown keys are errors, absent keys keep their defaults.
+
+    Ranges are not checked here: `yaml_load_typed` bypasses `__post_init__`, so the schema's `validate` does it.
+
+    Raises:
+        InvalidFileError: if the file cannot be read or does not fit the schema; the message is one line that names the
+            file, the line and what is allowed.
+    """
+    text, root = read_yaml(path, _MAX_BYTES)
+    if root is None:
+        raise InvalidFileError(f"{path}: is empty.")
+    try:
+        check_type(schema, root)
+        data: Schema = yaml_load_typed(schema=schema, data=text)
+    except InvalidFileError as error:
+        raise InvalidFileError(f"{path}: {error}") from None
+    except Exception as error:  # the loader raises AttributeError, AssertionError, RuntimeError ... on bad content
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise InvalidFileError(f"{path}: {shown(reason)}") from error
+    return data
 
 
 def check_type(kind: Any, node: yaml.Node, place: str = "") -> None:

@@ -1,0 +1,10 @@
+from .model_files import ModelPackage as ModelPackage
+from .model_files import add_model as add_model
+from .model_files import drawn_pose as drawn_pose
+from .model_files import fixed_pose as fixed_pose
+from .model_files import make_parser as make_parser
+from .model_files import model_path as model_path
+from .model_files import resource_root as resource_root
+from .yaml_files import plain_data as plain_data
+from .yaml_files import read_yaml as read_yaml
+from .yaml_types import load_typed_yaml as load_typed_yaml
