@@ -6,9 +6,10 @@ Prints each finding with the command that makes the same call again, and a summa
 import argparse
 import sys
 
+from tests.fuzz.calls import hostile, plausible
 from tests.fuzz.runner import Kind, Outcome, run
 
-KINDS: dict[str, Kind] = {}
+KINDS: dict[str, Kind] = {"plausible": plausible, "hostile": hostile}
 
 
 def main() -> int:
