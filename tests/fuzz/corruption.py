@@ -13,6 +13,8 @@ import numpy as np
 from tests.fuzz.targets import Arguments
 
 Path = tuple[Any, ...]
+OWN = ("kind",)
+"""Arguments that are no argument of the call, but say which one it is."""
 _NUMBERS = [0.0, -0.0, 1.0, -1.0, 1e-300, 1e-160, 1e-20, 1e-9, 1e3, 1e9, 1e20, 1e160, 1e300, 5e-324, -1e300]
 _NUMBERS += [math.nan, math.inf, -math.inf]
 
@@ -50,7 +52,23 @@ VALUES: list[Callable[[np.random.Generator], Any]] = [
 def _entries(change: Callable[[np.random.Generator, float], float]) -> Callable[[np.random.Generator, Any], Any]:
     """A change of one entry or of all of them."""
 
-    def corrupt(rng: np.random.Generator, array: Any) -> Any:
+    SUBTLE: list[Callable[[np.random.Generator, Any], Any]] = [
+    _entries(lambda rng, entry: entry * float(10.0 ** rng.uniform(-8, 8))),
+    _entries(lambda rng, entry: entry * float(rng.choice([0.0, 1e-3, 1e-8, 1e-16, -1.0, 1.001]))),
+    _entries(lambda rng, entry: entry + float(10.0 ** rng.uniform(-8, 0.9))),
+    _entries(lambda rng, entry: float(rng.choice([0.0, 1.0, -1.0]))),
+    _entries(lambda rng, entry: float(rng.choice([1e-300, 5e-324, -1e-300, 1e-160]))),
+    lambda rng, array: np.zeros_like(array),
+    lambda rng, array: np.broadcast_to(array[:1], array.shape) if array.ndim else array,
+    lambda rng, array: _line(rng, array) if array.ndim and len(array) else array,
+    lambda rng, array: array * float(10.0 ** rng.uniform(-8, 2)),
+    lambda rng, array: array.astype(np.float16),
+    lambda rng, array: np.asfortranarray(array),
+    lambda rng, array: array.tolist(),
+]
+
+
+def corrupt(rng: np.random.Generator, array: Any) -> Any:
         array = np.array(array)
         if not array.size:
             return array
@@ -110,24 +128,48 @@ ARRAYS: list[Callable[[np.random.Generator, Any], Any]] = [
 ]
 
 
+SUBTLE: list[Callable[[np.random.Generator, Any], Any]] = [
+    _entries(lambda rng, entry: entry * float(10.0 ** rng.uniform(-8, 8))),
+    _entries(lambda rng, entry: entry * float(rng.choice([0.0, 1e-3, 1e-8, 1e-16, -1.0, 1.001]))),
+    _entries(lambda rng, entry: entry + float(10.0 ** rng.uniform(-8, 0.9))),
+    _entries(lambda rng, entry: float(rng.choice([0.0, 1.0, -1.0]))),
+    _entries(lambda rng, entry: float(rng.choice([1e-300, 5e-324, -1e-300, 1e-160]))),
+    lambda rng, array: np.zeros_like(array),
+    lambda rng, array: np.broadcast_to(array[:1], array.shape) if array.ndim else array,
+    lambda rng, array: _line(rng, array) if array.ndim and len(array) else array,
+    lambda rng, array: array * float(10.0 ** rng.uniform(-8, 2)),
+    lambda rng, array: array.astype(np.float16),
+    lambda rng, array: np.asfortranarray(array),
+    lambda rng, array: array.tolist(),
+]
+
+
 def corrupt(rng: np.random.Generator, arguments: Arguments) -> Arguments:
     """Arguments of which some values, one to three, are replaced or changed."""
     corrupted = copy_data(arguments)
+    is_subtle = rng.random() < 0.6  # Mostly values of another kind would be refused, and nothing deeper be reached.
     for _ in range(rng.integers(1, 4)):
         paths = list(_leaves(corrupted))
         path = paths[int(rng.integers(len(paths)))]
         place = corrupted
         for step in path[:-1]:
             place = place[step]
-        value = place[path[-1]]
-        if isinstance(value, np.ndarray) and value.dtype.kind == "f" and rng.random() < 0.8:
-            with np.errstate(all="ignore"):
-                place[path[-1]] = ARRAYS[int(rng.integers(len(ARRAYS)))](rng, np.array(value))
-        elif isinstance(value, float) and rng.random() < 0.5:
-            place[path[-1]] = _number(rng)
-        else:
-            place[path[-1]] = VALUES[int(rng.integers(len(VALUES)))](rng)
+        place[path[-1]] = _corrupt_one(rng, place[path[-1]], is_subtle)
     return corrupted
+
+
+def _corrupt_one(rng: np.random.Generator, value: Any, is_subtle: bool) -> Any:
+    if isinstance(value, np.ndarray) and value.dtype.kind == "f" and rng.random() < 0.9:
+        changes = SUBTLE if is_subtle else ARRAYS
+        with np.errstate(all="ignore"):
+            return changes[int(rng.integers(len(changes)))](rng, np.array(value))
+    if isinstance(value, float) and is_subtle:
+        return value * float(10.0 ** rng.uniform(-8, 8)) * float(rng.choice([1.0, 1.0, 1.0, -1.0, 0.0]))
+    if is_subtle and not isinstance(value, float | np.ndarray):
+        return value
+    if isinstance(value, float) and rng.random() < 0.5:
+        return _number(rng)
+    return VALUES[int(rng.integers(len(VALUES)))](rng)
 
 
 def copy_data(value: Any) -> Any:
@@ -143,6 +185,8 @@ def _leaves(value: Any, path: Path = ()) -> Any:
     """The paths to every value, those of inner dictionaries and lists too."""
     steps = value.items() if isinstance(value, dict) else enumerate(value)
     for step, entry in steps:
+        if step in OWN:
+            continue
         yield (*path, step)
         if isinstance(entry, dict | list):
             yield from _leaves(entry, (*path, step))

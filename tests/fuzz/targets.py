@@ -26,4 +26,4 @@ class Target(NamedTuple):
 
 def build(make: Callable[..., Any], arguments: Any) -> Any:
     """What `make` makes of arguments that are a dictionary; another value is passed on as it is."""
-    return make(**arguments) if isinstance(arguments, dict) else arguments
+    return make(**arguments) if isinstance(arguments, dict) and arguments else arguments

@@ -61,7 +61,7 @@ def follow(given: Arguments) -> None:
             parts["evidence"] = _evidence(parts["evidence"])
         parts["vision"] = build(tp.PoseMeasurement, parts["vision"])
         belief = tracker.step(belief, Frame(**parts))
-        assert belief.status in ("ok", "ambiguous", "slipping", "lost")
+        assert belief.status in ("ok", "ambiguous", "slipping", "no_contact", "lost")
         assert len(belief.X_PO) == len(belief.probability) == len(belief.covariance)
         for array in (belief.X_PO, belief.probability, belief.covariance):
             assert np.isfinite(array).all()

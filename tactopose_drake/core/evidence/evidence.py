@@ -10,7 +10,7 @@ from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.evidence.patch_contacts import with_patches
 from tactopose_drake.core.evidence.prior import PosePrior
 from tactopose_drake.core.sensing.patches import Patch
-from tactopose_drake.core.validation import positive_number
+from tactopose_drake.core.validation import MOST_FRICTION, positive_number
 from tactopose_drake.errors import InvalidInputError
 
 _KINDS = {
@@ -53,7 +53,9 @@ class Evidence:
             if not isinstance(value, kind) and (value is not None or name == "contacts"):
                 raise InvalidInputError(f"{name}: is a {type(value).__name__}; allowed is a {kind.__name__}.")
         if self.friction is not None:
-            object.__setattr__(self, "friction", positive_number("friction", self.friction, allow_zero=True))
+            object.__setattr__(
+                self, "friction", positive_number("friction", self.friction, allow_zero=True, most=MOST_FRICTION)
+            )
         for name in ("balance", "friction"):
             if getattr(self, name) is not None and self.contacts.f_PC is None:
                 raise InvalidInputError(f"contacts: have no forces; {name} needs them.")

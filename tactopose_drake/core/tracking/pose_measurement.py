@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 
 from tactopose_drake.core.evidence.prior import PosePrior
-from tactopose_drake.core.validation import FloatArray, finite_array, pose_matrix
+from tactopose_drake.core.validation import LATEST, FloatArray, limited, points_near, pose_matrix
 from tactopose_drake.errors import InvalidInputError
 
 
@@ -29,14 +29,18 @@ class PoseMeasurement:
     covariance: FloatArray
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "time", float(finite_array("time", self.time, ())))
-        covariance = finite_array("covariance", self.covariance, (6, 6)).copy()
+        object.__setattr__(self, "time", float(limited("time", self.time, (), most=LATEST)))
+        covariance = limited("covariance", self.covariance, (6, 6), most=_MOST_VARIANCE)
         scale = np.sqrt(np.abs(np.diag(covariance)))
         if np.abs(covariance - covariance.T).max() > 1e-6 * scale.max() ** 2:
             raise InvalidInputError("covariance: is not symmetric.")
-        if scale.min() == 0.0 or np.linalg.eigvalsh(covariance / np.outer(scale, scale)).min() <= 0.0:
-            raise InvalidInputError("covariance: is not positive definite.")
-        for name, array in (("X_PO", pose_matrix("X_PO", self.X_PO)), ("covariance", covariance)):
+        if scale.min() < _LEAST_SIGMA or np.linalg.eigvalsh(covariance / np.outer(scale, scale)).min() <= 0.0:
+            raise InvalidInputError(
+                f"covariance: is not positive definite with standard deviations of {_LEAST_SIGMA:g} or more."
+            )
+        X_PO = pose_matrix("X_PO", self.X_PO)
+        points_near("X_PO", X_PO[None, :, 3], (1, 3))
+        for name, array in (("X_PO", X_PO), ("covariance", covariance)):
             array.setflags(write=False)
             object.__setattr__(self, name, array)
 
@@ -52,3 +56,4 @@ class PoseMeasurement:
 
 
 _W, _V = slice(0, 3), slice(3, 6)
+_LEAST_SIGMA, _MOST_VARIANCE = 1e-7, 1e6
