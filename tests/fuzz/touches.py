@@ -70,7 +70,7 @@ def contacts(rng: np.random.Generator, touched: tp.ObjectModel, X_PO: Array, cou
     count = round(log_uniform(rng, 1.0, 100.0)) if count is None else count
     samples = touched.samples
     rows = rng.integers(len(samples), size=count)
-    if rng.random() < 0.2:
+    if count and rng.random() < 0.2:
         middle = samples.points[rows[0]]
         near = np.argsort(np.linalg.norm(samples.points - middle, axis=1))[: max(count, 50)]
         rows = rng.choice(near, size=count)
