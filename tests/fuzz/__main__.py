@@ -6,10 +6,11 @@ Prints each finding with the command that makes the same call again, and a summa
 import argparse
 import sys
 
+from tests.fuzz.bits import bits
 from tests.fuzz.calls import hostile, plausible
 from tests.fuzz.runner import Kind, Outcome, run
 
-KINDS: dict[str, Kind] = {"plausible": plausible, "hostile": hostile}
+KINDS: dict[str, Kind] = {"plausible": plausible, "hostile": hostile, "bits": bits}
 
 
 def main() -> int:

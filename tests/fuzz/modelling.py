@@ -42,6 +42,8 @@ def from_mesh(arguments: Arguments) -> None:
             mesh = trimesh.Trimesh(np.array(mesh.vertices), np.array(mesh.faces), process=False)
         except Exception:
             return  # It is trimesh that refuses.
+        if mesh.vertices.shape[1:] != (3,) or mesh.faces.shape[1:] != (3,):
+            return  # No mesh of trimesh's, but attributes that it does not check.
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", MeshRepairWarning)
         model = tp.ObjectModel.from_mesh(mesh, **given, cache=False)

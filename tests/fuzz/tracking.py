@@ -1,5 +1,7 @@
 """The fuzzer's target `PoseTracker.step`: some frames of one object in a hand."""
 
+from typing import Any
+
 import numpy as np
 
 import tactopose_drake as tp
@@ -44,6 +46,7 @@ def _frame(rng: np.random.Generator, model: tp.ObjectModel, X_PO: touches.Array,
 
 
 def _evidence(given: Arguments) -> Evidence:
+    """What the arguments say, none of which may be missing."""
     return Evidence(
         build(tp.Contacts, given["contacts"]),
         build(tp.PosePrior, given["prior"]),
@@ -52,15 +55,22 @@ def _evidence(given: Arguments) -> Evidence:
     )
 
 
+def _frame_of(given: Any) -> Any:
+    if not isinstance(given, dict):
+        return given
+    parts = dict(given)
+    if isinstance(parts.get("evidence"), dict):
+        parts["evidence"] = _evidence(parts["evidence"])
+    parts["vision"] = build(tp.PoseMeasurement, parts.get("vision"))
+    return build(Frame, parts)
+
+
 def follow(given: Arguments) -> None:
     tracker = PoseTracker(given["model"], build(PoseTrackerParams, given["params"]))
     belief = tracker.start()
-    for frame in given["frames"]:
-        parts = dict(frame)
-        if isinstance(parts["evidence"], dict):
-            parts["evidence"] = _evidence(parts["evidence"])
-        parts["vision"] = build(tp.PoseMeasurement, parts["vision"])
-        belief = tracker.step(belief, Frame(**parts))
+    frames = given["frames"] if isinstance(given["frames"], list) else [given["frames"]]
+    for frame in frames:
+        belief = tracker.step(belief, _frame_of(frame))
         assert belief.status in ("ok", "ambiguous", "slipping", "no_contact", "lost")
         assert len(belief.X_PO) == len(belief.probability) == len(belief.covariance)
         for array in (belief.X_PO, belief.probability, belief.covariance):
