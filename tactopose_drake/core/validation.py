@@ -257,4 +257,4 @@ def pose_matrix(name: str, value: object) -> FloatArray:
         raise InvalidInputError(
             f"{name}: its last row is {X[3].tolist()}; allowed is [0, 0, 0, 1]. Transpose a matrix of columns."
         )
-    return np.ascontiguousarray(X[:3])
+    return X[:3].copy()

@@ -11,7 +11,7 @@ from tactopose_drake.core.evidence.patch_contacts import with_patches
 from tactopose_drake.core.evidence.prior import PosePrior
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.validation import MOST_FRICTION, positive_number
-from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.errors import InvalidInputError, TooFewContactsError
 
 _KINDS = {
     "contacts": Contacts,
@@ -37,6 +37,7 @@ class Evidence:
 
     Raises:
         InvalidInputError: a value of another type, a friction below 0, or balance or friction without forces.
+        TooFewContactsError: balance without a contact.
     """
 
     contacts: Contacts
@@ -59,6 +60,8 @@ class Evidence:
         for name in ("balance", "friction"):
             if getattr(self, name) is not None and self.contacts.f_PC is None:
                 raise InvalidInputError(f"contacts: have no forces; {name} needs them.")
+        if self.balance is not None and not len(self.contacts):
+            raise TooFewContactsError("contacts: there are 0; balance needs at least 1.")
         if not isinstance(self.patches, Sequence):
             raise InvalidInputError(f"patches: is a {type(self.patches).__name__}; allowed is a sequence of Patch.")
         object.__setattr__(self, "patches", tuple(self.patches))
