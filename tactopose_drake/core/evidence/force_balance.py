@@ -14,7 +14,7 @@ class ForceBalance:
     Attributes:
         gravity_P: acceleration of gravity in the palm frame, shape (3,), m/s^2, up to 1000.
         sigma_torque: standard deviation of each component of the torque that a soft fingertip passes on beside its
-            force, N m, from 1e-8 to 1000.
+            force, N m, from 1e-12 to 1000.
 
     Raises:
         InvalidInputError: what is not of finite numbers, or a number out of its range.
@@ -28,5 +28,5 @@ class ForceBalance:
         gravity_P.setflags(write=False)
         object.__setattr__(self, "gravity_P", gravity_P)
         object.__setattr__(
-            self, "sigma_torque", positive_number("sigma_torque", self.sigma_torque, least=1e-8, most=1e3)
+            self, "sigma_torque", positive_number("sigma_torque", self.sigma_torque, least=1e-12, most=1e3)
         )

@@ -17,8 +17,9 @@ class PoseMeasurement:
 
     Attributes:
         time: when it was so, s, of the clock that the frames of the belief are of: of the picture, not of its delivery.
-        X_PO: the pose at that time, shape (3, 4); a RigidTransform is taken too.
-        covariance: of the increment (w, v) from it to the true pose, shape (6, 6), rad and m.
+        X_PO: the pose at that time, shape (3, 4), p in m, up to 10; a RigidTransform is taken too.
+        covariance: of the increment (w, v) from it to the true pose, shape (6, 6), rad and m, of standard
+            deviations from 1e-7 to 1000.
 
     Raises:
         InvalidInputError: a time or pose that is none, or a covariance that is not symmetric and positive definite.
@@ -46,7 +47,12 @@ class PoseMeasurement:
 
     @classmethod
     def from_prior(cls, prior: PosePrior, time: float) -> PoseMeasurement:
-        """What a prior says, as of a time, s."""
+        """What a prior says.
+
+        Args:
+            prior: of the pose.
+            time: when it is so, s.
+        """
         return cls(time, prior.X_PO, np.diag(prior.sigmas**2))
 
     def as_prior(self) -> PosePrior:
