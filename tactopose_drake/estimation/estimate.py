@@ -37,8 +37,8 @@ from tactopose_drake.estimation.direct import Direct
 from tactopose_drake.estimation.mathematical_program import PoseProgram
 from tactopose_drake.estimation.results import PoseEstimate, PoseHypothesis, status_of
 
-# Contacts farther apart, in sizes of the object, are in other units than it.
-_FARTHEST_APART = 100.0
+# Contacts that are farther apart than a hand reaches, m, and than this many sizes of the object, are not in metres.
+_WIDEST_HAND, _WIDEST_TOUCH = 1.0, 10.0
 # Without a prior, fewer contacts and patches leave whole families of poses, whichever mode carries most of the mass.
 _FEWEST_FOR_A_POSE = 3
 
@@ -118,13 +118,13 @@ def check_units(evidence: Evidence, size: float) -> None:
     """Checks that a touch is not evidently in other units than an object of this size, m.
 
     Raises:
-        InvalidInputError: if the contacts are farther apart than a hundred times the size.
+        InvalidInputError: if the contacts are farther apart than 1 m and than ten times the size.
     """
     apart = float(np.linalg.norm(np.ptp(evidence.touch.p_PC, axis=0)))
-    if apart > _FARTHEST_APART * size:
+    if apart > max(_WIDEST_HAND, _WIDEST_TOUCH * size):
         raise InvalidInputError(
-            f"contacts: are up to {apart:.3g} m apart on an object of {size:.3g} m; allowed is {_FARTHEST_APART:g} "
-            "times the object's size. Multiply by 0.001 what is in millimetres."
+            f"contacts: are up to {apart:.3g} m apart on an object of {size:.3g} m; allowed is {_WIDEST_HAND:g} m, "
+            f"or {_WIDEST_TOUCH:g} times the object's size. Multiply by 0.001 what is in millimetres."
         )
 
 
