@@ -45,7 +45,6 @@ def finite_array(name: str, value: ArrayLike, *shapes: tuple[int | None, ...]) -
 
 def number_array(name: str, value: ArrayLike, *shapes: tuple[int | None, ...]) -> FloatArray:
     """As `finite_array`, but NaN and infinite numbers may be among the entries."""
-    what = "a number" if shapes == ((),) else "an array of numbers"
     try:
         _check_numbers(name, value)
         array = np.asarray(value)
@@ -54,9 +53,9 @@ def number_array(name: str, value: ArrayLike, *shapes: tuple[int | None, ...]) -
     except (TypeError, ValueError, OverflowError) as error:
         if isinstance(error, InvalidInputError):
             raise
-        raise InvalidInputError(f"{name}: not {what} ({error}).") from None
+        raise InvalidInputError(f"{name}: not an array of numbers ({error}).") from None
     if array.dtype.kind not in "iuf":
-        raise InvalidInputError(f"{name}: not {what} (it is of type {array.dtype}).")
+        raise InvalidInputError(f"{name}: not an array of numbers (it is of type {array.dtype}).")
     if not any(_fits(array.shape, shape) for shape in shapes):
         wanted = [str(shape).replace("None", "n") for shape in shapes]
         allowed = f"is {wanted[0]}" if len(wanted) == 1 else f"are {' and '.join(wanted)}"

@@ -56,7 +56,7 @@ def estimate(arguments: Arguments) -> None:
 
 
 def check_estimate(estimate: tp.PoseEstimate) -> None:
-    """Asserts that it says what its status promises, in finite numbers."""
+    """Asserts that it says what `PoseEstimate` promises: whatever the status, in finite numbers."""
     hypotheses = estimate.hypotheses
     assert hypotheses
     assert estimate.status in ("ok", "ambiguous", "no_solution")
@@ -76,10 +76,7 @@ def check_estimate(estimate: tp.PoseEstimate) -> None:
         assert np.linalg.eigvalsh(covariance / np.outer(scale, scale)).min() > -1e-6, covariance
         assert np.isfinite(hypothesis.free_directions).all()
         assert hypothesis.free_directions.shape == (len(hypothesis.free_directions), 6)
-    assert not math.isnan(estimate.log_evidence)
-    assert estimate.log_evidence < math.inf
-    if estimate.status != "no_solution":
-        assert math.isfinite(estimate.log_evidence), estimate.log_evidence
+    assert math.isfinite(estimate.log_evidence), estimate.log_evidence
 
 
 def identify_arguments(rng: np.random.Generator) -> Arguments:
