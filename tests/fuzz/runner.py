@@ -87,12 +87,12 @@ class Summary:
         )
 
 
-def run_here(kinds: Mapping[str, Kind], seeds: range) -> Summary:
-    """Makes one call of each kind for each seed, in this process."""
+def run_here(kinds: Mapping[str, Kind], seeds: range, cpu_limit: float = 60.0) -> Summary:
+    """Makes one call of each kind for each seed, in this process, which may be on a slow machine."""
     summary = Summary()
     for seed in seeds:
         for name, kind in kinds.items():
-            summary.add(make_call(name, kind, seed))
+            summary.add(make_call(name, kind, seed, cpu_limit))
     return summary
 
 

@@ -24,7 +24,7 @@ def test_no_call_ends_in_a_raw_error(kind: Callable[[np.random.Generator], None]
 @settings(max_examples=60, suppress_health_check=[HealthCheck.too_slow])
 @given(seed=st.integers(0, 2**63 - 1), kind=st.sampled_from([plausible, hostile]))
 def test_nor_does_one_of_any_seed(seed: int, kind: Callable[[np.random.Generator], None]) -> None:
-    outcome = make_call(kind.__name__, kind, seed)
+    outcome = make_call(kind.__name__, kind, seed, cpu_limit=60.0)
     assert outcome.result != "finding", f"{outcome.command}\n{outcome.detail}"
 
 

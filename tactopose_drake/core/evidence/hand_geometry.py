@@ -2,7 +2,14 @@
 
 import dataclasses
 
-from tactopose_drake.core.validation import FARTHEST, FloatArray, points_near, positive_number, positive_numbers
+from tactopose_drake.core.validation import (
+    FARTHEST,
+    FloatArray,
+    finite_array,
+    points_near,
+    positive_number,
+    positive_numbers,
+)
 from tactopose_drake.errors import InvalidInputError
 
 
@@ -27,9 +34,12 @@ class HandGeometry:
 
     def __post_init__(self) -> None:
         p_PH = points_near("p_PH", self.p_PH, (None, 3))
-        radius = positive_numbers("radius", self.radius, (len(p_PH),), least=1e-6, most=FARTHEST)
+        radius = finite_array("radius", self.radius, (len(p_PH),))
         if not len(p_PH):
             raise InvalidInputError("p_PH: holds no sphere; the least is 1.")
+        if radius.min() <= 0.0:
+            raise InvalidInputError(f"radius: holds {radius.min():g}; allowed are numbers > 0.")
+        positive_numbers("radius", radius, radius.shape, least=1e-6, most=FARTHEST)
         object.__setattr__(self, "sigma", positive_number("sigma", self.sigma, least=1e-7, most=FARTHEST))
         for name, value in (("p_PH", p_PH), ("radius", radius)):
             value.setflags(write=False)
