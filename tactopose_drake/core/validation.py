@@ -210,7 +210,8 @@ def instance_of(name: str, value: object, kind: type) -> None:
         InvalidInputError: if it is another.
     """
     if not isinstance(value, kind):
-        raise InvalidInputError(f"{name}: is a {type(value).__name__}; allowed is a {kind.__name__}.")
+        article = "an" if kind.__name__[0] in "AEIO" else "a"
+        raise InvalidInputError(f"{name}: is a {type(value).__name__}; allowed is {article} {kind.__name__}.")
 
 
 def shown(value: object) -> str:

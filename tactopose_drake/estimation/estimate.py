@@ -38,7 +38,7 @@ from tactopose_drake.estimation.mathematical_program import PoseProgram
 from tactopose_drake.estimation.results import PoseEstimate, PoseHypothesis, status_of
 
 # Contacts that are farther apart than a hand reaches, m, and than this many sizes of the object, are not in metres.
-_WIDEST_HAND, _WIDEST_TOUCH = 1.0, 10.0
+_WIDEST_HAND, _WIDEST_TOUCH = 1.0, 30.0
 # Without a prior, fewer contacts and patches leave whole families of poses, whichever mode carries most of the mass.
 _FEWEST_FOR_A_POSE = 3
 
@@ -118,7 +118,7 @@ def check_units(evidence: Evidence, size: float) -> None:
     """Checks that a touch is not evidently in other units than an object of this size, m.
 
     Raises:
-        InvalidInputError: if the contacts are farther apart than 1 m and than ten times the size.
+        InvalidInputError: if the contacts are farther apart than 1 m and than 30 times the size.
     """
     apart = float(np.linalg.norm(np.ptp(evidence.touch.p_PC, axis=0)))
     if apart > max(_WIDEST_HAND, _WIDEST_TOUCH * size):

@@ -31,7 +31,6 @@ from tactopose_drake.core.validation import (
     positive_number,
     whole_number,
 )
-from tactopose_drake.errors import TooFewContactsError
 
 _PROJECTIONS = 3
 # Surface points whose disturbances make up the object wrench space.
@@ -101,7 +100,6 @@ def grasp_quality(
     Raises:
         InvalidInputError: a friction below 0, fewer than 3 edges or more than 64, a length that is not positive, an
             X_PO that is no pose, a task of another shape, or a value of another type.
-        TooFewContactsError: no contact.
         UnknownNameError: a norm that does not exist.
     """
     friction, length = _check(model, contacts, friction, edges, length, norm)
@@ -154,7 +152,6 @@ def force_closure_probability(
     Raises:
         InvalidInputError: a friction or a seed below 0, fewer than 3 edges or more than 64, no sample or more than
             a million, or a value of another type.
-        TooFewContactsError: no contact.
     """
     friction, length = _check(model, contacts, friction, edges, None, "L1")
     instance_of("belief", belief, PoseModes)
@@ -203,6 +200,4 @@ def _check(
     known_name("norm", norm, get_args(Norm))
     whole_number("edges", edges, least=3, most=_MOST_EDGES)
     friction = positive_number("friction", friction, allow_zero=True, most=MOST_FRICTION)
-    if not len(contacts):
-        raise TooFewContactsError("contacts: there are 0; a grasp has at least 1.")
     return friction, lever(model) if length is None else positive_number("length", length, least=1e-6, most=1e3)
