@@ -1,49 +1,223 @@
-"""Checks of input values, each with one clear error that names the value and what is allowed."""
+"""Checks of input values, each with one clear error that names the value and what is allowed.
+
+Numbers are integers and floats of any width, Python's or numpy's, alone, in lists and tuples, or in arrays. All are
+taken as float64. Nothing else is a number: no boolean, no string of digits, no complex, decimal or fraction, no date,
+no object, and no masked entry of an array (whatever stands behind the mask).
+"""
+
+import numbers
+from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.errors import InvalidInputError, UnknownNameError
 
 FloatArray = NDArray[np.float64]
+
+_DEEPEST = 8
+_LONG = 1e3
+
+FARTHEST = 10.0
+"""No point in the palm frame is so far from it, m: one that is must be in millimetres."""
+LATEST = 1e12
+"""Times are up to this, s: far beyond any clock's, and still told apart to a millisecond."""
+MOST_FRICTION = 1e3
+"""A coefficient of friction is not above this."""
 
 
 def finite_array(name: str, value: ArrayLike, *shapes: tuple[int | None, ...]) -> FloatArray:
     """Returns `value` as a float64 array of one of the shapes (None: any length) with finite entries only.
 
+    It is a new array, contiguous in C's order, aligned and of the machine's byte order, so that what is computed from
+    it depends on nothing but the numbers.
+
     Raises:
-        InvalidInputError: if it is not numeric, of another shape, or holds a NaN or an infinite number.
+        InvalidInputError: if it is not of numbers, of another shape, or holds a NaN or an infinite number.
     """
+    array = number_array(name, value, *shapes)
+    if not np.isfinite(array).all():
+        bad = np.argwhere(~np.isfinite(array))[0]
+        raise InvalidInputError(f"{_place(name, bad)}: is {array[tuple(bad)]}; allowed are finite numbers.")
+    return array
+
+
+def number_array(name: str, value: ArrayLike, *shapes: tuple[int | None, ...]) -> FloatArray:
+    """As `finite_array`, but NaN and infinite numbers may be among the entries."""
     try:
-        array = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+        _check_numbers(name, value)
+        array = np.asarray(value)
+        if array.dtype.kind == "O" and _are_large(value):
+            array = array.astype(np.float64)
+    except (TypeError, ValueError, OverflowError) as error:
+        if isinstance(error, InvalidInputError):
+            raise
         raise InvalidInputError(f"{name}: not an array of numbers ({error}).") from None
+    if array.dtype.kind not in "iuf":
+        raise InvalidInputError(f"{name}: not an array of numbers (it is of type {array.dtype}).")
     if not any(_fits(array.shape, shape) for shape in shapes):
         wanted = [str(shape).replace("None", "n") for shape in shapes]
         allowed = f"is {wanted[0]}" if len(wanted) == 1 else f"are {' and '.join(wanted)}"
         raise InvalidInputError(f"{name}: has shape {array.shape}; allowed {allowed}.")
-    if not np.isfinite(array).all():
-        bad = np.argwhere(~np.isfinite(array))[0]
-        index = ", ".join(str(int(i)) for i in bad)
-        where = f"{name}[{index}]" if index else name
-        raise InvalidInputError(f"{where}: is {array[tuple(bad)]}; allowed are finite numbers.")
-    return array
+    with np.errstate(over="ignore"):  # What a wider float holds beyond float64 is infinite.
+        return np.array(array, dtype=np.float64, order="C")
+
+
+def _check_numbers(name: str, value: object, depth: int = 0) -> None:
+    """Raises if there is anything but numbers in a value: numpy would turn some of it into numbers."""
+    if isinstance(value, np.ma.MaskedArray):
+        masked = np.argwhere(np.ma.getmaskarray(value))
+        if len(masked):
+            raise InvalidInputError(f"{_place(name, masked[0])}: is masked; allowed are finite numbers.")
+    elif isinstance(value, list | tuple):
+        if depth > _DEEPEST:
+            raise ValueError(f"lists in lists, more than {_DEEPEST} deep")
+        for i, entry in enumerate(value):
+            if type(entry) is not float:
+                _check_numbers(f"{name}[{i}]", entry, depth + 1)
+    elif value is None or isinstance(value, str | bytes | bytearray | bool | np.bool_):
+        raise TypeError(f"{name} is {shown(value)}")
+    elif isinstance(value, np.ndarray) and value.dtype.kind not in "iufO":
+        raise TypeError(f"{name} is of type {value.dtype}")
+
+
+def _are_large(value: object) -> bool:
+    """Whether a value that numpy keeps as objects is of Python's integers and floats alone."""
+    if isinstance(value, list | tuple):
+        return all(_are_large(entry) for entry in value)
+    return isinstance(value, int | float)
+
+
+def _place(name: str, index: Iterable[Any]) -> str:
+    inside = ", ".join(str(int(i)) for i in index)
+    return f"{name}[{inside}]" if inside else name
 
 
 def _fits(shape: tuple[int, ...], wanted: tuple[int | None, ...]) -> bool:
     return len(shape) == len(wanted) and all(n is None or n == m for n, m in zip(wanted, shape, strict=True))
 
 
-def positive_number(name: str, value: float, *, allow_zero: bool = False) -> float:
-    """Returns `value` as a float if it is finite and above zero (or zero, where allowed).
+def positive_number(
+    name: str, value: float, *, allow_zero: bool = False, least: float = 0.0, most: float = np.inf
+) -> float:
+    """Returns `value` as a float if it is finite, above zero (or zero, where allowed), and between two limits.
 
     Raises:
         InvalidInputError: otherwise.
     """
-    number = float(finite_array(name, value, ()))
-    if number < 0 or (number == 0 and not allow_zero):
-        raise InvalidInputError(f"{name}: is {number:g}; allowed are numbers {'>=' if allow_zero else '>'} 0.")
+    return float(positive_numbers(name, value, (), allow_zero=allow_zero, least=least, most=most))
+
+
+def positive_numbers(
+    name: str,
+    value: ArrayLike,
+    *shapes: tuple[int | None, ...],
+    allow_zero: bool = False,
+    least: float = 0.0,
+    most: float = np.inf,
+) -> FloatArray:
+    """Returns an array of finite numbers above zero (or zero, where allowed), and between two limits.
+
+    Raises:
+        InvalidInputError: if it is not one, or of another shape.
+    """
+    array = finite_array(name, value, *shapes)
+    low = (array < 0.0) | ((array == 0.0) & (not allow_zero))
+    outside = ((array < least) & (array > 0.0)) | (array > most)
+    for wrong, allowed in (
+        (low, f"{'>=' if allow_zero else '>'} 0"),
+        (outside, f"from {least:g} to {most:g}{', and 0' if allow_zero and least > 0.0 else ''}"),
+    ):
+        if wrong.any():
+            raise InvalidInputError(f"{name}: is {array[wrong][0]:g}; allowed are numbers {allowed}.")
+    return array
+
+
+def points_near(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> FloatArray:
+    """Returns points (n, 3), m, none of which is evidently in millimetres.
+
+    Raises:
+        InvalidInputError: if one is farther than `FARTHEST` from the origin, or they are not finite or of that shape.
+    """
+    points = finite_array(name, value, shape)
+    far = np.abs(points).max(axis=1, initial=0.0)
+    if len(points) and far.max() > FARTHEST:
+        i = int(far.argmax())
+        raise InvalidInputError(
+            f"{name}[{i}]: is {points[i].tolist()}, in metres; allowed are coordinates up to {FARTHEST:g} m. "
+            "Multiply by 0.001 what is in millimetres."
+        )
+    return points
+
+
+def limited(name: str, value: ArrayLike, *shapes: tuple[int | None, ...], most: float) -> FloatArray:
+    """Returns an array of finite numbers whose absolute values are at most `most`.
+
+    Raises:
+        InvalidInputError: if it is not one, or of another shape.
+    """
+    array = finite_array(name, value, *shapes)
+    beyond = np.argwhere(np.abs(array) > most)
+    if len(beyond):
+        worst = array[tuple(beyond[0])]
+        raise InvalidInputError(f"{_place(name, beyond[0])}: is {worst:g}; allowed are numbers up to {most:g}.")
+    return array
+
+
+def whole_number(name: str, value: object, *, least: int, most: int | None = None) -> int:
+    """Returns an integer, Python's or numpy's, that is not below `least`, nor above `most`.
+
+    Raises:
+        InvalidInputError: if it is, or of another type; True and False are none.
+    """
+    allowed = f">= {least}" if most is None else f"from {least} to {most}"
+    if isinstance(value, bool) or not isinstance(value, numbers.Integral):
+        raise InvalidInputError(f"{name}: is {shown(value)}; allowed are integers {allowed}.")
+    number = int(value)
+    if number < least or (most is not None and number > most):
+        raise InvalidInputError(f"{name}: is {number}; allowed are integers {allowed}.")
     return number
+
+
+def flag(name: str, value: object) -> bool:
+    """Returns True or False, Python's or numpy's.
+
+    Raises:
+        InvalidInputError: if it is neither.
+    """
+    if not isinstance(value, bool | np.bool_):
+        raise InvalidInputError(f"{name}: is {shown(value)}; allowed are True and False.")
+    return bool(value)
+
+
+def known_name(what: str, value: object, valid: Iterable[str]) -> str:
+    """Returns a name that is one of the valid ones.
+
+    Raises:
+        UnknownNameError: if it is another one, or no string.
+    """
+    names = list(valid)
+    if not isinstance(value, str) or value not in names:
+        raise UnknownNameError(what, value, names)
+    return value
+
+
+def instance_of(name: str, value: object, kind: type) -> None:
+    """Checks a value's type.
+
+    Raises:
+        InvalidInputError: if it is another.
+    """
+    if not isinstance(value, kind):
+        article = "an" if kind.__name__[0] in "AEIO" else "a"
+        raise InvalidInputError(f"{name}: is a {type(value).__name__}; allowed is {article} {kind.__name__}.")
+
+
+def shown(value: object) -> str:
+    """A value as messages show it: what it is, or its type where that is long."""
+    text = repr(value)
+    return text if len(text) < 80 else f"a {type(value).__name__}"
 
 
 def unit_vectors(name: str, value: ArrayLike, shape: tuple[int | None, ...], tolerance: float = 1e-3) -> FloatArray:
@@ -53,12 +227,16 @@ def unit_vectors(name: str, value: ArrayLike, shape: tuple[int | None, ...], tol
         InvalidInputError: if a row's length differs from 1 by more than `tolerance`.
     """
     rows = finite_array(name, value, shape)
-    length = np.linalg.norm(rows, axis=-1)
+    largest = np.abs(rows).max(axis=-1, initial=0.0)
+    scale = np.where(largest > _LONG, largest, 1.0)  # Squares of more might overflow.
+    with np.errstate(over="ignore"):
+        length = scale * np.linalg.norm(rows / scale[..., None], axis=-1)
     worst = np.abs(length - 1.0)
     if rows.size and worst.max() > tolerance:
         index = np.unravel_index(int(worst.argmax()), worst.shape)
-        where = f"{name}[{', '.join(str(int(i)) for i in index)}]" if index else name
-        raise InvalidInputError(f"{where}: has length {length[index]:.6g}; allowed is 1 within {tolerance:g}.")
+        raise InvalidInputError(
+            f"{_place(name, index)}: has length {length[index]:.6g}; allowed is 1 within {tolerance:g}."
+        )
     unit: FloatArray = rows / length[..., None]
     return unit
 
@@ -67,11 +245,16 @@ def pose_matrix(name: str, value: object) -> FloatArray:
     """Returns a pose as [R | p], shape (3, 4), from such an array, a 4x4 one, or anything with `GetAsMatrix34`.
 
     Raises:
-        InvalidInputError: if it is none of these, or if R is not a rotation (within 1e-6).
+        InvalidInputError: if it is none of these, if R is not a rotation (within 1e-6), or if a 4x4 matrix's last row
+            is not (0, 0, 0, 1).
     """
-    matrix = value.GetAsMatrix34() if hasattr(value, "GetAsMatrix34") else value
-    X = finite_array(name, matrix, (3, 4), (4, 4))  # type: ignore[arg-type]
+    matrix: Any = value.GetAsMatrix34() if hasattr(value, "GetAsMatrix34") else value
+    X = finite_array(name, matrix, (3, 4), (4, 4))
     R = X[:3, :3]
-    if np.abs(R.T @ R - np.eye(3)).max() > 1e-6 or np.linalg.det(R) < 0:
+    if np.abs(R).max() > 2.0 or np.abs(R.T @ R - np.eye(3)).max() > 1e-6 or np.linalg.det(R) < 0:
         raise InvalidInputError(f"{name}: its left 3x3 block is not a rotation matrix.")
+    if len(X) == 4 and np.abs(X[3] - [0.0, 0.0, 0.0, 1.0]).max() > 1e-6:
+        raise InvalidInputError(
+            f"{name}: its last row is {X[3].tolist()}; allowed is [0, 0, 0, 1]. Transpose a matrix of columns."
+        )
     return X[:3].copy()

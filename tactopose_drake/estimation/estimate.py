@@ -30,13 +30,15 @@ from tactopose_drake.core.searches.search import Search, StopSignal
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.free_spin import turn_toward
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import positive_number
-from tactopose_drake.errors import InvalidInputError, TooFewContactsError, UnknownNameError
+from tactopose_drake.core.validation import instance_of, known_name, positive_number, whole_number
+from tactopose_drake.errors import InvalidInputError, TooFewContactsError
 from tactopose_drake.estimation.direct import Direct
 from tactopose_drake.estimation.mathematical_program import PoseProgram
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.estimation.results import PoseEstimate, PoseHypothesis, status_of
 
+# Contacts that are farther apart than a hand reaches, m, and than this many sizes of the object, are not in metres.
+_WIDEST_HAND, _WIDEST_TOUCH = 1.0, 30.0
 # Without a prior, fewer contacts and patches leave whole families of poses, whichever mode carries most of the mass.
 _FEWEST_FOR_A_POSE = 3
 
@@ -91,18 +93,15 @@ def estimate_pose(
         TooFewContactsError: no contact, and no patch that is felt.
         UnknownNameError: a method that does not exist.
         InvalidInputError: no prior for a method that starts from one, a friction or a seed below 0, `max_hypotheses`
-            below 1, a time limit that is not above 0, or a value of another type; balance or friction without forces,
-            or balance of an object whose mass is not known or whose centre of mass is moved by its symmetries.
+            below 1, a time limit that is not above 0, or a value of another type; a touch that is evidently not in
+            metres (see `check_units`); balance or friction without forces, or balance of an object whose mass is not
+            known or whose centre of mass is moved by its symmetries.
     """
-    deadline = _Deadline(math.inf if time_limit is None else positive_number("time_limit", time_limit))
-    if method not in METHODS:
-        raise UnknownNameError("method", method, METHODS)
-    if not isinstance(model, ObjectModel):
-        raise InvalidInputError(f"model: is a {type(model).__name__}; allowed is an ObjectModel.")
-    if seed < 0:
-        raise InvalidInputError(f"seed: is {seed}; allowed are integers >= 0.")
-    if max_hypotheses < 1:
-        raise InvalidInputError(f"max_hypotheses: is {max_hypotheses}; allowed are numbers >= 1.")
+    limit = math.inf if time_limit is None else positive_number("time_limit", time_limit)
+    known_name("method", method, METHODS)
+    instance_of("model", model, ObjectModel)
+    seed = whole_number("seed", seed, least=0)
+    max_hypotheses = whole_number("max_hypotheses", max_hypotheses, least=1)
     if prior is None and method not in GLOBAL_METHODS:
         raise InvalidInputError(
             f"prior: is None; the method {method!r} starts from one. Without: {', '.join(sorted(GLOBAL_METHODS))}."
@@ -111,6 +110,33 @@ def estimate_pose(
     evidence = Evidence(contacts, prior, hand, untouched, balance, friction, patches)
     if len(evidence.touch) < 1:
         raise TooFewContactsError("contacts: there are 0; the estimate needs at least 1, or a patch that is felt.")
+    check_units(evidence, model.size)
+    return weigh_poses(model, evidence, method, seed, max_hypotheses, limit)
+
+
+def check_units(evidence: Evidence, size: float) -> None:
+    """Checks that a touch is not evidently in other units than an object of this size, m.
+
+    Raises:
+        InvalidInputError: if the contacts are farther apart than 1 m and than 30 times the size.
+    """
+    apart = float(np.linalg.norm(np.ptp(evidence.touch.p_PC, axis=0)))
+    if apart > max(_WIDEST_HAND, _WIDEST_TOUCH * size):
+        raise InvalidInputError(
+            f"contacts: are up to {apart:.3g} m apart on an object of {size:.3g} m; allowed is {_WIDEST_HAND:g} m, "
+            f"or {_WIDEST_TOUCH:g} times the object's size. Multiply by 0.001 what is in millimetres."
+        )
+
+
+def weigh_poses(
+    model: ObjectModel, evidence: Evidence, method: str, seed: int, max_hypotheses: int, time_limit: float
+) -> PoseEstimate:
+    """What `estimate_pose` does once its arguments are checked; `time_limit` in s, infinite for none.
+
+    Raises:
+        InvalidInputError: balance of an object whose mass is not known, or whose symmetries move its centre of mass.
+    """
+    deadline, prior = _Deadline(time_limit), evidence.prior
     problem = make_problem(model, evidence)
     search = METHODS[method](model, evidence)
     generator = np.random.default_rng(seed)

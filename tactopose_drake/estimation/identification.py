@@ -30,8 +30,9 @@ from tactopose_drake.core.posterior.hypotheses import find_modes
 from tactopose_drake.core.searches.pose_problem import make_problem
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.errors import InvalidInputError, TooFewContactsError, UnknownNameError
-from tactopose_drake.estimation.estimate import METHODS, estimate_pose
+from tactopose_drake.core.validation import instance_of, known_name, shown, whole_number
+from tactopose_drake.errors import InvalidInputError, TooFewContactsError
+from tactopose_drake.estimation.estimate import METHODS, check_units, weigh_poses
 from tactopose_drake.estimation.identities import Identification, Identity
 from tactopose_drake.estimation.object_library import LibraryObject, ObjectLibrary
 from tactopose_drake.estimation.pickling import Sealed
@@ -78,15 +79,15 @@ def identify(
         TooFewContactsError: no contact, and no patch that is felt.
         UnknownNameError: a likelihood that does not exist.
         InvalidInputError: no object, or one that is no `ObjectModel`; `candidates` or `max_hypotheses` below 1; a
-            seed below 0; patches that are none.
+            seed below 0; patches that are none; a touch that is evidently not in metres.
     """
     started = time.perf_counter()
     likelihood = check_likelihood("likelihood", likelihood)
-    for name, value in (("candidates", candidates), ("max_hypotheses", max_hypotheses)):
-        if value < 1:
-            raise InvalidInputError(f"{name}: is {value}; allowed are numbers >= 1.")
-    if seed < 0:
-        raise InvalidInputError(f"seed: is {seed}; allowed are integers >= 0.")
+    candidates = whole_number("candidates", candidates, least=1)
+    max_hypotheses = whole_number("max_hypotheses", max_hypotheses, least=1)
+    seed = whole_number("seed", seed, least=0)
+    if executor is not None:
+        instance_of("executor", executor, Executor)
     objects = _check_objects(models)
     evidence = Evidence(contacts, patches=patches)
     if len(evidence.touch) < 1:
@@ -104,6 +105,7 @@ def identify(
         chosen = order[:candidates]
     explain = functools.partial(_explain, evidence=Sealed(evidence), max_hypotheses=max_hypotheses, seed=seed)
     several = [objects[i] for i in chosen]
+    check_units(evidence, max(_model(known).size for known in several))
     estimates = list(run(explain, [Sealed(known) for known in several]))
     groups = _group_equal_shapes([_model(known) for known in several])
     identities = _rank(chosen, [known.name for known in several], estimates, groups, _weights(estimates, likelihood))
@@ -125,17 +127,16 @@ def check_likelihood(name: str, value: str) -> Likelihood:
     Raises:
         UnknownNameError: if it is neither.
     """
-    for known in get_args(Likelihood):
-        if value == known:
-            return cast(Likelihood, known)
-    raise UnknownNameError(name, value, get_args(Likelihood))
+    return cast(Likelihood, known_name(name, value, get_args(Likelihood)))
 
 
 def _check_objects(models: object) -> Sequence[ObjectModel | LibraryObject]:
     if isinstance(models, ObjectLibrary):
         return models.objects
     if not isinstance(models, Sequence) or not models:
-        raise InvalidInputError(f"models: is {models!r}; allowed are an ObjectLibrary and a sequence of ObjectModel.")
+        raise InvalidInputError(
+            f"models: is {shown(models)}; allowed are an ObjectLibrary and a sequence of ObjectModel."
+        )
     for i, model in enumerate(models):
         if not isinstance(model, ObjectModel):
             raise InvalidInputError(f"models[{i}]: is a {type(model).__name__}; allowed is an ObjectModel.")
@@ -169,14 +170,7 @@ def _explain(
     known: Sealed[ObjectModel | LibraryObject], evidence: Sealed[Evidence], max_hypotheses: int, seed: int
 ) -> PoseEstimate:
     """The pose of one object; maybe in another process, which loads a library's object by itself."""
-    return estimate_pose(
-        _model(known.value),
-        evidence.value.contacts,
-        patches=evidence.value.patches,
-        method=_METHOD,
-        max_hypotheses=max_hypotheses,
-        seed=seed,
-    )
+    return weigh_poses(_model(known.value), evidence.value, _METHOD, seed, max_hypotheses, math.inf)
 
 
 def _group_equal_shapes(models: Sequence[ObjectModel]) -> list[int]:

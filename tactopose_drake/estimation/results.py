@@ -44,6 +44,9 @@ class PoseHypothesis:
 class PoseEstimate:
     """The hypotheses that one touch leaves.
 
+    All numbers are finite, whatever the status. With "no_solution" the hypotheses are the poses that come nearest to
+    explaining the touch, weighed among themselves; their covariances say how well the touch would determine them.
+
     Attributes:
         hypotheses: by falling probability; never empty.
         status: "ok"; "ambiguous" when the best hypothesis carries less than half of the mass, or when fewer than three

@@ -15,7 +15,7 @@ from pydrake.systems.framework import Context, DiagramBuilder
 
 from tactopose_drake.core.evidence import hand_geometry
 from tactopose_drake.core.shape.sphere_packing import Spheres, pack_box, pack_capsule, pack_convex
-from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.core.validation import FloatArray, instance_of
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.hand_config import HandConfig, add_hand
 
@@ -49,8 +49,12 @@ class HandGeometry(hand_geometry.HandGeometry):
             palm_frame: P.
 
         Raises:
-            InvalidInputError: if the plant is not connected to a SceneGraph, or the hand has no collision geometry.
+            InvalidInputError: a value of another type, a plant that is not connected to a SceneGraph, or a hand without
+                collision geometry.
         """
+        instance_of("plant", plant, MultibodyPlant)
+        instance_of("context", context, Context)
+        instance_of("palm_frame", palm_frame, Frame)
         query_port = plant.get_geometry_query_input_port()
         if not query_port.HasValue(context):
             raise InvalidInputError(

@@ -212,5 +212,5 @@ def test_bad_input_is_named(models: list[ObjectModel], tmp_path: Path) -> None:
         tp.identify(models, contacts, likelihood="cost")  # type: ignore[arg-type]
     with pytest.raises(InvalidInputError, match=r"^seed: is -1; allowed are integers >= 0"):
         tp.identify(models, contacts, seed=-1)
-    with pytest.raises(InvalidInputError, match=r"^candidates: is 0; allowed are numbers >= 1"):
+    with pytest.raises(InvalidInputError, match=r"^candidates: is 0; allowed are integers >= 1"):
         tp.identify(models, contacts, candidates=0)

@@ -95,6 +95,18 @@ def test_a_context_without_a_scene_graph_is_refused() -> None:
         HandGeometry.from_plant(plant, plant.CreateDefaultContext(), plant.GetFrameByName("palm"))
 
 
+def test_a_hand_that_is_no_plant_is_named() -> None:
+    plant, context = make_hand(Sphere(0.01))
+    palm = plant.GetFrameByName("palm")
+    for arguments, name in (
+        ((None, context, palm), "plant"),
+        ((plant, 3, palm), "context"),
+        ((plant, context, "palm"), "palm_frame"),
+    ):
+        with pytest.raises(InvalidInputError, match=f"^{name}: is a"):
+            HandGeometry.from_plant(*arguments)
+
+
 @pytest.mark.parametrize(
     ("p_PH", "radius", "message"),
     [

@@ -7,8 +7,11 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tactopose_drake.core.validation import FloatArray, finite_array, unit_vectors
-from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.core.validation import FloatArray, limited, points_near, positive_numbers, unit_vectors
+
+# What a sigma may be: m, rad, N. Beyond, the information of a contact and of the rest do not fit into one double.
+_SIGMAS = {"sigma_position": (1e-7, 1e6), "sigma_normal": (1e-5, 1e6), "sigma_force": (1e-6, 1e6)}
+_MOST_FORCE = 1e6
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -16,17 +19,18 @@ class Contacts:
     """Measured contacts, in the palm frame P.
 
     Attributes:
-        p_PC: contact points, shape (k, 3), m.
+        p_PC: contact points, shape (k, 3), m; coordinates up to 10 m, for larger ones must be millimetres.
         n_PC: outward unit normals of the object's surface at the contacts, shape (k, 3), or None. They point out of
             the object into the finger, which is the direction of the normal force on the fingertip.
-        f_PC: forces on the fingertips, shape (k, 3), N, or None.
-        sigma_position: standard deviation of each coordinate of p_PC, a number or shape (k,), m.
-        sigma_normal: standard deviation of a small rotation of n_PC about each axis, a number or shape (k,), rad.
-        sigma_force: standard deviation of each component of f_PC, a number or shape (k,), N.
+        f_PC: forces on the fingertips, shape (k, 3), N, up to 1e6; or None.
+        sigma_position: standard deviation of each coordinate of p_PC, a number or shape (k,), m, from 1e-7 to 1e6.
+        sigma_normal: standard deviation of a small rotation of n_PC about each axis, a number or shape (k,),
+            rad, from 1e-5 to 1e6.
+        sigma_force: standard deviation of each component of f_PC, a number or shape (k,), N, from 1e-6 to 1e6.
 
     Raises:
-        InvalidInputError: a number that is not finite, a shape that does not fit, a normal whose length differs from 1
-            by more than 1e-3, or a sigma that is not positive.
+        InvalidInputError: what is not of finite numbers, a shape that does not fit, a normal whose length differs from
+            1 by more than 1e-3, or a number out of its range.
     """
 
     p_PC: FloatArray
@@ -37,19 +41,16 @@ class Contacts:
     sigma_force: FloatArray | float = 0.05
 
     def __post_init__(self) -> None:
-        p_PC = finite_array("p_PC", self.p_PC, (None, 3))
-        shape = (len(p_PC), 3)
+        p_PC = points_near("p_PC", self.p_PC, (None, 3))
+        shape, count = (len(p_PC), 3), len(p_PC)
         values: dict[str, FloatArray | None] = {
             "p_PC": p_PC,
             "n_PC": None if self.n_PC is None else unit_vectors("n_PC", self.n_PC, shape),
-            "f_PC": None if self.f_PC is None else finite_array("f_PC", self.f_PC, shape),
-            "sigma_position": _sigmas("sigma_position", self.sigma_position, len(p_PC)),
-            "sigma_normal": _sigmas("sigma_normal", self.sigma_normal, len(p_PC)),
-            "sigma_force": _sigmas("sigma_force", self.sigma_force, len(p_PC)),
+            "f_PC": None if self.f_PC is None else limited("f_PC", self.f_PC, shape, most=_MOST_FORCE),
+            **{name: _sigmas(name, getattr(self, name), count, *limits) for name, limits in _SIGMAS.items()},
         }
         for name, value in values.items():
             if value is not None:
-                value = np.array(value)
                 value.setflags(write=False)
             object.__setattr__(self, name, value)
 
@@ -69,8 +70,6 @@ class Contacts:
         return cls(np.zeros((0, 3)))
 
 
-def _sigmas(name: str, value: ArrayLike, count: int) -> FloatArray:
-    sigma = finite_array(name, value, () if np.ndim(value) == 0 else (count,))
-    if np.any(sigma <= 0):
-        raise InvalidInputError(f"{name}: is {float(sigma.min()):g}; allowed are numbers > 0.")
-    return np.full(count, sigma)
+def _sigmas(name: str, value: ArrayLike, count: int, least: float, most: float) -> FloatArray:
+    is_one = not isinstance(value, list | tuple) and np.ndim(value) == 0
+    return np.full(count, positive_numbers(name, value, () if is_one else (count,), least=least, most=most))

@@ -10,8 +10,8 @@ from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.evidence.patch_contacts import with_patches
 from tactopose_drake.core.sensing.patches import Patch
-from tactopose_drake.core.validation import positive_number
-from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.core.validation import MOST_FRICTION, positive_number
+from tactopose_drake.errors import InvalidInputError, TooFewContactsError
 
 # What each may be, and what its users call that.
 _KINDS = {
@@ -38,6 +38,7 @@ class Evidence:
 
     Raises:
         InvalidInputError: a value of another type, a friction below 0, or balance or friction without forces.
+        TooFewContactsError: balance without a contact.
     """
 
     contacts: Contacts
@@ -54,10 +55,14 @@ class Evidence:
             if not isinstance(value, kind) and (value is not None or name == "contacts"):
                 raise InvalidInputError(f"{name}: is a {type(value).__name__}; allowed is a {called}.")
         if self.friction is not None:
-            object.__setattr__(self, "friction", positive_number("friction", self.friction, allow_zero=True))
+            object.__setattr__(
+                self, "friction", positive_number("friction", self.friction, allow_zero=True, most=MOST_FRICTION)
+            )
         for name in ("balance", "friction"):
             if getattr(self, name) is not None and self.contacts.f_PC is None:
                 raise InvalidInputError(f"contacts: have no forces; {name} needs them.")
+        if self.balance is not None and not len(self.contacts):
+            raise TooFewContactsError("contacts: there are 0; balance needs at least 1.")
         if not isinstance(self.patches, Sequence):
             raise InvalidInputError(f"patches: is a {type(self.patches).__name__}; allowed is a sequence of Patch.")
         object.__setattr__(self, "patches", tuple(self.patches))

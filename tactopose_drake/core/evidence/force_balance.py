@@ -2,7 +2,7 @@
 
 import dataclasses
 
-from tactopose_drake.core.validation import FloatArray, finite_array, positive_number
+from tactopose_drake.core.validation import FloatArray, limited, positive_number
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -12,19 +12,21 @@ class ForceBalance:
     True of an object that is held by sensing fingertips alone. A palm or a table that bears it too breaks the balance.
 
     Attributes:
-        gravity_P: acceleration of gravity in the palm frame, shape (3,), m/s^2.
+        gravity_P: acceleration of gravity in the palm frame, shape (3,), m/s^2, up to 1000.
         sigma_torque: standard deviation of each component of the torque that a soft fingertip passes on beside its
-            force, N m.
+            force, N m, from 1e-12 to 1000.
 
     Raises:
-        InvalidInputError: a number that is not finite, or a sigma that is not positive.
+        InvalidInputError: what is not of finite numbers, or a number out of its range.
     """
 
     gravity_P: FloatArray
     sigma_torque: float = 0.001
 
     def __post_init__(self) -> None:
-        gravity_P = finite_array("gravity_P", self.gravity_P, (3,)).copy()
+        gravity_P = limited("gravity_P", self.gravity_P, (3,), most=1e3)
         gravity_P.setflags(write=False)
         object.__setattr__(self, "gravity_P", gravity_P)
-        object.__setattr__(self, "sigma_torque", positive_number("sigma_torque", self.sigma_torque))
+        object.__setattr__(
+            self, "sigma_torque", positive_number("sigma_torque", self.sigma_torque, least=1e-12, most=1e3)
+        )

@@ -5,7 +5,10 @@ import math
 
 import numpy as np
 
-from tactopose_drake.core.validation import FloatArray, pose_matrix, positive_number
+from tactopose_drake.core.validation import FloatArray, points_near, pose_matrix, positive_number
+
+# m and rad. Beyond, the information of the prior and of the touch do not fit into one double.
+_SIGMAS = {"sigma_translation": (1e-7, 1e3), "sigma_rotation": (1e-6, 1e3)}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -14,11 +17,11 @@ class GaussianPrior:
 
     Attributes:
         mean: the object's pose in the palm frame, shape (3, 4); anything with `GetAsMatrix34` is taken too.
-        sigma_translation: standard deviation of each coordinate of p_PO, m.
-        sigma_rotation: standard deviation of a small rotation about each axis, rad.
+        sigma_translation: standard deviation of each coordinate of p_PO, m, from 1e-7 to 1000.
+        sigma_rotation: standard deviation of a small rotation about each axis, rad, from 1e-6 to 1000.
 
     Raises:
-        InvalidInputError: a pose that is none, or a sigma that is not positive and finite.
+        InvalidInputError: a pose that is none or farther away than 10 m, or a sigma out of its range.
     """
 
     mean: FloatArray
@@ -27,10 +30,11 @@ class GaussianPrior:
 
     def __post_init__(self) -> None:
         mean = pose_matrix("mean", self.mean)
+        points_near("mean", mean[None, :, 3], (1, 3))
         mean.setflags(write=False)
         object.__setattr__(self, "mean", mean)
-        object.__setattr__(self, "sigma_translation", positive_number("sigma_translation", self.sigma_translation))
-        object.__setattr__(self, "sigma_rotation", positive_number("sigma_rotation", self.sigma_rotation))
+        for name, (least, most) in _SIGMAS.items():
+            object.__setattr__(self, name, positive_number(name, getattr(self, name), least=least, most=most))
 
     @property
     def sigmas(self) -> FloatArray:

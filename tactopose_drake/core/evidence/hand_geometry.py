@@ -2,9 +2,14 @@
 
 import dataclasses
 
-import numpy as np
-
-from tactopose_drake.core.validation import FloatArray, finite_array, positive_number
+from tactopose_drake.core.validation import (
+    FARTHEST,
+    FloatArray,
+    finite_array,
+    points_near,
+    positive_number,
+    positive_numbers,
+)
 from tactopose_drake.errors import InvalidInputError
 
 
@@ -13,13 +18,14 @@ class HandGeometry:
     """Spheres that fill the hand at one instant.
 
     Attributes:
-        p_PH: centres in the palm frame, shape (h, 3), m.
-        radius: radii, shape (h,), m.
-        sigma: standard deviation of the hand's surface from where the spheres have it, m: from joints, links, packing.
+        p_PH: centres in the palm frame, shape (h, 3), m; coordinates up to 10 m.
+        radius: radii, shape (h,), m, from 1e-6 to 10.
+        sigma: standard deviation of the hand's surface from where the spheres have it, m: from joints, links, packing;
+            from 1e-7 to 10.
 
     Raises:
-        InvalidInputError: no sphere, a number that is not finite, a shape that does not fit, or a radius or sigma that
-            is not positive.
+        InvalidInputError: no sphere, what is not of finite numbers, a shape that does not fit, or a number out of its
+            range.
     """
 
     p_PH: FloatArray
@@ -27,13 +33,14 @@ class HandGeometry:
     sigma: float = 0.001
 
     def __post_init__(self) -> None:
-        p_PH = np.array(finite_array("p_PH", self.p_PH, (None, 3)))
-        radius = np.array(finite_array("radius", self.radius, (len(p_PH),)))
+        p_PH = points_near("p_PH", self.p_PH, (None, 3))
+        radius = finite_array("radius", self.radius, (len(p_PH),))
         if not len(p_PH):
             raise InvalidInputError("p_PH: holds no sphere; the least is 1.")
-        if np.any(radius <= 0):
+        if radius.min() <= 0.0:
             raise InvalidInputError(f"radius: holds {radius.min():g}; allowed are numbers > 0.")
-        object.__setattr__(self, "sigma", positive_number("sigma", self.sigma))
+        positive_numbers("radius", radius, radius.shape, least=1e-6, most=FARTHEST)
+        object.__setattr__(self, "sigma", positive_number("sigma", self.sigma, least=1e-7, most=FARTHEST))
         for name, value in (("p_PH", p_PH), ("radius", radius)):
             value.setflags(write=False)
             object.__setattr__(self, name, value)

@@ -21,12 +21,23 @@ from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.grasping.wrench_space import Norm, WrenchSpace, cone_wrenches
 from tactopose_drake.core.posterior.pose_modes import PoseModes
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import FloatArray, finite_array, pose_matrix, positive_number
-from tactopose_drake.errors import InvalidInputError, UnknownNameError
+from tactopose_drake.core.validation import (
+    MOST_FRICTION,
+    FloatArray,
+    instance_of,
+    known_name,
+    limited,
+    pose_matrix,
+    positive_number,
+    whole_number,
+)
 
 _PROJECTIONS = 3
 # Surface points whose disturbances make up the object wrench space.
 _OBJECT_POINTS = 400
+# More edges, or poses, say nothing more, and take all memory and time there is.
+_MOST_EDGES, _MOST_SAMPLES = 64, 10**6
+_MOST_TASK = 1e9  # N m and N
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -87,21 +98,20 @@ def grasp_quality(
             N m and N; or "object": pushes of 1 N with this friction anywhere on its surface [P94].
 
     Raises:
-        InvalidInputError: a friction below 0, fewer than 3 edges, a length that is not positive, an X_PO that is no
-            pose, or a task of another shape.
+        InvalidInputError: a friction below 0, fewer than 3 edges or more than 64, a length that is not positive, an
+            X_PO that is no pose, a task of another shape, or a value of another type.
         UnknownNameError: a norm that does not exist.
     """
-    friction, length = _check(model, friction, edges, length, norm)
+    friction, length = _check(model, contacts, friction, edges, length, norm)
     X = pose_matrix("X_PO", X_PO)
     p_OC, n_OC, distance = on_surface(model, (contacts.p_PC - X[:, 3]) @ X[:, :3])
     space = WrenchSpace(cone_wrenches(p_OC - model.center_of_mass, n_OC, friction, edges, length), norm)
     scale = None
     if isinstance(task, str):
-        if task != "object":
-            raise UnknownNameError("task", task, ["object"])
+        known_name("task", task, ["object"])
         scale = space.scale(object_wrenches(model, friction, edges, length))
     elif task is not None:
-        wrenches = finite_array("task", task, (None, 6)).reshape(-1, 2, 3) @ X[:, :3]
+        wrenches = limited("task", task, (None, 6), most=_MOST_TASK).reshape(-1, 2, 3) @ X[:, :3]
         scale = space.scale((wrenches / [[length], [1.0]]).reshape(-1, 6))
     return GraspQuality(space.is_force_closure, space.radius, scale, space, length, p_OC, n_OC, distance)
 
@@ -140,13 +150,13 @@ def force_closure_probability(
         seed: of the draws.
 
     Raises:
-        InvalidInputError: a friction or a seed below 0, fewer than 3 edges, or no sample.
+        InvalidInputError: a friction or a seed below 0, fewer than 3 edges or more than 64, no sample or more than
+            a million, or a value of another type.
     """
-    friction, length = _check(model, friction, edges, None, "L1")
-    if samples < 1:
-        raise InvalidInputError(f"samples: is {samples}; allowed are numbers >= 1.")
-    if seed < 0:
-        raise InvalidInputError(f"seed: is {seed}; allowed are integers >= 0.")
+    friction, length = _check(model, contacts, friction, edges, None, "L1")
+    instance_of("belief", belief, PoseModes)
+    samples = whole_number("samples", samples, least=1, most=_MOST_SAMPLES)
+    seed = whole_number("seed", seed, least=0)
     X_PO = belief.sample(samples, np.random.default_rng(seed))
     p_OC = np.einsum("bkj,bji->bki", contacts.p_PC - X_PO[:, None, :, 3], X_PO[:, :, :3])
     p_OC, n_OC, _ = on_surface(model, p_OC)
@@ -181,11 +191,13 @@ def object_wrenches(model: ObjectModel, friction: float, edges: int, length: flo
     return cone_wrenches(points - model.center_of_mass, normals, friction, edges, length).reshape(-1, 6)
 
 
-def _check(model: ObjectModel, friction: float, edges: int, length: float | None, norm: str) -> tuple[float, float]:
+def _check(
+    model: ObjectModel, contacts: Contacts, friction: float, edges: int, length: float | None, norm: str
+) -> tuple[float, float]:
     """The friction and the length, if all is allowed."""
-    if norm not in get_args(Norm):
-        raise UnknownNameError("norm", norm, get_args(Norm))
-    if edges < 3:
-        raise InvalidInputError(f"edges: is {edges}; allowed are numbers >= 3.")
-    friction = positive_number("friction", friction, allow_zero=True)
-    return friction, lever(model) if length is None else positive_number("length", length)
+    instance_of("model", model, ObjectModel)
+    instance_of("contacts", contacts, Contacts)
+    known_name("norm", norm, get_args(Norm))
+    whole_number("edges", edges, least=3, most=_MOST_EDGES)
+    friction = positive_number("friction", friction, allow_zero=True, most=MOST_FRICTION)
+    return friction, lever(model) if length is None else positive_number("length", length, least=1e-6, most=1e3)

@@ -12,6 +12,8 @@ from tactopose_drake.core.objectives.objective import LeastSquaresObjective, Nor
 from tactopose_drake.core.poses import skew
 from tactopose_drake.core.validation import FloatArray
 
+_ROUNDING = 1e-14
+
 
 class WrenchBalance(LeastSquaresObjective):
     """Moments and forces that are left over on an object at rest: six residuals, whitened by their noise.
@@ -45,6 +47,8 @@ class WrenchBalance(LeastSquaresObjective):
         covariance = len(contacts) * balance.sigma_torque**2 * np.eye(3)
         for N in (sigma_position[:, None, None] * skew(f_PC), sigma_force[:, None, None] * skew(arms)):
             covariance += np.einsum("kij,klj->il", N, N)
+        # What is smaller is rounding, which may leave a variance below zero.
+        covariance += _ROUNDING * np.trace(covariance) * np.eye(3)
         whitening = np.linalg.inv(np.linalg.cholesky(covariance))
         per_force = 1.0 / np.linalg.norm(sigma_force)
 

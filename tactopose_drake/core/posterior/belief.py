@@ -70,16 +70,18 @@ class BeliefSampling:
         X_PO = mixture.sample(generator)
         densities = mixture.densities(X_PO)
         weights = np.empty_like(densities)
-        belief_kernels.weigh(posterior.exact_cost(X_PO), least.min(), densities, weights)
+        cost = posterior.exact_cost(X_PO)
+        lowest = min(float(least.min()), float(cost.min()))
+        belief_kernels.weigh(cost, lowest, densities, weights)
         mass = weights.sum(axis=0)
-        if not mass.sum() > 0.0:
-            return modes
-        every = np.exp(laplace + least.min()) * (2.0 * np.pi) ** (3.0 - 0.5 * len(posterior.turns[0]))
+        moments = weigh_moments(modes.X_PO[sampled], X_PO, weights)
+        if not (moments.worth > 1.0).any():
+            return modes  # One sample outweighs all others: they say less than Laplace's approximation.
+        every = np.exp(laplace + lowest) * (2.0 * np.pi) ** (3.0 - 0.5 * len(posterior.turns[0]))
         every[worthy] = mass
         masses = modes.probability * (every.sum() / modes.probability[close].sum())
         masses[close] = every
-        moments = weigh_moments(modes.X_PO[sampled], X_PO, weights)
-        log_mass = float(np.log(masses.sum()) - least.min() + _LOG_TURNS[len(posterior.turns[0])])
+        log_mass = float(np.log(masses.sum()) - lowest + _LOG_TURNS[len(posterior.turns[0])])
         return self._update(modes, sampled, masses / masses.sum(), moments, posterior, log_mass)
 
     def _cover(

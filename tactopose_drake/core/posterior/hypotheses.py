@@ -18,6 +18,8 @@ from tactopose_drake.core.validation import FloatArray
 _SAME_MODE = 3.0
 # The touch determines a direction when it fixes the surface to better than this share of the object's size.
 _FREE_SHARE = 0.1
+# Of the largest eigenvalue of a matrix of six rows, what is certain of the others.
+_ROUNDING = 1e-13
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -64,7 +66,7 @@ def find_modes(
     representative = np.empty(len(found.cost), dtype=np.bool_)
     mode_kernels.mark_distinct(found.X_PO, information, symmetry_poses, _SAME_MODE**2, representative)
     index = np.flatnonzero(representative)
-    covariance, log_determinant = inverses(information[index])
+    covariance, log_determinant = inverses(_held_by_rounding(information[index], size))
     log_weight = -found.cost[index] - 0.5 * log_determinant
     order = np.argsort(-log_weight, kind="stable")[:max_modes]
     index, log_weight = index[order], log_weight[order]
@@ -77,6 +79,23 @@ def find_modes(
         free_directions=tuple(free_directions(touch_information[index], size)),
         log_mass=float(log_weight[0] + np.log(weight.sum()) + 3.0 * np.log(2.0 * np.pi)),
     )
+
+
+def _held_by_rounding(information: FloatArray, size: float) -> FloatArray:
+    """Information (n, 6, 6), of which each has an inverse.
+
+    Where doubles cannot hold what the touch determines best beside what is known of the rest, rounding may leave none.
+    There the least that is known of any direction is what rounding leaves to know; see `free_directions` for how
+    rotations compare with translations.
+    """
+    lost = np.flatnonzero(~np.isfinite(inverses(information)[1]))
+    if not len(lost):
+        return information
+    information, scales = information.copy(), np.outer(units := np.repeat([2.0 / size, 1.0], 3), units)
+    values, rows = eigenpairs(information[lost] * scales)
+    values = np.maximum(values, _ROUNDING * values.max(axis=1, keepdims=True))
+    information[lost] = np.einsum("ni,nia,nib->nab", values, rows, rows) / scales
+    return information
 
 
 def free_directions(

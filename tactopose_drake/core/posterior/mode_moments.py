@@ -56,7 +56,7 @@ def toward_the_mean(
     g, mean = len(X_PO), moments.first
     shares, tried = np.empty((g, len(_WAY))), np.empty((g, len(_WAY), 3, 4))
     belief_kernels.try_shares(X_PO, laplace, mean, moments.worth, _WAY, _CHANCE, shares, tried)
-    costs = objective.cost(tried.reshape(-1, 3, 4)).reshape(g, -1)
+    costs = objective.cost(tried.reshape(-1, 3, 4)).reshape(g, len(_WAY))
     costs[:, -1] = cost
     chosen = np.arange(g), (costs <= cost[:, None] + _AS_GOOD).argmax(axis=1)
     share = shares[chosen]

@@ -31,8 +31,14 @@ from tactopose_drake.core.compiled import read_only
 from tactopose_drake.core.sensing import contact_kernels
 from tactopose_drake.core.sensing.soft_layer import SoftLayer
 from tactopose_drake.core.surfaces.surface import Surface
-from tactopose_drake.core.validation import FloatArray, finite_array, positive_number
-from tactopose_drake.errors import InvalidInputError, UnknownNameError
+from tactopose_drake.core.validation import (
+    FloatArray,
+    finite_array,
+    instance_of,
+    known_name,
+    number_array,
+    positive_number,
+)
 
 # Below this force (N) a Nano17's noise moves the point on a 9 mm fingertip by 0.9 mm rms: no better than a guess.
 MIN_FORCE: Final = 0.05
@@ -197,12 +203,7 @@ def solve_contacts(
         InvalidInputError: wrenches of another shape, an option out of its range, or a layer as thick as the fingertip.
         UnknownNameError: another method.
     """
-    try:
-        wrenches = np.ascontiguousarray(F_S, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InvalidInputError(f"F_S: not an array of numbers ({error}).") from None
-    if wrenches.ndim != 2 or wrenches.shape[1] != 6:
-        raise InvalidInputError(f"F_S: has shape {wrenches.shape}; allowed is (n, 6).")
+    wrenches = number_array("F_S", F_S, (None, 6))
     out, codes = _solve(wrenches, surface, layer, min_force, friction_coefficient, method)
     valid = codes == contact_kernels.VALID
     return ContactSolutions(
@@ -228,8 +229,10 @@ def _solve(
     method: str,
 ) -> tuple[FloatArray, NDArray[np.int64]]:
     """Checks the options and runs the kernel: rows (B, RESULT_SIZE) and codes (B,)."""
-    if method not in get_args(Method):
-        raise UnknownNameError("method", method, get_args(Method))
+    known_name("method", method, get_args(Method))
+    instance_of("surface", surface, Surface)
+    if layer is not None:
+        instance_of("layer", layer, SoftLayer)
     limits = np.array(
         [
             positive_number("min_force", min_force, allow_zero=True),

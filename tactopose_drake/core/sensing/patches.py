@@ -15,12 +15,21 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
-from tactopose_drake.core.validation import FloatArray, finite_array, positive_number, unit_vectors
+from tactopose_drake.core.validation import (
+    FloatArray,
+    limited,
+    number_array,
+    points_near,
+    positive_number,
+    unit_vectors,
+)
 from tactopose_drake.errors import InvalidInputError
 
 _Array = TypeVar("_Array", bound="np.ndarray[Any, Any]")
 PatchStatus = Literal["area", "narrow", "row", "point", "no_contact"]
 
+# Pressures, Pa, and their depths, m/Pa, are not above these.
+_MOST_PRESSURE, _MOST_ALPHA = 1e12, 1.0
 # A pad is flat, and active cells are in a row, when they reach less than this share of their length across it.
 _FLAT_SHARE = 0.03
 # Without normals, a flat pad's side is told by the z axis; it must stand at least so far out of the pad's plane (sine).
@@ -135,11 +144,11 @@ def describe_patch(
             pressure below zero or infinite, an alpha, threshold or saturation out of range, or normals missing where
             the pad is curved or parallel to the z axis.
     """
-    p_PT = finite_array("p_PT", p_PT, (None, 3)).copy()
+    p_PT = points_near("p_PT", p_PT, (None, 3))
     if len(p_PT) == 0:
         raise InvalidInputError("p_PT: has no cells; a pad has at least 1.")
     pressure = _pressures(pressure, len(p_PT))
-    alpha = float(finite_array("alpha", alpha, ()))
+    alpha = float(limited("alpha", alpha, (), most=_MOST_ALPHA))
     if n_PT is None:
         n_PT = np.tile(-math.copysign(1.0, alpha) * _flat_normal(p_PT), (len(p_PT), 1))
     elif alpha < 0:
@@ -170,12 +179,9 @@ def _fixed(array: _Array) -> _Array:
 
 def _pressures(value: ArrayLike, count: int) -> FloatArray:
     """Checked pressures (n,), NaN where dead."""
-    try:
-        pressure = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InvalidInputError(f"pressure: not an array of numbers ({error}).") from None
+    pressure = number_array("pressure", value, (count,))
     dead = np.isnan(pressure)
-    finite_array("pressure", np.where(dead, 0.0, pressure), (count,))
+    limited("pressure", np.where(dead, 0.0, pressure), (count,), most=_MOST_PRESSURE)
     if dead.all():
         raise InvalidInputError("pressure: every cell is NaN; a pad has at least 1 live cell.")
     if np.any(pressure < 0):

@@ -25,15 +25,15 @@ class SoftLayer:
             on a flat plate. A patch of area A pressed evenly gives E A / thickness with Young's modulus E.
 
     Raises:
-        InvalidInputError: a thickness or stiffness that is not positive.
+        InvalidInputError: a thickness or stiffness that is not positive, or a stiffness that is not from 1e-6 to 1e12.
     """
 
     thickness: float
     stiffness: float
 
     def __post_init__(self) -> None:
-        positive_number("thickness", self.thickness)
-        positive_number("stiffness", self.stiffness)
+        object.__setattr__(self, "thickness", positive_number("thickness", self.thickness))
+        object.__setattr__(self, "stiffness", positive_number("stiffness", self.stiffness, least=1e-6, most=1e12))
 
     def check_fits(self, half_width: float) -> None:
         """Checks that the layer leaves a core of a fingertip of that least half-width, m.

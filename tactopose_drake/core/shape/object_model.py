@@ -28,10 +28,12 @@ from tactopose_drake.core.shape.surface_samples import SurfaceSamples, sample_su
 from tactopose_drake.core.shape.surfels import Surfels, make_surfels, surfel_spacing
 from tactopose_drake.core.shape.symmetry import RotationalSymmetry, symmetry_group
 from tactopose_drake.core.shape.symmetry_detection import TOLERANCE, detect_symmetries
-from tactopose_drake.core.validation import FloatArray, finite_array, positive_number
-from tactopose_drake.errors import InvalidFileError, InvalidInputError, UnknownNameError
+from tactopose_drake.core.validation import FARTHEST, FloatArray, instance_of, limited, positive_number, whole_number
+from tactopose_drake.errors import InvalidFileError, UnknownNameError
 
 _CONTINUOUS_TURNS = 12
+_MOST_SAMPLES = 10**6
+_LEAST_MASS, _MOST_MASS = 1e-6, 1e4  # kg
 
 # Formats whose geometry is all in the one file, so that the file's bytes identify it and need not be parsed again.
 _SELF_CONTAINED = {".obj", ".off", ".ply", ".stl"}
@@ -174,18 +176,19 @@ class ObjectModel:
             MeshRepairWarning: once for each repair; see `repair_mesh`.
         """
         if mass is not None:
-            mass = positive_number("mass", mass)
+            mass = positive_number("mass", mass, least=_LEAST_MASS, most=_MOST_MASS)
         if center_of_mass is not None:
-            center_of_mass = finite_array("center_of_mass", center_of_mass, (3,)).copy()
-        if isinstance(symmetry, str) and symmetry not in ("auto", "none"):
-            raise UnknownNameError("symmetry", symmetry, ("auto", "none", "a list of RotationalSymmetry"))
-        given = None if isinstance(symmetry, str) else tuple(symmetry)
+            center_of_mass = limited("center_of_mass", center_of_mass, (3,), most=FARTHEST)
+        given = _given_symmetries(symmetry)
         poses = symmetry_group(given or ())
-        if samples < 100:
-            raise InvalidInputError(f"samples: is {samples}; allowed are numbers >= 100.")
-        tolerance = positive_number("symmetry_tolerance", symmetry_tolerance) if symmetry == "auto" else None
+        samples = whole_number("samples", samples, least=100, most=_MOST_SAMPLES)
+        max_grid_bytes = whole_number("max_grid_bytes", max_grid_bytes, least=1)
+        is_detected = isinstance(symmetry, str) and symmetry == "auto"
+        tolerance = positive_number("symmetry_tolerance", symmetry_tolerance) if is_detected else None
         if spacing is not None:
             spacing = positive_number("spacing", spacing)
+        if name is not None:
+            instance_of("name", name, str)
         name = mesh_name(mesh) if name is None else name
 
         content = file_content(mesh) if isinstance(mesh, str | Path) else None
@@ -231,6 +234,20 @@ class ObjectModel:
         for array in (*arrays.values(), center, inertia, poses):
             array.setflags(write=False)
         return model
+
+
+def _given_symmetries(symmetry: object) -> tuple[RotationalSymmetry, ...] | None:
+    """The symmetries of a list; None where they are named."""
+    names = ("auto", "none", "a list of RotationalSymmetry")
+    if isinstance(symmetry, str):
+        if symmetry not in names[:2]:
+            raise UnknownNameError("symmetry", symmetry, names)
+        return None
+    if not isinstance(symmetry, Sequence):
+        raise UnknownNameError("symmetry", symmetry, names)
+    for i, one in enumerate(symmetry):
+        instance_of(f"symmetry[{i}]", one, RotationalSymmetry)
+    return tuple(symmetry)
 
 
 def file_content(path: str | Path) -> tuple[bytes, str] | None:

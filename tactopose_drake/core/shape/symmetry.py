@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactopose_drake.core.poses import compose, exp_so3, identity_poses, make_poses
-from tactopose_drake.core.validation import FloatArray, finite_array, unit_vectors
+from tactopose_drake.core.validation import FARTHEST, FloatArray, limited, unit_vectors, whole_number
 from tactopose_drake.errors import InvalidInputError
 
 CONTINUOUS = 0
@@ -37,9 +37,10 @@ class RotationalSymmetry:
 
     def __post_init__(self) -> None:
         axis = unit_vectors("axis", self.axis, (3,))
-        point = finite_array("point", self.point, (3,)).copy()
-        if self.order < 0 or self.order == 1:
-            raise InvalidInputError(f"order: is {self.order}; allowed are 0 (continuous) and numbers >= 2.")
+        point = limited("point", self.point, (3,), most=FARTHEST)
+        order = whole_number("order", self.order, least=0)
+        if order == 1:
+            raise InvalidInputError("order: is 1; allowed are 0 (continuous) and numbers >= 2.")
         for name, array in (("axis", axis), ("point", point)):
             array.setflags(write=False)
             object.__setattr__(self, name, array)

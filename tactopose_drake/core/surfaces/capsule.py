@@ -6,8 +6,8 @@ import math
 import numpy as np
 
 from tactopose_drake.core.surfaces import surface_kernels
-from tactopose_drake.core.surfaces.surface import Surface, random_directions
-from tactopose_drake.core.validation import FloatArray, positive_number
+from tactopose_drake.core.surfaces.surface import Surface, one_length, random_directions
+from tactopose_drake.core.validation import FloatArray, flag
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -35,8 +35,9 @@ class Capsule(Surface):
     kind = surface_kernels.ROD
 
     def _shape(self) -> tuple[float, ...]:
-        r, half = positive_number("radius", self.radius), 0.5 * positive_number("length", self.length, allow_zero=True)
-        lo, z_min = (-half, -math.inf) if self.two_ended else (-math.inf, -half)
+        two_ended = flag("two_ended", self.two_ended)
+        r, half = one_length("radius", self.radius), 0.5 * one_length("length", self.length, allow_zero=True)
+        lo, z_min = (-half, -math.inf) if two_ended else (-math.inf, -half)
         return r, lo, half, 0.0, 0.0, z_min, math.inf, r + half
 
     def _sample(self, generator: np.random.Generator, count: int) -> FloatArray:

@@ -6,8 +6,8 @@ import math
 import numpy as np
 
 from tactopose_drake.core.surfaces import surface_kernels
-from tactopose_drake.core.surfaces.surface import Surface
-from tactopose_drake.core.validation import FloatArray, positive_number
+from tactopose_drake.core.surfaces.surface import Surface, one_length
+from tactopose_drake.core.validation import FloatArray
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -31,7 +31,7 @@ class Cylinder(Surface):
     kind = surface_kernels.ROD
 
     def _shape(self) -> tuple[float, ...]:
-        r, half = positive_number("radius", self.radius), 0.5 * positive_number("length", self.length)
+        r, half = one_length("radius", self.radius), 0.5 * one_length("length", self.length)
         return r, -math.inf, math.inf, 0.0, 0.0, -half, half, math.hypot(r, half)
 
     def _sample(self, generator: np.random.Generator, count: int) -> FloatArray:

@@ -6,8 +6,8 @@ import math
 import numpy as np
 
 from tactopose_drake.core.surfaces import surface_kernels
-from tactopose_drake.core.surfaces.surface import Surface, random_directions
-from tactopose_drake.core.validation import FloatArray, positive_number
+from tactopose_drake.core.surfaces.surface import Surface, one_length, random_directions
+from tactopose_drake.core.validation import FloatArray
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -26,7 +26,7 @@ class Sphere(Surface):
     kind = surface_kernels.SMOOTH
 
     def _shape(self) -> tuple[float, ...]:
-        r = positive_number("radius", self.radius)
+        r = one_length("radius", self.radius)
         return r, r, r, 1.0, 1.0, -math.inf, math.inf, r
 
     def _sample(self, generator: np.random.Generator, count: int) -> FloatArray:

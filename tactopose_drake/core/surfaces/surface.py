@@ -5,15 +5,19 @@ Source: [B16] J. Bimbo, thesis, 2016, section 2.2.1.
 
 import abc
 import dataclasses
-from typing import Any, ClassVar
+from typing import ClassVar, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from tactopose_drake.core import poses
 from tactopose_drake.core.surfaces import surface_kernels
-from tactopose_drake.core.validation import FloatArray, finite_array
+from tactopose_drake.core.validation import FloatArray, finite_array, pose_matrix, positive_number, positive_numbers
 from tactopose_drake.errors import InvalidInputError
+
+LEAST_LENGTH: Final = 1e-6
+MOST_LENGTH: Final = 1e3
+"""Lengths of a fingertip are between these, m: beyond, squares and their inverses lose their digits."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -35,7 +39,9 @@ class Surface(abc.ABC):
     kind: ClassVar[int]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "X_SF", pose_matrix("X_SF", self.X_SF))
+        X_SF = pose_matrix("X_SF", self.X_SF)
+        X_SF.setflags(write=False)
+        object.__setattr__(self, "X_SF", X_SF)
         shape = np.array(self._shape(), dtype=np.float64)
         shape.setflags(write=False)
         object.__setattr__(self, "shape", shape)
@@ -90,23 +96,13 @@ class Surface(abc.ABC):
         return value, gradient, hessian
 
 
-def pose_matrix(name: str, pose: object) -> FloatArray:
-    """A read-only pose (3, 4) from a (3, 4) or (4, 4) array or an object with `GetAsMatrix34`.
+def one_length(name: str, value: float, *, allow_zero: bool = False) -> float:
+    """A length above zero (or zero, where allowed), m.
 
     Raises:
-        InvalidInputError: another shape, a number that is not finite, or a rotation matrix that is none (within 1e-6).
+        InvalidInputError: otherwise.
     """
-    matrix: Any = pose.GetAsMatrix34() if hasattr(pose, "GetAsMatrix34") else pose
-    is_square = np.shape(matrix) == (4, 4)
-    X = np.array(finite_array(name, matrix, (4, 4) if is_square else (3, 4)), order="C")
-    R = X[:3, :3]
-    if not np.allclose(R @ R.T, np.eye(3), atol=1e-6) or np.linalg.det(R) < 0:
-        raise InvalidInputError(f"{name}: its left 3x3 block is {R.tolist()}; allowed are rotation matrices.")
-    if is_square and not np.allclose(X[3], (0, 0, 0, 1)):
-        raise InvalidInputError(f"{name}: its last row is {X[3].tolist()}; allowed is [0, 0, 0, 1].")
-    X = np.ascontiguousarray(X[:3])
-    X.setflags(write=False)
-    return X
+    return positive_number(name, value, allow_zero=allow_zero, least=LEAST_LENGTH, most=MOST_LENGTH)
 
 
 def three_lengths(name: str, value: ArrayLike) -> tuple[float, float, float]:
@@ -116,9 +112,9 @@ def three_lengths(name: str, value: ArrayLike) -> tuple[float, float, float]:
         InvalidInputError: otherwise.
     """
     lengths = finite_array(name, value, (3,))
-    if lengths.min() <= 0:
+    if lengths.min() <= 0.0:
         raise InvalidInputError(f"{name}: is {lengths.tolist()}; allowed are numbers > 0.")
-    a, b, c = lengths.tolist()
+    a, b, c = positive_numbers(name, lengths, (3,), least=LEAST_LENGTH, most=MOST_LENGTH).tolist()
     return a, b, c
 
 

@@ -1,12 +1,14 @@
 """All that the belief is told at one time."""
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.tracking.pose_measurement import PoseMeasurement
-from tactopose_drake.core.validation import FloatArray, finite_array, pose_matrix
+from tactopose_drake.core.validation import LATEST, FloatArray, instance_of, limited, pose_matrix
 from tactopose_drake.errors import InvalidInputError
+
+_FASTEST = 1e4  # rad/s and m/s
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -36,7 +38,12 @@ class Frame:
     X_WP: FloatArray | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "time", float(finite_array("time", self.time, ())))
+        object.__setattr__(self, "time", float(limited("time", self.time, (), most=LATEST)))
+        instance_of("evidence", self.evidence, Evidence)
+        if self.vision is not None:
+            instance_of("vision", self.vision, PoseMeasurement)
+        if self.sources is not None:
+            instance_of("sources", self.sources, Sequence)
         count = len(self.evidence.touch)
         sources = tuple(map(str, range(count) if self.sources is None else self.sources))
         if len(sources) != count or len(set(sources)) < count:
@@ -47,8 +54,9 @@ class Frame:
         if self.X_WP is not None:
             object.__setattr__(self, "X_WP", pose_matrix("X_WP", self.X_WP))
         if self.tip_velocity is not None:
+            instance_of("tip_velocity", self.tip_velocity, Mapping)
             velocities = {
-                name: finite_array(f"tip_velocity[{name}]", velocity, (6,))
+                name: limited(f"tip_velocity[{name}]", velocity, (6,), most=_FASTEST)
                 for name, velocity in self.tip_velocity.items()
             }
             object.__setattr__(self, "tip_velocity", velocities)

@@ -24,6 +24,7 @@ from tactopose_drake.core.tracking.present_bounds import bound_modes
 from tactopose_drake.core.tracking.touch_update import Felt, feel, join
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tactopose_drake.core.tracking.vision_intake import believe_vision, take_in_vision
+from tactopose_drake.core.validation import instance_of
 from tactopose_drake.errors import InvalidInputError
 
 
@@ -40,7 +41,9 @@ class PoseTracker:
             model: the object.
             params: what is assumed.
         """
+        instance_of("model", model, ObjectModel)
         self._params = PoseTrackerParams() if params is None else params
+        instance_of("params", self._params, PoseTrackerParams)
         self._params.validate()
         self._model = model
         self._stable = Stable(
@@ -62,6 +65,8 @@ class PoseTracker:
         Raises:
             InvalidInputError: a frame of an earlier time than the belief's, or evidence that does not suit the object.
         """
+        instance_of("belief", belief, PoseBelief)
+        instance_of("frame", frame, Frame)
         duration = frame.time - belief.time
         if duration < 0.0:
             raise InvalidInputError(

@@ -3,8 +3,7 @@
 import dataclasses
 
 from tactopose_drake.core.tracking.object_motion import MotionNoise
-from tactopose_drake.core.validation import positive_number
-from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.core.validation import instance_of, positive_number, whole_number
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -30,12 +29,10 @@ class PoseTrackerParams:
 
     def validate(self) -> None:
         """Raises InvalidInputError if a number is out of its range."""
+        instance_of("PoseTrackerParams.noise", self.noise, MotionNoise)
         self.noise.validate()
         for field in dataclasses.fields(self):
-            if isinstance(getattr(self, field.name), float):
+            if isinstance(field.default, float):
                 positive_number(f"PoseTrackerParams.{field.name}", getattr(self, field.name))
         for name, least in (("max_modes", 1), ("seed", 0)):
-            if getattr(self, name) < least:
-                raise InvalidInputError(
-                    f"PoseTrackerParams.{name}: is {getattr(self, name)}; allowed are integers >= {least}."
-                )
+            whole_number(f"PoseTrackerParams.{name}", getattr(self, name), least=least)

@@ -3,7 +3,13 @@ import math
 import numpy as np
 import pytest
 
-from tactopose_drake.core.poses import exp_so3, identity_poses, make_poses, retract
+from tactopose_drake.core.kernels.matrix_kernels import inverses
+from tactopose_drake.core.poses import (
+    exp_so3,
+    identity_poses,
+    make_poses,
+    retract,
+)
 from tactopose_drake.core.posterior.hypotheses import determined_part, find_modes, free_directions
 from tactopose_drake.core.searches.search import SearchResult
 
@@ -100,3 +106,18 @@ def test_the_determined_part_leaves_out_the_free_one() -> None:
     np.testing.assert_allclose(determined_part(increment, np.zeros((0, 6)), SIZE), increment)
     screw = np.array([[0.0, 0.0, 1.0, 0.05, 0.0, 0.0]]) / np.linalg.norm([1.0, 0.05])
     np.testing.assert_allclose(determined_part(3.0 * screw[0], screw, SIZE), 0.0, atol=1e-12)
+
+
+def test_what_doubles_cannot_hold_side_by_side_is_finite() -> None:
+    X_PO = retract(np.eye(3, 4), np.random.default_rng(1).normal(size=(20, 6)))
+    along = np.linalg.qr(np.random.default_rng(2).normal(size=(20, 6, 6)))[0][:, :, :5]
+    touch = 1e16 * along @ np.swapaxes(along, 1, 2)
+    prior = np.tile(1e-6 * np.eye(6), (20, 1, 1))
+    assert not np.isfinite(inverses(touch + prior)[1]).all()
+    far_apart = find_modes(found(X_PO, [1.0] * 20), touch, prior, identity_poses(1), SIZE, 64)
+    assert np.isfinite(far_apart.covariance).all()
+    assert np.isfinite(far_apart.probability).all()
+    assert math.isfinite(far_apart.log_mass)
+    values = np.linalg.eigvalsh(far_apart.covariance)
+    assert (values[:, 0] > -1e-12 * values[:, -1]).all()
+    assert (values[:, -1] > 1e6 * values[:, -2]).all()  # What the touch leaves free is still much less certain.

@@ -257,7 +257,7 @@ def test_errors_name_the_file(tmp_path: Path) -> None:
         ({"center_of_mass": [0, 0]}, InvalidInputError, r"center_of_mass: has shape \(2,\)"),
         ({"symmetry": "some"}, UnknownNameError, "symmetry: 'some' is unknown; valid names: auto, none"),
         ({"symmetry_tolerance": -0.1}, InvalidInputError, "symmetry_tolerance: is -0.1"),
-        ({"samples": 10}, InvalidInputError, "samples: is 10; allowed are numbers >= 100"),
+        ({"samples": 10}, InvalidInputError, "samples: is 10; allowed are integers from 100"),
         ({"spacing": 0.0}, InvalidInputError, "spacing: is 0"),
     ],
 )
