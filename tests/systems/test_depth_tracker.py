@@ -16,7 +16,7 @@ from pydrake.systems.primitives import AddRandomInputs
 from tactopose_drake.core.evidence.prior import PosePrior
 from tactopose_drake.core.poses import increments_between
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.tracking.pose_measurement import PoseMeasurement
+from tactopose_drake.core.tracking.frame import PoseMeasurement
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.systems.depth_tracker import DepthTracker, DepthTrackerParams
 from tactopose_drake.systems.random_sources import seed_random_sources

@@ -1,12 +1,63 @@
-"""All that the belief is told at one time."""
+"""What the tracker is told: a frame of what is sensed at one time, contacts and maybe a pose from vision."""
+
+from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
+from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
-from tactopose_drake.core.tracking.pose_measurement import PoseMeasurement
+from tactopose_drake.core.evidence.prior import PosePrior
 from tactopose_drake.core.validation import FloatArray, finite_array, pose_matrix
 from tactopose_drake.errors import InvalidInputError
+
+_W, _V = slice(0, 3), slice(3, 6)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class PoseMeasurement:
+    """The object's pose in the palm at one time in the past, as something other than touch measured it.
+
+    Mostly it is a camera's tracker.
+
+    Attributes:
+        time: when it was so, s, of the clock that the frames of the belief are of: of the picture, not of its delivery.
+        X_PO: the pose at that time, shape (3, 4); a RigidTransform is taken too.
+        covariance: of the increment (w, v) from it to the true pose, shape (6, 6), rad and m.
+
+    Raises:
+        InvalidInputError: a time or pose that is none, or a covariance that is not symmetric and positive definite.
+    """
+
+    time: float
+    X_PO: FloatArray
+    covariance: FloatArray
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "time", float(finite_array("time", self.time, ())))
+        covariance = finite_array("covariance", self.covariance, (6, 6)).copy()
+        scale = np.sqrt(np.abs(np.diag(covariance)))
+        if np.abs(covariance - covariance.T).max() > 1e-6 * scale.max() ** 2:
+            raise InvalidInputError("covariance: is not symmetric.")
+        if scale.min() == 0.0 or np.linalg.eigvalsh(covariance / np.outer(scale, scale)).min() <= 0.0:
+            raise InvalidInputError("covariance: is not positive definite.")
+        for name, array in (("X_PO", pose_matrix("X_PO", self.X_PO)), ("covariance", covariance)):
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+
+    @classmethod
+    def from_prior(cls, prior: PosePrior, time: float) -> PoseMeasurement:
+        """What a prior says, as of a time, s."""
+        return cls(time, prior.X_PO, np.diag(prior.sigmas**2))
+
+    def as_prior(self) -> PosePrior:
+        """A prior that is at least as wide in every direction of rotation and of translation."""
+        widest = [float(np.sqrt(np.linalg.eigvalsh(self.covariance[part, part])[-1])) for part in (_W, _V)]
+        return PosePrior(self.X_PO, sigma_rotation=widest[0], sigma_translation=widest[1])
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -52,3 +103,39 @@ class Frame:
                 for name, velocity in self.tip_velocity.items()
             }
             object.__setattr__(self, "tip_velocity", velocities)
+
+
+class ContactReading(NamedTuple):
+    """The contacts of a frame by all sources that are known.
+
+    Attributes:
+        contacts: all points that are touched.
+        source: the source of each, shape (k,).
+        sources: names of all sources.
+        is_new: whether this reading is not the last one again.
+    """
+
+    contacts: Contacts
+    source: NDArray[np.intp]
+    sources: tuple[str, ...]
+    is_new: bool
+
+    @property
+    def has_contact(self) -> bool:
+        return len(self.contacts) > 0
+
+
+def read_contacts(frame: Frame, sources: tuple[str, ...], p_before: FloatArray) -> ContactReading:
+    """The frame's contacts by the sources known so far and the new ones.
+
+    Args:
+        frame: all that is sensed.
+        sources: names of those known so far.
+        p_before: the last contacts' points, shape (k, 3), m.
+    """
+    contacts = frame.evidence.touch
+    assert frame.sources is not None
+    sources += tuple(name for name in frame.sources if name not in sources)
+    source = np.array([sources.index(name) for name in frame.sources], dtype=np.intp)
+    is_new = len(contacts) > 0 and not np.array_equal(contacts.p_PC, p_before)
+    return ContactReading(contacts, source, sources, is_new)

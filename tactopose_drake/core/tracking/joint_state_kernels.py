@@ -1,0 +1,112 @@
+"""What the compiled updates of a mode share: their arrays, and the normal equations of pose and biases together.
+
+The joint state is the pose and, for each source of contacts, six biases: of the contact's position in P, m, and a turn
+of its normal, rad, in P. Its increment (w, v, biases) has m = 6 + 6 s entries for s sources.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+
+from tactopose_drake.core.kernels import prior_kernels
+
+
+class DistanceField(NamedTuple):
+    """The object's distance grid.
+
+    Attributes:
+        values: signed distance, m, and normal at each node, shape (nx, ny, nz, 4).
+        origin: the first node in O, shape (3,), m.
+        inverse_spacing: one over the nodes' spacing, 1/m.
+    """
+
+    values: Any
+    origin: Any
+    inverse_spacing: Any
+
+
+class ContactArrays(NamedTuple):
+    """The k contacts of a frame.
+
+    Attributes:
+        p: points in P, shape (k, 3), m.
+        n: outward unit normals in P, shape (k, 3).
+        weight_p: one over the points' standard deviations, shape (k,), 1/m.
+        weight_n: one over the normals', shape (k,), 1/rad; 0 where there is none.
+        source: the source of each, shape (k,).
+    """
+
+    p: Any
+    n: Any
+    weight_p: Any
+    weight_n: Any
+    source: Any
+
+
+class ModePriors(NamedTuple):
+    """Gaussians of the joint state, whose biases have mean zero, for B modes.
+
+    Attributes:
+        X: poses, shape (B, 3, 4).
+        information: inverse covariances of the joint increment from there, shape (B, m, m).
+    """
+
+    X: Any
+    information: Any
+
+
+class PriorRows(NamedTuple):
+    """Scratch: the increment from the prior's pose.
+
+    Attributes:
+        unit: the weights, all one, shape (6,).
+        increment: shape (1, 6).
+        jacobian: its derivative by an increment of the pose here, the inverse right Jacobian, shape (1, 6, 6).
+    """
+
+    unit: Any
+    increment: Any
+    jacobian: Any
+
+
+@njit(cache=True)
+def make_prior_rows():  # type: ignore[no-untyped-def]
+    """Room for `PriorRows`."""
+    return PriorRows(np.ones(6), np.empty((1, 6)), np.empty((1, 6, 6)))
+
+
+@njit(cache=True)
+def compare_with_prior(X_prior, X, rows):  # type: ignore[no-untyped-def]
+    """Writes the increment from the prior's pose (3, 4) to the pose X (1, 3, 4), and its derivative."""
+    prior_kernels.prior_residuals(X_prior, rows.unit, X, rows.increment, rows.jacobian)
+
+
+@njit(cache=True)
+def transport_information(jacobian, H):  # type: ignore[no-untyped-def]
+    """H (m, m) by increments of the pose at the prior becomes diag(A, 1)^T H diag(A, 1), with A the jacobian (6, 6)."""
+    H[:6, :] = np.ascontiguousarray(jacobian.T) @ np.ascontiguousarray(H[:6, :])
+    H[:, :6] = np.ascontiguousarray(H[:, :6]) @ jacobian
+
+
+@njit(cache=True)
+def add_normal_equations(source, G, L, R, residual, g, H):  # type: ignore[no-untyped-def]
+    """Adds what one contact says: g += G^T residual and H += L^T R.
+
+    Args:
+        source: the contact's.
+        G: rows (4, 12) by the increment and the biases of that source, of the gradient.
+        L: likewise, of the Hessian.
+        R: likewise.
+        residual: shape (4,).
+        g: gradient by the joint increment, shape (m,).
+        H: Hessian, shape (m, m).
+    """
+    for a in range(12):
+        row = a if a < 6 else a + 6 * source
+        for k in range(4):
+            g[row] += G[k, a] * residual[k]
+        for c in range(12):
+            column = c if c < 6 else c + 6 * source
+            for k in range(4):
+                H[row, column] += L[k, a] * R[k, c]
