@@ -11,7 +11,7 @@ from pydrake.systems.framework import Context, EventStatus
 
 from tactopose_drake.core.evidence.prior import PosePrior
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.runs.advance import Look, Progress, RunView, advance
+from tactopose_drake.runs.advance import Observer, Progress, RunView, advance
 from tactopose_drake.runs.known_signals import known_signals
 from tactopose_drake.runs.recording import Recording
 from tactopose_drake.runs.rehearsal import rehearse
@@ -29,7 +29,7 @@ def run_devices(
     model: ObjectModel,
     duration: float | None,
     recording: Recording | None,
-    look: Look,
+    observer: Observer,
     tell: Progress,
 ) -> RunView:
     """Opens the devices, tares them, and runs; see `run_scenario`.
@@ -61,7 +61,7 @@ def run_devices(
         if duration is None:
             duration = math.inf if rig is None else scenario.duration
         with contextlib.suppress(KeyboardInterrupt):
-            advance(simulator, devices, scenario.estimation.estimator.period, duration, look)
+            advance(simulator, devices, scenario.estimation.estimator.period, duration, observer)
         return RunView(station.diagram, simulator.get_context())
 
 

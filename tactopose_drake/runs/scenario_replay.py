@@ -8,7 +8,7 @@ from pathlib import Path
 from pydrake.systems.analysis import Simulator
 
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.runs.advance import Look, Progress, RunView, advance
+from tactopose_drake.runs.advance import Observer, Progress, RunView, advance
 from tactopose_drake.runs.manifest import SIGNALS, load_manifest
 from tactopose_drake.runs.simulation import TRUE_POSE
 from tactopose_drake.station.can_devices import CanDevices, logged_buses
@@ -39,7 +39,7 @@ def replay(
     *,
     paced: bool = False,
     duration: float | None = None,
-    look: Look = lambda view: None,
+    observer: Observer = lambda view: None,
     tell: Progress = lambda message: None,
 ) -> Replay:
     """Plays a recording to its end.
@@ -52,7 +52,7 @@ def replay(
         scenario: what is to be estimated and how; of the same hand, object and devices.
         paced: whether it plays as fast as it was recorded; else as fast as it goes.
         duration: of the part that is played, from the beginning, s; all, if not given.
-        look: is shown the run at the period of the estimates.
+        observer: is shown the run at the period of the estimates.
         tell: is told what begins.
 
     Raises:
@@ -94,7 +94,7 @@ def replay(
             return bool(buses) and all(bus.log_end is not None for bus in buses)
 
         with contextlib.suppress(KeyboardInterrupt):
-            advance(simulator, devices, scenario.estimation.estimator.period, until, look, at_end)
+            advance(simulator, devices, scenario.estimation.estimator.period, until, observer, at_end)
         ends = [bus.log_end for bus in buses if bus.log_end is not None]
         texts = (*(str(end) for end in ends), *([cut] if cut else []))
         view = RunView(station.diagram, simulator.get_context())

@@ -21,6 +21,9 @@ from tactopose_drake.core.tracking.pose_belief import BeliefStatus, PoseBelief
 from tactopose_drake.core.tracking.tracker_params import ConstraintParams, PoseTrackerParams
 from tactopose_drake.core.validation import FloatArray
 
+# The mode that carries more than this share of the mass is the answer.
+_MOST_OF_THE_MASS = 0.5
+
 
 def summarise(
     model: ObjectModel, params: PoseTrackerParams, belief: PoseBelief, evidence: Evidence, *, has_contact: bool
@@ -87,6 +90,6 @@ def judge(belief: PoseBelief, params: PoseTrackerParams, *, has_contact: bool) -
         return "lost", ("no pose explains the touch",)
     if time < belief.slip_time + params.slip_time or not belief.explains_touch[0]:
         return "slipping", ()
-    if belief.probability[0] < params.ambiguous_share:
+    if belief.probability[0] < _MOST_OF_THE_MASS:
         return "ambiguous", ()
     return "ok", ()

@@ -119,7 +119,6 @@ class PoseTrackerParams:
     surface_position: float = 0.0001  # how far the model's surface is from the object's, m
     surface_normal_deg: float = 1.0  # how far its normals are about each axis, deg
     lever_arm: float = 0.25  # of the object's size: so far from O a turn moves the surface, by which m and rad compare
-    ambiguous_share: float = 0.5  # of the mass; the mode that carries more is the answer
     slip_time: float = 0.1  # s for which a slip that was found is taken to go on
     lost_time: float = 0.2  # s without an explanation of the touch, after which the pose is lost
     unobserved_time: float = 1.0  # s without touch or vision, after which the pose is lost
