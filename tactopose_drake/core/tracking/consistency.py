@@ -1,4 +1,4 @@
-"""The consistency test of a mode: whether the touch is what it predicts, over the last frames, which fade away.
+"""The consistency test of a mode: whether the touch of the last frames is what it predicts, with a forgetting factor.
 
 The NIS test asks whether innovations are larger than noise makes them: their squared lengths less what is expected,
 summed, in units of the sum's standard deviation. The drift test asks whether corrections go one way: with a prediction
@@ -32,7 +32,7 @@ def record_innovations(
         degrees: how many numbers these measured.
         params: of the tests.
     """
-    fade, wandering = params.forgetting_factor, 1.0 + params.process_share
+    factor, wandering = params.forgetting_factor, 1.0 + params.process_share
     correction = increments_between(predicted.X_PO, update.X_PO)
     excess = np.stack([update.nis - degrees, np.full(len(predicted), 2.0 * degrees)], axis=1)
     return dataclasses.replace(
@@ -40,9 +40,9 @@ def record_innovations(
         X_PO=update.X_PO,
         covariance=update.covariance,
         cross_covariance=update.cross_covariance,
-        nis_excess=predicted.nis_excess * [fade, fade**2] + excess,
-        drift=fade * predicted.drift + correction,
-        drift_covariance=fade**2 * predicted.drift_covariance + wandering * predicted.covariance - update.covariance,
+        nis_excess=predicted.nis_excess * [factor, factor**2] + excess,
+        drift=factor * predicted.drift + correction,
+        drift_covariance=factor**2 * predicted.drift_covariance + wandering * predicted.covariance - update.covariance,
     )
 
 

@@ -39,6 +39,7 @@ class _Scratch(NamedTuple):
 
     Attributes:
         prior: how far the pose is from the prior's.
+        increment: of the pose, shape (1, 6).
         z, slope: the joint increment from the prior, and the gradient of its cost, shape (m,).
         p, n: the contact without its biases, shape (3,).
         residual, J, smooth, work: see `surface_contact_kernels.contact_rows`.
@@ -47,6 +48,7 @@ class _Scratch(NamedTuple):
     """
 
     prior: PriorRows
+    increment: Any
     z: Any
     slope: Any
     p: Any
@@ -84,7 +86,7 @@ def refine_modes(field, contacts, priors, X, max_iterations, tolerance, hessian)
             least_squares_kernels.damped_steps(here.H, here.g, damping, step)
             if _promised_decrease(here.g[0], step[0]) < tolerance:
                 break
-            _move(here, step, there)
+            _move(here, step, scratch.increment, there)
             _evaluate(field, contacts, priors, b, there, scratch)
             if there.cost[0] < here.cost[0]:
                 _copy(there, here)
@@ -103,6 +105,7 @@ def _make_point(size):  # type: ignore[no-untyped-def]
 def _make_scratch(size):  # type: ignore[no-untyped-def]
     return _Scratch(
         make_prior_rows(),
+        np.empty((1, 6)),
         np.empty(size),
         np.empty(size),
         np.empty(3),
@@ -126,9 +129,10 @@ def _promised_decrease(g, step):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _move(point, step, moved):  # type: ignore[no-untyped-def]
-    """The joint state after a step (1, m)."""
-    pose_kernels.retract(point.X, step[:, :6], moved.X)
+def _move(point, step, increment, moved):  # type: ignore[no-untyped-def]
+    """The joint state after a step (1, m), whose part of the pose is written into the increment (1, 6)."""
+    increment[0] = step[0, :6]
+    pose_kernels.retract(point.X, increment, moved.X)
     for i in range(point.bias.shape[0]):
         moved.bias[i] = point.bias[i] + step[0, 6 + i]
 

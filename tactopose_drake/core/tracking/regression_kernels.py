@@ -83,7 +83,7 @@ class _Scratch(NamedTuple):
     """Room for one round.
 
     Attributes:
-        here, there: poses, shape (1, 3, 4).
+        here: the pose, shape (1, 3, 4).
         points: the sigma points about here.
         prior: how far the pose is from the prior's.
         J: a contact's slopes by the increment and the biases of its source, shape (4, 12).
@@ -92,7 +92,6 @@ class _Scratch(NamedTuple):
     """
 
     here: Any
-    there: Any
     points: SigmaPoints
     prior: PriorRows
     J: Any
@@ -139,15 +138,15 @@ def regress_modes(field, contacts, priors, settings, X, regression):  # type: ig
             least_squares_kernels.damped_steps(H, g, undamped, step)
             cost[0] += 0.5 * np.dot(g[0], step[0])
             cost[0] += log_determinant[0]
-            pose_kernels.retract(here, step[:, :6], scratch.there)
-            here[0], regression.hessian[b] = scratch.there[0], H[0]
+            points.increment[0] = step[0, :6]
+            pose_kernels.retract(here, points.increment, points.pose)
+            here[0], regression.hessian[b] = points.pose[0], H[0]
         X[b] = here[0]
 
 
 @njit(cache=True)
 def _make_scratch(size, count):  # type: ignore[no-untyped-def]
     return _Scratch(
-        np.empty((1, 3, 4)),
         np.empty((1, 3, 4)),
         make_sigma_points(count),
         make_prior_rows(),

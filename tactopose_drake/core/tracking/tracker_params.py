@@ -45,9 +45,10 @@ class ContactUpdateParams:
 class ForgettingParams:
     """For how long touch counts."""
 
-    time: float = 0.3  # s after which what the touch told of the pose has faded
-    half_information: float = 0.1  # of a frame over what is known: a direction of so much is forgotten by half. Where
-    # the touch was all that told of it, a frame tells about the share that stays, some three tenths.
+    time: float = 0.3  # s after which what the touch told of the pose is forgotten
+    # Information of a frame over what is known of a direction, at which the direction is forgotten by half. Where the
+    # touch was all that told of it, a frame tells about the share that lasts, some three tenths.
+    half_information: float = 0.1
     evidence_frames: float = 50.0  # over which evidence is averaged: until a fingertip is elsewhere on the surface
 
 
@@ -58,8 +59,9 @@ class ConsistencyParams:
     forgetting_factor: float = 0.9  # of the sums, each frame: half of them is of the last seven frames
     process_share: float = 0.1  # of its variance that a frame adds to the pose, where the touch tells nothing
     nis_threshold: float = 6.0  # of the innovations' excess, in its standard deviations
-    drift_threshold: float = 6.0  # of the corrections' squared sum: motion noise is stated wider than it is, so that of
-    # an object that is held it is far below its six degrees of freedom on average
+    # Of the corrections' squared sum. Motion noise is stated wider than it is, so that of an object that is held it is
+    # far below its six degrees of freedom on average.
+    drift_threshold: float = 6.0
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -105,8 +107,9 @@ class MixtureParams:
 
     max_modes: int = 8  # kept at the most
     least_share: float = 1e-7  # of the mass of the best mode; less is dropped
-    same_sigmas: float = 2.0  # poses closer than so many standard deviations are one mode; what is farther off may be
-    # another minimum, on the flank of a mode that is still wide
+    # Poses closer than so many standard deviations are one mode; what is farther off may be another minimum, on the
+    # flank of a mode that is still wide.
+    same_sigmas: float = 2.0
     max_sigma_translation: float = 0.3  # m; of a translation with this standard deviation nothing is known
 
 
@@ -140,6 +143,10 @@ class PoseTrackerParams:
                 _check_numbers(getattr(self, field.name))
 
 
+# What has such a name is a part of one.
+_PARTS_OF_ONE = ("_share", "_probability", "_factor", "_gain", "_margin")
+
+
 def _check_numbers(params: Any) -> None:
     """Raises InvalidInputError unless all floats are positive, and all integers at least one; a seed may be zero."""
     for field in dataclasses.fields(params):
@@ -150,3 +157,5 @@ def _check_numbers(params: Any) -> None:
                 raise InvalidInputError(f"{name}: is {value}; allowed are integers >= {least}.")
         elif isinstance(value, float):
             positive_number(name, value)
+            if name.endswith(_PARTS_OF_ONE) and value > 1.0:
+                raise InvalidInputError(f"{name}: is {value:g}; allowed are numbers up to 1.")
