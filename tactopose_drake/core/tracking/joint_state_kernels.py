@@ -102,11 +102,13 @@ def add_normal_equations(source, G, L, R, residual, g, H):  # type: ignore[no-un
         g: gradient by the joint increment, shape (m,).
         H: Hessian, shape (m, m).
     """
+    at = 6 * source
     for a in range(12):
-        row = a if a < 6 else a + 6 * source
+        row = a if a < 6 else at + a
+        l0, l1, l2, l3 = L[0, a], L[1, a], L[2, a], L[3, a]
         for k in range(4):
             g[row] += G[k, a] * residual[k]
-        for c in range(12):
-            column = c if c < 6 else c + 6 * source
-            for k in range(4):
-                H[row, column] += L[k, a] * R[k, c]
+        for c in range(6):
+            H[row, c] = H[row, c] + l0 * R[0, c] + l1 * R[1, c] + l2 * R[2, c] + l3 * R[3, c]
+        for c in range(6, 12):
+            H[row, at + c] = H[row, at + c] + l0 * R[0, c] + l1 * R[1, c] + l2 * R[2, c] + l3 * R[3, c]

@@ -160,7 +160,7 @@ def _evaluate(field, contacts, priors, b, point, scratch):  # type: ignore[no-un
         add_normal_equations(contacts.source[i], gradient_rows, rows, rows, scratch.residual, point.g[0], point.H[0])
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _put_prior(X_prior, information, point, scratch):  # type: ignore[no-untyped-def]
     """Cost z^T I z / 2 of the prior, with z = (increment from its pose, biases); gradient and Hessian by chain rule."""
     z, slope, g = scratch.z, scratch.slope, point.g[0]
@@ -182,7 +182,7 @@ def _put_prior(X_prior, information, point, scratch):  # type: ignore[no-untyped
     transport_information(A, point.H[0])
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _remove_bias(contacts, i, bias, scratch):  # type: ignore[no-untyped-def]
     """The contact i without the biases of its source: its point less their shift, its normal n less their turn x n."""
     n, at = contacts.n[i], 6 * contacts.source[i]
@@ -194,7 +194,7 @@ def _remove_bias(contacts, i, bias, scratch):  # type: ignore[no-untyped-def]
     scratch.n[2] = n[2] - (x * n[1] - y * n[0])
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _contact_rows(field, weight_p, weight_n, X, scratch):  # type: ignore[no-untyped-def]
     """Residuals of the contact in the scratch at the pose X (3, 4), and their derivatives by increment and biases.
 
