@@ -26,7 +26,7 @@ class PoseMeasurement:
 
     Attributes:
         time: when it was so, s, of the clock that the frames of the belief are of: of the picture, not of its delivery.
-        X_PO: the pose at that time, shape (3, 4); a RigidTransform is taken too.
+        X_PO: the pose at that time, its translation in m, shape (3, 4); a RigidTransform is taken too.
         covariance: of the increment (w, v) from it to the true pose, shape (6, 6), rad and m.
 
     Raises:
@@ -51,7 +51,12 @@ class PoseMeasurement:
 
     @classmethod
     def from_prior(cls, prior: PosePrior, time: float) -> PoseMeasurement:
-        """What a prior says, as of a time, s."""
+        """A measurement that says what a prior does.
+
+        Args:
+            prior: the Gaussian.
+            time: as of when, s.
+        """
         return cls(time, prior.X_PO, np.diag(prior.sigmas**2))
 
     def as_prior(self) -> PosePrior:
