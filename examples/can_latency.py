@@ -2,7 +2,7 @@
 
 Five simulated NETCANOEM boards run in a process of their own, on a multicast bus, and feel what the hand of the
 scenario `shadow_like_can` feels in a simulated grasp. Here the whole chain runs on one core: decoding, and the estimate
-20 times a second; then the same once more with contacts at every look at the sensors, 200 times a second, to see how
+20 times a second; then the same once more with contacts at every poll of the sensors, 200 times a second, to see how
 late they are.
 
     python examples/can_latency.py --duration 20
@@ -81,7 +81,7 @@ def measure(duration: float, pinned: bool) -> tuple[Report, Report]:
     """Runs the chain twice for `duration` s of the diagram's time; pinned to a core, the boards to another.
 
     Returns:
-        With the estimate alone, and with contacts at every look.
+        With the estimate alone, and with contacts at every poll.
     """
     scenario = make_scenario()
     model = ObjectModel.from_mesh(scenario.object_mesh())

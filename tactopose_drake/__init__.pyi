@@ -15,7 +15,7 @@ from .core.surfaces.cylinder import Cylinder as Cylinder
 from .core.surfaces.ellipsoid import Ellipsoid as Ellipsoid
 from .core.surfaces.sphere import Sphere as Sphere
 from .core.surfaces.superquadric import Superquadric as Superquadric
-from .core.tracking.pose_measurement import PoseMeasurement as PoseMeasurement
+from .core.tracking.frame import PoseMeasurement as PoseMeasurement
 from .errors import TactoposeError as TactoposeError
 from .estimation.estimate import estimate_pose as estimate_pose
 from .estimation.identification import identify as identify

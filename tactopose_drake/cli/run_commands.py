@@ -8,7 +8,7 @@ import click
 
 from tactopose_drake.cli.consoles import ERRORS, OUT
 from tactopose_drake.estimation.output_files import check_outputs, written_beside
-from tactopose_drake.runs.advance import Look, Progress, RunView
+from tactopose_drake.runs.advance import Observer, Progress, RunView
 from tactopose_drake.runs.estimate_writer import EstimateWriter
 from tactopose_drake.runs.monitor import Monitor, estimate_line
 from tactopose_drake.runs.scenario_replay import replay as replay_recording
@@ -28,8 +28,8 @@ _console, _errors = OUT, ERRORS
 def run(scenario: str, duration: float | None, record: Path | None, monitor: bool) -> None:
     """Runs a SCENARIO, simulated or on CAN devices: one of the package by name, or a YAML file."""
     loaded = load_scenario(scenario)
-    with _showing(monitor) as (look, tell):
-        view = run_scenario(loaded, duration=duration, record=record, look=look, tell=tell)
+    with _showing(monitor) as (show, tell):
+        view = run_scenario(loaded, duration=duration, record=record, observer=show, tell=tell)
     if record is not None:
         _console.print(f"Recorded: {record}", soft_wrap=True)
     for lost in view.lost:
@@ -53,12 +53,12 @@ def replay(log: Path, scenario: str, speed: str, out: Path | None, monitor: bool
         writer = None if out is None else parts.enter_context(_written(out))
         show, tell = parts.enter_context(_showing(monitor))
 
-        def look(view: RunView) -> None:
+        def write_and_show(view: RunView) -> None:
             if writer is not None:
                 writer.write(view.diagram, view.context)
             show(view)
 
-        played = replay_recording(log, loaded, paced=speed == "real", look=look, tell=tell)
+        played = replay_recording(log, loaded, paced=speed == "real", observer=write_and_show, tell=tell)
     for end in played.ends:
         _console.print(end, style=None if played.whole else "yellow", soft_wrap=True, markup=False)
     if played.difference:
@@ -81,14 +81,14 @@ def _written(out: Path) -> Iterator[EstimateWriter]:
 
 
 @contextlib.contextmanager
-def _showing(monitor: bool) -> Iterator[tuple[Look, Progress]]:
+def _showing(monitor: bool) -> Iterator[tuple[Observer, Progress]]:
     """What is to see a run, and what is to be told what begins."""
     if not monitor:
         with _errors.status("starting") as status:
             yield (lambda view: None), status.update
         return
     with Monitor(_console) as live:
-        yield live.look, lambda message: _errors.print(message, style="dim")
+        yield live.show, lambda message: _errors.print(message, style="dim")
 
 
 def _end(view: RunView) -> None:

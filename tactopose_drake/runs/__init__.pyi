@@ -1,4 +1,4 @@
-from .advance import Look as Look
+from .advance import Observer as Observer
 from .advance import Progress as Progress
 from .advance import RunView as RunView
 from .contact_truth import ContactTruth as ContactTruth

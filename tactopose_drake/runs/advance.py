@@ -26,7 +26,7 @@ class RunView:
     lost: tuple[str, ...] = ()
 
 
-Look = Callable[[RunView], None]
+Observer = Callable[[RunView], None]
 Progress = Callable[[str], None]
 
 
@@ -35,17 +35,17 @@ def advance(
     devices: CanDevices | None,
     period: float,
     until: float,
-    look: Look,
+    observer: Observer,
     end: Callable[[], bool] = lambda: False,
 ) -> RunView:
-    """Advances a simulator in steps, with a look at it after each.
+    """Advances a simulator in steps, and shows the run after each.
 
     Args:
         simulator: of a station, initialised.
         devices: its devices.
-        period: of the looks, s.
+        period: of the steps, s.
         until: time at which it ends; infinite where something else ends it.
-        look: is shown the run after each step.
+        observer: is shown the run after each step.
         end: asked after each step whether this was the last.
 
     Returns:
@@ -57,7 +57,7 @@ def advance(
     while context.get_time() < until:
         step += 1
         simulator.AdvanceTo(min(step * period, until))
-        look(view)
+        observer(view)
         if end():
             break
     return view

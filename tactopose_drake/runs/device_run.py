@@ -14,7 +14,7 @@ from tactopose_drake.errors import UnknownNameError
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.hand.hand_config import load_hand_config, make_hand_plant
 from tactopose_drake.hand.joint_matrices import joint_matrix
-from tactopose_drake.runs.advance import Look, Progress, RunView, advance
+from tactopose_drake.runs.advance import Observer, Progress, RunView, advance
 from tactopose_drake.runs.known_signals import known_signals
 from tactopose_drake.runs.recording import Recording
 from tactopose_drake.runs.rehearsal import rehearse
@@ -33,7 +33,7 @@ def run_devices(
     model: ObjectModel,
     duration: float | None,
     recording: Recording | None,
-    look: Look,
+    observer: Observer,
     tell: Progress,
 ) -> RunView:
     """Opens the devices, tares them, and runs; see `run_scenario`.
@@ -67,7 +67,7 @@ def run_devices(
         if duration is None:
             duration = math.inf if rig is None else scenario.duration
         with contextlib.suppress(KeyboardInterrupt):
-            advance(simulator, devices, scenario.estimation.estimator.period, duration, look)
+            advance(simulator, devices, scenario.estimation.estimator.period, duration, observer)
         return RunView(station.diagram, simulator.get_context())
 
 

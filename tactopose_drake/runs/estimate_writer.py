@@ -1,4 +1,4 @@
-"""The estimates of a run as JSON lines, one for each look at it."""
+"""The estimates of a run as JSON lines, one for each of its periods."""
 
 import json
 from pathlib import Path

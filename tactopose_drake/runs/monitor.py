@@ -20,7 +20,7 @@ _REFRESH = 5.0  # tables a second
 class Monitor:
     """Shows a run: a table that renews itself on a terminal, or a line a second where there is none.
 
-    It is a context manager; `look` is what `run_scenario` and `replay` take.
+    It is a context manager; `show` is what `run_scenario` and `replay` take.
     """
 
     def __init__(self, console: Console) -> None:
@@ -39,7 +39,7 @@ class Monitor:
         if self._live is not None:
             self._live.stop()
 
-    def look(self, view: RunView) -> None:
+    def show(self, view: RunView) -> None:
         """Shows the present state, if it is time."""
         self._rates.count(view)
         time = view.context.get_time()

@@ -97,6 +97,6 @@ class Recording:
         """Adds a value of a signal."""
         self._signals.write(name, time, value)
 
-    def look(self, diagram: Diagram, context: Context) -> None:
+    def write_estimate(self, diagram: Diagram, context: Context) -> None:
         """Adds the present estimate."""
         self._estimates.write(diagram, context)

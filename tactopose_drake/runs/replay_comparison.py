@@ -34,7 +34,7 @@ class ReplayComparison:
         except (OSError, UnicodeDecodeError):
             self._lines = []
 
-    def look(self, view: RunView) -> None:
+    def compare(self, view: RunView) -> None:
         """Compares the present estimate, if the run has one of this number."""
         if self.difference or self._count >= len(self._lines):
             return

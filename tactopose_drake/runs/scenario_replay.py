@@ -13,7 +13,7 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.hand.hand_config import load_hand_config
-from tactopose_drake.runs.advance import Look, Progress, RunView, advance
+from tactopose_drake.runs.advance import Observer, Progress, RunView, advance
 from tactopose_drake.runs.manifest import ESTIMATES, MANIFEST, SIGNALS, Manifest, load_manifest
 from tactopose_drake.runs.replay_comparison import ReplayComparison
 from tactopose_drake.runs.simulation import TRUE_POSE
@@ -50,7 +50,7 @@ def replay(
     *,
     paced: bool = False,
     duration: float | None = None,
-    look: Look = lambda view: None,
+    observer: Observer = lambda view: None,
     tell: Progress = lambda message: None,
 ) -> Replay:
     """Plays a recording to its end.
@@ -63,7 +63,7 @@ def replay(
         scenario: what is to be estimated and how; of the same hand, object and devices.
         paced: whether it plays as fast as it was recorded; else as fast as it goes.
         duration: of the part that is played, from the beginning, s; all, if not given.
-        look: is shown the run at the period of the estimates.
+        observer: is shown the run at the period of the estimates.
         tell: is told what begins.
 
     Raises:
@@ -106,14 +106,14 @@ def replay(
         def at_end() -> bool:
             return bool(buses) and all(bus.log_end is not None for bus in buses)
 
-        def compare_and_look(view: RunView) -> None:
+        def compare_and_show(view: RunView) -> None:
             # What comes after the end of a log is not compared.
             if is_compared and not at_end():
-                comparison.look(view)
-            look(view)
+                comparison.compare(view)
+            observer(view)
 
         with contextlib.suppress(KeyboardInterrupt):
-            advance(simulator, devices, scenario.estimation.estimator.period, until, compare_and_look, at_end)
+            advance(simulator, devices, scenario.estimation.estimator.period, until, compare_and_show, at_end)
         ends = [bus.log_end for bus in buses if bus.log_end is not None]
         texts = (*(str(end) for end in ends), *([cut] if cut else []))
         view = RunView(station.diagram, simulator.get_context())

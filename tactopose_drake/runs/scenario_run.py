@@ -7,7 +7,7 @@ from pathlib import Path
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import InvalidInputError
-from tactopose_drake.runs.advance import Look, Progress, RunView, advance
+from tactopose_drake.runs.advance import Observer, Progress, RunView, advance
 from tactopose_drake.runs.device_run import check_devices, run_devices
 from tactopose_drake.runs.recording import Recording
 from tactopose_drake.runs.scenario_replay import replay
@@ -22,7 +22,7 @@ def run_scenario(
     *,
     duration: float | None = None,
     record: Path | None = None,
-    look: Look = lambda view: None,
+    observer: Observer = lambda view: None,
     tell: Progress = lambda message: None,
 ) -> RunView:
     """Runs a scenario from wherever its senses come; an interrupt from the keyboard ends it.
@@ -31,7 +31,7 @@ def run_scenario(
         scenario: what to run.
         duration: s; by default the scenario's, on real devices until it is interrupted, and of a recording all.
         record: folder for a recording, new or empty; a recording is not recorded again.
-        look: is shown the run at the period of the estimates.
+        observer: is shown the run at the period of the estimates.
         tell: is told what begins.
 
     Returns:
@@ -46,7 +46,7 @@ def run_scenario(
     if isinstance(scenario.senses, RecordedSenses):
         if record is not None:
             raise InvalidInputError("record: the scenario's senses are recorded already; allowed are others.")
-        return replay(Path(scenario.senses.folder), scenario, duration=duration, look=look, tell=tell).view
+        return replay(Path(scenario.senses.folder), scenario, duration=duration, observer=observer, tell=tell).view
     if not isinstance(scenario.senses, CanSenses) or scenario.senses.simulated == SimulatedDevices():
         check_bodies(scenario)
     if isinstance(scenario.senses, CanSenses):
@@ -54,17 +54,17 @@ def run_scenario(
     with contextlib.ExitStack() as parts:
         recording = None if record is None else parts.enter_context(Recording(record, scenario))
 
-        def record_and_look(view: RunView) -> None:
+        def record_and_show(view: RunView) -> None:
             if recording is not None:
-                recording.look(view.diagram, view.context)
+                recording.write_estimate(view.diagram, view.context)
                 if recording.lost:
                     tell(recording.lost[0])
-            look(view)
+            observer(view)
 
         tell("reading the object")
         model = ObjectModel.from_mesh(scenario.object_mesh())
         run = run_devices if isinstance(scenario.senses, CanSenses) else _run_simulated
-        view = run(scenario, model, duration, recording, record_and_look, tell)
+        view = run(scenario, model, duration, recording, record_and_show, tell)
     return view if recording is None else dataclasses.replace(view, lost=recording.lost)
 
 
@@ -73,7 +73,7 @@ def _run_simulated(
     model: ObjectModel,
     duration: float | None,
     recording: Recording | None,
-    look: Look,
+    observer: Observer,
     tell: Progress,
 ) -> RunView:
     tell("preparing the grasp")
@@ -83,4 +83,4 @@ def _run_simulated(
     simulator = start_simulation(station, None if recording is None else recording.write)
     tell("simulating")
     until = scenario.duration if duration is None else duration
-    return advance(simulator, None, scenario.estimation.estimator.period, until, look)
+    return advance(simulator, None, scenario.estimation.estimator.period, until, observer)

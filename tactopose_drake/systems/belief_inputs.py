@@ -14,8 +14,7 @@ from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.sensing.patches import Patch
-from tactopose_drake.core.tracking.frame import Frame
-from tactopose_drake.core.tracking.pose_measurement import PoseMeasurement
+from tactopose_drake.core.tracking.frame import Frame, PoseMeasurement
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import PortTypeError
 from tactopose_drake.estimation.prior import PosePrior

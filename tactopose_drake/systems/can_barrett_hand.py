@@ -46,7 +46,7 @@ class CanBarrettHand(LeafSystem):
 
         Args:
             hand: the driver. On a bus without a thread, the diagram's time counts from the bus's origin.
-            period: between two looks at it, s.
+            period: between two polls of it, s.
             max_age: of a sample that counts, s.
         """
         super().__init__()
@@ -57,7 +57,7 @@ class CanBarrettHand(LeafSystem):
         self._torques = self.DeclareDiscreteState(np.full(3, np.nan))
         self._age = self.DeclareDiscreteState([np.inf])
         self._status = self.DeclareAbstractState(AbstractValue.Make(NO_SAMPLE))
-        self.DeclarePeriodicUnrestrictedUpdateEvent(positive_number("period", period), 0.0, self._look)
+        self.DeclarePeriodicUnrestrictedUpdateEvent(positive_number("period", period), 0.0, self._poll)
         self.DeclareStateOutputPort("joint_positions", self._positions)
         for pad, pressures in zip(PADS, self._pressures, strict=True):
             self.DeclareStateOutputPort(f"pressures_{pad}", pressures)
@@ -65,7 +65,7 @@ class CanBarrettHand(LeafSystem):
         self.DeclareStateOutputPort("age", self._age)
         self.DeclareStateOutputPort("status", self._status)
 
-    def _look(self, context: Context, state: State) -> EventStatus:
+    def _poll(self, context: Context, state: State) -> EventStatus:
         self._hand.bus.keep_up(context.get_time())
         sample, age, status = self._hand.observe(self._max_age)
         values = {

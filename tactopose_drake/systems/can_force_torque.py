@@ -35,7 +35,7 @@ class CanForceTorque(LeafSystem):
 
         Args:
             sensor: the driver. On a bus without a thread, the diagram's time counts from the bus's origin.
-            period: between two looks at it, s.
+            period: between two polls of it, s.
             max_age: of a sample that counts, s.
         """
         super().__init__()
@@ -44,12 +44,12 @@ class CanForceTorque(LeafSystem):
         self._wrench = self.DeclareDiscreteState(np.full(6, np.nan))
         self._age = self.DeclareDiscreteState([np.inf])
         self._status = self.DeclareAbstractState(AbstractValue.Make(NO_SAMPLE))
-        self.DeclarePeriodicUnrestrictedUpdateEvent(positive_number("period", period), 0.0, self._look)
+        self.DeclarePeriodicUnrestrictedUpdateEvent(positive_number("period", period), 0.0, self._poll)
         self.DeclareStateOutputPort("wrench", self._wrench)
         self.DeclareStateOutputPort("age", self._age)
         self.DeclareStateOutputPort("status", self._status)
 
-    def _look(self, context: Context, state: State) -> EventStatus:
+    def _poll(self, context: Context, state: State) -> EventStatus:
         self._sensor.bus.keep_up(context.get_time())
         sample, age, status = self._sensor.observe(self._max_age)
         wrench = np.full(6, np.nan) if sample is None else sample.F_S

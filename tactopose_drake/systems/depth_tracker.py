@@ -11,7 +11,7 @@ from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSystem, State
 
 from tactopose_drake.core.poses import compose, inverse, random_rotations, retract, transform_points
-from tactopose_drake.core.tracking.pose_measurement import PoseMeasurement
+from tactopose_drake.core.tracking.frame import PoseMeasurement
 from tactopose_drake.core.validation import FloatArray, positive_number
 from tactopose_drake.core.vision.depth_tracking import DepthTrackerModel, fit_pose, take_picture
 from tactopose_drake.errors import InvalidInputError

@@ -191,9 +191,9 @@ class PoseBeliefEstimator(LeafSystem):
 
     def _says_nothing(self, belief: PoseBelief, frame: Frame) -> bool:
         """Whether something is felt or seen of an object that may be anywhere by now, or that never was in reach."""
-        since = frame.time - max(belief.touch_time, belief.vision.believed_time)
+        since = frame.time - max(belief.touch_time, belief.vision.accepted_time)
         is_news = frame.vision is not None and frame.vision.time not in belief.vision.times
-        is_forgotten = since > self._params.tracker.forget_time and (is_news or len(frame.evidence.touch) > 0)
+        is_forgotten = since > self._params.tracker.unobserved_time and (is_news or len(frame.evidence.touch) > 0)
         return is_forgotten or not self._may_be_touched(belief.X_PO[0], belief.covariance[0], frame)
 
     def _may_be_touched(self, X_PO: FloatArray, covariance: FloatArray, frame: Frame) -> bool:

@@ -10,7 +10,7 @@ from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
 
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.core.vision.occlusion import hidden_share
-from tactopose_drake.core.vision.vision_model import VisionModel, look
+from tactopose_drake.core.vision.vision_model import VisionModel, measure_pose
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.hand.geometry import BodySpheres
 from tactopose_drake.systems.camera_view import CameraView
@@ -88,7 +88,7 @@ class SimulatedVision(LeafSystem):
             self._spheres.radius,
         )
         X_PO = (X_WB[self._palm] @ self._X_BP).inverse() @ X_WB[self._object]
-        seen = look(X_PO.GetAsMatrix34(), hidden, self._noise.Eval(context), self._model)
+        seen = measure_pose(X_PO.GetAsMatrix34(), hidden, self._noise.Eval(context), self._model)
         state.get_mutable_abstract_state(self._prior).set_value(PosePrior.of(seen))
         state.get_mutable_discrete_state(self._hidden).SetFromVector([hidden])
         return EventStatus.Succeeded()

@@ -5,7 +5,7 @@ from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, LeafSystem, ValueProducer
 
-from tactopose_drake.core.tracking.pose_measurement import PoseMeasurement
+from tactopose_drake.core.tracking.frame import PoseMeasurement
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.systems.ports import eval_input
 

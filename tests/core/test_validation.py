@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
-from tactopose_drake.core.evidence.prior import PosePrior
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.force_balance import ForceBalance
+from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.poses import exp_so3, make_poses
 from tactopose_drake.core.validation import (
@@ -190,7 +190,7 @@ def test_points_in_millimetres_are_refused() -> None:
     with pytest.raises(InvalidInputError, match="^p_PH" + message):
         HandGeometry(points, [0.01, 0.01])
     with pytest.raises(InvalidInputError, match=r"X_PO.*millimetres"):
-        PosePrior(make_poses(np.eye(3), np.array([31.0, 2.0, 94.0])))
+        GaussianPrior(make_poses(np.eye(3), np.array([31.0, 2.0, 94.0])))
 
 
 @pytest.mark.parametrize(
@@ -203,8 +203,8 @@ def test_points_in_millimetres_are_refused() -> None:
         (lambda: Contacts([[0, 0, 0]], sigma_normal=1e-9), "sigma_normal: is 1e-09; allowed are numbers from 1e-05"),
         (lambda: Contacts([[0, 0, 0]], sigma_force=[1e9]), "sigma_force: is 1e.09; allowed are numbers from 1e-06"),
         (lambda: Contacts([[0, 0, 0]], f_PC=[[0, 1e9, 0]]), r"f_PC\[0, 1\]: is 1e.09; allowed are numbers up to 1e.06"),
-        (lambda: PosePrior(np.eye(3, 4), sigma_translation=1e-9), "sigma_translation: is 1e-09"),
-        (lambda: PosePrior(np.eye(3, 4), sigma_rotation=1e9), "sigma_rotation: is 1e.09"),
+        (lambda: GaussianPrior(np.eye(3, 4), sigma_translation=1e-9), "sigma_translation: is 1e-09"),
+        (lambda: GaussianPrior(np.eye(3, 4), sigma_rotation=1e9), "sigma_rotation: is 1e.09"),
         (lambda: HandGeometry([[0, 0, 0]], [1e-9]), "radius: is 1e-09"),
         (lambda: HandGeometry([[0, 0, 0]], [1.0], 1e-9), "sigma: is 1e-09"),
         (lambda: ForceBalance([0, 0, -1e9]), r"gravity_P\[2\]: is -1e.09"),

@@ -20,7 +20,7 @@ def watch(running: Running, console: Console, duration: float) -> None:
     with Monitor(console) as monitor:
         for _ in range(round(duration / 0.1)):
             running.run(0.1)
-            monitor.look(view_of(running))
+            monitor.show(view_of(running))
 
 
 def printed(table) -> str:

@@ -272,16 +272,16 @@ def test_what_cannot_be_run_is_said_at_once(
 
 
 def test_an_interrupt_ends_a_run_in_good_order(folder: Path, tmp_path: Path) -> None:
-    looks = []
+    times = []
 
-    def look(view: RunView) -> None:
-        looks.append(view.context.get_time())
+    def observe(view: RunView) -> None:
+        times.append(view.context.get_time())
         assert len(bus_threads()) == 4  # two buses, and their other ends
-        if len(looks) == 2:
+        if len(times) == 2:
             raise KeyboardInterrupt
 
-    view = run_scenario(load_scenario(folder / "cube.scenario.yaml"), record=tmp_path / "run", look=look)
-    assert looks == [0.1, 0.2]
+    view = run_scenario(load_scenario(folder / "cube.scenario.yaml"), record=tmp_path / "run", observer=observe)
+    assert times == [0.1, 0.2]
     assert view.context.get_time() == 0.2
     assert bus_threads() == set()
     played = replay(tmp_path / "run", load_scenario(folder / "cube.scenario.yaml"))

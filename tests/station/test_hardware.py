@@ -166,7 +166,7 @@ def test_a_recorded_simulation_replays_to_what_the_run_said(cube: ObjectModel, t
     simulated = run_scenario(scenario, duration=1.3, record=tmp_path / "run").diagram
     assert_same_ports(simulated, held_cube.scenario(), cube)
     with EstimateWriter(tmp_path / "replayed.jsonl") as writer:
-        played = replay(tmp_path / "run", scenario, look=lambda view: writer.write(view.diagram, view.context))
+        played = replay(tmp_path / "run", scenario, observer=lambda view: writer.write(view.diagram, view.context))
     assert played.whole
     ran, replayed = (
         [json.loads(line) for line in path.read_text().splitlines()]

@@ -16,8 +16,8 @@ from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuil
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.poses import increments_between
+from tactopose_drake.core.tracking.frame import PoseMeasurement
 from tactopose_drake.core.tracking.pose_belief import PoseBelief
-from tactopose_drake.core.tracking.pose_measurement import PoseMeasurement
 from tests.core.tracking.boxes import touch
 
 PERIOD = 0.01

@@ -6,7 +6,7 @@ from pydrake.math import RigidTransform
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.tracking.pose_measurement import PoseMeasurement
+from tactopose_drake.core.tracking.frame import PoseMeasurement
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.systems.pose_belief_estimator import PoseBeliefEstimator
 from tests.core.tracking.boxes import make_box, touch

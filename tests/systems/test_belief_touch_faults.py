@@ -7,7 +7,7 @@ import pytest
 from pydrake.math import RigidTransform, RollPitchYaw
 
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.tracking.pose_measurement import PoseMeasurement
+from tactopose_drake.core.tracking.frame import PoseMeasurement
 from tactopose_drake.systems.pose_belief_estimator import PoseBeliefEstimator
 from tests.core.tracking.boxes import make_box, touch
 from tests.systems.belief_runs import FINGERS, X_PO, Run, begun, generator_at, seen, still, touched

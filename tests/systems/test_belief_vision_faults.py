@@ -7,7 +7,7 @@ from pydrake.math import RigidTransform
 from pydrake.systems.framework import DiagramBuilder
 
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.tracking.pose_measurement import PoseMeasurement
+from tactopose_drake.core.tracking.frame import PoseMeasurement
 from tactopose_drake.systems.pose_belief_estimator import PoseBeliefEstimator
 from tactopose_drake.systems.tracker_input import TrackerInput
 from tests.core.tracking.boxes import make_box

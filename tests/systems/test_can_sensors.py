@@ -33,7 +33,7 @@ from tests.drivers.rigs import (
 )
 
 
-def look(simulator: Simulator, port: str) -> np.ndarray | str:
+def read(simulator: Simulator, port: str) -> np.ndarray | str:
     system = simulator.get_system()
     return system.GetOutputPort(port).Eval(simulator.get_context())
 
@@ -47,13 +47,13 @@ def start(system: LeafSystem) -> Simulator:
 def test_gives_the_wrench_with_its_age() -> None:
     with virtual_bus(make_board()) as bus, NetCanOemForceTorque(bus, calibration_slot=SLOT) as sensor:
         simulator = start(CanForceTorque(sensor))
-        assert np.isnan(look(simulator, "wrench")).all()
-        assert look(simulator, "status") == "no sample yet"
-        assert look(simulator, "age") == [np.inf]
+        assert np.isnan(read(simulator, "wrench")).all()
+        assert read(simulator, "status") == "no sample yet"
+        assert read(simulator, "age") == [np.inf]
         simulator.AdvanceTo(0.5)
-        assert np.all(np.abs(look(simulator, "wrench") - WRENCH) < WRENCH_TOLERANCE)
-        assert look(simulator, "status") == "ok"
-        assert 0.0 <= look(simulator, "age")[0] < 0.006
+        assert np.all(np.abs(read(simulator, "wrench") - WRENCH) < WRENCH_TOLERANCE)
+        assert read(simulator, "status") == "ok"
+        assert 0.0 <= read(simulator, "age")[0] < 0.006
 
 
 def test_a_board_that_falls_silent_becomes_stale_and_comes_back() -> None:
@@ -63,17 +63,17 @@ def test_a_board_that_falls_silent_becomes_stale_and_comes_back() -> None:
         simulator.AdvanceTo(0.5)
         board.faults = [faults.silence]
         simulator.AdvanceTo(0.54)
-        assert look(simulator, "status") == "ok"
+        assert read(simulator, "status") == "ok"
         simulator.AdvanceTo(0.58)
-        assert np.isnan(look(simulator, "wrench")).all()
-        assert look(simulator, "status").startswith("stale: 0.0")
+        assert np.isnan(read(simulator, "wrench")).all()
+        assert read(simulator, "status").startswith("stale: 0.0")
         simulator.AdvanceTo(1.0)
-        assert look(simulator, "status").startswith("stale: 0.5")
-        assert "no reply" in look(simulator, "status")
+        assert read(simulator, "status").startswith("stale: 0.5")
+        assert "no reply" in read(simulator, "status")
         board.faults = []
         simulator.AdvanceTo(2.5)
-        assert look(simulator, "status") == "ok"
-        assert np.all(np.abs(look(simulator, "wrench") - WRENCH) < WRENCH_TOLERANCE)
+        assert read(simulator, "status") == "ok"
+        assert np.all(np.abs(read(simulator, "wrench") - WRENCH) < WRENCH_TOLERANCE)
 
 
 def test_an_invalid_sample_has_no_numbers() -> None:
@@ -82,9 +82,9 @@ def test_an_invalid_sample_has_no_numbers() -> None:
         simulator = start(CanForceTorque(sensor))
         board.broken_gauges = {3: 32767}
         simulator.AdvanceTo(0.5)
-        assert np.isnan(look(simulator, "wrench")).all()
-        assert look(simulator, "status") == "saturated: gauge 3"
-        assert look(simulator, "age")[0] < 0.006
+        assert np.isnan(read(simulator, "wrench")).all()
+        assert read(simulator, "status") == "saturated: gauge 3"
+        assert read(simulator, "age")[0] < 0.006
 
 
 def test_a_stamp_from_the_future_is_not_fresh() -> None:
@@ -102,23 +102,23 @@ def test_gives_all_of_the_hand() -> None:
     with virtual_bus(simulated) as bus, BarrettHand(bus) as hand:
         simulator = start(CanBarrettHand(hand))
         simulator.AdvanceTo(0.5)
-        assert "waking up" in look(simulator, "status")
+        assert "waking up" in read(simulator, "status")
         simulator.AdvanceTo(2.0)
-        assert look(simulator, "status") == "ok"
-        np.testing.assert_allclose(look(simulator, "joint_positions"), HAND_STATE.joint_positions, atol=1e-4)
-        np.testing.assert_allclose(look(simulator, "fingertip_torques"), HAND_STATE.fingertip_torques, atol=2e-3)
+        assert read(simulator, "status") == "ok"
+        np.testing.assert_allclose(read(simulator, "joint_positions"), HAND_STATE.joint_positions, atol=1e-4)
+        np.testing.assert_allclose(read(simulator, "fingertip_torques"), HAND_STATE.fingertip_torques, atol=2e-3)
         for row, pad in enumerate(("finger_1", "finger_2", "finger_3", "palm")):
-            np.testing.assert_allclose(look(simulator, f"pressures_{pad}"), HAND_STATE.pressures[row], atol=20)
+            np.testing.assert_allclose(read(simulator, f"pressures_{pad}"), HAND_STATE.pressures[row], atol=20)
         simulated.absent = {Puck.F2}
         simulator.AdvanceTo(3.0)
-        assert "F2: no position" in look(simulator, "status")
-        assert np.isnan(look(simulator, "pressures_finger_2")).all()
-        assert np.isfinite(look(simulator, "pressures_palm")).all()
+        assert "F2: no position" in read(simulator, "status")
+        assert np.isnan(read(simulator, "pressures_finger_2")).all()
+        assert np.isfinite(read(simulator, "pressures_palm")).all()
         simulated.faults = [faults.silence]
         simulator.AdvanceTo(4.0)
-        assert look(simulator, "status").startswith("stale")
-        assert np.isnan(look(simulator, "pressures_palm")).all()
-        assert np.isnan(look(simulator, "joint_positions")).all()
+        assert read(simulator, "status").startswith("stale")
+        assert np.isnan(read(simulator, "pressures_palm")).all()
+        assert np.isnan(read(simulator, "joint_positions")).all()
         assert simulated.moves == []
 
 
@@ -160,8 +160,8 @@ def test_runs_in_real_time_beside_a_real_bus() -> None:
         sensor.read(5.0)
         simulator = start(CanForceTorque(sensor, max_age=60.0))
         simulator.AdvanceTo(0.001)
-        assert look(simulator, "status") == "ok"
-        assert np.all(np.abs(look(simulator, "wrench") - WRENCH) < WRENCH_TOLERANCE)
+        assert read(simulator, "status") == "ok"
+        assert np.all(np.abs(read(simulator, "wrench") - WRENCH) < WRENCH_TOLERANCE)
 
 
 @pytest.mark.parametrize("arguments", [{"period": 0.0}, {"max_age": 0.0}])

@@ -15,7 +15,7 @@ from pydrake.systems.primitives import AddRandomInputs
 
 from tactopose_drake.core.poses import increments_between
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.tracking.pose_measurement import PoseMeasurement
+from tactopose_drake.core.tracking.frame import PoseMeasurement
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.systems.camera_view import CameraView

@@ -12,9 +12,8 @@ from pydrake.systems.framework import Context
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.tracking.frame import Frame
+from tactopose_drake.core.tracking.frame import Frame, PoseMeasurement
 from tactopose_drake.core.tracking.pose_belief import PoseBelief
-from tactopose_drake.core.tracking.pose_measurement import PoseMeasurement
 from tactopose_drake.core.tracking.pose_tracker import PoseTracker
 from tactopose_drake.errors import InvalidInputError, PortTypeError
 from tactopose_drake.estimation.prior import PosePrior

@@ -42,11 +42,25 @@ def prior_residuals(prior: Prior, X: Floats3, residuals: OutFloats2, jacobian: O
         prior_row(prior, X[b], u, residuals[b], jacobian[b])
 
 
+@kernel
+def compare(X_prior: Floats2, X: Floats2, increment: OutFloats1, jacobian: OutFloats2) -> None:
+    """The increment (6,) from one pose (3, 4) to another, and its derivative (6, 6) by an increment of the other."""
+    _compare(X_prior, X, increment, jacobian)
+
+
 @inlined
 def prior_row(prior, X, u, residual, J):
     """The same of one pose (3, 4), into (6,) and (6, 6); u (6,) is for work."""
-    weights = prior.weights
-    increment_between(prior.X, X, u)
+    _compare(prior.X, X, u, J)
+    for i in range(6):
+        residual[i] = u[i] * prior.weights[i]
+        for j in range(6):
+            J[i, j] *= prior.weights[i]
+
+
+@inlined
+def _compare(X_prior, X, u, J):
+    increment_between(X_prior, X, u)
     x, y, z = u[0], u[1], u[2]
     angle2 = x * x + y * y + z * z
     if angle2 < 1e-6:
@@ -58,9 +72,5 @@ def prior_row(prior, X, u, residual, J):
     J[0, 0], J[0, 1], J[0, 2] = 1.0 - c * (y * y + z * z), c * x * y - 0.5 * z, c * x * z + 0.5 * y
     J[1, 0], J[1, 1], J[1, 2] = c * x * y + 0.5 * z, 1.0 - c * (x * x + z * z), c * y * z - 0.5 * x
     J[2, 0], J[2, 1], J[2, 2] = c * x * z - 0.5 * y, c * y * z + 0.5 * x, 1.0 - c * (x * x + y * y)
-    for i in range(6):
-        residual[i] = u[i] * weights[i]
-        if i >= 3:
-            J[i, i] = 1.0
-        for j in range(6):
-            J[i, j] *= weights[i]
+    for i in range(3, 6):
+        J[i, i] = 1.0

@@ -92,10 +92,12 @@ def contact_costs(grid: Grid, touch: Touch, X: Floats3, cost: OutFloats1) -> Non
 @kernel
 def contact_residuals(grid: Grid, touch: Touch, X: Floats3, residuals: OutFloats3, jacobian: OutFloats4) -> None:
     """Residuals (B, k, 5), see `contact_rows`, and their Jacobian (B, k, 5, 6) by the increment."""
+    p, n, weight_p, weight_n = touch
     smooth, work = np.empty((4, 6)), np.empty((10, 4))
     for b in range(X.shape[0]):
-        for i in range(touch.p.shape[0]):
-            contact_rows(grid, touch, i, X[b], Rows(residuals[b, i], jacobian[b, i], smooth, work))
+        for i in range(p.shape[0]):
+            rows = Rows(residuals[b, i], jacobian[b, i], smooth, work)
+            contact_rows(grid, p[i], n[i], weight_p[i], weight_n[i], X[b], rows)
 
 
 @inlined
@@ -110,7 +112,7 @@ def normal_weight(field, weight_n):
 
 
 @kernel
-def contact_rows(grid: Grid, touch: Touch, i: int, X: Floats2, rows: Rows) -> None:
+def contact_rows(grid: Grid, p: Floats1, n: Floats1, weight_p: float, weight_n: float, X: Floats2, rows: Rows) -> None:
     """The five residuals of one contact at one pose, their Jacobian (5, 6), and the rows (4, 6) that carry information.
 
     The residuals are the distance, the difference of the normals, and the root of twice the log of the normal's
@@ -120,7 +122,6 @@ def contact_rows(grid: Grid, touch: Touch, i: int, X: Floats2, rows: Rows) -> No
     direction. The exact derivatives follow each facet, and each change of the mean normal's length; they would claim
     that the facets of a tessellated cylinder determine its spin.
     """
-    p, n, weight_p, weight_n = touch.p[i], touch.n[i], touch.weight_p[i], touch.weight_n[i]
     residual, J, smooth, work = rows
     # Views of the caller's scratch array: an allocation here would cost as much as the arithmetic.
     q, m, along, row, field, slope, mean = work[0], work[1], work[2], work[3], work[4], work[5:9], work[9]

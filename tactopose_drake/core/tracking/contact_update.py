@@ -23,42 +23,54 @@ points, IEEE Trans. Signal Processing, 2015; [S66] S. Schmidt, Application of st
 problems, 1966 (the consider filter).
 """
 
+from __future__ import annotations
+
+import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactopose_drake.core.compiled import read_only
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.tracking.regression_kernels import regress_modes
-from tactopose_drake.core.tracking.tracking_kernels import refine_modes
+from tactopose_drake.core.tracking.frame import ContactReading
+from tactopose_drake.core.tracking.gaussian_mixture import GaussianMixture
+from tactopose_drake.core.tracking.joint_state_kernels import ContactArrays, ModePriors
+from tactopose_drake.core.tracking.refinement_kernels import refine_modes
+from tactopose_drake.core.tracking.regression_kernels import Regression, regress_modes
+from tactopose_drake.core.tracking.sigma_point_kernels import RegressionSettings
+from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tactopose_drake.core.validation import FloatArray
 
 
-class Stable(NamedTuple):
+class BiasModel(NamedTuple):
     """Standard deviations of what never changes: of each coordinate of a position, m, and about each axis, rad.
 
     Attributes:
-        hand: the calibration of the hand, which is a part of what the contacts say of their errors.
+        calibration: of the hand, which is a part of what the contacts say of their errors.
         surface: how far the model's surface is from the object's where it is touched; contacts do not know of it.
     """
 
-    hand: tuple[float, float]
+    calibration: tuple[float, float]
     surface: tuple[float, float]
+
+    @classmethod
+    def from_params(cls, params: PoseTrackerParams) -> BiasModel:
+        """What the parameters say."""
+        return cls(
+            (params.calibration_position, math.radians(params.calibration_normal_deg)),
+            (params.surface_position, math.radians(params.surface_normal_deg)),
+        )
 
     @property
     def variances(self) -> FloatArray:
-        """Of the six biases of a source."""
-        return np.repeat(np.square(self.hand) + np.square(self.surface), 3)
+        """Of a bias of the position, m^2, and of the normal, rad^2, shape (2,)."""
+        return np.square(self.calibration) + np.square(self.surface)
 
-
-# Steps that move a mode, and the decrease of the cost that is worth one.
-_STEPS, _TOLERANCE = 12, 1e-4
-# A turn moves the surface as far as it does at this share of the object's size from O; sigma points move it by no more
-# than so many m, and each mode is regressed so often.
-_ARM, _REACH, _ROUNDS = 0.25, 0.008, 2
-# At least this share of a contact's standard deviation is its own.
-_OWN = 0.3
+    def with_roughness(self, roughness: FloatArray) -> FloatArray:
+        """Variances of the biases of s sources, shape (n, 6 s), on surfaces of a roughness (n, s, 2)."""
+        variances = np.repeat(self.variances, 3) + np.repeat(roughness, 3, axis=2)
+        return variances.reshape(len(roughness), -1)
 
 
 class ContactUpdate(NamedTuple):
@@ -67,116 +79,120 @@ class ContactUpdate(NamedTuple):
     Attributes:
         X_PO: the minima, shape (n, 3, 4).
         covariance: of the increments there, shape (n, 6, 6).
-        cross: covariance of the increments with the biases, shape (n, 6, 6 s).
-        log_evidence: of the contacts by each mode, up to a constant of all modes, shape (n,).
-        misfit: squared length of the whitened innovation, shape (n,): chi-square with as many degrees of freedom as the
-            contacts are numbers.
+        cross_covariance: of the increments with the biases, shape (n, 6, 6 s).
+        log_likelihood: of the contacts by each mode, up to a constant of all modes, shape (n,).
+        nis: normalised innovation squared, the squared length of the whitened innovation, shape (n,): chi-square with
+            as many degrees of freedom as the contacts are numbers.
         roughness: of the surface about each of k contacts: variances of its distance, m^2, and of its normal about
             each axis, rad^2, shape (n, k, 2).
-        stays: the share of the contacts' variances that is the same at all times.
+        lasting_share: of the contacts' variances, which is the same at all times.
     """
 
     X_PO: FloatArray
     covariance: FloatArray
-    cross: FloatArray
-    log_evidence: FloatArray
-    misfit: FloatArray
+    cross_covariance: FloatArray
+    log_likelihood: FloatArray
+    nis: FloatArray
     roughness: FloatArray
-    stays: float
+    lasting_share: float
 
 
 def update_with_contacts(
     model: ObjectModel,
-    contacts: Contacts,
-    source: NDArray[np.intp],
-    stable: Stable,
-    X_prior: FloatArray,
-    covariance: FloatArray,
-    cross: FloatArray,
-    roughness: FloatArray,
+    params: PoseTrackerParams,
+    reading: ContactReading,
+    modes: GaussianMixture,
     X_start: FloatArray | None = None,
 ) -> ContactUpdate:
-    """Updates modes, each a Gaussian of the increments from its pose.
+    """Updates modes, each a Gaussian of the increments from its pose and of the biases.
 
     Args:
         model: the object.
-        contacts: in P; the standard deviations are of the whole error, of which the calibration is a part.
-        source: which of the s sources each contact is of, shape (k,).
-        stable: of what the biases are.
-        X_prior: the modes, shape (n, 3, 4).
-        covariance: of their increments, shape (n, 6, 6).
-        cross: covariances of the increments with the biases, shape (n, 6, 6 s).
-        roughness: by which the surface adds to the biases' variances: of positions, m^2, and of normals, rad^2, shape
-            (n, s, 2).
-        X_start: where to start from, shape (n, 3, 4), where that is not the prior's pose.
+        params: what is assumed of the biases, and how much work goes into it.
+        reading: the contacts in P; their standard deviations are of the whole error, of which the calibration is a
+            part.
+        modes: as they are predicted.
+        X_start: where to start from, shape (n, 3, 4), where that is not the prediction.
     """
-    count, size = len(X_prior), 6 + cross.shape[2]
-    own = (stable.variances + np.repeat(roughness, 3, axis=2)).reshape(count, size - 6)
-    information, log_determinant = _joint_information(covariance, cross, own)
-    weights = [
-        1.0 / np.sqrt(np.maximum(np.square(sigma) - part**2, np.square(_OWN * np.asarray(sigma))))
-        for sigma, part in zip((contacts.sigma_position, contacts.sigma_normal), stable.hand, strict=True)
-    ]
+    contacts, settings, bias = reading.contacts, params.contact_update, BiasModel.from_params(params)
+    variances = bias.with_roughness(modes.roughness)
+    information, log_determinant = _joint_information(modes.covariance, modes.cross_covariance, variances)
+    count, size = information.shape[:2]
+    weights = _noise_weights(contacts, bias, settings.least_noise_share)
+    grid = model.grid.nodes
     n_PC = np.zeros_like(contacts.p_PC) if contacts.n_PC is None else contacts.n_PC
-    X_PO = np.array(X_prior if X_start is None else X_start)
-    cost, spread, hessian = np.empty(count), np.empty(count), np.empty((count, size, size))
-    problem = (
-        model.grid.values,
-        model.grid.origin,
-        1.0 / model.grid.spacing,
-        np.ascontiguousarray(contacts.p_PC),
-        np.ascontiguousarray(n_PC),
-        np.ascontiguousarray(weights[0]),
-        np.ascontiguousarray(weights[1] * (contacts.n_PC is not None)),
-        source,
-        np.ascontiguousarray(X_prior),
-        information,
-        X_PO,
-    )
-    felt = np.zeros((count, len(contacts), 2))
-    refine_modes(*problem, _STEPS, _TOLERANCE, hessian)
+    arrays = ContactArrays(*map(read_only, (contacts.p_PC, n_PC, *weights, reading.source)))
+    priors = ModePriors(read_only(modes.X_PO), read_only(information))
+    X_PO, hessian = np.array(modes.X_PO if X_start is None else X_start), np.empty((count, size, size))
+    refine_modes(grid, arrays, priors, X_PO, settings.max_iterations, settings.tolerance, hessian)
     if X_start is None:
         # A frame tells little that is new: what holds over the prediction's whole spread, not about the minimum alone.
         hessian[:] = information
-    regress_modes(*problem, _ARM * model.size, _REACH, _ROUNDS, cost, spread, hessian, felt)
+    regression = Regression(np.empty(count), np.empty(count), hessian, np.zeros((count, len(contacts), 2)))
+    regress_modes(grid, arrays, priors, _regression_settings(params, model.size), X_PO, regression)
     joint = np.linalg.solve(hessian, np.broadcast_to(np.eye(size, 6), (count, size, 6)))
-    P = joint[:, :6]
+    P = np.asarray(joint[:, :6], dtype=np.float64)
     return ContactUpdate(
         X_PO,
         0.5 * (P + np.swapaxes(P, 1, 2)),
         np.swapaxes(joint[:, 6:], 1, 2),
-        0.5 * (log_determinant - np.linalg.slogdet(hessian)[1]) - cost,
-        2.0 * (cost - spread),
-        felt,
-        _share_that_stays(own.reshape(count, -1, 6)[:, source], weights, contacts.n_PC is not None),
+        0.5 * (log_determinant - np.linalg.slogdet(hessian)[1]) - regression.cost,
+        2.0 * (regression.cost - regression.log_determinant),
+        regression.roughness,
+        _lasting_share(variances.reshape(count, -1, 6)[:, reading.source], weights, contacts.n_PC is not None),
     )
 
 
-def _joint_information(covariance: FloatArray, cross: FloatArray, own: FloatArray) -> tuple[FloatArray, FloatArray]:
+def degrees_of_freedom(contacts: Contacts) -> int:
+    """How many numbers the contacts measure: a distance each, and the two angles of a normal."""
+    return len(contacts) * (1 if contacts.n_PC is None else 3)
+
+
+def _noise_weights(contacts: Contacts, bias: BiasModel, least_share: float) -> tuple[FloatArray, FloatArray]:
+    """One over the standard deviations of what is new at each time, of points and of normals, shape (k,) each.
+
+    Normals that there are none of have the weight 0.
+    """
+    position, normal = (
+        1.0 / np.sqrt(np.maximum(np.square(sigma) - lasting**2, np.square(least_share * np.asarray(sigma))))
+        for sigma, lasting in zip((contacts.sigma_position, contacts.sigma_normal), bias.calibration, strict=True)
+    )
+    return position, normal * (contacts.n_PC is not None)
+
+
+def _regression_settings(params: PoseTrackerParams, size: float) -> RegressionSettings:
+    """Those for an object of a size, m."""
+    settings = params.contact_update
+    return RegressionSettings(
+        params.lever_arm * size,
+        settings.max_displacement,
+        settings.rounds,
+        settings.bend_penalty,
+        settings.lasting_normal_share,
+        settings.new_normal_share,
+    )
+
+
+def _joint_information(P: FloatArray, C: FloatArray, variances: FloatArray) -> tuple[FloatArray, FloatArray]:
     """The inverse of [P C; C^T B] by its Schur complement (n, m, m), and the logarithm of its determinant (n,).
 
-    Of B the diagonals `own` are given, shape (n, m - 6).
+    Of B the diagonals are given, shape (n, m - 6).
     """
-    count, biases = len(covariance), cross.shape[2]
-    gain = cross / own[:, None]
-    A = np.linalg.inv(covariance - gain @ np.swapaxes(cross, 1, 2))
+    count, biases = len(P), C.shape[2]
+    gain = C / variances[:, None]
+    A = np.linalg.inv(P - gain @ np.swapaxes(C, 1, 2))
     information = np.empty((count, 6 + biases, 6 + biases))
     information[:, :6, :6] = 0.5 * (A + np.swapaxes(A, 1, 2))
     information[:, :6, 6:] = -A @ gain
     information[:, 6:, :6] = np.swapaxes(information[:, :6, 6:], 1, 2)
     information[:, 6:, 6:] = np.swapaxes(gain, 1, 2) @ A @ gain
     at = np.arange(6, 6 + biases)
-    information[:, at, at] += 1.0 / own
-    return information, np.linalg.slogdet(A)[1] - np.sum(np.log(own), axis=1)
+    information[:, at, at] += 1.0 / variances
+    return information, np.linalg.slogdet(A)[1] - np.sum(np.log(variances), axis=1)
 
 
-def _share_that_stays(own: FloatArray, weights: list[FloatArray], has_normals: bool) -> float:
+def _lasting_share(variances: FloatArray, weights: tuple[FloatArray, FloatArray], has_normals: bool) -> float:
     """The mean of B / (B + R) over what contacts measure, by variances B (n, k, 6) and 1 / sqrt(R), (k,) each."""
-    distance, normal = (own[:, :, at] * weight**2 for at, weight in zip((0, 3), weights, strict=True))
+    distance, normal = (variances[:, :, at] * weight**2 for at, weight in zip((0, 3), weights, strict=True))
     share = float(np.mean(distance / (1.0 + distance)))
     return (share + 2.0 * float(np.mean(normal / (1.0 + normal)))) / 3.0 if has_normals else share
-
-
-def number_of_numbers(contacts: Contacts) -> int:
-    """How many the contacts measure: a distance each, and the two angles of a normal."""
-    return len(contacts) * (1 if contacts.n_PC is None else 3)

@@ -8,8 +8,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from tactopose_drake.core.tracking.mode_set import ModeSet
-from tactopose_drake.core.tracking.motion_history import MotionHistory
+from tactopose_drake.core.tracking.gaussian_mixture import GaussianMixture
+from tactopose_drake.core.tracking.motion_prediction import MotionHistory
 from tactopose_drake.core.validation import FloatArray
 
 BeliefStatus = Literal["ok", "ambiguous", "slipping", "no_contact", "lost"]
@@ -22,13 +22,13 @@ class VisionRecord:
     Attributes:
         times: of the poses that were used or turned down lately, s.
         X_PO: the last of them, shape (3, 4); None before the first.
-        believed_time: when one was last believed, s.
+        accepted_time: when the best mode last took one for an inlier, s.
         remark: what is wrong with it; empty where nothing is.
     """
 
     times: tuple[float, ...] = ()
     X_PO: FloatArray | None = None
-    believed_time: float = -np.inf
+    accepted_time: float = -np.inf
     remark: str = ""
 
 
@@ -50,9 +50,10 @@ class PoseBelief:
         modes: the same without what bounds the pose at this time only.
         sources: the names of the contacts' sources, in the order of the modes' biases.
         history: the latest motions.
-        touched: the last contacts' points, shape (k, 3), m.
-        touch_time, explained_time, slip_time, search_time: when something was last touched, and explained; when it last
-            slipped, and when poses were last searched for, s.
+        p_PC: the last contacts' points, shape (k, 3), m.
+        touch_time, explained_time, slip_time: when something was last touched, and explained, and when it last slipped,
+            s.
+        search_time: when modes were last searched for, s.
         searches: how many searches there were.
         vision: what vision has said.
         X_WP: where the palm was, shape (3, 4); None where that is not known.
@@ -66,9 +67,9 @@ class PoseBelief:
     covariance: FloatArray = dataclasses.field(default_factory=lambda: np.zeros((0, 6, 6)))
     probability: FloatArray = dataclasses.field(default_factory=lambda: np.zeros(0))
     explains_touch: NDArray[np.bool_] = dataclasses.field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
-    modes: ModeSet = dataclasses.field(default_factory=ModeSet.empty)
+    modes: GaussianMixture = dataclasses.field(default_factory=GaussianMixture.empty)
     sources: tuple[str, ...] = ()
-    touched: FloatArray = dataclasses.field(default_factory=lambda: np.zeros((0, 3)))
+    p_PC: FloatArray = dataclasses.field(default_factory=lambda: np.zeros((0, 3)))
     touch_time: float = -np.inf
     explained_time: float = -np.inf
     slip_time: float = -np.inf

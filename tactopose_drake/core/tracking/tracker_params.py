@@ -1,9 +1,116 @@
-"""What the tracker of a pose assumes."""
+"""What the tracker of a pose assumes, and how much it works: one dataclass for each of its parts."""
 
 import dataclasses
+from typing import Any
 
-from tactopose_drake.core.tracking.object_motion import MotionNoise
 from tactopose_drake.core.validation import instance_of, positive_number, whole_number
+from tactopose_drake.errors import InvalidInputError
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class MotionNoise:
+    """Random walks: what is unknown of a motion after a second; of any time t it is the root of t times that."""
+
+    palm_translation: float = 0.002  # of an object that moves with the palm, m/s^0.5
+    palm_rotation: float = 0.03  # likewise, rad/s^0.5
+    rolling: float = 0.003  # of the object's surface under a fingertip that holds it, m/s^0.5
+    twisting: float = 0.2  # of its turn under the fingertip about the normal, rad/s^0.5
+    slipping: float = 0.01  # of the surface under a fingertip that slides, m/s^0.5
+    free_translation: float = 0.03  # of an object in the directions in which nothing holds it, m/s^0.5
+    free_rotation: float = 0.3  # likewise, rad/s^0.5
+    friction: float | None = None  # coefficient from which on a fingertip slides; None: it is not known
+    friction_margin: float = 0.9  # share of the friction cone within which it surely holds: forces are noisy
+
+    def validate(self) -> None:
+        """Raises InvalidInputError if a number is not positive."""
+        _check_numbers(self)
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class ContactUpdateParams:
+    """How modes are updated with contacts: refined to a minimum, then regressed over their spread."""
+
+    max_iterations: int = 12  # steps of Levenberg-Marquardt for each mode, at the most
+    tolerance: float = 1e-4  # decrease of the cost that is worth a step; noise alone makes the cost differ by ones
+    least_noise_share: float = 0.3  # of a contact's standard deviation that is new at each time, whatever lasts of it
+    max_displacement: float = 0.008  # of what is touched by a sigma point, rms, m: farther off are other faces
+    rounds: int = 2  # of regression; the spread of the second is that which the first leaves
+    bend_penalty: float = 4.0  # of slopes by the bends beside them: what facets and edges make up is about as large
+    lasting_normal_share: float = 0.5  # of the spread of normals about a contact: across an edge all err in one way
+    new_normal_share: float = 0.25  # likewise, new at each time: the contact is measured elsewhere
+    roughness_gain: float = 0.2  # by which a source's roughness follows the measured one each frame: noise moves that
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class ForgettingParams:
+    """For how long touch counts."""
+
+    time: float = 0.3  # s after which what the touch told of the pose is forgotten
+    # Information of a frame over what is known of a direction, at which the direction is forgotten by half. Where the
+    # touch was all that told of it, a frame tells about the share that lasts, some three tenths.
+    half_information: float = 0.1
+    evidence_frames: float = 50.0  # over which evidence is averaged: until a fingertip is elsewhere on the surface
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class ConsistencyParams:
+    """When the touch contradicts a mode."""
+
+    forgetting_factor: float = 0.9  # of the sums, each frame: half of them is of the last seven frames
+    process_share: float = 0.1  # of its variance that a frame adds to the pose, where the touch tells nothing
+    nis_threshold: float = 6.0  # of the innovations' excess, in its standard deviations
+    # Of the corrections' squared sum. Motion noise is stated wider than it is, so that of an object that is held it is
+    # far below its six degrees of freedom on average.
+    drift_threshold: float = 6.0
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class RelocalisationParams:
+    """When and where modes are searched for that the belief lacks."""
+
+    period: float = 0.4  # s between two searches, while all is well
+    urgent_period: float = 0.05  # s between two searches, while it is not
+    global_interval: int = 8  # while all is well every so many-th search is anywhere, the others near the best mode
+    local_share: float = 0.5  # of `lost_time` without an explanation during which is searched near the best mode only
+    unnoticed_jump_probability: float = 1e-4  # prior, that the object jumped and nothing says so
+    jump_probability: float = 0.1  # prior, that it jumped when touch or vision say so
+    wrong_probability: float = 0.02  # prior, that the belief was wrong since the last search
+    sigma_translation: float = 0.012  # m that an object has slipped when the touch first contradicts its prediction
+    sigma_rotation_deg: float = 15.0  # likewise, deg
+    beside_sigmas: float = 1.5  # standard deviations from a wide mode at which another is tried on both sides
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class VisionParams:
+    """What is assumed of poses from vision."""
+
+    correlation_time: float = 0.5  # s after which the error is a new one; more frequent poses count less
+    max_age: float = 1.0  # s; what vision saw earlier is of no use
+    outlier_probability: float = 0.05  # that a pose is an error, turned at random,
+    outlier_volume: float = 1.0  # and anywhere within so many m^3
+    remembered: int = 16  # times of poses by which repeated ones are known
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class ConstraintParams:
+    """How much work goes into what bounds the pose at one time."""
+
+    least_cost: float = 1e-3  # a mode whose cost is lower is not moved
+    least_share: float = 1e-4  # of the mass; a mode with less is not worth moving
+    max_iterations: int = 10  # of Levenberg-Marquardt, for each mode
+    tolerance: float = 1e-3  # of its decrease of the cost, relative
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class MixtureParams:
+    """How many modes there are, and how wide they may be."""
+
+    max_modes: int = 8  # kept at the most
+    least_share: float = 1e-7  # of the mass of the best mode; less is dropped
+    # Poses closer than so many standard deviations are one mode; what is farther off may be another minimum, on the
+    # flank of a mode that is still wide.
+    same_sigmas: float = 2.0
+    max_sigma_translation: float = 0.3  # m; of a translation with this standard deviation nothing is known
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -14,25 +121,41 @@ class PoseTrackerParams:
     calibration_normal_deg: float = 2.5  # likewise of its normal about each axis, deg
     surface_position: float = 0.0001  # how far the model's surface is from the object's, m
     surface_normal_deg: float = 1.0  # how far its normals are about each axis, deg
-    noise: MotionNoise = dataclasses.field(default_factory=MotionNoise)
-    max_modes: int = 8  # kept at the most
-    least_share: float = 1e-7  # of the mass of the best mode; less is dropped
+    lever_arm: float = 0.25  # of the object's size: so far from O a turn moves the surface, by which m and rad compare
     slip_time: float = 0.1  # s for which a slip that was found is taken to go on
     lost_time: float = 0.2  # s without an explanation of the touch, after which the pose is lost
-    forget_time: float = 1.0  # s without touch or vision, after which the pose is lost
-    memory_time: float = 0.3  # s after which what the touch told of the pose has faded
-    search_period: float = 0.4  # s between two looks elsewhere, while all is well
-    search_period_lost: float = 0.05  # s between two looks elsewhere, while it is not
-    vision_time: float = 0.5  # s after which the error of vision is a new one; more frequent poses count less
-    vision_memory: float = 1.0  # s; what vision saw earlier is of no use
+    unobserved_time: float = 1.0  # s without touch or vision, after which the pose is lost
     seed: int = 0  # of the searches' random numbers
+    noise: MotionNoise = dataclasses.field(default_factory=MotionNoise)
+    contact_update: ContactUpdateParams = dataclasses.field(default_factory=ContactUpdateParams)
+    forgetting: ForgettingParams = dataclasses.field(default_factory=ForgettingParams)
+    consistency: ConsistencyParams = dataclasses.field(default_factory=ConsistencyParams)
+    relocalisation: RelocalisationParams = dataclasses.field(default_factory=RelocalisationParams)
+    vision: VisionParams = dataclasses.field(default_factory=VisionParams)
+    constraints: ConstraintParams = dataclasses.field(default_factory=ConstraintParams)
+    mixture: MixtureParams = dataclasses.field(default_factory=MixtureParams)
 
     def validate(self) -> None:
         """Raises InvalidInputError if a number is out of its range."""
-        instance_of("PoseTrackerParams.noise", self.noise, MotionNoise)
-        self.noise.validate()
+        _check_numbers(self)
         for field in dataclasses.fields(self):
-            if isinstance(field.default, float):
-                positive_number(f"PoseTrackerParams.{field.name}", getattr(self, field.name))
-        for name, least in (("max_modes", 1), ("seed", 0)):
-            whole_number(f"PoseTrackerParams.{name}", getattr(self, name), least=least)
+            if dataclasses.is_dataclass(getattr(self, field.name)):
+                _check_numbers(getattr(self, field.name))
+
+
+# What has such a name is a part of one.
+_PARTS_OF_ONE = ("_share", "_probability", "_factor", "_gain", "_margin")
+
+
+def _check_numbers(params: Any) -> None:
+    """Raises InvalidInputError unless all floats are positive, and all integers at least one; a seed may be zero."""
+    for field in dataclasses.fields(params):
+        name, value = f"{type(params).__name__}.{field.name}", getattr(params, field.name)
+        if isinstance(field.default, int):
+            whole_number(name, value, least=0 if field.name == "seed" else 1)
+        elif isinstance(field.default, float) or (value is not None and field.default is None):
+            positive_number(name, value)
+            if name.endswith(_PARTS_OF_ONE) and value > 1.0:
+                raise InvalidInputError(f"{name}: is {value:g}; allowed are numbers up to 1.")
+        elif isinstance(field.default_factory, type):
+            instance_of(name, value, field.default_factory)

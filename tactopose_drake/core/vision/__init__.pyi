@@ -7,4 +7,4 @@ from .rasterizer import Layer as Layer
 from .rasterizer import Surface as Surface
 from .rasterizer import render as render
 from .vision_model import VisionModel as VisionModel
-from .vision_model import look as look
+from .vision_model import measure_pose as measure_pose

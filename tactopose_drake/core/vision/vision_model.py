@@ -29,7 +29,7 @@ class VisionModel:
             raise InvalidInputError(f"VisionModel.lost_share: is {self.lost_share:g}; allowed are numbers up to 1.")
 
 
-def look(X_PO: FloatArray, hidden: float, normal_noise: FloatArray, model: VisionModel) -> GaussianPrior:
+def measure_pose(X_PO: FloatArray, hidden: float, normal_noise: FloatArray, model: VisionModel) -> GaussianPrior:
     """What vision makes of the object's true pose.
 
     The size of the error follows from the hidden share alone, its direction is random. An error of length e in a random

@@ -20,8 +20,8 @@ from tactopose_drake.station.arms.motion import AxisGoal, reach_axis, smooth_mot
 
 # Positions along the straight way into the hole, and guesses of the inverse kinematics at its beginning.
 _INSERT_STEPS, _GUESSES = 5, 8
-# How much higher than its end the way to the hole may lead, m, and at how many places it is looked at.
-_DETOURS, _LOOKS = (0.0, 0.15, 0.3), 40
+# How much higher than its end the way to the hole may lead, m, and at how many times it is checked.
+_DETOURS, _CHECKED_TIMES = (0.0, 0.15, 0.3), 40
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -216,7 +216,7 @@ class PlacePlanner:
     def _is_clear(self, motion: PiecewisePolynomial, p_FH: FloatArray, radius: FloatArray) -> bool:
         """Whether spheres that are fixed on the flange stay higher than the box."""
         context, lowest = self._arm_plant.CreateDefaultContext(), np.inf
-        for time in np.linspace(0.0, motion.end_time(), _LOOKS):
+        for time in np.linspace(0.0, motion.end_time(), _CHECKED_TIMES):
             self._arm_plant.SetPositions(context, motion.value(time)[:, 0])
             X_WF = self._arm.flange.CalcPoseInWorld(context)
             lowest = min(lowest, float((X_WF.multiply(p_FH.T)[2] - radius).min()))

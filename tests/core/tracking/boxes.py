@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.poses import exp_so3
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.tracking.object_motion import MotionNoise
+from tactopose_drake.core.tracking.tracker_params import MotionNoise
 
 SIGMA_POSITION, SIGMA_NORMAL = 0.0009, math.radians(5.0)
 p_OC = np.array(

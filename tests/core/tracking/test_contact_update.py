@@ -7,12 +7,30 @@ import trimesh
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.poses import exp_so3, increments_between, make_poses, random_rotations, retract
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.tracking.contact_update import Stable, update_with_contacts
+from tactopose_drake.core.tracking.contact_update import BiasModel, ContactUpdate, update_with_contacts
+from tactopose_drake.core.tracking.frame import ContactReading
+from tactopose_drake.core.tracking.gaussian_mixture import GaussianMixture
+from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tests.core.tracking.boxes import SIGMA_NORMAL, SIGMA_POSITION, draw_biases, make_box, n_OC, p_OC, touch
 
-STABLE = Stable((0.0005, math.radians(2.5)), (0.0, 0.0))
+CALIBRATION = BiasModel((0.0005, math.radians(2.5)), (0.0, 0.0))
+NOISE_ALONE = BiasModel((1e-6, 1e-6), (0.0, 0.0))
 FRAMES = 60
 EVEN = np.zeros((1, 6, 2))  # surfaces without roughness
+
+
+def update_modes(model, contacts, source, bias, X, P, C, roughness) -> ContactUpdate:  # type: ignore[no-untyped-def]
+    """Modes at X of covariances P and C, updated with contacts whose biases are as told."""
+    params = PoseTrackerParams(
+        calibration_position=bias.calibration[0],
+        calibration_normal_deg=math.degrees(bias.calibration[1]),
+        surface_position=bias.surface[0],
+        surface_normal_deg=math.degrees(bias.surface[1]),
+    )
+    even = np.zeros(len(X))
+    modes = GaussianMixture.make(X, P, C, roughness, even, even)
+    names = tuple(map(str, range(roughness.shape[1])))
+    return update_with_contacts(model, params, ContactReading(contacts, source, names, True), modes)
 
 
 @pytest.fixture(scope="module")
@@ -20,18 +38,20 @@ def box() -> ObjectModel:
     return make_box()
 
 
-def filter_frames(box, generator, X_PO, bias, stable=STABLE, frames=FRAMES):  # type: ignore[no-untyped-def]
+def filter_frames(box, generator, X_PO, bias, bias_model=CALIBRATION, frames=FRAMES):  # type: ignore[no-untyped-def]
     """The pose and covariance after frames of one grasp, from a guess a few millimetres off."""
     X = retract(X_PO, generator.normal(size=(1, 6)) * np.repeat([0.05, 0.005], 3))
     P, C = np.diag(np.repeat([0.05**2, 0.005**2], 3))[None], np.zeros((1, 6, 36))
     source = np.arange(6)
     for _ in range(frames):
-        update = update_with_contacts(box, touch(X_PO, generator, bias, stable.hand), source, stable, X, P, C, EVEN)
-        X, P, C = update.X_PO, update.covariance, update.cross
+        update = update_modes(
+            box, touch(X_PO, generator, bias, bias_model.calibration), source, bias_model, X, P, C, EVEN
+        )
+        X, P, C = update.X_PO, update.covariance, update.cross_covariance
     return X[0], P[0]
 
 
-def expected_covariance(frames: int, stable: Stable) -> np.ndarray:
+def expected_covariance(frames: int, bias_model: BiasModel) -> np.ndarray:
     """From nothing known: that of least squares with contacts of covariance B + R / N, at the identity."""
     information = np.zeros((6, 6))
     for p, n in zip(p_OC, n_OC, strict=True):
@@ -39,7 +59,7 @@ def expected_covariance(frames: int, stable: Stable) -> np.ndarray:
         across = np.cross(np.eye(3), n)
         variances = [
             part**2 + (total**2 - part**2) / frames
-            for part, total in zip(stable.hand, (SIGMA_POSITION, SIGMA_NORMAL), strict=True)
+            for part, total in zip(bias_model.calibration, (SIGMA_POSITION, SIGMA_NORMAL), strict=True)
         ]
         information += np.outer(row, row) / variances[0]
         information[:3, :3] += across @ across.T / variances[1]
@@ -47,27 +67,27 @@ def expected_covariance(frames: int, stable: Stable) -> np.ndarray:
 
 
 @pytest.mark.parametrize("frames", [10, 60])
-@pytest.mark.parametrize("stable", [STABLE, Stable((1e-6, 1e-6), (0.0, 0.0))], ids=["calibration", "noise alone"])
-def test_frames_of_one_grasp_leave_the_stable_part(box: ObjectModel, frames: int, stable: Stable) -> None:
+@pytest.mark.parametrize("bias_model", [CALIBRATION, NOISE_ALONE], ids=["calibration", "noise alone"])
+def test_frames_of_one_grasp_leave_the_lasting_part(box: ObjectModel, frames: int, bias_model: BiasModel) -> None:
     contacts = Contacts(p_OC, n_OC, sigma_position=SIGMA_POSITION, sigma_normal=SIGMA_NORMAL)
     X, P, C = np.eye(3, 4)[None], np.diag(np.repeat([0.5**2, 0.05**2], 3))[None], np.zeros((1, 6, 36))
     for _ in range(frames):
-        update = update_with_contacts(box, contacts, np.arange(6), stable, X, P, C, EVEN)
-        X, P, C = update.X_PO, update.covariance, update.cross
-    expected = expected_covariance(frames, stable)
+        update = update_modes(box, contacts, np.arange(6), bias_model, X, P, C, EVEN)
+        X, P, C = update.X_PO, update.covariance, update.cross_covariance
+    expected = expected_covariance(frames, bias_model)
     scale = np.sqrt(np.diag(expected))
     # The guess, and what the box's edges leave of a regression, are a few per cent.
     np.testing.assert_allclose(np.sqrt(np.diag(P[0])), scale, rtol=0.1)
     np.testing.assert_allclose(P[0] / np.outer(scale, scale), expected / np.outer(scale, scale), atol=0.2)
 
 
-@pytest.mark.parametrize("stable", [STABLE, Stable((1e-6, 1e-6), (0.0, 0.0))], ids=["calibration", "noise alone"])
-def test_the_errors_are_those_that_the_covariance_says(box: ObjectModel, stable: Stable) -> None:
+@pytest.mark.parametrize("bias_model", [CALIBRATION, NOISE_ALONE], ids=["calibration", "noise alone"])
+def test_the_errors_are_those_that_the_covariance_says(box: ObjectModel, bias_model: BiasModel) -> None:
     squares, errors, said = [], [], []
     for seed in range(40):
         generator = np.random.default_rng(seed)
         X_PO = make_poses(random_rotations(generator, 1), 0.05 * generator.normal(size=(1, 3)))[0]
-        X, P = filter_frames(box, generator, X_PO, draw_biases(generator, *stable.hand), stable, 30)
+        X, P = filter_frames(box, generator, X_PO, draw_biases(generator, *bias_model.calibration), bias_model, 30)
         u = increments_between(X, X_PO)
         squares.append(u @ np.linalg.solve(P, u))
         errors.append(u[3:] @ u[3:])
@@ -83,43 +103,43 @@ def test_taking_the_calibration_for_noise_would_be_overconfident(box: ObjectMode
     for seed in range(10):
         generator = np.random.default_rng(seed)
         X_PO = make_poses(random_rotations(generator, 1), np.zeros((1, 3)))[0]
-        bias = draw_biases(generator, *STABLE.hand)
+        bias = draw_biases(generator, *CALIBRATION.calibration)
         X = retract(X_PO, np.zeros((1, 6)))
         P, C = np.diag(np.repeat([0.05**2, 0.005**2], 3))[None], np.zeros((1, 6, 36))
         for _ in range(40):
-            contacts = touch(X_PO, generator, bias, STABLE.hand)
-            update = update_with_contacts(box, contacts, np.arange(6), Stable((1e-6, 1e-6), (0.0, 0.0)), X, P, C, EVEN)
-            X, P, C = update.X_PO, update.covariance, update.cross
+            contacts = touch(X_PO, generator, bias, CALIBRATION.calibration)
+            update = update_modes(box, contacts, np.arange(6), NOISE_ALONE, X, P, C, EVEN)
+            X, P, C = update.X_PO, update.covariance, update.cross_covariance
         u = increments_between(X[0], X_PO)
         squares.append(u @ np.linalg.solve(P[0], u))
     assert np.mean(squares) > 30.0
 
 
-def test_the_misfit_is_chi_square_of_the_numbers_measured(box: ObjectModel) -> None:
-    misfits = []
+def test_the_nis_is_chi_square_of_the_numbers_measured(box: ObjectModel) -> None:
+    squares = []
     for seed in range(80):
         generator = np.random.default_rng(seed)
         X_PO = make_poses(random_rotations(generator, 1), np.zeros((1, 3)))[0]
         P = np.diag(np.repeat([0.02**2, 0.002**2], 3))
         X = retract(X_PO, np.sqrt(np.diag(P)) * generator.normal(size=(1, 6)))
-        contacts = touch(X_PO, generator, draw_biases(generator, *STABLE.hand), STABLE.hand)
-        misfits.append(
-            update_with_contacts(box, contacts, np.arange(6), STABLE, X, P[None], np.zeros((1, 6, 36)), EVEN).misfit
+        contacts = touch(X_PO, generator, draw_biases(generator, *CALIBRATION.calibration), CALIBRATION.calibration)
+        squares.append(
+            update_modes(box, contacts, np.arange(6), CALIBRATION, X, P[None], np.zeros((1, 6, 36)), EVEN).nis
         )
     # Of 18 numbers: a standard deviation of 6 / sqrt(80) = 0.7.
-    assert 15.5 < np.mean(misfits) < 20.5
+    assert 15.5 < np.mean(squares) < 20.5
 
 
-def test_evidence_tells_a_right_mode_from_a_wrong_one(box: ObjectModel) -> None:
+def test_the_likelihood_tells_a_right_mode_from_a_wrong_one(box: ObjectModel) -> None:
     generator = np.random.default_rng(0)
     X_PO = make_poses(random_rotations(generator, 1), np.zeros((1, 3)))[0]
     X = np.stack([X_PO, retract(X_PO, np.array([0, 0, 0, 0.006, 0, 0.0]))])
     P = np.tile(np.diag(np.repeat([0.02**2, 0.001**2], 3)), (2, 1, 1))
-    update = update_with_contacts(
-        box, touch(X_PO, generator), np.arange(6), STABLE, X, P, np.zeros((2, 6, 36)), np.zeros((2, 6, 2))
+    update = update_modes(
+        box, touch(X_PO, generator), np.arange(6), CALIBRATION, X, P, np.zeros((2, 6, 36)), np.zeros((2, 6, 2))
     )
-    assert update.log_evidence[0] > update.log_evidence[1] + 3.0
-    assert update.misfit[1] > update.misfit[0] + 6.0
+    assert update.log_likelihood[0] > update.log_likelihood[1] + 3.0
+    assert update.nis[1] > update.nis[0] + 6.0
 
 
 def test_another_order_of_the_contacts_changes_nothing(box: ObjectModel) -> None:
@@ -131,18 +151,16 @@ def test_another_order_of_the_contacts_changes_nothing(box: ObjectModel) -> None
     swapped = Contacts(
         contacts.p_PC[order], contacts.n_PC[order], sigma_position=SIGMA_POSITION, sigma_normal=SIGMA_NORMAL
     )
-    one = update_with_contacts(box, contacts, np.arange(6), STABLE, X_PO, P, C, EVEN)
-    other = update_with_contacts(box, swapped, order, STABLE, X_PO, P, C, EVEN)
+    one = update_modes(box, contacts, np.arange(6), CALIBRATION, X_PO, P, C, EVEN)
+    other = update_modes(box, swapped, order, CALIBRATION, X_PO, P, C, EVEN)
     np.testing.assert_allclose(one.X_PO, other.X_PO, atol=1e-9)
-    np.testing.assert_allclose(one.cross, other.cross, rtol=1e-5, atol=1e-10)
+    np.testing.assert_allclose(one.cross_covariance, other.cross_covariance, rtol=1e-5, atol=1e-10)
 
 
 def test_contacts_without_normals_say_their_distance_alone(box: ObjectModel) -> None:
     contacts = Contacts(p_OC, sigma_position=SIGMA_POSITION)
     P = np.diag(np.repeat([1e-9, 0.05**2], 3))[None]
-    update = update_with_contacts(
-        box, contacts, np.arange(6), Stable((1e-6, 1e-6), (0.0, 0.0)), np.eye(3, 4)[None], P, np.zeros((1, 6, 36)), EVEN
-    )
+    update = update_modes(box, contacts, np.arange(6), NOISE_ALONE, np.eye(3, 4)[None], P, np.zeros((1, 6, 36)), EVEN)
     # Two contacts across each axis.
     np.testing.assert_allclose(np.diag(update.covariance[0])[3:], SIGMA_POSITION**2 / 2.0, rtol=0.02)
 
@@ -163,8 +181,8 @@ def test_noise_of_normals_tells_nothing_of_a_spin_that_changes_nothing() -> None
             sigma_position=SIGMA_POSITION,
             sigma_normal=SIGMA_NORMAL,
         )
-        update = update_with_contacts(cylinder, contacts, np.arange(5), STABLE, X, P, C, EVEN[:, :5])
-        X, P, C = update.X_PO, update.covariance, update.cross
+        update = update_modes(cylinder, contacts, np.arange(5), CALIBRATION, X, P, C, EVEN[:, :5])
+        X, P, C = update.X_PO, update.covariance, update.cross_covariance
     assert np.sqrt(P[0, 2, 2]) > 0.2
     assert np.sqrt(P[0, 0, 0]) < 0.02
 
@@ -176,23 +194,23 @@ def test_a_surface_is_rough_at_its_edges_and_even_on_its_faces(box: ObjectModel)
     at_edge[0] = [0.03, 0.05, 0.03]
     contacts = Contacts(at_edge, contacts.n_PC, sigma_position=SIGMA_POSITION, sigma_normal=SIGMA_NORMAL)
     P = np.diag(np.repeat([0.01**2, 0.0005**2], 3))[None]
-    roughness = update_with_contacts(
-        box, contacts, np.arange(6), STABLE, np.eye(3, 4)[None], P, np.zeros((1, 6, 36)), EVEN
+    roughness = update_modes(
+        box, contacts, np.arange(6), CALIBRATION, np.eye(3, 4)[None], P, np.zeros((1, 6, 36)), EVEN
     ).roughness[0]
     assert np.sqrt(roughness[0, 1]) > math.radians(10.0)
     assert np.all(np.sqrt(roughness[1:, 1]) < math.radians(2.0))
     assert np.all(np.sqrt(roughness[1:, 0]) < 1e-4)
 
 
-def test_the_share_that_stays_is_that_of_the_variances(box: ObjectModel) -> None:
+def test_the_lasting_share_is_that_of_the_variances(box: ObjectModel) -> None:
     contacts = touch(np.eye(3, 4), np.random.default_rng(0))
     P = np.diag(np.repeat([0.01**2, 0.0005**2], 3))[None]
     rough = EVEN + np.array([1e-6, 0.01])
     for roughness in (EVEN, rough):
-        update = update_with_contacts(
-            box, contacts, np.arange(6), STABLE, np.eye(3, 4)[None], P, np.zeros((1, 6, 36)), roughness
+        update = update_modes(
+            box, contacts, np.arange(6), CALIBRATION, np.eye(3, 4)[None], P, np.zeros((1, 6, 36)), roughness
         )
-        stays = np.square(STABLE.hand) + np.square(STABLE.surface) + roughness[0, 0]
-        new = np.square([SIGMA_POSITION, SIGMA_NORMAL]) - np.square(STABLE.hand)
-        shares = stays / (stays + new)
-        assert update.stays == pytest.approx((shares[0] + 2.0 * shares[1]) / 3.0)
+        lasting = np.square(CALIBRATION.calibration) + np.square(CALIBRATION.surface) + roughness[0, 0]
+        new = np.square([SIGMA_POSITION, SIGMA_NORMAL]) - np.square(CALIBRATION.calibration)
+        shares = lasting / (lasting + new)
+        assert update.lasting_share == pytest.approx((shares[0] + 2.0 * shares[1]) / 3.0)

@@ -8,11 +8,10 @@ from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.poses import increments_between, make_poses, random_rotations, retract
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.tracking.frame import Frame
+from tactopose_drake.core.tracking.frame import Frame, PoseMeasurement
 from tactopose_drake.core.tracking.pose_belief import PoseBelief
-from tactopose_drake.core.tracking.pose_measurement import PoseMeasurement
 from tactopose_drake.core.tracking.pose_tracker import PoseTracker
-from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
+from tactopose_drake.core.tracking.tracker_params import ConsistencyParams, MixtureParams, PoseTrackerParams
 from tactopose_drake.errors import InvalidInputError
 from tests.core.tracking.boxes import make_box, touch
 
@@ -200,5 +199,7 @@ def test_a_frame_from_before_is_refused(tracker: PoseTracker) -> None:
 def test_parameters_out_of_range_are_refused() -> None:
     with pytest.raises(InvalidInputError, match="slip_time"):
         PoseTracker(make_box(), PoseTrackerParams(slip_time=0.0))
+    with pytest.raises(InvalidInputError, match=r"ConsistencyParams\.forgetting_factor: is 1\.5"):
+        PoseTracker(make_box(), PoseTrackerParams(consistency=ConsistencyParams(forgetting_factor=1.5)))
     with pytest.raises(InvalidInputError, match="max_modes"):
-        PoseTracker(make_box(), PoseTrackerParams(max_modes=0))
+        PoseTracker(make_box(), PoseTrackerParams(mixture=MixtureParams(max_modes=0)))

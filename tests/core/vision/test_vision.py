@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tactopose_drake.core.poses import exp_so3, increments_between, make_poses
-from tactopose_drake.core.vision.vision_model import VisionModel, look
+from tactopose_drake.core.vision.vision_model import VisionModel, measure_pose
 from tactopose_drake.errors import InvalidInputError
 
 X_PO = make_poses(exp_so3(np.array([0.2, -1.1, 0.4])), np.array([0.02, -0.01, 0.1]))
@@ -18,7 +18,7 @@ MODEL = VisionModel(
 )
 def test_the_error_grows_with_the_hidden_share(hidden: float, translation: float, degrees: float) -> None:
     for noise in np.random.default_rng(0).normal(size=(5, 6)):
-        error = increments_between(X_PO, look(X_PO, hidden, noise, MODEL).mean)
+        error = increments_between(X_PO, measure_pose(X_PO, hidden, noise, MODEL).mean)
         assert np.linalg.norm(error[:3]) == pytest.approx(math.radians(degrees))
         assert np.linalg.norm(error[3:]) == pytest.approx(translation)
 
@@ -26,7 +26,10 @@ def test_the_error_grows_with_the_hidden_share(hidden: float, translation: float
 def test_beyond_the_lost_share_the_error_grows_no_more() -> None:
     model = VisionModel(translation_clear=0.004, translation_hidden=0.05, lost_share=0.25)
     noise = np.random.default_rng(0).normal(size=6)
-    sizes = [np.linalg.norm(look(X_PO, hidden, noise, model).mean[:, 3] - X_PO[:, 3]) for hidden in (0.125, 0.25, 0.8)]
+    sizes = [
+        np.linalg.norm(measure_pose(X_PO, hidden, noise, model).mean[:, 3] - X_PO[:, 3])
+        for hidden in (0.125, 0.25, 0.8)
+    ]
     assert sizes == pytest.approx([0.027, 0.05, 0.05])
     with pytest.raises(InvalidInputError, match=r"lost_share: is 1\.5"):
         VisionModel(lost_share=1.5).validate()
@@ -34,7 +37,7 @@ def test_beyond_the_lost_share_the_error_grows_no_more() -> None:
 
 def test_the_prior_states_the_errors_standard_deviation() -> None:
     noise = np.random.default_rng(0).normal(size=(2000, 6))
-    priors = [look(X_PO, 0.7, z, MODEL) for z in noise]
+    priors = [measure_pose(X_PO, 0.7, z, MODEL) for z in noise]
     errors = np.array([increments_between(X_PO, prior.mean) for prior in priors])
     np.testing.assert_allclose(np.sqrt(np.mean(errors**2, axis=0)), priors[0].sigmas, rtol=0.05)
     np.testing.assert_allclose(errors.mean(axis=0) / priors[0].sigmas, 0.0, atol=0.1)
@@ -42,8 +45,10 @@ def test_the_prior_states_the_errors_standard_deviation() -> None:
 
 def test_the_same_noise_gives_the_same_pose_and_no_noise_is_no_failure() -> None:
     noise = np.random.default_rng(0).normal(size=6)
-    np.testing.assert_array_equal(look(X_PO, 0.3, noise, MODEL).mean, look(X_PO, 0.3, noise, MODEL).mean)
-    assert np.all(np.isfinite(look(X_PO, 0.3, np.zeros(6), MODEL).mean))
+    np.testing.assert_array_equal(
+        measure_pose(X_PO, 0.3, noise, MODEL).mean, measure_pose(X_PO, 0.3, noise, MODEL).mean
+    )
+    assert np.all(np.isfinite(measure_pose(X_PO, 0.3, np.zeros(6), MODEL).mean))
 
 
 @pytest.mark.parametrize(

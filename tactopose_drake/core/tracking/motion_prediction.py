@@ -1,0 +1,226 @@
+"""The prediction step: how an object moves in the hand, and what that makes of what is believed.
+
+Where a fingertip rolls on the object or sticks to it, the points of both that touch have the same velocity: three rows
+of the grasp matrix [P08] for each contact. A fingertip has some area, by which it also resists to spin about the
+normal: a fourth row. A fingertip that slides says only that it does not leave the surface. What the rows leave open,
+and their error, is a random walk.
+
+A pose of vision comes late, as an out-of-sequence measurement. Its time's belief is gone, but how the object moved
+since then is known from the fingertips, alike for every mode: by that motion the pose is predicted to now, and what is
+unknown of the motion is added to its covariance. What the touch has told of the motion meanwhile is not counted; it is
+little beside the error of vision. This costs one step, where a replay of all touch since then would cost as many
+updates as vision is late.
+
+Source: [P08] D. Prattichizzo and J. Trinkle, Grasping, in Springer Handbook of Robotics, 2008, section 28.2 (grasp
+matrix; hard and soft finger contacts).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.poses import compose, exp_so3, inverse, log_so3, skew
+from tactopose_drake.core.tracking.frame import PoseMeasurement
+from tactopose_drake.core.tracking.gaussian_mixture import GaussianMixture
+from tactopose_drake.core.tracking.tracker_params import MotionNoise
+from tactopose_drake.core.validation import FloatArray
+
+# Nothing is known of a rotation with this variance about each axis, rad^2: the mean square of a random rotation's.
+_ANY_ROTATION = (np.pi**2 / 3.0 + 2.0) / 3.0
+
+
+class Motion(NamedTuple):
+    """A small rigid motion of the object in P, a rotation about the origin of P and then a translation.
+
+    Attributes:
+        twist: [rotation vector, translation], shape (6,), rad and m.
+        covariance: of the twist, shape (6, 6).
+    """
+
+    twist: FloatArray
+    covariance: FloatArray
+
+    @property
+    def pose(self) -> FloatArray:
+        """The motion as a pose that acts from the left, X_PO_after = pose X_PO_before, shape (3, 4)."""
+        return np.column_stack([exp_so3(self.twist[:3]), self.twist[3:]])
+
+    @property
+    def increment_map(self) -> FloatArray:
+        """What the motion makes of the increments (w, v) from a pose, shape (6, 6): w stays, v turns with it."""
+        turn = np.eye(6)
+        turn[3:, 3:] = self.pose[:, :3]
+        return turn
+
+
+def move_with_palm(noise: MotionNoise, duration: float, *, slips: bool) -> Motion:
+    """The motion of an object that nothing is known to move, held by still fingers.
+
+    Args:
+        noise: the random walks.
+        duration: s.
+        slips: whether it has been found to slip.
+    """
+    translation, rotation = noise.palm_translation, noise.palm_rotation
+    if slips:
+        rotation *= noise.slipping / translation
+        translation = noise.slipping
+    return Motion(np.zeros(6), np.diag(np.repeat([rotation**2, translation**2], 3)) * duration)
+
+
+def move_freely(
+    noise: MotionNoise, duration: float, X_WP_before: FloatArray | None = None, X_WP: FloatArray | None = None
+) -> Motion:
+    """The motion of an object that nothing holds: it rests in the world, about, while the palm moves.
+
+    Args:
+        noise: the random walks.
+        duration: s.
+        X_WP_before: the palm's pose before, shape (3, 4); None where it is not known.
+        X_WP: that after, shape (3, 4); likewise.
+    """
+    twist = np.zeros(6)
+    if X_WP_before is not None and X_WP is not None:
+        X_PP = compose(inverse(X_WP), X_WP_before)
+        twist = np.concatenate([log_so3(X_PP[:, :3]), X_PP[:, 3]])
+    return Motion(twist, np.diag(_free_variances(noise)) * duration)
+
+
+def move_with_fingertips(
+    contacts: Contacts,
+    sources: Sequence[str],
+    tip_velocity: Mapping[str, FloatArray],
+    noise: MotionNoise,
+    duration: float,
+    *,
+    slips: bool,
+) -> Motion:
+    """The motion of least squares by the contacts' velocities; contacts of unknown velocity say nothing.
+
+    Args:
+        contacts: where the fingertips touch, in P.
+        sources: the name of each contact's fingertip.
+        tip_velocity: spatial velocities [w, v] of the fingertips at the origin of P, by name, rad/s and m/s.
+        noise: the random walks.
+        duration: s; small, so that the contacts stay about where they are.
+        slips: whether the object has been found to slip: then no fingertip holds it by friction.
+    """
+    known = np.array([source in tip_velocity for source in sources], dtype=np.bool_)
+    velocity = np.array([tip_velocity[source] for source in sources if source in tip_velocity]).reshape(-1, 6)
+    p_PC = contacts.p_PC[known]
+    tangential = _tangential_noise(contacts, known, noise, slips)
+    turning = np.full(len(p_PC), noise.twisting)
+    turning *= tangential / noise.rolling
+
+    # Rows of the grasp matrix: a contact's velocity is [-[p]x 1] (w, v), of which the object's is like the fingertip's.
+    arms = np.concatenate([-skew(p_PC), np.tile(np.eye(3), (len(p_PC), 1, 1))], axis=2)
+    weight = 1.0 / tangential[:, None, None] ** 2 * np.eye(3)
+    rows = [np.zeros((0, 6))]
+    if contacts.n_PC is not None:
+        # Along the normal they stay together, whether they slide or not.
+        n_PC = contacts.n_PC[known]
+        weight = weight + (noise.rolling**-2 - tangential**-2)[:, None, None] * n_PC[:, :, None] * n_PC[:, None, :]
+        rows.append(np.concatenate([n_PC, np.zeros_like(n_PC)], axis=1) / turning[:, None])
+    spin = np.concatenate(rows)
+    wanted = np.einsum("kij,kj->ki", arms, velocity)
+    information = np.einsum("kia,kij,kjb->ab", arms, weight, arms) + spin.T @ spin
+    information[np.diag_indices(6)] += 1.0 / _free_variances(noise)
+    right = np.einsum("kia,kij,kj->a", arms, weight, wanted)
+    if len(spin):
+        right = right + spin.T @ np.einsum("ka,ka->k", spin, velocity)
+    covariance = np.linalg.inv(information)
+    return Motion(covariance @ right * duration, 0.5 * (covariance + covariance.T) * duration)
+
+
+def _tangential_noise(contacts: Contacts, known: NDArray[np.bool_], noise: MotionNoise, slips: bool) -> FloatArray:
+    """The random walk across the normal of the contacts that are known, by whether they roll or slide."""
+    count = int(np.count_nonzero(known))
+    tangential = np.full(count, noise.rolling)
+    if slips:
+        # An object slips as a whole: the fingertips' errors are one, which more of them do not average out.
+        tangential[:] = noise.slipping * math.sqrt(count)
+    if noise.friction is not None and contacts.f_PC is not None and contacts.n_PC is not None:
+        n_PC, f_PC = contacts.n_PC[known], contacts.f_PC[known]
+        along = np.einsum("ki,ki->k", n_PC, f_PC)
+        across = np.linalg.norm(f_PC - along[:, None] * n_PC, axis=1)
+        tangential[across > noise.friction_margin * noise.friction * along] = noise.slipping
+    return tangential
+
+
+def _free_variances(noise: MotionNoise) -> FloatArray:
+    return np.repeat([noise.free_rotation**2, noise.free_translation**2], 3)
+
+
+def predict_poses(X_PO: FloatArray, covariance: FloatArray, motion: Motion) -> tuple[FloatArray, FloatArray]:
+    """Poses (n, 3, 4) and covariances (n, 6, 6) of their increments, after a motion.
+
+    With X exp'd by the increment (w, v) and the motion (E, t) acting from the left, w stays and v becomes E v; a small
+    twist (r, s) after it is the increment (R^T r, s + r x p).
+    """
+    moved, turn = compose(motion.pose, X_PO), motion.increment_map
+    M = np.zeros((len(moved), 6, 6))
+    M[:, :3, :3], M[:, 3:, :3], M[:, 3:, 3:] = np.swapaxes(moved[:, :, :3], 1, 2), -skew(moved[:, :, 3]), np.eye(3)
+    return moved, turn @ covariance @ turn.T + M @ motion.covariance @ np.swapaxes(M, 1, 2)
+
+
+def predict_modes(modes: GaussianMixture, motion: Motion, max_sigma_translation: float) -> GaussianMixture:
+    """The modes after a motion of the object; what is no knowledge any more does not grow further.
+
+    Args:
+        modes: before.
+        motion: of the object.
+        max_sigma_translation: of a translation with this standard deviation nothing is known, m.
+    """
+    X_PO, covariance = predict_poses(modes.X_PO, modes.covariance, motion)
+    cross = motion.increment_map @ modes.cross_covariance
+    limits = np.repeat([_ANY_ROTATION, max_sigma_translation**2], 3)
+    for b in np.flatnonzero(np.any(np.diagonal(covariance, axis1=1, axis2=2) > limits, axis=1)):
+        shrink = _shrink(covariance[b], limits)
+        covariance[b], cross[b] = shrink @ covariance[b] @ shrink.T, shrink @ cross[b]
+    return dataclasses.replace(modes, X_PO=X_PO, covariance=covariance, cross_covariance=cross)
+
+
+def _shrink(covariance: FloatArray, limits: FloatArray) -> FloatArray:
+    """The map (6, 6) of increments after which no direction of rotation or of translation is above its limit."""
+    shrink = np.eye(6)
+    for part in (slice(0, 3), slice(3, 6)):
+        values, vectors = np.linalg.eigh(covariance[part, part])
+        scale = np.sqrt(np.minimum(1.0, limits[part] / np.maximum(values, 1e-300)))
+        shrink[part, part] = vectors @ np.diag(scale) @ vectors.T
+    return shrink
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class MotionHistory:
+    """The latest motions, oldest first; motion i went from times[i] to times[i + 1]."""
+
+    times: tuple[float, ...]
+    motions: tuple[Motion, ...] = ()
+
+    def followed_by(self, motion: Motion, time: float, length: float) -> MotionHistory:
+        """The history with the motion up to a time, s, without what ended more than a length, s, before that."""
+        first = next((i for i, end in enumerate(self.times[1:]) if end >= time - length), len(self.motions))
+        return MotionHistory((*self.times[first:], time), (*self.motions[first:], motion))
+
+    def predict(self, measurement: PoseMeasurement) -> PoseMeasurement | None:
+        """A late measurement as of the history's end; None where the history does not reach back to its time.
+
+        Of the motion during which it was taken the later part counts.
+        """
+        if not self.times[0] <= measurement.time <= self.times[-1]:
+            return None
+        X_PO, covariance = measurement.X_PO, measurement.covariance
+        for start, end, motion in zip(self.times, self.times[1:], self.motions, strict=False):
+            if end > measurement.time:
+                share = (end - max(start, measurement.time)) / (end - start)
+                part = Motion(share * motion.twist, share * motion.covariance)
+                X_PO, covariance = predict_poses(X_PO[None], covariance[None], part)
+                X_PO, covariance = X_PO[0], covariance[0]
+        return PoseMeasurement(self.times[-1], X_PO, covariance)

@@ -1,0 +1,234 @@
+"""The most probable pose and biases of a mode, compiled: Levenberg-Marquardt on prior and contacts together.
+
+The cost is half the squared Mahalanobis distance from the prior and half the squares of the contacts' residuals, as in
+`surface_contact_kernels.py`, of contacts from which the biases are taken away. The Hessian is Gauss-Newton's.
+
+Source: [M63] D. Marquardt, An algorithm for least-squares estimation of nonlinear parameters, J. SIAM, 1963.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from tactopose_drake.core.compiled import Floats1, Floats2, OutFloats1, OutFloats2, OutFloats3, inlined, kernel
+from tactopose_drake.core.kernels import least_squares_kernels, pose_kernels, surface_contact_kernels
+from tactopose_drake.core.kernels.grid_kernels import Grid
+from tactopose_drake.core.tracking.joint_state_kernels import (
+    ContactArrays,
+    ModePriors,
+    PriorRows,
+    add_normal_equations,
+    compare_with_prior,
+    make_prior_rows,
+    transport_information,
+)
+
+# Damping at the start, and the least after a step that was refused: shares of the Hessian's diagonal.
+_FIRST_DAMPING, _LEAST_REFUSED_DAMPING = 1e-4, 1e-2
+
+
+class _Point(NamedTuple):
+    """A joint state and the cost's expansion there: pose (1, 3, 4), biases, cost (1,), gradient and Hessian."""
+
+    X: OutFloats3
+    bias: OutFloats1
+    cost: OutFloats1
+    g: OutFloats2
+    H: OutFloats3
+
+
+class _Scratch(NamedTuple):
+    """Room for one evaluation: of the prior, and of one contact.
+
+    Attributes:
+        prior: how far the pose is from the prior's.
+        increment: of the pose, shape (1, 6).
+        z, slope: the joint increment from the prior, and the gradient of its cost, shape (m,).
+        p, n: the contact without its biases, shape (3,).
+        residual, J, smooth, work: see `surface_contact_kernels.contact_rows`.
+        gradient_rows, hessian_rows: derivatives of the residuals by the increment and the contact's biases, exact and
+            along the mean surface, shape (4, 12).
+    """
+
+    prior: PriorRows
+    increment: OutFloats2
+    z: OutFloats1
+    slope: OutFloats1
+    p: OutFloats1
+    n: OutFloats1
+    residual: OutFloats1
+    J: OutFloats2
+    smooth: OutFloats2
+    work: OutFloats2
+    gradient_rows: OutFloats2
+    hessian_rows: OutFloats2
+
+
+@kernel
+def refine_modes(
+    grid: Grid,
+    contacts: ContactArrays,
+    priors: ModePriors,
+    X: OutFloats3,
+    max_iterations: int,
+    tolerance: float,
+    hessian: OutFloats3,
+) -> None:
+    """Moves poses X (B, 3, 4) to minima of their priors with the contacts.
+
+    Args:
+        grid: of the object.
+        contacts: of the frame.
+        priors: of the modes.
+        X: where to start; the minima are written here.
+        max_iterations: steps, at the most.
+        tolerance: a step that promises to lower the cost by less is none.
+        hessian: written, at the minima by the joint increment, shape (B, m, m).
+    """
+    size = priors.information.shape[1]
+    here, there, scratch = _make_point(size), _make_point(size), _make_scratch(size)
+    step, damping = np.empty((1, size)), np.empty(1)
+    for b in range(X.shape[0]):
+        here.X[0] = X[b]
+        here.bias[:] = 0.0
+        _evaluate(grid, contacts, priors, b, here, scratch)
+        damping[0] = _FIRST_DAMPING
+        for _ in range(max_iterations):
+            least_squares_kernels.damped_steps(here.H, here.g, damping, step)
+            if _promised_decrease(here.g[0], step[0]) < tolerance:
+                break
+            _move(here, step, scratch.increment, there)
+            _evaluate(grid, contacts, priors, b, there, scratch)
+            if there.cost[0] < here.cost[0]:
+                _copy(there, here)
+                damping[0] = 0.1 * damping[0]
+            else:
+                damping[0] = max(10.0 * damping[0], _LEAST_REFUSED_DAMPING)
+        X[b], hessian[b] = here.X[0], here.H[0]
+
+
+@kernel
+def _make_point(size: int) -> _Point:
+    return _Point(np.empty((1, 3, 4)), np.empty(size - 6), np.empty(1), np.empty((1, size)), np.empty((1, size, size)))
+
+
+@kernel
+def _make_scratch(size: int) -> _Scratch:
+    return _Scratch(
+        make_prior_rows(),
+        np.empty((1, 6)),
+        np.empty(size),
+        np.empty(size),
+        np.empty(3),
+        np.empty(3),
+        np.empty(5),
+        np.empty((5, 6)),
+        np.empty((4, 6)),
+        np.empty((10, 4)),
+        np.empty((4, 12)),
+        np.empty((4, 12)),
+    )
+
+
+@kernel
+def _promised_decrease(g: Floats1, step: Floats1) -> float:
+    """By how much the quadratic model says that the cost falls, -g . step / 2."""
+    promised = 0.0
+    for i in range(g.shape[0]):
+        promised -= 0.5 * g[i] * step[i]
+    return promised
+
+
+@kernel
+def _move(point: _Point, step: Floats2, increment: OutFloats2, moved: _Point) -> None:
+    """The joint state after a step (1, m), whose part of the pose is written into the increment (1, 6)."""
+    increment[0] = step[0, :6]
+    pose_kernels.retract(point.X, increment, moved.X)
+    for i in range(point.bias.shape[0]):
+        moved.bias[i] = point.bias[i] + step[0, 6 + i]
+
+
+@kernel
+def _copy(source: _Point, target: _Point) -> None:
+    target.X[0], target.bias[:], target.cost[0] = source.X[0], source.bias, source.cost[0]
+    target.g[0], target.H[0] = source.g[0], source.H[0]
+
+
+@kernel
+def _evaluate(
+    grid: Grid, contacts: ContactArrays, priors: ModePriors, b: int, point: _Point, scratch: _Scratch
+) -> None:
+    """Cost, gradient and Hessian of the prior b and the contacts at a point.
+
+    Where normals are spread, as at an edge, they say less. That this explains any normal, but none well, has no part in
+    the cost: an edge is no less likely to be touched than what lies beside it.
+    """
+    _put_prior(priors.X[b], priors.information[b], point, scratch)
+    for i in range(contacts.p.shape[0]):
+        _remove_bias(contacts, i, point.bias, scratch)
+        _contact_rows(grid, contacts.weight_p[i], contacts.weight_n[i], point.X[0], scratch)
+        for k in range(4):
+            point.cost[0] += 0.5 * scratch.residual[k] * scratch.residual[k]
+        gradient_rows, rows = scratch.gradient_rows, scratch.hessian_rows
+        add_normal_equations(contacts.source[i], gradient_rows, rows, rows, scratch.residual, point.g[0], point.H[0])
+
+
+@inlined
+def _put_prior(X_prior, information, point, scratch):
+    """Cost z^T I z / 2 of the prior, with z = (increment from its pose, biases); gradient and Hessian by chain rule."""
+    z, slope, g = scratch.z, scratch.slope, point.g[0]
+    compare_with_prior(X_prior, point.X, scratch.prior)
+    z[:6], z[6:] = scratch.prior.increment[0], point.bias
+    point.cost[0] = 0.0
+    for i in range(z.shape[0]):
+        slope[i] = 0.0
+        for j in range(z.shape[0]):
+            slope[i] += information[i, j] * z[j]
+        point.cost[0] += 0.5 * z[i] * slope[i]
+    A = scratch.prior.jacobian[0]
+    g[:] = slope
+    for i in range(6):
+        g[i] = 0.0
+        for k in range(6):
+            g[i] += A[k, i] * slope[k]
+    point.H[0] = information
+    transport_information(A, point.H[0])
+
+
+@inlined
+def _remove_bias(contacts, i, bias, scratch):
+    """The contact i without the biases of its source: its point less their shift, its normal n less their turn x n."""
+    n, at = contacts.n[i], 6 * contacts.source[i]
+    for a in range(3):
+        scratch.p[a] = contacts.p[i, a] - bias[at + a]
+    x, y, z = bias[at + 3], bias[at + 4], bias[at + 5]
+    scratch.n[0] = n[0] - (y * n[2] - z * n[1])
+    scratch.n[1] = n[1] - (z * n[0] - x * n[2])
+    scratch.n[2] = n[2] - (x * n[1] - y * n[0])
+
+
+@inlined
+def _contact_rows(grid, weight_p, weight_n, X, scratch):
+    """Residuals of the contact in the scratch at the pose X (3, 4), and their derivatives by increment and biases.
+
+    A bias shifts the contact as a shift of the object would: by its position the residuals change as by v. By a turn b
+    of the normal the measured one in O, m = R^T n, changes by R^T (n x b), and the residual of the normals by
+    -R^T [n]x b: a row is the cross product of an axis of O, seen from P, with n.
+    """
+    n, exact, smooth = scratch.n, scratch.gradient_rows, scratch.hessian_rows
+    rows = surface_contact_kernels.Rows(scratch.residual, scratch.J, scratch.smooth, scratch.work)
+    surface_contact_kernels.contact_rows(grid, scratch.p, n, weight_p, weight_n, X, rows)
+    for k in range(4):
+        for c in range(6):
+            exact[k, c], smooth[k, c] = scratch.J[k, c], scratch.smooth[k, c]
+        for c in range(3):
+            exact[k, 6 + c], smooth[k, 6 + c] = scratch.J[k, 3 + c], scratch.smooth[k, 3 + c]
+            exact[k, 9 + c] = smooth[k, 9 + c] = 0.0
+    if weight_n > 0.0:
+        mean_field = scratch.work[4]
+        weight, _ = surface_contact_kernels.normal_weight(mean_field, weight_n)
+        for a in range(3):
+            r0, r1, r2 = X[0, a], X[1, a], X[2, a]
+            exact[1 + a, 9] = smooth[1 + a, 9] = -weight * (r1 * n[2] - r2 * n[1])
+            exact[1 + a, 10] = smooth[1 + a, 10] = -weight * (r2 * n[0] - r0 * n[2])
+            exact[1 + a, 11] = smooth[1 + a, 11] = -weight * (r0 * n[1] - r1 * n[0])

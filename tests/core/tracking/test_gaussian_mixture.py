@@ -1,0 +1,51 @@
+import dataclasses
+
+import numpy as np
+import pytest
+
+from tactopose_drake.core.poses import random_rotations
+from tactopose_drake.core.tracking.gaussian_mixture import GaussianMixture
+from tactopose_drake.core.tracking.tracker_params import MixtureParams
+
+HAND = np.array([0.0005**2, 0.04**2])
+SOURCES = 3
+
+
+def make_modes(roughness: float) -> GaussianMixture:
+    """Two modes that know of the biases what an update would tell them, on a surface of a roughness in HAND's unit."""
+    generator = np.random.default_rng(0)
+    own = np.tile(np.repeat(HAND * (1.0 + roughness), 3), SOURCES)
+    root = generator.normal(size=(2, 6 + len(own), 6 + len(own))) * np.sqrt(np.concatenate([np.full(6, 1e-4), own]))
+    joint = np.swapaxes(root, 1, 2) @ root / (6 + len(own))
+    joint[:, 6:, 6:] = np.diag(own)
+    X_PO = np.concatenate([random_rotations(generator, 2), np.zeros((2, 3, 1))], axis=2)
+    rough = np.tile(roughness * HAND, (2, SOURCES, 1))
+    return GaussianMixture.make(X_PO, joint[:, :6, :6], 0.3 * joint[:, :6, 6:], rough, np.zeros(2), np.zeros(2))
+
+
+def test_equal_modes_found_twice_count_once_and_those_that_met_count_both() -> None:
+    modes = make_modes(0.0).chosen([0, 0, 1])
+    symmetry = np.eye(3, 4)[None]
+    np.testing.assert_allclose(modes.distinct(symmetry, 2.0).log_weight, [0.0, 0.0])
+    np.testing.assert_allclose(modes.merged(symmetry, 2.0).log_weight, [np.log(2.0), 0.0])
+    # Wider than the distance between them, all of them would be one.
+    assert len(modes.merged(symmetry, 1e9)) == 1
+
+
+def test_pruned_are_the_heaviest_and_sum_to_one() -> None:
+    modes = make_modes(0.0).chosen([0, 1, 0, 1])
+    modes = dataclasses.replace(modes, log_prior=np.array([-1.0, 3.0, -40.0, 2.0]), log_likelihood=np.full(4, 7.0))
+    pruned = modes.pruned(MixtureParams(max_modes=3, least_share=0.05))
+    np.testing.assert_array_equal(pruned.X_PO, modes.X_PO[[1, 3]])
+    assert np.logaddexp.reduce(pruned.log_weight) == pytest.approx(0.0, abs=1e-12)
+    assert np.diff(pruned.log_weight)[0] == pytest.approx(-1.0)
+    assert len(GaussianMixture.empty(2).pruned(MixtureParams())) == 0
+
+
+def test_new_sources_are_unknown_to_the_modes() -> None:
+    modes = make_modes(1.0)
+    wider = modes.with_sources(SOURCES + 2)
+    np.testing.assert_array_equal(wider.cross_covariance[:, :, : 6 * SOURCES], modes.cross_covariance)
+    np.testing.assert_array_equal(wider.cross_covariance[:, :, 6 * SOURCES :], np.zeros((2, 6, 12)))
+    np.testing.assert_array_equal(wider.roughness[:, SOURCES:], np.zeros((2, 2, 2)))
+    assert wider.with_sources(SOURCES) is wider

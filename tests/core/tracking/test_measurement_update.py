@@ -1,0 +1,163 @@
+import math
+
+import numpy as np
+import pytest
+from scipy.linalg import eigh
+
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.poses import random_rotations, retract
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.tracking.frame import ContactReading
+from tactopose_drake.core.tracking.gaussian_mixture import GaussianMixture
+from tactopose_drake.core.tracking.measurement_update import (
+    MeasurementUpdate,
+    average_likelihood,
+    follow_roughness,
+    forget,
+    update_modes,
+    weight_of_a_frame,
+)
+from tactopose_drake.core.tracking.tracker_params import ForgettingParams, PoseTrackerParams
+from tests.core.tracking.boxes import SIGMA_NORMAL, SIGMA_POSITION, make_box, n_OC, p_OC, touch
+
+X_PO = np.eye(3, 4)
+# Variances of biases of positions, m^2, and of normals, rad^2, of three sources.
+HAND = np.array([0.0005**2, 0.04**2])
+SOURCES = 3
+
+
+@pytest.fixture(scope="module")
+def box() -> ObjectModel:
+    return make_box()
+
+
+def make_modes(covariance: np.ndarray) -> GaussianMixture:
+    return GaussianMixture.independent(np.tile(np.eye(3, 4), (len(covariance), 1, 1)), covariance, 6)
+
+
+def make_rough_modes(roughness: float) -> GaussianMixture:
+    """Two modes that know of the biases what an update would tell them, on a surface of a roughness in HAND's unit."""
+    generator = np.random.default_rng(0)
+    own = np.tile(np.repeat(HAND * (1.0 + roughness), 3), SOURCES)
+    root = generator.normal(size=(2, 6 + len(own), 6 + len(own))) * np.sqrt(np.concatenate([np.full(6, 1e-4), own]))
+    joint = np.swapaxes(root, 1, 2) @ root / (6 + len(own))
+    joint[:, 6:, 6:] = np.diag(own)
+    X_PO = np.concatenate([random_rotations(generator, 2), np.zeros((2, 3, 1))], axis=2)
+    rough = np.tile(roughness * HAND, (2, SOURCES, 1))
+    return GaussianMixture.make(X_PO, joint[:, :6, :6], 0.3 * joint[:, :6, 6:], rough, np.zeros(2), np.zeros(2))
+
+
+def update_often(box: ObjectModel, frames: int, forgetting_time: float = 1e9) -> MeasurementUpdate:
+    """Two modes, of which the second is right, after frames of a touch, 10 ms apart."""
+    params = PoseTrackerParams(forgetting=ForgettingParams(time=forgetting_time))
+    generator = np.random.default_rng(0)
+    X_start = np.stack([retract(X_PO, np.array([0, 0, 0, 0.004, 0, 0.0])), X_PO])
+    covariance = np.tile(np.diag(np.repeat([0.02**2, 0.001**2], 3)), (2, 1, 1))
+    modes = GaussianMixture.independent(X_start, covariance, 6)
+    for _ in range(frames):
+        reading = ContactReading(touch(X_PO, generator), np.arange(6), tuple("abcdef"), True)
+        update = update_modes(box, params, reading, modes, 0.01)
+        modes = update.modes
+    return update
+
+
+def test_the_right_mode_comes_first(box: ObjectModel) -> None:
+    modes = update_often(box, 1).modes
+    assert np.linalg.norm(modes.X_PO[0, :, 3]) < np.linalg.norm(modes.X_PO[1, :, 3])
+    assert modes.log_weight[0] > modes.log_weight[1]
+
+
+def test_a_mode_that_the_touch_contradicts_is_inconsistent_and_tested_anew(box: ObjectModel) -> None:
+    P = np.diag(np.repeat([0.002**2, 0.0002**2], 3))[None]
+    modes = GaussianMixture.independent(retract(X_PO, np.array([0, 0, 0, 0.01, 0, 0.0]))[None], P, 6)
+    reading = ContactReading(touch(X_PO, np.random.default_rng(0)), np.arange(6), tuple("abcdef"), True)
+    update = update_modes(box, PoseTrackerParams(), reading, modes, 0.01)
+    assert update.is_inconsistent
+    np.testing.assert_array_equal(update.modes.nis_excess, np.zeros((1, 2)))
+    assert not update_often(box, 1).is_inconsistent
+
+
+def test_forgetting_leaves_the_pose_less_sure(box: ObjectModel) -> None:
+    spread = [np.trace(update_often(box, 30, time).modes.covariance[0][3:, 3:]) for time in (1e9, 0.2)]
+    assert 1.03 * spread[0] < spread[1] < 2.0 * spread[0]
+
+
+@pytest.mark.parametrize("lasting", [0.1, 0.5])
+def test_equal_frames_count_as_much_as_their_mean(lasting: float) -> None:
+    """Of a variance B + R the mean of N frames leaves B + R / N."""
+    modes = make_modes(np.eye(6)[None])
+    for count in range(1, 40):
+        modes = average_likelihood(modes, np.array([-2.0]), lasting, 50.0)
+        effective = 1.0 / (lasting + (1.0 - lasting) / count)
+        np.testing.assert_allclose(modes.log_weight, -2.0 * effective)
+        np.testing.assert_allclose(weight_of_a_frame(modes, lasting), effective / count)
+
+
+def test_evidence_that_lasts_counts_no_more_than_the_share_that_is_new_allows() -> None:
+    modes = make_modes(np.eye(6)[None])
+    for _ in range(1000):
+        modes = average_likelihood(modes, np.array([-2.0]), 0.25, 50.0)
+    assert -2.0 / 0.25 < modes.log_weight[0] < -0.9 * 2.0 / 0.25
+
+
+def test_noise_of_single_frames_hardly_moves_the_weights() -> None:
+    generator = np.random.default_rng(0)
+    modes, differences = make_modes(np.tile(np.eye(6), (2, 1, 1))), []
+    for i in range(600):
+        # Alike but for noise: no one frame may make one of them certain.
+        modes = average_likelihood(modes, 3.0 * generator.normal(size=2), 0.3, 50.0)
+        if i > 100:
+            differences.append(modes.log_weight[0] - modes.log_weight[1])
+    # A sum of the latest 1 / 0.3 frames would have a standard deviation of 3 sqrt(2 / (0.3 1.7)) = 5.9.
+    assert np.std(differences) < 2.5
+
+
+def test_what_the_touch_tells_of_is_forgotten_and_nothing_else(box: ObjectModel) -> None:
+    one_face = Contacts(p_OC[:1], sigma_position=SIGMA_POSITION)
+    covariance = np.diag(np.repeat([math.radians(0.01) ** 2, SIGMA_POSITION**2], 3))
+    wider = forget(box, one_face, make_modes(covariance[None]), 0.2, 0.1).covariance[0]
+    growth = np.diag(wider)[3:] / np.diag(covariance)[3:] - 1.0
+    along = np.abs(n_OC[0])
+    # A frame tells as much as is known: 1 / (1 + 0.1) of the share.
+    assert along @ growth == pytest.approx(0.2 / 1.1, rel=0.05)
+    assert (1.0 - along) @ growth < 1e-6
+    np.testing.assert_allclose(wider, wider.T, atol=1e-20)
+
+
+def test_what_is_known_far_better_than_the_touch_tells_stays(box: ObjectModel) -> None:
+    contacts = Contacts(p_OC, n_OC, sigma_position=SIGMA_POSITION, sigma_normal=SIGMA_NORMAL)
+    tight, wide = (np.diag(np.repeat([(a * 0.05) ** 2, (a * 0.003) ** 2], 3)) for a in (0.01, 1.0))
+    wider = forget(box, contacts, make_modes(np.stack([tight, wide])), 0.2, 0.1).covariance
+    assert eigh(wider[0], tight, eigvals_only=True).max() < 1.01
+    assert eigh(wider[1], wide, eigvals_only=True).max() > 1.15
+
+
+def joint_covariance(modes: GaussianMixture) -> np.ndarray:
+    own = np.repeat(HAND + modes.roughness, 3, axis=2).reshape(len(modes), -1)
+    joint = np.zeros((len(modes), 6 + own.shape[1], 6 + own.shape[1]))
+    joint[:, :6, :6], joint[:, :6, 6:] = modes.covariance, modes.cross_covariance
+    joint[:, 6:, :6] = np.swapaxes(modes.cross_covariance, 1, 2)
+    joint[:, 6:, 6:] += own[:, :, None] * np.eye(own.shape[1])
+    return joint
+
+
+@pytest.mark.parametrize(("before", "felt"), [(0.0, 30.0), (30.0, 0.0), (1.0, 1.0)])
+def test_biases_follow_the_roughness_and_the_covariance_stays_one(before: float, felt: float) -> None:
+    modes = make_rough_modes(before)
+    touched = np.array([0, 2])
+    params = PoseTrackerParams(
+        calibration_position=math.sqrt(HAND[0]),
+        calibration_normal_deg=math.degrees(math.sqrt(HAND[1])),
+        surface_position=0.0,
+        surface_normal_deg=0.0,
+    )
+    reading = ContactReading(Contacts(np.zeros((2, 3))), touched, tuple("abc"), True)
+    after = follow_roughness(modes, reading, np.tile(felt * HAND, (2, 2, 1)), params)
+    assert np.linalg.eigvalsh(joint_covariance(modes)).min() > 0.0
+    assert np.linalg.eigvalsh(joint_covariance(after)).min() > 0.0
+    share = after.roughness[:, touched] / HAND
+    assert np.all(np.abs(share - felt) <= np.abs(before - felt))
+    expected = min(1.0, (1.0 + share[0, 0, 0]) / (1.0 + before))
+    np.testing.assert_allclose(after.cross_covariance[:, :, :6], expected * modes.cross_covariance[:, :, :6])
+    # Of a source that touches nothing nothing is new.
+    np.testing.assert_array_equal(after.cross_covariance[:, :, 6:12], modes.cross_covariance[:, :, 6:12])
