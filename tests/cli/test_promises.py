@@ -12,6 +12,7 @@ from pydrake.geometry import Meshcat
 from rich.table import Table
 
 from tactopose_drake.cli.consoles import PlainConsole, printable
+from tactopose_drake.cli.demo_run import DemoResult, GraspFailedError
 from tactopose_drake.errors import InvalidFileError
 from tactopose_drake.estimation.output_files import check_outputs, written_beside
 from tactopose_drake.resources import model_path
@@ -175,10 +176,18 @@ def test_commands_listen_on_this_machine_alone(files: Path, monkeypatch: pytest.
 
     monkeypatch.setattr(Meshcat, "StaticHtml", look)
     assert run("estimate", *inputs(files), "--html", files / "scene.html") == 0
+
+    def demonstrate(*_: object, **__: object) -> DemoResult:
+        seen.append(listening_addresses())
+        raise GraspFailedError("of no interest here")
+
+    monkeypatch.setattr("tactopose_drake.cli.main.run_demo", demonstrate)
+    assert run("demo", "--out", files / "out") == 1
     local = {"0100007F", "00000000000000000000000001000000"}
-    assert seen
-    assert seen[0]
-    assert seen[0] <= local
+    assert len(seen) == 2
+    for addresses in seen:
+        assert addresses
+        assert addresses <= local
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
