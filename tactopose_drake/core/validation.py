@@ -172,7 +172,7 @@ def whole_number(name: str, value: object, *, least: int, most: int | None = Non
         InvalidInputError: if it is, or of another type; True and False are none.
     """
     allowed = f">= {least}" if most is None else f"from {least} to {most}"
-    if isinstance(value, bool) or not isinstance(value, numbers.Integral):
+    if isinstance(value, bool | np.timedelta64) or not isinstance(value, numbers.Integral):  # A time is no number.
         raise InvalidInputError(f"{name}: is {shown(value)}; allowed are integers {allowed}.")
     number = int(value)
     if number < least or (most is not None and number > most):

@@ -132,7 +132,9 @@ def test_large_integers_are_numbers_and_large_floats_are_infinite() -> None:
     np.testing.assert_array_equal(number_array("x", [math.nan, math.inf], (2,)), [math.nan, math.inf])
 
 
-@pytest.mark.parametrize("value", [None, 1.5, True, np.True_, "a", 3.0, math.nan, [1], np.array([1]), 1j])
+@pytest.mark.parametrize(
+    "value", [None, 1.5, True, np.True_, "a", 3.0, math.nan, [1], np.array([1]), np.timedelta64(5)]
+)
 def test_what_is_no_integer_is_refused(value: Any) -> None:
     with pytest.raises(InvalidInputError, match=r"seed: is .*; allowed are integers >= 0"):
         whole_number("seed", value, least=0)
