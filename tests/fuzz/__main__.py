@@ -8,9 +8,20 @@ import sys
 
 from tests.fuzz.bits import bits
 from tests.fuzz.calls import hostile, plausible
+from tests.fuzz.files import recordings, yaml_files
+from tests.fuzz.meshes import caches, models, repairs
 from tests.fuzz.runner import Kind, Outcome, run
 
-KINDS: dict[str, Kind] = {"plausible": plausible, "hostile": hostile, "bits": bits}
+KINDS: dict[str, Kind] = {
+    "plausible": plausible,
+    "hostile": hostile,
+    "bits": bits,
+    "yaml_files": yaml_files,
+    "recordings": recordings,
+    "repairs": repairs,
+    "models": models,
+    "caches": caches,
+}
 
 
 def main() -> int:

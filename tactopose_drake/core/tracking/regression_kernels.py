@@ -99,6 +99,9 @@ def regress_modes(
     """Moves poses X (B, 3, 4) to the minima of their priors with the contacts, regressed over the modes' own spreads.
 
     Args:
+        grid: of the object.
+        contacts: of the frame.
+        priors: of the modes.
         settings: `RegressionSettings`.
         X: where to start; the minima are written here.
         regression: `Regression`, written.
