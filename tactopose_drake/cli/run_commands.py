@@ -8,11 +8,11 @@ import click
 
 from tactopose_drake.cli.consoles import ERRORS, OUT
 from tactopose_drake.estimation.output_files import check_outputs, written_beside
-from tactopose_drake.runs.advance import Observer, Progress, RunView
 from tactopose_drake.runs.estimate_writer import EstimateWriter
 from tactopose_drake.runs.monitor import Monitor, estimate_line
 from tactopose_drake.runs.scenario_replay import replay as replay_recording
 from tactopose_drake.runs.scenario_run import run_scenario
+from tactopose_drake.runs.stepping import Observer, Progress, RunView
 from tactopose_drake.station.scenario import load_scenario, scenario_file
 
 _path = click.Path(path_type=Path)

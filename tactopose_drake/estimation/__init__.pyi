@@ -1,4 +1,4 @@
-from .direct import Direct as Direct
+from .direct_search import Direct as Direct
 from .estimate import GLOBAL_METHODS as GLOBAL_METHODS
 from .estimate import METHODS as METHODS
 from .estimate import estimate_pose as estimate_pose

@@ -14,7 +14,7 @@ from tactopose_drake.core.evidence.force_balance import ForceBalance
 from tactopose_drake.core.evidence.hand_clearance import HandClearance
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.identification.model_evidence import log_evidence
-from tactopose_drake.core.posterior.belief import BeliefSampling
+from tactopose_drake.core.posterior.belief_sampling import BeliefSampling
 from tactopose_drake.core.posterior.hypotheses import Modes, find_modes
 from tactopose_drake.core.posterior.plausibility import degrees_of_freedom, explain_touch
 from tactopose_drake.core.posterior.posterior import make_posterior
@@ -32,7 +32,7 @@ from tactopose_drake.core.shape.free_spin import turn_toward
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import instance_of, known_name, positive_number, whole_number
 from tactopose_drake.errors import InvalidInputError, TooFewContactsError
-from tactopose_drake.estimation.direct import Direct
+from tactopose_drake.estimation.direct_search import Direct
 from tactopose_drake.estimation.mathematical_program import PoseProgram
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.estimation.results import PoseEstimate, PoseHypothesis, status_of

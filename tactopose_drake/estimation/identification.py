@@ -16,9 +16,9 @@ from __future__ import annotations
 import functools
 import math
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor
-from typing import Literal, cast, get_args
+from typing import Any, Literal, cast, get_args
 
 import numpy as np
 
@@ -96,13 +96,9 @@ def identify(
     run = map if executor is None else executor.map
     names = [(known.name, _content(known)) for known in objects]
     order = sorted(range(len(objects)), key=names.__getitem__)  # Nothing depends on the order in which they came.
-    chosen = order
     if isinstance(models, ObjectLibrary) and len(objects) > candidates:
-        order = _by_falling(order, models.index.scores(evidence.touch)[order])
-        searched, rest = order[: _SEARCHED * candidates], order[_SEARCHED * candidates :]
-        approximate = functools.partial(_approximate_evidence, evidence=Sealed(evidence), seed=seed)
-        order = _by_falling(searched, run(approximate, [Sealed(objects[i]) for i in searched])) + rest
-        chosen = order[:candidates]
+        order = _by_likelihood(models, order, evidence, candidates, seed, run)
+    chosen = order[:candidates] if isinstance(models, ObjectLibrary) else order
     explain = functools.partial(_explain, evidence=Sealed(evidence), max_hypotheses=max_hypotheses, seed=seed)
     several = [objects[i] for i in chosen]
     check_units(evidence, max(_model(known).size for known in several))
@@ -115,6 +111,17 @@ def identify(
     ]
     status = _status(identities, len(evidence.touch))
     return Identification((*identities, *ruled_out), status, time.perf_counter() - started)
+
+
+def _by_likelihood(
+    library: ObjectLibrary, order: list[int], evidence: Evidence, candidates: int, seed: int, run: Callable[..., Any]
+) -> list[int]:
+    """The library's objects, the most likely first: by its index, and the first of those by approximate evidence."""
+    order = _by_falling(order, library.index.scores(evidence.touch)[order])
+    searched, rest = order[: _SEARCHED * candidates], order[_SEARCHED * candidates :]
+    approximate = functools.partial(_approximate_evidence, evidence=Sealed(evidence), seed=seed)
+    objects = library.objects
+    return _by_falling(searched, run(approximate, [Sealed(objects[i]) for i in searched])) + rest
 
 
 def check_likelihood(name: str, value: str) -> Likelihood:

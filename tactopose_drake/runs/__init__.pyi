@@ -1,6 +1,3 @@
-from .advance import Observer as Observer
-from .advance import Progress as Progress
-from .advance import RunView as RunView
 from .contact_truth import ContactTruth as ContactTruth
 from .contact_truth import PartContact as PartContact
 from .device_run import warm_up as warm_up
@@ -20,3 +17,6 @@ from .scenario_run import run_scenario as run_scenario
 from .simulated_devices import Loads as Loads
 from .simulated_devices import SimulatedRig as SimulatedRig
 from .simulated_devices import simulated_loads as simulated_loads
+from .stepping import Observer as Observer
+from .stepping import Progress as Progress
+from .stepping import RunView as RunView

@@ -14,12 +14,12 @@ from tactopose_drake.errors import UnknownNameError
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.hand.hand_config import load_hand_config, make_hand_plant
 from tactopose_drake.hand.joint_matrices import joint_matrix
-from tactopose_drake.runs.advance import Observer, Progress, RunView, advance
 from tactopose_drake.runs.known_signals import known_signals
 from tactopose_drake.runs.recording import Recording
 from tactopose_drake.runs.rehearsal import rehearse
 from tactopose_drake.runs.simulated_devices import SimulatedRig, loads_of_files, simulated_loads
 from tactopose_drake.runs.simulation import TRUE_POSE, sense_ports
+from tactopose_drake.runs.stepping import Observer, Progress, RunView, advance
 from tactopose_drake.station.can_devices import CanDevices, live_buses
 from tactopose_drake.station.hardware import HardwareStation, make_hardware_station
 from tactopose_drake.station.scenario import Scenario

@@ -10,7 +10,7 @@ from rich.live import Live
 from rich.table import Table
 
 from tactopose_drake.drivers.device import Device
-from tactopose_drake.runs.advance import RunView
+from tactopose_drake.runs.stepping import RunView
 
 _RATE_WINDOW = 1.0  # s, over which rates are counted
 _LINE_PERIOD = 1.0  # s of a run between two lines, where there is no terminal

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from tactopose_drake.runs.advance import RunView
 from tactopose_drake.runs.estimate_writer import estimates_now
+from tactopose_drake.runs.stepping import RunView
 
 _SAME = 1e-6  # m: another processor may round otherwise
 

@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import functools
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -10,15 +11,16 @@ import numpy as np
 from pydrake.systems.analysis import Simulator
 
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.errors import InvalidFileError, InvalidInputError
+from tactopose_drake.drivers.device_bus import DeviceBus
+from tactopose_drake.errors import EndOfLogError, InvalidFileError, InvalidInputError
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.hand.hand_config import load_hand_config
-from tactopose_drake.runs.advance import Observer, Progress, RunView, advance
 from tactopose_drake.runs.manifest import ESTIMATES, MANIFEST, SIGNALS, Manifest, load_manifest
 from tactopose_drake.runs.replay_comparison import ReplayComparison
 from tactopose_drake.runs.simulation import TRUE_POSE
+from tactopose_drake.runs.stepping import Observer, Progress, RunView, advance
 from tactopose_drake.station.can_devices import CanDevices, logged_buses
-from tactopose_drake.station.hardware import make_hardware_station
+from tactopose_drake.station.hardware import HardwareStation, make_hardware_station
 from tactopose_drake.station.scenario import Scenario
 from tactopose_drake.station.senses import CanSenses, JointPort
 from tactopose_drake.systems.signals import Signal, read_signals
@@ -87,24 +89,18 @@ def replay(
         devices = _logged_devices(folder, manifest)
         if devices is not None and devices.hand is not None:
             signals.pop("joint_positions", None)  # They are in the log.
-        try:
-            station = make_hardware_station(scenario, devices, signals, model=model)
-        except InvalidInputError as error:  # The scenario is valid by itself.
-            raise InvalidFileError(f"{folder}: {error}") from None
+        simulator = Simulator(_make_station(folder, scenario, devices, signals, model).diagram)
         if devices is not None:
             parts.enter_context(devices)
             _check_start(manifest.start, devices, folder)
             devices.start(manifest.start)
-        simulator = Simulator(station.diagram)
         if paced:
             simulator.set_target_realtime_rate(1.0)
         simulator.Initialize()
         tell("playing")
         until = min(math.inf if duration is None else duration, last if cut or devices is None else math.inf)
         buses = [] if devices is None else list(devices.buses.values())
-
-        def at_end() -> bool:
-            return bool(buses) and all(bus.log_end is not None for bus in buses)
+        at_end = functools.partial(_have_ended, buses)
 
         def compare_and_show(view: RunView) -> None:
             # What comes after the end of a log is not compared.
@@ -114,10 +110,33 @@ def replay(
 
         with contextlib.suppress(KeyboardInterrupt):
             advance(simulator, devices, scenario.estimation.estimator.period, until, compare_and_show, at_end)
-        ends = [bus.log_end for bus in buses if bus.log_end is not None]
-        texts = (*(str(end) for end in ends), *([cut] if cut else []))
-        view = RunView(station.diagram, simulator.get_context())
-        return Replay(view, texts, not cut and all(end.whole for end in ends), comparison.difference)
+        view = RunView(simulator.get_system(), simulator.get_context())
+        return _replay(view, [bus.log_end for bus in buses if bus.log_end is not None], cut, comparison.difference)
+
+
+def _replay(view: RunView, ends: list[EndOfLogError], cut: str, difference: str) -> Replay:
+    """What came of a replay whose logs ended so, and whose signals are cut off, if there is a text about it."""
+    texts = (*(str(end) for end in ends), *([cut] if cut else []))
+    return Replay(view, texts, not cut and all(end.whole for end in ends), difference)
+
+
+def _have_ended(buses: list[DeviceBus]) -> bool:
+    """Whether all logs are at their end; without a log nothing ends."""
+    return bool(buses) and all(bus.log_end is not None for bus in buses)
+
+
+def _make_station(
+    folder: Path, scenario: Scenario, devices: CanDevices | None, signals: Mapping[str, Signal], model: ObjectModel
+) -> HardwareStation:
+    """The station that a recording is played to.
+
+    Raises:
+        InvalidFileError: if the recording's signals do not fit the scenario, which is valid by itself.
+    """
+    try:
+        return make_hardware_station(scenario, devices, signals, model=model)
+    except InvalidInputError as error:
+        raise InvalidFileError(f"{folder}: {error}") from None
 
 
 def _as_recorded(scenario: Scenario, manifest: Manifest) -> Scenario:

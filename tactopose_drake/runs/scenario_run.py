@@ -7,11 +7,11 @@ from pathlib import Path
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import InvalidInputError
-from tactopose_drake.runs.advance import Observer, Progress, RunView, advance
 from tactopose_drake.runs.device_run import check_devices, run_devices
 from tactopose_drake.runs.recording import Recording
 from tactopose_drake.runs.scenario_replay import replay
 from tactopose_drake.runs.simulation import start_simulation
+from tactopose_drake.runs.stepping import Observer, Progress, RunView, advance
 from tactopose_drake.station.scenario import Scenario
 from tactopose_drake.station.senses import CanSenses, RecordedSenses, SimulatedDevices
 from tactopose_drake.station.simulated import check_bodies, make_station

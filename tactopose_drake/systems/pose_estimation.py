@@ -8,7 +8,7 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.hand.collision import HandCollision
 from tactopose_drake.hand.hand_config import HandConfig
 from tactopose_drake.systems.pose_estimator import PoseEstimator, PoseEstimatorParams
-from tactopose_drake.systems.touch import TouchParams, add_touch
+from tactopose_drake.systems.touch_sensing import TouchParams, add_touch
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)

@@ -10,7 +10,7 @@ from tactopose_drake.systems.belief_inputs import pad_source
 from tactopose_drake.systems.fingertip_velocities import FingertipVelocities
 from tactopose_drake.systems.live_pose_belief_estimator import LivePoseBeliefEstimator
 from tactopose_drake.systems.pose_belief_estimator import PoseBeliefEstimator, PoseBeliefParams
-from tactopose_drake.systems.touch import TouchParams, add_touch
+from tactopose_drake.systems.touch_sensing import TouchParams, add_touch
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)

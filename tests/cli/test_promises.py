@@ -16,7 +16,7 @@ from tactopose_drake.cli.demo_run import DemoResult, GraspFailedError
 from tactopose_drake.errors import InvalidFileError
 from tactopose_drake.estimation.output_files import check_outputs, written_beside
 from tactopose_drake.resources import model_path
-from tactopose_drake.runs.advance import RunView
+from tactopose_drake.runs.stepping import RunView
 from tests.cli.test_cli import run
 
 START = "from tactopose_drake.cli.entry import start; print('begin', flush=True); start()"

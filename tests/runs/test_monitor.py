@@ -7,8 +7,8 @@ from rich.console import Console
 
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.drivers.simulation import faults
-from tactopose_drake.runs.advance import RunView
 from tactopose_drake.runs.monitor import Monitor, monitor_table
+from tactopose_drake.runs.stepping import RunView
 from tests.runs.stations import Running, fingers_running, pads_running
 
 

@@ -15,10 +15,10 @@ from tactopose_drake.core.poses import quaternion_from_matrix
 from tactopose_drake.errors import BusError, DeviceTimeoutError, InvalidFileError, InvalidInputError
 from tactopose_drake.hand.fingertip_weights import FingertipWeights
 from tactopose_drake.hand.hand_config import load_hand_config, make_hand_plant
-from tactopose_drake.runs.advance import RunView
 from tactopose_drake.runs.manifest import load_manifest
 from tactopose_drake.runs.scenario_replay import replay
 from tactopose_drake.runs.scenario_run import run_scenario
+from tactopose_drake.runs.stepping import RunView
 from tactopose_drake.station.scenario import load_scenario
 from tactopose_drake.systems.signals import read_signals
 from tests import held_cube

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tactopose_drake.core.compiled import Floats2, Ints1, Longs1, OutFloats1, OutLongs1, UnsignedShorts1, kernel
+from tactopose_drake.core.compilation import Floats2, Ints1, Longs1, OutFloats1, OutLongs1, UnsignedShorts1, kernel
 from tactopose_drake.core.shape.pair_feature_kernels import fill_feature
 
 DISTANCE = 0.004  # A bin's width, m.

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactopose_drake.core.compiled import Floats1, OutFloats1, OutFloats2, Singles4, inlined, kernel
+from tactopose_drake.core.compilation import Floats1, OutFloats1, OutFloats2, Singles4, inlined, kernel
 from tactopose_drake.core.kernels.pose_kernels import to_object
 from tactopose_drake.core.kernels.prefetch import prefetch
 

@@ -5,7 +5,7 @@ Source: [GV] G. Golub and C. Van Loan, Matrix Computations, 4th ed., 2013, secti
 
 import numpy as np
 
-from tactopose_drake.core.compiled import Floats3, OutFloats1, OutFloats2, OutFloats3, inlined, kernel
+from tactopose_drake.core.compilation import Floats3, OutFloats1, OutFloats2, OutFloats3, inlined, kernel
 from tactopose_drake.core.validation import FloatArray
 
 _MOST_SWEEPS = 30  # Six or seven are enough for any matrix of six rows.

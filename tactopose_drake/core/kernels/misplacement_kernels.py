@@ -5,9 +5,9 @@
 
 import numpy as np
 
-from tactopose_drake.core.compiled import Floats2, OutFloats1, OutFloats2, inlined, kernel
+from tactopose_drake.core.compilation import Floats2, OutFloats1, OutFloats2, inlined, kernel
 from tactopose_drake.core.kernels.grid_kernels import Grid
-from tactopose_drake.core.kernels.pad_kernels import Cells, Pad, Pads, Run, enter, look, misplace
+from tactopose_drake.core.kernels.pad_kernels import Cells, Pad, Pads, Run, enter, misplace, weigh_cells
 
 # Where the local model of a pad's cost promises less than this, it is taken at its word. That takes two steps or three;
 # at creases it may take many, which are not worth their time.
@@ -35,7 +35,7 @@ def settle(
     cost, damping, rejected = np.inf, 0.0, False
     for tried in range(_MOST_STEPS + 1):
         misplace(trial, sigmas, run, cells, pad)
-        look(grid, traits, run, cells, pad)
+        weigh_cells(grid, traits, run, cells, pad)
         there = 0.0
         for i in range(run[0], run[1]):
             there += cells.residual[i] ** 2
@@ -67,7 +67,7 @@ def settle(
             break
     if rejected:
         misplace(u, sigmas, run, cells, pad)
-        look(grid, traits, run, cells, pad)
+        weigh_cells(grid, traits, run, cells, pad)
     return cost
 
 

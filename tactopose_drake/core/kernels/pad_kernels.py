@@ -14,7 +14,7 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from tactopose_drake.core.compiled import (
+from tactopose_drake.core.compilation import (
     Floats1,
     Floats2,
     OutFloats1,
@@ -141,7 +141,7 @@ def misplace(u: Floats1, sigmas: tuple[float, float], run: Run, cells: Cells, pa
 
 
 @kernel
-def look(grid: Grid, traits: Floats2, run: Run, cells: Cells, pad: Pad) -> None:
+def weigh_cells(grid: Grid, traits: Floats2, run: Run, cells: Cells, pad: Pad) -> None:
     """The cells' weights at their places, the residuals, and the slopes of these.
 
     A cell that feels nothing does not count before it has come as far as it was clear of the object.
@@ -186,7 +186,7 @@ def look(grid: Grid, traits: Floats2, run: Run, cells: Cells, pad: Pad) -> None:
 
 
 @kernel
-def look_along(grid: Grid, run: Run, cells: Cells) -> None:
+def find_normals(grid: Grid, run: Run, cells: Cells) -> None:
     """The normals at the places."""
     values, origin, inverse_spacing = grid
     flat = values.reshape(-1)

@@ -5,10 +5,10 @@ Each pad is misplaced as `misplacement_kernels.py` finds it. `grid`, `pads` and 
 
 import numpy as np
 
-from tactopose_drake.core.compiled import Floats3, OutFloats1, OutFloats2, OutFloats3, kernel
+from tactopose_drake.core.compilation import Floats3, OutFloats1, OutFloats2, OutFloats3, kernel
 from tactopose_drake.core.kernels.grid_kernels import Grid
 from tactopose_drake.core.kernels.misplacement_kernels import couple, make_rows, settle, solve
-from tactopose_drake.core.kernels.pad_kernels import Pads, look_along, scratch
+from tactopose_drake.core.kernels.pad_kernels import Pads, find_normals, scratch
 from tactopose_drake.core.kernels.pose_kernels import turn_translations
 
 
@@ -100,7 +100,7 @@ def patch_normal_equations(
                 for a in range(6):
                     g[c] -= C[a, c] * rest[a]
             # What the misplacement takes up is not known of the pose: the Schur complement.
-            look_along(grid, run, cells)
+            find_normals(grid, run, cells)
             make_rows(cells.normals, sigmas, run, cells)
             couple(run, cells, C, pad.L)
             for i in range(run[0], run[1]):

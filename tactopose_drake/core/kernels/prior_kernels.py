@@ -7,7 +7,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactopose_drake.core.compiled import Floats1, Floats2, Floats3, OutFloats1, OutFloats2, OutFloats3, inlined, kernel
+from tactopose_drake.core.compilation import (
+    Floats1,
+    Floats2,
+    Floats3,
+    OutFloats1,
+    OutFloats2,
+    OutFloats3,
+    inlined,
+    kernel,
+)
 from tactopose_drake.core.kernels.pose_kernels import increment_between
 
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactopose_drake.core.compiled import (
+from tactopose_drake.core.compilation import (
     Floats1,
     Floats2,
     Floats3,

@@ -1,6 +1,6 @@
 from .cell_distance import CellDistance as CellDistance
 from .covariance_matching import CovarianceMatching as CovarianceMatching
-from .differenced import DifferencedObjective as DifferencedObjective
+from .finite_differences import DifferencedObjective as DifferencedObjective
 from .friction_cone import FrictionCone as FrictionCone
 from .nearest_point_contact import NearestPointContact as NearestPointContact
 from .objective import LeastSquaresObjective as LeastSquaresObjective

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tactopose_drake.core.objectives.cell_distance_kernels import pad_costs
-from tactopose_drake.core.objectives.differenced import DifferencedObjective
+from tactopose_drake.core.objectives.finite_differences import DifferencedObjective
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.point_grid import PointGrid
 from tactopose_drake.core.validation import FloatArray

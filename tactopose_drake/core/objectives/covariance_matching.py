@@ -8,9 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tactopose_drake.core.compiled import read_only
+from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.objectives.covariance_kernels import Pads, pad_costs
-from tactopose_drake.core.objectives.differenced import DifferencedObjective
+from tactopose_drake.core.objectives.finite_differences import DifferencedObjective
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.sensing.sensing_range import sensing_box
 from tactopose_drake.core.shape.point_grid import PointGrid

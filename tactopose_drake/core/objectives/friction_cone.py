@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from tactopose_drake.core.compiled import read_only
+from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.kernels import evidence_kernels
 from tactopose_drake.core.objectives.objective import LeastSquaresObjective, NormalEquations, form_normal_equations

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tactopose_drake.core.compiled import read_only
+from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.kernels import patch_kernels
 from tactopose_drake.core.kernels.pad_kernels import Pads

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tactopose_drake.core.compiled import read_only
+from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.kernels import evidence_kernels
 from tactopose_drake.core.objectives.objective import LeastSquaresObjective, NormalEquations

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.objectives.differenced import DifferencedObjective
+from tactopose_drake.core.objectives.finite_differences import DifferencedObjective
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
 

@@ -5,12 +5,12 @@ from collections.abc import Callable
 
 import numpy as np
 
-from tactopose_drake.core.compiled import read_only
+from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.kernels import surface_contact_kernels
+from tactopose_drake.core.kernels.descent_kernels import DescentRule, Ends, descend
 from tactopose_drake.core.kernels.prior_kernels import Prior
 from tactopose_drake.core.kernels.surface_contact_kernels import Touch
-from tactopose_drake.core.kernels.touch_kernels import DescentRule, Ends, descend
 from tactopose_drake.core.objectives.objective import (
     Descent,
     LeastSquaresObjective,

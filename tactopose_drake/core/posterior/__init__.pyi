@@ -1,4 +1,4 @@
-from .belief import BeliefSampling as BeliefSampling
+from .belief_sampling import BeliefSampling as BeliefSampling
 from .cramer_rao import cramer_rao_bound as cramer_rao_bound
 from .hypotheses import Modes as Modes
 from .hypotheses import determined_part as determined_part

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tactopose_drake.core.compiled import Floats3, Longs1, OutFloats1, OutFloats2, OutFloats3, inlined, kernel
+from tactopose_drake.core.compilation import Floats3, Longs1, OutFloats1, OutFloats2, OutFloats3, inlined, kernel
 from tactopose_drake.core.kernels.matrix_kernels import cholesky, invert
 from tactopose_drake.core.kernels.pose_kernels import compose_one, increment_between
 
@@ -19,7 +19,7 @@ def join(
     symmetries: Floats3,
     mass: OutFloats1,
     spread: OutFloats3,
-    worth: OutFloats1,
+    effective_samples: OutFloats1,
     first: OutFloats2,
     second: OutFloats3,
 ) -> None:
@@ -62,7 +62,7 @@ def join(
             first[into] += p * d
             second[into] = (1.0 - p) * second[into] + p * products
             spread[into] = (1.0 - p) * spread[into] + p * (J @ spread[j] @ J.T) + p * (1.0 - p) * np.outer(d, d)
-            worth[into] = 1.0 / ((1.0 - p) ** 2 / worth[into] + p**2 / worth[j])
+            effective_samples[into] = 1.0 / ((1.0 - p) ** 2 / effective_samples[into] + p**2 / effective_samples[j])
             mass[into] += mass[j]
             mass[j] = 0.0
 

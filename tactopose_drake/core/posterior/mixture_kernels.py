@@ -10,7 +10,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactopose_drake.core.compiled import Floats1, Floats2, Floats3, Longs1, OutFloats1, OutFloats2, OutFloats3, kernel
+from tactopose_drake.core.compilation import (
+    Floats1,
+    Floats2,
+    Floats3,
+    Longs1,
+    OutFloats1,
+    OutFloats2,
+    OutFloats3,
+    kernel,
+)
 from tactopose_drake.core.kernels import pose_kernels
 from tactopose_drake.core.kernels.matrix_kernels import cholesky, invert, solve_transposed
 

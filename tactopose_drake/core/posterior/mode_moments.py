@@ -1,4 +1,4 @@
-"""What weighted samples say of each mode: how much they are worth, where its middle is, and how far it spreads.
+"""What weighted samples say of each mode: their effective sample size, its middle, and how far it spreads.
 
 A mode's pose is its samples' mean: no other is off by less on average, and a skew mode's minimum lies at one of its
 ends. But the mean of a bent mode lies beside it, so the pose goes toward the mean only as far as it explains the touch.
@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tactopose_drake.core.objectives.objective import Objective
-from tactopose_drake.core.posterior import belief_kernels
+from tactopose_drake.core.posterior import sampling_weight_kernels
 from tactopose_drake.core.validation import FloatArray
 
 # The squared length of a mean of chance, in its standard deviations, is below this in 95 % (chi-square, 6 dimensions).
@@ -25,12 +25,12 @@ class Moments(NamedTuple):
     """Of weighted samples, for each of g groups.
 
     Attributes:
-        worth: how many equally weighted ones they are worth, shape (g,).
+        effective_samples: their effective sample size, shape (g,).
         first: mean of the increments from the group's pose, shape (g, 6).
         second: mean product of those increments, shape (g, 6, 6).
     """
 
-    worth: FloatArray
+    effective_samples: FloatArray
     first: FloatArray
     second: FloatArray
 
@@ -38,7 +38,7 @@ class Moments(NamedTuple):
 def weigh_moments(X_group: FloatArray, X_PO: FloatArray, weights: FloatArray) -> Moments:
     """The moments of samples X_PO (B, 3, 4) by their weights (B, g) about the groups' poses (g, 3, 4)."""
     moments = Moments(np.empty(len(X_group)), np.zeros((len(X_group), 6)), np.zeros((len(X_group), 6, 6)))
-    belief_kernels.add_moments(X_group, X_PO, weights, *moments)
+    sampling_weight_kernels.add_moments(X_group, X_PO, weights, *moments)
     return moments
 
 
@@ -55,7 +55,7 @@ def toward_the_mean(
     """
     g, mean = len(X_PO), moments.first
     shares, tried = np.empty((g, len(_WAY))), np.empty((g, len(_WAY), 3, 4))
-    belief_kernels.try_shares(X_PO, laplace, mean, moments.worth, _WAY, _CHANCE, shares, tried)
+    sampling_weight_kernels.try_shares(X_PO, laplace, mean, moments.effective_samples, _WAY, _CHANCE, shares, tried)
     costs = objective.cost(tried.reshape(-1, 3, 4)).reshape(g, len(_WAY))
     costs[:, -1] = cost
     chosen = np.arange(g), (costs <= cost[:, None] + _AS_GOOD).argmax(axis=1)

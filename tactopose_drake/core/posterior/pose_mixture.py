@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tactopose_drake.core.compiled import read_only
+from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.posterior import mixture_kernels
 from tactopose_drake.core.posterior.mixture_kernels import FREEDOM
 from tactopose_drake.core.validation import FloatArray

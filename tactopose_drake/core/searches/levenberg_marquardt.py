@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from tactopose_drake.core.kernels import least_squares_kernels
-from tactopose_drake.core.kernels.touch_kernels import DescentRule
+from tactopose_drake.core.kernels.descent_kernels import DescentRule
 from tactopose_drake.core.objectives.objective import (
     Descent,
     LeastSquaresObjective,

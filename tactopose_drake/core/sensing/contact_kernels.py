@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactopose_drake.core.compiled import Floats1, Floats2, OutFloats1, OutFloats2, OutLongs1, Triple, kernel
+from tactopose_drake.core.compilation import Floats1, Floats2, OutFloats1, OutFloats2, OutLongs1, Triple, kernel
 from tactopose_drake.core.sensing.closed_form_kernels import EDGE, closed_form, facing_point, rod_contact
-from tactopose_drake.core.sensing.newton_kernels import MAX_ITERATIONS, Line, Work, linearize, newton
+from tactopose_drake.core.sensing.contact_newton_kernels import MAX_ITERATIONS, Line, Work, linearize, newton
 from tactopose_drake.core.surfaces.surface_kernels import ROD, SMOOTH, project
 
 VALID, NOT_FINITE, TOO_WEAK, MISSES, TENSION, OUTSIDE, FRICTION, TORQUE, LAYER = range(9)
@@ -94,18 +94,7 @@ def _solve(
     line = Line(m, f, compliance)
     count = _locate(kind, shape, line, conditions.iterate, points, work)
     if count < 0 or not _admissible(shape, q):
-        push = 0.0
-        if count >= 0:
-            linearize(kind, shape, line, q, work.g, work.H, work.here)
-            push = -work.here[6]
-        # A pull is a push of the opposite wrench. Off the edge both may explain this one: the pull is named if it needs
-        # far less friction. On a closed surface there is always a push.
-        pull_m, pull_f = (-m[0], -m[1], -m[2]), (-f[0], -f[1], -f[2])
-        if kind == ROD and rod_contact(shape, pull_m, pull_f, q) and _admissible(shape, q):
-            linearize(kind, shape, Line(pull_m, pull_f, 0.0), q, work.g, work.H, work.here)
-            if -work.here[6] > 2.0 * push:
-                return TENSION
-        return OUTSIDE if count >= 0 else MISSES
+        return _why_none(kind, shape, line, count, q, work)
     linearize(kind, shape, line, q, work.g, work.H, work.here)
     state = work.here
     fn, torque = state[6], state[7]
@@ -133,6 +122,26 @@ def _solve(
     out[16] = depth
     out[17] = count
     return VALID
+
+
+@kernel
+def _why_none(kind: int, shape: Floats1, line: Line, count: int, q: OutFloats1, work: Work) -> int:
+    """The code of a line of action that has no contact which pushes (a count below 0), or one beyond the surface's end.
+
+    A pull is a push of the opposite wrench. Off the edge both may explain this one: the pull is named if it needs far
+    less friction. On a closed surface there is always a push.
+    """
+    push = 0.0
+    if count >= 0:
+        linearize(kind, shape, line, q, work.g, work.H, work.here)
+        push = -work.here[6]
+    m, f = line.m, line.f
+    pull_m, pull_f = (-m[0], -m[1], -m[2]), (-f[0], -f[1], -f[2])
+    if kind == ROD and rod_contact(shape, pull_m, pull_f, q) and _admissible(shape, q):
+        linearize(kind, shape, Line(pull_m, pull_f, 0.0), q, work.g, work.H, work.here)
+        if -work.here[6] > 2.0 * push:
+            return TENSION
+    return OUTSIDE if count >= 0 else MISSES
 
 
 @kernel

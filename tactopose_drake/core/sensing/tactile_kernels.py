@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tactopose_drake.core.compiled import Floats1, Floats2, Floats3, Longs1, OutFloats1, OutFloats2, kernel
+from tactopose_drake.core.compilation import Floats1, Floats2, Floats3, Longs1, OutFloats1, OutFloats2, kernel
 
 
 @kernel

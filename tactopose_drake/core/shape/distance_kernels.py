@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tactopose_drake.core.compiled import (
+from tactopose_drake.core.compilation import (
     Floats1,
     Floats2,
     Ints3,

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
-from tactopose_drake.core.compiled import read_only
+from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.shape.point_grid_kernels import Cloud, nearest_squares
 from tactopose_drake.core.validation import FloatArray, finite_array
 from tactopose_drake.errors import InvalidInputError

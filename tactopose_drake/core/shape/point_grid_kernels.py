@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactopose_drake.core.compiled import Floats1, Floats2, Ints1, Ints3, OutFloats1, inlined, kernel
+from tactopose_drake.core.compilation import Floats1, Floats2, Ints1, Ints3, OutFloats1, inlined, kernel
 
 
 class Cloud(NamedTuple):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tactopose_drake.core.compiled import read_only
+from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.kernels.grid_kernels import Grid
 from tactopose_drake.core.mesh import bodies as mesh_bodies
 from tactopose_drake.core.mesh.winding_kernels import winding_numbers

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tactopose_drake.core.compiled import read_only
+from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.shape.surface_samples import points_along_surface
 from tactopose_drake.core.shape.surfel_kernels import BLOCK, Discs, Measurements, densities
 from tactopose_drake.core.validation import FloatArray

@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from tactopose_drake.core.compiled import Floats1, Floats2, OutFloats1, OutFloats2, OutFloats3, kernel
+from tactopose_drake.core.compilation import Floats1, Floats2, OutFloats1, OutFloats2, OutFloats3, kernel
 
 SMOOTH, ROD = 0, 1
 

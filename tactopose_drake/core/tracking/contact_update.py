@@ -30,15 +30,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactopose_drake.core.compiled import read_only
+from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.kernels.joint_state_kernels import ContactArrays, ModePriors
+from tactopose_drake.core.kernels.refinement_kernels import refine_modes
+from tactopose_drake.core.kernels.regression_kernels import Regression, regress_modes
+from tactopose_drake.core.kernels.sigma_point_kernels import RegressionSettings
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.frame import ContactReading
 from tactopose_drake.core.tracking.gaussian_mixture import GaussianMixture
-from tactopose_drake.core.tracking.joint_state_kernels import ContactArrays, ModePriors
-from tactopose_drake.core.tracking.refinement_kernels import refine_modes
-from tactopose_drake.core.tracking.regression_kernels import Regression, regress_modes
-from tactopose_drake.core.tracking.sigma_point_kernels import RegressionSettings
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tactopose_drake.core.validation import FloatArray
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactopose_drake.core.compiled import read_only
+from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.kernels import prior_kernels
 from tactopose_drake.core.poses import compose
 from tactopose_drake.core.tracking.tracker_params import MixtureParams

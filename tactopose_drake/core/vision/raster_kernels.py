@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tactopose_drake.core.compiled import Floats1, Floats2, Ints2, Singles2, Singles3, kernel
+from tactopose_drake.core.compilation import Floats1, Floats2, Ints2, Singles2, Singles3, kernel
 
 # Directions towards the lights in the camera's frame (right, down, forward), and their strengths.
 _KEY_LIGHT, _KEY = (-0.45, -0.65, -0.61), 0.62

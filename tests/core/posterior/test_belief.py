@@ -5,7 +5,7 @@ import pytest
 
 from tactopose_drake.core.objectives.objective import NormalEquations, form_normal_equations
 from tactopose_drake.core.poses import exp_so3, increments_between, make_poses, retract
-from tactopose_drake.core.posterior.belief import BeliefSampling
+from tactopose_drake.core.posterior.belief_sampling import BeliefSampling
 from tactopose_drake.core.posterior.hypotheses import Modes
 from tactopose_drake.core.posterior.mode_moments import toward_the_mean, weigh_moments
 from tactopose_drake.core.posterior.posterior import Posterior
@@ -190,7 +190,7 @@ def test_where_no_sample_counts_the_modes_stay_as_they_were() -> None:
 def test_the_worth_of_samples_is_their_number_where_they_weigh_the_same() -> None:
     X_PO = retract(pose(), np.random.default_rng(0).normal(size=(50, 6)) * SIGMAS)
     moments = weigh_moments(pose()[None], X_PO, np.full((50, 1), 0.3))
-    assert moments.worth[0] == pytest.approx(50.0)
+    assert moments.effective_samples[0] == pytest.approx(50.0)
     u = increments_between(pose(), X_PO)
     np.testing.assert_allclose(moments.first[0], u.mean(axis=0), rtol=1e-9)
     np.testing.assert_allclose(moments.second[0], u.T @ u / 50, rtol=1e-9)

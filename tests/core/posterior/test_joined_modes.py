@@ -14,9 +14,9 @@ X_PO = make_poses(exp_so3(np.array([0.4, -1.0, 2.0])), np.array([0.1, 0.0, -0.2]
 HALF_TURN = np.array([[-1.0, 0.0, 0.0, 0.08], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, -1.0, -0.06]])
 
 
-def centred(covariance: FloatArray, worth: float = 50.0) -> Moments:
+def centred(covariance: FloatArray, effective_samples: float = 50.0) -> Moments:
     """Moments of modes with these covariances about their poses."""
-    return Moments(np.full(len(covariance), worth), np.zeros((len(covariance), 6)), covariance.copy())
+    return Moments(np.full(len(covariance), effective_samples), np.zeros((len(covariance), 6)), covariance.copy())
 
 
 def beside(*lengths: float) -> FloatArray:
@@ -61,7 +61,7 @@ def test_the_joint_moments_are_those_of_the_samples_together() -> None:
     np.testing.assert_allclose(mass, [1.0, 0.0])
     np.testing.assert_allclose(joint.first[0] / SIGMAS, together.first[0] / SIGMAS, atol=0.02)
     np.testing.assert_allclose(joint.second[0] / SCALE, together.second[0] / SCALE, atol=0.05)
-    assert joint.worth[0] == pytest.approx(together.worth[0])
+    assert joint.effective_samples[0] == pytest.approx(together.effective_samples[0])
 
 
 def test_a_little_mode_in_a_wide_one_joins_it_and_a_wide_one_keeps_off_a_narrow_one() -> None:

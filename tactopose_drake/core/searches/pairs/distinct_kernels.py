@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tactopose_drake.core.compiled import Floats3, OutFlags1, kernel
+from tactopose_drake.core.compilation import Floats3, OutFlags1, kernel
 
 
 @kernel

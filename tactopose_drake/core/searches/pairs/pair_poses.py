@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tactopose_drake.core.compiled import read_only
+from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.searches.pairs.pair_pose_kernels import Field, Images, Matched, Samples, keep_best
 from tactopose_drake.core.shape.coarse_field import CoarseField
 from tactopose_drake.core.shape.pair_features import PairFeatures

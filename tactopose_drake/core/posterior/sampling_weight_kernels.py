@@ -3,16 +3,16 @@ and `mode_moments.py`.
 
 With the exact posterior exp(-c) and the groups' densities q_g that add up to the mixture's q = sum_g q_g, a sample x
 of N weighs w = exp(-c(x)) / (N q(x)), of which w q_g(x) / q(x) belongs to group g [OZ00]. For increments u from the
-group's pose the moments are sum w u / sum w and sum w u u^T / sum w; the weights are worth (sum w)^2 / sum w^2 equal
-ones.
+group's pose the moments are sum w u / sum w and sum w u u^T / sum w; the effective sample size is
+(sum w)^2 / sum w^2.
 
-Of a mean m, of n samples' worth, of increments with the covariance S, the share max(0, 1 - chance / (n m^T S^-1 m)) is
-not by chance [JS61].
+Of a mean m of increments with the covariance S, over an effective sample size n, the share
+max(0, 1 - chance / (n m^T S^-1 m)) is not by chance [JS61].
 """
 
 import numpy as np
 
-from tactopose_drake.core.compiled import (
+from tactopose_drake.core.compilation import (
     Floats1,
     Floats2,
     Floats3,
@@ -43,7 +43,7 @@ def try_shares(
     X: Floats3,
     laplace: Floats3,
     mean: Floats2,
-    worth: Floats1,
+    effective_samples: Floats1,
     way: Floats1,
     chance: float,
     shares: OutFloats2,
@@ -58,7 +58,7 @@ def try_shares(
         for i in range(6):
             for k in range(6):
                 square += mean[j, i] * information[i, k] * mean[j, k]
-        certain = max(0.0, 1.0 - chance / max(worth[j] * square, chance))
+        certain = max(0.0, 1.0 - chance / max(effective_samples[j] * square, chance))
         for t in range(way.shape[0]):
             shares[j, t] = certain * way[t]
             for i in range(6):
@@ -90,7 +90,7 @@ def step_down(
 
 @kernel
 def add_moments(
-    X_group: Floats3, X: Floats3, weights: Floats2, worth: OutFloats1, first: OutFloats2, second: OutFloats3
+    X_group: Floats3, X: Floats3, weights: Floats2, effective_samples: OutFloats1, first: OutFloats2, second: OutFloats3
 ) -> None:
     """Fills `mode_moments.Moments`, of which the second and third are zero on entry, from weights (B, g)."""
     u = np.empty(6)
@@ -99,7 +99,7 @@ def add_moments(
         for b in range(X.shape[0]):
             mass += weights[b, g]
             squares += weights[b, g] ** 2
-        worth[g] = mass * mass / squares if squares > 0.0 else 0.0
+        effective_samples[g] = mass * mass / squares if squares > 0.0 else 0.0
         for b in range(X.shape[0]):
             if weights[b, g] > 1e-12 * mass:
                 share = weights[b, g] / mass

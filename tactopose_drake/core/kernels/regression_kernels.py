@@ -20,10 +20,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactopose_drake.core.compiled import Floats1, Floats2, OutFloats1, OutFloats2, OutFloats3, kernel
+from tactopose_drake.core.compilation import Floats1, Floats2, OutFloats1, OutFloats2, OutFloats3, kernel
 from tactopose_drake.core.kernels import least_squares_kernels, pose_kernels
 from tactopose_drake.core.kernels.grid_kernels import Grid
-from tactopose_drake.core.tracking.joint_state_kernels import (
+from tactopose_drake.core.kernels.joint_state_kernels import (
     ContactArrays,
     ModePriors,
     PriorRows,
@@ -32,7 +32,7 @@ from tactopose_drake.core.tracking.joint_state_kernels import (
     make_prior_rows,
     transport_information,
 )
-from tactopose_drake.core.tracking.sigma_point_kernels import (
+from tactopose_drake.core.kernels.sigma_point_kernels import (
     SPREAD,
     RegressionSettings,
     SigmaPoints,

@@ -8,7 +8,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactopose_drake.core.compiled import Floats1, Floats2, Floats3, Longs1, OutFloats1, OutFloats2, OutFloats3, kernel
+from tactopose_drake.core.compilation import (
+    Floats1,
+    Floats2,
+    Floats3,
+    Longs1,
+    OutFloats1,
+    OutFloats2,
+    OutFloats3,
+    kernel,
+)
 from tactopose_drake.core.kernels import prior_kernels
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactopose_drake.core.kernels.matrix_kernels import inverses
-from tactopose_drake.core.posterior import belief_kernels
+from tactopose_drake.core.posterior import sampling_weight_kernels
 from tactopose_drake.core.posterior.hypotheses import Modes, free_directions
 from tactopose_drake.core.posterior.joined_modes import join_overlapping
 from tactopose_drake.core.posterior.mode_moments import Moments, toward_the_mean, weigh_moments
@@ -25,9 +25,9 @@ from tactopose_drake.core.posterior.posterior import Posterior
 from tactopose_drake.core.validation import FloatArray
 
 # Modes that hold less than this share of the mass by Laplace's approximation are taken at its word.
-_WORTH_SAMPLING = 1e-4
+_LEAST_SAMPLED_SHARE = 1e-4
 # Modes that hold less than this share of the best one's are not weighed again either.
-_WORTH_A_LOOK = 1e-7
+_LEAST_WEIGHED_SHARE = 1e-7
 # Tiles are laid out over Laplace's Gaussian, so much wider: a valley may have long ends, and bumps along its floor.
 _WIDER = 2.0
 # Tiles reach over so much of that way.
@@ -56,14 +56,14 @@ class BeliefSampling:
 
     def weigh(self, modes: Modes, posterior: Posterior, generator: np.random.Generator) -> Modes:
         """The modes with the mass and covariance that samples of the exact posterior give them."""
-        close = np.flatnonzero(modes.probability > _WORTH_A_LOOK * modes.probability.max())
+        close = np.flatnonzero(modes.probability > _LEAST_WEIGHED_SHARE * modes.probability.max())
         X_close = modes.X_PO[close]
         information = inverses(modes.covariance[close])[0] + posterior.gauge
         least = np.minimum(posterior.exact_cost(X_close), modes.cost[close])
         laplace = -least - 0.5 * across_turns(information, posterior.turn_directions(X_close))[1]
         share = np.exp(laplace - laplace.max())
         share /= share.sum()
-        worthy = np.flatnonzero(share > _WORTH_SAMPLING)
+        worthy = np.flatnonzero(share > _LEAST_SAMPLED_SHARE)
         sampled = close[worthy]
 
         mixture = self._cover(modes.X_PO[sampled], share[worthy], information[worthy], posterior, generator)
@@ -72,10 +72,10 @@ class BeliefSampling:
         weights = np.empty_like(densities)
         cost = posterior.exact_cost(X_PO)
         lowest = min(float(least.min()), float(cost.min()))
-        belief_kernels.weigh(cost, lowest, densities, weights)
+        sampling_weight_kernels.weigh(cost, lowest, densities, weights)
         mass = weights.sum(axis=0)
         moments = weigh_moments(modes.X_PO[sampled], X_PO, weights)
-        if not (moments.worth > 1.0).any():
+        if not (moments.effective_samples > 1.0).any():
             return modes  # One sample outweighs all others: they say less than Laplace's approximation.
         every = np.exp(laplace + lowest) * (2.0 * np.pi) ** (3.0 - 0.5 * len(posterior.turns[0]))
         every[worthy] = mass
@@ -117,7 +117,9 @@ class BeliefSampling:
         soft = 1.0 / (posterior.units * posterior.straight) ** 2
         for _ in range(self.steps):
             _, gradient, hessian = posterior.likelihood.normal_equations(X_PO)
-            belief_kernels.step_down(gradient, hessian, soft, posterior.units, _LONGEST_STEP * posterior.size, X_PO)
+            sampling_weight_kernels.step_down(
+                gradient, hessian, soft, posterior.units, _LONGEST_STEP * posterior.size, X_PO
+            )
         return X_PO
 
     def _update(
@@ -131,7 +133,7 @@ class BeliefSampling:
     ) -> Modes:
         """The modes with these masses, and of those that the samples know their moments; what overlaps is one."""
         X_PO, cost, covariance, mass = modes.X_PO.copy(), modes.cost.copy(), modes.covariance.copy(), masses.copy()
-        known = moments.worth > 1.0
+        known = moments.effective_samples > 1.0
         index, moments = sampled[known], Moments(*(moment[known] for moment in moments))
         laplace = covariance[index]
         mass[index], moments = join_overlapping(
@@ -166,5 +168,5 @@ def _spread(X_PO: FloatArray, moments: Moments, laplace: FloatArray, posterior: 
     """
     directions = posterior.turn_directions(X_PO)
     turns = posterior.turn_variance * directions @ np.swapaxes(directions, 1, 2)
-    spread: FloatArray = moments.second + turns + _PSEUDO_SAMPLES / moments.worth[:, None, None] * laplace
+    spread: FloatArray = moments.second + turns + _PSEUDO_SAMPLES / moments.effective_samples[:, None, None] * laplace
     return spread

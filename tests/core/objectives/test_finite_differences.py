@@ -1,6 +1,6 @@
 import numpy as np
 
-from tactopose_drake.core.objectives.differenced import DifferencedObjective
+from tactopose_drake.core.objectives.finite_differences import DifferencedObjective
 from tactopose_drake.core.poses import make_poses, random_rotations
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
 from tactopose_drake.core.validation import FloatArray

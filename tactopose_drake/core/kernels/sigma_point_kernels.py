@@ -10,10 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactopose_drake.core.compiled import Floats1, Floats2, Floats3, OutFloats1, OutFloats2, OutFloats3, kernel
+from tactopose_drake.core.compilation import Floats1, Floats2, Floats3, OutFloats1, OutFloats2, OutFloats3, kernel
 from tactopose_drake.core.kernels import grid_kernels, pose_kernels
 from tactopose_drake.core.kernels.grid_kernels import Grid
-from tactopose_drake.core.tracking.joint_state_kernels import ContactArrays
+from tactopose_drake.core.kernels.joint_state_kernels import ContactArrays
 
 # Sigma points lie so many standard deviations out: the root of the number of dimensions. [A09]
 SPREAD = 2.449489742783178

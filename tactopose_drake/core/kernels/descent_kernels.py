@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactopose_drake.core.compiled import (
+from tactopose_drake.core.compilation import (
     OutFlags1,
     OutFloats1,
     OutFloats2,

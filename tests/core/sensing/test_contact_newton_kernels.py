@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tactopose_drake.core.sensing.newton_kernels import Line, linearize
+from tactopose_drake.core.sensing.contact_newton_kernels import Line, linearize
 from tactopose_drake.core.surfaces import Surface
 from tactopose_drake.core.surfaces.surface_kernels import project
 from tests.core.touches import SURFACES, seeds

@@ -10,10 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactopose_drake.core.compiled import Floats1, Floats2, OutFloats1, OutFloats2, OutFloats3, inlined, kernel
+from tactopose_drake.core.compilation import Floats1, Floats2, OutFloats1, OutFloats2, OutFloats3, inlined, kernel
 from tactopose_drake.core.kernels import least_squares_kernels, pose_kernels, surface_contact_kernels
 from tactopose_drake.core.kernels.grid_kernels import Grid
-from tactopose_drake.core.tracking.joint_state_kernels import (
+from tactopose_drake.core.kernels.joint_state_kernels import (
     ContactArrays,
     ModePriors,
     PriorRows,

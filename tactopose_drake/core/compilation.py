@@ -14,6 +14,7 @@ A function under `@inlined` becomes part of its callers, for whatever types they
 import functools
 import hashlib
 import inspect
+import re
 import typing
 from collections.abc import Callable
 from pathlib import Path
@@ -146,7 +147,7 @@ def kernel(function: Function) -> Function:
     compiled.enable_caching()
     # The cache looks at the file of the function alone; but what it calls is compiled into it.
     cached = compiled._cache._cache_file
-    cached._source_stamp = (cached._source_stamp, _fingerprint())
+    cached._source_stamp = (cached._source_stamp, _fingerprint(function.__module__.rsplit(".", 1)[-1]))
     return typing.cast(Function, compiled)
 
 
@@ -164,8 +165,18 @@ def read_only(array: Any) -> Any:
 
 
 @functools.cache
-def _fingerprint() -> bytes:
-    """Of the sources of all kernels."""
-    core = Path(__file__).parent
-    sources = sorted([Path(__file__), *core.rglob("*_kernels.py")])
-    return hashlib.blake2b(b"".join(path.read_bytes() for path in sources), digest_size=16).digest()
+def _kernel_files() -> dict[str, Path]:
+    """The package's files of kernels, by name; none occurs twice."""
+    return {path.stem: path for path in Path(__file__).parent.rglob("*_kernels.py")}
+
+
+@functools.cache
+def _fingerprint(name: str) -> bytes:
+    """Of this file and the file of kernels of that name, with all that it names and so may have compiled into it."""
+    files, found, todo = _kernel_files(), {"": Path(__file__).read_bytes()}, [name]
+    while todo:
+        here = todo.pop()
+        if here in files and here not in found:
+            found[here] = files[here].read_bytes()
+            todo += re.findall(r"\w+_kernels", found[here].decode())
+    return hashlib.blake2b(b"".join(found[key] for key in sorted(found)), digest_size=16).digest()

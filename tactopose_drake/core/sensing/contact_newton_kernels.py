@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactopose_drake.core.compiled import Floats1, OutFloats1, OutFloats2, Triple, kernel
+from tactopose_drake.core.compilation import Floats1, OutFloats1, OutFloats2, Triple, kernel
 from tactopose_drake.core.surfaces.surface_kernels import evaluate_one, project
 
 MAX_ITERATIONS = 60
