@@ -149,8 +149,8 @@ def test_a_console_prints_text_as_it_is(capsys: pytest.CaptureFixture[str]) -> N
         assert text in printed
 
 
-def listening_addresses() -> set[str]:
-    """The addresses, in hexadecimal, on which this process listens."""
+def listening_addresses() -> set[tuple[str, str]]:
+    """The addresses and ports, in hexadecimal, on which this process listens."""
     own = {os.readlink(f"/proc/self/fd/{fd}") for fd in os.listdir("/proc/self/fd") if _is_there(fd)}
     found = set()
     for table in ("/proc/net/tcp", "/proc/net/tcp6", "/proc/net/udp", "/proc/net/udp6"):
@@ -158,7 +158,8 @@ def listening_addresses() -> set[str]:
             fields = line.split()
             is_open = fields[3] == "0A" or table.endswith(("udp", "udp6"))
             if is_open and f"socket:[{fields[9]}]" in own:
-                found.add(fields[1].split(":")[0])
+                address, port = fields[1].split(":")
+                found.add((address, port))
     return found
 
 
@@ -169,16 +170,20 @@ def _is_there(fd: str) -> bool:
 @pytest.mark.skipif(not Path("/proc/net/tcp").exists(), reason="the system does not tell who listens")
 def test_commands_listen_on_this_machine_alone(files: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[set[str]] = []
+    before = listening_addresses()  # of what other tests have left
 
-    def look(self: Meshcat) -> str:
-        seen.append(listening_addresses())
+    def keep() -> None:
+        seen.append({address for address, _ in listening_addresses() - before})
+
+    def to_html(self: Meshcat) -> str:
+        keep()
         return "<html>"
 
-    monkeypatch.setattr(Meshcat, "StaticHtml", look)
+    monkeypatch.setattr(Meshcat, "StaticHtml", to_html)
     assert run("estimate", *inputs(files), "--html", files / "scene.html") == 0
 
     def demonstrate(*_: object, **__: object) -> DemoResult:
-        seen.append(listening_addresses())
+        keep()
         raise GraspFailedError("of no interest here")
 
     monkeypatch.setattr("tactopose_drake.cli.main.run_demo", demonstrate)

@@ -191,7 +191,7 @@ def test_points_in_millimetres_are_refused() -> None:
         Contacts(points)
     with pytest.raises(InvalidInputError, match="^p_PH" + message):
         HandGeometry(points, [0.01, 0.01])
-    with pytest.raises(InvalidInputError, match=r"X_PO.*millimetres"):
+    with pytest.raises(InvalidInputError, match=r"mean.*millimetres"):
         GaussianPrior(make_poses(np.eye(3), np.array([31.0, 2.0, 94.0])))
 
 

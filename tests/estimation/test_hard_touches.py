@@ -51,11 +51,14 @@ def test_few_and_many_contacts_are_explained(
 
 @pytest.mark.parametrize("has_prior", [True, False])
 @pytest.mark.parametrize("name", ["mug", "sphere", "plate"])
-def test_contacts_metres_apart_have_no_solution(objects: dict[str, tp.ObjectModel], name: str, has_prior: bool) -> None:
-    contacts = tp.Contacts([[0, 0, 0], [3.0, 0, 0], [0, 4.0, 0], [0, 0, 5.0]], np.eye(3)[[0, 0, 1, 2]])
-    estimate = tp.estimate_pose(objects[name], contacts, prior=tp.PosePrior(np.eye(4)) if has_prior else None)
+def test_contacts_far_apart_have_no_solution(objects: dict[str, tp.ObjectModel], name: str, has_prior: bool) -> None:
+    model, prior = objects[name], tp.PosePrior(np.eye(4)) if has_prior else None
+    points, normals = np.array([[0, 0, 0], [3.0, 0, 0], [0, 4.0, 0], [0, 0, 5.0]]), np.eye(3)[[0, 0, 1, 2]]
+    estimate = tp.estimate_pose(model, tp.Contacts(2.0 * model.size * points, normals), prior=prior)
     check(estimate)
     assert estimate.status == "no_solution"
+    with pytest.raises(tp.TactoposeError, match="millimetres"):
+        tp.estimate_pose(model, tp.Contacts(points * max(1.0, 5.0 * model.size), normals), prior=prior)
 
 
 def test_a_spheres_centre_is_known_and_its_rotation_is_not(objects: dict[str, tp.ObjectModel]) -> None:

@@ -21,7 +21,7 @@ def arguments(rng: np.random.Generator) -> Arguments:
         time += float(rng.choice([0.0, 0.01, 0.1, 2.0]))
         present = count if rng.random() < 0.7 else int(rng.integers(0, 7))
         frames.append(_frame(rng, model, X_PO, time, present))
-    return {"model": model, "params": {"max_modes": int(rng.integers(1, 9)), "seed": 3}, "frames": frames}
+    return {"model": model, "params": {"lost_time": float(rng.uniform(0.05, 1.0)), "seed": 3}, "frames": frames}
 
 
 def _frame(rng: np.random.Generator, model: tp.ObjectModel, X_PO: touches.Array, time: float, count: int) -> Arguments:

@@ -98,5 +98,5 @@ class CovarianceMatching(DifferencedObjective):
     def residuals(self, X_PO: FloatArray) -> FloatArray:
         """Residuals (B, k) of poses (B, 3, 4), with k pads that feel the object."""
         costs = np.empty((len(X_PO), self._count))
-        pad_costs(*self._arguments, X_PO, costs)
+        pad_costs(*self._arguments, np.ascontiguousarray(X_PO), costs)
         return np.sqrt(2.0 * costs)

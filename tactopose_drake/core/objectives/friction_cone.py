@@ -57,7 +57,7 @@ class FrictionCone(LeastSquaresObjective):
     def residuals_and_jacobian(self, X_PO: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Residuals (B, k) and their derivatives by the increment (B, k, 6)."""
         residuals, jacobian = np.empty((len(X_PO), self._count)), np.empty((len(X_PO), self._count, 6))
-        evidence_kernels.friction_residuals(*self._arguments, X_PO, residuals, jacobian)
+        evidence_kernels.friction_residuals(*self._arguments, np.ascontiguousarray(X_PO), residuals, jacobian)
         return residuals, jacobian
 
     def normal_equations(self, X_PO: FloatArray) -> NormalEquations:

@@ -60,19 +60,21 @@ class Penetration(LeastSquaresObjective):
         """Residuals (B, g) and their derivatives by the increment (B, g, 6)."""
         depths = self._depths(X_PO)
         jacobian = np.empty((*depths[0].shape, 6))
-        evidence_kernels.penetration_jacobian(self._weight, X_PO, depths, jacobian)
+        evidence_kernels.penetration_jacobian(self._weight, np.ascontiguousarray(X_PO), depths, jacobian)
         return self._weight * depths[0], jacobian
 
     def normal_equations(self, X_PO: FloatArray) -> NormalEquations:
         """Cost, gradient and Gauss-Newton Hessian at poses (B, 3, 4)."""
         depths, count = self._depths(X_PO), len(X_PO)
         equations = NormalEquations(np.empty(count), np.empty((count, 6)), np.empty((count, 6, 6)))
-        evidence_kernels.penetration_normal_equations(self._weight, X_PO, depths, *equations)
+        evidence_kernels.penetration_normal_equations(self._weight, np.ascontiguousarray(X_PO), depths, *equations)
         return equations
 
     def _depths(self, X_PO: FloatArray) -> evidence_kernels.Depths:
         """Of each neighbourhood the overlap beyond what is allowed (B, g), m; where it is in O, and the slope there."""
         shape = len(X_PO), len(self._spheres.start) - 1
         depths = evidence_kernels.Depths(np.empty(shape), np.empty((*shape, 3)), np.empty((*shape, 3)))
-        evidence_kernels.penetration_depths(self._grid, self._spheres, self._allowed, X_PO, depths)
+        evidence_kernels.penetration_depths(
+            self._grid, self._spheres, self._allowed, np.ascontiguousarray(X_PO), depths
+        )
         return depths

@@ -28,7 +28,7 @@ class PoseGaussian(LeastSquaresObjective):
     def residuals_and_jacobian(self, X_PO: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Residuals (B, 6) and their derivatives by the increment (B, 6, 6)."""
         increments, jacobian = np.empty((len(X_PO), 6)), np.empty((len(X_PO), 6, 6))
-        prior_kernels.prior_residuals(self._center, X_PO, increments, jacobian)
+        prior_kernels.prior_residuals(self._center, np.ascontiguousarray(X_PO), increments, jacobian)
         return increments @ self._root.T, self._root @ jacobian
 
     def normal_equations(self, X_PO: FloatArray) -> NormalEquations:

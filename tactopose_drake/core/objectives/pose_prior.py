@@ -18,7 +18,7 @@ class PriorObjective(LeastSquaresObjective):
     def cost(self, X_PO: FloatArray) -> FloatArray:
         """Costs (B,) of poses (B, 3, 4)."""
         cost = np.empty(len(X_PO))
-        prior_kernels.prior_costs(self.kernel_view, X_PO, cost)
+        prior_kernels.prior_costs(self.kernel_view, np.ascontiguousarray(X_PO), cost)
         return cost
 
     def residuals(self, X_PO: FloatArray) -> FloatArray:
@@ -28,7 +28,7 @@ class PriorObjective(LeastSquaresObjective):
     def residuals_and_jacobian(self, X_PO: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Residuals (B, 6) and their derivatives by the increment (B, 6, 6)."""
         residuals, jacobian = np.empty((len(X_PO), 6)), np.empty((len(X_PO), 6, 6))
-        prior_kernels.prior_residuals(self.kernel_view, X_PO, residuals, jacobian)
+        prior_kernels.prior_residuals(self.kernel_view, np.ascontiguousarray(X_PO), residuals, jacobian)
         return residuals, jacobian
 
     def normal_equations(self, X_PO: FloatArray) -> NormalEquations:

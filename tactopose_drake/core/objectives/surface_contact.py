@@ -49,7 +49,7 @@ class SurfaceContact(LeastSquaresObjective):
     def cost(self, X_PO: FloatArray) -> FloatArray:
         """Costs (B,) of poses (B, 3, 4)."""
         cost = np.empty(len(X_PO))
-        surface_contact_kernels.contact_costs(self.grid, self.touch, X_PO, cost)
+        surface_contact_kernels.contact_costs(self.grid, self.touch, np.ascontiguousarray(X_PO), cost)
         return cost
 
     def residuals(self, X_PO: FloatArray) -> FloatArray:
@@ -60,7 +60,9 @@ class SurfaceContact(LeastSquaresObjective):
         """Residuals (B, m) and their exact derivatives by the increment (B, m, 6)."""
         count, rows = len(X_PO), 5 if self._has_normals else 1
         residuals, jacobian = np.empty((count, self._count, 5)), np.empty((count, self._count, 5, 6))
-        surface_contact_kernels.contact_residuals(self.grid, self.touch, X_PO, residuals, jacobian)
+        surface_contact_kernels.contact_residuals(
+            self.grid, self.touch, np.ascontiguousarray(X_PO), residuals, jacobian
+        )
         m = rows * self._count
         return residuals[:, :, :rows].reshape(count, m), jacobian[:, :, :rows].reshape(count, m, 6)
 
@@ -92,12 +94,12 @@ class ContactWithPrior(SumObjective):
 
 
 def _normal_equations(contact: SurfaceContact, prior: Prior, X_PO: FloatArray) -> NormalEquations:
-    ends = _run(contact, prior, DescentRule(0, 0.0, 0.0, 0.0), X_PO.copy())
+    ends = _run(contact, prior, DescentRule(0, 0.0, 0.0, 0.0), np.array(X_PO, order="C"))
     return NormalEquations(ends.cost, ends.gradient, ends.hessian)
 
 
 def _descend(contact: SurfaceContact, prior: Prior, rule: DescentRule, X_PO: FloatArray) -> Descent:
-    X_PO = X_PO.copy()
+    X_PO = np.array(X_PO, order="C")
     ends = _run(contact, prior, rule, X_PO)
     return Descent(X_PO, ends.cost, ends.iterations, ends.converged)
 

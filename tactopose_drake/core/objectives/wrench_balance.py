@@ -70,7 +70,9 @@ class WrenchBalance(LeastSquaresObjective):
     def residuals_and_jacobian(self, X_PO: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Residuals (B, 6) and their derivatives by the increment (B, 6, 6)."""
         residuals, jacobian = np.empty((len(X_PO), 6)), np.empty((len(X_PO), 6, 6))
-        evidence_kernels.balance_residuals(self._A, self._offset, self._center_of_mass, X_PO, residuals, jacobian)
+        evidence_kernels.balance_residuals(
+            self._A, self._offset, self._center_of_mass, np.ascontiguousarray(X_PO), residuals, jacobian
+        )
         return residuals, jacobian
 
     def normal_equations(self, X_PO: FloatArray) -> NormalEquations:

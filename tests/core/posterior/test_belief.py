@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from tactopose_drake.core.objectives.objective import NormalEquations, form_normal_equations
+from tactopose_drake.core.objectives.objective import LeastSquaresObjective, NormalEquations, form_normal_equations
 from tactopose_drake.core.poses import exp_so3, increments_between, make_poses, retract
 from tactopose_drake.core.posterior.belief_sampling import BeliefSampling
 from tactopose_drake.core.posterior.hypotheses import Modes
@@ -15,7 +15,7 @@ SIGMAS = np.array([0.03, 0.02, 0.05, 0.001, 0.002, 0.0015])
 NO_TURNS = (np.empty((0, 3)), np.empty((0, 3)))
 
 
-class Valley:
+class Valley(LeastSquaresObjective):
     """Independent Gaussians of the increments from a pose, one of which may bend: a turn moves the object along too."""
 
     def __init__(self, X_PO: FloatArray, sigmas: FloatArray, bend: float = 0.0) -> None:

@@ -1,15 +1,17 @@
 import numpy as np
 import pytest
 
+from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.objectives.objective import (
     LeastSquaresObjective,
     NormalEquations,
     SumObjective,
     form_normal_equations,
 )
+from tactopose_drake.core.objectives.pose_gaussian import PoseGaussian
 from tactopose_drake.core.objectives.pose_prior import PriorObjective
 from tactopose_drake.core.objectives.surface_contact import ContactWithPrior, SurfaceContact
-from tactopose_drake.core.poses import increments_between, rotation_angles
+from tactopose_drake.core.poses import increments_between, make_poses, random_rotations, retract, rotation_angles
 from tactopose_drake.core.searches.baselines.gradient_descent import GradientDescent
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt, cholesky_steps, pseudo_inverse_steps
 from tactopose_drake.core.searches.parameters import QuaternionParameters
@@ -25,13 +27,40 @@ SEARCHES: dict[str, Search] = {
     "lm, quaternion": LevenbergMarquardt(
         tolerance=1e-12, parameters=QuaternionParameters(), solver=pseudo_inverse_steps
     ),
-    "gradient descent": GradientDescent(tolerance=1e-12),
-    "gradient descent, quaternion": GradientDescent(tolerance=1e-12, parameters=QuaternionParameters()),
     "nlopt_slsqp": PoseProgram(solver="nlopt_slsqp"),
     "nlopt_ccsaq": PoseProgram(solver="nlopt_ccsaq"),
     "snopt": PoseProgram(solver="snopt"),
     "ipopt": PoseProgram(solver="ipopt"),
 }
+
+
+DESCENTS = {
+    "increments": GradientDescent(tolerance=1e-14),
+    "quaternion": GradientDescent(tolerance=1e-14, parameters=QuaternionParameters()),
+}
+
+
+@pytest.mark.parametrize("name", DESCENTS)
+@pytest.mark.parametrize("seed", [1, 2])
+def test_gradient_descent_reaches_the_minimum_of_a_smooth_cost(name: str, seed: int) -> None:
+    generator = np.random.default_rng(seed)
+    X_mean = make_poses(random_rotations(generator, 1), generator.normal(scale=0.05, size=(1, 3)))[0]
+    root = generator.normal(size=(6, 6)) * np.repeat([0.05, 0.002], 3)[:, None]
+    objective = PoseGaussian(X_mean, root @ root.T + np.diag(np.repeat([0.05, 0.002], 3) ** 2))
+    start = PriorSpace(GaussianPrior(retract(X_mean, np.array([0.2, -0.1, 0.1, 0.01, -0.02, 0.01]))))
+    found = DESCENTS[name].minimize(objective, start, generator)
+    assert found.cost[0] < 1e-3
+    assert found.converged[0]
+
+
+@pytest.mark.parametrize("name", DESCENTS)
+def test_gradient_descent_ends_where_no_step_of_its_own_is_better(blob: ObjectModel, name: str) -> None:
+    """A distance grid has kinks, at which the gradient is no way down: there it ends, above the minimum."""
+    objective, prior, _ = make_touch(blob, 2)
+    found = DESCENTS[name].minimize(objective, PriorSpace(prior), np.random.default_rng(0))
+    assert found.cost[0] < objective.cost(prior.mean[None])[0]
+    again = DESCENTS[name].refine(objective, found.X_PO)
+    assert again.cost[0] == pytest.approx(found.cost[0], rel=0.01)
 
 
 @pytest.mark.parametrize("name", SEARCHES)
@@ -114,7 +143,7 @@ def test_the_limit_of_iterations_is_kept_and_said(blob: ObjectModel) -> None:
         assert not found.converged[0]
 
 
-class _Singular:
+class _Singular(LeastSquaresObjective):
     """A cost that only the first increment changes: everything else is undetermined."""
 
     def cost(self, X_PO: FloatArray) -> FloatArray:

@@ -48,7 +48,7 @@ SEARCHES: dict[str, Callable[[ObjectModel], Search]] = {
 
 
 @dataclasses.dataclass
-class Counted:
+class Counted(LeastSquaresObjective):
     """An objective that counts the poses it is asked about."""
 
     inner: LeastSquaresObjective

@@ -18,7 +18,8 @@ class GradientDescent(Search):
     """x <- x - lambda J^T G, each parameter in units that move the object's surface about equally far.
 
     The step size lambda begins at the inverse of the largest curvature at the start; a step that raises the cost is
-    rejected and halves it, one that lowers the cost lets it grow by a tenth.
+    rejected and halves it, one that lowers the cost lets it grow by a tenth. At a kink of the cost, as a distance grid
+    has between its cells, the gradient may be no way down: there it ends, above the minimum.
 
     Attributes:
         max_iterations: steps tried for each pose.
