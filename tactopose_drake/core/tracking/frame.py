@@ -16,7 +16,7 @@ from tactopose_drake.core.validation import LATEST, FloatArray, instance_of, lim
 from tactopose_drake.errors import InvalidInputError
 
 _FASTEST = 1e4  # rad/s and m/s
-_LEAST_SIGMA, _MOST_VARIANCE = 1e-7, 1e6
+_LEAST_SIGMA, _MOST_VARIANCE = 1e-7, 1e12
 _W, _V = slice(0, 3), slice(3, 6)
 
 
@@ -28,7 +28,7 @@ class PoseMeasurement:
         time: when it was so, s, of the clock that the frames of the belief are of: of the picture, not of its delivery.
         X_PO: the pose at that time, shape (3, 4), p in m, up to 10; a RigidTransform is taken too.
         covariance: of the increment (w, v) from it to the true pose, shape (6, 6), rad and m, of standard
-            deviations from 1e-7 to 1000.
+            deviations from 1e-7 to 1e6.
 
     Raises:
         InvalidInputError: a time or pose that is none, or a covariance that is not symmetric and positive definite.
