@@ -1,0 +1,124 @@
+"""Compiled loops: one version each, and bits that depend on the numbers alone."""
+
+import ast
+import importlib
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from numba.core.dispatcher import Dispatcher
+
+import tactopose_drake
+from tactopose_drake.core import compilation
+from tactopose_drake.core.compilation import Floats1, Floats2, Kernel, OutFloats1, numba_type, read_only
+from tactopose_drake.core.kernels.pose_kernels import retract
+from tactopose_drake.core.shape.point_grid import build_point_grid
+
+CORE = Path(tactopose_drake.__file__).parent / "core"
+MODULES = [
+    "tactopose_drake." + ".".join(path.relative_to(CORE.parent).with_suffix("").parts)
+    for path in sorted(CORE.rglob("*_kernels.py"))
+]
+NUMBA_ELSEWHERE = {"compilation.py", "prefetch.py"}
+
+
+def kernels(module: str) -> list[Kernel]:
+    found = vars(importlib.import_module(module)).values()
+    return [value for value in found if isinstance(value, Kernel) and value.py_func.__module__ == module]
+
+
+def test_the_kernels_were_found() -> None:
+    assert sum(len(kernels(module)) for module in MODULES) > 100
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_each_kernel_is_compiled_for_one_signature(module: str) -> None:
+    for kernel in kernels(module):
+        kernel.make_ready()
+        assert len(kernel.signatures) == 1, f"{module}.{kernel.py_func.__name__}"
+        assert not kernel.targetoptions.get("fastmath"), f"{module}.{kernel.py_func.__name__}"
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_what_is_compiled_otherwise_is_inlined(module: str) -> None:
+    for name, value in vars(importlib.import_module(module)).items():
+        if isinstance(value, Dispatcher) and not isinstance(value, Kernel):
+            assert value.targetoptions.get("inline") == "always", f"{module}.{name}"
+            assert not value.targetoptions.get("fastmath"), f"{module}.{name}"
+
+
+def test_nothing_else_is_compiled() -> None:
+    for path in CORE.parent.rglob("*.py"):
+        if path.stem.endswith("_kernels") or path.name in NUMBA_ELSEWHERE:
+            continue
+        for node in ast.walk(ast.parse(path.read_text())):
+            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            assert not [name for name in names if name.split(".")[0] == "numba"], path
+
+
+def test_kernels_take_arrays_that_may_be_written_and_others_alike() -> None:
+    generator = np.random.default_rng(0)
+    X = np.concatenate([np.tile(np.eye(3), (50, 1, 1)), generator.normal(size=(50, 3, 1))], axis=2)
+    increments = generator.normal(size=(50, 6))
+    expected, found = np.empty_like(X), np.empty_like(X)
+    retract(X, increments, expected)
+    retract(read_only(X), read_only(increments), found)
+    np.testing.assert_array_equal(found, expected)
+    assert len(retract.signatures) == 1  # type: ignore[attr-defined]
+    unaligned = np.zeros(X.nbytes + 1, dtype=np.uint8)[1:].view(np.float64).reshape(X.shape)
+    unaligned[...] = X
+    retract(unaligned, increments, found)
+    np.testing.assert_array_equal(found, expected)
+    assert len(retract.signatures) == 1  # type: ignore[attr-defined]
+    for other in (np.asfortranarray(X), np.repeat(X, 2, axis=0)[::2], X.astype(np.float32)):
+        with pytest.raises(TypeError, match="No matching definition"):
+            retract(other, increments, found)
+    with pytest.raises(TypeError, match="No matching definition"):
+        retract(X, increments, read_only(found))
+
+
+def test_a_view_for_kernels_is_read_only_and_leaves_the_array_as_it_is() -> None:
+    array = np.zeros((4, 6))[:, ::2]
+    view = read_only(array)
+    assert view.flags.c_contiguous
+    assert not view.flags.writeable
+    assert array.flags.writeable
+    cloud = build_point_grid(np.random.default_rng(0).normal(size=(20, 3))).kernel_view
+    assert not cloud.points.flags.writeable
+
+
+class Pair(NamedTuple):
+    values: Floats2
+    scale: float
+
+
+def test_annotations_say_the_types() -> None:
+    assert str(numba_type(Floats1)) == "readonly array(float64, 1d, C)"
+    assert str(numba_type(OutFloats1)) == "array(float64, 1d, C)"
+    assert str(numba_type(tuple[int, int])) == "UniTuple(int64 x 2)"
+    assert str(numba_type(Pair)) == "Pair(readonly array(float64, 2d, C), float64)"
+    with pytest.raises(TypeError, match="stands for no type"):
+        numba_type(str)
+
+
+def test_the_cache_notices_changes_of_all_that_is_compiled_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    files = {name: tmp_path / f"{name}.py" for name in ("a_kernels", "b_kernels", "c_kernels", "d_kernels")}
+    texts = ("from x import b_kernels", "from x.c_kernels import f", "LIMIT = 1", "")
+    monkeypatch.setattr(compilation, "_kernel_files", lambda: files)
+
+    def fingerprint() -> bytes:
+        compilation._fingerprint.cache_clear()
+        return compilation._fingerprint("a_kernels")
+
+    try:
+        for path, text in zip(files.values(), texts, strict=True):
+            path.write_text(text)
+        before = fingerprint()
+        files["d_kernels"].write_text("f = 1")  # which a does not name
+        assert fingerprint() == before
+        files["c_kernels"].write_text("LIMIT = 2")  # which it does through b
+        assert fingerprint() != before
+    finally:
+        compilation._fingerprint.cache_clear()
