@@ -25,7 +25,6 @@ from tactopose_drake.estimation.object_library import LibraryWarning, ObjectLibr
 _MOST_ROWS = 12
 _BAR = 12  # Characters of the longest.
 _path = click.Path(path_type=Path)
-_console, _errors = OUT, ERRORS
 
 
 @click.command(name="identify")
@@ -51,10 +50,10 @@ def identify_command(folder: Path, contacts_file: Path, jobs: int, likelihood: L
     with _workers(jobs) as executor:
         library = _open(folder, executor)
     # The few candidates are estimated here: processes would take longer to start than they save.
-    with _errors.status(f"comparing {len(library)} objects (the first run on a machine compiles its kernels)"):
+    with ERRORS.status(f"comparing {len(library)} objects (the first run on a machine compiles its kernels)"):
         found = identify(library, contacts, likelihood=likelihood)
-    _console.print(_table(found))
-    _console.print(_line(found))
+    OUT.print(_table(found))
+    OUT.print(_line(found))
 
 
 class _QuietProcess(multiprocessing.context.SpawnProcess):
@@ -94,7 +93,7 @@ def _open(folder: Path, executor: Executor | None) -> ObjectLibrary:
     columns = (TextColumn("indexing"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with (
         warnings.catch_warnings(record=True) as caught,
-        Progress(*columns, console=_errors, transient=True) as progress,
+        Progress(*columns, console=ERRORS, transient=True) as progress,
     ):
         warnings.simplefilter("always", LibraryWarning)
         task = progress.add_task("indexing", total=None)
@@ -108,7 +107,7 @@ def _open(folder: Path, executor: Executor | None) -> ObjectLibrary:
             progress.stop()
             for warning in caught:
                 if issubclass(warning.category, LibraryWarning | MeshRepairWarning):
-                    _errors.print(f"warning: {warning.message}", style="yellow", markup=False)
+                    ERRORS.print(f"warning: {warning.message}", style="yellow", markup=False)
 
 
 def _table(found: Identification) -> Table:

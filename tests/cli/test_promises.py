@@ -111,8 +111,8 @@ def test_the_exit_status_says_whether_there_is_an_estimate(
 
     station = Station()
     view = RunView(station, station)
-    monkeypatch.setattr("tactopose_drake.cli.run_commands.run_scenario", lambda *_, **__: view)
-    monkeypatch.setattr("tactopose_drake.cli.run_commands.estimate_line", lambda _: "held: 0 contacts")
+    monkeypatch.setattr("tactopose_drake.cli.run_command.run_scenario", lambda *_, **__: view)
+    monkeypatch.setattr("tactopose_drake.cli.run_command.estimate_line", lambda _: "held: 0 contacts")
     assert run("run", "shadow_like", "--duration", "0.3") == status
 
 
@@ -186,7 +186,7 @@ def test_commands_listen_on_this_machine_alone(files: Path, monkeypatch: pytest.
         keep()
         raise GraspFailedError("of no interest here")
 
-    monkeypatch.setattr("tactopose_drake.cli.main.run_demo", demonstrate)
+    monkeypatch.setattr("tactopose_drake.cli.demo_command.run_demo", demonstrate)
     assert run("demo", "--out", files / "out") == 1
     local = {"0100007F", "00000000000000000000000001000000"}
     assert len(seen) == 2

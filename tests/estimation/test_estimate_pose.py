@@ -45,7 +45,7 @@ def test_a_touch_that_the_near_search_does_not_explain_is_looked_at_again(bottle
         """Its starts lead nowhere, unless there are many."""
 
         def minimize(self, objective, space, generator, should_stop=never):  # type: ignore[no-untyped-def]
-            if self.near_starts > PairSearch.near_starts:
+            if self.near_start.candidates > PairSearch.near_start.candidates:
                 return super().minimize(objective, space, generator, should_stop)
             return SearchResult(space.center[None], objective.cost(space.center[None]), np.ones(1), np.ones(1, bool))
 

@@ -8,6 +8,7 @@ poses that touch the object start it; and where there is a prior, random poses u
 """
 
 import dataclasses
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -34,56 +35,115 @@ _NOTICED, _IMAGED = 0.1, 2
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class Stage:
+    """A round of refinement, and which of its poses go on to the next.
+
+    Attributes:
+        refinement: what is done with each pose.
+        kept: so many of the best go on, at most; 0 after the last stage.
+        by_curvature: whether poses are told apart by the cost's local models, rather than by how far the samples blur
+            them.
+        is_final: whether the stage's poses are among those that the search returns.
+    """
+
+    refinement: LevenbergMarquardt
+    kept: int = 0
+    by_curvature: bool = False
+    is_final: bool = False
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Start:
+    """The poses that the first stage is given.
+
+    Attributes:
+        choice: how pairs are matched and chosen.
+        candidates: so many of their poses, at most.
+        samples: so many random poses of the space join them.
+        fewest: only where fewer candidates come than this; always, if it is None.
+        kept: so many of all these go on, by their cost; all, if it is None.
+    """
+
+    choice: PairChoice = PairChoice()
+    candidates: int = 250
+    samples: int = 250
+    fewest: int | None = 20
+    kept: int | None = None
+
+
+_LAST = LevenbergMarquardt(max_iterations=15, tolerance=1e-3)
+_POLISH = LevenbergMarquardt(max_iterations=40, tolerance=1e-4)
+
+
+def global_stages(starts: int = 150, kept: int = 100, settled: int = 30, polished: int = 6) -> tuple[Stage, ...]:
+    """The stages without a prior.
+
+    Args:
+        starts: poses left after the first steps.
+        kept: that take some more.
+        settled: that are refined to convergence.
+        polished: that are refined until they hardly move.
+    """
+    return (
+        Stage(refinement=LevenbergMarquardt(max_iterations=1, initial_damping=1e-2), kept=starts),
+        Stage(refinement=LevenbergMarquardt(max_iterations=4, initial_damping=1e-2), kept=kept, by_curvature=True),
+        Stage(
+            refinement=LevenbergMarquardt(max_iterations=4, tolerance=1e-3),
+            kept=settled,
+            by_curvature=True,
+            is_final=True,
+        ),
+        Stage(refinement=_LAST, kept=polished, is_final=True),
+        Stage(refinement=_POLISH, is_final=True),
+    )
+
+
+def near_stages(kept: int = 40, polished: int = 3) -> tuple[Stage, ...]:
+    """The stages near a prior.
+
+    Args:
+        kept: poses that are refined to convergence.
+        polished: that are refined until they hardly move.
+    """
+    return (
+        Stage(refinement=LevenbergMarquardt(max_iterations=4, initial_damping=1e-2), kept=kept, by_curvature=True),
+        Stage(refinement=_LAST, kept=polished, is_final=True),
+        Stage(refinement=_POLISH, is_final=True),
+    )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class PairSearch(Search):
-    """Poses from pairs of contacts, refined in rounds of fewer and fewer.
+    """Poses from pairs of contacts, refined in stages of fewer and fewer.
 
     Attributes:
         model: the object.
         contacts: the touch that poses are proposed from. What is minimised is the objective's business.
-        choice: how pairs are matched and chosen.
-        candidates: so many of their poses, at most, go to the refinement.
-        fewest: where fewer come, as many random poses as `candidates` join them.
-        starts: so many are left after the first steps.
-        kept: so many take some more.
-        settled: so many are refined to convergence.
-        near_choice, near_candidates: the same where there is a prior.
-        near_samples: so many poses of the prior join them.
-        near_starts, near_kept: of all these so many are refined, and so many to convergence.
-        polished, near_polished: so many of the best are refined until they hardly move.
-        first, second, third, near_first: the first steps without a prior, and with one.
-        last, polish: the refinement to convergence, and that of the best.
+        start, stages: what is refined, and how, where there is no prior. The first stage is by the touch alone.
+        near_start, near_stages: the same near a prior.
+        returned: so many poses come out, at most, where there is no prior.
     """
 
     model: ObjectModel
     contacts: Contacts
-    choice: PairChoice = PairChoice()
-    candidates: int = 250
-    fewest: int = 20
-    starts: int = 150
-    kept: int = 100
-    settled: int = 30
-    polished: int = 6
-    near_choice: PairChoice = PairChoice(poses=2500)
-    near_candidates: int = 80
-    near_samples: int = 120
-    near_starts: int = 120
-    near_kept: int = 40
-    near_polished: int = 3
-    near_first: LevenbergMarquardt = LevenbergMarquardt(max_iterations=4, initial_damping=1e-2)
-    first: LevenbergMarquardt = LevenbergMarquardt(max_iterations=1, initial_damping=1e-2)
-    second: LevenbergMarquardt = LevenbergMarquardt(max_iterations=4, initial_damping=1e-2)
-    third: LevenbergMarquardt = LevenbergMarquardt(max_iterations=4, tolerance=1e-3)
-    last: LevenbergMarquardt = LevenbergMarquardt(max_iterations=15, tolerance=1e-3)
-    polish: LevenbergMarquardt = LevenbergMarquardt(max_iterations=40, tolerance=1e-4)
+    start: Start = Start()
+    stages: tuple[Stage, ...] = global_stages()
+    near_start: Start = Start(choice=PairChoice(poses=2500), candidates=80, samples=120, fewest=None, kept=120)
+    near_stages: tuple[Stage, ...] = near_stages()
+    returned: int = 100
 
     def widened(self) -> Search:
         """The search with four times the starts where there is a prior."""
+        start, first = self.near_start, self.near_stages[0]
         return dataclasses.replace(
             self,
-            near_candidates=4 * self.near_candidates,
-            near_samples=4 * self.near_samples,
-            near_starts=4 * self.near_starts,
-            near_kept=3 * self.near_kept,
+            near_start=dataclasses.replace(
+                start,
+                candidates=4 * start.candidates,
+                samples=4 * start.samples,
+                kept=None if start.kept is None else 4 * start.kept,
+            ),
+            near_stages=(dataclasses.replace(first, kept=3 * first.kept), *self.near_stages[1:]),
         )
 
     def minimize(
@@ -95,41 +155,63 @@ class PairSearch(Search):
     ) -> SearchResult:
         """The minima that the candidates lead to, by rising cost."""
         if space.reach[0] < np.pi:
-            return self._minimize_near(objective, space, generator, should_stop)
-        X_PO = self.propose(self.choice, self.candidates, space, generator)
-        if len(X_PO) < self.fewest:
-            X_PO = np.concatenate([X_PO, space.sample(generator, self.candidates)])
+            X_PO = self._starts_near(objective, space, generator)
+            return join_results(*self._refine(self.near_stages, objective, space, X_PO, should_stop)).ranked()
+        X_PO = self._starts_anywhere(space, generator)
+        first, stages = self.stages[0], self.stages[1:]
         # The first steps are by the touch alone, as the proposals are: other evidence is slow, and tells most once they
         # touch. Then it has its say in which of them go on.
         if objective.is_touch:
-            touching = self.first.refine(objective, X_PO, should_stop)
+            touching = first.refinement.refine(objective, X_PO, should_stop)
         else:
-            touching = self.first.refine(SurfaceContact(self.model.grid, self.contacts), X_PO, should_stop)
+            touching = first.refinement.refine(SurfaceContact(self.model.grid, self.contacts), X_PO, should_stop)
             touching = touching._replace(cost=objective.cost(touching.X_PO)).ranked()
-        first = self._distinct(touching, self.starts)
-        second = self._apart(self.second.refine(objective, first, should_stop), objective, space, self.kept)
-        third = self.third.refine(objective, second, should_stop)
-        last = self.last.refine(objective, self._apart(third, objective, space, self.settled), should_stop)
-        best = self._distinct(last, self.polished)
-        polished = self.polish.refine(objective, np.concatenate([best, self._images(best[:_IMAGED])]), should_stop)
-        return join_results(third, last, polished).ranked(self.kept)
+        X_PO = self._next(first, touching, objective, space)
+        return join_results(*self._refine(stages, objective, space, X_PO, should_stop)).ranked(self.returned)
 
-    def _minimize_near(
+    def _starts_anywhere(self, space: PoseSpace, generator: np.random.Generator) -> FloatArray:
+        """Proposals, and random poses where there are few of those."""
+        start = self.start
+        X_PO = self.propose(start.choice, start.candidates, space, generator)
+        if start.fewest is None or len(X_PO) < start.fewest:
+            X_PO = np.concatenate([X_PO, space.sample(generator, start.samples)])
+        return X_PO
+
+    def _starts_near(
+        self, objective: LeastSquaresObjective, space: PoseSpace, generator: np.random.Generator
+    ) -> FloatArray:
+        """The prior's own pose and samples with the proposals; the best of them are enough."""
+        start = self.near_start
+        samples = space.sample(generator, start.samples - 1)
+        near = self.propose(start.choice, start.candidates, space, generator)
+        X_PO = np.concatenate([space.center[None], samples, near])
+        return X_PO[np.argsort(objective.cost(X_PO), kind="stable")[: start.kept]]
+
+    def _refine(
         self,
+        stages: Sequence[Stage],
         objective: LeastSquaresObjective,
         space: PoseSpace,
-        generator: np.random.Generator,
+        X_PO: FloatArray,
         should_stop: StopSignal,
-    ) -> SearchResult:
-        """Where there is a prior: its own samples start with the proposals, and fewer poses are enough."""
-        samples = space.sample(generator, self.near_samples - 1)
-        near = self.propose(self.near_choice, self.near_candidates, space, generator)
-        X_PO = np.concatenate([space.center[None], samples, near])
-        starts = X_PO[np.argsort(objective.cost(X_PO), kind="stable")[: self.near_starts]]
-        first = self._apart(self.near_first.refine(objective, starts, should_stop), objective, space, self.near_kept)
-        last = self.last.refine(objective, first, should_stop)
-        polished = self.polish.refine(objective, self._distinct(last, self.near_polished), should_stop)
-        return join_results(last, polished).ranked()
+    ) -> Iterator[SearchResult]:
+        """What the final ones of the stages find."""
+        for i, stage in enumerate(stages):
+            found = stage.refinement.refine(objective, X_PO, should_stop)
+            if stage.is_final:
+                yield found
+            if i + 1 < len(stages):
+                X_PO = self._next(stage, found, objective, space)
+            if i + 2 == len(stages) and space.reach[0] >= np.pi:
+                X_PO = np.concatenate([X_PO, self._images(X_PO[:_IMAGED])])
+
+    def _next(
+        self, stage: Stage, found: SearchResult, objective: LeastSquaresObjective, space: PoseSpace
+    ) -> FloatArray:
+        """The poses of a stage that go on."""
+        if stage.by_curvature:
+            return self._apart(found, objective, space, stage.kept)
+        return self._distinct(found, stage.kept)
 
     def _images(self, X_PO: FloatArray) -> FloatArray:
         """Poses (n, 3, 4) by those of the object's symmetries that the touch may tell apart, shape (m, 3, 4)."""
@@ -139,7 +221,7 @@ class PairSearch(Search):
 
     def _distinct(self, found: SearchResult, count: int) -> FloatArray:
         """The best poses (count, 3, 4), or fewer, of those that are further apart than the samples blur them."""
-        length, angle = 0.5 * self.choice.offset * self.model.pair_features.spacing, 0.5 * self.choice.bend
+        length, angle = 0.5 * self.start.choice.offset * self.model.pair_features.spacing, 0.5 * self.start.choice.bend
         return found.X_PO[distinct_poses(found.X_PO, length, angle)][:count]
 
     def _apart(self, found: SearchResult, objective: LeastSquaresObjective, space: PoseSpace, count: int) -> FloatArray:

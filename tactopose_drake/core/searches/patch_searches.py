@@ -1,5 +1,6 @@
 """Our search for tactile arrays: pairs of touches say where the object may be, the arrays' cells say where it is."""
 
+import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
@@ -7,7 +8,7 @@ import numpy as np
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.patch_contacts import with_patches
 from tactopose_drake.core.searches.evolution_strategy import EvolutionStrategy
-from tactopose_drake.core.searches.pair_search import PairSearch
+from tactopose_drake.core.searches.pair_search import PairSearch, global_stages, near_stages
 from tactopose_drake.core.searches.search import PoseSpace
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.object_model import ObjectModel
@@ -28,12 +29,10 @@ def patch_search(model: ObjectModel, patches: Sequence[Patch], contacts: Contact
     return PairSearch(
         model=model,
         contacts=with_patches(Contacts.empty() if contacts is None else contacts, patches),
-        starts=60,
-        kept=15,
-        near_samples=30,
-        near_starts=20,
-        near_kept=8,
-        near_polished=2,
+        stages=global_stages(starts=60, kept=15),
+        near_start=dataclasses.replace(PairSearch.near_start, samples=30, kept=20),
+        near_stages=near_stages(kept=8, polished=2),
+        returned=15,
     )
 
 
@@ -52,7 +51,7 @@ def corner_search(model: ObjectModel, patches: Sequence[Patch], contacts: Contac
 
     def propose(space: PoseSpace, generator: np.random.Generator) -> FloatArray:
         if space.reach[0] < np.pi:
-            return pairs.propose(pairs.near_choice, pairs.near_candidates, space, generator)
-        return pairs.propose(pairs.choice, pairs.candidates, space, generator)
+            return pairs.propose(pairs.near_start.choice, pairs.near_start.candidates, space, generator)
+        return pairs.propose(pairs.start.choice, pairs.start.candidates, space, generator)
 
     return EvolutionStrategy(proposals=propose)

@@ -100,11 +100,11 @@ def test_a_prior_keeps_the_proposed_poses_within_its_reach(blob: ObjectModel) ->
     contacts = touch_surface(blob, X_PO, 5, generator)
     space = PriorSpace(GaussianPrior(X_PO, sigma_translation=0.002, sigma_rotation=0.1))
     pairs = PairSearch(model=blob, contacts=contacts)
-    near = pairs.propose(pairs.choice, 500, space, generator)
+    near = pairs.propose(pairs.start.choice, 500, space, generator)
     assert len(near) > 0
     assert np.all(rotation_angles(near[:, :, :3], X_PO[:, :3]) <= space.reach[0])
     assert np.all(np.linalg.norm(near[:, :, 3] - X_PO[:, 3], axis=1) <= space.reach[1])
-    anywhere = pairs.propose(pairs.choice, 500, TouchSpace(blob, contacts), generator)
+    anywhere = pairs.propose(pairs.start.choice, 500, TouchSpace(blob, contacts), generator)
     assert np.linalg.norm(anywhere[:, :, 3] - X_PO[:, 3], axis=1).max() > 2 * space.reach[1]
 
 
@@ -117,7 +117,7 @@ def test_of_a_symmetric_object_the_images_near_the_prior_are_proposed(name: str)
         contacts = touch_surface(model, X_PO, 5, generator)
         space = PriorSpace(GaussianPrior(X_PO, sigma_translation=0.02, sigma_rotation=0.15))
         pairs = PairSearch(model=model, contacts=contacts)
-        near = pairs.propose(pairs.near_choice, 100, space, generator)
+        near = pairs.propose(pairs.near_start.choice, 100, space, generator)
         assert rotation_angles(near[:, :, :3], X_PO[:, :3]).min() < 0.2
         # Continuous symmetries are turned all the way to the prior, finite ones to within half a turn of theirs.
         assert rotation_angles(near[:, :, :3], X_PO[:, :3]).max() <= space.reach[0] + 1e-9
@@ -130,7 +130,7 @@ def test_of_poses_that_look_the_same_one_is_proposed(name: str) -> None:
     contacts = touch_surface(model, random_pose(generator), 5, generator)
     space = TouchSpace(model, contacts)
     pairs = PairSearch(model=model, contacts=contacts)
-    X_PO = pairs.propose(pairs.choice, 250, space, generator)
+    X_PO = pairs.propose(pairs.start.choice, 250, space, generator)
     alike = nearest_images(X_PO, space.center, model.symmetry_turns, model.symmetries)
     np.testing.assert_allclose(alike, X_PO, atol=1e-9)
     # Turned away from there, they would come back.

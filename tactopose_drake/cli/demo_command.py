@@ -1,0 +1,72 @@
+"""`tactopose demo`: a simulated hand closes on an object, and corrects the camera's pose by touch."""
+
+import os
+import sys
+import webbrowser
+from pathlib import Path
+
+import click
+from pydrake.geometry import Meshcat, MeshcatParams
+
+from tactopose_drake.cli.consoles import ERRORS, OUT
+from tactopose_drake.cli.demo_run import DemoResult, prepare_demo, run_demo, save_demo
+from tactopose_drake.cli.reports import fingers_table, free_line, pads_table, poses_table, sigma_line, status_line
+from tactopose_drake.station.scenario import load_scenario
+from tactopose_drake.station.simulated import check_bodies
+
+# The demo's scenarios by the hand's name on the command line.
+_DEMO_SCENARIOS = {"shadow": "shadow_like", "barrett": "barrett_like"}
+_path = click.Path(path_type=Path)
+
+
+@click.command()
+@click.option("--hand", type=click.Choice(list(_DEMO_SCENARIOS)), default="shadow", show_default=True, help="Hand.")
+@click.option("--object", "name", help="One of the shipped objects; by default one that suits the hand.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the grasp and all noise.")
+@click.option("--out", type=_path, default="tactopose_demo", show_default=True, help="Folder for the results.")
+@click.option("--meshcat", "keep", is_flag=True, help="Shows the run live in Meshcat, until you press Enter.")
+@click.option("--no-open", is_flag=True, help="Does not open the web page at the end.")
+def demo(hand: str, name: str | None, seed: int, out: Path, keep: bool, no_open: bool) -> None:
+    """Closes a simulated hand on an object and corrects the camera's doubtful pose by touch."""
+    scenario = load_scenario(_DEMO_SCENARIOS[hand])
+    scenario.object, scenario.seed = name or scenario.object, seed
+    scenario.validate()
+    prepare_demo(out)
+    check_bodies(scenario)
+    meshcat = Meshcat(MeshcatParams(host="localhost"))
+    if keep:
+        OUT.print(f"Meshcat shows the run at {meshcat.web_url()}")
+    with ERRORS.status("reading the object") as status:
+        result = run_demo(scenario, meshcat=meshcat, on_progress=status.update)
+        status.update("writing the results")
+        paths = save_demo(result, out, meshcat)
+    for reason in result.grasp.failed_attempts:
+        OUT.print(f"A grasp failed ({reason}); the next one was taken.")
+    OUT.print(
+        f"{' and '.join(_holders(result))} hold the {scenario.object.replace('_', ' ')}; "
+        f"the hand hides {result.hidden_share:.0%} of it from the camera."
+    )
+    if result.fingers:
+        OUT.print(fingers_table(result.fingers))
+    if result.pads:
+        OUT.print(pads_table(result.pads))
+    OUT.print(poses_table((result.vision, result.touch)))
+    OUT.print(free_line(result.estimate.best))
+    OUT.print(sigma_line(result.estimate.best, result.grasp.station.model))
+    OUT.print(status_line(result.estimate))
+    OUT.print("Written: " + ", ".join(str(path) for path in paths))
+    page = paths[-1].absolute()
+    if not no_open and sys.stdout.isatty() and _has_display():
+        webbrowser.open(page.as_uri())
+    if keep:
+        click.pause("Press Enter to end.")
+
+
+def _holders(result: DemoResult) -> list[str]:
+    """What feels the object, counted."""
+    felt = {"fingertips": len(result.fingers), "tactile pads": sum(pad.active_cells > 0 for pad in result.pads)}
+    return [f"{count} {name}" for name, count in felt.items() if count]
+
+
+def _has_display() -> bool:
+    return sys.platform in ("darwin", "win32") or any(name in os.environ for name in ("DISPLAY", "WAYLAND_DISPLAY"))

@@ -1,0 +1,84 @@
+"""`tactopose estimate`: the pose of an object from files."""
+
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import click
+from pydrake.geometry import Meshcat, MeshcatParams
+
+from tactopose_drake.cli.consoles import ERRORS, OUT
+from tactopose_drake.cli.reports import free_line, hypotheses_table, status_line
+from tactopose_drake.core.mesh.repair import MeshRepairWarning
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.estimation.estimate import METHODS, estimate_pose
+from tactopose_drake.estimation.files import load_contacts, load_prior, save_result
+from tactopose_drake.estimation.output_files import check_outputs
+from tactopose_drake.visualization.meshcat import aim_camera, draw_scene, save_html, upright
+from tactopose_drake.visualization.remote_meshcat import RemoteMeshcat
+from tactopose_drake.visualization.scene import Scene
+
+_path = click.Path(path_type=Path)
+
+
+@click.command()
+@click.option("--object", "mesh", type=_path, required=True, help="Mesh of the object, in metres.")
+@click.option("--contacts", "contacts_file", type=_path, required=True, help="contacts.yaml: the touch.")
+@click.option("--prior", "prior_file", type=_path, help="prior.yaml: what is known of the pose without touch.")
+@click.option("--method", type=click.Choice(list(METHODS)), default="pair_search", show_default=True, help="Search.")
+@click.option(
+    "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the search's random numbers."
+)
+@click.option("--out", type=_path, help="Writes result.json here.")
+@click.option("--html", type=_path, help="Writes the scene here, as a web page to turn and zoom.")
+@click.option("--meshcat-url", help="Draws the scene into the meshcat-server there, e.g. tcp://127.0.0.1:6000.")
+def estimate(
+    mesh: Path,
+    contacts_file: Path,
+    prior_file: Path | None,
+    method: str,
+    seed: int,
+    out: Path | None,
+    html: Path | None,
+    meshcat_url: str | None,
+) -> None:
+    """Estimates the pose of an object from contacts."""
+    contacts = load_contacts(contacts_file)
+    prior = None if prior_file is None else load_prior(prior_file)
+    check_outputs((out, html), inputs=(mesh, contacts_file, prior_file))
+    remote = None if meshcat_url is None else click.get_current_context().with_resource(RemoteMeshcat(meshcat_url))
+    with _progress(f"reading {mesh}"):
+        model = ObjectModel.from_mesh(mesh)
+    with _progress("searching (the first run on a machine compiles its kernels, about a minute)"):
+        found = estimate_pose(model, contacts, prior=prior, method=method, seed=seed)
+    OUT.print(hypotheses_table(found, model))
+    OUT.print(free_line(found.best))
+    OUT.print(status_line(found))
+    if out is not None:
+        save_result(out, found)
+    scene = Scene(
+        model=model,
+        contacts=contacts,
+        prior=None if prior is None else prior.X_PO,
+        estimate=found.best.X_PO,
+    )
+    if html is not None:
+        meshcat = Meshcat(MeshcatParams(host="localhost"))
+        draw_scene(meshcat, scene)
+        aim_camera(meshcat, scene, upright(scene))
+        save_html(html, meshcat)
+    if remote is not None:
+        draw_scene(remote, scene)
+        OUT.print(f"Drawn into the meshcat-server whose page is {remote.web_url()}")
+
+
+@contextmanager
+def _progress(message: str) -> Iterator[None]:
+    """Shows what takes its time, on a terminal; and what was repaired on the way."""
+    with warnings.catch_warnings(record=True) as caught, ERRORS.status(message):
+        warnings.simplefilter("always", MeshRepairWarning)
+        yield
+    for warning in caught:
+        if issubclass(warning.category, MeshRepairWarning):
+            ERRORS.print(f"warning: {warning.message}", style="yellow", markup=False)

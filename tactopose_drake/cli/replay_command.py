@@ -1,0 +1,60 @@
+"""`tactopose replay`: recordings, played through the drivers."""
+
+import contextlib
+from collections.abc import Iterator
+from pathlib import Path
+
+import click
+
+from tactopose_drake.cli.consoles import OUT
+from tactopose_drake.cli.run_command import print_end, showing
+from tactopose_drake.estimation.output_files import check_outputs, written_beside
+from tactopose_drake.runs.estimate_writer import EstimateWriter
+from tactopose_drake.runs.scenario_replay import replay as replay_recording
+from tactopose_drake.runs.stepping import RunView
+from tactopose_drake.station.scenario import load_scenario, scenario_file
+
+_path = click.Path(path_type=Path)
+
+
+@click.command()
+@click.argument("log", type=_path)
+@click.option("--scenario", required=True, help="Of the same hand, object and devices; how to estimate may differ.")
+@click.option(
+    "--speed", type=click.Choice(["max", "real"]), default="max", show_default=True, help="How fast it plays."
+)
+@click.option("--out", type=_path, help="Writes the estimates here, a line of JSON each.")
+@click.option("--monitor", is_flag=True, help="Shows rates, ages, forces, pressures and the estimate live.")
+def replay(log: Path, scenario: str, speed: str, out: Path | None, monitor: bool) -> None:
+    """Plays LOG, a folder that `run --record` made, through the drivers: the same estimates each time, bit by bit."""
+    loaded = load_scenario(scenario)
+    check_outputs((out,), inputs=(log, scenario_file(scenario)))
+    with contextlib.ExitStack() as parts:
+        writer = None if out is None else parts.enter_context(_written(out))
+        show, tell = parts.enter_context(showing(monitor))
+
+        def write_and_show(view: RunView) -> None:
+            if writer is not None:
+                writer.write(view.diagram, view.context)
+            show(view)
+
+        played = replay_recording(log, loaded, paced=speed == "real", observer=write_and_show, tell=tell)
+    for end in played.ends:
+        OUT.print(end, style=None if played.whole else "yellow", soft_wrap=True, markup=False)
+    if played.difference:
+        OUT.print(played.difference, style="yellow", soft_wrap=True, markup=False)
+    print_end(played.view)
+
+
+@contextlib.contextmanager
+def _written(out: Path) -> Iterator[EstimateWriter]:
+    """A writer of a file that is there when all is written.
+
+    Raises:
+        InvalidFileError: if it could not be written to its end.
+    """
+    with written_beside(out) as beside:
+        with EstimateWriter(beside) as writer:
+            yield writer
+        if writer.file.problem:
+            raise OSError(writer.file.problem)
