@@ -77,23 +77,18 @@ def replay(
     comparison = ReplayComparison(folder / ESTIMATES, is_live=isinstance(manifest.scenario.senses, CanSenses))
     is_compared = scenario.estimation == manifest.scenario.estimation
     scenario = _as_recorded(scenario, manifest)
-    scenario.validate()
     signals, cut = read_signals(folder / SIGNALS)
-    # What is beyond the last whole line is not known.
-    last = max((signal.times[-1] for signal in signals.values()), default=0.0)
+    last = max((signal.times[-1] for signal in signals.values()), default=0.0)  # What is beyond is not known.
     signals.pop(TRUE_POSE, None)
     _check_signals(signals, scenario, cut or f"{folder / SIGNALS}: is whole.")
     tell("reading the object")
-    model = ObjectModel.from_mesh(scenario.object_mesh())
     with contextlib.ExitStack() as parts:
         devices = _logged_devices(folder, manifest)
-        if devices is not None and devices.hand is not None:
-            signals.pop("joint_positions", None)  # They are in the log.
-        simulator = Simulator(_make_station(folder, scenario, devices, signals, model).diagram)
+        if devices is not None and devices.hand is not None:  # They are in the log.
+            signals.pop("joint_positions", None)
+        simulator = Simulator(_make_station(folder, scenario, devices, signals).diagram)
         if devices is not None:
-            parts.enter_context(devices)
-            _check_start(manifest.start, devices, folder)
-            devices.start(manifest.start)
+            _start(parts.enter_context(devices), manifest.start, folder)
         if paced:
             simulator.set_target_realtime_rate(1.0)
         simulator.Initialize()
@@ -103,8 +98,7 @@ def replay(
         at_end = functools.partial(_have_ended, buses)
 
         def compare_and_show(view: RunView) -> None:
-            # What comes after the end of a log is not compared.
-            if is_compared and not at_end():
+            if is_compared and not at_end():  # What comes after the end of a log is not compared.
                 comparison.compare(view)
             observer(view)
 
@@ -126,13 +120,14 @@ def _have_ended(buses: list[DeviceBus]) -> bool:
 
 
 def _make_station(
-    folder: Path, scenario: Scenario, devices: CanDevices | None, signals: Mapping[str, Signal], model: ObjectModel
+    folder: Path, scenario: Scenario, devices: CanDevices | None, signals: Mapping[str, Signal]
 ) -> HardwareStation:
     """The station that a recording is played to.
 
     Raises:
         InvalidFileError: if the recording's signals do not fit the scenario, which is valid by itself.
     """
+    model = ObjectModel.from_mesh(scenario.object_mesh())
     try:
         return make_hardware_station(scenario, devices, signals, model=model)
     except InvalidInputError as error:
@@ -146,7 +141,9 @@ def _as_recorded(scenario: Scenario, manifest: Manifest) -> Scenario:
     senses = manifest.scenario.senses
     if isinstance(senses, CanSenses):  # What came from files then is among the signals.
         senses = dataclasses.replace(senses, joints=JointPort(), prior="")
-    return dataclasses.replace(scenario, senses=senses, estimation=estimation)
+    played = dataclasses.replace(scenario, senses=senses, estimation=estimation)
+    played.validate()
+    return played
 
 
 def _logged_devices(folder: Path, manifest: Manifest) -> CanDevices | None:
@@ -180,11 +177,16 @@ def _check_signals(signals: Mapping[str, Signal], scenario: Scenario, state: str
 _KINDS: dict[type, str] = {PosePrior: "prior", np.ndarray: "vector"}
 
 
-def _check_start(start: float, devices: CanDevices, folder: Path) -> None:
-    """Raises InvalidFileError if the run began long before the first frame: the replay would wait for it."""
+def _start(devices: CanDevices, start: float, folder: Path) -> None:
+    """Starts the devices at the time at which the run began.
+
+    Raises:
+        InvalidFileError: if that was long before the first frame: the replay would wait for it.
+    """
     first = min(bus.clock.time() for bus in devices.buses.values())
     if start < first - _LONGEST_SILENCE:
         raise InvalidFileError(
             f"{folder / MANIFEST}: start: is {first - start:.0f} s before the logs' first frame; "
             f"allowed are {_LONGEST_SILENCE:g} s at most."
         )
+    devices.start(start)
