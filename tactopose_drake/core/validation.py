@@ -45,6 +45,8 @@ def finite_array(name: str, value: ArrayLike, *shapes: tuple[int | None, ...]) -
 
 def number_array(name: str, value: ArrayLike, *shapes: tuple[int | None, ...]) -> FloatArray:
     """As `finite_array`, but NaN and infinite numbers may be among the entries."""
+    if type(value) is np.ndarray and value.dtype.char == "d" and value.shape in shapes:
+        return np.array(value, dtype=np.float64, order="C")  # Nothing is wrong: some times as fast.
     try:
         _check_numbers(name, value)
         array = np.asarray(value)
@@ -106,6 +108,8 @@ def positive_number(
     Raises:
         InvalidInputError: otherwise.
     """
+    if type(value) is float and 0.0 < value < np.inf and least <= value <= most:
+        return value  # Ten times as fast as what says what is wrong.
     return float(positive_numbers(name, value, (), allow_zero=allow_zero, least=least, most=most))
 
 
