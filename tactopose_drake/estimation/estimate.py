@@ -16,7 +16,7 @@ from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.identification.model_evidence import log_evidence
 from tactopose_drake.core.posterior.belief_sampling import BeliefSampling
 from tactopose_drake.core.posterior.hypotheses import Modes, find_modes
-from tactopose_drake.core.posterior.plausibility import degrees_of_freedom, explain_touch
+from tactopose_drake.core.posterior.plausibility import degrees_of_freedom, explain_touch, is_explained
 from tactopose_drake.core.posterior.posterior import make_posterior
 from tactopose_drake.core.searches.baselines.gradient_descent import GradientDescent
 from tactopose_drake.core.searches.baselines.monte_carlo import MonteCarlo
@@ -141,17 +141,16 @@ def weigh_poses(
     search = METHODS[method](model, evidence)
     generator = np.random.default_rng(seed)
     modes = _find_modes(model, evidence, problem, search, generator, deadline, max_hypotheses)
-    explained = explain_touch(model, evidence, modes.X_PO)
-    wider_search = search.widened() if prior is not None and not explained.any() else None
+    explained = is_explained(model, evidence, modes.X_PO)
+    wider_search = search.widened() if prior is not None and not explained else None
     if wider_search is not None and not deadline():
         # The valley with the pose may be a narrow one that no start has led to.
         wider = _find_modes(model, evidence, problem, wider_search, generator, deadline, max_hypotheses)
         modes = min(modes, wider, key=lambda found: float(found.cost.min()))
-        explained = explain_touch(model, evidence, modes.X_PO)
-    if explained.any() and not deadline():
+        explained = is_explained(model, evidence, modes.X_PO)
+    if explained and not deadline():
         modes = BeliefSampling().weigh(modes, make_posterior(model, evidence, problem), generator)
-        explained = explain_touch(model, evidence, modes.X_PO)
-    hypotheses = _hypotheses(modes, explained)
+    hypotheses = _hypotheses(modes, explain_touch(model, evidence, modes.X_PO))
     undetermined = prior is None and len(evidence.touch) < _FEWEST_FOR_A_POSE
     return PoseEstimate(
         hypotheses,

@@ -48,6 +48,11 @@ def explain_touch(model: ObjectModel, evidence: Evidence, X_PO: FloatArray) -> N
     return explained
 
 
+def is_explained(model: ObjectModel, evidence: Evidence, X_PO: FloatArray) -> bool:
+    """Whether any of the poses (B, 3, 4) leaves residuals that may be noise; mostly the first one tells."""
+    return bool(explain_touch(model, evidence, X_PO[:1]).any() or explain_touch(model, evidence, X_PO[1:]).any())
+
+
 def may_be_touched(model: ObjectModel, X_PO: FloatArray, covariance: FloatArray, contacts: Contacts) -> bool:
     """Whether an object of which a pose is known may be what is touched: whether any contact is within its reach.
 
