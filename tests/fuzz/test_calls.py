@@ -21,7 +21,8 @@ def test_no_call_ends_in_a_raw_error(kind: Callable[[np.random.Generator], None]
     assert counts["answered"] >= 0.8 * calls if kind is plausible else counts["refused"] >= 0.3 * calls
 
 
-@settings(max_examples=60, suppress_health_check=[HealthCheck.too_slow])
+# The same seeds each time: what a change breaks shows here, what is rare in the long runs of `python -m tests.fuzz`.
+@settings(max_examples=60, derandomize=True, database=None, suppress_health_check=[HealthCheck.too_slow])
 @given(seed=st.integers(0, 2**63 - 1), kind=st.sampled_from([plausible, hostile]))
 def test_nor_does_one_of_any_seed(seed: int, kind: Callable[[np.random.Generator], None]) -> None:
     outcome = make_call(kind.__name__, kind, seed, cpu_limit=60.0)
