@@ -46,17 +46,17 @@ def _frame(rng: np.random.Generator, model: tp.ObjectModel, X_PO: touches.Array,
 
 
 def _evidence(given: Arguments) -> Evidence:
-    """What the arguments say, none of which may be missing."""
+    """What the arguments say; of what is missing, nothing is known."""
     return Evidence(
-        build(tp.Contacts, given["contacts"]),
-        build(tp.PosePrior, given["prior"]),
-        build(tp.HandGeometry, given["hand"]),
-        balance=build(ForceBalance, given["balance"]),
+        build(tp.Contacts, given.get("contacts", tp.Contacts.empty())),
+        build(tp.PosePrior, given.get("prior")),
+        build(tp.HandGeometry, given.get("hand")),
+        balance=build(ForceBalance, given.get("balance")),
     )
 
 
 def _frame_of(given: Any) -> Any:
-    if not isinstance(given, dict):
+    if not isinstance(given, dict) or not given:
         return given
     parts = dict(given)
     if isinstance(parts.get("evidence"), dict):

@@ -156,6 +156,7 @@ def describe_patch(
     else:
         n_PT = unit_vectors("n_PT", n_PT, p_PT.shape)
     threshold = positive_number("threshold", threshold, allow_zero=True)
+    limited("threshold", threshold, (), most=_MOST_PRESSURE)
     saturation = math.inf if saturation is None else positive_number("saturation", saturation)
     if saturation <= threshold:
         raise InvalidInputError(f"saturation: is {saturation:g}; allowed are numbers > threshold = {threshold:g}.")

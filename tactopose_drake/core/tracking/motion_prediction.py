@@ -76,13 +76,20 @@ def move_with_palm(noise: MotionNoise, duration: float, *, slips: bool) -> Motio
 
 
 def move_freely(
-    noise: MotionNoise, duration: float, X_WP_before: FloatArray | None = None, X_WP: FloatArray | None = None
+    noise: MotionNoise,
+    duration: float,
+    max_sigma_translation: float,
+    X_WP_before: FloatArray | None = None,
+    X_WP: FloatArray | None = None,
 ) -> Motion:
     """The motion of an object that nothing holds: it rests in the world, about, while the palm moves.
+
+    However long that is, the random walk ends where nothing is known of the pose any more.
 
     Args:
         noise: the random walks.
         duration: s.
+        max_sigma_translation: of a translation with this standard deviation nothing is known, m.
         X_WP_before: the palm's pose before, shape (3, 4); None where it is not known.
         X_WP: that after, shape (3, 4); likewise.
     """
@@ -90,7 +97,8 @@ def move_freely(
     if X_WP_before is not None and X_WP is not None:
         X_PP = compose(inverse(X_WP), X_WP_before)
         twist = np.concatenate([log_so3(X_PP[:, :3]), X_PP[:, 3]])
-    return Motion(twist, np.diag(_free_variances(noise)) * duration)
+    variances = np.minimum(_free_variances(noise) * duration, _limits(max_sigma_translation))
+    return Motion(twist, np.diag(variances))
 
 
 def move_with_fingertips(
@@ -158,6 +166,11 @@ def _free_variances(noise: MotionNoise) -> FloatArray:
     return np.repeat([noise.free_rotation**2, noise.free_translation**2], 3)
 
 
+def _limits(max_sigma_translation: float) -> FloatArray:
+    """Variances of increments of which nothing is known, shape (6,)."""
+    return np.repeat([_ANY_ROTATION, max_sigma_translation**2], 3)
+
+
 def predict_poses(X_PO: FloatArray, covariance: FloatArray, motion: Motion) -> tuple[FloatArray, FloatArray]:
     """Poses (n, 3, 4) and covariances (n, 6, 6) of their increments, after a motion.
 
@@ -180,7 +193,7 @@ def predict_modes(modes: GaussianMixture, motion: Motion, max_sigma_translation:
     """
     X_PO, covariance = predict_poses(modes.X_PO, modes.covariance, motion)
     cross = motion.increment_map @ modes.cross_covariance
-    limits = np.repeat([_ANY_ROTATION, max_sigma_translation**2], 3)
+    limits = _limits(max_sigma_translation)
     for b in np.flatnonzero(np.any(np.diagonal(covariance, axis1=1, axis2=2) > limits, axis=1)):
         shrink = _shrink(covariance[b], limits)
         covariance[b], cross[b] = shrink @ covariance[b] @ shrink.T, shrink @ cross[b]

@@ -100,8 +100,9 @@ class PoseTracker:
     def _motion(self, belief: PoseBelief, frame: Frame, contacts: Contacts, duration: float) -> Motion:
         """How the object moved since the belief's time."""
         slips, noise = belief.time < belief.slip_time + self._params.slip_time, self._params.noise
-        if not len(contacts):
-            return move_freely(noise, duration, belief.X_WP, frame.X_WP)
+        if not len(contacts) or duration > noise.longest_gap:
+            most = self._params.mixture.max_sigma_translation
+            return move_freely(noise, duration, most, belief.X_WP, frame.X_WP)
         if frame.tip_velocity is None:
             return move_with_palm(noise, duration, slips=slips)
         assert frame.sources is not None

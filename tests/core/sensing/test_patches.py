@@ -208,6 +208,7 @@ def test_a_patch_cannot_be_changed() -> None:
         ({"n_PT": OUT[:5]}, r"n_PT: has shape \(5, 3\); allowed is \(24, 3\)"),
         ({"n_PT": 2.0 * OUT}, r"n_PT\[0\]: has length 2"),
         ({"threshold": -1.0}, "threshold: is -1; allowed are numbers >= 0"),
+        ({"threshold": 1e300}, "threshold"),
         ({"threshold": 5.0, "saturation": 5.0}, "saturation: is 5; allowed are numbers > threshold = 5"),
         ({"p_PT": CELLS[:, [2, 0, 1]]}, "n_PT: is None, but the pad is parallel to the z axis"),
         ({"p_PT": bent_pad()[0][:24]}, "n_PT: is None, but the cells are not in a plane"),

@@ -103,7 +103,7 @@ def test_what_no_fingertip_holds_walks_at_random() -> None:
 
 def test_unknown_fingertips_say_nothing() -> None:
     motion = move_with_fingertips(Contacts(p_OC, n_OC), NAMES, {}, NOISE, 0.01, slips=False)
-    free = move_freely(NOISE, 0.01)
+    free = move_freely(NOISE, 0.01, 0.3)
     np.testing.assert_allclose(motion.twist, 0.0)
     np.testing.assert_allclose(motion.covariance, free.covariance)
 
@@ -119,8 +119,14 @@ def test_an_object_that_nothing_touches_rests_in_the_world() -> None:
     X_WP = make_poses(exp_so3(np.array([0.3, 0.1, -0.2])), np.array([0.5, 0.1, 0.3]))
     X_WP_after = make_poses(exp_so3(np.array([0.4, 0.0, -0.2])), np.array([0.45, 0.2, 0.3]))
     X_PO = make_poses(exp_so3(np.array([1.0, 0.5, 0.0])), np.array([0.1, 0.0, 0.2]))
-    motion = move_freely(NOISE, 0.01, X_WP, X_WP_after)
+    motion = move_freely(NOISE, 0.01, 0.3, X_WP, X_WP_after)
     np.testing.assert_allclose(compose(X_WP_after, compose(motion.pose, X_PO)), compose(X_WP, X_PO), atol=1e-12)
+
+
+def test_in_a_very_long_time_no_more_is_lost_than_there_is_to_know() -> None:
+    sigma = np.sqrt(np.diag(move_freely(NOISE, 1e12, 0.3).covariance))
+    np.testing.assert_allclose(sigma[3:], 0.3)
+    assert sigma[:3].max() < np.pi
 
 
 @pytest.mark.parametrize("name", ["rolling", "free_rotation", "friction"])

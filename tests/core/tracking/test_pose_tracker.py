@@ -100,6 +100,22 @@ def test_without_touch_the_covariance_grows_until_it_is_lost(tracker: PoseTracke
     assert error(belief, X_PO)[0] < 0.005
 
 
+@pytest.mark.parametrize("gap", [20.0, 1e9])
+def test_after_a_long_gap_the_pose_is_found_anew(tracker: PoseTracker, gap: float) -> None:
+    """Fingertip velocities say nothing of so long a time, however slow they are."""
+    follower = Follower(tracker)
+    belief = follower.feel(X_PO, 20)
+    velocity = {name: np.full(6, 0.01) for name in NAMES}
+    contacts = touch(X_PO, follower.generator)
+    frame = Frame(belief.time + gap, Evidence(contacts, prior=GUESS), NAMES, tip_velocity=velocity)
+    belief = tracker.step(belief, frame)
+    assert np.isfinite(belief.covariance).all()
+    follower.belief = belief
+    translation, rotation = error(follower.feel(X_PO, 10), X_PO)
+    assert translation < 0.003
+    assert rotation < math.radians(4.0)
+
+
 def test_a_dropout_of_one_frame_is_bridged(tracker: PoseTracker) -> None:
     follower = Follower(tracker)
     follower.feel(X_PO, 20)
