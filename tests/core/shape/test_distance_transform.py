@@ -70,7 +70,7 @@ def test_field_is_distance_with_sign_and_its_unit_gradient(shape: trimesh.Trimes
     origin, spacing, counts = grid = grid_around(vertices)
     packed = distance_transform.pack_triangles(vertices[faces])
     nearest = distance_transform.nearest_faces(packed, origin, spacing, counts, BAND)
-    winding, _ = winding_numbers(vertices, faces, origin, spacing, counts, BAND)
+    winding, _ = winding_numbers(vertices, faces, origin, spacing, counts)
     values = signed_field(packed, nearest, winding, origin, spacing)
     assert values.dtype == np.float32
     np.testing.assert_allclose(np.linalg.norm(values[..., 1:], axis=-1), 1.0, atol=1e-6)
@@ -85,7 +85,7 @@ def test_field_is_distance_with_sign_and_its_unit_gradient(shape: trimesh.Trimes
 def test_inside_is_where_trimesh_says(shape: trimesh.Trimesh) -> None:
     vertices, faces = arrays(shape)
     origin, spacing, counts = grid = grid_around(vertices, nodes=25)
-    winding, rest = winding_numbers(vertices, faces, origin, spacing, counts, BAND)
+    winding, rest = winding_numbers(vertices, faces, origin, spacing, counts)
     assert not rest.any()
     points = nodes_of(grid).reshape(-1, 3)[::11]
     inside = np.zeros(len(points))
@@ -106,7 +106,7 @@ def test_winding_numbers_count_overlapping_and_inverted_bodies() -> None:
     ):
         vertices, faces = arrays(mesh)
         origin, spacing, counts = grid_around(vertices, nodes=21)
-        winding, rest = winding_numbers(vertices, faces, origin, spacing, counts, BAND)
+        winding, rest = winding_numbers(vertices, faces, origin, spacing, counts)
         assert not rest.any()
         assert winding[counts[0] // 2, counts[1] // 2, counts[2] // 2] == in_the_middle
         assert winding[0, 0, 0] == 0
@@ -145,7 +145,7 @@ def test_open_meshes_leave_a_remainder_in_the_columns_through_the_hole() -> None
     mesh.update_faces(mesh.face_normals[:, 2] < 0.9)
     vertices, faces = arrays(mesh)
     origin, spacing, counts = grid_around(vertices, nodes=20)
-    _, rest = winding_numbers(vertices, faces, origin, spacing, counts, BAND)
+    _, rest = winding_numbers(vertices, faces, origin, spacing, counts)
     assert rest[counts[0] // 2, counts[1] // 2] == 1
     assert rest[0, 0] == 0
 
