@@ -8,6 +8,10 @@ import can
 from tactopose_drake.drivers.clock import Clock
 from tactopose_drake.errors import BusError
 
+# What python-can's interfaces raise where a bus cannot be opened: their own errors and the operating system's;
+# ValueError and TypeError for a channel or an option that they cannot take; ImportError and NotImplementedError where a
+# vendor's library is missing or lacks what is asked for. Anything else is a fault of the program, no state of a bus.
+_CANNOT_OPEN = (can.CanError, OSError, ValueError, TypeError, ImportError, NotImplementedError)
 _BACKOFF = (0.1, 2.0)  # s between two attempts to open a bus again: doubles from the first to the last
 
 
@@ -78,7 +82,7 @@ class ReconnectingBus:
     def _attempt(self) -> bool:
         try:
             self.bus = self._open_bus()
-        except (can.CanError, OSError, ValueError, TypeError, ImportError, NotImplementedError, RuntimeError) as error:
+        except _CANNOT_OPEN as error:
             self.failure = f"cannot be opened ({error})."
             return False
         self.failure = ""

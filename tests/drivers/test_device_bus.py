@@ -51,6 +51,30 @@ def test_a_bus_that_cannot_be_opened_is_one_clear_error(interface: str, channel:
         pass
 
 
+@pytest.mark.parametrize(
+    ("error", "seen"),
+    [
+        (can.CanInitializationError("no"), BusError),
+        (OSError("no"), BusError),
+        (ValueError("no"), BusError),
+        (TypeError("no"), BusError),
+        (ImportError("no"), BusError),
+        (NotImplementedError("no"), BusError),
+        (RuntimeError("a fault of the program"), RuntimeError),
+        (KeyError("a fault of the program"), KeyError),
+    ],
+)
+def test_what_interfaces_raise_is_a_bus_error_and_other_faults_are_not_hidden(
+    error: Exception, seen: type[Exception]
+) -> None:
+    def open_bus() -> can.BusABC:
+        raise error
+
+    with pytest.raises(seen, match=str(error.args[0])) as raised, DeviceBus(open_bus, threaded=False):
+        pass
+    assert type(raised.value) is seen
+
+
 def test_an_adapter_that_is_pulled_out_is_opened_again_with_growing_pauses() -> None:
     adapter = Adapter(make_board())
     with adapter.bus() as bus, NetCanOemForceTorque(bus, calibration_slot=SLOT) as sensor:

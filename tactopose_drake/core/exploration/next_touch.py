@@ -27,11 +27,6 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
 
-# Modes of at least this probability must be left stable and uncollided.
-_LIKELY = 0.05
-# Surfaces that a fingertip grazes are not felt exactly: the way's error grows no further than at this cosine.
-_LEAST_FACING = 0.2
-
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class TouchNoise:
@@ -40,10 +35,20 @@ class TouchNoise:
     Attributes:
         position: standard deviation of the contact along each axis, m.
         normal: of a small rotation of the normal about each axis, rad; None where no normal is felt.
+        least_facing: cosine between normal and way, beyond which the way's error grows no further: surfaces that a
+            fingertip grazes are not felt exactly, but they are felt.
     """
 
     position: float = 0.0009
     normal: float | None = math.radians(5.0)
+    least_facing: float = 0.2
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SafetyParams:
+    """What a motion must be safe for."""
+
+    likely: float = 0.05  # probability from which on a mode must be left stable and uncollided
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -82,6 +87,7 @@ def choose_touch(
     friction: float,
     noise: TouchNoise | None = None,
     others: Mapping[str, HandGeometry] | None = None,
+    safety: SafetyParams = SafetyParams(),
 ) -> NextTouch | None:
     """The motion that tells most of those that are allowed; None if none is.
 
@@ -96,6 +102,7 @@ def choose_touch(
         friction: coefficient of friction.
         noise: of a touch.
         others: for each finger the rest of the hand, which it must not meet; None to leave that to the caller.
+        safety: which modes are likely.
 
     Raises:
         InvalidInputError: as many names as contacts are needed.
@@ -113,6 +120,7 @@ def choose_touch(
             options,
             friction=friction,
             others=None if others is None else others[finger],
+            safety=safety,
         )
         for finger, options in moves.items()
     }
@@ -138,20 +146,21 @@ def is_allowed(
     *,
     friction: float,
     others: HandGeometry | None = None,
+    safety: SafetyParams = SafetyParams(),
 ) -> NDArray[np.bool_]:
     """Which motions of a finger leave a stable grasp and touch with the fingertip alone, at all likely modes, (m,).
 
     With the rest of the hand given, the finger must not meet `others` either before its motion ends.
     """
     held = np.array([name != finger for name in fingers], dtype=np.bool_)
-    likely = belief.X_PO[belief.likely(_LIKELY)]
+    X_likely = belief.X_PO[belief.likely(safety.likely)]
     if not held.all():
         rest = Contacts(contacts.p_PC[held])
-        if not all(grasp_quality(model, rest, X, friction=friction).force_closure for X in likely):
+        if not all(grasp_quality(model, rest, X, friction=friction).force_closure for X in X_likely):
             return np.zeros(len(moves), dtype=np.bool_)
-    clear: NDArray[np.bool_] = np.logical_and.reduce(moves.are_clear(model, likely))
+    clear: NDArray[np.bool_] = np.logical_and.reduce(moves.are_clear(model, X_likely))
     if others is not None:
-        clear[clear] = moves.take(np.flatnonzero(clear)).stay_apart(others, model, likely)
+        clear[clear] = moves.take(np.flatnonzero(clear)).stay_apart(others, model, X_likely)
     return clear
 
 
@@ -189,7 +198,7 @@ def predict(
     X_PO = retract(np.repeat(belief.X_PO, increments.shape[1], axis=0), increments.reshape(-1, 6))
     felt = moves.feel(model, X_PO)
     shape = (len(belief), -1, len(moves))
-    is_hit, facing = felt.is_hit.reshape(shape), np.maximum(felt.facing.reshape(shape), _LEAST_FACING)
+    is_hit, facing = felt.is_hit.reshape(shape), np.maximum(felt.facing.reshape(shape), noise.least_facing)
     z = felt.way.reshape(shape)[..., None]
     if noise.normal is not None:
         z = np.concatenate([z, felt.n_PC.reshape(*shape, 3)], axis=-1)

@@ -14,6 +14,7 @@ from .grasp_planner import plan_grasps as plan_grasps
 from .held_axis import HeldAxis as HeldAxis
 from .held_axis import find_held_axis as find_held_axis
 from .improvement import ImprovementMap as ImprovementMap
+from .improvement import ReachabilityParams as ReachabilityParams
 from .improvement import improvement_map as improvement_map
 from .improvement import reachable_points as reachable_points
 from .quality import ClosureProbability as ClosureProbability
@@ -22,5 +23,6 @@ from .quality import force_closure_probability as force_closure_probability
 from .quality import grasp_quality as grasp_quality
 from .serial_chain import SerialChain as SerialChain
 from .stall_law import close_until_stalled as close_until_stalled
+from .wrench_space import HullGrowthParams as HullGrowthParams
 from .wrench_space import Norm as Norm
 from .wrench_space import WrenchSpace as WrenchSpace

@@ -10,19 +10,6 @@ from tactopose_drake.core.grasping.serial_chain import SerialChain
 from tactopose_drake.core.shape.signed_distance import DistanceGrid
 from tactopose_drake.core.validation import FloatArray, positive_number
 
-# Steps of the search for exact contact, and how exact it gets.
-_STEPS = 4
-_CONTACT_TOLERANCE = 1e-4  # m
-# Shares of the way from open to closed at which the finger must be clear of the object.
-_APPROACH = (0.0, 0.5, 1.0)
-# What a touch's surroundings must be like. A little further out, the distance grows by at least this share of the way:
-# it does not where the fingertip sits in a corner and touches two places.
-_OUTWARDS = 0.003  # m
-_OPENNESS = 0.8
-# A little to the side, the normal turns less than this: it turns more on an edge rounded by less than 4 mm.
-_SIDEWAYS = 0.002  # m
-_MOST_TURN = 0.5  # rad
-
 
 @dataclass(frozen=True, eq=False)
 class FingerGeometry:
@@ -96,6 +83,16 @@ class ReachParams:
     least_facing: float = 0.12  # cosine between the finger's axis and the direction to the contact: 0 at its side
     most_facing: float = 0.97  # 1 at its very end
     limit_margin: float = 0.03  # distance from the joint limits in contact, rad
+    steps: int = 4  # of the search for exact contact
+    contact_tolerance: float = 1e-4  # distance of the fingertip from the surface after them, m
+    approach_stops: int = 3  # on the way from closed to open, both included, at which the finger must be clear
+    # What a touch's surroundings must be like. A little further out, the distance grows by at least this share of the
+    # way: it does not where the fingertip sits in a corner and touches two places.
+    outwards: float = 0.003  # m
+    least_openness: float = 0.8
+    # A little to the side, the normal turns less than this: it turns more on an edge rounded by less than 4 mm.
+    sideways: float = 0.002  # m
+    most_turn: float = 0.5  # rad
 
     def validate(self) -> None:
         """Raises InvalidInputError if a value is not positive."""
@@ -150,7 +147,7 @@ class FingerReach:
     def _refine(self, grid: DistanceGrid, X_PO: FloatArray, q: FloatArray) -> Touches:
         """Moves the fingertip onto the surface, and keeps what is clean."""
         geometry, params, chain = self.geometry, self._params, self.geometry.chain
-        for _ in range(_STEPS):
+        for _ in range(params.steps):
             p_PT, J = chain.point_jacobians(q, geometry.p_ST)
             distance, normal = _distance(grid, X_PO, p_PT)
             row = np.einsum("ni,nim->nm", normal, J)
@@ -165,14 +162,14 @@ class FingerReach:
         closing = -np.einsum("nim,ni->nm", J, normal) / params.stiffness
         lift = params.lift / np.einsum("ni,nij,nj->n", normal, compliance, normal)
         q_open = np.clip(q - lift[:, None] * closing, chain.lower, chain.upper)
-        keep = np.abs(distance - geometry.tip_radius) < _CONTACT_TOLERANCE
+        keep = np.abs(distance - geometry.tip_radius) < params.contact_tolerance
         keep &= (alignment > params.least_alignment) & (facing > params.least_facing) & (facing < params.most_facing)
         p_PC = p_PT - geometry.tip_radius * normal
-        keep &= _is_open(grid, X_PO, p_PT, normal, geometry.tip_radius) & _is_smooth(grid, X_PO, p_PC, normal)
+        keep &= self._is_open(grid, X_PO, p_PT, normal) & self._is_smooth(grid, X_PO, p_PC, normal)
         side, _ = _distance(grid, X_PO, np.stack([p_PS, 0.5 * (p_PS + p_PT)], axis=1))
         keep &= np.all(side > geometry.tip_radius + 0.0005, axis=1)
         keep &= _distance(grid, X_PO, geometry.tip(q_open))[0] > geometry.tip_radius + 0.4 * params.lift
-        for share in _APPROACH:
+        for share in np.linspace(0.0, 1.0, params.approach_stops):
             clear, _ = _distance(grid, X_PO, geometry.spheres(q + share * (q_open - q)))
             keep &= np.all(clear > geometry.radius + params.clearance, axis=1)
         # A fingertip meets best with its shoulder, not with its very end or its side.
@@ -180,22 +177,21 @@ class FingerReach:
         body_points = np.concatenate([p_PT[:, None], p_PS[:, None], chain.body_poses(q)[:, -2:, :, 3]], axis=1)
         return Touches(q, closing, q_open, p_PC, normal, cost, body_points).take(np.flatnonzero(keep))
 
+    def _is_open(self, grid: DistanceGrid, X_PO: FloatArray, p_PT: FloatArray, normal: FloatArray) -> NDArray[np.bool_]:
+        """Whether fingertips about p_PT touch one place only, shape (n,)."""
+        params = self._params
+        outside, _ = _distance(grid, X_PO, p_PT + params.outwards * normal)
+        return np.asarray(outside > self.geometry.tip_radius + params.least_openness * params.outwards)
 
-def _is_open(
-    grid: DistanceGrid, X_PO: FloatArray, p_PT: FloatArray, normal: FloatArray, tip_radius: float
-) -> NDArray[np.bool_]:
-    """Whether fingertips about p_PT touch one place only, shape (n,)."""
-    outside, _ = _distance(grid, X_PO, p_PT + _OUTWARDS * normal)
-    return np.asarray(outside > tip_radius + _OPENNESS * _OUTWARDS)
-
-
-def _is_smooth(grid: DistanceGrid, X_PO: FloatArray, p_PC: FloatArray, normal: FloatArray) -> NDArray[np.bool_]:
-    """Whether the object has no edge at points p_PC of its surface, shape (n,)."""
-    t1 = _unit(np.cross(normal, np.eye(3)[np.argmin(np.abs(normal), axis=1)]))
-    t2 = np.cross(normal, t1)
-    beside = p_PC[:, None] + _SIDEWAYS * np.stack([t1, -t1, t2, -t2], axis=1)
-    _, normals = _distance(grid, X_PO, beside)
-    return np.asarray(np.einsum("nki,ni->nk", normals, normal).min(axis=1) > np.cos(_MOST_TURN))
+    def _is_smooth(
+        self, grid: DistanceGrid, X_PO: FloatArray, p_PC: FloatArray, normal: FloatArray
+    ) -> NDArray[np.bool_]:
+        """Whether the object has no edge at points p_PC of its surface, shape (n,)."""
+        t1 = _unit(np.cross(normal, np.eye(3)[np.argmin(np.abs(normal), axis=1)]))
+        t2 = np.cross(normal, t1)
+        beside = p_PC[:, None] + self._params.sideways * np.stack([t1, -t1, t2, -t2], axis=1)
+        _, normals = _distance(grid, X_PO, beside)
+        return np.asarray(np.einsum("nki,ni->nk", normals, normal).min(axis=1) > np.cos(self._params.most_turn))
 
 
 def _distance(grid: DistanceGrid, X_PO: FloatArray, p_PQ: FloatArray) -> tuple[FloatArray, FloatArray]:

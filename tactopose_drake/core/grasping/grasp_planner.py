@@ -21,9 +21,6 @@ from tactopose_drake.errors import InvalidInputError
 
 Spheres = tuple[FloatArray, FloatArray]  # centres in P (n, 3) and radii (n,), m
 
-_RESTARTS = 2
-_ROUNDS = 2
-
 
 @dataclass(kw_only=True, slots=True)
 class PlannerParams:
@@ -40,6 +37,8 @@ class PlannerParams:
     palm_clearance: float = 0.004  # m
     tilt_deg: float = 25.0  # largest angle between the object's z axis and up, deg
     least_fingers: int = 4  # that take part
+    restarts: int = 2  # of the choice of one touch a finger, each from another order of the fingers
+    rounds: int = 2  # of each, in which every finger's touch is chosen anew
 
     def validate(self) -> None:
         """Raises InvalidInputError if a value is out of its range."""
@@ -202,9 +201,9 @@ def _combine(
 
     names = list(touches)
     best: tuple[dict[str, int], GraspScore] | None = None
-    for _ in range(_RESTARTS):
+    for _ in range(params.restarts):
         chosen: dict[str, int] = {}
-        for _ in range(_ROUNDS):
+        for _ in range(params.rounds):
             for k in generator.permutation(len(names)):
                 others = {name: i for name, i in chosen.items() if name != names[k]}
                 free = np.ones(len(touches[names[k]]), dtype=bool)

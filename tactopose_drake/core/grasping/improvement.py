@@ -23,10 +23,13 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray, pose_matrix
 from tactopose_drake.errors import InvalidInputError
 
-# Touches of a finger that are looked for, to say what it reaches.
-_TOUCHES = 2000
-# Cosine of the angle between normals on one side of a wall, at the least.
-_SAME_SIDE = 0.5
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ReachabilityParams:
+    """What counts as reachable."""
+
+    touches: int = 2000  # of a finger that are looked for, at the most
+    least_alignment: float = 0.5  # cosine of the angle between normals on one side of a wall
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -107,6 +110,7 @@ def reachable_points(
     generator: np.random.Generator,
     *,
     others: HandGeometry | None = None,
+    params: ReachabilityParams = ReachabilityParams(),
 ) -> NDArray[np.bool_]:
     """Which points of the surface a finger can touch with its tip.
 
@@ -121,12 +125,13 @@ def reachable_points(
         n_OQ: outward normals there, shape (n, 3).
         generator: chooses among the workspace's samples.
         others: the rest of the hand, which the finger must stay clear of.
+        params: what counts as reachable.
 
     Returns:
         Shape (n,).
     """
     X = pose_matrix("X_PO", X_PO)
-    touches = finger.touches(model.grid, X, generator, _TOUCHES)
+    touches = finger.touches(model.grid, X, generator, params.touches)
     clear = np.ones(len(touches), dtype=np.bool_)
     if others is not None and len(touches):
         clear = finger_clearance(finger, touches.q, others) > 0.0
@@ -135,7 +140,8 @@ def reachable_points(
     spacing = np.sqrt(model.area / len(p_OQ))
     near = cKDTree(touches.p_PC[clear]).query_ball_point(transform_points(X, p_OQ), spacing)
     n_PQ, n_PC = n_OQ @ X[:, :3].T, touches.n_PC[clear]
-    return np.array([bool(np.any(n_PC[rows] @ n > _SAME_SIDE)) for rows, n in zip(near, n_PQ, strict=True)])
+    least = params.least_alignment
+    return np.array([bool(np.any(n_PC[rows] @ n > least)) for rows, n in zip(near, n_PQ, strict=True)])
 
 
 def finger_clearance(finger: FingerReach, q: FloatArray, others: HandGeometry) -> FloatArray:

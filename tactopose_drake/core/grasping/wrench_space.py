@@ -31,11 +31,18 @@ Norm = Literal["L1", "Linf"]
 
 # What is smaller than this, relative to wrenches of about 1 N, is rounding.
 _FLAT = 1e-7
-# How exactly the critical facet is found, N.
+# How exactly the critical facet is found, N: some digits above the hulls' own rounding.
 _EXACT = 1e-9
-# Facets that are pushed out in one round, and those that the first hull has support points for.
-_FACETS_A_ROUND, _FIRST_FACETS = 32, 64
+# Products with so many directions are made at once, which bounds the memory.
 _DIRECTIONS_A_BATCH = 1024
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class HullGrowthParams:
+    """How a hull of some points of a Minkowski sum grows; what comes out is the same, sooner or later."""
+
+    first_facets: int = 64  # that the first hull has support points for
+    facets_per_round: int = 32  # that are pushed out in one round
 
 
 class Hull(NamedTuple):
@@ -84,10 +91,12 @@ class WrenchSpace:
     Attributes:
         primitives: wrenches of the edges of each contact's friction pyramid, normal forces of 1 N, shape (k, e, 6).
         norm: what bounds the forces, see the module.
+        growth: how the hull of a Minkowski sum grows.
     """
 
     primitives: FloatArray
     norm: Norm = "L1"
+    growth: HullGrowthParams = HullGrowthParams()
 
     @cached_property
     def is_force_closure(self) -> bool:
@@ -166,7 +175,7 @@ class WrenchSpace:
                 return 0.0
             wanted = np.maximum(demand(hull.normals), np.finfo(float).tiny)
             scales = hull.offsets / wanted
-            nearest = np.argsort(scales, kind="stable")[:_FACETS_A_ROUND]
+            nearest = np.argsort(scales, kind="stable")[: self.growth.facets_per_round]
             supports, found = self.support(hull.normals[nearest])
             # A facet of the hull is within the space; the plane that supports the space there is not.
             least = min(least, float((supports / wanted[nearest]).min()))
@@ -196,7 +205,7 @@ class WrenchSpace:
         hull = convex_hull(points)
         if hull is None:
             return points
-        nearest = np.argsort(hull.offsets, kind="stable")[:_FIRST_FACETS]
+        nearest = np.argsort(hull.offsets, kind="stable")[: self.growth.first_facets]
         return np.concatenate([points, _distinct(self.support(hull.normals[nearest])[1])])
 
 

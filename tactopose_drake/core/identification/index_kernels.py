@@ -5,6 +5,7 @@ import numpy as np
 from tactopose_drake.core.compilation import Floats2, Ints1, Longs1, OutFloats1, OutLongs1, UnsignedShorts1, kernel
 from tactopose_drake.core.shape.pair_feature_kernels import fill_feature
 
+# The layout of the table that objects share, and of counts that are kept on disk.
 DISTANCE = 0.004  # A bin's width, m.
 DISTANCE_BINS = 256  # The last holds all longer distances too.
 ANGLE = np.pi / 12.0  # Likewise, rad.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import manifold3d
 import numpy as np
 from numpy.typing import NDArray
@@ -11,12 +13,19 @@ from tactopose_drake.core.mesh.topology import AnyIntArray, IntArray
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidMeshError
 
-_DEBRIS_SHARE = 1e-3  # of the largest body's volume
-_ALL_DEBRIS_SHARE = 1e-2  # of the volume of all bodies
-_SAME_VOLUME = 1e-6
+_SAME_VOLUME = 1e-6  # relative difference that is rounding: bodies that touch, but do not overlap, are not united
+# What is allowed, because more takes all time or memory there is.
 _MOST_FACES_OF_UNION = 10  # as a multiple of the bodies' faces
 _MOST_BODIES = 5000
 _MOST_ENCLOSED_FACES = 20_000_000  # solid angles that are summed up to tell which body lies within which
+
+
+@dataclass(frozen=True, kw_only=True)
+class DebrisParams:
+    """Which pieces of a mesh are debris."""
+
+    share: float = 1e-3  # of the largest piece's volume, below which another is debris
+    total_share: float = 1e-2  # of the volume, above which such pieces together are what the object is made of
 
 
 def counted(count: int, singular: str, plural: str) -> str:
@@ -39,18 +48,20 @@ def volumes(vertices: FloatArray, faces: AnyIntArray, body: IntArray | None = No
     return np.bincount(label, weights=signed).astype(np.float64)
 
 
-def is_debris(volume: FloatArray) -> NDArray[np.bool_]:
-    """Which of many pieces are debris, shape (pieces,): of less than 0.1 % of the largest one's volume (unsigned, m^3).
+def is_debris(volume: FloatArray, params: DebrisParams) -> NDArray[np.bool_]:
+    """Which of many pieces of these volumes (unsigned, m^3) are debris, shape (pieces,).
 
-    None is where such pieces together hold more than 1 % of the volume: then they are what the object is made of.
+    None is where small pieces together hold much of the volume: then they are what the object is made of.
     """
-    debris: NDArray[np.bool_] = volume < _DEBRIS_SHARE * volume.max()
-    if volume[debris].sum() > _ALL_DEBRIS_SHARE * volume.sum():
+    debris: NDArray[np.bool_] = volume < params.share * volume.max()
+    if volume[debris].sum() > params.total_share * volume.sum():
         debris = volume == 0.0
     return debris
 
 
-def arrange(vertices: FloatArray, faces: IntArray, repairs: list[str]) -> tuple[FloatArray, IntArray]:
+def arrange(
+    vertices: FloatArray, faces: IntArray, repairs: list[str], params: DebrisParams = DebrisParams()
+) -> tuple[FloatArray, IntArray]:
     """Makes of closed bodies one solid whose winding number is one inside and zero outside.
 
     Debris is dropped (see `is_debris`), bodies turned inside out are flipped unless they are cavities
@@ -60,6 +71,7 @@ def arrange(vertices: FloatArray, faces: IntArray, repairs: list[str]) -> tuple[
         vertices: shape (v, 3), m.
         faces: closed, linked faces showing the same side, shape (f, 3).
         repairs: statements are appended to it.
+        params: what is debris.
 
     Raises:
         InvalidMeshError: if there is no volume, there are too many bodies, or overlapping ones cannot be united.
@@ -68,12 +80,13 @@ def arrange(vertices: FloatArray, faces: IntArray, repairs: list[str]) -> tuple[
     volume = volumes(vertices, faces, body)
     if not np.any(volume):
         raise InvalidMeshError("is flat: it encloses no volume.")
-    debris = is_debris(np.abs(volume))
+    debris = is_debris(np.abs(volume), params)
     if len(volume) - debris.sum() > _MOST_BODIES:
         raise InvalidMeshError(f"has {len(volume)} separate bodies; allowed are {_MOST_BODIES} and fewer.")
     if debris.any():
         repairs.append(
-            f"dropped {counted(debris.sum(), 'separate piece', 'separate pieces')} of less than 0.1 % of the volume"
+            f"dropped {counted(debris.sum(), 'separate piece', 'separate pieces')} of less than "
+            f"{100 * params.share:g} % of the volume"
         )
         faces = faces[~debris[body]]
         body = mesh_topology.body_labels(faces)

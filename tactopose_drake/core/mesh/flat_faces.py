@@ -15,9 +15,10 @@ from tactopose_drake.core.mesh.topology import IntArray, half_edges
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidMeshError
 
+# What is zero but for rounding.
 _FLAT_FACE = 1e-14  # area as a share of the squared size
 _ONE_PLACE = 1e-6  # length as a share of the size
-_MOST_ROUNDS = 60
+_MOST_ROUNDS = 60  # after which a mesh is refused: edges that are turned to and fro never end
 
 
 def without_flat_faces(vertices: FloatArray, faces: IntArray, size: float, repairs: list[str]) -> IntArray:

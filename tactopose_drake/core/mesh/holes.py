@@ -2,23 +2,38 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from tactopose_drake.core.mesh import bodies as mesh_bodies
 from tactopose_drake.core.mesh import topology as mesh_topology
-from tactopose_drake.core.mesh.bodies import counted
+from tactopose_drake.core.mesh.bodies import DebrisParams, counted
 from tactopose_drake.core.mesh.topology import IntArray
 from tactopose_drake.core.mesh.winding_kernels import winding_numbers
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidMeshError
 
-_AGREEMENT = 0.98
-_VOTING_NODES = 200_000
-_NO_AREA = 1e-9  # as a share of the squared size
-_STATED_HOLES = 5
+_NO_AREA = 1e-9  # as a share of the squared size: rounding
+_STATED_HOLES = 5  # in a message
 
 
-def close_holes(vertices: FloatArray, faces: IntArray, size: float, repairs: list[str]) -> tuple[FloatArray, IntArray]:
+@dataclass(frozen=True, kw_only=True)
+class HoleParams:
+    """When inside can be told from outside without the lids."""
+
+    agreement: float = 0.98  # share of the nodes near the surface at which views from six sides must agree
+    voting_nodes: int = 200_000  # of the grid that is looked at
+
+
+def close_holes(
+    vertices: FloatArray,
+    faces: IntArray,
+    size: float,
+    repairs: list[str],
+    params: HoleParams = HoleParams(),
+    debris: DebrisParams = DebrisParams(),
+) -> tuple[FloatArray, IntArray]:
     """Closes every hole by a fan of faces around the middle of its rim; open pieces without volume are dropped.
 
     Raises:
@@ -26,7 +41,7 @@ def close_holes(vertices: FloatArray, faces: IntArray, size: float, repairs: lis
     """
     if not len(mesh_topology.link_faces(faces).open):
         return vertices, faces
-    faces = _without_open_debris(vertices, faces, repairs)
+    faces = _without_open_debris(vertices, faces, repairs, debris)
     loops, closed_vertices, closed_faces = _put_lids(vertices, faces)
     if not loops:
         return vertices, faces
@@ -39,11 +54,11 @@ def close_holes(vertices: FloatArray, faces: IntArray, size: float, repairs: lis
         )
     if wide.any():
         holes = _describe(vertices, [loop for loop, is_wide in zip(loops, wide, strict=True) if is_wide])
-        agreement = _agreement(closed_vertices, faces, closed_faces, size)
-        if agreement < _AGREEMENT:
+        agreement = _agreement(closed_vertices, faces, closed_faces, size, params.voting_nodes)
+        if agreement < params.agreement:
             raise InvalidMeshError(
                 f"is open, and inside cannot be told from outside: views from six sides agree on "
-                f"{100 * agreement:.0f} % of the surface; allowed are {100 * _AGREEMENT:.0f} % and more. {holes}."
+                f"{100 * agreement:.0f} % of the surface; allowed are {100 * params.agreement:.0f} % and more. {holes}."
             )
         repairs.append(f"closed the open mesh. {holes}")
     return closed_vertices, closed_faces
@@ -60,19 +75,20 @@ def _put_lids(vertices: FloatArray, faces: IntArray) -> tuple[list[IntArray], Fl
     return loops, np.concatenate([vertices, *middles]), np.concatenate([faces, *lids])
 
 
-def _without_open_debris(vertices: FloatArray, faces: IntArray, repairs: list[str]) -> IntArray:
+def _without_open_debris(vertices: FloatArray, faces: IntArray, repairs: list[str], params: DebrisParams) -> IntArray:
     """Drops open pieces that are debris even with lids on."""
     _, closed_vertices, closed_faces = _put_lids(vertices, faces)
     body = mesh_topology.body_labels(closed_faces)
     volume = np.abs(mesh_bodies.volumes(closed_vertices, closed_faces, body))
     debris = np.zeros(len(volume), dtype=bool)
     debris[body[len(faces) :]] = True
-    debris &= mesh_bodies.is_debris(volume)
+    debris &= mesh_bodies.is_debris(volume, params)
     if not np.any(volume):
         raise InvalidMeshError(f"is flat or loose: none of its {len(volume)} pieces encloses a volume.")
     if debris.any():
         repairs.append(
-            f"dropped {counted(debris.sum(), 'open piece', 'open pieces')} around less than 0.1 % of the volume"
+            f"dropped {counted(debris.sum(), 'open piece', 'open pieces')} around less than "
+            f"{100 * params.share:g} % of the volume"
         )
     return faces[~debris[body[: len(faces)]]]
 
@@ -93,7 +109,7 @@ def _describe(vertices: FloatArray, loops: list[IntArray]) -> str:
     return f"Holes: {places}{more}"
 
 
-def _agreement(vertices: FloatArray, faces: IntArray, closed_faces: IntArray, size: float) -> float:
+def _agreement(vertices: FloatArray, faces: IntArray, closed_faces: IntArray, size: float, nodes: int) -> float:
     """The share of nodes near the surface at which five of the six axis directions agree on inside or outside.
 
     Each direction counts signed crossings from its far end. A hole misleads the columns that pass through it, from one
@@ -101,7 +117,7 @@ def _agreement(vertices: FloatArray, faces: IntArray, closed_faces: IntArray, si
     """
     lower, upper = vertices.min(axis=0), vertices.max(axis=0)
     extent = upper - lower + 0.04 * size
-    spacing = float(np.cbrt(np.prod(extent) / _VOTING_NODES))
+    spacing = float(np.cbrt(np.prod(extent) / nodes))
     nx, ny, nz = (int(n) for n in np.ceil(extent / spacing) + 1)
     # Columns that stand a little beside the vertices of any regular mesh.
     origin = lower - 0.02 * size + spacing * np.array([1.3e-4, 2.7e-4, 1.9e-4])

@@ -21,7 +21,7 @@ MOST_PARTS = 2000
 # The elements that define a part or group, and those that place one, with the attribute that names it.
 _DEFINING = {"object": "id", "node": "id", "visual_scene": "id"}
 _PLACING = {"component": "objectid", "item": "objectid", "instance_node": "url", "instance_visual_scene": "url"}
-_WHOLE = ""
+_WHOLE = ""  # stands for the file itself among the names of parts
 
 _MOST_GLTF_NUMBERS = 60_000_000  # rows of all accessors, which are made of nothing where no buffer is named
 

@@ -12,9 +12,9 @@ from scipy.spatial import cKDTree
 
 from tactopose_drake.core.mesh import bodies as mesh_bodies
 from tactopose_drake.core.mesh import topology as mesh_topology
-from tactopose_drake.core.mesh.bodies import counted
+from tactopose_drake.core.mesh.bodies import DebrisParams, counted
 from tactopose_drake.core.mesh.flat_faces import without_flat_faces
-from tactopose_drake.core.mesh.holes import close_holes
+from tactopose_drake.core.mesh.holes import HoleParams, close_holes
 from tactopose_drake.core.mesh.loading import RawMesh
 from tactopose_drake.core.mesh.solid import SolidProperties, solid_properties
 from tactopose_drake.core.mesh.topology import IntArray
@@ -23,12 +23,23 @@ from tactopose_drake.errors import InvalidMeshError, MeshUnitsError
 
 LARGEST_SIZE = 3.0
 SMALLEST_SIZE = 0.002
+"""Diagonals, m, between which a mesh may be one of an object in metres."""
+
 FARTHEST = 20.0
 """How far from its frame's origin a mesh may lie, in sizes: beyond, poses of the frame say little of the object."""
 
-_MERGE_DISTANCE = 1e-7  # duplicates of one vertex, as a share of the size
-_WELD_DISTANCES = (1e-5, 1e-4)  # cracks that are closed where that makes the mesh closed, as shares of the size
+_MERGE_DISTANCE = 1e-7  # duplicates of one vertex, as a share of the size: rounding of single precision
 _MOST_NEIGHBOURS = 50  # pairs of vertices within that distance, per vertex: there are no cracks in a heap of vertices
+
+
+@dataclass(frozen=True, kw_only=True)
+class RepairParams:
+    """How far repairs go."""
+
+    # Of cracks that are closed where that makes the mesh closed, as shares of the size, tried one after the other.
+    weld_distances: tuple[float, ...] = (1e-5, 1e-4)
+    holes: HoleParams = HoleParams()
+    debris: DebrisParams = DebrisParams()
 
 
 class MeshRepairWarning(UserWarning):
@@ -53,7 +64,7 @@ class RepairedMesh:
     properties: SolidProperties
 
 
-def repair_mesh(raw: RawMesh, name: str) -> RepairedMesh:
+def repair_mesh(raw: RawMesh, name: str, params: RepairParams = RepairParams()) -> RepairedMesh:
     """Checks a mesh, and repairs what can be repaired without guessing at the shape.
 
     Repaired with a statement: faces without area, repeated faces, faces that show the wrong side, inside-out bodies,
@@ -64,6 +75,7 @@ def repair_mesh(raw: RawMesh, name: str) -> RepairedMesh:
     Args:
         raw: the triangles.
         name: what error messages call the mesh.
+        params: how far repairs go.
 
     Raises:
         InvalidMeshError: if there are no faces, a vertex is not finite, the mesh is not manifold, has no volume, is so
@@ -74,9 +86,9 @@ def repair_mesh(raw: RawMesh, name: str) -> RepairedMesh:
     repairs: list[str] = []
     try:
         size = _check(raw)
-        vertices, faces = _connect(raw.vertices, raw.faces, size, repairs)
-        vertices, faces = close_holes(vertices, faces, size, repairs)
-        vertices, faces = mesh_bodies.arrange(vertices, faces, repairs)
+        vertices, faces = _connect(raw.vertices, raw.faces, size, repairs, params.weld_distances)
+        vertices, faces = close_holes(vertices, faces, size, repairs, params.holes, params.debris)
+        vertices, faces = mesh_bodies.arrange(vertices, faces, repairs, params.debris)
         vertices, faces = _compact(vertices, without_flat_faces(vertices, faces, size, repairs))
         properties = solid_properties(vertices, faces)
     except (InvalidMeshError, MeshUnitsError) as error:
@@ -119,13 +131,15 @@ def _check(raw: RawMesh) -> float:
     return size
 
 
-def _connect(vertices: FloatArray, faces: IntArray, size: float, repairs: list[str]) -> tuple[FloatArray, IntArray]:
+def _connect(
+    vertices: FloatArray, faces: IntArray, size: float, repairs: list[str], weld_distances: tuple[float, ...]
+) -> tuple[FloatArray, IntArray]:
     """Merges duplicate vertices and makes the mesh manifold; wider cracks are welded if that closes the mesh."""
     vertices, faces = _merge(vertices, faces, _MERGE_DISTANCE * size)
     stated: list[str] = []
     connected = _make_manifold(vertices, faces, stated)
     if len(mesh_topology.link_faces(connected[1]).open):
-        for share in _WELD_DISTANCES:
+        for share in weld_distances:
             welded_stated: list[str] = []
             welding = _weld(vertices, faces, share * size)
             try:

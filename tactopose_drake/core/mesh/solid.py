@@ -15,9 +15,9 @@ from tactopose_drake.errors import InvalidMeshError
 DENSITY = 1000.0
 """Assumed density where no mass is given, kg/m^3."""
 
-_FLAT_BODY = 1e-6  # volume over area as a share of the size
+_FLAT_BODY = 1e-6  # volume over area as a share of the size, which is none but for rounding
 _FAR = 10.0  # sizes from the origin at which the integrals would lose digits that count
-_ROUNDING = 1e-9
+_ROUNDING = 1e-9  # relative, of the integrals
 
 
 @dataclass(frozen=True, eq=False)

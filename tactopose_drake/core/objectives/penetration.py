@@ -9,9 +9,6 @@ from tactopose_drake.core.objectives.objective import LeastSquaresObjective, Nor
 from tactopose_drake.core.shape.signed_distance import DistanceGrid
 from tactopose_drake.core.validation import FloatArray
 
-# Spheres whose centres are this near to each other, m, are misplaced together: about a finger's link.
-_NEIGHBOURHOOD = 0.02
-
 
 class Penetration(LeastSquaresObjective):
     """Overlap of the hand with the object, where it is deepest in each neighbourhood.
@@ -25,18 +22,22 @@ class Penetration(LeastSquaresObjective):
     bound). This bound is the cost; it is 0 where the hand merely touches, and never more than the evidence.
     """
 
-    def __init__(self, grid: DistanceGrid, hand: HandGeometry, allowed: float = 0.0) -> None:
+    def __init__(
+        self, grid: DistanceGrid, hand: HandGeometry, allowed: float = 0.0, neighbourhood: float = 0.02
+    ) -> None:
         """Parts the spheres into neighbourhoods.
 
         Args:
             grid: of the object.
             hand: the parts of the hand that the object keeps out of.
             allowed: an overlap that is none, m: what soft skin gives way and fitting the contacts blurs.
+            neighbourhood: spheres whose centres are this near to each other, m, are misplaced together: about a
+                finger's link.
         """
         largest_first = np.argsort(-hand.radius, kind="stable")
         group, distance = np.empty(len(hand), dtype=np.int64), np.empty(len(hand))
         leads = np.empty(len(hand), dtype=np.bool_)
-        evidence_kernels.gather_neighbourhoods(hand.p_PH, largest_first, _NEIGHBOURHOOD, group, distance, leads)
+        evidence_kernels.gather_neighbourhoods(hand.p_PH, largest_first, neighbourhood, group, distance, leads)
         # Neighbourhood by neighbourhood, the leader first, the others by falling reach.
         reach = distance + hand.radius
         order = np.lexsort((-reach, ~leads, group))

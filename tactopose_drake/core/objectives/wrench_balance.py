@@ -12,7 +12,7 @@ from tactopose_drake.core.objectives.objective import LeastSquaresObjective, Nor
 from tactopose_drake.core.poses import skew
 from tactopose_drake.core.validation import FloatArray
 
-_ROUNDING = 1e-14
+_ROUNDING = 1e-14  # of a variance, as a share of the sum of all
 
 
 class WrenchBalance(LeastSquaresObjective):

@@ -9,6 +9,7 @@ from .intrinsic_contact import MIN_FORCE as MIN_FORCE
 from .intrinsic_contact import ContactSolution as ContactSolution
 from .intrinsic_contact import solve_contacts as solve_contacts
 from .patches import Patch as Patch
+from .patches import PatchParams as PatchParams
 from .patches import describe_patch as describe_patch
 from .sensing_range import sensing_box as sensing_box
 from .soft_layer import SoftLayer as SoftLayer

@@ -17,10 +17,12 @@ from tactopose_drake.core.surfaces.surface_kernels import ROD, SMOOTH, project
 VALID, NOT_FINITE, TOO_WEAK, MISSES, TENSION, OUTSIDE, FRICTION, TORQUE, LAYER = range(9)
 RESULT_SIZE = 18  # p, n, normal force, friction force, local torque (three each), residual, deformation, iterations
 
+# The way on which a contact is followed does not change where it ends; these say how it goes, and when it is given up.
 _MIN_STRIDE = 4e-3  # of the way from the closed form to the surface, below which following it gives up
 _EXTRA = 0.2  # lever arm of the moment that keeps f.m off zero on that way, relative to the extent
 # Friction over normal force (84 degrees) at which a wrench counts as passing the surface by: the equations also have a
-# contact for a line far off, one that would hang on almost nothing but friction and local torque.
+# contact for a line far off, one that would hang on almost nothing but friction and local torque. It is the coefficient
+# that `solve_contact` says it takes without one; who wants a lower bound gives that.
 _GRAZING = 10.0
 
 

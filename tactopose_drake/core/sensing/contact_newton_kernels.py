@@ -12,7 +12,10 @@ import numpy as np
 from tactopose_drake.core.compilation import Floats1, OutFloats1, OutFloats2, Triple, kernel
 from tactopose_drake.core.surfaces.surface_kernels import evaluate_one, project
 
+# Where a search that does not converge ends. One that does ends at rounding, whatever these are: so they are no choice
+# of exactness against time, and fixed.
 MAX_ITERATIONS = 60
+_MIN_FRACTION = 1e-4  # of a Newton step, below which the line search gives up
 
 
 class Line(NamedTuple):
@@ -31,9 +34,6 @@ class Work(NamedTuple):
     here: OutFloats1
     there: OutFloats1
     trial: OutFloats1
-
-
-_MIN_FRACTION = 1e-4  # of a Newton step, below which the line search gives up
 
 
 @kernel

@@ -30,12 +30,19 @@ PatchStatus = Literal["area", "narrow", "row", "point", "no_contact"]
 
 # Pressures, Pa, and their depths, m/Pa, are not above these.
 _MOST_PRESSURE, _MOST_ALPHA = 1e12, 1.0
-# A pad is flat, and active cells are in a row, when they reach less than this share of their length across it.
-_FLAT_SHARE = 0.03
-# Without normals, a flat pad's side is told by the z axis; it must stand at least so far out of the pad's plane (sine).
-_LEAST_RISE = 0.1
-# The third eigenvector is the surface's normal when it lies within 45 degrees of the pad's.
-_ACROSS = math.sqrt(0.5)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PatchParams:
+    """What is flat, and what is across."""
+
+    # A pad is flat, and active cells are in a row, when they reach less than this share of their length across it.
+    flat_share: float = 0.03
+    # Without normals, a flat pad's side is told by the z axis; it must stand at least so far out of the pad's plane, as
+    # a sine.
+    least_rise: float = 0.1
+    # The third eigenvector is the surface's normal when the angle to the pad's has at least this cosine: 45 degrees.
+    least_alignment: float = math.sqrt(0.5)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -125,6 +132,7 @@ def describe_patch(
     n_PT: ArrayLike | None = None,
     threshold: float = 0.0,
     saturation: float | None = None,
+    params: PatchParams = PatchParams(),
 ) -> Patch:
     """Describes a frame of a tactile array by its principal components. [B16] eqs. 5.1 to 5.3.
 
@@ -138,6 +146,7 @@ def describe_patch(
             the z axis of the cells' frame: a positive alpha says that it points into the pad, a negative, out of it.
         threshold: a cell is active above this pressure, Pa.
         saturation: the highest pressure a cell can tell, Pa; None: there is no such limit.
+        params: what is flat, and what is across.
 
     Raises:
         InvalidInputError: no cell, no live cell, a shape that does not fit, a position or normal that is not finite, a
@@ -150,7 +159,7 @@ def describe_patch(
     pressure = _pressures(pressure, len(p_PT))
     alpha = float(limited("alpha", alpha, (), most=_MOST_ALPHA))
     if n_PT is None:
-        n_PT = np.tile(-math.copysign(1.0, alpha) * _flat_normal(p_PT), (len(p_PT), 1))
+        n_PT = np.tile(-math.copysign(1.0, alpha) * _flat_normal(p_PT, params), (len(p_PT), 1))
     elif alpha < 0:
         raise InvalidInputError(f"alpha: is {alpha:g}; allowed with n_PT are numbers >= 0.")
     else:
@@ -165,7 +174,7 @@ def describe_patch(
     patch = Patch(
         p_PT, n_PT, pressure, abs(alpha), threshold, saturation, "no_contact", unknown[0], unknown, unknown, unknown[0]
     )
-    patch = _with_components(patch)
+    patch = _with_components(patch, params)
     for field in dataclasses.fields(patch):
         value = getattr(patch, field.name)
         if isinstance(value, np.ndarray):
@@ -191,20 +200,20 @@ def _pressures(value: ArrayLike, count: int) -> FloatArray:
     return pressure
 
 
-def _flat_normal(p_PT: FloatArray) -> FloatArray:
+def _flat_normal(p_PT: FloatArray, params: PatchParams) -> FloatArray:
     """The normal of the plane of the cells (n, 3), of a row of cells, or of a single cell, that is nearest to z."""
     _, extents, axes = np.linalg.svd(np.vstack([p_PT - p_PT.mean(axis=0), np.zeros((3, 3))]), full_matrices=False)
-    across = axes[extents <= _FLAT_SHARE * extents[0]]
+    across = axes[extents <= params.flat_share * extents[0]]
     if len(across) == 0:
         raise InvalidInputError("n_PT: is None, but the cells are not in a plane; a curved pad needs its normals.")
     normal: FloatArray = across.T @ across[:, 2]
     rise = float(np.linalg.norm(normal))
-    if rise < _LEAST_RISE:
+    if rise < params.least_rise:
         raise InvalidInputError("n_PT: is None, but the pad is parallel to the z axis, which cannot tell its side.")
     return normal / rise
 
 
-def _with_components(patch: Patch) -> Patch:
+def _with_components(patch: Patch, params: PatchParams) -> Patch:
     """The patch with as much of its principal components as is known."""
     points, cells = patch.points[patch.active], patch.p_PT[patch.active]
     if len(points) == 0:
@@ -223,14 +232,14 @@ def _with_components(patch: Patch) -> Patch:
         eigenvectors = eigenvectors * [-1.0, 1.0, 1.0]
 
     status: PatchStatus
-    if len(points) == 2 or extents[1] <= _FLAT_SHARE * extents[0]:
+    if len(points) == 2 or extents[1] <= params.flat_share * extents[0]:
         status = "row"
         eigenvalues = np.array([eigenvalues[0], np.nan, np.nan])
         eigenvectors = np.where([True, False, False], eigenvectors, np.nan)
     else:
         third = eigenvectors[:, 2] * math.copysign(1.0, float(eigenvectors[:, 2] @ inward))
         eigenvectors = np.stack([eigenvectors[:, 0], np.cross(third, eigenvectors[:, 0]), third], axis=1)
-        status = "area" if third @ inward >= _ACROSS else "narrow"
+        status = "area" if third @ inward >= params.least_alignment else "narrow"
     return dataclasses.replace(
         patch,
         status=status,

@@ -7,8 +7,10 @@ from .object_model import ObjectModel as ObjectModel
 from .pair_features import PairFeatures as PairFeatures
 from .pair_features import pair_feature as pair_feature
 from .point_grid import PointGrid as PointGrid
+from .point_grid import PointGridParams as PointGridParams
 from .point_grid import build_point_grid as build_point_grid
 from .signed_distance import DistanceGrid as DistanceGrid
+from .sphere_packing import PackingParams as PackingParams
 from .sphere_packing import Spheres as Spheres
 from .sphere_packing import pack_box as pack_box
 from .sphere_packing import pack_capsule as pack_capsule

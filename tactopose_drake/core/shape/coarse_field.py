@@ -14,10 +14,13 @@ from numpy.typing import NDArray
 from tactopose_drake.core.shape.signed_distance import DistanceGrid
 from tactopose_drake.core.validation import FloatArray
 
-MAX_VOXELS = 250_000
 
-_STEPS = 6.0
-"""Steps of the distance in a voxel: it is told apart up to 127 steps, or 21 voxels."""
+@dataclass(frozen=True, kw_only=True)
+class CoarseFieldParams:
+    """How small the copy is, and how it rounds."""
+
+    max_voxels: int = 250_000  # about so many: a megabyte, which stays in a core's own cache
+    steps: float = 6.0  # of the distance in a voxel: it is told apart up to 127 steps, or 21 voxels
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,27 +32,25 @@ class CoarseField:
         shape: number of voxels along x, y and z.
         origin: the first voxel's centre in O, shape (3,), m.
         spacing: m.
+        step: the unit of the distances, m.
     """
 
     values: NDArray[np.int8]
     shape: tuple[int, int, int]
     origin: FloatArray
     spacing: float
-
-    @property
-    def step(self) -> float:
-        """The unit of the distances, m."""
-        return self.spacing / _STEPS
+    step: float
 
 
-def coarsen(grid: DistanceGrid, max_voxels: int = MAX_VOXELS) -> CoarseField:
-    """Takes every so many nodes of a grid that about `max_voxels` are left."""
-    stride = max(1, round(float(np.cbrt(np.prod(grid.shape) / max_voxels))))
+def coarsen(grid: DistanceGrid, params: CoarseFieldParams = CoarseFieldParams()) -> CoarseField:
+    """Takes every so many nodes of a grid that about as many are left as `params` say."""
+    stride = max(1, round(float(np.cbrt(np.prod(grid.shape) / params.max_voxels))))
     offset = [((n - 1) % stride) // 2 for n in grid.shape]
     nodes = grid.values[offset[0] :: stride, offset[1] :: stride, offset[2] :: stride]
     spacing = stride * grid.spacing
-    scale = np.array([_STEPS / spacing, 127.0, 127.0, 127.0], dtype=np.float32)
+    scale = np.array([params.steps / spacing, 127.0, 127.0, 127.0], dtype=np.float32)
     values = np.rint(np.clip(nodes * scale, -127.0, 127.0)).astype(np.int8).reshape(-1, 4)
     values.setflags(write=False)
     nx, ny, nz = nodes.shape[:3]
-    return CoarseField(values, (nx, ny, nz), grid.origin + grid.spacing * np.array(offset), spacing)
+    origin = grid.origin + grid.spacing * np.array(offset)
+    return CoarseField(values, (nx, ny, nz), origin, spacing, spacing / params.steps)

@@ -15,9 +15,6 @@ from numpy.typing import NDArray
 from tactopose_drake.core.shape.distance_kernels import fill_band, sweep
 from tactopose_drake.core.validation import FloatArray
 
-BAND = 2.0
-"""Half width of the band of exact distances, in grid spacings."""
-
 
 def pack_triangles(triangles: FloatArray) -> FloatArray:
     """What the distance to a triangle needs: corner a, edges ab and ac, their products, the unit normal: (f, 15).
@@ -34,23 +31,24 @@ def pack_triangles(triangles: FloatArray) -> FloatArray:
 
 
 def nearest_faces(
-    packed: FloatArray, origin: FloatArray, spacing: float, shape: tuple[int, int, int]
+    packed: FloatArray, origin: FloatArray, spacing: float, shape: tuple[int, int, int], band: float
 ) -> NDArray[np.int32]:
-    """The nearest face of every node, shape `shape`: exact within `BAND` of the surface, close to it elsewhere.
+    """The nearest face of every node, shape `shape`: exact within the band about the surface, close to it elsewhere.
 
     Args:
         packed: the triangles, from `pack_triangles`.
         origin: position of node (0, 0, 0), shape (3,), m.
         spacing: distance between nodes, m.
         shape: number of nodes along x, y and z.
+        band: half width of the band of exact distances, in grid spacings.
     """
     nx, ny, nz = shape
     nearest = np.full((nx + 2, ny + 2, nz + 2), -1, dtype=np.int32)
     distance = np.full(nearest.shape, np.inf)
-    band = BAND * spacing
+    width = band * spacing
     inner = (slice(1, -1),) * 3
     near, exact = np.full(shape, -1, dtype=np.int32), np.full(shape, np.inf)
-    fill_band(packed, origin, spacing, band, near, exact)
+    fill_band(packed, origin, spacing, width, near, exact)
     nearest[inner], distance[inner] = near, exact
-    sweep(packed, origin - spacing, spacing, band, nearest, distance)
+    sweep(packed, origin - spacing, spacing, width, nearest, distance)
     return np.ascontiguousarray(nearest[inner])

@@ -37,7 +37,7 @@ _LAYOUT: dict[str, tuple[type[np.generic], tuple[int | None, ...]]] = {
     "content_hash": (np.uint8, (32,)),
 }
 _LARGEST_DISTANCE = 2.0 * LARGEST_SIZE  # from a node of the grid to the surface, m
-_UNIT = 1e-6
+_UNIT = 1e-6  # what is one, or within, but for rounding: relative
 
 
 def describe_a_model(arrays: Arrays, samples: int) -> bool:

@@ -29,8 +29,8 @@ FORMAT_VERSION = 6
 LARGEST_FOLDER = 4 * 2**30
 """The least recently used files are removed beyond this size, bytes."""
 
-_ALIGNMENT = 64
-_CHECK = "check"
+_ALIGNMENT = 64  # of each array in a file, bytes
+_CHECK = "check"  # the name of the hash
 
 Arrays = dict[str, NDArray[Any]]
 

@@ -17,7 +17,7 @@ from tactopose_drake.core.mesh.bodies import cross_products
 from tactopose_drake.core.mesh.loading import MeshSource, RawMesh, load_mesh, mesh_file, mesh_name
 from tactopose_drake.core.mesh.repair import MeshRepairWarning, repair_mesh
 from tactopose_drake.core.mesh.solid import DENSITY
-from tactopose_drake.core.poses import compose, transform_points
+from tactopose_drake.core.poses import transform_points
 from tactopose_drake.core.shape import model_cache
 from tactopose_drake.core.shape.coarse_field import CoarseField, coarsen
 from tactopose_drake.core.shape.model_arrays import content_hash, describe_a_model
@@ -26,14 +26,14 @@ from tactopose_drake.core.shape.pair_features import PairFeatures, build_pair_fe
 from tactopose_drake.core.shape.signed_distance import DistanceGrid, build_grid
 from tactopose_drake.core.shape.surface_samples import SurfaceSamples, sample_surface
 from tactopose_drake.core.shape.surfels import Surfels, make_surfels, surfel_spacing
-from tactopose_drake.core.shape.symmetry import RotationalSymmetry, symmetry_group
-from tactopose_drake.core.shape.symmetry_detection import TOLERANCE, detect_symmetries
+from tactopose_drake.core.shape.symmetry import RotationalSymmetry, sampled_turns, symmetry_group
+from tactopose_drake.core.shape.symmetry_detection import SymmetryDetectionParams, detect_symmetries
 from tactopose_drake.core.validation import FARTHEST, FloatArray, instance_of, limited, positive_number, whole_number
 from tactopose_drake.errors import InvalidFileError, UnknownNameError
 
-_CONTINUOUS_TURNS = 12
+# What is allowed: more samples take all memory there is, other masses are those of nothing that a hand holds, kg.
 _MOST_SAMPLES = 10**6
-_LEAST_MASS, _MOST_MASS = 1e-6, 1e4  # kg
+_LEAST_MASS, _MOST_MASS = 1e-6, 1e4
 
 # Formats whose geometry is all in the one file, so that the file's bytes identify it and need not be parsed again.
 _SELF_CONTAINED = {".obj", ".off", ".ply", ".stl"}
@@ -117,12 +117,7 @@ class ObjectModel:
     @cached_property
     def symmetry_turns(self) -> FloatArray:
         """The finite symmetries, joined with some turns about each continuous axis, shape (g, 3, 4)."""
-        turns = self.symmetry_poses
-        for symmetry in self.symmetries:
-            if symmetry.is_continuous:
-                steps = RotationalSymmetry(symmetry.axis, symmetry.point, _CONTINUOUS_TURNS).poses()
-                turns = compose(turns[:, None], steps[None]).reshape(-1, 3, 4)
-        return turns
+        return sampled_turns(self.symmetry_poses, self.symmetries)
 
     @cached_property
     def symmetry_misfits(self) -> FloatArray:
@@ -141,7 +136,7 @@ class ObjectModel:
         mass: float | None = None,
         center_of_mass: ArrayLike | None = None,
         symmetry: Literal["auto", "none"] | Sequence[RotationalSymmetry] = "auto",
-        symmetry_tolerance: float = TOLERANCE,
+        symmetry_tolerance: float = SymmetryDetectionParams().tolerance,
         samples: int = 3000,
         spacing: float | None = None,
         max_grid_bytes: int = 64 * 2**20,
@@ -270,7 +265,10 @@ def _build(
     grid = build_grid(mesh.vertices, mesh.faces, spacing=spacing, max_bytes=max_grid_bytes)
     surface = sample_surface(mesh.vertices, mesh.faces, samples)
     size = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
-    found = () if tolerance is None else detect_symmetries(surface, grid, centroid, inertia, size, tolerance)
+    found: tuple[RotationalSymmetry, ...] = ()
+    if tolerance is not None:
+        params = SymmetryDetectionParams(tolerance=tolerance)
+        found = detect_symmetries(surface, grid, centroid, inertia, size, params)
     arrays: dict[str, NDArray[Any]] = {
         "vertices": mesh.vertices,
         "faces": mesh.faces,

@@ -16,9 +16,11 @@ from tactopose_drake.core.compilation import (
     kernel,
 )
 
-BYTE = 255.0
-DISTANCE_SHIFT = 3  # 32 bins
-_ANGLE_SHIFT = 4  # 16 bins
+BYTE = 255.0  # the largest number of a byte
+# The layout of the table: 32 bins of distances and 16 of each angle. Fixed, so that the compiler knows by how much the
+# innermost loop shifts.
+DISTANCE_SHIFT = 3
+_ANGLE_SHIFT = 4
 ANGLE_BINS = 256 >> _ANGLE_SHIFT
 
 

@@ -19,9 +19,6 @@ from tactopose_drake.core.shape.pair_feature_kernels import ANGLE_BINS, BYTE, DI
 from tactopose_drake.core.shape.surface_samples import SurfaceSamples
 from tactopose_drake.core.validation import FloatArray
 
-MAX_POINTS = 1000
-"""Of the object's surface samples so many are paired."""
-
 _DISTANCE_BINS = 256 >> DISTANCE_SHIFT
 
 
@@ -57,7 +54,7 @@ class PairFeatures:
 
 
 def build_pair_features(
-    samples: SurfaceSamples, area: float, symmetry_poses: FloatArray, max_points: int = MAX_POINTS
+    samples: SurfaceSamples, area: float, symmetry_poses: FloatArray, max_points: int = 1000
 ) -> PairFeatures:
     """Pairs the samples with each other.
 
@@ -66,7 +63,7 @@ def build_pair_features(
         area: of the surface, m^2.
         symmetry_poses: poses X_OO' (g, 3, 4) that leave the object as it is: of the pairs that they turn into each
             other only one is kept.
-        max_points: how many of the samples are taken, at most.
+        max_points: how many of the samples are taken, at most: memory and time go by its square.
     """
     chosen = np.linspace(0, len(samples), min(max_points, len(samples)), endpoint=False).astype(np.intp)
     points, normals = np.ascontiguousarray(samples.points[chosen]), np.ascontiguousarray(samples.normals[chosen])

@@ -14,10 +14,13 @@ from tactopose_drake.core.shape.point_grid_kernels import Cloud, nearest_squares
 from tactopose_drake.core.validation import FloatArray, finite_array
 from tactopose_drake.errors import InvalidInputError
 
-# A cell is so many times as wide as the middle distance from a point to its nearest neighbour...
-_SPACINGS_A_CELL = 2.5
-# ... but there are no more of them than this.
-_MOST_CELLS = 200_000
+
+@dataclass(frozen=True, kw_only=True)
+class PointGridParams:
+    """How large cells are: small ones hold few points to look at, large ones take little memory."""
+
+    cell_spacings: float = 2.5  # a cell's width, in middle distances from a point to its nearest neighbour
+    most_cells: int = 200_000  # at the most; cells are wider where there would be more
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +55,7 @@ class PointGrid:
         return np.sqrt(squares)
 
 
-def build_point_grid(points: ArrayLike) -> PointGrid:
+def build_point_grid(points: ArrayLike, params: PointGridParams = PointGridParams()) -> PointGrid:
     """Sorts points (n, 3), m, into cells.
 
     Raises:
@@ -65,8 +68,8 @@ def build_point_grid(points: ArrayLike) -> PointGrid:
     tree = cKDTree(points)
     gaps = np.asarray(tree.query(points, k=2)[0])
     lower, extent = points.min(axis=0), np.ptp(points, axis=0)
-    spacing = max(_SPACINGS_A_CELL * float(np.median(gaps[:, 1])), 1e-3 * float(extent.max()))
-    while np.prod(extent / spacing + 1.0) > _MOST_CELLS:
+    spacing = max(params.cell_spacings * float(np.median(gaps[:, 1])), 1e-3 * float(extent.max()))
+    while np.prod(extent / spacing + 1.0) > params.most_cells:
         spacing *= 1.2
     shape = (extent / spacing).astype(np.intp) + 1
     cell = np.minimum(((points - lower) / spacing).astype(np.intp), shape - 1)

@@ -4,7 +4,7 @@ import numpy as np
 
 from tactopose_drake.core.compilation import Floats1, Floats2, kernel
 
-_DEPTH = 12  # Digits of the share that count.
+_DEPTH = 12  # Base-4 digits of the share that count: 17 million places in a triangle.
 
 
 @kernel

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,18 +14,29 @@ from tactopose_drake.core.mesh import bodies as mesh_bodies
 from tactopose_drake.core.mesh.winding_kernels import winding_numbers
 from tactopose_drake.core.shape import distance_transform
 from tactopose_drake.core.shape.distance_kernels import signed_field
-from tactopose_drake.core.shape.smooth_normals import smooth_normals
+from tactopose_drake.core.shape.smooth_normals import NormalParams, corner_normals, smooth_normals
 from tactopose_drake.core.validation import FloatArray, positive_number
 from tactopose_drake.errors import InvalidInputError
 
-DEFAULT_NODES = 2_000_000
-MARGIN_CELLS = 3
-MARGIN_SHARE = 0.05
 BYTES_PER_NODE = 16
-LEAST_NODES = 10_000
-WALL_CELLS = 2.5
+"""Of a grid in memory: four numbers of four bytes."""
 
-_LOST = 1e-3  # length below which a mean of normals has no direction
+LEAST_NODES = 10_000
+"""What `max_bytes` must have room for."""
+
+_LOST = 1e-3  # length below which a mean of normals has no direction, only rounding
+
+
+@dataclass(frozen=True, kw_only=True)
+class GridParams:
+    """How fine a grid is, and how far it reaches: exactness against memory and time."""
+
+    nodes: int = 2_000_000  # of a grid whose spacing nobody gives
+    cells_per_wall: float = 2.5  # that fit into a wall: a grid of thin walls is finer
+    margin_cells: int = 3  # around the mesh's box, at least
+    margin_share: float = 0.05  # of its diagonal, likewise
+    band: float = 2.0  # half width of the band about the surface where distances are exact, in spacings
+    normals: NormalParams = NormalParams()
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +120,12 @@ class DistanceGrid:
 
 
 def build_grid(
-    vertices: FloatArray, faces: NDArray[np.int32], *, spacing: float | None = None, max_bytes: int = 64 * 2**20
+    vertices: FloatArray,
+    faces: NDArray[np.int32],
+    *,
+    spacing: float | None = None,
+    max_bytes: int = 64 * 2**20,
+    params: GridParams = GridParams(),
 ) -> DistanceGrid:
     """The signed distance grid of a closed mesh; a point is inside where the winding number is at least one.
 
@@ -120,6 +137,7 @@ def build_grid(
         faces: vertex indices, anticlockwise seen from outside, shape (f, 3); none of zero area.
         spacing: distance between nodes, m.
         max_bytes: the largest size of `DistanceGrid.values`.
+        params: how fine it is otherwise, and how far it reaches.
 
     Raises:
         InvalidInputError: if `spacing` is not positive, or needs more than `max_bytes`.
@@ -130,23 +148,24 @@ def build_grid(
         raise InvalidInputError(
             f"max_grid_bytes: is {max_bytes}; allowed are numbers >= {LEAST_NODES * BYTES_PER_NODE}."
         )
-    finest = _spacing_for(lower, upper, max_nodes)
+    finest = _spacing_for(lower, upper, max_nodes, params)
     wall = _wall_thickness(vertices, faces)
     if spacing is None:
-        h = max(finest, min(_spacing_for(lower, upper, DEFAULT_NODES), wall / WALL_CELLS))
+        h = max(finest, min(_spacing_for(lower, upper, params.nodes, params), wall / params.cells_per_wall))
     else:
         h = positive_number("spacing", spacing)
         if h < finest:
             raise InvalidInputError(
                 f"spacing: is {h:g} m; allowed with max_grid_bytes = {max_bytes} are numbers >= {finest:.3g} m."
             )
-    shape = grid_shape(lower, upper, h)
+    shape = grid_shape(lower, upper, h, params)
     origin = 0.5 * (lower + upper) - 0.5 * h * (np.array(shape) - 1)
     packed = distance_transform.pack_triangles(vertices[faces])
-    nearest = distance_transform.nearest_faces(packed, origin, h, shape)
+    nearest = distance_transform.nearest_faces(packed, origin, h, shape, params.band)
     winding = _winding(vertices, faces, origin, h, shape)
     values = signed_field(packed, nearest, winding, origin, h)
-    smooth_normals(values, vertices, faces, packed, nearest, origin, h, wall)
+    corners = corner_normals(vertices, faces, packed[:, 12:15], math.cos(params.normals.crease))
+    smooth_normals(values, corners, packed, nearest, origin, h, wall, params.normals)
     values.setflags(write=False)
     origin.setflags(write=False)
     return DistanceGrid(values, origin, float(h))
@@ -175,17 +194,19 @@ def _wall_thickness(vertices: FloatArray, faces: NDArray[np.int32]) -> float:
     return 2.0 * float(mesh_bodies.volumes(vertices, faces)[0]) / area
 
 
-def grid_shape(lower: FloatArray, upper: FloatArray, h: float) -> tuple[int, int, int]:
+def grid_shape(
+    lower: FloatArray, upper: FloatArray, h: float, params: GridParams = GridParams()
+) -> tuple[int, int, int]:
     """Number of nodes along x, y and z of a grid of spacing h over a mesh's box, corners of shape (3,), m."""
-    margin = max(MARGIN_CELLS * h, MARGIN_SHARE * float(np.linalg.norm(upper - lower)))
+    margin = max(params.margin_cells * h, params.margin_share * float(np.linalg.norm(upper - lower)))
     nx, ny, nz = (int(n) for n in np.ceil((upper - lower + 2 * margin) / h) + 1)
     return nx, ny, nz
 
 
-def _spacing_for(lower: FloatArray, upper: FloatArray, nodes: int) -> float:
+def _spacing_for(lower: FloatArray, upper: FloatArray, nodes: int, params: GridParams) -> float:
     """The spacing at which the grid has at most this many nodes."""
-    extent = upper - lower + 2 * MARGIN_SHARE * float(np.linalg.norm(upper - lower))
+    extent = upper - lower + 2 * params.margin_share * float(np.linalg.norm(upper - lower))
     h = float(np.cbrt(np.prod(extent) / nodes))
-    while np.prod(grid_shape(lower, upper, h), dtype=np.float64) > nodes:
+    while np.prod(grid_shape(lower, upper, h, params), dtype=np.float64) > nodes:
         h *= 1.002
     return h

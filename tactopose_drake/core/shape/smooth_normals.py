@@ -11,6 +11,7 @@ Source: [P75] B. T. Phong, Illumination for computer generated pictures, Commun.
 """
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,42 +20,42 @@ from scipy.ndimage import gaussian_filter
 from tactopose_drake.core.shape.normal_kernels import average_around_vertices, interpolate
 from tactopose_drake.core.validation import FloatArray
 
-CREASE = math.radians(30.0)
-"""Faces that meet at a larger angle meet at a crease."""
 
-BLUR = 0.001
-"""Standard deviation of the blur, m: about that of a contact's position."""
+@dataclass(frozen=True, kw_only=True)
+class NormalParams:
+    """Over what normals are averaged."""
 
-# But no more of a wall's thickness, whose two sides it would mix, and no less in cells.
-_WALL_SHARE, _LEAST_CELLS = 0.25, 0.8
+    crease: float = math.radians(30.0)  # angle, rad; faces that meet at a larger one meet at a crease
+    blur: float = 0.001  # standard deviation, m: about that of a contact's position
+    wall_share: float = 0.25  # of a wall's thickness, which the blur is no more than: it would mix its two sides
+    least_cells: float = 0.8  # of the grid, which the blur is no less than
 
 
 def smooth_normals(
     values: NDArray[np.float32],
-    vertices: FloatArray,
-    faces: NDArray[np.int32],
+    corners: FloatArray,
     packed: FloatArray,
     nearest: NDArray[np.int32],
     origin: FloatArray,
     spacing: float,
     wall: float,
+    params: NormalParams,
 ) -> None:
     """Replaces the gradients values[..., 1:4] of a distance field by mean outward normals, of length at most one.
 
     Args:
         values: signed distance and unit gradient at each node, shape (nx, ny, nz, 4).
-        vertices: shape (v, 3), m.
-        faces: vertex indices, shape (f, 3).
+        corners: unit normals at each face's corners, from `corner_normals`, shape (f, 3, 3).
         packed: the triangles, from `distance_transform.pack_triangles`.
         nearest: the nearest face of each node, shape (nx, ny, nz).
         origin: position of node (0, 0, 0), shape (3,), m.
         spacing: distance between nodes, m.
         wall: thickness of the object's walls, m.
+        params: over what they are averaged.
     """
-    blur = max(min(BLUR, _WALL_SHARE * wall) / spacing, _LEAST_CELLS)
+    blur = max(min(params.blur, params.wall_share * wall) / spacing, params.least_cells)
     spread_length = _blurred_length(values, blur)
-    corners = corner_normals(vertices, faces, packed[:, 12:15], math.cos(CREASE))
-    interpolate(values, packed, nearest, corners, origin, spacing, math.cos(0.5 * CREASE))
+    interpolate(values, packed, nearest, corners, origin, spacing, math.cos(0.5 * params.crease))
     for axis in range(1, 4):
         values[..., axis] = gaussian_filter(values[..., axis], blur, mode="nearest")
     length = np.sqrt(np.einsum("ijkc,ijkc->ijk", values[..., 1:], values[..., 1:]))

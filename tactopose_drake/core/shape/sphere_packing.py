@@ -4,6 +4,7 @@ Every sphere lies within its body, so a point inside a sphere is inside the body
 """
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import ConvexHull
@@ -12,12 +13,14 @@ from tactopose_drake.core.validation import FloatArray
 
 Spheres = tuple[FloatArray, FloatArray]  # centres (n, 3) and radii (n,), m
 
-# Grid cells across the thinnest side of a convex body, in the search for the largest inscribed spheres.
-_CELLS_ACROSS = 12
-# A sphere replaces the grid points in this share of its radius as candidates for further centres.
-_SHADOW = 0.7
-# Spheres smaller than this share of the largest are left out.
-_SMALLEST = 0.35
+
+@dataclass(frozen=True, kw_only=True)
+class PackingParams:
+    """How many spheres fill a convex body, and how well."""
+
+    cells_across: int = 12  # of the grid of candidates, across the thinnest side
+    core_share: float = 0.7  # of a sphere's radius within which no other sphere has its centre
+    least_share: float = 0.35  # of the largest radius; smaller spheres are left out
 
 
 def pack_capsule(radius: float, length: float) -> Spheres:
@@ -55,22 +58,23 @@ def pack_box(size: FloatArray) -> Spheres:
     return centres, np.full(len(centres), radius)
 
 
-def pack_convex(vertices: FloatArray) -> Spheres:
+def pack_convex(vertices: FloatArray, params: PackingParams = PackingParams()) -> Spheres:
     """The largest inscribed spheres of a convex hull, one after the other, each clear of the others' cores.
 
     Args:
         vertices: points whose hull is filled, shape (v, 3), m; not all in one plane.
+        params: how many spheres, and how well they fill it.
 
     Returns:
         Centres (n, 3) in the vertices' frame and radii (n,), m, the largest first.
     """
     halfspaces = ConvexHull(vertices).equations
     low, high = vertices.min(axis=0), vertices.max(axis=0)
-    step = float((high - low).min()) / _CELLS_ACROSS
+    step = float((high - low).min()) / params.cells_across
     axes = [np.linspace(a, b, math.ceil((b - a) / step) + 1) for a, b in zip(low, high, strict=True)]
     candidates = np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")], axis=1)
     radii = -(candidates @ halfspaces[:, :3].T + halfspaces[:, 3]).max(axis=1)
-    smallest = _SMALLEST * radii.max()
+    smallest = params.least_share * radii.max()
 
     centres, chosen = [], []
     while radii.max() > smallest:
@@ -78,5 +82,5 @@ def pack_convex(vertices: FloatArray) -> Spheres:
         centres.append(candidates[best])
         chosen.append(radii[best])
         distance = np.linalg.norm(candidates - candidates[best], axis=1)
-        radii = np.where(distance < _SHADOW * radii[best], 0.0, radii)
+        radii = np.where(distance < params.core_share * radii[best], 0.0, radii)
     return np.array(centres), np.array(chosen)

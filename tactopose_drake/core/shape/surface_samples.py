@@ -17,8 +17,6 @@ from numpy.typing import NDArray
 from tactopose_drake.core.shape.sampling_kernels import triangle_curve
 from tactopose_drake.core.validation import FloatArray
 
-CANDIDATES_PER_SAMPLE = 4
-
 
 @dataclass(frozen=True, eq=False)
 class SurfaceSamples:
@@ -36,16 +34,19 @@ class SurfaceSamples:
         return len(self.points)
 
 
-def sample_surface(vertices: FloatArray, faces: NDArray[np.int32], count: int) -> SurfaceSamples:
+def sample_surface(
+    vertices: FloatArray, faces: NDArray[np.int32], count: int, candidates_per_sample: int = 4
+) -> SurfaceSamples:
     """Takes `count` points, one from each of `count` patches of equal area.
 
     Args:
         vertices: shape (v, 3), m.
         faces: vertex indices, shape (f, 3); none of zero area.
         count: number of samples.
+        candidates_per_sample: of which one is taken; more spread the samples more evenly, and take longer.
     """
-    candidates, candidate_normals, _ = points_along_surface(vertices, faces, count * CANDIDATES_PER_SAMPLE)
-    chosen = _spread(candidates)
+    candidates, candidate_normals, _ = points_along_surface(vertices, faces, count * candidates_per_sample)
+    chosen = _spread(candidates, candidates_per_sample)
     points, normals = candidates[chosen], candidate_normals[chosen]
     points.setflags(write=False)
     normals.setflags(write=False)
@@ -84,15 +85,15 @@ def _spatial_order(points: FloatArray, bits: int = 10) -> NDArray[np.intp]:
     return np.argsort(code, kind="stable")
 
 
-def _spread(candidates: FloatArray) -> NDArray[np.intp]:
-    """One candidate of each group of neighbours: the one farthest from those chosen before."""
-    groups = len(candidates) // CANDIDATES_PER_SAMPLE
+def _spread(candidates: FloatArray, per_group: int) -> NDArray[np.intp]:
+    """One candidate of each group of so many neighbours: the one farthest from those chosen before."""
+    groups = len(candidates) // per_group
     chosen = np.empty(groups, dtype=np.intp)
     square = np.sum(candidates**2, axis=1)
     nearest = np.full(len(candidates), np.inf)
     for group in range(groups):
-        first = group * CANDIDATES_PER_SAMPLE
-        pick = first + int(np.argmax(nearest[first : first + CANDIDATES_PER_SAMPLE]))
+        first = group * per_group
+        pick = first + int(np.argmax(nearest[first : first + per_group]))
         chosen[group] = pick
         np.minimum(nearest, square - 2.0 * (candidates @ candidates[pick]) + square[pick], out=nearest)
     return chosen

@@ -16,10 +16,10 @@ from tactopose_drake.core.compilation import (
     kernel,
 )
 
-BLOCK = 16  # So many discs are reckoned at once.
-_REACH = 3.8  # Discs count within so many standard deviations.
-_MOST = 24.0  # No disc counts for less than the exponential of minus this.
-_LEAST = 1e-9  # The density far from the surface, as a share of that on it.
+# So many discs are reckoned at once: the layout of `Surfels.discs`, and loops whose length the compiler knows.
+BLOCK = 16
+# No disc counts for less than the exponential of minus this, which is as far as `_exp_minus` holds.
+_MOST = 24.0
 
 
 class Discs(NamedTuple):
@@ -32,6 +32,8 @@ class Discs(NamedTuple):
         per_cell: one over a cell's width, 1/m.
         shape: number of cells along x, y and z.
         spacing: about the distance between neighbours, m.
+        reach: discs count within so many standard deviations.
+        floor: the density far from the surface, as a share of that on it.
     """
 
     rows: Singles2
@@ -40,6 +42,8 @@ class Discs(NamedTuple):
     per_cell: float
     shape: Shape3
     spacing: float
+    reach: float
+    floor: float
 
 
 class Measurements(NamedTuple):
@@ -74,7 +78,7 @@ def densities(discs: Discs, measured: Measurements, X: Floats3, cost: OutFloats1
     """Each number of the discs is an array by itself, read by unsigned offsets, which need no check of their sign, and
     in whole blocks: what of a run's last block lies behind its end counts for nothing.
     """
-    rows, first, origin, per_cell, shape, spacing = discs
+    rows, first, origin, per_cell, shape, spacing, sigmas, floor = discs
     p, n, sigma, weight_n = measured
     x_disc, y_disc, z_disc, x_normal, y_normal, z_normal = rows[0], rows[1], rows[2], rows[3], rows[4], rows[5]
     area, spread, roughness = rows[6], rows[7], rows[8]
@@ -85,7 +89,7 @@ def densities(discs: Discs, measured: Measurements, X: Floats3, cost: OutFloats1
     for b in range(X.shape[0]):
         total = 0.0
         for i in range(p.shape[0]):
-            reach = _REACH * sigma[i] + 0.5 * spacing
+            reach = sigmas * sigma[i] + 0.5 * spacing
             x, y, z = p[i, 0] - X[b, 0, 3], p[i, 1] - X[b, 1, 3], p[i, 2] - X[b, 2, 3]
             empty = False
             for a in range(3):
@@ -125,5 +129,5 @@ def densities(discs: Discs, measured: Measurements, X: Floats3, cost: OutFloats1
             density = np.float32(0.0)
             for j in range(BLOCK):
                 density += shares[j]
-            total -= np.log(density / (2.0 * np.pi) + _LEAST)
+            total -= np.log(density / (2.0 * np.pi) + floor)
         cost[b] = total

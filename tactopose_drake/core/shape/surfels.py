@@ -23,14 +23,19 @@ from tactopose_drake.core.shape.surface_samples import points_along_surface
 from tactopose_drake.core.shape.surfel_kernels import BLOCK, Discs, Measurements, densities
 from tactopose_drake.core.validation import FloatArray
 
-MAX_SURFELS = 250_000
-FINEST = 0.0005
-"""Discs lie no closer than this, m."""
 
-_SPACING_SHARE = 1.3
-_POINTS_PER_DISC = 9
-_FLAT = 0.92  # The mean of a disc's normals is at least so long: they differ by some 20 degrees.
-_CELL_SHARE = 3.4  # A cell's width in the same: a contact's surroundings lie in few long runs.
+@dataclass(frozen=True, kw_only=True)
+class SurfelParams:
+    """How finely discs cover a surface, and which of them are reckoned: exactness against time."""
+
+    spacing_sigmas: float = 1.3  # wanted between neighbours, in a point's standard deviations
+    least_spacing: float = 0.0005  # between neighbours, m, however well a point is known
+    max_surfels: int = 250_000  # about so many, at the most: larger surfaces get larger discs
+    points_per_disc: int = 9  # of the surface, whose mean and variance a disc is
+    least_mean_normal: float = 0.92  # length of the mean of a disc's normals: they differ by some 20 degrees
+    cell_spacings: float = 3.4  # a cell's width, in spacings: a contact's surroundings lie in few long runs
+    reach: float = 3.8  # discs count within so many standard deviations of a contact
+    density_floor: float = 1e-9  # far from the surface, as a share of that on it: so the cost stays finite
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,15 +60,22 @@ class Surfels:
     spacing: float
 
 
-def surfel_spacing(sigma: float, area: float) -> float:
+def surfel_spacing(sigma: float, area: float, params: SurfelParams = SurfelParams()) -> float:
     """The spacing, m, that suits a point known to sigma, m, on a surface of this area, m^2: one of four an octave."""
-    wanted = max(_SPACING_SHARE * sigma, FINEST, math.sqrt(area / MAX_SURFELS))
+    wanted = max(params.spacing_sigmas * sigma, params.least_spacing, math.sqrt(area / params.max_surfels))
     return 1e-3 * float(2.0 ** (0.25 * math.ceil(4.0 * math.log2(1e3 * wanted) - 0.5)))
 
 
-def make_surfels(vertices: FloatArray, faces: NDArray[np.int32], area: float, spacing: float) -> Surfels:
+def make_surfels(
+    vertices: FloatArray,
+    faces: NDArray[np.int32],
+    area: float,
+    spacing: float,
+    params: SurfelParams = SurfelParams(),
+) -> Surfels:
     """Covers the mesh (v, 3), (f, 3) of this area, m^2, with discs about `spacing` apart, m, and more along creases."""
-    points, normals, share = points_along_surface(vertices, faces, max(1, round(_POINTS_PER_DISC * area / spacing**2)))
+    count = max(1, round(params.points_per_disc * area / spacing**2))
+    points, normals, share = points_along_surface(vertices, faces, count)
     # A disc is the points of one voxel whose normals have the same largest part, so that edges and walls come apart.
     part = np.abs(normals).argmax(axis=1)
     side = 2 * part + (np.take_along_axis(normals, part[:, None], axis=1)[:, 0] > 0.0)
@@ -73,7 +85,7 @@ def make_surfels(vertices: FloatArray, faces: NDArray[np.int32], area: float, sp
     center, mean = (_averages(rows, disc, size) for rows in (points, normals))
     variance = 0.5 * _averages(np.sum((points - center[disc]) ** 2, axis=1)[:, None], disc, size)[:, 0]
     length = np.linalg.norm(mean, axis=1)
-    is_flat = length > _FLAT
+    is_flat = length > params.least_mean_normal
     rest = ~is_flat[disc]
     discs = np.concatenate(
         [
@@ -82,7 +94,7 @@ def make_surfels(vertices: FloatArray, faces: NDArray[np.int32], area: float, sp
             np.column_stack([points, normals, *np.broadcast_arrays(share, share / 12.0, 0.0, points[:, 0])[:3]])[rest],
         ]
     )
-    cell = _CELL_SHARE * spacing
+    cell = params.cell_spacings * spacing
     origin = discs[:, :3].min(axis=0) - 1e-9
     index = ((discs[:, :3] - origin) / cell).astype(np.int64)
     nx, ny, nz = (int(n) for n in index.max(axis=0) + 1)
@@ -100,7 +112,13 @@ def _averages(rows: FloatArray, group: NDArray[np.intp], size: NDArray[np.intp])
     return np.stack([np.bincount(group, column) / size for column in rows.T], axis=1)
 
 
-def contact_densities(surfels: Surfels, measured: Measurements, X_PO: FloatArray, cost: FloatArray) -> None:
+def contact_densities(
+    surfels: Surfels,
+    measured: Measurements,
+    X_PO: FloatArray,
+    cost: FloatArray,
+    params: SurfelParams = SurfelParams(),
+) -> None:
     """Writes the negative log densities of contacts at poses (B, 3, 4) into cost (B,).
 
     Each contact's density is divided by that on a flat surface with the right normal.
@@ -112,5 +130,7 @@ def contact_densities(surfels: Surfels, measured: Measurements, X_PO: FloatArray
         1.0 / surfels.cell,
         surfels.shape,
         surfels.spacing,
+        params.reach,
+        params.density_floor,
     )
     densities(discs, measured, X_PO, cost)

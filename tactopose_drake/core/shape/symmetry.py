@@ -15,7 +15,8 @@ from tactopose_drake.errors import InvalidInputError
 CONTINUOUS = 0
 """The order of an axis about which every turn leaves the object unchanged."""
 
-_LARGEST_GROUP = 60  # the rotations of an icosahedron; twelve-fold prisms have 24
+# A fact of finite groups of rotations: those of an icosahedron; twelve-fold prisms have 24.
+_LARGEST_GROUP = 60
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +73,23 @@ def symmetry_group(symmetries: Iterable[RotationalSymmetry]) -> FloatArray:
         if not np.any(_same_rotation(group, generator)):
             generators = np.concatenate([generators, generator])
             group = _closure(group, generators)
+    return group
+
+
+def sampled_turns(
+    group: FloatArray, symmetries: Iterable[RotationalSymmetry], continuous_turns: int = 12
+) -> FloatArray:
+    """A group of poses (g, 3, 4), joined with some turns about each continuous axis, shape (n, 3, 4).
+
+    Args:
+        group: of the finite symmetries, see `symmetry_group`.
+        symmetries: among which the continuous ones are.
+        continuous_turns: that stand for all about such an axis, equally far apart.
+    """
+    for symmetry in symmetries:
+        if symmetry.is_continuous:
+            steps = RotationalSymmetry(symmetry.axis, symmetry.point, continuous_turns).poses()
+            group = compose(group[:, None], steps[None]).reshape(-1, 3, 4)
     return group
 
 

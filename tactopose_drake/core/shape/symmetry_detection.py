@@ -9,7 +9,9 @@ refined by Gauss-Newton on the distances before it is judged.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,20 +23,27 @@ from tactopose_drake.core.shape.symmetry import CONTINUOUS, RotationalSymmetry, 
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
 
-HIGHEST_ORDER = 12
-TOLERANCE = 0.005
-"""Default tolerance: the 95th percentile of the turned samples' distances, as a share of the object's size."""
+# Orders of the axes of a body with three equal moments, by the finite groups of rotations; higher ones are multiples.
+_ORDERS_OF_THREE_EQUAL = (5, 4, 3, 2)
 
-# The same as a share of the mean distance from the longest axis: a hexagonal rod is no cylinder.
-_RADIUS_SHARE = 0.05
-_OUTLIER_FACTOR = 3.0  # the largest distance, in tolerances: a small handle breaks the symmetry
-_NORMAL_ANGLE = np.radians(5.0)
-_CONTINUOUS_NORMAL_ANGLE = np.radians(7.5)  # half the angle between the sides of a prism of 24
-_EQUAL_MOMENTS = 0.05
-_SEARCHED_ORDERS = (5, 4, 3, 2)  # of a body with three equal moments; higher ones are multiples of these
-_EVERY_TURN = (
-    2 * np.pi * np.array([*(1 / np.arange(2, HIGHEST_ORDER + 1)), *np.modf(0.6180339887 * np.arange(1, 7))[0]])
-)
+
+@dataclass(frozen=True, kw_only=True)
+class SymmetryDetectionParams:
+    """What counts as unchanged, and how thoroughly axes are searched for."""
+
+    tolerance: float = 0.005  # of the 95th percentile of the turned samples' distances, as a share of the size
+    radius_share: float = 0.05  # the same, of the mean distance from the longest axis: a hexagonal rod is no cylinder
+    outlier_factor: float = 3.0  # the largest distance, in tolerances: a small handle breaks the symmetry
+    normal_angle: float = math.radians(5.0)  # median between the normals, rad
+    # Likewise for a continuous axis: half the angle between the sides of a prism of 24.
+    continuous_normal_angle: float = math.radians(7.5)
+    equal_moments: float = 0.05  # difference of two moments, as a share of the largest, below which they may be equal
+    highest_order: int = 12  # that is looked for; axes of higher ones are continuous or none
+    irrational_turns: int = 6  # that a continuous axis is tried with, beside those of all orders
+    judged_samples: int = 1000  # about so many of the surface's, at least, say whether a turn counts
+    searched_samples: int = 150  # likewise in the search for axes
+    directions: int = 250  # over a half sphere, in which axes are searched for where three moments are alike
+    promising: int = 48  # of all directions, by their distances, from which axes are refined
 
 
 def detect_symmetries(
@@ -43,11 +52,11 @@ def detect_symmetries(
     centroid: FloatArray,
     inertia: FloatArray,
     size: float,
-    tolerance: float = TOLERANCE,
+    params: SymmetryDetectionParams = SymmetryDetectionParams(),
 ) -> tuple[RotationalSymmetry, ...]:
     """The axes about which the object may be turned without a change, highest order first, continuous before all.
 
-    A turn counts if the 95th percentile of the turned samples' distances is at most `tolerance` times the size (and
+    A turn counts if the 95th percentile of the turned samples' distances is at most the tolerance times the size (and
     5 % of the samples' mean distance from the longest axis), the largest three times that, and the median angle between
     the normals 5 degrees (7.5 for a continuous axis; the grid's normals are smooth across edges below 30 degrees, so a
     prism of 16 sides and more counts as a cylinder). A cylinder's flips, about any axis across the first, are
@@ -59,13 +68,13 @@ def detect_symmetries(
         centroid: the volume's centroid, through which all axes pass, shape (3,), m.
         inertia: uniform density, about the centroid, shape (3, 3).
         size: diagonal of the bounding box, m.
-        tolerance: see above.
+        params: what counts as unchanged, and how thoroughly axes are searched for.
     """
     moments, directions = np.linalg.eigh(inertia)
     principal = directions.T
-    judge = _Judge(samples, grid, centroid, principal[0], tolerance * size)
+    judge = _Judge(samples, grid, centroid, principal[0], size, params)
     gaps = np.array([moments[2] - moments[1], moments[2] - moments[0], moments[1] - moments[0]]) / moments[2]
-    alike = gaps < _EQUAL_MOMENTS
+    alike = gaps < params.equal_moments
     if alike.all() and all(judge.turns_freely(axis) for axis in _sphere_directions(6)):
         return tuple(RotationalSymmetry(axis, centroid, CONTINUOUS) for axis in np.eye(3))
 
@@ -77,22 +86,23 @@ def detect_symmetries(
             return (RotationalSymmetry(axis, centroid, CONTINUOUS), *flips)
 
     found: list[tuple[int, FloatArray]] = []
-    for order in _SEARCHED_ORDERS if alike.all() else range(HIGHEST_ORDER, 1, -1):
+    for order in _ORDERS_OF_THREE_EQUAL if alike.all() else range(params.highest_order, 1, -1):
         turn = 2 * np.pi / order
-        near = _distinct(judge.refine(judge.most_promising(_seeds(order, principal, alike), turn), turn, 3))
+        seeds = _seeds(order, principal, alike, params.directions)
+        near = _distinct(judge.refine(judge.most_promising(seeds, turn), turn, 3))
         for axis in _distinct(judge.refine(near, turn, 4)):
             known = any(_parallel(axis, other) for _, other in found)
             if not known and judge.holds(axis, _turns_of(order)):
-                multiples = range(order * (HIGHEST_ORDER // order), order, -order)
+                multiples = range(order * (params.highest_order // order), order, -order)
                 found.append((next((m for m in multiples if judge.holds(axis, _turns_of(m))), order), axis))
     found.sort(key=lambda item: -item[0])
     return _one_group(RotationalSymmetry(axis, centroid, order) for order, axis in found)
 
 
-def _seeds(order: int, principal: FloatArray, alike: NDArray[np.bool_]) -> FloatArray:
+def _seeds(order: int, principal: FloatArray, alike: NDArray[np.bool_], directions: int) -> FloatArray:
     """Directions (n, 3) near which an axis of this order may lie, given which pairs of moments are alike."""
     if alike.all():
-        return np.concatenate([principal, _sphere_directions(250)])
+        return np.concatenate([principal, _sphere_directions(directions)])
     if order > 2:
         return principal[alike]
     angles = np.arange(0.0, np.pi, np.radians(3.0))
@@ -150,24 +160,33 @@ class _Judge:
         grid: DistanceGrid,
         centroid: FloatArray,
         longest_axis: FloatArray,
-        tolerance: float,
+        size: float,
+        params: SymmetryDetectionParams,
     ) -> None:
-        fine, coarse = max(1, len(samples) // 1000), max(1, len(samples) // 150)
+        fine, coarse = (max(1, len(samples) // n) for n in (params.judged_samples, params.searched_samples))
+        self._params = params
         self._grid, self._centroid = grid, centroid
         self._points = samples.points[::fine] - centroid
         # The grid's normals on both sides: rounding of the edges by the interpolation then cancels.
         self._normals = grid.distance_and_normal(samples.points[::fine])[1]
         self._few = samples.points[::coarse] - centroid
         radius = float(np.linalg.norm(np.cross(self._points, longest_axis), axis=1).mean())
-        self._limit = min(tolerance, _RADIUS_SHARE * radius)
-        self._outlier_limit = _OUTLIER_FACTOR * tolerance
+        tolerance = params.tolerance * size
+        self._limit = min(tolerance, params.radius_share * radius)
+        self._outlier_limit = params.outlier_factor * tolerance
+        inverse_orders = 1 / np.arange(2, params.highest_order + 1)
+        irrational = np.modf(0.6180339887 * np.arange(1, params.irrational_turns + 1))[0]  # by the golden ratio
+        self._every_turn = 2 * np.pi * np.array([*inverse_orders, *irrational])
 
     def turns_freely(self, axis: FloatArray) -> bool:
         """Whether the axis is one of continuous symmetry."""
-        return self.holds(axis, _EVERY_TURN, _CONTINUOUS_NORMAL_ANGLE)
+        return self._holds(axis, self._every_turn, self._params.continuous_normal_angle)
 
-    def holds(self, axis: FloatArray, angles: FloatArray, normal_angle: float = _NORMAL_ANGLE) -> bool:
+    def holds(self, axis: FloatArray, angles: FloatArray) -> bool:
         """Whether the turns about the axis by all these angles leave the object unchanged, within the tolerance."""
+        return self._holds(axis, angles, self._params.normal_angle)
+
+    def _holds(self, axis: FloatArray, angles: FloatArray, normal_angle: float) -> bool:
         for angle in angles:
             R = exp_so3(angle * axis)
             distance, normal = self._grid.distance_and_normal(self._points @ R.T + self._centroid)
@@ -181,8 +200,9 @@ class _Judge:
                 return False
         return True
 
-    def most_promising(self, axes: FloatArray, angle: float, count: int = 48) -> FloatArray:
-        """The `count` axes of (n, 3) about which the turn leaves the smallest mean distance."""
+    def most_promising(self, axes: FloatArray, angle: float) -> FloatArray:
+        """The axes of (n, 3) about which the turn leaves the smallest mean distance, as many as `params` say."""
+        count = self._params.promising
         if len(axes) <= count:
             return axes
         R = exp_so3(angle * axes)

@@ -1,6 +1,7 @@
 """Patches made up from an object's surface: for tests, benchmarks, and studies without a simulator."""
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,13 +13,16 @@ from tactopose_drake.core.synthetic.synthetic_touch import random_surface_points
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
 
-_ALPHA = 1e-7
-"""1 mm deep for 10 kPa."""
 
-_RAY_STEPS = 60
-_PLACES_A_PAD = 10
-_TRIES_A_PLACE = 4
-_FEWEST_CELLS = 3
+@dataclass(frozen=True, kw_only=True)
+class PadTouchParams:
+    """What the pads are made of, and how places for them are found."""
+
+    alpha: float = 1e-7  # depth over pressure, m/Pa: 1 mm deep for 10 kPa
+    places_per_pad: int = 10  # random ones, of which the farthest from the earlier pads is taken
+    tries_per_place: int = 4  # points of the surface, at most, until one suits
+    fewest_cells: int = 3  # that a place presses
+    ray_steps: int = 60  # from a cell inwards, between which it leaves the object; four times the depth in all
 
 
 def flat_pad(rows: int = 8, columns: int = 3, pitch: float = 0.0025) -> FloatArray:
@@ -39,6 +43,7 @@ def touch_with_pads(
     sigma_position: float = 0.0009,
     sigma_rotation: float = math.radians(5.0),
     sigma_depth: float = 0.0001,
+    params: PadTouchParams = PadTouchParams(),
 ) -> tuple[Patch, ...]:
     """Flat pads whose middle is pressed into random points of the surface, measured with noise.
 
@@ -48,7 +53,7 @@ def touch_with_pads(
     Args:
         model: the object.
         X_PO: its true pose, shape (3, 4).
-        count: number of pads, >= 1; each is the farthest from the earlier ones of ten random places.
+        count: number of pads, >= 1; each is the farthest from the earlier ones of some random places.
         generator: of the random numbers.
         cells: of each pad about its middle, shape (n, 3), m; those of `flat_pad()` by default.
         depth: of a pad's middle in the surface, m.
@@ -56,12 +61,13 @@ def touch_with_pads(
         sigma_position: of each coordinate of a pad's place, m.
         sigma_rotation: of a small rotation of a pad about each axis, rad.
         sigma_depth: of each active cell's depth, m.
+        params: what the pads are made of, and how places for them are found.
 
     Raises:
-        InvalidInputError: hardly a place on the object that three cells can be pressed on.
+        InvalidInputError: hardly a place on the object that enough cells can be pressed on.
     """
     cells = flat_pad() if cells is None else cells
-    places = _places(model, cells, depth, lean, _PLACES_A_PAD * count, generator)
+    places = _places(model, cells, depth, lean, params.places_per_pad * count, generator, params)
     pads = places[:1]
     for i in range(1, count):
         some = places[i::count]
@@ -72,17 +78,23 @@ def touch_with_pads(
         R_PT = exp_so3(generator.normal(size=3) * sigma_rotation) @ X_PO[:, :3] @ R_OT
         p_PT = X_PO[:, :3] @ p_OT + X_PO[:, 3] + generator.normal(size=3) * sigma_position
         noise = generator.normal(size=len(cells)) * sigma_depth
-        pressure = np.where(depths > 0, np.maximum(depths + noise, 0.0), 0.0) / _ALPHA
+        pressure = np.where(depths > 0, np.maximum(depths + noise, 0.0), 0.0) / params.alpha
         n_PT = np.tile(R_PT[:, 2], (len(cells), 1))
-        patches.append(describe_patch(cells @ R_PT.T + p_PT, pressure, alpha=_ALPHA, n_PT=n_PT))
+        patches.append(describe_patch(cells @ R_PT.T + p_PT, pressure, alpha=params.alpha, n_PT=n_PT))
     return tuple(patches)
 
 
 def _places(
-    model: ObjectModel, cells: FloatArray, depth: float, lean: float, count: int, generator: np.random.Generator
+    model: ObjectModel,
+    cells: FloatArray,
+    depth: float,
+    lean: float,
+    count: int,
+    generator: np.random.Generator,
+    params: PadTouchParams,
 ) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
     """Pads' places p_OT (3,) and R_OT (3, 3), and the depths of the object at their cells (n,), m; `count` of them."""
-    tries = _TRIES_A_PLACE * count
+    tries = params.tries_per_place * count
     points, normals = random_surface_points(model, tries, generator)
     z = (exp_so3(generator.normal(size=(tries, 3)) * lean) @ -normals[..., None])[..., 0]
     x = np.cross(z, generator.normal(size=(tries, 3)))
@@ -91,17 +103,16 @@ def _places(
     p_OT = points - depth * normals
     found: list[tuple[FloatArray, FloatArray, FloatArray]] = []
     for p, R in zip(p_OT, R_OT, strict=True):
-        depths = _depths(model.grid, cells @ R.T + p, -R[:, 2], 4.0 * depth)
-        if np.isfinite(depths).all() and np.count_nonzero(depths) >= _FEWEST_CELLS:
+        depths = _depths(model.grid, cells @ R.T + p, -R[:, 2], np.linspace(0.0, 4.0 * depth, params.ray_steps))
+        if np.isfinite(depths).all() and np.count_nonzero(depths) >= params.fewest_cells:
             found.append((p, R, depths))
             if len(found) == count:
                 return found
     raise InvalidInputError(f"{model.name}: pads found {len(found)} places on it in {tries} tries; {count} are needed.")
 
 
-def _depths(grid: DistanceGrid, p_OT: FloatArray, inward: FloatArray, limit: float) -> FloatArray:
-    """How far from each cell (n, 3) the way inward (3,) leaves the object, shape (n,), m; infinite beyond the limit."""
-    way = np.linspace(0.0, limit, _RAY_STEPS)
+def _depths(grid: DistanceGrid, p_OT: FloatArray, inward: FloatArray, way: FloatArray) -> FloatArray:
+    """How far from each cell (n, 3) the way (s,), m, inward (3,) leaves the object, shape (n,), m; infinite if not."""
     phi = grid.distance(p_OT[:, None] + way[:, None] * inward)
     inside = phi[:, 0] < 0
     depths = np.where(inside, np.inf, 0.0)

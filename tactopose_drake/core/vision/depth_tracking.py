@@ -23,9 +23,6 @@ from tactopose_drake.core.validation import FloatArray, positive_number
 from tactopose_drake.core.vision.rasterizer import Camera, inverse_depths
 from tactopose_drake.errors import InvalidInputError
 
-# Distances beyond which points count less, m, step by step of the fit; in the end three sigma.
-_WIDTHS = (*(0.03 * 0.6**k for k in range(8)), *(8 * [0.0]))
-
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class DepthTrackerModel:
@@ -46,6 +43,12 @@ class DepthTrackerModel:
     most_hidden: float = 0.8  # share of the object's pixels that may be hidden
     sigma_translation: float = 0.05  # motion between frames, m: standard deviation along each axis
     sigma_rotation_deg: float = 15.0  # likewise about each axis
+    # Distance beyond which points count less, at the first step of the fit, m. It shrinks by a factor from step to
+    # step, and for the last steps it is three sigma.
+    first_width: float = 0.03
+    width_factor: float = 0.6
+    narrowing_steps: int = 8
+    last_steps: int = 8
 
     def validate(self) -> None:
         """Raises InvalidInputError if a value is out of its range."""
@@ -53,9 +56,15 @@ class DepthTrackerModel:
             if field.name != "knows_hand":
                 zero = field.name in ("depth_noise", "common_share")
                 positive_number(f"DepthTrackerModel.{field.name}", getattr(self, field.name), allow_zero=zero)
-        for name in ("common_share", "most_hidden"):
+        for name in ("common_share", "most_hidden", "width_factor"):
             if getattr(self, name) > 1.0:
                 raise InvalidInputError(f"DepthTrackerModel.{name}: is {getattr(self, name):g}; allowed is up to 1.")
+
+    @property
+    def widths(self) -> list[float]:
+        """Distances beyond which points count less, step by step, m; 0 where it is three sigma."""
+        narrowing = [self.first_width * self.width_factor**k for k in range(self.narrowing_steps)]
+        return [*narrowing, *(self.last_steps * [0.0])]
 
     @property
     def information(self) -> FloatArray:
@@ -158,8 +167,8 @@ def fit_pose(
         pose = retract(X_CO[None], np.concatenate([np.zeros(3), shift])[None])[0]
     expected, information = pose, model.information
     sigma = np.maximum(model.depth_noise * points[:, 2] ** 2, 1e-4)
-    for width in _WIDTHS:
-        gate = model.gate * max(1.0, width / _WIDTHS[2])
+    for width in model.widths:
+        gate = model.gate * max(1.0, width / (model.first_width * model.width_factor**2))
         distance, J, near = _residuals(points, object_model, pose, gate)
         if near.sum() < model.least_pixels:
             return None

@@ -4,6 +4,7 @@ import numpy as np
 
 from tactopose_drake.core.compilation import Floats1, Floats2, Ints2, Singles2, Singles3, kernel
 
+# How pictures look; nothing is measured in them. Fixed, so that the loop over the pixels knows the exponent.
 # Directions towards the lights in the camera's frame (right, down, forward), and their strengths.
 _KEY_LIGHT, _KEY = (-0.45, -0.65, -0.61), 0.62
 _FILL_LIGHT, _FILL = (0.80, -0.10, -0.59), 0.22

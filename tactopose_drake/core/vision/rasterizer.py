@@ -12,10 +12,8 @@ from numpy.typing import NDArray
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.core.vision.raster_kernels import rasterize, shade
 
-# Surfaces nearer to the camera than this are not drawn, m.
+# Surfaces nearer to the camera than this are not drawn, m: no pinhole shows what lies beside or behind it.
 _NEAR = 1e-3
-# Share of a framed image that stays free on each side.
-_MARGIN = 0.03
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -42,6 +40,7 @@ class Camera:
         width: int,
         height: int,
         field_of_view: float = 0.45,
+        margin: float = 0.03,
     ) -> Self:
         """A camera that sees all of the points, and fills the image with them but for a margin.
 
@@ -52,13 +51,14 @@ class Camera:
             width: pixels.
             height: pixels.
             field_of_view: of the smaller side, rad.
+            margin: share of the image that stays free on each side.
         """
         forward = -direction / np.linalg.norm(direction)
         right = np.cross(forward, up)
         right /= np.linalg.norm(right)
         R_CP = np.stack([right, np.cross(forward, right), forward])
         focal_length = 0.5 * min(width, height) / np.tan(0.5 * field_of_view)
-        slopes = (1.0 - 2.0 * _MARGIN) * 0.5 * np.array([width, height]) / focal_length
+        slopes = (1.0 - 2.0 * margin) * 0.5 * np.array([width, height]) / focal_length
         seen = points @ R_CP.T
         # Along each image axis the two outermost rays fix the centre and the distance.
         highest = (seen[:, :2] + slopes * -seen[:, 2:]).max(axis=0)

@@ -5,7 +5,14 @@ import trimesh
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.exploration.guarded_moves import GuardedMoves
-from tactopose_drake.core.exploration.next_touch import TouchNoise, choose_touch, information, is_allowed, predict
+from tactopose_drake.core.exploration.next_touch import (
+    SafetyParams,
+    TouchNoise,
+    choose_touch,
+    information,
+    is_allowed,
+    predict,
+)
 from tactopose_drake.core.poses import exp_so3, make_poses
 from tactopose_drake.core.posterior.pose_modes import PoseModes
 from tactopose_drake.core.shape.object_model import ObjectModel
@@ -145,6 +152,10 @@ def test_a_motion_must_be_clear_at_each_likely_mode(mug: ObjectModel) -> None:
     assert not is_allowed(mug, contacts, NAMES, both, "little", moves, friction=0.7).any()
     unlikely = spins(0.0, np.pi, probability=[0.01, 0.99])
     assert is_allowed(mug, contacts, NAMES, unlikely, "little", moves, friction=0.7).all()
+    safer = SafetyParams(likely=0.005)
+    assert not is_allowed(mug, contacts, NAMES, unlikely, "little", moves, friction=0.7, safety=safer).any()
+    assert choose_touch(mug, contacts, NAMES, unlikely, {"little": moves}, friction=0.7) is not None
+    assert choose_touch(mug, contacts, NAMES, unlikely, {"little": moves}, friction=0.7, safety=safer) is None
 
 
 def test_a_finger_that_would_meet_another_takes_another_way(mug: ObjectModel) -> None:

@@ -1,3 +1,5 @@
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -17,14 +19,14 @@ def ring(count: int, radius: float = 0.03) -> tuple[np.ndarray, np.ndarray]:
 
 def test_opposed_fingers_carry_equal_forces():
     p, n = ring(4)
-    force, imbalance = balance(p, n, LOAD, 0.5, 3.0)
+    force, imbalance = balance(p, n, LOAD, PARAMS)
     np.testing.assert_allclose(force, 3.0, rtol=0.02)
     assert imbalance < 0.01
 
 
 def test_a_heavy_load_asks_for_the_normal_force_that_friction_needs():
     p, n = ring(4)
-    force, _ = balance(p, n, np.array([0.0, 0.0, -20.0]), 0.5, 3.0)
+    force, _ = balance(p, n, np.array([0.0, 0.0, -20.0]), PARAMS)
     # 20 N by friction alone; the hexagon in the friction's circle reaches 87 % of its radius at the least.
     assert 0.99 * 20.0 / 0.5 < force.sum() < 20.0 / (0.5 * 0.86)
 
@@ -32,7 +34,7 @@ def test_a_heavy_load_asks_for_the_normal_force_that_friction_needs():
 def test_one_thumb_carries_as_much_as_two_fingers():
     n = np.array([[1.0, 0, 0], [-1.0, 0, 0], [-1.0, 0, 0]])
     p = 0.03 * n + [[0, 0, 0], [0, 0.02, 0], [0, -0.02, 0]]
-    force, _ = balance(p, n, LOAD, 0.5, 3.0)
+    force, _ = balance(p, n, LOAD, PARAMS)
     assert force[0] == pytest.approx(force[1] + force[2], rel=0.05)
 
 
@@ -63,3 +65,12 @@ def test_touches_from_all_sides_score_higher_than_from_two():
 def test_cost_counts_against_a_grasp():
     p, n = ring(4)
     assert score_grasp(p, n, 1.0, LOAD, PARAMS).value == pytest.approx(score_grasp(p, n, 0.0, LOAD, PARAMS).value - 1.0)
+
+
+def test_what_is_left_out_of_balance_decides():
+    p, n = ring(4)
+    _, imbalance = balance(p, n, 20.0 * LOAD, PARAMS)
+    assert imbalance > 0.01
+    for share, balanced in ((1.1, True), (0.9, False)):
+        params = dataclasses.replace(PARAMS, most_imbalance=share * imbalance)
+        assert score_grasp(p, n, 0.0, 20.0 * LOAD, params).balanced is balanced

@@ -5,7 +5,12 @@ import trimesh
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.grasping.finger_reach import FingerGeometry, FingerReach, ReachParams
-from tactopose_drake.core.grasping.improvement import finger_clearance, improvement_map, reachable_points
+from tactopose_drake.core.grasping.improvement import (
+    ReachabilityParams,
+    finger_clearance,
+    improvement_map,
+    reachable_points,
+)
 from tactopose_drake.core.grasping.quality import grasp_quality
 from tactopose_drake.core.grasping.serial_chain import SerialChain
 from tactopose_drake.core.poses import make_poses, random_rotations, transform_points
@@ -82,6 +87,16 @@ def test_only_the_side_that_faces_the_finger_is_reached(ball: ObjectModel, finge
         finger, ball, X_PO, ball.samples.points, -ball.samples.normals, np.random.default_rng(1)
     )
     assert not inside_out.any()
+    through_walls = reachable_points(
+        finger,
+        ball,
+        X_PO,
+        ball.samples.points,
+        -ball.samples.normals,
+        np.random.default_rng(1),
+        params=ReachabilityParams(least_alignment=-1.0),
+    )
+    np.testing.assert_array_equal(through_walls & reached, reached)
     far = reachable_points(
         finger, ball, translation(0, 0.4, 0), ball.samples.points, ball.samples.normals, np.random.default_rng(1)
     )

@@ -6,7 +6,7 @@ import pytest
 from pydrake.solvers import MathematicalProgram, Solve
 from scipy.optimize import minimize
 
-from tactopose_drake.core.grasping.wrench_space import WrenchSpace, cone_wrenches, convex_hull
+from tactopose_drake.core.grasping.wrench_space import HullGrowthParams, WrenchSpace, cone_wrenches, convex_hull
 
 DIRECTIONS = np.concatenate([np.eye(3), -np.eye(3)])
 
@@ -93,6 +93,12 @@ def test_the_radius_is_what_convex_programs_find(norm: str, starts: int) -> None
         space = WrenchSpace(random_grasp(generator, fingers, edges=4), norm)
         found = radius_by_programs(space, generator, starts)
         assert space.radius == pytest.approx(found, rel=1e-6), "neither an inexact facet nor one that was missed"
+
+
+def test_however_the_hull_grows_the_radius_is_the_same() -> None:
+    primitives = random_grasp(np.random.default_rng(5), 4, edges=4)
+    slow = WrenchSpace(primitives, "Linf", HullGrowthParams(first_facets=4, facets_per_round=2))
+    assert slow.radius == pytest.approx(WrenchSpace(primitives, "Linf").radius, rel=1e-7)
 
 
 @pytest.mark.parametrize("norm", ["L1", "Linf"])

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from tactopose_drake.core.identification.shape_equality import find_alignment
+from tactopose_drake.core.identification.shape_equality import ShapeEqualityParams, find_alignment
 from tactopose_drake.core.poses import transform_points
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tests.core.meshes import random_pose, shape_poor_in_symmetry
@@ -72,5 +72,5 @@ def test_a_tolerance_decides_what_is_equal(model: ObjectModel) -> None:
     larger = shape_poor_in_symmetry()
     larger.apply_scale(1.01)
     other = make(larger)
-    assert find_alignment(model, other, tolerance=0.002) is None
-    assert find_alignment(model, other, tolerance=0.02) is not None
+    assert find_alignment(model, other, ShapeEqualityParams(tolerance=0.002)) is None
+    assert find_alignment(model, other, ShapeEqualityParams(tolerance=0.02)) is not None

@@ -4,15 +4,18 @@ import trimesh
 
 from tactopose_drake.core.mesh import bodies as mesh_bodies
 from tactopose_drake.core.mesh import topology as mesh_topology
+from tactopose_drake.core.mesh.bodies import DebrisParams
 from tests.core.meshes import ball, create, cube, inside_out, joined
 
 BIG, SMALL = 0.06, 0.02
 RING = create.torus(0.05, 0.02)
 
 
-def arranged(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, list[str]]:
+def arranged(mesh: trimesh.Trimesh, **params: float) -> tuple[trimesh.Trimesh, list[str]]:
     repairs: list[str] = []
-    vertices, faces = mesh_bodies.arrange(np.array(mesh.vertices), np.array(mesh.faces), repairs)
+    vertices, faces = mesh_bodies.arrange(
+        np.array(mesh.vertices), np.array(mesh.faces), repairs, DebrisParams(**params)
+    )
     return trimesh.Trimesh(vertices, faces, process=False), repairs
 
 
@@ -81,3 +84,12 @@ def test_many_bodies_in_reasonable_time() -> None:
     solid, repairs = arranged(joined(*[cube(SMALL, place) for place in places]))
     assert repairs == ["kept 216 separate bodies as one rigid object"]
     np.testing.assert_allclose(solid.volume, 216 * SMALL**3)
+
+
+def test_what_is_debris_may_be_less() -> None:
+    speck = joined(cube(BIG), cube(0.004, (0.1, 0, 0)))
+    assert arranged(speck)[1] == ["dropped 1 separate piece of less than 0.1 % of the volume"]
+    assert arranged(speck, share=1e-4)[1] == ["kept 2 separate bodies as one rigid object"]
+    lump = joined(cube(BIG), cube(0.015, (0.1, 0, 0)))
+    assert arranged(lump, share=0.02)[1] == ["kept 2 separate bodies as one rigid object"]
+    assert arranged(lump, share=0.02, total_share=0.1)[1] == ["dropped 1 separate piece of less than 2 % of the volume"]

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from tactopose_drake.core.mesh.holes import close_holes
+from tactopose_drake.core.mesh.holes import HoleParams, close_holes
 from tactopose_drake.errors import InvalidMeshError
 from tests.core.meshes import ball, create, cube, inside_out, joined, without
 
@@ -11,10 +11,10 @@ CUBE = cube()
 CYLINDER = create.cylinder(0.03, 0.1)
 
 
-def closed(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, list[str]]:
+def closed(mesh: trimesh.Trimesh, **params: float) -> tuple[trimesh.Trimesh, list[str]]:
     repairs: list[str] = []
     size = float(np.linalg.norm(mesh.extents))
-    vertices, faces = close_holes(np.array(mesh.vertices), np.array(mesh.faces), size, repairs)
+    vertices, faces = close_holes(np.array(mesh.vertices), np.array(mesh.faces), size, repairs, HoleParams(**params))
     return trimesh.Trimesh(vertices, faces, process=False), repairs
 
 
@@ -60,6 +60,8 @@ def test_what_may_be_a_pipe_is_refused_with_its_holes(mesh: trimesh.Trimesh, tur
         InvalidMeshError, match=r"is open, .* agree on \d+ % of the surface; .* Holes: at \[.* mm across"
     ):
         closed(mesh)
+    solid, _ = closed(mesh, agreement=0.1)
+    assert solid.is_watertight
 
 
 @pytest.mark.parametrize("turned", [False, True])

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 import tactopose_drake as tp
 from tactopose_drake.core.poses import make_poses, random_rotations, transform_points
+from tactopose_drake.core.sensing.patches import PatchParams
 from tactopose_drake.errors import InvalidInputError
 
 PITCH = 0.0025
@@ -149,6 +150,8 @@ def test_depths_that_differ_more_than_the_patch_is_wide_tell_no_normal() -> None
     depth[[9, 10, 12, 13]] = 0.005, 0.0001, 0.0001, 0.005
     patch = tp.describe_patch(CELLS, pressed_by(depth), alpha=ALPHA, n_PT=OUT)
     assert patch.status == "narrow"
+    lenient = PatchParams(least_alignment=0.0)
+    assert tp.describe_patch(CELLS, pressed_by(depth), alpha=ALPHA, n_PT=OUT, params=lenient).status == "area"
     assert np.isfinite(patch.eigenvectors).all()
 
 

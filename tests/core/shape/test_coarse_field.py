@@ -5,7 +5,7 @@ from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.searches.pairs.contact_tables import contact_table
 from tactopose_drake.core.searches.pairs.pair_pose_kernels import coarse_cost
 from tactopose_drake.core.searches.pairs.pair_poses import kernel_field
-from tactopose_drake.core.shape.coarse_field import CoarseField, coarsen
+from tactopose_drake.core.shape.coarse_field import CoarseField, CoarseFieldParams, coarsen
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.synthetic.synthetic_touch import random_surface_points
 
@@ -15,9 +15,11 @@ def cost(field: CoarseField, contacts: Contacts, X_PO: np.ndarray, off: float = 
     return float(coarse_cost(kernel_field(field), table, np.arange(len(table)), X_PO, np.inf))
 
 
-def test_a_voxel_holds_the_grids_distance_and_normal(blob: ObjectModel) -> None:
-    field = coarsen(blob.grid)
-    assert len(field.values) == np.prod(field.shape) < 400_000
+@pytest.mark.parametrize("params", [CoarseFieldParams(), CoarseFieldParams(max_voxels=20_000, steps=12.0)])
+def test_a_voxel_holds_the_grids_distance_and_normal(blob: ObjectModel, params: CoarseFieldParams) -> None:
+    field = coarsen(blob.grid, params)
+    assert len(field.values) == np.prod(field.shape) < 1.6 * params.max_voxels
+    assert field.step == field.spacing / params.steps
     i, j, k = np.meshgrid(*(np.arange(0, n, 7) for n in field.shape), indexing="ij")
     centers = field.origin + field.spacing * np.stack([i, j, k], axis=-1)
     values = field.values[(i * field.shape[1] + j) * field.shape[2] + k]

@@ -8,6 +8,8 @@ from tactopose_drake.core.shape import distance_transform
 from tactopose_drake.core.shape.distance_kernels import signed_field
 from tests.core.meshes import arrays, ball, create, cube, inside_out, joined, random_pose, shape_poor_in_symmetry
 
+BAND = 2.0  # half width of what is exact, in spacings
+
 Grid = tuple[NDArray[np.float64], float, tuple[int, int, int]]
 
 
@@ -47,7 +49,7 @@ def test_distances_are_exact_near_the_surface_and_close_everywhere(shape: trimes
     vertices, faces = arrays(shape)
     origin, spacing, counts = grid = grid_around(vertices)
     packed = distance_transform.pack_triangles(vertices[faces])
-    nearest = distance_transform.nearest_faces(packed, origin, spacing, counts)
+    nearest = distance_transform.nearest_faces(packed, origin, spacing, counts, BAND)
     assert nearest.min() >= 0
     generator = np.random.default_rng(0)
     index = tuple(generator.integers(0, counts, (3000, 3)).T)
@@ -55,7 +57,7 @@ def test_distances_are_exact_near_the_surface_and_close_everywhere(shape: trimes
     chosen = vertices[faces[nearest[index]]]
     found = np.linalg.norm(trimesh.triangles.closest_point(chosen, points) - points, axis=1)
     exact = brute_force(packed, points)
-    band = exact < distance_transform.BAND * spacing
+    band = exact < BAND * spacing
     assert band.sum() > 200
     np.testing.assert_allclose(found[band], exact[band], atol=1e-12)
     assert np.max(found - exact) < 0.1 * spacing
@@ -67,7 +69,7 @@ def test_field_is_distance_with_sign_and_its_unit_gradient(shape: trimesh.Trimes
     vertices, faces = arrays(shape)
     origin, spacing, counts = grid = grid_around(vertices)
     packed = distance_transform.pack_triangles(vertices[faces])
-    nearest = distance_transform.nearest_faces(packed, origin, spacing, counts)
+    nearest = distance_transform.nearest_faces(packed, origin, spacing, counts, BAND)
     winding, _ = winding_numbers(vertices, faces, origin, spacing, counts)
     values = signed_field(packed, nearest, winding, origin, spacing)
     assert values.dtype == np.float32
@@ -154,7 +156,7 @@ def test_gradient_on_the_surface_is_the_face_s_normal() -> None:
     origin = np.full(3, -0.03 - 2 * spacing)  # nodes lie on the cube's faces
     packed = distance_transform.pack_triangles(vertices[faces])
     counts = (17, 17, 17)
-    nearest = distance_transform.nearest_faces(packed, origin, spacing, counts)
+    nearest = distance_transform.nearest_faces(packed, origin, spacing, counts, BAND)
     winding, _ = winding_numbers(vertices, faces, origin + 1e-9, spacing, counts)
     values = signed_field(packed, nearest, winding, origin, spacing)
     np.testing.assert_allclose(values[8, 8, 14], [0, 0, 0, 1], atol=1e-6)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.distance import cdist
 
-from tactopose_drake.core.shape.point_grid import build_point_grid
+from tactopose_drake.core.shape.point_grid import PointGridParams, build_point_grid
 from tactopose_drake.errors import InvalidInputError
 
 GENERATOR = np.random.default_rng(0)
@@ -54,3 +54,9 @@ def test_each_cell_holds_its_points(name: str) -> None:
 def test_bad_clouds_are_named(points: object, message: str) -> None:
     with pytest.raises(InvalidInputError, match=message):
         build_point_grid(points)  # type: ignore[arg-type]
+
+
+def test_there_are_no_more_cells_than_wanted() -> None:
+    few, many = build_point_grid(SPHERE, PointGridParams(most_cells=50)), build_point_grid(SPHERE)
+    assert few.seeds.size <= 50 < many.seeds.size
+    np.testing.assert_array_equal(few.distance(2.0 * SPHERE), many.distance(2.0 * SPHERE))

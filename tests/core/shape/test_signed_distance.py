@@ -5,8 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from tactopose_drake.core.shape import distance_transform, signed_distance
-from tactopose_drake.core.shape.signed_distance import DistanceGrid, build_grid
+from tactopose_drake.core.shape.signed_distance import DistanceGrid, GridParams, build_grid
 from tactopose_drake.errors import InvalidInputError
 from tests.core.meshes import arrays, ball, create, cube, inside_out, joined, random_pose, shape_poor_in_symmetry
 
@@ -79,7 +78,7 @@ def test_nodes_hold_the_exact_distance_within_the_band() -> None:
         closest = trimesh.triangles.closest_point(np.broadcast_to(triangle, (len(points), 3, 3)), points)
         exact = np.minimum(exact, np.linalg.norm(closest - points, axis=1))
     found = np.abs(grid.values[tuple(index.T)][:, 0])
-    band = exact < distance_transform.BAND * grid.spacing
+    band = exact < GridParams().band * grid.spacing
     np.testing.assert_allclose(found[band], exact[band], atol=1e-6)
     np.testing.assert_allclose(found, exact, atol=0.1 * grid.spacing)
     np.testing.assert_allclose(grid.distance(points), grid.values[tuple(index.T)][:, 0], atol=1e-7)
@@ -165,9 +164,9 @@ def test_the_memory_bound_is_used_and_kept(nodes: int) -> None:
     assert 0.8 * 16 * nodes < grid.values.nbytes <= 16 * nodes
 
 
-def test_thin_walls_get_a_finer_grid(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(signed_distance, "DEFAULT_NODES", 30_000)
-    thick, thin = (build_grid(*arrays(create.annulus(0.03, r_max, 0.05))) for r_max in (0.04, 0.032))
+def test_thin_walls_get_a_finer_grid() -> None:
+    params = GridParams(nodes=30_000)
+    thick, thin = (build_grid(*arrays(create.annulus(0.03, r_max, 0.05)), params=params) for r_max in (0.04, 0.032))
     assert thick.values[..., 0].size <= 30_000
     assert 0.9 * 0.002 / 2.5 < thin.spacing <= 0.002 / 2.5
 

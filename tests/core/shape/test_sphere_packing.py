@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from tactopose_drake.core.shape.sphere_packing import pack_box, pack_capsule, pack_convex
+from tactopose_drake.core.shape.sphere_packing import PackingParams, pack_box, pack_capsule, pack_convex
 
 CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
 
@@ -49,3 +49,11 @@ def test_a_convex_bodys_spheres_stay_inside_and_mostly_fill_it() -> None:
     points = np.random.default_rng(0).random((5000, 3)) * size
     assert share_filled(points, (centres, radii)) > 0.75
     assert len(radii) < 200
+
+
+def test_smaller_spheres_fill_more() -> None:
+    size = np.array([0.02, 0.03, 0.09])
+    points = np.random.default_rng(0).random((5000, 3)) * size
+    some, more = pack_convex(CORNERS * size), pack_convex(CORNERS * size, PackingParams(least_share=0.2))
+    assert len(more[1]) > len(some[1])
+    assert share_filled(points, more) > share_filled(points, some) + 0.02

@@ -9,7 +9,7 @@ from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.objectives.surface_density import SurfaceDensity
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.shape.surfels import FINEST, surfel_spacing
+from tactopose_drake.core.shape.surfels import SurfelParams, surfel_spacing
 
 SIGMA, BEND = 0.001, 0.1
 IDENTITY = np.eye(3, 4)[None]
@@ -104,13 +104,14 @@ def test_far_from_the_surface_the_cost_stays_finite(box: ObjectModel) -> None:
     far = cost(box, [3.0, 0.0, 0.0], [1, 0, 0])
     assert math.isfinite(far)
     assert far == pytest.approx(cost(box, [0.0, 0.0, 0.0], [1, 0, 0]))
-    assert far > 15.0
+    assert far == pytest.approx(-math.log(SurfelParams().density_floor))
 
 
 def test_the_spacing_follows_the_noise_within_what_the_surface_allows() -> None:
-    assert surfel_spacing(1e-5, 0.01) == pytest.approx(FINEST, rel=0.1)
+    assert surfel_spacing(1e-5, 0.01) == pytest.approx(SurfelParams().least_spacing, rel=0.1)
     assert surfel_spacing(0.002, 0.01) == pytest.approx(2 * surfel_spacing(0.001, 0.01))
     assert surfel_spacing(1e-5, 100.0) > 0.01
+    assert surfel_spacing(0.001, 0.01, SurfelParams(spacing_sigmas=2.6)) == pytest.approx(surfel_spacing(0.002, 0.01))
 
 
 @pytest.mark.parametrize("height", [0.06, 0.002])

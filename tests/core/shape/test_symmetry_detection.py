@@ -8,19 +8,24 @@ from tactopose_drake.core.poses import transform_points
 from tactopose_drake.core.shape.signed_distance import build_grid
 from tactopose_drake.core.shape.surface_samples import sample_surface
 from tactopose_drake.core.shape.symmetry import RotationalSymmetry, symmetry_group
-from tactopose_drake.core.shape.symmetry_detection import detect_symmetries
+from tactopose_drake.core.shape.symmetry_detection import SymmetryDetectionParams, detect_symmetries
 from tests.core.meshes import arrays, ball, create, cube, joined, random_pose, shape_poor_in_symmetry
 
 Z = np.array([0.0, 0.0, 1.0])
 
 
-def symmetries_of(mesh: trimesh.Trimesh, tolerance: float = 0.005) -> tuple[RotationalSymmetry, ...]:
+def symmetries_of(mesh: trimesh.Trimesh, **params: float) -> tuple[RotationalSymmetry, ...]:
     vertices, faces = arrays(mesh)
     grid, samples = build_grid(vertices, faces, max_bytes=16 * 250_000), sample_surface(vertices, faces, 2000)
     properties = trimesh.triangles.mass_properties(vertices[faces])
     size = float(np.linalg.norm(np.ptp(vertices, axis=0)))
     return detect_symmetries(
-        samples, grid, np.array(properties.center_mass), np.array(properties.inertia), size, tolerance
+        samples,
+        grid,
+        np.array(properties.center_mass),
+        np.array(properties.inertia),
+        size,
+        SymmetryDetectionParams(**params),
     )
 
 
@@ -103,8 +108,8 @@ def distance_to(mesh: trimesh.Trimesh, points: np.ndarray) -> np.ndarray:
 
 def test_the_tolerance_decides_what_counts() -> None:
     almost = create.box((0.06, 0.0622, 0.1))  # a quarter turn moves its sides by 1.1 mm, 0.8 % of its size
-    assert [s.order for s in symmetries_of(almost, 0.005)] == [2, 2, 2]
-    assert symmetries_of(almost, 0.012)[0].order == 4
+    assert [s.order for s in symmetries_of(almost, tolerance=0.005)] == [2, 2, 2]
+    assert symmetries_of(almost, tolerance=0.012)[0].order == 4
 
 
 def test_a_small_feature_breaks_the_symmetry() -> None:
@@ -125,10 +130,15 @@ def test_normals_count_where_distances_do_not() -> None:
     crest = np.round(np.arctan2(knurled.vertices[:, 1], knurled.vertices[:, 0]) / (np.pi / 36)).astype(int) % 2 == 0
     scale = np.where(crest, 1.0, 0.97)
     knurled.vertices[:, :2] *= scale[:, None]
-    assert symmetries_of(knurled, 0.02)[0].order == 12  # of 36
-    assert symmetries_of(prism(72), 0.02)[0].order == 0
+    assert symmetries_of(knurled, tolerance=0.02)[0].order == 12  # of 36
+    assert symmetries_of(prism(72), tolerance=0.02)[0].order == 0
 
 
 def test_separate_bodies_are_turned_as_one() -> None:
     pair = joined(cube(0.03, (0.03, 0.0, 0.0)), cube(0.03, (-0.03, 0.0, 0.0)))
     assert sorted(s.order for s in symmetries_of(pair)) == [2, 2, 2, 2, 4]
+
+
+def test_no_order_beyond_the_highest_is_looked_for() -> None:
+    found = symmetries_of(prism(6), highest_order=5)
+    assert [symmetry.order for symmetry in found[:2]] == [3, 2]

@@ -4,7 +4,7 @@ import trimesh
 
 from tactopose_drake.core.poses import inverse, make_poses, random_rotations, transform_points
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.synthetic.synthetic_patch import flat_pad, touch_with_pads
+from tactopose_drake.core.synthetic.synthetic_patch import PadTouchParams, flat_pad, touch_with_pads
 from tactopose_drake.errors import InvalidInputError
 
 
@@ -61,3 +61,12 @@ def test_a_flat_pad_is_a_grid_about_its_middle() -> None:
     cells = flat_pad(4, 2, 0.003)
     np.testing.assert_allclose(cells.mean(axis=0), 0.0, atol=1e-18)
     np.testing.assert_allclose(np.ptp(cells, axis=0), [0.009, 0.003, 0.0])
+
+
+def test_softer_pads_feel_less_pressure_at_the_same_depths() -> None:
+    box = ObjectModel.from_mesh(trimesh.creation.box((0.05, 0.06, 0.07)))
+    hard = touch_with_pads(box, np.eye(3, 4), 2, np.random.default_rng(4))
+    soft = touch_with_pads(box, np.eye(3, 4), 2, np.random.default_rng(4), params=PadTouchParams(alpha=4e-7))
+    for one, other in zip(hard, soft, strict=True):
+        np.testing.assert_allclose(other.pressure, one.pressure / 4.0)
+        np.testing.assert_allclose(other.points, one.points, atol=1e-12)

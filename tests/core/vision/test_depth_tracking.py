@@ -104,6 +104,13 @@ def test_too_little_is_no_answer(box: ObjectModel) -> None:
     assert fit_pose(picture(box, NO_HAND, unknowing), box, far, unknowing) is None
 
 
+def test_the_fit_narrows_what_counts_step_by_step() -> None:
+    widths = DepthTrackerModel(first_width=0.1, width_factor=0.5, narrowing_steps=3, last_steps=2).widths
+    np.testing.assert_allclose(widths, [0.1, 0.05, 0.025, 0.0, 0.0])
+    with pytest.raises(InvalidInputError, match=r"width_factor: is 1\.2; allowed is up to 1"):
+        DepthTrackerModel(width_factor=1.2).validate()
+
+
 def test_bad_parameters_are_named() -> None:
     with pytest.raises(InvalidInputError, match=r"DepthTrackerModel\.most_hidden: is 1\.5"):
         DepthTrackerModel(most_hidden=1.5).validate()

@@ -1,0 +1,104 @@
+"""Runs and replays that cannot be made: each is one error that says why."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from tactopose_drake.errors import BusError, DeviceTimeoutError, InvalidFileError, InvalidInputError
+from tactopose_drake.runs.manifest import load_manifest
+from tactopose_drake.runs.scenario_replay import replay
+from tactopose_drake.runs.scenario_run import run_scenario
+from tactopose_drake.station.scenario import load_scenario
+from tests.cli.test_cli import run as tactopose
+from tests.runs.stations import bus_threads
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("object: cube", "object: mug", "was recorded with the object 'cube'; the scenario has 'mug'"),
+        ("base: 0x22", "base: 0x23", "was recorded with other devices; senses.fingers differ"),
+    ],
+)
+def test_the_wrong_scenario_is_one_error(
+    recording: Path, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], old: str, new: str, message: str
+) -> None:
+    other = tmp_path / "other.scenario.yaml"
+    other.write_text((folder / "cube.scenario.yaml").read_text().replace(old, new))
+    capsys.readouterr()
+    assert tactopose("replay", recording, "--scenario", other) == 2
+    errors = capsys.readouterr().err
+    assert message in " ".join(errors.split())
+    assert "Traceback" not in errors
+
+
+def test_a_start_long_before_the_logs_is_refused(recording: Path, folder: Path, tmp_path: Path) -> None:
+    copy = Path(shutil.copytree(recording, tmp_path / "copy"))
+    text, start = (copy / "manifest.yaml").read_text(), load_manifest(recording).start
+    for early, message in ((3600.0, "start: is 36.. s before the logs' first frame"), (start, "before the logs'")):
+        (copy / "manifest.yaml").write_text(text.replace(f"start: {start!r}", f"start: {start - early!r}"))
+        with pytest.raises(InvalidFileError, match=message):
+            replay(copy, load_scenario(folder / "cube.scenario.yaml"))
+
+
+def test_recordings_that_are_none_are_refused(recording: Path, folder: Path, tmp_path: Path) -> None:
+    scenario = load_scenario(folder / "cube.scenario.yaml")
+    with pytest.raises(InvalidInputError, match="new or empty"):
+        run_scenario(scenario, record=recording)
+    for damage, message in (
+        (lambda copy: (copy / "manifest.yaml").unlink(), "is no recording"),
+        (lambda copy: (copy / "left.blf").unlink(), "the log 'left.blf' of the bus 'left' is not in the folder"),
+        (lambda copy: (copy / "manifest.yaml").write_text("format: 99\n"), "has the format 99"),
+    ):
+        copy = Path(shutil.copytree(recording, tmp_path / message.replace("/", " ")))
+        damage(copy)
+        with pytest.raises(InvalidFileError, match=message):
+            load_manifest(copy)
+
+
+def test_what_cannot_be_run_is_said_at_once(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = (folder / "cube.scenario.yaml").read_text()
+
+    def attempt(old: str, new: str) -> tuple[int, str]:
+        (tmp_path / "bad.scenario.yaml").write_text(text.replace(old, new))
+        capsys.readouterr()
+        status = tactopose("run", tmp_path / "bad.scenario.yaml", "--duration", "0.1")
+        return status, " ".join(capsys.readouterr().err.split())
+
+    place = f"error: {tmp_path}/bad.scenario.yaml: CanSenses.fingers[little].bus"
+    assert attempt("bus: right, base: 0x20", "bus: middle, base: 0x20") == (
+        2, f"{place}: 'middle' is unknown; valid names: left, right."
+    )  # fmt: skip
+    status, message = attempt("thumb:", "toe:")
+    assert status == 2
+    assert "CanSenses.fingers: 'toe' is unknown; valid names: first" in message
+    monkeypatch.setattr("tactopose_drake.runs.scenario_run.ObjectModel", None)  # nobody gets as far as the object
+    status, message = attempt("base: 0x22", "base: 0x10000")
+    assert (status, message.count("error: ")) == (2, 1)
+    status, message = attempt("interface: virtual", "interface: telepathy")
+    assert status == 2
+    assert "'telepathy' is unknown" in message
+    status, message = attempt(f"joints: !JointFile {{path: {folder}/joints.csv}}", "joints: !JointPort {}")
+    assert status == 2
+    assert "is !JointPort, which is for a diagram of your own" in message
+
+
+def test_a_bus_that_is_not_there_is_one_error(folder: Path) -> None:
+    scenario = load_scenario(folder / "cube.scenario.yaml")
+    scenario.senses.simulated = None
+    scenario.senses.buses["left"].interface = "socketcan"
+    scenario.senses.buses["left"].channel = "no_such_can"
+    with pytest.raises(BusError, match="cannot be opened"):
+        run_scenario(scenario, duration=0.1)
+
+
+def test_a_board_that_cannot_be_tared_is_named(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tactopose_drake.station.can_devices._GREETING_TIME", 0.3)
+    scenario = load_scenario(folder / "cube.scenario.yaml")
+    scenario.senses.simulated = None
+    with pytest.raises(DeviceTimeoutError, match="first: gave no sample"):
+        run_scenario(scenario, duration=0.1)
+    assert bus_threads() == set()
