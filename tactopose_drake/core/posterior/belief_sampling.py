@@ -20,8 +20,8 @@ from tactopose_drake.core.posterior import sampling_weight_kernels
 from tactopose_drake.core.posterior.hypotheses import Modes, free_directions
 from tactopose_drake.core.posterior.joined_modes import join_overlapping
 from tactopose_drake.core.posterior.mode_moments import Moments, toward_the_mean, weigh_moments
-from tactopose_drake.core.posterior.pose_mixture import PoseMixture, across_turns, draw, in_chart
 from tactopose_drake.core.posterior.posterior import Posterior
+from tactopose_drake.core.posterior.student_t_mixture import StudentTMixture, across_turns, draw, in_chart
 from tactopose_drake.core.validation import FloatArray
 
 # Modes that hold less than this share of the mass by Laplace's approximation are taken at its word.
@@ -91,7 +91,7 @@ class BeliefSampling:
         information: FloatArray,
         posterior: Posterior,
         generator: np.random.Generator,
-    ) -> PoseMixture:
+    ) -> StudentTMixture:
         """A mixture that covers the sampled modes: one density for a narrow one, tiles along a wide one."""
         units, widest = posterior.units, 1.0 / (_TILE * posterior.straight) ** 2
         # The root leaves something for modes that Laplace's approximation underrates.
@@ -110,7 +110,7 @@ class BeliefSampling:
         least = np.minimum(posterior.exact_cost(X_PO), equations.cost)
         weight = np.exp(-0.5 * (least - least.min())) + 1e-3
         count = np.maximum(1, np.rint(self.samples * weight / weight.sum())).astype(np.intp)
-        return PoseMixture(X_mode, group, center, local, turns, count)
+        return StudentTMixture(X_mode, group, center, local, turns, count)
 
     def _to_the_floor(self, X_PO: FloatArray, posterior: Posterior) -> FloatArray:
         """Moves poses (B, 3, 4) in the directions that the touch determines well, and little in others."""

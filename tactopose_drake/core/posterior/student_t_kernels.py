@@ -1,4 +1,4 @@
-"""The compiled loops of a mixture of Student-t densities over poses; see `pose_mixture.py`.
+"""The compiled loops of a mixture of Student-t densities over poses; see `student_t_mixture.py`.
 
 A component is a density of increments u from its group's pose, with middle m, information H and f degrees of freedom
 over n dimensions: scale (f / (f + (u - m)^T H (u - m)))^((f + n) / 2). Its samples are m + L^-T z sqrt(f / c) with
