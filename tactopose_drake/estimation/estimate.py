@@ -141,16 +141,16 @@ def weigh_poses(
     search = METHODS[method](model, evidence)
     generator = np.random.default_rng(seed)
     modes = _find_modes(model, evidence, problem, search, generator, deadline, max_hypotheses)
-    explained = is_explained(model, evidence, modes.X_PO)
+    explained = is_explained(model, evidence, modes.mixture.X_PO)
     wider_search = search.widened() if prior is not None and not explained else None
     if wider_search is not None and not deadline():
         # The valley with the pose may be a narrow one that no start has led to.
         wider = _find_modes(model, evidence, problem, wider_search, generator, deadline, max_hypotheses)
         modes = min(modes, wider, key=lambda found: float(found.cost.min()))
-        explained = is_explained(model, evidence, modes.X_PO)
+        explained = is_explained(model, evidence, modes.mixture.X_PO)
     if explained and not deadline():
         modes = BeliefSampling().weigh(modes, make_posterior(model, evidence, problem), generator)
-    hypotheses = _hypotheses(modes, explain_touch(model, evidence, modes.X_PO))
+    hypotheses = _hypotheses(modes, explain_touch(model, evidence, modes.mixture.X_PO))
     undetermined = prior is None and len(evidence.touch) < _FEWEST_FOR_A_POSE
     return PoseEstimate(
         hypotheses,
@@ -219,10 +219,10 @@ def _hypotheses(modes: Modes, explained: NDArray[np.bool_]) -> tuple[PoseHypothe
     return tuple(
         PoseHypothesis(RigidTransform(pose=X_PO), float(cost), float(probability), covariance, free, bool(explains))
         for X_PO, cost, probability, covariance, free, explains in zip(
-            modes.X_PO,
+            modes.mixture.X_PO,
             modes.cost,
-            modes.probability,
-            modes.covariance,
+            modes.mixture.weights,
+            modes.mixture.covariance,
             modes.free_directions,
             explained,
             strict=True,

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 from pydrake.math import RigidTransform
 
-from tactopose_drake.core.posterior.pose_modes import MOST_OF_THE_MASS, PoseModes
+from tactopose_drake.core.posterior.gaussian_mixture import MOST_OF_THE_MASS, GaussianMixture
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
 
@@ -70,9 +70,9 @@ class PoseEstimate:
         return self.hypotheses[0]
 
     @property
-    def modes(self) -> PoseModes:
+    def modes(self) -> GaussianMixture:
         """The hypotheses as arrays."""
-        return PoseModes(
+        return GaussianMixture(
             np.array([hypothesis.X_PO.GetAsMatrix34() for hypothesis in self.hypotheses]),
             np.array([hypothesis.probability for hypothesis in self.hypotheses]),
             np.array([hypothesis.covariance for hypothesis in self.hypotheses]),

@@ -9,9 +9,9 @@ from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSystem, State
 
+from tactopose_drake.core.posterior.gaussian_mixture import MOST_OF_THE_MASS
 from tactopose_drake.core.posterior.hypotheses import free_directions
 from tactopose_drake.core.posterior.plausibility import may_be_touched
-from tactopose_drake.core.posterior.pose_modes import MOST_OF_THE_MASS
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.frame import Frame
 from tactopose_drake.core.tracking.pose_belief import PoseBelief

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from tactopose_drake.core.kernels.matrix_kernels import inverses
 from tactopose_drake.core.posterior import sampling_weight_kernels
+from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.posterior.hypotheses import Modes, free_directions
 from tactopose_drake.core.posterior.joined_modes import join_overlapping
 from tactopose_drake.core.posterior.mode_moments import Moments, toward_the_mean, weigh_moments
@@ -56,9 +57,10 @@ class BeliefSampling:
 
     def weigh(self, modes: Modes, posterior: Posterior, generator: np.random.Generator) -> Modes:
         """The modes with the mass and covariance that samples of the exact posterior give them."""
-        close = np.flatnonzero(modes.probability > _LEAST_WEIGHED_SHARE * modes.probability.max())
-        X_close = modes.X_PO[close]
-        information = inverses(modes.covariance[close])[0] + posterior.gauge
+        mixture = modes.mixture
+        close = np.flatnonzero(mixture.weights > _LEAST_WEIGHED_SHARE * mixture.weights.max())
+        X_close = mixture.X_PO[close]
+        information = inverses(mixture.covariance[close])[0] + posterior.gauge
         least = np.minimum(posterior.exact_cost(X_close), modes.cost[close])
         laplace = -least - 0.5 * across_turns(information, posterior.turn_directions(X_close))[1]
         share = np.exp(laplace - laplace.max())
@@ -66,20 +68,20 @@ class BeliefSampling:
         worthy = np.flatnonzero(share > _LEAST_SAMPLED_SHARE)
         sampled = close[worthy]
 
-        mixture = self._cover(modes.X_PO[sampled], share[worthy], information[worthy], posterior, generator)
-        X_PO = mixture.sample(generator)
-        densities = mixture.densities(X_PO)
+        proposal = self._cover(mixture.X_PO[sampled], share[worthy], information[worthy], posterior, generator)
+        X_PO = proposal.sample(generator)
+        densities = proposal.densities(X_PO)
         weights = np.empty_like(densities)
         cost = posterior.exact_cost(X_PO)
         lowest = min(float(least.min()), float(cost.min()))
         sampling_weight_kernels.weigh(cost, lowest, densities, weights)
         mass = weights.sum(axis=0)
-        moments = weigh_moments(modes.X_PO[sampled], X_PO, weights)
+        moments = weigh_moments(mixture.X_PO[sampled], X_PO, weights)
         if not (moments.effective_samples > 1.0).any():
             return modes  # One sample outweighs all others: they say less than Laplace's approximation.
         every = np.exp(laplace + lowest) * (2.0 * np.pi) ** (3.0 - 0.5 * len(posterior.turns[0]))
         every[worthy] = mass
-        masses = modes.probability * (every.sum() / modes.probability[close].sum())
+        masses = mixture.weights * (every.sum() / mixture.weights[close].sum())
         masses[close] = every
         log_mass = float(np.log(masses.sum()) - lowest + _LOG_TURNS[len(posterior.turns[0])])
         return self._update(modes, sampled, masses / masses.sum(), moments, posterior, log_mass)
@@ -132,7 +134,8 @@ class BeliefSampling:
         log_mass: float,
     ) -> Modes:
         """The modes with these masses, and of those that the samples know their moments; what overlaps is one."""
-        X_PO, cost, covariance, mass = modes.X_PO.copy(), modes.cost.copy(), modes.covariance.copy(), masses.copy()
+        X_PO, covariance = modes.mixture.X_PO.copy(), modes.mixture.covariance.copy()
+        cost, mass = modes.cost.copy(), masses.copy()
         known = moments.effective_samples > 1.0
         index, moments = sampled[known], Moments(*(moment[known] for moment in moments))
         laplace = covariance[index]
@@ -158,7 +161,7 @@ class BeliefSampling:
             free[i] = directions
         order = np.argsort(-mass, kind="stable")[: np.count_nonzero(mass)]
         named = tuple(free[i] for i in order)
-        return Modes(X_PO[order], cost[order], mass[order], covariance[order], named, log_mass)
+        return Modes(GaussianMixture(X_PO[order], mass[order], covariance[order]), cost[order], named, log_mass)
 
 
 def _spread(X_PO: FloatArray, moments: Moments, laplace: FloatArray, posterior: Posterior) -> FloatArray:

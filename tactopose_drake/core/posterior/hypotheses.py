@@ -9,8 +9,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tactopose_drake.core.kernels import mode_kernels
 from tactopose_drake.core.kernels.matrix_kernels import eigenpairs, inverses
+from tactopose_drake.core.kernels.mode_kernels import owners
+from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.searches.search import SearchResult
 from tactopose_drake.core.validation import FloatArray
 
@@ -27,19 +28,15 @@ class Modes:
     """Distinct modes of the posterior, by falling probability.
 
     Attributes:
-        X_PO: poses, shape (n, 3, 4).
+        mixture: their poses, posterior weights and covariances; n of them.
         cost: negative log likelihoods up to a constant, shape (n,).
-        probability: posterior weights, shape (n,); they sum to 1.
-        covariance: of the increments (w, v), shape (n, 6, 6), rad and m.
         free_directions: for each mode the increments that the touch does not determine, unit rows (f, 6).
         log_mass: logarithm of the integral of exp(-cost) over all modes, by the volume of poses, rad^3 m^3. Of the
             images that the object's finite symmetries make of a mode one counts.
     """
 
-    X_PO: FloatArray
+    mixture: GaussianMixture
     cost: FloatArray
-    probability: FloatArray
-    covariance: FloatArray
     free_directions: tuple[FloatArray, ...]
     log_mass: float
 
@@ -63,19 +60,15 @@ def find_modes(
         max_modes: how many modes are kept at the most.
     """
     information = touch_information + prior_information
-    representative = np.empty(len(found.cost), dtype=np.bool_)
-    mode_kernels.mark_distinct(found.X_PO, information, symmetry_poses, _SAME_MODE**2, representative)
-    index = np.flatnonzero(representative)
+    index = np.unique(owners(found.X_PO, information, symmetry_poses, _SAME_MODE))
     covariance, log_determinant = inverses(_held_by_rounding(information[index], size))
     log_weight = -found.cost[index] - 0.5 * log_determinant
     order = np.argsort(-log_weight, kind="stable")[:max_modes]
     index, log_weight = index[order], log_weight[order]
     weight = np.exp(log_weight - log_weight[0])
     return Modes(
-        X_PO=found.X_PO[index],
+        mixture=GaussianMixture(found.X_PO[index], weight / weight.sum(), covariance[order]),
         cost=found.cost[index],
-        probability=weight / weight.sum(),
-        covariance=covariance[order],
         free_directions=tuple(free_directions(touch_information[index], size)),
         log_mass=float(log_weight[0] + np.log(weight.sum()) + 3.0 * np.log(2.0 * np.pi)),
     )
