@@ -193,7 +193,7 @@ def distinct_poses(model: tp.ObjectModel, estimate: tp.PoseEstimate) -> Gaussian
             np.einsum("n,nij->ij", share, belief.covariance[members]) + np.einsum("n,ni,nj->ij", share, off, off)
         )
         left = left[~same]
-    return GaussianMixture(np.array(poses), np.array(masses), np.array(covariances))
+    return GaussianMixture(np.array(poses), np.array(masses) / np.sum(masses), np.array(covariances))
 
 
 def sample_moves(grasp: Grasp, generator: np.random.Generator) -> dict[str, GuardedMoves]:

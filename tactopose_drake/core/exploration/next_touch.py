@@ -22,7 +22,7 @@ from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.exploration.guarded_moves import GuardedMoves
 from tactopose_drake.core.grasping.quality import grasp_quality
 from tactopose_drake.core.poses import retract
-from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture, check_belief
+from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture, checked_mixture
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
@@ -100,7 +100,7 @@ def choose_touch(
     Raises:
         InvalidInputError: as many names as contacts are needed, and a mode of the belief.
     """
-    check_belief("belief", belief)
+    belief = checked_mixture("belief", belief)
     if len(fingers) != len(contacts):
         raise InvalidInputError(f"fingers: are {len(fingers)} names; allowed are as many as contacts, {len(contacts)}.")
     value = {finger: information(model, belief, options, noise) for finger, options in moves.items()}
@@ -144,7 +144,7 @@ def is_allowed(
 
     With the rest of the hand given, the finger must not meet `others` either before its motion ends.
     """
-    check_belief("belief", belief)
+    belief = checked_mixture("belief", belief)
     held = np.array([name != finger for name in fingers], dtype=np.bool_)
     likely = belief.X_PO[belief.likely(_LIKELY)]
     if not held.all():

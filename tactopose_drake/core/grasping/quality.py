@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.grasping.wrench_space import Norm, WrenchSpace, cone_wrenches
-from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture, check_belief
+from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture, checked_mixture
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import (
     MOST_FRICTION,
@@ -154,7 +154,7 @@ def force_closure_probability(
             a million, a belief without a mode, or a value of another type.
     """
     friction, length = _check(model, contacts, friction, edges, None, "L1")
-    check_belief("belief", belief)
+    belief = checked_mixture("belief", belief)
     samples = whole_number("samples", samples, least=1, most=_MOST_SAMPLES)
     seed = whole_number("seed", seed, least=0)
     X_PO = belief.sample(samples, np.random.default_rng(seed))

@@ -124,8 +124,11 @@ def solve(L, x):
 @inlined
 def invert(L, inverse):
     """(L L^T)^-1 (n, n), column by column; L's own place is free for reuse afterwards."""
-    for j in range(L.shape[0]):
-        column = inverse[:, j]
-        for i in range(L.shape[0]):
-            column[i] = 1.0 if i == j else 0.0
-        solve(L, column)
+    n = L.shape[0]
+    for j in range(n):
+        for i in range(n):
+            inverse[j, i] = 1.0 if i == j else 0.0
+        solve(L, inverse[j])
+    for j in range(n):
+        for i in range(j):
+            inverse[i, j], inverse[j, i] = inverse[j, i], inverse[i, j]

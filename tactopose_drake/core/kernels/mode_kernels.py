@@ -12,12 +12,16 @@ from tactopose_drake.core.validation import FloatArray
 def owners(X_PO: FloatArray, information: FloatArray, symmetry_poses: FloatArray, sigmas: float) -> NDArray[np.int64]:
     """For each pose (n, 3, 4), the best one first, the first that it equals up to a symmetry (g, 3, 4), maybe itself.
 
-    Those that own themselves are one of each mode. Two are equal when they lie within so many standard deviations of
-    the better one, by its information (n, 6, 6).
+    Two are equal when they lie within so many standard deviations of the better one, by its information (n, 6, 6).
     """
     owner = np.empty(len(X_PO), dtype=np.int64)
     _find_owners(X_PO, information, symmetry_poses, sigmas**2, owner)
     return owner
+
+
+def one_of_each(owner: NDArray[np.int64]) -> NDArray[np.intp]:
+    """The poses that own themselves."""
+    return np.flatnonzero(owner == np.arange(len(owner)))
 
 
 @kernel

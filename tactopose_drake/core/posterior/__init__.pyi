@@ -1,4 +1,4 @@
-from .belief_sampling import BeliefSampling as BeliefSampling
+from .belief_sampling import weigh_modes as weigh_modes
 from .cramer_rao import cramer_rao_bound as cramer_rao_bound
 from .gaussian_mixture import GaussianMixture as GaussianMixture
 from .hypotheses import Modes as Modes

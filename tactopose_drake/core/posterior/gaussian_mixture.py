@@ -9,11 +9,6 @@ from tactopose_drake.core.poses import retract
 from tactopose_drake.core.validation import FloatArray, finite_array, instance_of
 from tactopose_drake.errors import InvalidInputError
 
-MOST_OF_THE_MASS = 0.5
-"""The share of the probability that the first mode must carry to be called the answer."""
-# Weights that sum to 1 within this do so but for rounding.
-_ROUNDING = 1e-12
-
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class GaussianMixture:
@@ -21,30 +16,13 @@ class GaussianMixture:
 
     Attributes:
         X_PO: the modes' poses, shape (n, 3, 4).
-        weights: their probabilities, shape (n,); they are scaled to sum to 1, where they do not but for rounding.
+        weights: their probabilities, shape (n,); they sum to 1.
         covariance: of the increments (w, v) as in `poses.py`, shape (n, 6, 6), rad and m.
-
-    Raises:
-        InvalidInputError: a shape that does not fit, a number that is not finite, or weights of modes that are negative
-            or all 0.
     """
 
     X_PO: FloatArray
     weights: FloatArray
     covariance: FloatArray
-
-    def __post_init__(self) -> None:
-        X_PO = finite_array("X_PO", self.X_PO, (None, 3, 4))
-        weights = finite_array("weights", self.weights, (len(X_PO),))
-        if len(X_PO):
-            total = weights.sum()
-            if weights.min() < 0.0 or not total > 0.0:
-                raise InvalidInputError(f"weights: are {weights}; allowed are numbers >= 0, one of them > 0.")
-            if abs(total - 1.0) > _ROUNDING:
-                weights = weights / total
-        object.__setattr__(self, "X_PO", X_PO)
-        object.__setattr__(self, "weights", weights)
-        object.__setattr__(self, "covariance", finite_array("covariance", self.covariance, (len(X_PO), 6, 6)))
 
     @classmethod
     def empty(cls) -> "GaussianMixture":
@@ -78,12 +56,20 @@ class GaussianMixture:
         return roots
 
 
-def check_belief(name: str, value: object) -> None:
-    """Checks that a value is a mixture of one mode at least.
+def checked_mixture(name: str, value: object) -> GaussianMixture:
+    """Returns a mixture that is given from outside, its weights scaled to sum to 1.
 
     Raises:
-        InvalidInputError: if it is not.
+        InvalidInputError: a value that is none, a shape that does not fit, a number that is not finite, no mode, or
+            weights that are negative or all 0.
     """
     instance_of(name, value, GaussianMixture)
-    if not len(value):  # type: ignore[arg-type]
+    assert isinstance(value, GaussianMixture)
+    X_PO = finite_array(f"{name}.X_PO", value.X_PO, (None, 3, 4))
+    weights = finite_array(f"{name}.weights", value.weights, (len(X_PO),))
+    covariance = finite_array(f"{name}.covariance", value.covariance, (len(X_PO), 6, 6))
+    if not len(X_PO):
         raise InvalidInputError(f"{name}: has no mode; allowed is a mixture of one at least.")
+    if weights.min() < 0.0 or not weights.sum() > 0.0:
+        raise InvalidInputError(f"{name}.weights: are {weights}; allowed are numbers >= 0, one of them > 0.")
+    return GaussianMixture(X_PO, weights / weights.sum(), covariance)

@@ -12,8 +12,9 @@ import numpy as np
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.objectives.objective import LeastSquaresObjective, SumObjective
 from tactopose_drake.core.objectives.pose_gaussian import PoseGaussian
-from tactopose_drake.core.posterior.gaussian_mixture import MOST_OF_THE_MASS, GaussianMixture
+from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.posterior.plausibility import explain_touch
+from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
 from tactopose_drake.core.searches.pose_problem import balance_term, bounding_terms
 from tactopose_drake.core.shape.object_model import ObjectModel
@@ -83,6 +84,6 @@ def judge(belief: PoseBelief, params: PoseTrackerParams, *, has_contact: bool) -
         return "lost", ("no pose explains the touch",)
     if time < belief.slip_time + params.slip_time or not belief.explains_touch[0]:
         return "slipping", ()
-    if belief.probability[0] < MOST_OF_THE_MASS:
+    if belief.probability[0] < DEFAULT_PARAMS.modes.answer_share:
         return "ambiguous", ()
     return "ok", ()

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactopose_drake.core.kernels.mode_kernels import owners
+from tactopose_drake.core.kernels.mode_kernels import one_of_each, owners
 from tactopose_drake.core.tracking.tracker_params import MixtureParams
 from tactopose_drake.core.validation import FloatArray
 
@@ -115,11 +115,11 @@ class TrackedModes:
         owner = self._owners(symmetry_poses, same_sigmas)
         log_weight = np.full(len(self), -np.inf)
         np.logaddexp.at(log_weight, owner, self.log_weight)
-        return dataclasses.replace(self, log_prior=log_weight - self.log_likelihood).chosen(np.unique(owner))
+        return dataclasses.replace(self, log_prior=log_weight - self.log_likelihood).chosen(one_of_each(owner))
 
     def distinct(self, symmetry_poses: FloatArray, same_sigmas: float) -> TrackedModes:
         """Distinct modes up to the object's symmetries: of equal ones the first, which was found more than once."""
-        return self.chosen(np.unique(self._owners(symmetry_poses, same_sigmas)))
+        return self.chosen(one_of_each(self._owners(symmetry_poses, same_sigmas)))
 
     def pruned(self, params: MixtureParams) -> TrackedModes:
         """The modes of most weight, which then sum to one, without those that hardly count."""

@@ -27,7 +27,7 @@ def mug() -> ObjectModel:
 def spins(*angles: float, probability: list[float] | None = None) -> GaussianMixture:
     X = make_poses(exp_so3(np.array([[0.0, 0.0, angle] for angle in angles])), np.zeros((len(angles), 3)))
     share = np.ones(len(angles)) if probability is None else np.array(probability)
-    return GaussianMixture(X, share, np.tile(COVARIANCE, (len(angles), 1, 1)))
+    return GaussianMixture(X, share / share.sum(), np.tile(COVARIANCE, (len(angles), 1, 1)))
 
 
 def inward(*angles: float, height: float = 0.0) -> GuardedMoves:

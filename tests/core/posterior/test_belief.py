@@ -5,11 +5,12 @@ import pytest
 
 from tactopose_drake.core.objectives.objective import LeastSquaresObjective, NormalEquations, form_normal_equations
 from tactopose_drake.core.poses import exp_so3, increments_between, make_poses, retract
-from tactopose_drake.core.posterior.belief_sampling import BeliefSampling
+from tactopose_drake.core.posterior.belief_sampling import weigh_modes
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.posterior.hypotheses import Modes
 from tactopose_drake.core.posterior.mode_moments import toward_the_mean, weigh_moments
 from tactopose_drake.core.posterior.posterior import Posterior
+from tactopose_drake.core.posterior.posterior_params import PosteriorParams, SamplingParams
 from tactopose_drake.core.validation import FloatArray
 
 SIGMAS = np.array([0.03, 0.02, 0.05, 0.001, 0.002, 0.0015])
@@ -42,9 +43,16 @@ class Valley(LeastSquaresObjective):
         return form_normal_equations(*self.residuals_and_jacobian(X_PO))
 
 
-def posterior(valley: Valley, exact: object = None, turns: tuple[FloatArray, FloatArray] = NO_TURNS) -> Posterior:
+def posterior(
+    valley: Valley,
+    exact: object = None,
+    turns: tuple[FloatArray, FloatArray] = NO_TURNS,
+    samples: int = 128,
+    tiles: int = 16,
+) -> Posterior:
     cost = valley.cost if exact is None else exact
-    return Posterior(valley, valley, cost, turns, np.eye(6) / 1.7, np.eye(3, 4)[None], 0.15, 0.001)  # type: ignore[arg-type]
+    params = PosteriorParams(sampling=SamplingParams(samples=samples, tiles=tiles))
+    return Posterior(valley, valley, cost, turns, np.eye(6) / 1.7, np.eye(3, 4)[None], 0.15, 0.001, params)  # type: ignore[arg-type]
 
 
 def modes(valley: Valley, X_PO: FloatArray) -> Modes:
@@ -60,7 +68,7 @@ def pose() -> FloatArray:
 
 def test_a_gaussian_comes_back_as_it_was() -> None:
     valley = Valley(pose(), SIGMAS)
-    found = BeliefSampling(samples=8000).weigh(modes(valley, pose()[None]), posterior(valley), np.random.default_rng(0))
+    found = weigh_modes(modes(valley, pose()[None]), posterior(valley, samples=8000), np.random.default_rng(0))
     np.testing.assert_allclose(np.sqrt(np.diag(found.mixture.covariance[0])), SIGMAS, rtol=0.06)
     whitened = found.mixture.covariance[0] / np.outer(SIGMAS, SIGMAS)
     np.testing.assert_allclose(whitened, np.eye(6), atol=0.1)
@@ -72,8 +80,8 @@ def test_the_exact_cost_counts_and_not_the_smooth_one() -> None:
     other = SIGMAS * np.array([1, 0.5, 1, 1, 1, 1])
     beside = np.array([0, 0, 0, 0, SIGMAS[4], 0])
     smooth, exact = Valley(pose(), SIGMAS), Valley(retract(pose(), beside), other)
-    found = BeliefSampling(samples=8000).weigh(
-        modes(smooth, pose()[None]), posterior(smooth, exact.cost), np.random.default_rng(0)
+    found = weigh_modes(
+        modes(smooth, pose()[None]), posterior(smooth, exact.cost, samples=8000), np.random.default_rng(0)
     )
     spread = np.sqrt(np.diag(found.mixture.covariance[0]))
     np.testing.assert_allclose(spread[[0, 1, 2, 3, 5]], other[[0, 1, 2, 3, 5]], rtol=0.08)
@@ -89,8 +97,8 @@ def test_the_pose_is_the_mean_as_far_as_it_explains_the_touch() -> None:
     u = SIGMAS * np.array([1, 1, 0, 1, 1, 1]) / math.sqrt(5.0)
     for share, allowed in ((0.6, 1.0), (1.0, 0.75), (1.4, 0.5), (2.8, 0.25), (4.0, 0.0)):
         smooth, exact = Valley(pose(), SIGMAS), Valley(retract(pose(), share * u), SIGMAS)
-        found = BeliefSampling(samples=4000).weigh(
-            modes(smooth, pose()[None]), posterior(smooth, exact.cost), np.random.default_rng(0)
+        found = weigh_modes(
+            modes(smooth, pose()[None]), posterior(smooth, exact.cost, samples=4000), np.random.default_rng(0)
         )
         moved = increments_between(pose(), found.mixture.X_PO[0])
         np.testing.assert_allclose(moved / SIGMAS, allowed * share * u / SIGMAS, atol=0.1)
@@ -130,8 +138,8 @@ def test_the_masses_are_those_of_the_exact_posterior() -> None:
     covariance = np.stack([np.diag(SIGMAS**2), np.diag(SIGMAS**2)])
     mixture = GaussianMixture(X_PO, np.array([0.9, 0.1]), covariance)
     start = Modes(mixture, np.array([0.0, 1.0]), (np.empty((0, 6)),) * 2, 0.0)
-    found = BeliefSampling(samples=8000, tiles=20).weigh(
-        start, posterior(Nearest(pose(), SIGMAS), both), np.random.default_rng(0)
+    found = weigh_modes(
+        start, posterior(Nearest(pose(), SIGMAS), both, samples=8000, tiles=20), np.random.default_rng(0)
     )
     expected = math.exp(-1.0) * 1.3**6 / (1.0 + math.exp(-1.0) * 1.3**6)
     is_second = np.abs(found.mixture.X_PO[:, 0, 3] - second.X_PO[0, 3]) < 0.05
@@ -146,7 +154,7 @@ def test_a_bent_valley_is_as_long_as_it_is() -> None:
     valley = Valley(np.eye(3, 4), sigmas, bend=0.1)
     start = modes(valley, np.eye(3, 4)[None])
     found = [
-        BeliefSampling(samples=4000).weigh(start, posterior(valley), np.random.default_rng(seed)).mixture.covariance[0]
+        weigh_modes(start, posterior(valley, samples=4000), np.random.default_rng(seed)).mixture.covariance[0]
         for seed in range(10)
     ]
     turn = np.random.default_rng(1).normal(size=200_000) * sigmas[2]
@@ -172,7 +180,7 @@ def test_a_turn_that_changes_nothing_is_reported_as_that_and_does_not_cost_sampl
     start = modes(valley, X[None])
     held = np.diag([0, 0, 1 / 1.7, 0, 0, 0])
     start.mixture.covariance[:] = np.linalg.inv(valley.normal_equations(X[None]).hessian + held)
-    found = BeliefSampling(samples=6000).weigh(start, posterior(valley, turns=(axis, point)), np.random.default_rng(0))
+    found = weigh_modes(start, posterior(valley, turns=(axis, point), samples=6000), np.random.default_rng(0))
     turn = np.concatenate([axis[0], -X[:, :3] @ np.cross(axis[0], point[0])])
     information = np.linalg.inv(found.mixture.covariance[0])
     assert 1.0 / (turn @ information @ turn) == pytest.approx(1.7, rel=0.05)
@@ -184,9 +192,7 @@ def test_a_turn_that_changes_nothing_is_reported_as_that_and_does_not_cost_sampl
 def test_where_no_sample_counts_the_modes_stay_as_they_were() -> None:
     valley = Valley(pose(), SIGMAS)
     start = modes(valley, pose()[None])
-    found = BeliefSampling().weigh(
-        start, posterior(valley, lambda X_PO: np.full(len(X_PO), 1e9)), np.random.default_rng(0)
-    )
+    found = weigh_modes(start, posterior(valley, lambda X_PO: np.full(len(X_PO), 1e9)), np.random.default_rng(0))
     np.testing.assert_array_equal(found.mixture.covariance, start.mixture.covariance)
     np.testing.assert_array_equal(found.mixture.X_PO, start.mixture.X_PO)
 
