@@ -42,7 +42,7 @@ from touch_study import (
 
 import tactopose_drake as tp
 from tactopose_drake.core.exploration import choose_touch
-from tactopose_drake.core.posterior import PoseModes
+from tactopose_drake.core.posterior import GaussianMixture
 from tactopose_drake.visualization import (
     Scene,
     add_object,
@@ -148,7 +148,7 @@ def first_grasp() -> tuple[Grasp, tp.PoseEstimate]:
     return next(ambiguous_grasps(OBJECTS[0]))
 
 
-def show(meshcat: Meshcat, grasp: Grasp, belief: PoseModes) -> str:
+def show(meshcat: Meshcat, grasp: Grasp, belief: GaussianMixture) -> str:
     """Draws the two most probable poses, the true one and the motion that tells most; says what it tells."""
     for path, X, rgba in zip(("blue", "green"), belief.X_PO, (BLUE, GREEN), strict=False):
         add_object(meshcat, f"/{path}", grasp.model, "estimate", 0.45)
@@ -162,7 +162,7 @@ def show(meshcat: Meshcat, grasp: Grasp, belief: PoseModes) -> str:
     moves = sample_moves(grasp, np.random.default_rng(0))
     found = choose_touch(grasp.model, grasp.contacts, grasp.fingers, belief, moves, friction=FRICTION)
     set_stage(meshcat, grasp.X_PO @ [*grasp.model.center_of_mass, 1.0], 0.22, np.array([0.7, -0.6, 0.5]))
-    masses = " and ".join(f"{share:.0%}" for share in belief.probability[:2])
+    masses = " and ".join(f"{share:.0%}" for share in belief.weights[:2])
     if found is None:
         return f"{grasp.model.name}: the two most probable poses carry {masses}; no motion is allowed."
     move = moves[found.finger].take(np.array([found.move]))
@@ -180,7 +180,7 @@ def show(meshcat: Meshcat, grasp: Grasp, belief: PoseModes) -> str:
     )
 
 
-def save_poses(path: Path, grasp: Grasp, belief: PoseModes) -> None:
+def save_poses(path: Path, grasp: Grasp, belief: GaussianMixture) -> None:
     """A picture of the two most probable poses beside each other, with the true one's outline."""
     first, second = (RigidTransform(X_PO) for X_PO in belief.X_PO[:2])
     scene = Scene(
@@ -191,7 +191,7 @@ def save_poses(path: Path, grasp: Grasp, belief: PoseModes) -> None:
         truth=RigidTransform(grasp.X_PO),
         hand=sphere_triangles(grasp.hand.p_PH, grasp.hand.radius),
     )
-    captions = f"another pose: {belief.probability[1]:.0%}", f"the most probable pose: {belief.probability[0]:.0%}"
+    captions = f"another pose: {belief.weights[1]:.0%}", f"the most probable pose: {belief.weights[0]:.0%}"
     save_picture(path, scene, captions=captions, prior_label="another pose")
 
 

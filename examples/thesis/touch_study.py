@@ -25,7 +25,7 @@ import tactopose_drake as tp
 from tactopose_drake.core.exploration import GuardedMoves, choose_touch, is_allowed
 from tactopose_drake.core.grasping import GraspPlan, HandReach, PlannerParams, ReachParams, plan_grasps
 from tactopose_drake.core.poses import compose, exp_so3, increments_between, retract
-from tactopose_drake.core.posterior import PoseModes
+from tactopose_drake.core.posterior import GaussianMixture
 from tactopose_drake.core.shape import turn_toward
 from tactopose_drake.hand import load_hand_config, make_hand_reach, rest_positions
 from tactopose_drake.resources import model_path
@@ -174,10 +174,10 @@ def same_pose(model: tp.ObjectModel, X_PO: Array, X_reference: Array) -> NDArray
 def best_mass(model: tp.ObjectModel, estimate: tp.PoseEstimate) -> float:
     """Probability of the best pose and all that are the same."""
     belief = estimate.modes
-    return float(belief.probability[same_pose(model, belief.X_PO, belief.X_PO[0])].sum())
+    return float(belief.weights[same_pose(model, belief.X_PO, belief.X_PO[0])].sum())
 
 
-def distinct_poses(model: tp.ObjectModel, estimate: tp.PoseEstimate) -> PoseModes:
+def distinct_poses(model: tp.ObjectModel, estimate: tp.PoseEstimate) -> GaussianMixture:
     """The belief with modes that are the same pose made one, and without those that hardly matter."""
     belief = estimate.modes
     left = belief.likely(LEAST_PROBABILITY)
@@ -186,14 +186,14 @@ def distinct_poses(model: tp.ObjectModel, estimate: tp.PoseEstimate) -> PoseMode
         X = belief.X_PO[left[0]]
         twins, same = nearest_twins(model, belief.X_PO[left], X)
         members, off = left[same], increments_between(X, twins[same])
-        share = belief.probability[members] / belief.probability[members].sum()
+        share = belief.weights[members] / belief.weights[members].sum()
         poses.append(X)
-        masses.append(belief.probability[members].sum())
+        masses.append(belief.weights[members].sum())
         covariances.append(
             np.einsum("n,nij->ij", share, belief.covariance[members]) + np.einsum("n,ni,nj->ij", share, off, off)
         )
         left = left[~same]
-    return PoseModes(np.array(poses), np.array(masses), np.array(covariances))
+    return GaussianMixture(np.array(poses), np.array(masses) / np.sum(masses), np.array(covariances))
 
 
 def sample_moves(grasp: Grasp, generator: np.random.Generator) -> dict[str, GuardedMoves]:
@@ -207,11 +207,11 @@ def sample_moves(grasp: Grasp, generator: np.random.Generator) -> dict[str, Guar
 
 
 Choice = tuple[str, int]
-Chooser = Callable[[Grasp, PoseModes, dict[str, GuardedMoves], np.random.Generator], Choice | None]
+Chooser = Callable[[Grasp, GaussianMixture, dict[str, GuardedMoves], np.random.Generator], Choice | None]
 
 
 def choose_best(
-    grasp: Grasp, belief: PoseModes, moves: dict[str, GuardedMoves], generator: np.random.Generator
+    grasp: Grasp, belief: GaussianMixture, moves: dict[str, GuardedMoves], generator: np.random.Generator
 ) -> Choice | None:
     """By the expected information."""
     found = choose_touch(grasp.model, grasp.contacts, grasp.fingers, belief, moves, friction=FRICTION)
@@ -219,7 +219,7 @@ def choose_best(
 
 
 def choose_at_random(
-    grasp: Grasp, belief: PoseModes, moves: dict[str, GuardedMoves], generator: np.random.Generator
+    grasp: Grasp, belief: GaussianMixture, moves: dict[str, GuardedMoves], generator: np.random.Generator
 ) -> Choice | None:
     """One of the allowed motions that meet the object at the most probable pose."""
     options = []

@@ -14,10 +14,11 @@ from tactopose_drake.core.evidence.force_balance import ForceBalance
 from tactopose_drake.core.evidence.hand_clearance import HandClearance
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.identification.model_evidence import log_evidence
-from tactopose_drake.core.posterior.belief_sampling import BeliefSampling
+from tactopose_drake.core.posterior.belief_sampling import weigh_modes
 from tactopose_drake.core.posterior.hypotheses import Modes, find_modes
 from tactopose_drake.core.posterior.plausibility import degrees_of_freedom, explain_touch, is_explained
 from tactopose_drake.core.posterior.posterior import make_posterior
+from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, ModeParams
 from tactopose_drake.core.searches.baselines.gradient_descent import GradientDescent
 from tactopose_drake.core.searches.baselines.monte_carlo import MonteCarlo
 from tactopose_drake.core.searches.baselines.scaling_series import ScalingSeries
@@ -26,7 +27,7 @@ from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
 from tactopose_drake.core.searches.pair_search import PairSearch
 from tactopose_drake.core.searches.patch_searches import patch_search
 from tactopose_drake.core.searches.pose_problem import PoseProblem, make_problem
-from tactopose_drake.core.searches.search import Search, StopSignal
+from tactopose_drake.core.searches.search import Search, SearchResult
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.free_spin import turn_toward
 from tactopose_drake.core.shape.object_model import ObjectModel
@@ -136,21 +137,23 @@ def weigh_poses(
     Raises:
         InvalidInputError: balance of an object whose mass is not known, or whose symmetries move its centre of mass.
     """
-    deadline, prior = _Deadline(time_limit), evidence.prior
+    deadline, prior, params = _Deadline(time_limit), evidence.prior, DEFAULT_PARAMS
     problem = make_problem(model, evidence)
     search = METHODS[method](model, evidence)
     generator = np.random.default_rng(seed)
-    modes = _find_modes(model, evidence, problem, search, generator, deadline, max_hypotheses)
-    explained = is_explained(model, evidence, modes.X_PO)
+    found = search.minimize(problem.objective, problem.space, generator, deadline)
+    modes = _modes_of(model, evidence, problem, found, max_hypotheses, params.modes)
+    explained = is_explained(model, evidence, modes.mixture.X_PO, params.plausibility)
     wider_search = search.widened() if prior is not None and not explained else None
     if wider_search is not None and not deadline():
         # The valley with the pose may be a narrow one that no start has led to.
-        wider = _find_modes(model, evidence, problem, wider_search, generator, deadline, max_hypotheses)
-        modes = min(modes, wider, key=lambda found: float(found.cost.min()))
-        explained = is_explained(model, evidence, modes.X_PO)
+        found = wider_search.minimize(problem.objective, problem.space, generator, deadline)
+        wider = _modes_of(model, evidence, problem, found, max_hypotheses, params.modes)
+        modes = min(modes, wider, key=lambda either: float(either.cost.min()))
+        explained = is_explained(model, evidence, modes.mixture.X_PO, params.plausibility)
     if explained and not deadline():
-        modes = BeliefSampling().weigh(modes, make_posterior(model, evidence, problem), generator)
-    hypotheses = _hypotheses(modes, explain_touch(model, evidence, modes.X_PO))
+        modes = weigh_modes(modes, make_posterior(model, evidence, problem, params), generator)
+    hypotheses = _hypotheses(modes, explain_touch(model, evidence, modes.mixture.X_PO, params.plausibility))
     undetermined = prior is None and len(evidence.touch) < _FEWEST_FOR_A_POSE
     return PoseEstimate(
         hypotheses,
@@ -177,17 +180,10 @@ class _Deadline:
         return time.perf_counter() - self._started
 
 
-def _find_modes(
-    model: ObjectModel,
-    evidence: Evidence,
-    problem: PoseProblem,
-    search: Search,
-    generator: np.random.Generator,
-    deadline: StopSignal,
-    limit: int,
+def _modes_of(
+    model: ObjectModel, evidence: Evidence, problem: PoseProblem, found: SearchResult, limit: int, params: ModeParams
 ) -> Modes:
-    """What a search finds, as modes; so many at the most."""
-    found = search.minimize(problem.objective, problem.space, generator, deadline)
+    """What a search has found, as modes; so many at the most."""
     if evidence.prior is None and any(symmetry.is_continuous for symmetry in model.symmetries):
         turned = turn_toward(found.X_PO, found.X_PO[0], model.symmetries)
         found = found._replace(X_PO=turned, cost=problem.objective.cost(turned)).ranked()
@@ -198,6 +194,7 @@ def _find_modes(
         model.symmetry_poses,
         model.size,
         limit,
+        params,
     )
 
 
@@ -219,10 +216,10 @@ def _hypotheses(modes: Modes, explained: NDArray[np.bool_]) -> tuple[PoseHypothe
     return tuple(
         PoseHypothesis(RigidTransform(pose=X_PO), float(cost), float(probability), covariance, free, bool(explains))
         for X_PO, cost, probability, covariance, free, explains in zip(
-            modes.X_PO,
+            modes.mixture.X_PO,
             modes.cost,
-            modes.probability,
-            modes.covariance,
+            modes.mixture.weights,
+            modes.mixture.covariance,
             modes.free_directions,
             explained,
             strict=True,

@@ -10,7 +10,8 @@ from typing import Literal
 import numpy as np
 from pydrake.math import RigidTransform
 
-from tactopose_drake.core.posterior.pose_modes import MOST_OF_THE_MASS, PoseModes
+from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
+from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
 
@@ -70,9 +71,9 @@ class PoseEstimate:
         return self.hypotheses[0]
 
     @property
-    def modes(self) -> PoseModes:
+    def modes(self) -> GaussianMixture:
         """The hypotheses as arrays."""
-        return PoseModes(
+        return GaussianMixture(
             np.array([hypothesis.X_PO.GetAsMatrix34() for hypothesis in self.hypotheses]),
             np.array([hypothesis.probability for hypothesis in self.hypotheses]),
             np.array([hypothesis.covariance for hypothesis in self.hypotheses]),
@@ -95,7 +96,7 @@ class PoseEstimate:
             dataclasses.replace(hypothesis, probability=hypothesis.probability / mass if mass else 1.0 / len(chosen))
             for hypothesis in chosen
         )
-        undetermined = self.status == "ambiguous" and self.best.probability >= MOST_OF_THE_MASS
+        undetermined = self.status == "ambiguous" and self.best.probability >= DEFAULT_PARAMS.modes.answer_share
         return dataclasses.replace(
             self,
             hypotheses=hypotheses,
@@ -108,6 +109,6 @@ def status_of(hypotheses: Sequence[PoseHypothesis], undetermined: bool) -> Statu
     """Of hypotheses by falling probability; `undetermined`: however they are weighed."""
     if not hypotheses[0].explains_touch:
         return "no_solution"
-    if undetermined or hypotheses[0].probability < MOST_OF_THE_MASS:
+    if undetermined or hypotheses[0].probability < DEFAULT_PARAMS.modes.answer_share:
         return "ambiguous"
     return "ok"

@@ -11,7 +11,7 @@ from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSys
 
 from tactopose_drake.core.posterior.hypotheses import free_directions
 from tactopose_drake.core.posterior.plausibility import may_be_touched
-from tactopose_drake.core.posterior.pose_modes import MOST_OF_THE_MASS
+from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.frame import Frame
 from tactopose_drake.core.tracking.pose_belief import PoseBelief
@@ -184,7 +184,7 @@ class PoseBeliefEstimator(LeafSystem):
         except np.linalg.LinAlgError as error:  # of numbers beyond arithmetic
             belief = self._tracker.start(frame.time)
             belief = dataclasses.replace(belief, remarks=(f"begun anew: {error}",), vision=before.vision)
-        if belief.status == "slipping" and belief.probability[0] < MOST_OF_THE_MASS:
+        if belief.status == "slipping" and belief.probability[0] < DEFAULT_PARAMS.modes.answer_share:
             remarks = ("none of several poses carries most of the mass", *remarks)
         belief = dataclasses.replace(belief, remarks=(*belief.remarks, *remarks))
         return TimedBelief(belief, time.perf_counter() - started)
@@ -259,7 +259,7 @@ def estimate_of(belief: PoseBelief, size: float, duration: float = 0.0) -> PoseE
         )
     )
     status = _STATUSES.get(belief.status, "no_solution")
-    if status == "ok" and belief.probability[0] < MOST_OF_THE_MASS:
+    if status == "ok" and belief.probability[0] < DEFAULT_PARAMS.modes.answer_share:
         status = "ambiguous"
     return PoseEstimate(hypotheses, status, duration)
 

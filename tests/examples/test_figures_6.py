@@ -98,7 +98,7 @@ def test_an_ambiguous_grasp_holds_in_force_closure_and_is_ambiguous(
     assert grasp_quality(grasp.model, grasp.contacts, grasp.X_PO, friction=study.FRICTION).force_closure
     belief = study.distinct_poses(grasp.model, estimate)
     assert len(belief) >= 2
-    assert belief.probability.max() < study.AMBIGUOUS + 0.05
+    assert belief.weights.max() < study.AMBIGUOUS + 0.05
     for i in range(len(belief)):
         others = np.delete(belief.X_PO, i, axis=0)
         assert not study.same_pose(grasp.model, others[:1], belief.X_PO[i]).any()

@@ -3,7 +3,7 @@
 import numpy as np
 
 import tactopose_drake as tp
-from tactopose_drake.core.posterior.pose_modes import PoseModes
+from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tests.fuzz import touches
 from tests.fuzz.targets import Arguments, Target, build
 
@@ -50,7 +50,7 @@ def closure_arguments(rng: np.random.Generator) -> Arguments:
     root = rng.normal(size=(count, 6, 6)) * np.repeat([0.05, 0.002], 3)[:, None]
     belief = {
         "X_PO": np.repeat(X_PO[None], count, axis=0),
-        "probability": rng.random(count) + 1e-3,
+        "weights": rng.random(count) + 1e-3,
         "covariance": root @ np.swapaxes(root, 1, 2),
     }
     return {**arguments, "belief": belief, "samples": int(rng.integers(1, 20)), "seed": int(rng.integers(2**31))}
@@ -59,7 +59,7 @@ def closure_arguments(rng: np.random.Generator) -> Arguments:
 def closure(arguments: Arguments) -> None:
     given = dict(arguments)
     given["contacts"] = build(tp.Contacts, given["contacts"])
-    given["belief"] = build(PoseModes, given["belief"])
+    given["belief"] = build(GaussianMixture, given["belief"])
     result = tp.force_closure_probability(**given)
     assert 0.0 <= result.value <= 1.0
     assert np.isfinite(result.standard_error)

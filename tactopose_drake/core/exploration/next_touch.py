@@ -22,7 +22,7 @@ from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.exploration.guarded_moves import GuardedMoves
 from tactopose_drake.core.grasping.quality import grasp_quality
 from tactopose_drake.core.poses import retract
-from tactopose_drake.core.posterior.pose_modes import PoseModes
+from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture, checked_mixture
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
@@ -81,7 +81,7 @@ def choose_touch(
     model: ObjectModel,
     contacts: Contacts,
     fingers: Sequence[str],
-    belief: PoseModes,
+    belief: GaussianMixture,
     moves: Mapping[str, GuardedMoves],
     *,
     friction: float,
@@ -97,7 +97,7 @@ def choose_touch(
         model: the object.
         contacts: of the fingers that hold it, in the palm frame.
         fingers: their names.
-        belief: of the object's pose.
+        belief: of the object's pose; `PoseEstimate.modes`, or `PoseBelief.mixture`.
         moves: what each finger could do.
         friction: coefficient of friction.
         noise: of a touch.
@@ -105,8 +105,9 @@ def choose_touch(
         safety: which modes are likely.
 
     Raises:
-        InvalidInputError: as many names as contacts are needed.
+        InvalidInputError: as many names as contacts are needed, and a mode of the belief.
     """
+    belief = checked_mixture("belief", belief)
     if len(fingers) != len(contacts):
         raise InvalidInputError(f"fingers: are {len(fingers)} names; allowed are as many as contacts, {len(contacts)}.")
     value = {finger: information(model, belief, options, noise) for finger, options in moves.items()}
@@ -140,7 +141,7 @@ def is_allowed(
     model: ObjectModel,
     contacts: Contacts,
     fingers: Sequence[str],
-    belief: PoseModes,
+    belief: GaussianMixture,
     finger: str,
     moves: GuardedMoves,
     *,
@@ -152,6 +153,7 @@ def is_allowed(
 
     With the rest of the hand given, the finger must not meet `others` either before its motion ends.
     """
+    belief = checked_mixture("belief", belief)
     held = np.array([name != finger for name in fingers], dtype=np.bool_)
     X_likely = belief.X_PO[belief.likely(safety.likely)]
     if not held.all():
@@ -165,7 +167,7 @@ def is_allowed(
 
 
 def information(
-    model: ObjectModel, belief: PoseModes, moves: GuardedMoves, noise: TouchNoise | None = None
+    model: ObjectModel, belief: GaussianMixture, moves: GuardedMoves, noise: TouchNoise | None = None
 ) -> FloatArray:
     """How much each motion is expected to tell about which mode is true, at least, shape (m,), nats."""
     noise = TouchNoise() if noise is None else noise
@@ -178,14 +180,14 @@ def information(
     chance = (hit * points + 0.5) / (points + 1.0)
     both = np.sqrt(chance[:, None] * chance[None]) * overlap
     neither = np.sqrt((1.0 - chance[:, None]) * (1.0 - chance[None]))
-    w = belief.probability
+    w = belief.weights
     same = np.einsum("j,ijm->im", w, np.minimum(both + neither, 1.0))
     gained: FloatArray = -np.einsum("i,im->m", w, np.log(same))  # [KT17] eq. 10, alpha = 1/2
     return gained
 
 
 def predict(
-    model: ObjectModel, belief: PoseModes, moves: GuardedMoves, noise: TouchNoise
+    model: ObjectModel, belief: GaussianMixture, moves: GuardedMoves, noise: TouchNoise
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """What each mode foresees of each motion.
 

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.grasping.wrench_space import Norm, WrenchSpace, cone_wrenches
-from tactopose_drake.core.posterior.pose_modes import PoseModes
+from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture, checked_mixture
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import (
     MOST_FRICTION,
@@ -128,7 +128,7 @@ class ClosureProbability(NamedTuple):
 def force_closure_probability(
     model: ObjectModel,
     contacts: Contacts,
-    belief: PoseModes,
+    belief: GaussianMixture,
     *,
     friction: float,
     edges: int = 8,
@@ -140,7 +140,7 @@ def force_closure_probability(
     Args:
         model: the object.
         contacts: in the palm frame.
-        belief: of the pose; `PoseEstimate.modes`.
+        belief: of the pose; `PoseEstimate.modes`, or `PoseBelief.mixture`.
         friction: coefficient of friction.
         edges: of the pyramid that stands for a friction cone.
         samples: poses that are drawn from the belief.
@@ -148,10 +148,10 @@ def force_closure_probability(
 
     Raises:
         InvalidInputError: a friction or a seed below 0, fewer than 3 edges or more than 64, no sample or more than
-            a million, or a value of another type.
+            a million, a belief without a mode, or a value of another type.
     """
     friction, length = _check(model, contacts, friction, edges, None, "L1")
-    instance_of("belief", belief, PoseModes)
+    belief = checked_mixture("belief", belief)
     samples = whole_number("samples", samples, least=1, most=_MOST_SAMPLES)
     seed = whole_number("seed", seed, least=0)
     X_PO = belief.sample(samples, np.random.default_rng(seed))

@@ -16,7 +16,12 @@ from tactopose_drake.core.compilation import (
     kernel,
 )
 from tactopose_drake.core.kernels.grid_kernels import SOFT_LENGTH, Grid, cell, extend, interpolate, prefetch_cells
-from tactopose_drake.core.kernels.least_squares_kernels import damped_step
+from tactopose_drake.core.kernels.least_squares_kernels import (
+    damped_step,
+    has_converged,
+    next_damping,
+    promised_decrease,
+)
 from tactopose_drake.core.kernels.pose_kernels import (
     chain_in_object,
     retract_one,
@@ -175,9 +180,8 @@ def descend(grid: Grid, touch: Touch, prior: Prior, rule: DescentRule, X: OutFlo
             iterations[b] = iteration
             decrease = best - total
             if iteration > 0:
-                least = tolerance * (best + 1.0)
-                damping *= 0.1 if decrease > 0.0 else 10.0
-                converged[b] = promised < least or 0.0 < decrease < least or (decrease <= 0.0 and damping > max_damping)
+                damping = next_damping(damping, decrease > 0.0, 0.0)
+                converged[b] = has_converged(best, decrease, promised, damping, tolerance, max_damping)
             if iteration == 0 or decrease > 0.0:
                 best = total
                 for a in range(3):
@@ -190,8 +194,6 @@ def descend(grid: Grid, touch: Touch, prior: Prior, rule: DescentRule, X: OutFlo
             if converged[b] or iteration == max_iterations:
                 break
             damped_step(6, hessian[b], gradient[b], damping, L, forward, step)
-            promised = 0.0
-            for a in range(6):
-                promised -= 0.5 * gradient[b, a] * step[a]
+            promised = promised_decrease(gradient[b], step)
             retract_one(X[b], step, there)
         cost[b] = best

@@ -1,4 +1,7 @@
-"""Levenberg-Marquardt's steps and what they need, compiled: for a batch of least-squares problems of any size."""
+"""Levenberg-Marquardt's steps, their acceptance and its damping, compiled: what all such minimisations share.
+
+Source: [B16] J. Bimbo, thesis, 2016, section 2.6.2.2 (eqs. 2.30 and 2.31, and the damping rule).
+"""
 
 from typing import NamedTuple
 
@@ -54,7 +57,8 @@ def form_normal_equations(
 def damped_step(m, H, g, damping, L, y, step):
     """-(H + damping diag H)^-1 g into step (m,), by Cholesky, from the lower triangle of H; L and y are for work.
 
-    A pivot that vanishes (a direction that nothing determines) gets no step.
+    A pivot that vanishes (a direction that nothing determines) gets no step. It is no `matrix_kernels.cholesky`: that
+    refuses such a matrix, and its divisions would make a descent some 3 % slower.
     """
     for i in range(m):
         for j in range(i + 1):
@@ -89,6 +93,32 @@ def damped_steps(hessian: Floats3, gradient: Floats2, damping: Floats1, step: Ou
         damped_step(m, hessian[b], gradient[b], damping[b], L, y, step[b])
 
 
+@inlined
+def promised_decrease(gradient, step):
+    """By how much the local model says that a step of least squares lowers the cost: half of -g s."""
+    promised = 0.0
+    for i in range(step.shape[0]):
+        promised -= 0.5 * gradient[i] * step[i]
+    return promised
+
+
+@inlined
+def next_damping(damping, has_fallen, least_refused):
+    """A tenth of the damping after a step by which the cost has fallen; else tenfold, and no less than a limit."""
+    return 0.1 * damping if has_fallen else max(10.0 * damping, least_refused)
+
+
+@inlined
+def has_converged(cost, decrease, promised, damping, tolerance, limit):
+    """Whether a step from this cost, after which the damping is so large, was the last that pays.
+
+    It was where the cost fell, or was promised to fall, by less than the tolerance times cost + 1; or where it did not
+    fall and the damping exceeds its limit.
+    """
+    least = tolerance * (cost + 1.0)
+    return promised < least or 0.0 < decrease < least or (not decrease > 0.0 and damping > limit)
+
+
 @kernel
 def accept_steps(
     here: Problems,
@@ -99,23 +129,12 @@ def accept_steps(
     limit: float,
     done: OutFlags1,
 ) -> None:
-    """Levenberg-Marquardt's judgement of each problem's step: moves it if the cost falls, and changes the damping.
-
-    A problem is done when its cost falls, or the local model promises (half of -g s) that it falls, by less than the
-    tolerance times cost + 1; or when the damping exceeds its limit.
-    """
+    """Moves each problem by its step if its cost falls, changes its damping, and says whether it is done."""
     state, cost, gradient, hessian = here
     for b in range(cost.shape[0]):
-        least = tolerance * (cost[b] + 1.0)
-        promised = 0.0
-        for i in range(step.shape[1]):
-            promised -= 0.5 * gradient[b, i] * step[b, i]
-        decrease = cost[b] - there.cost[b]
-        done[b] = promised < least or 0.0 < decrease < least
+        decrease, promised = cost[b] - there.cost[b], promised_decrease(gradient[b], step[b])
+        damping[b] = next_damping(damping[b], decrease > 0.0, 0.0)
+        done[b] = has_converged(cost[b], decrease, promised, damping[b], tolerance, limit)
         if decrease > 0.0:
-            damping[b] *= 0.1
             state[b], cost[b] = there.state[b], there.cost[b]
             gradient[b], hessian[b] = there.gradient[b], there.hessian[b]
-        else:
-            damping[b] *= 10.0
-            done[b] = done[b] or damping[b] > limit

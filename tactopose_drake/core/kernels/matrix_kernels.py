@@ -78,7 +78,10 @@ def _invert_all(matrices: Floats3, inverse: OutFloats3, logarithm: OutFloats1) -
 
 @inlined
 def cholesky(A, L):
-    """The lower triangle L of A = L L^T (n, n), from A's; the logarithm of A's determinant, infinite without L."""
+    """The lower triangle L of A = L L^T (n, n), from A's, or in its place; the logarithm of A's determinant.
+
+    Where A is not positive definite the logarithm is infinite, and the diagonal of L not a number.
+    """
     total = 0.0
     for i in range(L.shape[0]):
         for k in range(i + 1):
@@ -98,7 +101,7 @@ def cholesky(A, L):
 
 @inlined
 def solve_transposed(L, z, u):
-    """u = L^-T z: with H = L L^T and white z, u has the covariance H^-1."""
+    """u = L^-T z, which may be z's place: with H = L L^T and white z, u has the covariance H^-1."""
     n = L.shape[0]
     for i in range(n - 1, -1, -1):
         s = z[i]
@@ -108,17 +111,24 @@ def solve_transposed(L, z, u):
 
 
 @inlined
+def solve(L, x):
+    """(L L^T)^-1 x, in the place of x (n,)."""
+    for i in range(L.shape[0]):
+        s = x[i]
+        for k in range(i):
+            s -= L[i, k] * x[k]
+        x[i] = s / L[i, i]
+    solve_transposed(L, x, x)
+
+
+@inlined
 def invert(L, inverse):
     """(L L^T)^-1 (n, n), column by column; L's own place is free for reuse afterwards."""
     n = L.shape[0]
     for j in range(n):
         for i in range(n):
-            s = 1.0 if i == j else 0.0
-            for k in range(i):
-                s -= L[i, k] * inverse[k, j]
-            inverse[i, j] = s / L[i, i]
-        for i in range(n - 1, -1, -1):
-            s = inverse[i, j]
-            for k in range(i + 1, n):
-                s -= L[k, i] * inverse[k, j]
-            inverse[i, j] = s / L[i, i]
+            inverse[j, i] = 1.0 if i == j else 0.0
+        solve(L, inverse[j])
+    for j in range(n):
+        for i in range(j):
+            inverse[i, j], inverse[j, i] = inverse[j, i], inverse[i, j]

@@ -5,14 +5,18 @@
 
 import numpy as np
 
-from tactopose_drake.core.compilation import Floats2, OutFloats1, OutFloats2, inlined, kernel
+from tactopose_drake.core.compilation import Floats2, OutFloats2, inlined, kernel
 from tactopose_drake.core.kernels.grid_kernels import Grid
+from tactopose_drake.core.kernels.least_squares_kernels import next_damping, promised_decrease
+from tactopose_drake.core.kernels.matrix_kernels import cholesky, solve
 from tactopose_drake.core.kernels.pad_kernels import Cells, Pad, Pads, Run, enter, misplace, weigh_cells
 
 # Where the local model of a pad's cost promises less than this, it is taken at its word. That takes two steps or three;
 # at creases it may take many, which are not worth their time.
 _LEAST_PROMISE = 1e-6
 _MOST_STEPS = 4
+# The least damping after a step that was refused: a share of the Hessian's diagonal.
+_LEAST_REFUSED_DAMPING = 1.0
 # A pad that costs more than this after one step is explained by no noise; how far it is off is told well enough.
 _HOPELESS = 30.0
 
@@ -43,10 +47,9 @@ def settle(
             there += trial[a] ** 2
         there *= 0.5
         rejected = not there < cost
-        if rejected:
-            damping = max(10.0 * damping, 1.0)
-        else:
-            cost, damping = there, 0.1 * damping
+        damping = next_damping(damping, not rejected, _LEAST_REFUSED_DAMPING)
+        if not rejected:
+            cost = there
             u[:] = trial
             _expand(sigmas, run, cells, pad)
         for a in range(6):
@@ -54,11 +57,10 @@ def settle(
                 L[a, c] = pad.H[a, c]
             L[a, a] *= 1.0 + damping
             step[a] = -g[a]
-        _factor(L)
+        cholesky(L, L)
         solve(L, step)
-        promise = 0.0
+        promise = promised_decrease(g, step)
         for a in range(6):
-            promise -= 0.5 * g[a] * step[a]
             trial[a] = u[a] + step[a]
         if promise < _LEAST_PROMISE:
             cost -= promise
@@ -125,28 +127,4 @@ def couple(run: Run, cells: Cells, C: OutFloats2, L: OutFloats2) -> None:
                     C[a, c] += by_pad[i, a] * by_pose[i, c]
                 for c in range(a + 1):
                     L[a, c] += by_pad[i, a] * by_pad[i, c]
-    _factor(L)
-
-
-@kernel
-def _factor(L: OutFloats2) -> None:
-    """Cholesky's factor of a positive definite matrix (6, 6), in the place of its lower triangle."""
-    for a in range(6):
-        for c in range(a + 1):
-            total = L[a, c]
-            for e in range(c):
-                total -= L[a, e] * L[c, e]
-            L[a, c] = np.sqrt(total) if a == c else total / L[c, c]
-
-
-@kernel
-def solve(L: Floats2, x: OutFloats1) -> None:
-    """(L L^T)^-1 x, in the place of x (6,)."""
-    for a in range(6):
-        for e in range(a):
-            x[a] -= L[a, e] * x[e]
-        x[a] /= L[a, a]
-    for a in range(5, -1, -1):
-        for e in range(a + 1, 6):
-            x[a] -= L[e, a] * x[e]
-        x[a] /= L[a, a]
+    cholesky(L, L)

@@ -1,15 +1,32 @@
 """Which of many poses are the same mode, compiled: up to the object's symmetries and what is known of each."""
 
 import numpy as np
+from numpy.typing import NDArray
 
-from tactopose_drake.core.compilation import Floats3, OutFlags1, kernel
+from tactopose_drake.core.compilation import Floats3, OutLongs1, kernel
 from tactopose_drake.core.kernels.matrix_kernels import cholesky, invert
 from tactopose_drake.core.kernels.pose_kernels import compose_one, increment_between
+from tactopose_drake.core.validation import FloatArray
+
+
+def owners(X_PO: FloatArray, information: FloatArray, symmetry_poses: FloatArray, sigmas: float) -> NDArray[np.int64]:
+    """For each pose (n, 3, 4), the best one first, the first that it equals up to a symmetry (g, 3, 4), maybe itself.
+
+    Two are equal when they lie within so many standard deviations of the better one, by its information (n, 6, 6).
+    """
+    owner = np.empty(len(X_PO), dtype=np.int64)
+    _find_owners(X_PO, information, symmetry_poses, sigmas**2, owner)
+    return owner
+
+
+def one_of_each(owner: NDArray[np.int64]) -> NDArray[np.intp]:
+    """The poses that own themselves."""
+    return np.flatnonzero(owner == np.arange(len(owner)))
 
 
 @kernel
-def mark_distinct(X: Floats3, information: Floats3, symmetries: Floats3, threshold: float, distinct: OutFlags1) -> None:
-    """Marks, of poses X (B, 3, 4) by rising cost, each that no better marked one equals up to a symmetry.
+def _find_owners(X: Floats3, information: Floats3, symmetries: Floats3, threshold: float, owner: OutLongs1) -> None:
+    """Finds for each pose X (B, 3, 4) the first that owns itself and that it equals up to a symmetry.
 
     Two poses are equal when the squared Mahalanobis length of the increment between them, by the information (B, 6, 6)
     of the better one, is below the threshold for one of the symmetries (g, 3, 4). Most are told apart sooner, by how
@@ -21,9 +38,9 @@ def mark_distinct(X: Floats3, information: Floats3, symmetries: Floats3, thresho
     for b in range(X.shape[0]):
         for s in range(symmetries.shape[0]):
             compose_one(X[b], symmetries[s], Y[s])
-        distinct[b] = True
+        owner[b] = b
         for a in range(b):
-            if not distinct[a]:
+            if owner[a] != a:
                 continue
             H = information[a]
             for s in range(symmetries.shape[0]):
@@ -42,11 +59,11 @@ def mark_distinct(X: Floats3, information: Floats3, symmetries: Floats3, thresho
                         half += H[i, j] * u[j]
                     total += 2.0 * half * u[i]
                 if total < threshold:
-                    distinct[b] = False
+                    owner[b] = a
                     break
-            if not distinct[b]:
+            if owner[b] != b:
                 break
-        if distinct[b]:
+        if owner[b] == b:
             cholesky(information[b], L)
             invert(L, covariance)
             farthest[b] = threshold * (covariance[3, 3] + covariance[4, 4] + covariance[5, 5])

@@ -7,7 +7,8 @@ import numpy as np
 
 from tactopose_drake.core.compilation import Floats3, OutFloats1, OutFloats2, OutFloats3, kernel
 from tactopose_drake.core.kernels.grid_kernels import Grid
-from tactopose_drake.core.kernels.misplacement_kernels import couple, make_rows, settle, solve
+from tactopose_drake.core.kernels.matrix_kernels import solve
+from tactopose_drake.core.kernels.misplacement_kernels import couple, make_rows, settle
 from tactopose_drake.core.kernels.pad_kernels import Pads, find_normals, scratch
 from tactopose_drake.core.kernels.pose_kernels import turn_translations
 

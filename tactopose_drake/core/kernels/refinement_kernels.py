@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactopose_drake.core.compilation import Floats1, Floats2, OutFloats1, OutFloats2, OutFloats3, inlined, kernel
+from tactopose_drake.core.compilation import Floats2, OutFloats1, OutFloats2, OutFloats3, inlined, kernel
 from tactopose_drake.core.kernels import least_squares_kernels, pose_kernels, surface_contact_kernels
 from tactopose_drake.core.kernels.grid_kernels import Grid
 from tactopose_drake.core.kernels.joint_state_kernels import (
@@ -95,15 +95,14 @@ def refine_modes(
         damping[0] = _FIRST_DAMPING
         for _ in range(max_iterations):
             least_squares_kernels.damped_steps(here.H, here.g, damping, step)
-            if _promised_decrease(here.g[0], step[0]) < tolerance:
+            if least_squares_kernels.promised_decrease(here.g[0], step[0]) < tolerance:
                 break
             _move(here, step, scratch.increment, there)
             _evaluate(grid, contacts, priors, b, there, scratch)
-            if there.cost[0] < here.cost[0]:
+            has_fallen = there.cost[0] < here.cost[0]
+            damping[0] = least_squares_kernels.next_damping(damping[0], has_fallen, _LEAST_REFUSED_DAMPING)
+            if has_fallen:
                 _copy(there, here)
-                damping[0] = 0.1 * damping[0]
-            else:
-                damping[0] = max(10.0 * damping[0], _LEAST_REFUSED_DAMPING)
         X[b], hessian[b] = here.X[0], here.H[0]
 
 
@@ -128,15 +127,6 @@ def _make_scratch(size: int) -> _Scratch:
         np.empty((4, 12)),
         np.empty((4, 12)),
     )
-
-
-@kernel
-def _promised_decrease(g: Floats1, step: Floats1) -> float:
-    """By how much the quadratic model says that the cost falls, -g . step / 2."""
-    promised = 0.0
-    for i in range(g.shape[0]):
-        promised -= 0.5 * g[i] * step[i]
-    return promised
 
 
 @kernel

@@ -1,5 +1,6 @@
-from .belief_sampling import BeliefSampling as BeliefSampling
+from .belief_sampling import weigh_modes as weigh_modes
 from .cramer_rao import cramer_rao_bound as cramer_rao_bound
+from .gaussian_mixture import GaussianMixture as GaussianMixture
 from .hypotheses import Modes as Modes
 from .hypotheses import determined_part as determined_part
 from .hypotheses import find_modes as find_modes
@@ -9,5 +10,4 @@ from .metrics import truth_errors as truth_errors
 from .plausibility import degrees_of_freedom as degrees_of_freedom
 from .plausibility import explain_touch as explain_touch
 from .plausibility import may_be_touched as may_be_touched
-from .pose_modes import PoseModes as PoseModes
 from .posterior import make_posterior as make_posterior

@@ -10,155 +10,132 @@ Source: [OZ00] A. Owen and Y. Zhou, Safe and effective importance sampling, J. A
 mixture weights).
 """
 
-import dataclasses
-
 import numpy as np
 from numpy.typing import NDArray
 
 from tactopose_drake.core.kernels.matrix_kernels import inverses
 from tactopose_drake.core.posterior import sampling_weight_kernels
+from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.posterior.hypotheses import Modes, free_directions
 from tactopose_drake.core.posterior.joined_modes import join_overlapping
 from tactopose_drake.core.posterior.mode_moments import Moments, toward_the_mean, weigh_moments
-from tactopose_drake.core.posterior.pose_mixture import PoseMixture, across_turns, draw, in_chart
 from tactopose_drake.core.posterior.posterior import Posterior
+from tactopose_drake.core.posterior.student_t_mixture import StudentTMixture, across_turns, draw, in_chart
 from tactopose_drake.core.validation import FloatArray
 
-# Modes that hold less than this share of the mass by Laplace's approximation are taken at its word.
-_LEAST_SAMPLED_SHARE = 1e-4
-# Modes that hold less than this share of the best one's are not weighed again either.
-_LEAST_WEIGHED_SHARE = 1e-7
-# Tiles are laid out over Laplace's Gaussian, so much wider: a valley may have long ends, and bumps along its floor.
-_WIDER = 2.0
-# Tiles reach over so much of that way.
-_TILE = 1.5
-# A step toward the valley's floor is no longer than this share of the object's size.
-_LONGEST_STEP = 0.1
-# The Laplace covariance counts as so many samples: the fewest that determine a covariance of six dimensions.
-_PSEUDO_SAMPLES = 7.0
 # Logarithm of the volume of the turns about one continuous axis, or about the three of a ball.
 _LOG_TURNS = {0: 0.0, 1: np.log(2.0 * np.pi), 3: np.log(8.0 * np.pi**2)}
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class BeliefSampling:
-    """How the posterior is sampled.
+def weigh_modes(modes: Modes, posterior: Posterior, generator: np.random.Generator) -> Modes:
+    """The modes with the mass and covariance that samples of the exact posterior give them."""
+    mixture, params = modes.mixture, posterior.params.sampling
+    close = np.flatnonzero(mixture.weights > params.least_weighed_share * mixture.weights.max())
+    X_close = mixture.X_PO[close]
+    information = inverses(mixture.covariance[close])[0] + posterior.gauge
+    least = np.minimum(posterior.exact_cost(X_close), modes.cost[close])
+    laplace = -least - 0.5 * across_turns(information, posterior.turn_directions(X_close))[1]
+    share = np.exp(laplace - laplace.max())
+    share /= share.sum()
+    worthy = np.flatnonzero(share > params.least_sampled_share)
+    sampled = close[worthy]
 
-    Attributes:
-        samples: poses that are drawn.
-        tiles: densities that cover the modes, beside one at each.
-        steps: Gauss-Newton steps that bring them to the valley's floor.
-    """
+    proposal = _cover(mixture.X_PO[sampled], share[worthy], information[worthy], posterior, generator)
+    X_PO = proposal.sample(generator)
+    densities = proposal.densities(X_PO)
+    weights = np.empty_like(densities)
+    cost = posterior.exact_cost(X_PO)
+    lowest = min(float(least.min()), float(cost.min()))
+    sampling_weight_kernels.weigh(cost, lowest, densities, weights)
+    mass = weights.sum(axis=0)
+    moments = weigh_moments(mixture.X_PO[sampled], X_PO, weights)
+    if not (moments.effective_samples > 1.0).any():
+        return modes  # One sample outweighs all others: they say less than Laplace's approximation.
+    every = np.exp(laplace + lowest) * (2.0 * np.pi) ** (3.0 - 0.5 * len(posterior.turns[0]))
+    every[worthy] = mass
+    masses = mixture.weights * (every.sum() / mixture.weights[close].sum())
+    masses[close] = every
+    log_mass = float(np.log(masses.sum()) - lowest + _LOG_TURNS[len(posterior.turns[0])])
+    return _update(modes, sampled, masses / masses.sum(), moments, posterior, log_mass)
 
-    samples: int = 128
-    tiles: int = 16
-    steps: int = 3
 
-    def weigh(self, modes: Modes, posterior: Posterior, generator: np.random.Generator) -> Modes:
-        """The modes with the mass and covariance that samples of the exact posterior give them."""
-        close = np.flatnonzero(modes.probability > _LEAST_WEIGHED_SHARE * modes.probability.max())
-        X_close = modes.X_PO[close]
-        information = inverses(modes.covariance[close])[0] + posterior.gauge
-        least = np.minimum(posterior.exact_cost(X_close), modes.cost[close])
-        laplace = -least - 0.5 * across_turns(information, posterior.turn_directions(X_close))[1]
-        share = np.exp(laplace - laplace.max())
-        share /= share.sum()
-        worthy = np.flatnonzero(share > _LEAST_SAMPLED_SHARE)
-        sampled = close[worthy]
+def _cover(
+    X_mode: FloatArray,
+    share: FloatArray,
+    information: FloatArray,
+    posterior: Posterior,
+    generator: np.random.Generator,
+) -> StudentTMixture:
+    """A mixture that covers the sampled modes: one density for a narrow one, tiles along a wide one."""
+    params, units = posterior.params.sampling, posterior.units
+    widest = 1.0 / (params.tile_reach * posterior.straight) ** 2
+    # The root leaves something for modes that Laplace's approximation underrates.
+    root_share = np.sqrt(share)
+    counts = 1 + np.rint(params.tiles * root_share / root_share.sum()).astype(np.intp)
+    each = np.arange(len(X_mode))
+    group = np.repeat(each, counts)
+    normal = generator.normal(scale=params.tile_scatter, size=(len(group), 6))
+    normal[np.cumsum(counts) - counts] = 0.0  # The first at each mode stands in its middle.
+    laplace = draw(X_mode, each, np.zeros((len(X_mode), 6)), information, counts, normal)
+    X_PO = _to_the_floor(laplace, posterior)
+    equations = posterior.objective.normal_equations(X_PO)
+    # As wide as that and the tile's own reach allow.
+    local = equations.hessian + np.diag(widest / units**2) + posterior.gauge
+    center, local, turns = in_chart(X_mode, group, X_PO, local, posterior.turn_directions(X_PO))
+    least = np.minimum(posterior.exact_cost(X_PO), equations.cost)
+    weight = np.exp(-0.5 * (least - least.min())) + params.least_tile_weight
+    count = np.maximum(1, np.rint(params.samples * weight / weight.sum())).astype(np.intp)
+    return StudentTMixture(X_mode, group, center, local, turns, count, params.freedom, params.farthest)
 
-        mixture = self._cover(modes.X_PO[sampled], share[worthy], information[worthy], posterior, generator)
-        X_PO = mixture.sample(generator)
-        densities = mixture.densities(X_PO)
-        weights = np.empty_like(densities)
-        cost = posterior.exact_cost(X_PO)
-        lowest = min(float(least.min()), float(cost.min()))
-        sampling_weight_kernels.weigh(cost, lowest, densities, weights)
-        mass = weights.sum(axis=0)
-        moments = weigh_moments(modes.X_PO[sampled], X_PO, weights)
-        if not (moments.effective_samples > 1.0).any():
-            return modes  # One sample outweighs all others: they say less than Laplace's approximation.
-        every = np.exp(laplace + lowest) * (2.0 * np.pi) ** (3.0 - 0.5 * len(posterior.turns[0]))
-        every[worthy] = mass
-        masses = modes.probability * (every.sum() / modes.probability[close].sum())
-        masses[close] = every
-        log_mass = float(np.log(masses.sum()) - lowest + _LOG_TURNS[len(posterior.turns[0])])
-        return self._update(modes, sampled, masses / masses.sum(), moments, posterior, log_mass)
 
-    def _cover(
-        self,
-        X_mode: FloatArray,
-        share: FloatArray,
-        information: FloatArray,
-        posterior: Posterior,
-        generator: np.random.Generator,
-    ) -> PoseMixture:
-        """A mixture that covers the sampled modes: one density for a narrow one, tiles along a wide one."""
-        units, widest = posterior.units, 1.0 / (_TILE * posterior.straight) ** 2
-        # The root leaves something for modes that Laplace's approximation underrates.
-        root_share = np.sqrt(share)
-        counts = 1 + np.rint(self.tiles * root_share / root_share.sum()).astype(np.intp)
-        each = np.arange(len(X_mode))
-        group = np.repeat(each, counts)
-        normal = generator.normal(scale=_WIDER, size=(len(group), 6))
-        normal[np.cumsum(counts) - counts] = 0.0  # The first at each mode stands in its middle.
-        laplace = draw(X_mode, each, np.zeros((len(X_mode), 6)), information, counts, normal)
-        X_PO = self._to_the_floor(laplace, posterior)
-        equations = posterior.objective.normal_equations(X_PO)
-        # As wide as that and the tile's own reach allow.
-        local = equations.hessian + np.diag(widest / units**2) + posterior.gauge
-        center, local, turns = in_chart(X_mode, group, X_PO, local, posterior.turn_directions(X_PO))
-        least = np.minimum(posterior.exact_cost(X_PO), equations.cost)
-        weight = np.exp(-0.5 * (least - least.min())) + 1e-3
-        count = np.maximum(1, np.rint(self.samples * weight / weight.sum())).astype(np.intp)
-        return PoseMixture(X_mode, group, center, local, turns, count)
+def _to_the_floor(X_PO: FloatArray, posterior: Posterior) -> FloatArray:
+    """Moves poses (B, 3, 4) in the directions that the touch determines well, and little in others."""
+    params, units = posterior.params.sampling, posterior.units
+    soft, longest = 1.0 / (units * posterior.straight) ** 2, params.longest_step * posterior.size
+    for _ in range(params.steps):
+        _, gradient, hessian = posterior.likelihood.normal_equations(X_PO)
+        sampling_weight_kernels.step_down(gradient, hessian, soft, units, longest, X_PO)
+    return X_PO
 
-    def _to_the_floor(self, X_PO: FloatArray, posterior: Posterior) -> FloatArray:
-        """Moves poses (B, 3, 4) in the directions that the touch determines well, and little in others."""
-        soft = 1.0 / (posterior.units * posterior.straight) ** 2
-        for _ in range(self.steps):
-            _, gradient, hessian = posterior.likelihood.normal_equations(X_PO)
-            sampling_weight_kernels.step_down(
-                gradient, hessian, soft, posterior.units, _LONGEST_STEP * posterior.size, X_PO
-            )
-        return X_PO
 
-    def _update(
-        self,
-        modes: Modes,
-        sampled: NDArray[np.intp],
-        masses: FloatArray,
-        moments: Moments,
-        posterior: Posterior,
-        log_mass: float,
-    ) -> Modes:
-        """The modes with these masses, and of those that the samples know their moments; what overlaps is one."""
-        X_PO, cost, covariance, mass = modes.X_PO.copy(), modes.cost.copy(), modes.covariance.copy(), masses.copy()
-        known = moments.effective_samples > 1.0
-        index, moments = sampled[known], Moments(*(moment[known] for moment in moments))
-        laplace = covariance[index]
-        mass[index], moments = join_overlapping(
-            X_PO[index],
-            cost[index],
-            mass[index],
-            _spread(X_PO[index], moments, laplace, posterior),
-            moments,
-            posterior.symmetry_poses,
-        )
-        left = mass[index] > 0.0
-        index, laplace, moments = index[left], laplace[left], Moments(*(moment[left] for moment in moments))
-        X_PO[index], cost[index], second = toward_the_mean(
-            X_PO[index], cost[index], laplace, moments, posterior.objective
-        )
-        covariance[index] = _spread(X_PO[index], moments._replace(second=second), laplace, posterior)
-        # Bumps along a valley's floor may hide from the curvature that it is one.
-        by_touch = inverses(covariance[index])[0] - posterior.prior_information
-        free = list(modes.free_directions)
-        by_both = free_directions(by_touch, posterior.size, [free[i] for i in index])
-        for i, directions in zip(index, by_both, strict=True):
-            free[i] = directions
-        order = np.argsort(-mass, kind="stable")[: np.count_nonzero(mass)]
-        named = tuple(free[i] for i in order)
-        return Modes(X_PO[order], cost[order], mass[order], covariance[order], named, log_mass)
+def _update(
+    modes: Modes,
+    sampled: NDArray[np.intp],
+    masses: FloatArray,
+    moments: Moments,
+    posterior: Posterior,
+    log_mass: float,
+) -> Modes:
+    """The modes with these masses, and of those that the samples know their moments; what overlaps is one."""
+    params, X_PO, covariance = posterior.params, modes.mixture.X_PO.copy(), modes.mixture.covariance.copy()
+    cost, mass = modes.cost.copy(), masses.copy()
+    known = moments.effective_samples > 1.0
+    index, moments = sampled[known], Moments(*(moment[known] for moment in moments))
+    laplace = covariance[index]
+    mass[index], moments = join_overlapping(
+        X_PO[index],
+        cost[index],
+        mass[index],
+        _spread(X_PO[index], moments, laplace, posterior),
+        moments,
+        posterior.symmetry_poses,
+        params.moments,
+    )
+    left = mass[index] > 0.0
+    index, laplace, moments = index[left], laplace[left], Moments(*(moment[left] for moment in moments))
+    X_PO[index], cost[index], second = toward_the_mean(
+        X_PO[index], cost[index], laplace, moments, posterior.objective, params.moments
+    )
+    covariance[index] = _spread(X_PO[index], moments._replace(second=second), laplace, posterior)
+    # Bumps along a valley's floor may hide from the curvature that it is one.
+    by_touch = inverses(covariance[index])[0] - posterior.prior_information
+    free = list(modes.free_directions)
+    by_both = free_directions(by_touch, posterior.size, [free[i] for i in index], params.modes)
+    for i, directions in zip(index, by_both, strict=True):
+        free[i] = directions
+    order = np.argsort(-mass, kind="stable")[: np.count_nonzero(mass)]
+    named = tuple(free[i] for i in order)
+    return Modes(GaussianMixture(X_PO[order], mass[order], covariance[order]), cost[order], named, log_mass)
 
 
 def _spread(X_PO: FloatArray, moments: Moments, laplace: FloatArray, posterior: Posterior) -> FloatArray:
@@ -168,5 +145,6 @@ def _spread(X_PO: FloatArray, moments: Moments, laplace: FloatArray, posterior: 
     """
     directions = posterior.turn_directions(X_PO)
     turns = posterior.turn_variance * directions @ np.swapaxes(directions, 1, 2)
-    spread: FloatArray = moments.second + turns + _PSEUDO_SAMPLES / moments.effective_samples[:, None, None] * laplace
+    prior_share = posterior.params.moments.pseudo_samples / moments.effective_samples[:, None, None]
+    spread: FloatArray = moments.second + turns + prior_share * laplace
     return spread

@@ -9,15 +9,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tactopose_drake.core.kernels import mode_kernels
 from tactopose_drake.core.kernels.matrix_kernels import eigenpairs, inverses
+from tactopose_drake.core.kernels.mode_kernels import one_of_each, owners
+from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
+from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, ModeParams
 from tactopose_drake.core.searches.search import SearchResult
 from tactopose_drake.core.validation import FloatArray
 
-# Two poses are one mode when they lie within this many standard deviations of each other.
-_SAME_MODE = 3.0
-# The touch determines a direction when it fixes the surface to better than this share of the object's size.
-_FREE_SHARE = 0.1
 # Of the largest eigenvalue of a matrix of six rows, what is certain of the others.
 _ROUNDING = 1e-13
 
@@ -27,19 +25,15 @@ class Modes:
     """Distinct modes of the posterior, by falling probability.
 
     Attributes:
-        X_PO: poses, shape (n, 3, 4).
+        mixture: their poses, posterior weights and covariances; n of them.
         cost: negative log likelihoods up to a constant, shape (n,).
-        probability: posterior weights, shape (n,); they sum to 1.
-        covariance: of the increments (w, v), shape (n, 6, 6), rad and m.
         free_directions: for each mode the increments that the touch does not determine, unit rows (f, 6).
         log_mass: logarithm of the integral of exp(-cost) over all modes, by the volume of poses, rad^3 m^3. Of the
             images that the object's finite symmetries make of a mode one counts.
     """
 
-    X_PO: FloatArray
+    mixture: GaussianMixture
     cost: FloatArray
-    probability: FloatArray
-    covariance: FloatArray
     free_directions: tuple[FloatArray, ...]
     log_mass: float
 
@@ -51,6 +45,7 @@ def find_modes(
     symmetry_poses: FloatArray,
     size: float,
     max_modes: int,
+    params: ModeParams = DEFAULT_PARAMS.modes,
 ) -> Modes:
     """Merges poses that are one mode up to the object's symmetries, and weighs the modes.
 
@@ -61,22 +56,19 @@ def find_modes(
         symmetry_poses: the object's finite symmetry group as poses X_OO', the identity first, shape (g, 3, 4).
         size: the object's size, m; rotations count by the way of a point at half of it.
         max_modes: how many modes are kept at the most.
+        params: which poses are one mode, and which directions are free.
     """
     information = touch_information + prior_information
-    representative = np.empty(len(found.cost), dtype=np.bool_)
-    mode_kernels.mark_distinct(found.X_PO, information, symmetry_poses, _SAME_MODE**2, representative)
-    index = np.flatnonzero(representative)
+    index = one_of_each(owners(found.X_PO, information, symmetry_poses, params.same_sigmas))
     covariance, log_determinant = inverses(_held_by_rounding(information[index], size))
     log_weight = -found.cost[index] - 0.5 * log_determinant
     order = np.argsort(-log_weight, kind="stable")[:max_modes]
     index, log_weight = index[order], log_weight[order]
     weight = np.exp(log_weight - log_weight[0])
     return Modes(
-        X_PO=found.X_PO[index],
+        mixture=GaussianMixture(found.X_PO[index], weight / weight.sum(), covariance[order]),
         cost=found.cost[index],
-        probability=weight / weight.sum(),
-        covariance=covariance[order],
-        free_directions=tuple(free_directions(touch_information[index], size)),
+        free_directions=tuple(free_directions(touch_information[index], size, params=params)),
         log_mass=float(log_weight[0] + np.log(weight.sum()) + 3.0 * np.log(2.0 * np.pi)),
     )
 
@@ -99,16 +91,19 @@ def _held_by_rounding(information: FloatArray, size: float) -> FloatArray:
 
 
 def free_directions(
-    touch_information: FloatArray, size: float, known: Sequence[FloatArray] | None = None
+    touch_information: FloatArray,
+    size: float,
+    known: Sequence[FloatArray] | None = None,
+    params: ModeParams = DEFAULT_PARAMS.modes,
 ) -> list[FloatArray]:
     """For each information matrix (n, 6, 6) the directions that it leaves free, as orthonormal rows (f, 6).
 
     Rotations and translations are compared as motions of a point at half the object's size (m) from its origin. A
-    direction is free when its standard deviation from the touch alone exceeds a tenth of the size. Of directions that
+    direction is free when its standard deviation from the touch alone exceeds a share of the size. Of directions that
     are known to be free, rows (f, 6) for each matrix, those across them are found that are free too.
     """
     units = np.repeat([2.0 / size, 1.0], 3)  # Increments of one metre.
-    limit = 1.0 / (_FREE_SHARE * size) ** 2
+    limit = 1.0 / (params.free_share * size) ** 2
     scaled = touch_information * np.outer(units, units)
     free = [np.empty((0, 6))] * len(scaled) if known is None else list(known)
     basis = {i: _metric_basis(rows, units) for i, rows in enumerate(free) if len(rows)}

@@ -6,8 +6,9 @@ asked of the modes as they were sampled: often they are much wider than the curv
 
 import numpy as np
 
-from tactopose_drake.core.posterior.joining_kernels import join
+from tactopose_drake.core.posterior.joining_kernels import JoinedMoments, join
 from tactopose_drake.core.posterior.mode_moments import Moments
+from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, MomentParams
 from tactopose_drake.core.validation import FloatArray
 
 
@@ -18,6 +19,7 @@ def join_overlapping(
     spread: FloatArray,
     moments: Moments,
     symmetry_poses: FloatArray,
+    params: MomentParams = DEFAULT_PARAMS.moments,
 ) -> tuple[FloatArray, Moments]:
     """The masses and moments of modes of which those that overlap, up to a symmetry, are one: that of the lowest cost.
 
@@ -28,11 +30,13 @@ def join_overlapping(
         spread: their covariances about the minima, shape (g, 6, 6).
         moments: of increments from the minima.
         symmetry_poses: the object's finite symmetry group as poses X_OO', the identity first, shape (s, 3, 4).
+        params: which modes overlap.
 
     Returns:
         Masses, none for a mode that another one has taken in, and the moments.
     """
     mass, joint = mass.copy(), Moments(*(moment.copy() for moment in moments))
     spread = spread - moments.first[:, :, None] * moments.first[:, None]
-    join(X_PO, np.argsort(cost, kind="stable"), symmetry_poses, mass, spread, *joint)
+    limits = params.peak_sigmas, params.widest_turn
+    join(X_PO, np.argsort(cost, kind="stable"), symmetry_poses, limits, mass, spread, JoinedMoments(*joint))
     return mass, joint

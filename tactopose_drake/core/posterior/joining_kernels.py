@@ -1,15 +1,20 @@
 """Modes that overlap are joined, with their masses and moments."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from tactopose_drake.core.compilation import Floats3, Longs1, OutFloats1, OutFloats2, OutFloats3, inlined, kernel
 from tactopose_drake.core.kernels.matrix_kernels import cholesky, invert
 from tactopose_drake.core.kernels.pose_kernels import compose_one, increment_between
 
-# Means of one peak lie within so many standard deviations.
-_ONE_PEAK = 2.0
-# Minima of one mode are not turned by more than this, rad: beyond, an increment is no measure of how a mode spreads.
-_WIDEST_TURN = 1.5
+
+class JoinedMoments(NamedTuple):
+    """`mode_moments.Moments` of g modes, as joining writes them."""
+
+    effective_samples: OutFloats1
+    first: OutFloats2
+    second: OutFloats3
 
 
 @kernel
@@ -17,25 +22,26 @@ def join(
     X: Floats3,
     order: Longs1,
     symmetries: Floats3,
+    limits: tuple[float, float],
     mass: OutFloats1,
     spread: OutFloats3,
-    effective_samples: OutFloats1,
-    first: OutFloats2,
-    second: OutFloats3,
+    moments: JoinedMoments,
 ) -> None:
     """Adds each mode to the nearest of those before it that it overlaps, and leaves it no mass.
 
     With u the increment to its image, J the derivative of increments there by those from its own pose, m the means, P
     the mean products, C the spreads and p its share of both masses, they overlap where d = u + J m' - m is short by the
     spread p J C' J^T + (1 - p) C. The joint mean is m + p d, and P becomes (1 - p) P + p (J P' J^T + J m' u^T +
-    u (J m')^T + u u^T).
+    u (J m')^T + u u^T). The limits are those of d, in standard deviations, and of the turn in u, rad.
     """
+    effective_samples, first, second = moments
+    peak_sigmas, widest_turn = limits
     image, u, turn = np.empty((3, 4)), np.empty(6), np.empty((6, 6))
     best_u, best_turn = np.empty(6), np.empty((6, 6))
     L, information = np.empty((6, 6)), np.empty((6, 6))
     for place in range(1, order.shape[0]):
         j = order[place]
-        nearest, into = _ONE_PEAK**2, -1
+        nearest, into = peak_sigmas**2, -1
         for i in order[:place]:
             if mass[i] == 0.0:
                 continue
@@ -43,7 +49,7 @@ def join(
             for s in range(symmetries.shape[0]):
                 compose_one(X[j], symmetries[s], image)
                 increment_between(X[i], image, u)
-                if u[0] ** 2 + u[1] ** 2 + u[2] ** 2 > _WIDEST_TURN**2:
+                if u[0] ** 2 + u[1] ** 2 + u[2] ** 2 > widest_turn**2:
                     continue
                 _derivative(X[j], symmetries[s], turn)
                 d = u + turn @ first[j] - first[i]

@@ -12,13 +12,8 @@ import numpy as np
 
 from tactopose_drake.core.objectives.objective import Objective
 from tactopose_drake.core.posterior import sampling_weight_kernels
+from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, MomentParams
 from tactopose_drake.core.validation import FloatArray
-
-# The squared length of a mean of chance, in its standard deviations, is below this in 95 % (chi-square, 6 dimensions).
-_CHANCE = 12.6
-# A pose that costs so much more than its mode's minimum explains the touch as well; tried are these shares of the way.
-_AS_GOOD = 0.3
-_WAY = np.array([1.0, 0.75, 0.5, 0.25, 0.0])
 
 
 class Moments(NamedTuple):
@@ -43,7 +38,12 @@ def weigh_moments(X_group: FloatArray, X_PO: FloatArray, weights: FloatArray) ->
 
 
 def toward_the_mean(
-    X_PO: FloatArray, cost: FloatArray, laplace: FloatArray, moments: Moments, objective: Objective
+    X_PO: FloatArray,
+    cost: FloatArray,
+    laplace: FloatArray,
+    moments: Moments,
+    objective: Objective,
+    params: MomentParams = DEFAULT_PARAMS.moments,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Moves minima (g, 3, 4) of these costs (g,) toward their modes' means as far as the touch allows.
 
@@ -53,12 +53,13 @@ def toward_the_mean(
     Returns:
         The poses, their costs, and the mean products (g, 6, 6) of the increments from them.
     """
-    g, mean = len(X_PO), moments.first
-    shares, tried = np.empty((g, len(_WAY))), np.empty((g, len(_WAY), 3, 4))
-    sampling_weight_kernels.try_shares(X_PO, laplace, mean, moments.effective_samples, _WAY, _CHANCE, shares, tried)
-    costs = objective.cost(tried.reshape(-1, 3, 4)).reshape(g, len(_WAY))
+    g, mean, way = len(X_PO), moments.first, np.array(params.tried_shares)
+    shares, tried = np.empty((g, len(way))), np.empty((g, len(way), 3, 4))
+    effective = moments.effective_samples
+    sampling_weight_kernels.try_shares(X_PO, laplace, mean, effective, way, params.chance, shares, tried)
+    costs = objective.cost(tried.reshape(-1, 3, 4)).reshape(g, len(way))
     costs[:, -1] = cost
-    chosen = np.arange(g), (costs <= cost[:, None] + _AS_GOOD).argmax(axis=1)
+    chosen = np.arange(g), (costs <= cost[:, None] + params.as_good).argmax(axis=1)
     share = shares[chosen]
     left = (share * (2.0 - share))[:, None, None] * mean[:, :, None] * mean[:, None]
     return tried[chosen], costs[chosen], moments.second - left

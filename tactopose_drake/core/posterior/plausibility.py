@@ -11,16 +11,13 @@ from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.objectives.patch_contact import PatchContact
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.objectives.surface_density import SurfaceDensity
+from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, PlausibilityParams
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 
-# A touch is explained when noise alone would leave residuals this large more often than once in a million.
-_IMPLAUSIBLE = 1e-6
 # What a pad's place and turn may be off by, at the true pose.
 _MISPLACEMENTS = 6
-# A pose is no farther from the truth than so many standard deviations.
-_SIGMAS = 6.0
 
 
 def degrees_of_freedom(evidence: Evidence) -> int:
@@ -28,7 +25,9 @@ def degrees_of_freedom(evidence: Evidence) -> int:
     return _of_contacts(evidence) + sum(_of_patch(patch) for patch in evidence.patches)
 
 
-def explain_touch(model: ObjectModel, evidence: Evidence, X_PO: FloatArray) -> NDArray[np.bool_]:
+def explain_touch(
+    model: ObjectModel, evidence: Evidence, X_PO: FloatArray, params: PlausibilityParams = DEFAULT_PARAMS.plausibility
+) -> NDArray[np.bool_]:
     """Which of the poses (B, 3, 4) leave residuals that may be noise: of the contacts together, and of each pad.
 
     Each pad is asked by itself, because one that no noise explains would hide among the many cells of the others. At
@@ -37,23 +36,32 @@ def explain_touch(model: ObjectModel, evidence: Evidence, X_PO: FloatArray) -> N
     """
     explained = np.ones(len(X_PO), dtype=np.bool_)
     if len(evidence.contacts):
-        limit = _limit(_of_contacts(evidence))
+        limit = _limit(_of_contacts(evidence), params.least_chance)
         explained &= SurfaceContact(model.grid, evidence.contacts).cost(X_PO) <= limit
         if not explained.all():
             # At edges and thin walls the smooth residuals are larger than noise.
             explained[~explained] = SurfaceDensity(model, evidence.contacts).cost(X_PO[~explained]) <= limit
     if evidence.patches:
-        limits = np.array([_limit(_MISPLACEMENTS + _of_patch(patch)) for patch in evidence.patches])
+        counts = [_MISPLACEMENTS + _of_patch(patch) for patch in evidence.patches]
+        limits = np.array([_limit(count, params.least_chance) for count in counts])
         explained &= np.all(PatchContact(model.grid, evidence.patches).pad_costs(X_PO) <= limits, axis=1)
     return explained
 
 
-def is_explained(model: ObjectModel, evidence: Evidence, X_PO: FloatArray) -> bool:
+def is_explained(
+    model: ObjectModel, evidence: Evidence, X_PO: FloatArray, params: PlausibilityParams = DEFAULT_PARAMS.plausibility
+) -> bool:
     """Whether any of the poses (B, 3, 4) leaves residuals that may be noise; mostly the first one tells."""
-    return bool(explain_touch(model, evidence, X_PO[:1]).any() or explain_touch(model, evidence, X_PO[1:]).any())
+    return any(explain_touch(model, evidence, some, params).any() for some in (X_PO[:1], X_PO[1:]))
 
 
-def may_be_touched(model: ObjectModel, X_PO: FloatArray, covariance: FloatArray, contacts: Contacts) -> bool:
+def may_be_touched(
+    model: ObjectModel,
+    X_PO: FloatArray,
+    covariance: FloatArray,
+    contacts: Contacts,
+    params: PlausibilityParams = DEFAULT_PARAMS.plausibility,
+) -> bool:
     """Whether an object of which a pose is known may be what is touched: whether any contact is within its reach.
 
     Args:
@@ -61,18 +69,19 @@ def may_be_touched(model: ObjectModel, X_PO: FloatArray, covariance: FloatArray,
         X_PO: where it is or was lately, shape (3, 4).
         covariance: of the increment (w, v) from it, shape (6, 6), rad and m.
         contacts: in P, at least one.
+        params: how far off it may be.
     """
     spread = np.trace(covariance[3:, 3:]) + model.size**2 * np.trace(covariance[:3, :3])
     # Within its size are the turns about its origin, and what it may have moved in the hand meanwhile.
-    reach = model.size + _SIGMAS * np.sqrt(spread)
+    reach = model.size + params.reach_sigmas * np.sqrt(spread)
     p_OC = (contacts.p_PC - X_PO[:, 3]) @ X_PO[:, :3]
     out_of_box = p_OC - np.clip(p_OC, model.grid.origin, model.grid.upper)
     return bool(np.square(out_of_box).sum(axis=1).min() < reach**2)
 
 
 @functools.cache
-def _limit(count: int) -> float:
-    return 0.5 * float(chdtri(count, _IMPLAUSIBLE))
+def _limit(count: int, least_chance: float) -> float:
+    return 0.5 * float(chdtri(count, least_chance))
 
 
 def _of_contacts(evidence: Evidence) -> int:

@@ -10,20 +10,15 @@ import numpy as np
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.objectives.objective import LeastSquaresObjective, Objective
 from tactopose_drake.core.objectives.surface_density import SurfaceDensity
+from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, PosteriorParams
 from tactopose_drake.core.searches.pose_problem import PoseProblem
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 
-# A mode is wide in a direction when the arc of a turn about the object's middle leaves its tangent by this share of the
-# contacts' sigma.
-_SAGITTA = 0.25
-# A turn about a continuous axis is held to this, rad, where nothing tells one from another.
-_TURN = 0.02
-
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Posterior:
-    """What is sampled.
+    """What is sampled, and how.
 
     Attributes:
         likelihood: the smooth objective of all evidence but the prior.
@@ -34,6 +29,7 @@ class Posterior:
         symmetry_poses: the object's finite symmetry group as poses X_OO', the identity first, shape (s, 3, 4).
         size: the object's, m.
         sigma: of the positions of contacts and pads, m.
+        params: how it is sampled.
     """
 
     likelihood: LeastSquaresObjective
@@ -44,6 +40,7 @@ class Posterior:
     symmetry_poses: FloatArray
     size: float
     sigma: float
+    params: PosteriorParams = DEFAULT_PARAMS
 
     def turn_directions(self, X_PO: FloatArray) -> FloatArray:
         """The increments of turns about the axes at poses (B, 3, 4), shape (B, 6, c)."""
@@ -63,7 +60,7 @@ class Posterior:
         """Information (6, 6) that holds the turns in place; it changes no density over the other directions."""
         gauge = np.zeros((6, 6))
         if len(self.turns[0]):
-            gauge[:3, :3] = self.turns[0].T @ self.turns[0] / _TURN**2
+            gauge[:3, :3] = self.turns[0].T @ self.turns[0] / self.params.sampling.held_turn**2
         return gauge
 
     @functools.cached_property
@@ -74,10 +71,12 @@ class Posterior:
     @functools.cached_property
     def straight(self) -> float:
         """Within this way, m, a turn's arc is as good as straight."""
-        return math.sqrt(2.0 * _SAGITTA * self.sigma * self.size / 2.0)
+        return math.sqrt(2.0 * self.params.sampling.sagitta * self.sigma * self.size / 2.0)
 
 
-def make_posterior(model: ObjectModel, evidence: Evidence, problem: PoseProblem) -> Posterior:
+def make_posterior(
+    model: ObjectModel, evidence: Evidence, problem: PoseProblem, params: PosteriorParams = DEFAULT_PARAMS
+) -> Posterior:
     """The posterior of a search's problem, with the contacts' exact likelihood in place of the smooth one.
 
     Patches have no other likelihood than theirs on the signed distance: it counts as exact.
@@ -106,4 +105,5 @@ def make_posterior(model: ObjectModel, evidence: Evidence, problem: PoseProblem)
         symmetry_poses=model.symmetry_poses,
         size=model.size,
         sigma=float(np.min(evidence.touch.sigma_position)),
+        params=params,
     )

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.kernels import mode_kernels
+from tactopose_drake.core.kernels.mode_kernels import one_of_each, owners
 from tactopose_drake.core.objectives.objective import LeastSquaresObjective
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.poses import compose
@@ -230,9 +230,8 @@ class PairSearch(Search):
         By the local models: along a direction that hardly changes the cost, poses far apart belong together.
         """
         information = objective.normal_equations(found.X_PO).hessian + space.information
-        apart = np.empty(len(found.cost), dtype=np.bool_)
-        mode_kernels.mark_distinct(found.X_PO, information, np.eye(3, 4)[None], _SAME_MINIMUM**2, apart)
-        return found.X_PO[apart][:count]
+        apart = one_of_each(owners(found.X_PO, information, np.eye(3, 4)[None], _SAME_MINIMUM))
+        return found.X_PO[apart[:count]]
 
     def propose(self, choice: PairChoice, count: int, space: PoseSpace, generator: np.random.Generator) -> FloatArray:
         """Distinct poses within the space's reach that lay two contacts on the surface and suit all, best first."""

@@ -12,32 +12,28 @@ import numpy as np
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.objectives.objective import LeastSquaresObjective, SumObjective
 from tactopose_drake.core.objectives.pose_gaussian import PoseGaussian
+from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.posterior.plausibility import explain_touch
-from tactopose_drake.core.posterior.pose_modes import MOST_OF_THE_MASS
+from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
 from tactopose_drake.core.searches.pose_problem import balance_term, bounding_terms
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.tracking.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.tracking.pose_belief import BeliefStatus, PoseBelief
+from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import ConstraintParams, PoseTrackerParams
-from tactopose_drake.core.validation import FloatArray
 
 
 def summarise(
     model: ObjectModel, params: PoseTrackerParams, belief: PoseBelief, evidence: Evidence, *, has_contact: bool
 ) -> PoseBelief:
     """The belief with poses, probabilities and status by its modes and the evidence of its time."""
-    X_PO, covariance, probability = constrain_modes(model, evidence, belief.modes, params.constraints)
-    order = np.argsort(-probability, kind="stable")
-    X_PO, covariance, probability = X_PO[order], covariance[order], probability[order]
-    explains = np.ones(len(X_PO), dtype=np.bool_)
-    if has_contact and len(X_PO):
-        explains = explain_touch(model, evidence, np.ascontiguousarray(X_PO))
+    mixture = constrain_modes(model, evidence, belief.modes, params.constraints)
+    explains = np.ones(len(mixture), dtype=np.bool_)
+    if has_contact and len(mixture):
+        explains = explain_touch(model, evidence, mixture.X_PO)
     belief = dataclasses.replace(
         belief,
-        X_PO=X_PO,
-        covariance=covariance,
-        probability=probability,
+        mixture=mixture,
         explains_touch=explains,
         explained_time=belief.time if has_contact and explains[:1].any() else belief.explained_time,
     )
@@ -48,9 +44,9 @@ def summarise(
 
 
 def constrain_modes(
-    model: ObjectModel, evidence: Evidence, modes: GaussianMixture, params: ConstraintParams
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """The modes' poses (n, 3, 4), covariances (n, 6, 6) and shares (n,), with what bounds the pose now."""
+    model: ObjectModel, evidence: Evidence, modes: TrackedModes, params: ConstraintParams
+) -> GaussianMixture:
+    """What the modes say of the pose with what bounds it now, by falling weight."""
     X_PO, covariance, log_weight = modes.X_PO.copy(), modes.covariance.copy(), modes.log_weight.copy()
     terms = bounding_terms(model, evidence)
     if evidence.balance is not None:
@@ -68,10 +64,10 @@ def constrain_modes(
             X_PO[b], covariance[b] = found.X_PO[0], np.linalg.inv(hessian)
             # Laplace's approximation of the mode's mass within the bounds.
             log_weight[b] += cost[b] - found.cost[0] - 0.5 * log_determinant
-    if not len(modes):
-        return X_PO, covariance, log_weight
-    share = np.exp(log_weight - log_weight.max())
-    return X_PO, covariance, share / share.sum()
+    weights = np.exp(log_weight - log_weight.max(initial=-np.inf))
+    weights /= weights.sum()
+    order = np.argsort(-weights, kind="stable")
+    return GaussianMixture(X_PO[order], weights[order], covariance[order])
 
 
 def judge(belief: PoseBelief, params: PoseTrackerParams, *, has_contact: bool) -> tuple[BeliefStatus, tuple[str, ...]]:
@@ -88,6 +84,6 @@ def judge(belief: PoseBelief, params: PoseTrackerParams, *, has_contact: bool) -
         return "lost", ("no pose explains the touch",)
     if time < belief.slip_time + params.slip_time or not belief.explains_touch[0]:
         return "slipping", ()
-    if belief.probability[0] < MOST_OF_THE_MASS:
+    if belief.probability[0] < DEFAULT_PARAMS.modes.answer_share:
         return "ambiguous", ()
     return "ok", ()

@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 
 from tactopose_drake.core.poses import increments_between
 from tactopose_drake.core.tracking.contact_update import ContactUpdate
-from tactopose_drake.core.tracking.gaussian_mixture import GaussianMixture
+from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import ConsistencyParams
 
 
 def record_innovations(
-    predicted: GaussianMixture, update: ContactUpdate, degrees: int, params: ConsistencyParams
-) -> GaussianMixture:
+    predicted: TrackedModes, update: ContactUpdate, degrees: int, params: ConsistencyParams
+) -> TrackedModes:
     """The modes after an update, with the sums of the tests.
 
     Args:
@@ -46,7 +46,7 @@ def record_innovations(
     )
 
 
-def are_inconsistent(modes: GaussianMixture, params: ConsistencyParams) -> NDArray[np.bool_]:
+def are_inconsistent(modes: TrackedModes, params: ConsistencyParams) -> NDArray[np.bool_]:
     """Which of the modes the touch contradicts, shape (n,)."""
     excess = modes.nis_excess[:, 0] / np.sqrt(np.maximum(modes.nis_excess[:, 1], 1.0))
     # By the mode's own covariance: of that each frame's wandering is the least which is expected, also where a turn of
@@ -60,7 +60,7 @@ def are_inconsistent(modes: GaussianMixture, params: ConsistencyParams) -> NDArr
     return inconsistent
 
 
-def restart_test(modes: GaussianMixture) -> GaussianMixture:
+def restart_test(modes: TrackedModes) -> TrackedModes:
     """The modes without the sums of the tests."""
     return dataclasses.replace(
         modes,

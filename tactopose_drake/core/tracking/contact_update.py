@@ -38,7 +38,7 @@ from tactopose_drake.core.kernels.regression_kernels import Regression, regress_
 from tactopose_drake.core.kernels.sigma_point_kernels import RegressionSettings
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.frame import ContactReading
-from tactopose_drake.core.tracking.gaussian_mixture import GaussianMixture
+from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tactopose_drake.core.validation import FloatArray
 
@@ -101,7 +101,7 @@ def update_with_contacts(
     model: ObjectModel,
     params: PoseTrackerParams,
     reading: ContactReading,
-    modes: GaussianMixture,
+    modes: TrackedModes,
     X_start: FloatArray | None = None,
 ) -> ContactUpdate:
     """Updates modes, each a Gaussian of the increments from its pose and of the biases.

@@ -24,7 +24,7 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.consistency import are_inconsistent, record_innovations, restart_test
 from tactopose_drake.core.tracking.contact_update import BiasModel, degrees_of_freedom, update_with_contacts
 from tactopose_drake.core.tracking.frame import ContactReading
-from tactopose_drake.core.tracking.gaussian_mixture import GaussianMixture
+from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tactopose_drake.core.validation import FloatArray
 
@@ -40,7 +40,7 @@ class MeasurementUpdate(NamedTuple):
         frame_weight: by how much this frame's likelihood is in the modes' weights.
     """
 
-    modes: GaussianMixture
+    modes: TrackedModes
     is_inconsistent: bool
     log_likelihood: float
     log_before: float
@@ -48,7 +48,7 @@ class MeasurementUpdate(NamedTuple):
 
 
 def update_modes(
-    model: ObjectModel, params: PoseTrackerParams, reading: ContactReading, modes: GaussianMixture, duration: float
+    model: ObjectModel, params: PoseTrackerParams, reading: ContactReading, modes: TrackedModes, duration: float
 ) -> MeasurementUpdate:
     """Updates modes, at least one, with a frame's contacts.
 
@@ -77,8 +77,8 @@ def update_modes(
 
 
 def forget(
-    model: ObjectModel, contacts: Contacts, modes: GaussianMixture, forgotten: float, half_information: float
-) -> GaussianMixture:
+    model: ObjectModel, contacts: Contacts, modes: TrackedModes, forgotten: float, half_information: float
+) -> TrackedModes:
     """The modes before an update, wider in the directions of which the touch tells.
 
     Args:
@@ -98,8 +98,8 @@ def forget(
 
 
 def average_likelihood(
-    modes: GaussianMixture, log_likelihood: FloatArray, lasting_share: float, max_frames: float
-) -> GaussianMixture:
+    modes: TrackedModes, log_likelihood: FloatArray, lasting_share: float, max_frames: float
+) -> TrackedModes:
     """The modes with what one more frame says.
 
     Args:
@@ -114,7 +114,7 @@ def average_likelihood(
     return dataclasses.replace(modes, log_likelihood=total, frames=frames)
 
 
-def weight_of_a_frame(modes: GaussianMixture, lasting_share: float) -> FloatArray:
+def weight_of_a_frame(modes: TrackedModes, lasting_share: float) -> FloatArray:
     """By how much the latest frame's likelihood is in the modes' weights, shape (n,)."""
     return effective_frames(modes.frames, lasting_share) / modes.frames
 
@@ -126,8 +126,8 @@ def effective_frames(frames: FloatArray, lasting_share: float) -> FloatArray:
 
 
 def follow_roughness(
-    modes: GaussianMixture, reading: ContactReading, roughness: FloatArray, params: PoseTrackerParams
-) -> GaussianMixture:
+    modes: TrackedModes, reading: ContactReading, roughness: FloatArray, params: PoseTrackerParams
+) -> TrackedModes:
     """The modes when some sources (k,) touch a surface of this roughness (n, k, 2).
 
     A bias is the sum of the hand's and the surface's. Where the latter's variance grows, the pose knows nothing of what

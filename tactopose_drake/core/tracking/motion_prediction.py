@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.poses import compose, exp_so3, inverse, log_so3, skew
 from tactopose_drake.core.tracking.frame import PoseMeasurement
-from tactopose_drake.core.tracking.gaussian_mixture import GaussianMixture
+from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import MotionNoise
 from tactopose_drake.core.validation import FloatArray
 
@@ -183,7 +183,7 @@ def predict_poses(X_PO: FloatArray, covariance: FloatArray, motion: Motion) -> t
     return moved, turn @ covariance @ turn.T + M @ motion.covariance @ np.swapaxes(M, 1, 2)
 
 
-def predict_modes(modes: GaussianMixture, motion: Motion, max_sigma_translation: float) -> GaussianMixture:
+def predict_modes(modes: TrackedModes, motion: Motion, max_sigma_translation: float) -> TrackedModes:
     """The modes after a motion of the object; what is no knowledge any more does not grow further.
 
     Args:

@@ -8,8 +8,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from tactopose_drake.core.tracking.gaussian_mixture import GaussianMixture
+from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.tracking.motion_prediction import MotionHistory
+from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.validation import FloatArray
 
 BeliefStatus = Literal["ok", "ambiguous", "slipping", "no_contact", "lost"]
@@ -43,11 +44,9 @@ class PoseBelief:
             predicted; "lost" when no pose is known that explains the touch, or nothing has been touched for long: what
             stands here is then no estimate.
         remarks: what else is to be known of the belief.
-        X_PO: the modes' poses, shape (n, 3, 4), by falling probability; none where nothing is known yet.
-        covariance: of the increments (w, v) from them, shape (n, 6, 6), rad and m.
-        probability: the modes' shares, shape (n,); they sum to 1.
+        mixture: the pose's modes by falling probability; none where nothing is known yet.
         explains_touch: which of them noise alone may separate from the touch, shape (n,).
-        modes: the same without what bounds the pose at this time only.
+        modes: what is carried on of them: the same without what bounds the pose at this time only.
         sources: the names of the contacts' sources, in the order of the modes' biases.
         history: the latest motions.
         p_PC: the last contacts' points, shape (k, 3), m.
@@ -63,11 +62,9 @@ class PoseBelief:
     status: BeliefStatus
     history: MotionHistory
     remarks: tuple[str, ...] = ()
-    X_PO: FloatArray = dataclasses.field(default_factory=lambda: np.zeros((0, 3, 4)))
-    covariance: FloatArray = dataclasses.field(default_factory=lambda: np.zeros((0, 6, 6)))
-    probability: FloatArray = dataclasses.field(default_factory=lambda: np.zeros(0))
+    mixture: GaussianMixture = dataclasses.field(default_factory=GaussianMixture.empty)
     explains_touch: NDArray[np.bool_] = dataclasses.field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
-    modes: GaussianMixture = dataclasses.field(default_factory=GaussianMixture.empty)
+    modes: TrackedModes = dataclasses.field(default_factory=TrackedModes.empty)
     sources: tuple[str, ...] = ()
     p_PC: FloatArray = dataclasses.field(default_factory=lambda: np.zeros((0, 3)))
     touch_time: float = -np.inf
@@ -82,9 +79,24 @@ class PoseBelief:
         return self
 
     @property
+    def X_PO(self) -> FloatArray:
+        """The modes' poses, shape (n, 3, 4)."""
+        return self.mixture.X_PO
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Of the increments (w, v) from them, shape (n, 6, 6), rad and m."""
+        return self.mixture.covariance
+
+    @property
+    def probability(self) -> FloatArray:
+        """The modes' weights, shape (n,); they sum to 1."""
+        return self.mixture.weights
+
+    @property
     def has_pose(self) -> bool:
         """Whether there is a mode at all."""
-        return len(self.X_PO) > 0
+        return len(self.mixture) > 0
 
     @property
     def message(self) -> str:

@@ -11,7 +11,6 @@ from tactopose_drake.core.posterior.plausibility import explain_touch
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.belief_summary import summarise
 from tactopose_drake.core.tracking.frame import ContactReading, Frame, PoseMeasurement, read_contacts
-from tactopose_drake.core.tracking.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.tracking.measurement_update import MeasurementUpdate, update_modes
 from tactopose_drake.core.tracking.motion_prediction import (
     Motion,
@@ -23,6 +22,7 @@ from tactopose_drake.core.tracking.motion_prediction import (
 )
 from tactopose_drake.core.tracking.pose_belief import PoseBelief
 from tactopose_drake.core.tracking.relocalisation import add_proposals, choose_region, propose_modes
+from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tactopose_drake.core.tracking.vision_update import read_vision, update_with_vision
 from tactopose_drake.core.validation import instance_of
@@ -154,7 +154,7 @@ class PoseTracker:
         update: MeasurementUpdate | None,
         *,
         is_urgent: bool,
-    ) -> GaussianMixture:
+    ) -> TrackedModes:
         """The modes after the touch with those that a search finds; the latter alone where there were none."""
         modes = belief.modes if update is None else update.modes
         prior, generator = frame.evidence.prior, np.random.default_rng([self._params.seed, belief.searches])

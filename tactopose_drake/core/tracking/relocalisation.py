@@ -27,9 +27,9 @@ from tactopose_drake.core.shape.free_spin import turn_toward
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.contact_update import update_with_contacts
 from tactopose_drake.core.tracking.frame import ContactReading, PoseMeasurement
-from tactopose_drake.core.tracking.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.tracking.measurement_update import MeasurementUpdate
 from tactopose_drake.core.tracking.pose_belief import PoseBelief
+from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams, RelocalisationParams
 from tactopose_drake.core.validation import FloatArray
 
@@ -50,7 +50,7 @@ class SearchRegion(NamedTuple):
 
 def choose_region(
     belief: PoseBelief,
-    modes: GaussianMixture,
+    modes: TrackedModes,
     vision: PoseMeasurement | None,
     prior: GaussianPrior | None,
     params: PoseTrackerParams,
@@ -96,7 +96,7 @@ def propose_modes(
     reading: ContactReading,
     near: PoseMeasurement | None,
     generator: np.random.Generator,
-) -> GaussianMixture:
+) -> TrackedModes:
     """Modes that explain the touch, weighed among themselves and against predictions by the same touch.
 
     Args:
@@ -124,9 +124,9 @@ def propose_modes(
         model.size,
         params.mixture.max_modes,
     )
-    X_start = modes.X_PO[explain_touch(model, evidence, modes.X_PO)]
+    X_start = modes.mixture.X_PO[explain_touch(model, evidence, modes.mixture.X_PO)]
     if not len(X_start):
-        return GaussianMixture.empty(len(reading.sources))
+        return TrackedModes.empty(len(reading.sources))
 
     spread = np.asarray(np.linalg.inv(problem.space.information), dtype=np.float64)
     first = _refine_proposals(model, params, reading, _wide_priors(X_start, near, spread, reading), X_start)
@@ -138,22 +138,22 @@ def propose_modes(
 
 def _wide_priors(
     X_start: FloatArray, near: PoseMeasurement | None, spread: FloatArray, reading: ContactReading
-) -> GaussianMixture:
+) -> TrackedModes:
     """The Gaussian in which is searched, once for each start (n, 3, 4); or about each start one of a spread (6, 6)."""
     n = len(X_start)
     if near is None:
-        return GaussianMixture.independent(X_start, np.tile(spread, (n, 1, 1)), len(reading.sources))
+        return TrackedModes.independent(X_start, np.tile(spread, (n, 1, 1)), len(reading.sources))
     X_PO, covariance = np.tile(near.X_PO, (n, 1, 1)), np.tile(near.covariance, (n, 1, 1))
-    return GaussianMixture.independent(X_PO, covariance, len(reading.sources))
+    return TrackedModes.independent(X_PO, covariance, len(reading.sources))
 
 
 def _refine_proposals(
     model: ObjectModel,
     params: PoseTrackerParams,
     reading: ContactReading,
-    priors: GaussianMixture,
+    priors: TrackedModes,
     X_start: FloatArray,
-) -> GaussianMixture:
+) -> TrackedModes:
     """Modes near poses (n, 3, 4), of the touch with their priors."""
     # How rough the surface is where they touch is known once they have been there.
     roughness = np.zeros_like(priors.roughness)
@@ -173,7 +173,7 @@ def _refine_proposals(
     )
 
 
-def _beside(modes: GaussianMixture, params: PoseTrackerParams, size: float) -> FloatArray:
+def _beside(modes: TrackedModes, params: PoseTrackerParams, size: float) -> FloatArray:
     """Poses (4 n, 3, 4) at both sides of modes, along the two directions in which each is widest.
 
     A wide mode may hide others, which the search found alike or not at all.
@@ -186,7 +186,7 @@ def _beside(modes: GaussianMixture, params: PoseTrackerParams, size: float) -> F
     return np.concatenate([retract(modes.X_PO, increment) for increment in increments])
 
 
-def add_proposals(update: MeasurementUpdate, proposed: GaussianMixture, region: SearchRegion) -> GaussianMixture:
+def add_proposals(update: MeasurementUpdate, proposed: TrackedModes, region: SearchRegion) -> TrackedModes:
     """The modes and those that were proposed by the same touch, with what the best has felt before.
 
     Args:

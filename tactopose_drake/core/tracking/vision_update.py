@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from tactopose_drake.core.poses import increments_between, retract
 from tactopose_drake.core.tracking.frame import ContactReading, PoseMeasurement
-from tactopose_drake.core.tracking.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.tracking.motion_prediction import MotionHistory
 from tactopose_drake.core.tracking.pose_belief import VisionRecord
+from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import VisionParams
 from tactopose_drake.core.validation import FloatArray
 
@@ -59,12 +59,12 @@ def read_vision(
 
 
 def update_with_vision(
-    modes: GaussianMixture,
+    modes: TrackedModes,
     reading: ContactReading,
     measurement: PoseMeasurement,
     record: VisionRecord,
     params: VisionParams,
-) -> tuple[GaussianMixture, VisionRecord, bool]:
+) -> tuple[TrackedModes, VisionRecord, bool]:
     """The modes with what vision says now, the record of it, and whether the best mode takes it for an outlier.
 
     Where there is no mode, and no contact that could say more, vision makes one.
@@ -77,13 +77,13 @@ def update_with_vision(
     elif reading.has_contact:
         return modes, record, False
     else:
-        modes = GaussianMixture.independent(measurement.X_PO[None], measurement.covariance[None], len(reading.sources))
+        modes = TrackedModes.independent(measurement.X_PO[None], measurement.covariance[None], len(reading.sources))
     return modes, dataclasses.replace(record, accepted_time=measurement.time), False
 
 
 def update_with_pose(
-    modes: GaussianMixture, measurement: PoseMeasurement, log_outlier: float
-) -> tuple[GaussianMixture, NDArray[np.bool_]]:
+    modes: TrackedModes, measurement: PoseMeasurement, log_outlier: float
+) -> tuple[TrackedModes, NDArray[np.bool_]]:
     """The modes after a measurement of the pose, a Kalman update of each for which it is no outlier.
 
     Args:

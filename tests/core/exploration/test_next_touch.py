@@ -14,7 +14,7 @@ from tactopose_drake.core.exploration.next_touch import (
     predict,
 )
 from tactopose_drake.core.poses import exp_so3, make_poses
-from tactopose_drake.core.posterior.pose_modes import PoseModes
+from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import InvalidInputError
 
@@ -31,10 +31,10 @@ def mug() -> ObjectModel:
     return ObjectModel.from_mesh(mesh, symmetry="none", max_grid_bytes=8_000_000, samples=300)
 
 
-def spins(*angles: float, probability: list[float] | None = None) -> PoseModes:
+def spins(*angles: float, probability: list[float] | None = None) -> GaussianMixture:
     X = make_poses(exp_so3(np.array([[0.0, 0.0, angle] for angle in angles])), np.zeros((len(angles), 3)))
     share = np.ones(len(angles)) if probability is None else np.array(probability)
-    return PoseModes(X, share, np.tile(COVARIANCE, (len(angles), 1, 1)))
+    return GaussianMixture(X, share / share.sum(), np.tile(COVARIANCE, (len(angles), 1, 1)))
 
 
 def inward(*angles: float, height: float = 0.0) -> GuardedMoves:
@@ -44,7 +44,7 @@ def inward(*angles: float, height: float = 0.0) -> GuardedMoves:
 
 
 def simulated_information(
-    model: ObjectModel, belief: PoseModes, moves: GuardedMoves, noise: TouchNoise, draws: int
+    model: ObjectModel, belief: GaussianMixture, moves: GuardedMoves, noise: TouchNoise, draws: int
 ) -> np.ndarray:
     """Mutual information of mode and touch by Monte Carlo of the predicted Gaussians, for motions that always hit."""
     generator = np.random.default_rng(0)
@@ -53,11 +53,11 @@ def simulated_information(
     for m in range(len(moves)):
         factor, precision = np.linalg.cholesky(covariance[:, m]), np.linalg.inv(covariance[:, m])
         log_scale = -0.5 * np.linalg.slogdet(covariance[:, m])[1]
-        for i, weight in enumerate(belief.probability):
+        for i, weight in enumerate(belief.weights):
             z = mean[i, m] + generator.normal(size=(draws, mean.shape[2])) @ factor[i].T
             off = z[:, None] - mean[None, :, m]
             log_density = log_scale - 0.5 * np.einsum("dni,nij,dnj->dn", off, precision, off)
-            log_all = np.logaddexp.reduce(log_density + np.log(belief.probability), axis=1)
+            log_all = np.logaddexp.reduce(log_density + np.log(belief.weights), axis=1)
             gained[m] += weight * np.mean(log_density[:, i] - log_all)
     return gained
 
@@ -126,6 +126,14 @@ def test_the_best_allowed_motion_is_chosen(mug: ObjectModel) -> None:
     assert found.information == found.value["ring"].max()
     assert found.expected_entropy == pytest.approx(np.log(2) - found.information)
     assert found.allowed["little"].all()
+
+
+def test_a_belief_without_a_mode_is_refused(mug: ObjectModel) -> None:
+    nothing, contacts = GaussianMixture.empty(), Contacts(HELD)
+    with pytest.raises(InvalidInputError, match="belief: has no mode"):
+        choose_touch(mug, contacts, NAMES, nothing, {"ring": inward(np.pi)}, friction=0.7)
+    with pytest.raises(InvalidInputError, match="belief: has no mode"):
+        is_allowed(mug, contacts, NAMES, nothing, "ring", inward(np.pi), friction=0.7)
 
 
 def test_a_finger_that_is_needed_stays(mug: ObjectModel) -> None:

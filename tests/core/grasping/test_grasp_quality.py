@@ -7,8 +7,8 @@ import trimesh
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.grasping.quality import force_closure_probability, grasp_quality, lever, on_surface
-from tactopose_drake.core.poses import compose, exp_so3, inverse, make_poses, random_rotations, transform_points
-from tactopose_drake.core.posterior.pose_modes import PoseModes
+from tactopose_drake.core.poses import inverse, make_poses, random_rotations, transform_points
+from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
 from tactopose_drake.estimation.estimate import estimate_pose
@@ -150,7 +150,7 @@ def test_the_probability_is_the_share_of_the_poses_with_force_closure(box: Objec
     bad = make_poses(np.eye(3)[None], np.array([[-0.2, 0.0, 0.0]]))[0]
     contacts = Contacts(P_OC)
     assert not grasp_quality(box, contacts, bad, friction=0.6).force_closure
-    belief = PoseModes(np.array([good, bad]), np.array([0.7, 0.3]), np.tile(1e-12 * np.eye(6), (2, 1, 1)))
+    belief = GaussianMixture(np.array([good, bad]), np.array([0.7, 0.3]), np.tile(1e-12 * np.eye(6), (2, 1, 1)))
     found = force_closure_probability(box, contacts, belief, friction=0.6, samples=400)
     assert abs(found.value - 0.7) < 4 * found.standard_error
     assert found.standard_error == pytest.approx(np.sqrt(0.21 / 400), rel=0.1)
@@ -166,7 +166,7 @@ def test_the_less_is_known_the_less_sure_it_is(box: ObjectModel) -> None:
         force_closure_probability(
             box,
             contacts,
-            PoseModes(np.eye(3, 4)[None], np.ones(1), np.diag([1e-12] * 3 + [sigma**2] * 3)[None]),
+            GaussianMixture(np.eye(3, 4)[None], np.ones(1), np.diag([1e-12] * 3 + [sigma**2] * 3)[None]),
             friction=0.5,
             samples=300,
         ).value
@@ -192,30 +192,13 @@ def test_impossible_arguments_are_refused(box: ObjectModel) -> None:
         grasp_quality(box, contacts, X, friction=0.5, norm="L2")  # type: ignore[arg-type]
     with pytest.raises(UnknownNameError, match="'gravity' is unknown"):
         grasp_quality(box, contacts, X, friction=0.5, task="gravity")  # type: ignore[arg-type]
-    belief = PoseModes(X[None], np.ones(1), np.zeros((1, 6, 6)))
+    belief = GaussianMixture(X[None], np.ones(1), np.zeros((1, 6, 6)))
     with pytest.raises(InvalidInputError, match="seed: is -1; allowed are integers >= 0"):
         force_closure_probability(box, contacts, belief, friction=0.5, seed=-1)
     with pytest.raises(InvalidInputError, match="samples: is 0"):
         force_closure_probability(box, contacts, belief, friction=0.5, samples=0)
-
-
-def test_a_belief_samples_its_mixture() -> None:
-    generator = np.random.default_rng(0)
-    root = generator.normal(size=(6, 6)) * np.repeat([0.05, 0.01], 3)[:, None]
-    X = make_poses(exp_so3(np.array([[0.0, 0, 0], [0, 0, 2.0]])), np.array([[0.0, 0, 0], [0.5, 0, 0]]))
-    belief = PoseModes(X, [3.0, 1.0], np.array([root @ root.T, np.zeros((6, 6))]))  # type: ignore[arg-type]
-    np.testing.assert_allclose(belief.probability, [0.75, 0.25])
-    assert belief.entropy == pytest.approx(-0.75 * np.log(0.75) - 0.25 * np.log(0.25))
-    assert list(belief.likely(0.3)) == [0]
-    assert list(belief.likely(0.9)) == [0]
-    drawn = belief.sample(4000, generator)
-    second = np.all(np.isclose(drawn, X[1]), axis=(1, 2))
-    assert abs(second.mean() - 0.25) < 0.03
-    p = drawn[~second][:, :, 3]
-    assert np.allclose(np.cov(p.T), (root @ root.T)[3:, 3:], rtol=0.15, atol=2e-5)
-    assert np.allclose(compose(X[1], inverse(drawn[second][0])), np.eye(3, 4))
-    with pytest.raises(InvalidInputError, match="probability"):
-        PoseModes(X, np.zeros(2), np.zeros((2, 6, 6)))
+    with pytest.raises(InvalidInputError, match="belief: has no mode"):
+        force_closure_probability(box, contacts, GaussianMixture.empty(), friction=0.5)
 
 
 def test_an_estimate_says_what_is_believed() -> None:
@@ -224,7 +207,7 @@ def test_an_estimate_says_what_is_believed() -> None:
     estimate = estimate_pose(model, Contacts(P_OC, n_OC), prior=GaussianPrior(np.eye(3, 4), 0.005, 0.1))
     belief = estimate.modes
     assert len(belief) == len(estimate.hypotheses)
-    np.testing.assert_allclose(belief.probability, [hypothesis.probability for hypothesis in estimate.hypotheses])
+    np.testing.assert_allclose(belief.weights, [hypothesis.probability for hypothesis in estimate.hypotheses])
     np.testing.assert_allclose(belief.X_PO[0], estimate.best.X_PO.GetAsMatrix34())
     np.testing.assert_allclose(belief.covariance[0], estimate.best.covariance)
     assert force_closure_probability(model, Contacts(P_OC), belief, friction=0.6, samples=50).value > 0.9

@@ -5,10 +5,12 @@ import pytest
 
 from tactopose_drake.core.objectives.objective import LeastSquaresObjective, NormalEquations, form_normal_equations
 from tactopose_drake.core.poses import exp_so3, increments_between, make_poses, retract
-from tactopose_drake.core.posterior.belief_sampling import BeliefSampling
+from tactopose_drake.core.posterior.belief_sampling import weigh_modes
+from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.posterior.hypotheses import Modes
 from tactopose_drake.core.posterior.mode_moments import toward_the_mean, weigh_moments
 from tactopose_drake.core.posterior.posterior import Posterior
+from tactopose_drake.core.posterior.posterior_params import PosteriorParams, SamplingParams
 from tactopose_drake.core.validation import FloatArray
 
 SIGMAS = np.array([0.03, 0.02, 0.05, 0.001, 0.002, 0.0015])
@@ -41,15 +43,23 @@ class Valley(LeastSquaresObjective):
         return form_normal_equations(*self.residuals_and_jacobian(X_PO))
 
 
-def posterior(valley: Valley, exact: object = None, turns: tuple[FloatArray, FloatArray] = NO_TURNS) -> Posterior:
+def posterior(
+    valley: Valley,
+    exact: object = None,
+    turns: tuple[FloatArray, FloatArray] = NO_TURNS,
+    samples: int = 128,
+    tiles: int = 16,
+) -> Posterior:
     cost = valley.cost if exact is None else exact
-    return Posterior(valley, valley, cost, turns, np.eye(6) / 1.7, np.eye(3, 4)[None], 0.15, 0.001)  # type: ignore[arg-type]
+    params = PosteriorParams(sampling=SamplingParams(samples=samples, tiles=tiles))
+    return Posterior(valley, valley, cost, turns, np.eye(6) / 1.7, np.eye(3, 4)[None], 0.15, 0.001, params)  # type: ignore[arg-type]
 
 
 def modes(valley: Valley, X_PO: FloatArray) -> Modes:
     count = len(X_PO)
     covariance = np.linalg.inv(valley.normal_equations(X_PO).hessian + 1e-9 * np.eye(6))
-    return Modes(X_PO, valley.cost(X_PO), np.full(count, 1 / count), covariance, (np.empty((0, 6)),) * count, 0.0)
+    mixture = GaussianMixture(X_PO, np.full(count, 1 / count), covariance)
+    return Modes(mixture, valley.cost(X_PO), (np.empty((0, 6)),) * count, 0.0)
 
 
 def pose() -> FloatArray:
@@ -58,11 +68,11 @@ def pose() -> FloatArray:
 
 def test_a_gaussian_comes_back_as_it_was() -> None:
     valley = Valley(pose(), SIGMAS)
-    found = BeliefSampling(samples=8000).weigh(modes(valley, pose()[None]), posterior(valley), np.random.default_rng(0))
-    np.testing.assert_allclose(np.sqrt(np.diag(found.covariance[0])), SIGMAS, rtol=0.06)
-    whitened = found.covariance[0] / np.outer(SIGMAS, SIGMAS)
+    found = weigh_modes(modes(valley, pose()[None]), posterior(valley, samples=8000), np.random.default_rng(0))
+    np.testing.assert_allclose(np.sqrt(np.diag(found.mixture.covariance[0])), SIGMAS, rtol=0.06)
+    whitened = found.mixture.covariance[0] / np.outer(SIGMAS, SIGMAS)
     np.testing.assert_allclose(whitened, np.eye(6), atol=0.1)
-    assert found.probability[0] == pytest.approx(1.0)
+    assert found.mixture.weights[0] == pytest.approx(1.0)
 
 
 def test_the_exact_cost_counts_and_not_the_smooth_one() -> None:
@@ -70,13 +80,13 @@ def test_the_exact_cost_counts_and_not_the_smooth_one() -> None:
     other = SIGMAS * np.array([1, 0.5, 1, 1, 1, 1])
     beside = np.array([0, 0, 0, 0, SIGMAS[4], 0])
     smooth, exact = Valley(pose(), SIGMAS), Valley(retract(pose(), beside), other)
-    found = BeliefSampling(samples=8000).weigh(
-        modes(smooth, pose()[None]), posterior(smooth, exact.cost), np.random.default_rng(0)
+    found = weigh_modes(
+        modes(smooth, pose()[None]), posterior(smooth, exact.cost, samples=8000), np.random.default_rng(0)
     )
-    spread = np.sqrt(np.diag(found.covariance[0]))
+    spread = np.sqrt(np.diag(found.mixture.covariance[0]))
     np.testing.assert_allclose(spread[[0, 1, 2, 3, 5]], other[[0, 1, 2, 3, 5]], rtol=0.08)
     # The pose goes three quarters of the way, which the smooth cost allows; what is left of it counts as spread.
-    moved = increments_between(pose(), found.X_PO[0]) / SIGMAS
+    moved = increments_between(pose(), found.mixture.X_PO[0]) / SIGMAS
     np.testing.assert_allclose(moved, [0, 0, 0, 0, 0.75, 0], atol=0.05)
     assert found.cost[0] == pytest.approx(0.5 * 0.75**2, abs=0.03)
     assert spread[4] == pytest.approx(math.hypot(1.0, 0.25) * SIGMAS[4], rel=0.08)
@@ -87,12 +97,12 @@ def test_the_pose_is_the_mean_as_far_as_it_explains_the_touch() -> None:
     u = SIGMAS * np.array([1, 1, 0, 1, 1, 1]) / math.sqrt(5.0)
     for share, allowed in ((0.6, 1.0), (1.0, 0.75), (1.4, 0.5), (2.8, 0.25), (4.0, 0.0)):
         smooth, exact = Valley(pose(), SIGMAS), Valley(retract(pose(), share * u), SIGMAS)
-        found = BeliefSampling(samples=4000).weigh(
-            modes(smooth, pose()[None]), posterior(smooth, exact.cost), np.random.default_rng(0)
+        found = weigh_modes(
+            modes(smooth, pose()[None]), posterior(smooth, exact.cost, samples=4000), np.random.default_rng(0)
         )
-        moved = increments_between(pose(), found.X_PO[0])
+        moved = increments_between(pose(), found.mixture.X_PO[0])
         np.testing.assert_allclose(moved / SIGMAS, allowed * share * u / SIGMAS, atol=0.1)
-        assert found.cost[0] == pytest.approx(smooth.cost(found.X_PO)[0], abs=1e-12)
+        assert found.cost[0] == pytest.approx(smooth.cost(found.mixture.X_PO)[0], abs=1e-12)
         assert found.cost[0] <= 0.3
 
 
@@ -104,7 +114,7 @@ def test_the_spread_is_about_the_pose_wherever_it_ends(count: int) -> None:
     normal = np.random.default_rng(1).normal(size=(count, 6)) + np.array([0.9, 0, 0, 0, 0, 0])
     X_PO, weights = retract(pose(), 0.5 * normal * SIGMAS), np.ones((count, 1))
     moments = weigh_moments(pose()[None], X_PO, weights)
-    moved, _, second = toward_the_mean(start.X_PO, start.cost, start.covariance, moments, valley)
+    moved, _, second = toward_the_mean(start.mixture.X_PO, start.cost, start.mixture.covariance, moments, valley)
     share = increments_between(pose(), moved[0])[0] / moments.first[0, 0]
     assert share == pytest.approx(0.0) if count == 15 else 0.1 < share < 1.0
     scale = np.outer(SIGMAS, SIGMAS)
@@ -126,15 +136,16 @@ def test_the_masses_are_those_of_the_exact_posterior() -> None:
 
     X_PO = np.stack([first.X_PO, second.X_PO])
     covariance = np.stack([np.diag(SIGMAS**2), np.diag(SIGMAS**2)])
-    start = Modes(X_PO, np.array([0.0, 1.0]), np.array([0.9, 0.1]), covariance, (np.empty((0, 6)),) * 2, 0.0)
-    found = BeliefSampling(samples=8000, tiles=20).weigh(
-        start, posterior(Nearest(pose(), SIGMAS), both), np.random.default_rng(0)
+    mixture = GaussianMixture(X_PO, np.array([0.9, 0.1]), covariance)
+    start = Modes(mixture, np.array([0.0, 1.0]), (np.empty((0, 6)),) * 2, 0.0)
+    found = weigh_modes(
+        start, posterior(Nearest(pose(), SIGMAS), both, samples=8000, tiles=20), np.random.default_rng(0)
     )
     expected = math.exp(-1.0) * 1.3**6 / (1.0 + math.exp(-1.0) * 1.3**6)
-    is_second = np.abs(found.X_PO[:, 0, 3] - second.X_PO[0, 3]) < 0.05
+    is_second = np.abs(found.mixture.X_PO[:, 0, 3] - second.X_PO[0, 3]) < 0.05
     assert is_second.sum() == 1
-    assert found.probability[is_second][0] == pytest.approx(expected, rel=0.1)
-    assert np.all(np.diff(found.probability) <= 0)
+    assert found.mixture.weights[is_second][0] == pytest.approx(expected, rel=0.1)
+    assert np.all(np.diff(found.mixture.weights) <= 0)
 
 
 def test_a_bent_valley_is_as_long_as_it_is() -> None:
@@ -143,7 +154,7 @@ def test_a_bent_valley_is_as_long_as_it_is() -> None:
     valley = Valley(np.eye(3, 4), sigmas, bend=0.1)
     start = modes(valley, np.eye(3, 4)[None])
     found = [
-        BeliefSampling(samples=4000).weigh(start, posterior(valley), np.random.default_rng(seed)).covariance[0]
+        weigh_modes(start, posterior(valley, samples=4000), np.random.default_rng(seed)).mixture.covariance[0]
         for seed in range(10)
     ]
     turn = np.random.default_rng(1).normal(size=200_000) * sigmas[2]
@@ -151,7 +162,7 @@ def test_a_bent_valley_is_as_long_as_it_is() -> None:
     expected = np.sqrt(np.mean(arc**2, axis=1) + np.array([0.0, 1e-6, 1e-6]))
     np.testing.assert_allclose(np.sqrt(np.diag(np.mean(found, axis=0)))[2:5], expected, rtol=0.1)
     # Laplace's approximation knows nothing of the way across the tangent.
-    assert np.sqrt(start.covariance[0, 3, 3]) < 0.3 * expected[1]
+    assert np.sqrt(start.mixture.covariance[0, 3, 3]) < 0.3 * expected[1]
 
 
 def test_a_turn_that_changes_nothing_is_reported_as_that_and_does_not_cost_samples() -> None:
@@ -167,24 +178,23 @@ def test_a_turn_that_changes_nothing_is_reported_as_that_and_does_not_cost_sampl
 
     valley = Round(X, SIGMAS)
     start = modes(valley, X[None])
-    start.covariance[:] = np.linalg.inv(valley.normal_equations(X[None]).hessian + np.diag([0, 0, 1 / 1.7, 0, 0, 0]))
-    found = BeliefSampling(samples=6000).weigh(start, posterior(valley, turns=(axis, point)), np.random.default_rng(0))
+    held = np.diag([0, 0, 1 / 1.7, 0, 0, 0])
+    start.mixture.covariance[:] = np.linalg.inv(valley.normal_equations(X[None]).hessian + held)
+    found = weigh_modes(start, posterior(valley, turns=(axis, point), samples=6000), np.random.default_rng(0))
     turn = np.concatenate([axis[0], -X[:, :3] @ np.cross(axis[0], point[0])])
-    information = np.linalg.inv(found.covariance[0])
+    information = np.linalg.inv(found.mixture.covariance[0])
     assert 1.0 / (turn @ information @ turn) == pytest.approx(1.7, rel=0.05)
     # The middle's place is as certain as it is told.
     shift = np.concatenate([-X[:, :3] @ np.array([[0, 0, 0], [0, 0, -0.02], [0, 0.02, 0]]), np.eye(3)], axis=1)
-    np.testing.assert_allclose(np.sqrt(np.diag(shift @ found.covariance[0] @ shift.T)), 0.001, rtol=0.1)
+    np.testing.assert_allclose(np.sqrt(np.diag(shift @ found.mixture.covariance[0] @ shift.T)), 0.001, rtol=0.1)
 
 
 def test_where_no_sample_counts_the_modes_stay_as_they_were() -> None:
     valley = Valley(pose(), SIGMAS)
     start = modes(valley, pose()[None])
-    found = BeliefSampling().weigh(
-        start, posterior(valley, lambda X_PO: np.full(len(X_PO), 1e9)), np.random.default_rng(0)
-    )
-    np.testing.assert_array_equal(found.covariance, start.covariance)
-    np.testing.assert_array_equal(found.X_PO, start.X_PO)
+    found = weigh_modes(start, posterior(valley, lambda X_PO: np.full(len(X_PO), 1e9)), np.random.default_rng(0))
+    np.testing.assert_array_equal(found.mixture.covariance, start.mixture.covariance)
+    np.testing.assert_array_equal(found.mixture.X_PO, start.mixture.X_PO)
 
 
 def test_the_worth_of_samples_is_their_number_where_they_weigh_the_same() -> None:

@@ -46,20 +46,20 @@ def test_poses_that_a_symmetry_joins_are_one_mode() -> None:
 def test_probabilities_follow_cost_and_volume() -> None:
     X_PO = retract(np.eye(3, 4), np.array([[0.0] * 6, [0, 0, 0, 0.05, 0, 0]]))
     equal = modes(X_PO, [1.0, 1.0])
-    np.testing.assert_allclose(equal.probability, [0.5, 0.5])
+    np.testing.assert_allclose(equal.mixture.weights, [0.5, 0.5])
     one_better = modes(X_PO, [1.0, 2.0])
-    np.testing.assert_allclose(one_better.probability[0] / one_better.probability[1], math.e)
+    np.testing.assert_allclose(one_better.mixture.weights[0] / one_better.mixture.weights[1], math.e)
     # Four times the information halves a standard deviation, and with it the volume under the peak.
     touch = np.stack([INFORMATION, INFORMATION])
     touch[1, 0, 0] *= 4.0
     narrow = find_modes(found(X_PO, [1.0, 1.0]), touch, np.zeros((2, 6, 6)), identity_poses(1), SIZE, 64)
-    np.testing.assert_allclose(narrow.probability, [2 / 3, 1 / 3])
-    np.testing.assert_allclose(narrow.covariance[0], np.linalg.inv(INFORMATION))
+    np.testing.assert_allclose(narrow.mixture.weights, [2 / 3, 1 / 3])
+    np.testing.assert_allclose(narrow.mixture.covariance[0], np.linalg.inv(INFORMATION))
 
 
 def test_a_far_worse_pose_has_no_weight_and_no_overflow() -> None:
     X_PO = retract(np.eye(3, 4), np.array([[0.0] * 6, [0, 0, 0, 0.05, 0, 0]]))
-    np.testing.assert_array_equal(modes(X_PO, [1e5, 2e5]).probability, [1.0, 0.0])
+    np.testing.assert_array_equal(modes(X_PO, [1e5, 2e5]).mixture.weights, [1.0, 0.0])
 
 
 @pytest.mark.parametrize("axis", range(6))
@@ -115,9 +115,9 @@ def test_what_doubles_cannot_hold_side_by_side_is_finite() -> None:
     prior = np.tile(1e-6 * np.eye(6), (20, 1, 1))
     assert not np.isfinite(inverses(touch + prior)[1]).all()
     far_apart = find_modes(found(X_PO, [1.0] * 20), touch, prior, identity_poses(1), SIZE, 64)
-    assert np.isfinite(far_apart.covariance).all()
-    assert np.isfinite(far_apart.probability).all()
+    assert np.isfinite(far_apart.mixture.covariance).all()
+    assert np.isfinite(far_apart.mixture.weights).all()
     assert math.isfinite(far_apart.log_mass)
-    values = np.linalg.eigvalsh(far_apart.covariance)
+    values = np.linalg.eigvalsh(far_apart.mixture.covariance)
     assert (values[:, 0] > -1e-12 * values[:, -1]).all()
     assert (values[:, -1] > 1e6 * values[:, -2]).all()  # What the touch leaves free is still much less certain.

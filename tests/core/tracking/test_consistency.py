@@ -2,15 +2,15 @@ import numpy as np
 
 from tactopose_drake.core.tracking.consistency import are_inconsistent, record_innovations
 from tactopose_drake.core.tracking.contact_update import ContactUpdate
-from tactopose_drake.core.tracking.gaussian_mixture import GaussianMixture
+from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import ConsistencyParams
 
 PARAMS = ConsistencyParams()
 P = np.diag(np.repeat([1e-4, 1e-6], 3))[None]
 
 
-def make_modes() -> GaussianMixture:
-    return GaussianMixture.independent(np.eye(3, 4)[None], P, 1)
+def make_modes() -> TrackedModes:
+    return TrackedModes.independent(np.eye(3, 4)[None], P, 1)
 
 
 def update(step: np.ndarray, nis: float = 3.0) -> ContactUpdate:
@@ -26,7 +26,7 @@ def test_corrections_all_one_way_are_a_slip_and_those_to_and_fro_are_none() -> N
         for _ in range(20):
             # Each prediction is where the last one was.
             modes = record_innovations(modes, update(step), 3, PARAMS)
-            modes = GaussianMixture(np.eye(3, 4)[None], P, *list(vars(modes).values())[2:])
+            modes = TrackedModes(np.eye(3, 4)[None], P, *list(vars(modes).values())[2:])
             step = sign * step
         assert are_inconsistent(modes, PARAMS)[0] == slips
 
@@ -44,5 +44,5 @@ def test_a_direction_that_seems_to_have_shrunk_is_consistent() -> None:
     for i in range(20):
         wider = update(np.array([1e-5 * (-1.0) ** i, 0.0, 0.0]))._replace(covariance=1.5 * P)
         modes = record_innovations(modes, wider, 3, PARAMS)
-        modes = GaussianMixture(np.eye(3, 4)[None], P, *list(vars(modes).values())[2:])
+        modes = TrackedModes(np.eye(3, 4)[None], P, *list(vars(modes).values())[2:])
     assert not are_inconsistent(modes, PARAMS)[0]

@@ -9,7 +9,7 @@ from tactopose_drake.core.poses import exp_so3, increments_between, make_poses, 
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.contact_update import BiasModel, ContactUpdate, update_with_contacts
 from tactopose_drake.core.tracking.frame import ContactReading
-from tactopose_drake.core.tracking.gaussian_mixture import GaussianMixture
+from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tests.core.tracking.boxes import SIGMA_NORMAL, SIGMA_POSITION, draw_biases, make_box, n_OC, p_OC, touch
 
@@ -28,7 +28,7 @@ def update_modes(model, contacts, source, bias, X, P, C, roughness) -> ContactUp
         surface_normal_deg=math.degrees(bias.surface[1]),
     )
     even = np.zeros(len(X))
-    modes = GaussianMixture.make(X, P, C, roughness, even, even)
+    modes = TrackedModes.make(X, P, C, roughness, even, even)
     names = tuple(map(str, range(roughness.shape[1])))
     return update_with_contacts(model, params, ContactReading(contacts, source, names, True), modes)
 

@@ -8,7 +8,6 @@ from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.poses import random_rotations, retract
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.frame import ContactReading
-from tactopose_drake.core.tracking.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.tracking.measurement_update import (
     MeasurementUpdate,
     average_likelihood,
@@ -17,6 +16,7 @@ from tactopose_drake.core.tracking.measurement_update import (
     update_modes,
     weight_of_a_frame,
 )
+from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import ForgettingParams, PoseTrackerParams
 from tests.core.tracking.boxes import SIGMA_NORMAL, SIGMA_POSITION, make_box, n_OC, p_OC, touch
 
@@ -31,11 +31,11 @@ def box() -> ObjectModel:
     return make_box()
 
 
-def make_modes(covariance: np.ndarray) -> GaussianMixture:
-    return GaussianMixture.independent(np.tile(np.eye(3, 4), (len(covariance), 1, 1)), covariance, 6)
+def make_modes(covariance: np.ndarray) -> TrackedModes:
+    return TrackedModes.independent(np.tile(np.eye(3, 4), (len(covariance), 1, 1)), covariance, 6)
 
 
-def make_rough_modes(roughness: float) -> GaussianMixture:
+def make_rough_modes(roughness: float) -> TrackedModes:
     """Two modes that know of the biases what an update would tell them, on a surface of a roughness in HAND's unit."""
     generator = np.random.default_rng(0)
     own = np.tile(np.repeat(HAND * (1.0 + roughness), 3), SOURCES)
@@ -44,7 +44,7 @@ def make_rough_modes(roughness: float) -> GaussianMixture:
     joint[:, 6:, 6:] = np.diag(own)
     X_PO = np.concatenate([random_rotations(generator, 2), np.zeros((2, 3, 1))], axis=2)
     rough = np.tile(roughness * HAND, (2, SOURCES, 1))
-    return GaussianMixture.make(X_PO, joint[:, :6, :6], 0.3 * joint[:, :6, 6:], rough, np.zeros(2), np.zeros(2))
+    return TrackedModes.make(X_PO, joint[:, :6, :6], 0.3 * joint[:, :6, 6:], rough, np.zeros(2), np.zeros(2))
 
 
 def update_often(box: ObjectModel, frames: int, forgetting_time: float = 1e9) -> MeasurementUpdate:
@@ -53,7 +53,7 @@ def update_often(box: ObjectModel, frames: int, forgetting_time: float = 1e9) ->
     generator = np.random.default_rng(0)
     X_start = np.stack([retract(X_PO, np.array([0, 0, 0, 0.004, 0, 0.0])), X_PO])
     covariance = np.tile(np.diag(np.repeat([0.02**2, 0.001**2], 3)), (2, 1, 1))
-    modes = GaussianMixture.independent(X_start, covariance, 6)
+    modes = TrackedModes.independent(X_start, covariance, 6)
     for _ in range(frames):
         reading = ContactReading(touch(X_PO, generator), np.arange(6), tuple("abcdef"), True)
         update = update_modes(box, params, reading, modes, 0.01)
@@ -69,7 +69,7 @@ def test_the_right_mode_comes_first(box: ObjectModel) -> None:
 
 def test_a_mode_that_the_touch_contradicts_is_inconsistent_and_tested_anew(box: ObjectModel) -> None:
     P = np.diag(np.repeat([0.002**2, 0.0002**2], 3))[None]
-    modes = GaussianMixture.independent(retract(X_PO, np.array([0, 0, 0, 0.01, 0, 0.0]))[None], P, 6)
+    modes = TrackedModes.independent(retract(X_PO, np.array([0, 0, 0, 0.01, 0, 0.0]))[None], P, 6)
     reading = ContactReading(touch(X_PO, np.random.default_rng(0)), np.arange(6), tuple("abcdef"), True)
     update = update_modes(box, PoseTrackerParams(), reading, modes, 0.01)
     assert update.is_inconsistent
@@ -132,7 +132,7 @@ def test_what_is_known_far_better_than_the_touch_tells_stays(box: ObjectModel) -
     assert eigh(wider[1], wide, eigvals_only=True).max() > 1.15
 
 
-def joint_covariance(modes: GaussianMixture) -> np.ndarray:
+def joint_covariance(modes: TrackedModes) -> np.ndarray:
     own = np.repeat(HAND + modes.roughness, 3, axis=2).reshape(len(modes), -1)
     joint = np.zeros((len(modes), 6 + own.shape[1], 6 + own.shape[1]))
     joint[:, :6, :6], joint[:, :6, 6:] = modes.covariance, modes.cross_covariance

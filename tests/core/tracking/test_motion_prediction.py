@@ -12,7 +12,6 @@ from tactopose_drake.core.poses import (
     retract,
 )
 from tactopose_drake.core.tracking.frame import PoseMeasurement
-from tactopose_drake.core.tracking.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.tracking.motion_prediction import (
     Motion,
     MotionHistory,
@@ -22,6 +21,7 @@ from tactopose_drake.core.tracking.motion_prediction import (
     predict_modes,
     predict_poses,
 )
+from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import MotionNoise
 from tactopose_drake.errors import InvalidInputError
 from tests.core.tracking.boxes import n_OC, p_OC
@@ -194,7 +194,7 @@ def test_what_is_older_than_the_memory_is_forgotten() -> None:
 
 
 def test_what_is_no_knowledge_any_more_does_not_grow() -> None:
-    modes = GaussianMixture.independent(random_pose(3)[None], COVARIANCE[None], 1)
+    modes = TrackedModes.independent(random_pose(3)[None], COVARIANCE[None], 1)
     motion = Motion(np.zeros(6), np.diag(np.repeat([9.0, 4.0], 3)))
     for _ in range(3):
         modes = predict_modes(modes, motion, 0.3)

@@ -8,16 +8,16 @@ from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.poses import increments_between, retract
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.frame import ContactReading, PoseMeasurement
-from tactopose_drake.core.tracking.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.tracking.measurement_update import MeasurementUpdate, average_likelihood, update_modes
 from tactopose_drake.core.tracking.motion_prediction import MotionHistory
 from tactopose_drake.core.tracking.pose_belief import PoseBelief
 from tactopose_drake.core.tracking.relocalisation import SearchRegion, add_proposals, choose_region
+from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tests.core.tracking.boxes import make_box, touch
 
 ELSEWHERE = np.eye(3, 4) + np.array([[0, 0, 0, 0.1], [0, 0, 0, 0], [0, 0, 0, 0]])
-MODES = GaussianMixture.independent(np.eye(3, 4)[None], 1e-6 * np.eye(6)[None], 0)
+MODES = TrackedModes.independent(np.eye(3, 4)[None], 1e-6 * np.eye(6)[None], 0)
 PARAMS = PoseTrackerParams()
 # Touched and explained until now.
 BELIEF = PoseBelief(
@@ -25,7 +25,7 @@ BELIEF = PoseBelief(
 )
 
 
-def choose(belief: PoseBelief = BELIEF, modes: GaussianMixture = MODES, is_urgent: bool = False) -> SearchRegion:
+def choose(belief: PoseBelief = BELIEF, modes: TrackedModes = MODES, is_urgent: bool = False) -> SearchRegion:
     return choose_region(belief, modes, None, None, PARAMS, is_urgent=is_urgent)
 
 
@@ -61,7 +61,7 @@ def test_after_a_while_without_touch_it_searches_over_the_spread_of_the_predicti
 def test_vision_and_a_prior_say_where() -> None:
     seen = PoseMeasurement.from_prior(GaussianPrior(ELSEWHERE), 5.0)
     assert choose_region(BELIEF, MODES, seen, None, PARAMS, is_urgent=False).near is seen
-    none = GaussianMixture.empty()
+    none = TrackedModes.empty()
     assert choose(modes=none).near is None
     near = choose_region(BELIEF, none, None, GaussianPrior(ELSEWHERE), PARAMS, is_urgent=True).near
     assert near is not None
@@ -78,7 +78,7 @@ def update_often(box: ObjectModel, frames: int) -> MeasurementUpdate:
     X_PO, generator = np.eye(3, 4), np.random.default_rng(0)
     X_start = np.stack([retract(X_PO, np.array([0, 0, 0, 0.004, 0, 0.0])), X_PO])
     covariance = np.tile(np.diag(np.repeat([0.02**2, 0.001**2], 3)), (2, 1, 1))
-    modes = GaussianMixture.independent(X_start, covariance, 6)
+    modes = TrackedModes.independent(X_start, covariance, 6)
     for _ in range(frames):
         reading = ContactReading(touch(X_PO, generator), np.arange(6), tuple("abcdef"), True)
         update = update_modes(box, PARAMS, reading, modes, 0.01)
@@ -92,7 +92,7 @@ def test_what_is_found_weighs_what_it_explains_and_has_felt_what_the_best_has(bo
     one = update.modes.chosen([0])
     # As a search gives it: the touch explained 20 nats better than by all modes together.
     cross = np.zeros((1, 6, 36))
-    found = GaussianMixture.make(
+    found = TrackedModes.make(
         one.X_PO, one.covariance, cross, one.roughness, np.array([update.log_likelihood + 22.0]), np.array([-2.0])
     )
     joined = add_proposals(update, found, SearchRegion(None, 0.01, True))
@@ -113,7 +113,7 @@ def test_a_belief_that_was_wrong_gives_what_is_found_its_share_however_well_it_f
     update = update_often(box, 5)
     cross, even = np.zeros((2, 6, 36)), np.zeros((2, 6, 2))
     log_prior = update.log_likelihood - np.array([20.0, 20.0 + math.log(3.0)])
-    found = GaussianMixture.make(update.modes.X_PO, update.modes.covariance, cross, even, log_prior, np.zeros(2))
+    found = TrackedModes.make(update.modes.X_PO, update.modes.covariance, cross, even, log_prior, np.zeros(2))
     joined = add_proposals(update, found, SearchRegion(None, 0.02, False))
     gain = np.exp(joined.log_weight[2:] - np.logaddexp.reduce(update.modes.log_weight))
     np.testing.assert_allclose(gain, [0.015, 0.005])

@@ -1,8 +1,12 @@
+import dataclasses
+
 import numpy as np
 import pytest
 
 from tactopose_drake.core.poses import increments_between, make_poses, random_rotations, retract
-from tactopose_drake.core.posterior.pose_mixture import PoseMixture, in_chart
+from tactopose_drake.core.posterior.student_t_mixture import StudentTMixture, in_chart
+
+TAILS = (6, 1500.0)  # degrees of freedom, and the squared distance beyond which there is nothing
 
 
 def poses(count: int) -> np.ndarray:
@@ -16,16 +20,16 @@ def information(count: int) -> np.ndarray:
     return root @ np.swapaxes(root, 1, 2) / np.outer(scale, scale)
 
 
-def mixture(count: int = 4000) -> PoseMixture:
+def mixture(count: int = 4000) -> StudentTMixture:
     center = np.array([[0.0] * 6, [0.4, -0.3, 0.2, 0.02, 0.0, 0.01], [0.0] * 6])
     share = np.array([2, 1, 1]) * count // 4
-    return PoseMixture(poses(2), np.array([0, 0, 1]), center, information(3), np.empty((3, 6, 0)), share)
+    return StudentTMixture(poses(2), np.array([0, 0, 1]), center, information(3), np.empty((3, 6, 0)), share, *TAILS)
 
 
 def test_the_densities_add_up_to_one() -> None:
     # By importance sampling from one wide mixture, whose own density must be right for all of them.
     narrow, wide = mixture(), mixture(200_000)
-    wide = PoseMixture(wide.X_PO, wide.group, wide.center, wide.information / 1.5, wide.turns, wide.count)
+    wide = dataclasses.replace(wide, information=wide.information / 1.5)
     X_PO = wide.sample(np.random.default_rng(0))
     ratio = narrow.densities(X_PO) / wide.densities(X_PO).sum(axis=1, keepdims=True)
     np.testing.assert_allclose(ratio.mean(axis=0), [0.75, 0.25], rtol=0.03)
@@ -38,9 +42,9 @@ def test_the_density_is_by_the_volume_of_poses() -> None:
     there = retract(X[None], center[None])
     found, local, turns = in_chart(X[None], np.array([0]), there, H, np.empty((1, 6, 0)))
     np.testing.assert_allclose(found[0], center, atol=1e-12)
-    away = PoseMixture(X[None], np.array([0]), found, local, turns, np.array([10]))
-    here = PoseMixture(
-        retract(X[None], center[None]), np.array([0]), np.zeros((1, 6)), H, np.empty((1, 6, 0)), np.array([10])
+    away = StudentTMixture(X[None], np.array([0]), found, local, turns, np.array([10]), *TAILS)
+    here = StudentTMixture(
+        retract(X[None], center[None]), np.array([0]), np.zeros((1, 6)), H, np.empty((1, 6, 0)), np.array([10]), *TAILS
     )
     near = retract(here.X_PO, 0.003 * np.random.default_rng(1).normal(size=(20, 6)) * [1, 1, 1, 0.1, 0.1, 0.1])
     np.testing.assert_allclose(away.densities(near), here.densities(near), rtol=0.02)
@@ -59,7 +63,7 @@ def test_the_samples_scatter_as_they_should() -> None:
 def test_a_direction_that_changes_nothing_does_not_count() -> None:
     H, X = information(1), poses(1)
     turn = np.array([0.3, 0.0, 0.8, 0.1, -0.2, 0.05])
-    free = PoseMixture(X, np.array([0]), np.zeros((1, 6)), H, turn[None, :, None], np.array([10]))
+    free = StudentTMixture(X, np.array([0]), np.zeros((1, 6)), H, turn[None, :, None], np.array([10]), *TAILS)
     u = np.array([0.02, 0.01, -0.03, 0.001, 0.0, 0.002])
     along = retract(X, np.stack([u, u + 0.1 * turn, u - 0.05 * turn]))
     density = free.densities(along)[:, 0]
@@ -67,11 +71,8 @@ def test_a_direction_that_changes_nothing_does_not_count() -> None:
     np.testing.assert_allclose(density, density[0], rtol=2e-3)
     # And the scale along it changes nothing either.
     n = np.eye(6) - np.outer(turn, turn) / (turn @ turn)
-    held = PoseMixture(
-        X, np.array([0]), np.zeros((1, 6)), n @ H @ n + 1e5 * np.outer(turn, turn), turn[None, :, None], np.array([10])
-    )
-    loose = PoseMixture(
-        X, np.array([0]), np.zeros((1, 6)), n @ H @ n + 1e3 * np.outer(turn, turn), turn[None, :, None], np.array([10])
+    held, loose = (
+        dataclasses.replace(free, information=n @ H @ n + scale * np.outer(turn, turn)) for scale in (1e5, 1e3)
     )
     np.testing.assert_allclose(held.densities(along), loose.densities(along), rtol=1e-6)
 

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from tactopose_drake.core.poses import random_rotations
-from tactopose_drake.core.tracking.gaussian_mixture import GaussianMixture
+from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import MixtureParams
 
 HAND = np.array([0.0005**2, 0.04**2])
 SOURCES = 3
 
 
-def make_modes(roughness: float) -> GaussianMixture:
+def make_modes(roughness: float) -> TrackedModes:
     """Two modes that know of the biases what an update would tell them, on a surface of a roughness in HAND's unit."""
     generator = np.random.default_rng(0)
     own = np.tile(np.repeat(HAND * (1.0 + roughness), 3), SOURCES)
@@ -20,7 +20,7 @@ def make_modes(roughness: float) -> GaussianMixture:
     joint[:, 6:, 6:] = np.diag(own)
     X_PO = np.concatenate([random_rotations(generator, 2), np.zeros((2, 3, 1))], axis=2)
     rough = np.tile(roughness * HAND, (2, SOURCES, 1))
-    return GaussianMixture.make(X_PO, joint[:, :6, :6], 0.3 * joint[:, :6, 6:], rough, np.zeros(2), np.zeros(2))
+    return TrackedModes.make(X_PO, joint[:, :6, :6], 0.3 * joint[:, :6, 6:], rough, np.zeros(2), np.zeros(2))
 
 
 def test_equal_modes_found_twice_count_once_and_those_that_met_count_both() -> None:
@@ -39,7 +39,7 @@ def test_pruned_are_the_heaviest_and_sum_to_one() -> None:
     np.testing.assert_array_equal(pruned.X_PO, modes.X_PO[[1, 3]])
     assert np.logaddexp.reduce(pruned.log_weight) == pytest.approx(0.0, abs=1e-12)
     assert np.diff(pruned.log_weight)[0] == pytest.approx(-1.0)
-    assert len(GaussianMixture.empty(2).pruned(MixtureParams())) == 0
+    assert len(TrackedModes.empty(2).pruned(MixtureParams())) == 0
 
 
 def test_new_sources_are_unknown_to_the_modes() -> None:

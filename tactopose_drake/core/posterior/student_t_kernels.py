@@ -1,4 +1,4 @@
-"""The compiled loops of a mixture of Student-t densities over poses; see `pose_mixture.py`.
+"""The compiled loops of a mixture of Student-t densities over poses; see `student_t_mixture.py`.
 
 A component is a density of increments u from its group's pose, with middle m, information H and f degrees of freedom
 over n dimensions: scale (f / (f + (u - m)^T H (u - m)))^((f + n) / 2). Its samples are m + L^-T z sqrt(f / c) with
@@ -22,10 +22,6 @@ from tactopose_drake.core.compilation import (
 )
 from tactopose_drake.core.kernels import pose_kernels
 from tactopose_drake.core.kernels.matrix_kernels import cholesky, invert, solve_transposed
-
-FREEDOM = 6
-# A group counts up to this squared Mahalanobis distance; one sample in half a million lies further out.
-_FAR = 1500.0
 
 
 class Components(NamedTuple):
@@ -153,8 +149,11 @@ def draw(
 
 
 @kernel
-def find_reach(group: Longs1, center: Floats2, information: Floats3, reach: OutFloats1) -> None:
-    """The squared distance in translation, m^2, within which a pose may belong to each group, into reach (g,)."""
+def find_reach(group: Longs1, center: Floats2, information: Floats3, farthest: float, reach: OutFloats1) -> None:
+    """The squared distance in translation, m^2, within which a pose may belong to each group, into reach (g,).
+
+    Beyond a squared Mahalanobis distance it does not belong to a component.
+    """
     L, covariance = np.empty((6, 6)), np.empty((6, 6))
     for j in range(group.shape[0]):
         cholesky(information[j], L)
@@ -163,11 +162,11 @@ def find_reach(group: Longs1, center: Floats2, information: Floats3, reach: OutF
         for i in range(3, 6):
             spread += covariance[i, i]
             square += center[j, i] ** 2
-        reach[group[j]] = max(reach[group[j]], (np.sqrt(square) + np.sqrt(_FAR * spread)) ** 2)
+        reach[group[j]] = max(reach[group[j]], (np.sqrt(square) + np.sqrt(farthest * spread)) ** 2)
 
 
 @kernel
-def add_densities(components: Components, power: int, X: Floats3, density: OutFloats2) -> None:
+def add_densities(components: Components, freedom: int, power: int, X: Floats3, density: OutFloats2) -> None:
     """Adds scale (f / (f + d^T H d))^(power / 2) of each component, d from its center.
 
     Each number of the components is an array by itself, so that several components are reckoned at once.
@@ -202,7 +201,7 @@ def add_densities(components: Components, power: int, X: Floats3, density: OutFl
                 square += r * (H[6, j] * x + H[7, j] * y + H[8, j] * z + H[9, j] * r)
                 square += s * (H[10, j] * x + H[11, j] * y + H[12, j] * z + H[13, j] * r + H[14, j] * s)
                 square += t * (H[15, j] * x + H[16, j] * y + H[17, j] * z + H[18, j] * r + H[19, j] * s + H[20, j] * t)
-                ratio[j] = FREEDOM / (FREEDOM + square)
+                ratio[j] = freedom / (freedom + square)
                 share[j] = scale[j] * (np.sqrt(ratio[j]) if power % 2 else 1.0)
             for _ in range(power // 2):
                 for j in range(begin, end):

@@ -1,4 +1,4 @@
-"""A Gaussian mixture of the pose, as the filter carries it from frame to frame."""
+"""The modes of the pose as the filter carries them from frame to frame, with what it remembers of each."""
 
 from __future__ import annotations
 
@@ -8,16 +8,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactopose_drake.core.compilation import read_only
-from tactopose_drake.core.kernels import prior_kernels
-from tactopose_drake.core.poses import compose
+from tactopose_drake.core.kernels.mode_kernels import one_of_each, owners
 from tactopose_drake.core.tracking.tracker_params import MixtureParams
 from tactopose_drake.core.validation import FloatArray
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class GaussianMixture:
-    """Modes of the pose, each a Gaussian of the increments (w, v) from its pose.
+class TrackedModes:
+    """Modes, each a joint Gaussian of the increments (w, v) from its pose and of the contacts' biases.
+
+    What they say of the pose at one time a belief holds as a `GaussianMixture`. Here weights are logarithms, because
+    likelihoods of single modes differ by more than a number holds, and the touch's part is kept apart: it is forgotten.
 
     Attributes:
         X_PO: the modes' poses, shape (n, 3, 4).
@@ -57,7 +58,7 @@ class GaussianMixture:
         roughness: FloatArray,
         log_prior: FloatArray,
         log_likelihood: FloatArray,
-    ) -> GaussianMixture:
+    ) -> TrackedModes:
         """Modes of which no innovation is known yet."""
         n = len(X_PO)
         return cls(
@@ -74,13 +75,13 @@ class GaussianMixture:
         )
 
     @classmethod
-    def independent(cls, X_PO: FloatArray, covariance: FloatArray, sources: int) -> GaussianMixture:
+    def independent(cls, X_PO: FloatArray, covariance: FloatArray, sources: int) -> TrackedModes:
         """Modes of equal weight that know nothing of the biases of so many sources, nor of the surface there."""
         n, even = len(X_PO), np.zeros(len(X_PO))
         return cls.make(X_PO, covariance, np.zeros((n, 6, 6 * sources)), np.zeros((n, sources, 2)), even, even)
 
     @classmethod
-    def empty(cls, sources: int = 0) -> GaussianMixture:
+    def empty(cls, sources: int = 0) -> TrackedModes:
         """No mode at all."""
         return cls.independent(np.zeros((0, 3, 4)), np.zeros((0, 6, 6)), sources)
 
@@ -89,16 +90,16 @@ class GaussianMixture:
         """Logarithms of the modes' weights, shape (n,)."""
         return self.log_prior + self.log_likelihood
 
-    def chosen(self, index: Any) -> GaussianMixture:
+    def chosen(self, index: Any) -> TrackedModes:
         """Some of the modes, in the order of the index."""
-        return GaussianMixture(*(getattr(self, field.name)[index] for field in dataclasses.fields(self)))
+        return TrackedModes(*(getattr(self, field.name)[index] for field in dataclasses.fields(self)))
 
-    def joined(self, others: GaussianMixture) -> GaussianMixture:
+    def joined(self, others: TrackedModes) -> TrackedModes:
         """These modes and then others, over the same sources."""
         pairs = ((getattr(self, field.name), getattr(others, field.name)) for field in dataclasses.fields(self))
-        return GaussianMixture(*(np.concatenate(pair) for pair in pairs))
+        return TrackedModes(*(np.concatenate(pair) for pair in pairs))
 
-    def with_sources(self, count: int) -> GaussianMixture:
+    def with_sources(self, count: int) -> TrackedModes:
         """The modes over at least so many sources; of new ones they know nothing."""
         missing = 6 * count - self.cross_covariance.shape[2]
         if missing <= 0:
@@ -109,21 +110,18 @@ class GaussianMixture:
             roughness=np.pad(self.roughness, ((0, 0), (0, missing // 6), (0, 0))),
         )
 
-    def merged(self, symmetry_poses: FloatArray, same_sigmas: float) -> GaussianMixture:
+    def merged(self, symmetry_poses: FloatArray, same_sigmas: float) -> TrackedModes:
         """Distinct modes up to the object's symmetries: of equal ones the first, with the mass of all."""
         owner = self._owners(symmetry_poses, same_sigmas)
         log_weight = np.full(len(self), -np.inf)
         np.logaddexp.at(log_weight, owner, self.log_weight)
-        return dataclasses.replace(self, log_prior=log_weight - self.log_likelihood).chosen(
-            np.flatnonzero(owner == np.arange(len(self)))
-        )
+        return dataclasses.replace(self, log_prior=log_weight - self.log_likelihood).chosen(one_of_each(owner))
 
-    def distinct(self, symmetry_poses: FloatArray, same_sigmas: float) -> GaussianMixture:
+    def distinct(self, symmetry_poses: FloatArray, same_sigmas: float) -> TrackedModes:
         """Distinct modes up to the object's symmetries: of equal ones the first, which was found more than once."""
-        owner = self._owners(symmetry_poses, same_sigmas)
-        return self.chosen(np.flatnonzero(owner == np.arange(len(self))))
+        return self.chosen(one_of_each(self._owners(symmetry_poses, same_sigmas)))
 
-    def pruned(self, params: MixtureParams) -> GaussianMixture:
+    def pruned(self, params: MixtureParams) -> TrackedModes:
         """The modes of most weight, which then sum to one, without those that hardly count."""
         order = np.argsort(-self.log_weight, kind="stable")[: params.max_modes]
         order = order[self.log_weight[order] >= self.log_weight[order[:1]] + np.log(params.least_share)]
@@ -131,18 +129,7 @@ class GaussianMixture:
         total = np.logaddexp.reduce(modes.log_weight) if len(modes) else 0.0
         return dataclasses.replace(modes, log_prior=modes.log_prior - total)
 
-    def _owners(self, symmetry_poses: FloatArray, same_sigmas: float) -> NDArray[np.intp]:
+    def _owners(self, symmetry_poses: FloatArray, same_sigmas: float) -> NDArray[np.int64]:
         """For each mode the first that it equals up to a symmetry (g, 3, 4), maybe itself."""
-        n, g, information = len(self), len(symmetry_poses), np.asarray(np.linalg.inv(self.covariance))
-        owner = np.arange(n)
-        images = compose(self.X_PO[:, None], symmetry_poses[None])
-        for a in range(n - 1):
-            if owner[a] == a:
-                later = np.ascontiguousarray(images[a + 1 :].reshape(-1, 3, 4))
-                increments, slopes = np.empty((len(later), 6)), np.empty((len(later), 6, 6))
-                here = prior_kernels.Prior(read_only(self.X_PO[a]), read_only(np.ones(6)))
-                prior_kernels.prior_residuals(here, later, increments, slopes)
-                square = np.einsum("ni,ij,nj->n", increments, information[a], increments).reshape(-1, g).min(axis=1)
-                free = owner[a + 1 :] == np.arange(a + 1, n)
-                owner[a + 1 :][free & (square < same_sigmas**2)] = a
-        return owner
+        information = np.asarray(np.linalg.inv(self.covariance))
+        return owners(np.ascontiguousarray(self.X_PO), information, symmetry_poses, same_sigmas)

@@ -14,14 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactopose_drake.core.compilation import read_only
-from tactopose_drake.core.posterior import mixture_kernels
-from tactopose_drake.core.posterior.mixture_kernels import FREEDOM
+from tactopose_drake.core.posterior import student_t_kernels
 from tactopose_drake.core.validation import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
-class PoseMixture:
-    """Student-t densities with `FREEDOM` degrees of freedom.
+class StudentTMixture:
+    """Student-t densities, all of the same degrees of freedom.
 
     Attributes:
         X_PO: the groups' poses, shape (g, 3, 4).
@@ -31,6 +30,8 @@ class PoseMixture:
         turns: the increments that change nothing, shape (J, 6, c). The densities are then over the other 6 - c
             dimensions.
         count: how many samples are drawn of each, shape (J,), at least one: its share of the density is theirs.
+        freedom: the densities' degrees of freedom.
+        farthest: squared Mahalanobis distance beyond which a pose does not belong to a component.
     """
 
     X_PO: FloatArray
@@ -39,6 +40,8 @@ class PoseMixture:
     information: FloatArray
     turns: FloatArray
     count: NDArray[np.intp]
+    freedom: int
+    farthest: float
 
     def sample(self, generator: np.random.Generator) -> FloatArray:
         """Poses, shape (count.sum(), 3, 4), every second one of a component opposite to the one before it.
@@ -47,8 +50,8 @@ class PoseMixture:
         """
         total = int(self.count.sum())
         normal = generator.standard_normal((total, 6))
-        normal /= np.sqrt(generator.chisquare(FREEDOM, size=(total, 1)) / FREEDOM)
-        mixture_kernels.oppose(self.count, normal)
+        normal /= np.sqrt(generator.chisquare(self.freedom, size=(total, 1)) / self.freedom)
+        student_t_kernels.oppose(self.count, normal)
         return draw(self.X_PO, self.group, self.center, self.information, self.count, normal)
 
     def densities(self, X_PO: FloatArray) -> FloatArray:
@@ -58,15 +61,15 @@ class PoseMixture:
         """
         n = 6 - self.turns.shape[2]
         information, log_determinant = across_turns(self.information, self.turns)
-        power = 0.5 * (FREEDOM + n)
-        constant = math.lgamma(power) - math.lgamma(0.5 * FREEDOM) - 0.5 * n * math.log(math.pi * FREEDOM)
+        freedom, power = self.freedom, 0.5 * (self.freedom + n)
+        constant = math.lgamma(power) - math.lgamma(0.5 * freedom) - 0.5 * n * math.log(math.pi * freedom)
         scale = self.count * (np.exp(constant + 0.5 * log_determinant) / self.count.sum())
         density, reach = np.zeros((len(X_PO), len(self.X_PO))), np.zeros(len(self.X_PO))
-        mixture_kernels.find_reach(self.group, self.center, self.information, reach)
+        student_t_kernels.find_reach(self.group, self.center, self.information, self.farthest, reach)
         first = np.searchsorted(self.group, np.arange(len(self.X_PO) + 1))
         arrays = (self.X_PO, first, self.center, information, reach, scale)
-        components = mixture_kernels.Components(*map(read_only, arrays))
-        mixture_kernels.add_densities(components, FREEDOM + n, X_PO, density)
+        components = student_t_kernels.Components(*map(read_only, arrays))
+        student_t_kernels.add_densities(components, freedom, freedom + n, X_PO, density)
         return density
 
 
@@ -78,9 +81,9 @@ def draw(
     count: NDArray[np.intp],
     normal: FloatArray,
 ) -> FloatArray:
-    """Poses (B, 3, 4), so many (J,) of each component, from white increments (B, 6); see `PoseMixture`."""
+    """Poses (B, 3, 4), so many (J,) of each component, from white increments (B, 6); see `StudentTMixture`."""
     X_PO = np.empty((len(normal), 3, 4))
-    mixture_kernels.draw(X_group, group, center, information, count, normal, X_PO)
+    student_t_kernels.draw(X_group, group, center, information, count, normal, X_PO)
     return X_PO
 
 
@@ -89,7 +92,7 @@ def across_turns(information: FloatArray, turns: FloatArray) -> tuple[FloatArray
     left of its determinants.
     """
     across, logarithm = information.copy(), np.empty(len(information))
-    mixture_kernels.leave_out(np.ascontiguousarray(turns), across, logarithm)
+    student_t_kernels.leave_out(np.ascontiguousarray(turns), across, logarithm)
     return across, logarithm
 
 
@@ -109,5 +112,5 @@ def in_chart(
         The increments (J, 6), the information (J, 6, 6) and the directions (J, 6, c).
     """
     center, inside, moved = np.empty((len(X_PO), 6)), np.empty((len(X_PO), 6, 6)), turns.copy()
-    mixture_kernels.enter_chart(X_group, group, X_PO, information, center, inside, moved)
+    student_t_kernels.enter_chart(X_group, group, X_PO, information, center, inside, moved)
     return center, inside, moved

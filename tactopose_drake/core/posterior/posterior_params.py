@@ -1,0 +1,73 @@
+"""What is assumed when poses are weighed against each other, and how much work goes into it: a dataclass for each part.
+
+They are no options of an estimate: `DEFAULT_PARAMS` are those of all of them.
+"""
+
+import dataclasses
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, slots=True)
+class ModeParams:
+    """Which poses are one mode, what a touch leaves open, and when a mode is the answer."""
+
+    same_sigmas: float = 3.0  # standard deviations within which two poses are one mode
+    free_share: float = 0.1  # of the object's size: a direction is free when the touch fixes the surface no better
+    answer_share: float = 0.5  # of the probability that the first mode must carry to be called the answer
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, slots=True)
+class PlausibilityParams:
+    """When noise alone explains a touch."""
+
+    least_chance: float = 1e-6  # with which noise alone leaves residuals as large; those that are rarer are none of it
+    reach_sigmas: float = 6.0  # standard deviations from where it is believed to be, beyond which an object is not
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, slots=True)
+class SamplingParams:
+    """How the posterior is sampled."""
+
+    samples: int = 128  # poses that are drawn
+    tiles: int = 16  # densities that cover the modes, beside one at each
+    steps: int = 3  # of Gauss and Newton, that bring the tiles to the valley's floor
+    # Modes that hold less than this share of the mass by Laplace's approximation are taken at its word; those that hold
+    # less than the second share of the best one's are not weighed again either.
+    least_sampled_share: float = 1e-4
+    least_weighed_share: float = 1e-7
+    tile_scatter: float = 2.0  # over Laplace's standard deviations: a valley may have long ends, and bumps on its floor
+    tile_reach: float = 1.5  # of a tile, over the way on which a turn's arc is as good as straight
+    least_tile_weight: float = 1e-3  # of a tile's samples over the best one's: one that costs more may still be wide
+    longest_step: float = 0.1  # toward the valley's floor, over the object's size
+    freedom: int = 6  # degrees of freedom of the tiles' Student-t densities: their tails are heavier than a Gaussian's
+    # Squared Mahalanobis distance up to which a tile counts; one sample in half a million lies further out.
+    farthest: float = 1500.0
+    # A mode is wide in a direction when the arc of a turn about the object's middle leaves its tangent by this share of
+    # the contacts' standard deviation.
+    sagitta: float = 0.25
+    held_turn: float = 0.02  # to which a turn about a continuous axis is held where nothing tells one from another, rad
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, slots=True)
+class MomentParams:
+    """What is made of the samples of each mode."""
+
+    pseudo_samples: float = 7.0  # as which Laplace's covariance counts: the fewest that determine one in six dimensions
+    # The squared length of a mean of chance, in its standard deviations, is below this in 95 % (chi-square, 6 degrees).
+    chance: float = 12.6
+    as_good: float = 0.3  # a pose that costs so much more than its mode's minimum explains the touch as well
+    tried_shares: tuple[float, ...] = (1.0, 0.75, 0.5, 0.25, 0.0)  # of the way to the mean, the last one none of it
+    peak_sigmas: float = 2.0  # standard deviations within which the means of one peak lie
+    widest_turn: float = 1.5  # between minima of one mode, rad: beyond, increments are no measure of how a mode spreads
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, slots=True)
+class PosteriorParams:
+    """All of them."""
+
+    modes: ModeParams = dataclasses.field(default_factory=ModeParams)
+    plausibility: PlausibilityParams = dataclasses.field(default_factory=PlausibilityParams)
+    sampling: SamplingParams = dataclasses.field(default_factory=SamplingParams)
+    moments: MomentParams = dataclasses.field(default_factory=MomentParams)
+
+
+DEFAULT_PARAMS = PosteriorParams()
