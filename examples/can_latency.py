@@ -120,10 +120,11 @@ def run(station: HardwareStation, devices: CanDevices, duration: float, with_con
     contacts = station.diagram.GetOutputPort("contacts")
     observed = {finger: note_samples(board) for finger, board in devices.boards.items()}
     latency: list[float] = []
+    clock = next(iter(devices.buses.values())).clock
 
     def monitor(context: Context) -> EventStatus:
         contacts.Eval(context)
-        now = time.time()
+        now = clock.time()
         for samples in observed.values():
             latency.extend(now - sample.time for sample in samples)
             samples.clear()

@@ -48,7 +48,7 @@ class _TemporaryFolder(UserWideCacheLocator):
 
 
 class _Places(CompileResultCacheImpl):
-    _locator_classes = [*CompileResultCacheImpl._locator_classes, _TemporaryFolder]
+    _locator_classes = [*CompileResultCacheImpl._locator_classes, _TemporaryFolder]  # noqa: RUF012 (as in the base class)
 
 
 class KernelCache(FunctionCache):
