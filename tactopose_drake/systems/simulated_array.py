@@ -6,19 +6,20 @@ from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import ContactResults, MultibodyPlant
 from pydrake.multibody.tree import Frame
-from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
+from pydrake.systems.framework import Context, EventStatus, State
 
 from tactopose_drake.core.sensing.tactile_array import PressureField, mean_pressure, read_cells, spread_matrix
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.contact_pressure import pressure_field
 from tactopose_drake.hand.tactile_pads import TactilePad
+from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.ports import eval_input
 
 NO_SAMPLE = "no sample yet"
 POINT_CONTACT = "a point contact is not felt"
 
 
-class TactileArray(LeafSystem):
+class TactileArray(CollectableSystem):
     """Measures the pressure on the cells of a pad, from the simulator's hydroelastic contact.
 
     Each cell averages the normal pressure over its own area; the soft layer shares it with its neighbours; then noise,

@@ -18,6 +18,7 @@ from tactopose_drake.estimation.output_files import check_outputs, written_besid
 from tactopose_drake.resources import model_path
 from tactopose_drake.runs.stepping import RunView
 from tests.cli.test_cli import run
+from tests.listening import IS_KNOWN, Watch
 
 START = "from tactopose_drake.cli.entry import start; print('begin', flush=True); start()"
 CONTACTS = "contacts: [{position: [0, 0, 0.02]}, {position: [0.02, 0, 0]}, {position: [0, 0.02, 0]}]"
@@ -149,50 +150,31 @@ def test_a_console_prints_text_as_it_is(capsys: pytest.CaptureFixture[str]) -> N
         assert text in printed
 
 
-def listening_addresses() -> set[tuple[str, str]]:
-    """The addresses and ports, in hexadecimal, on which this process listens."""
-    own = {os.readlink(f"/proc/self/fd/{fd}") for fd in os.listdir("/proc/self/fd") if _is_there(fd)}
-    found = set()
-    for table in ("/proc/net/tcp", "/proc/net/tcp6", "/proc/net/udp", "/proc/net/udp6"):
-        for line in Path(table).read_text().splitlines()[1:]:
-            fields = line.split()
-            is_open = fields[3] == "0A" or table.endswith(("udp", "udp6"))
-            if is_open and f"socket:[{fields[9]}]" in own:
-                address, port = fields[1].split(":")
-                found.add((address, port))
-    return found
+@pytest.mark.skipif(not IS_KNOWN, reason="the system does not tell who listens")
+def test_meshcat_listens_on_this_machine_alone(files: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The others that the tests run are watched as well, by `run`."""
+    watches: list[Watch] = []
+    html = Meshcat.StaticHtml
 
-
-def _is_there(fd: str) -> bool:
-    return os.path.lexists(f"/proc/self/fd/{fd}")
-
-
-@pytest.mark.skipif(not Path("/proc/net/tcp").exists(), reason="the system does not tell who listens")
-def test_commands_listen_on_this_machine_alone(files: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    seen: list[set[str]] = []
-    before = listening_addresses()  # of what other tests have left
-
-    def keep() -> None:
-        seen.append({address for address, _ in listening_addresses() - before})
-
-    def to_html(self: Meshcat) -> str:
-        keep()
-        return "<html>"
-
-    monkeypatch.setattr(Meshcat, "StaticHtml", to_html)
-    assert run("estimate", *inputs(files), "--html", files / "scene.html") == 0
+    def look(self: Meshcat) -> str:
+        watches[-1].look()
+        return str(html(self))
 
     def demonstrate(*_: object, **__: object) -> DemoResult:
-        keep()
+        watches[-1].look()
         raise GraspFailedError("of no interest here")
 
+    monkeypatch.setattr(Meshcat, "StaticHtml", look)
     monkeypatch.setattr("tactopose_drake.cli.demo_command.run_demo", demonstrate)
-    assert run("demo", "--out", files / "out") == 1
-    local = {"0100007F", "00000000000000000000000001000000"}
-    assert len(seen) == 2
-    for addresses in seen:
-        assert addresses
-        assert addresses <= local
+    for status, command in (
+        (0, ("estimate", *inputs(files), "--html", files / "scene.html")),
+        (1, ("demo", "--out", files / "out")),
+    ):
+        watches.append(Watch())
+        with watches[-1]:
+            assert run(*command) == status
+        assert watches[-1].opened
+        assert not watches[-1].foreign
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
