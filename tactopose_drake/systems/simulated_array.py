@@ -62,7 +62,8 @@ class TactileArray(CollectableSystem):
         super().__init__()
         pad.model.validate(len(pad.layout))
         body = pad_frame.body()
-        self._geometries = set(plant.GetCollisionGeometriesForBody(body))
+        # Drake's own identifiers would keep the plant.
+        self._geometries = {geometry.get_value() for geometry in plant.GetCollisionGeometriesForBody(body)}
         if not self._geometries:
             raise InvalidInputError(f"pad_frame: its body {body.name()!r} has no collision geometry to be touched.")
         self._pad, self._body = pad, body.index()
@@ -96,7 +97,7 @@ class TactileArray(CollectableSystem):
         for i in range(results.num_hydroelastic_contacts()):
             surface = results.hydroelastic_contact_info(i).contact_surface()
             for geometry, pad_is_M in ((surface.id_M(), True), (surface.id_N(), False)):
-                if geometry in self._geometries:
+                if geometry.get_value() in self._geometries:
                     fields.append(pressure_field(surface, X_TW, pad_is_M=pad_is_M))
         return fields
 

@@ -16,6 +16,7 @@ from tactopose_drake.cli.demo_run import DemoResult, GraspFailedError
 from tactopose_drake.errors import InvalidFileError
 from tactopose_drake.estimation.output_files import check_outputs, written_beside
 from tactopose_drake.resources import model_path
+from tactopose_drake.runs.scenario_replay import Replay
 from tactopose_drake.runs.stepping import RunView
 from tests.cli.test_cli import run
 from tests.listening import IS_KNOWN, Watch
@@ -39,6 +40,7 @@ def inputs(files: Path) -> list[object]:
 def test_an_output_never_destroys_an_input(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
     os.link(files / "contacts.yaml", files / "link.yaml")
     (files / "symlink.yaml").symlink_to(files / "contacts.yaml")
+    (files / "circle").symlink_to(files / "circle")
     for options, message in (
         (["--out", files / "contacts.yaml"], "is an input, or in one"),
         (["--out", files / "link.yaml"], "is an input, or in one"),
@@ -49,6 +51,8 @@ def test_an_output_never_destroys_an_input(files: Path, capsys: pytest.CaptureFi
         (["--out", files], "is a folder"),
         (["--out", files / "absent" / "x"], "does not exist"),
         (["--out", "/proc/x"], "cannot be written"),
+        (["--out", files / ("x" * 300)], "cannot be used (File name too long)"),
+        (["--out", files / "circle"], "cannot be used ("),
     ):
         assert run("estimate", *inputs(files), *options) == 2
         errors = capsys.readouterr().err
@@ -56,7 +60,7 @@ def test_an_output_never_destroys_an_input(files: Path, capsys: pytest.CaptureFi
         assert errors.count("\n") == 1
     assert (files / "contacts.yaml").read_text() == CONTACTS
     assert (files / "cube.obj").read_bytes() == model_path("objects", "cube.obj").read_bytes()
-    assert sorted(os.listdir(files)) == ["contacts.yaml", "cube.obj", "link.yaml", "symlink.yaml"]
+    assert sorted(os.listdir(files)) == ["circle", "contacts.yaml", "cube.obj", "link.yaml", "symlink.yaml"]
 
 
 def test_a_replay_writes_nothing_into_its_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -95,8 +99,9 @@ def test_what_was_there_stays_until_all_is_written(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("estimate", "status"), [(None, 1), (object(), 0)])
+@pytest.mark.parametrize("command", ["run", "replay"])
 def test_the_exit_status_says_whether_there_is_an_estimate(
-    monkeypatch: pytest.MonkeyPatch, estimate: object, status: int
+    monkeypatch: pytest.MonkeyPatch, command: str, estimate: object, status: int
 ) -> None:
     class Station:
         """All of whose ports give the estimate."""
@@ -113,8 +118,11 @@ def test_the_exit_status_says_whether_there_is_an_estimate(
     station = Station()
     view = RunView(station, station)
     monkeypatch.setattr("tactopose_drake.cli.run_command.run_scenario", lambda *_, **__: view)
+    played = Replay(view, ("fingers.blf: ended after 3 frames.",), whole=True, difference="")
+    monkeypatch.setattr("tactopose_drake.cli.replay_command.replay_recording", lambda *_, **__: played)
     monkeypatch.setattr("tactopose_drake.cli.run_command.estimate_line", lambda _: "held: 0 contacts")
-    assert run("run", "shadow_like", "--duration", "0.3") == status
+    options = ("shadow_like", "--duration", "0.3") if command == "run" else ("log", "--scenario", "shadow_like")
+    assert run(command, *options) == status
 
 
 def test_help_and_version_end_well(capsys: pytest.CaptureFixture[str]) -> None:
