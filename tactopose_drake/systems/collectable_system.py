@@ -5,7 +5,6 @@ of Python it does not see: a callback that holds its system, and the handle of a
 So callbacks are kept by the system, and C++ gets them by way of a weak reference.
 """
 
-import functools
 import weakref
 from collections.abc import Callable
 from typing import Any
@@ -25,8 +24,8 @@ class _OneDictionary(_LeafType):
 def _keeping(declare: Any) -> Any:
     """One of LeafSystem's methods that declare something, with callbacks that are kept by the system."""
 
-    @functools.wraps(declare)
     def declare_kept(self: LeafSystem, *arguments: Any, **options: Any) -> Any:
+        """As of a LeafSystem."""
         kept = [_kept(self, value) for value in arguments]
         return declare(self, *kept, **{name: _kept(self, value) for name, value in options.items()})
 

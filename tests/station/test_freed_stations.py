@@ -47,7 +47,7 @@ def test_a_station_is_freed_with_all_that_it_was_made_of(make: Callable[[], Diag
     diagram = weakref.ref(make())
     after = count()
     assert diagram() is None
-    assert after == before
+    assert after <= before
 
 
 @pytest.mark.parametrize(
