@@ -1,8 +1,8 @@
 """Kinds of the fuzzer: hostile frames on a bus, and devices whose bus and answers go wrong.
 
-`can_frames` puts thousands of frames through the decoders and both drivers, random ones and damaged ones; `bus_faults`
-lets a board or Barrett's hand run for some seconds of virtual time. No number may be another
-than the true one, and when the faults are over, all is well again.
+`can_frames` puts forty thousand frames through the decoders and both drivers, random ones and damaged ones;
+`bus_faults` lets a board or Barrett's hand run for some seconds of virtual time. No number may be another than the true
+one, and when the faults are over, all is well again.
 """
 
 import numpy as np
@@ -18,7 +18,7 @@ from tests.drivers import rigs
 from tests.drivers.random_frames import shake
 from tests.fuzz.touches import log_uniform
 
-_FRAMES = 8192
+_FRAMES = 40_960  # so many that each driver has had samples, however it was disturbed
 _RECOVERY = 5.0  # s of virtual time in which a device is well again
 
 
