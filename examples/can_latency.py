@@ -1,6 +1,6 @@
 """How long a frame on the bus takes to become a contact, and whether five boards and the estimate keep up.
 
-Five simulated NETCANOEM boards run in a process of their own, on a multicast bus, and feel what the hand of the
+Five simulated NETCANOEM boards run in a process of their own, at the end of a pipe, and feel what the hand of the
 scenario `shadow_like_can` feels in a simulated grasp. Here the whole chain runs on one core: decoding, and the estimate
 20 times a second; then the same once more with contacts at every poll of the sensors, 200 times a second, to see how
 late they are.
@@ -16,19 +16,18 @@ import os
 import time
 from multiprocessing.connection import Connection
 
+import can
 import numpy as np
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, EventStatus
 
 from tactopose_drake.core.shape import ObjectModel
-from tactopose_drake.drivers import NetCanOemForceTorque
+from tactopose_drake.drivers import DeviceBus, DeviceServer, NetCanOemForceTorque, data_frame
 from tactopose_drake.runs import Loads, SimulatedRig, rehearse, simulated_loads, warm_up
 from tactopose_drake.station import (
-    CanBus,
     CanDevices,
     HardwareStation,
     Scenario,
-    live_buses,
     load_scenario,
     make_hardware_station,
 )
@@ -42,7 +41,7 @@ class Report:
         real_time_factor: time of the diagram over time of the clock.
         samples_per_second: of all boards together.
         core: share of a core that this process took, bus and all.
-        latency: of each sample that became a contact, from its last frame's arrival at the socket, s; empty where
+        latency: of each sample that became a contact, from when its last frame was sent, s; empty where
             nobody asked for contacts but the estimate.
         estimates: how many were made.
     """
@@ -54,24 +53,45 @@ class Report:
     estimates: int
 
 
+class PipeBus(can.BusABC):
+    """An end of a CAN bus between two processes: a pipe, which no other machine can reach."""
+
+    def __init__(self, pipe: Connection) -> None:
+        """Keeps its argument."""
+        super().__init__(channel="pipe")
+        self.channel_info = "a pipe"
+        self._pipe = pipe
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        """Sends a frame."""
+        self._pipe.send((time.time(), msg.arbitration_id, bytes(msg.data)))
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        try:
+            if not self._pipe.poll(timeout):
+                return None, True
+            sent, identifier, data = self._pipe.recv()
+        except EOFError:
+            raise can.CanOperationError("the other process has ended") from None
+        frame = data_frame(identifier, data)
+        frame.timestamp = sent
+        return frame, True
+
+
 def make_scenario() -> Scenario:
-    """Five boards at 200 samples/s, on a bus that is confined to this machine."""
+    """Five boards at 200 samples/s."""
     scenario = load_scenario("shadow_like_can")
-    options = {"port": 20_000 + os.getpid() % 20_000, "hop_limit": 0}
-    bus = CanBus(interface="udp_multicast", channel="239.74.163.2", options=options)
-    scenario.senses.buses = dict.fromkeys(scenario.senses.buses, bus)
     scenario.estimation.estimator.period = 0.05
     return scenario
 
 
-def serve(scenario_options: dict, loads: Loads, core: int | None, pipe: Connection) -> None:
-    """The boards, in a process of their own: says when they are there, is told the origin, and ends with the pipe."""
+def serve(wire: Connection, loads: Loads, core: int | None, pipe: Connection) -> None:
+    """The boards, in a process of their own: says when they are there, is told the origin, and is told to end."""
     if core is not None:
         os.sched_setaffinity(0, {core})
     scenario = make_scenario()
-    for bus in scenario.senses.buses.values():
-        bus.options = scenario_options
-    with SimulatedRig(scenario, loads) as rig:
+    rig, (name,) = SimulatedRig(scenario, loads), scenario.senses.buses
+    with DeviceServer(PipeBus(wire), rig.on_bus(name)):
         pipe.send("ready")
         rig.origin = pipe.recv()
         pipe.recv()
@@ -90,15 +110,17 @@ def measure(duration: float, pinned: bool) -> tuple[Report, Report]:
     cores = sorted(os.sched_getaffinity(0))
     pinned = pinned and len(cores) > 1
     here, there = multiprocessing.Pipe()
-    (bus,) = scenario.senses.buses.values()
-    arguments = (bus.options, loads, cores[-1] if pinned else None, there)
+    wire, other_end = multiprocessing.Pipe()
+    arguments = (other_end, loads, cores[-1] if pinned else None, there)
     boards = multiprocessing.get_context("spawn").Process(target=serve, args=arguments)
     boards.start()
     try:
         here.recv()
         if pinned:
             os.sched_setaffinity(0, {cores[0]})
-        devices = CanDevices(scenario.senses, live_buses(scenario.senses))
+        devices = CanDevices(
+            scenario.senses, {name: DeviceBus(lambda: PipeBus(wire)) for name in scenario.senses.buses}
+        )
         known = {name: felt[name] for name in ("joint_positions", "prior")}
         station = make_hardware_station(scenario, devices, known, model=model)
         warm_up(station)
@@ -120,10 +142,11 @@ def run(station: HardwareStation, devices: CanDevices, duration: float, with_con
     contacts = station.diagram.GetOutputPort("contacts")
     observed = {finger: note_samples(board) for finger, board in devices.boards.items()}
     latency: list[float] = []
+    clock = next(iter(devices.buses.values())).clock
 
     def monitor(context: Context) -> EventStatus:
         contacts.Eval(context)
-        now = time.time()
+        now = clock.time()
         for samples in observed.values():
             latency.extend(now - sample.time for sample in samples)
             samples.clear()

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, EventStatus, LeafSystem, OutputPort, State
+from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, EventStatus, OutputPort, State
 from pydrake.trajectories import PiecewisePolynomial
 
 import tactopose_drake as tp
@@ -43,7 +43,7 @@ from tactopose_drake.station import (
     reach_axis,
     smooth_motion,
 )
-from tactopose_drake.systems import CameraView, DepthTracker, DepthTrackerParams, PoseTrackingParams
+from tactopose_drake.systems import CameraView, CollectableSystem, DepthTracker, DepthTrackerParams, PoseTrackingParams
 
 Array = NDArray[np.float64]
 
@@ -76,7 +76,7 @@ class Track:
         return kept
 
 
-class Route(LeafSystem):
+class Route(CollectableSystem):
     """Takes the arm from place to place once the hand holds; rests at each."""
 
     def __init__(self, motions: list[PiecewisePolynomial]) -> None:

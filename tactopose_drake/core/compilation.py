@@ -26,6 +26,8 @@ from numba.core import types
 from numba.core.registry import CPUDispatcher
 from numpy.typing import NDArray
 
+from tactopose_drake.core.kernel_cache import kernel_cache
+
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
@@ -139,10 +141,7 @@ class Kernel(CPUDispatcher):
 def kernel(function: Function) -> Function:
     """Compiles a function for the types of its annotations, at its first call."""
     compiled = Kernel(py_func=function, targetoptions={"nopython": True, "nogil": True, "error_model": "numpy"})
-    compiled.enable_caching()
-    # The cache looks at the file of the function alone; but what it calls is compiled into it.
-    cached = compiled._cache._cache_file
-    cached._source_stamp = (cached._source_stamp, _fingerprint(function.__module__.rsplit(".", 1)[-1]))
+    compiled._cache = kernel_cache(function, _fingerprint(function.__module__.rsplit(".", 1)[-1]))
     return typing.cast(Function, compiled)
 
 

@@ -8,13 +8,12 @@ work; that is how logs are replayed and how tests run in virtual time.
 
 import contextlib
 import threading
-import time
 from collections.abc import Callable
 from typing import Any, Self, TypeVar
 
 import can
 
-from tactopose_drake.drivers.clock import FIRST_EPOCH_STAMP, Clock
+from tactopose_drake.drivers.clock import FIRST_EPOCH_STAMP, HOST_CLOCK, Clock
 from tactopose_drake.drivers.frame_dispatch import BusUser, FrameDispatch, Listener
 from tactopose_drake.drivers.reconnecting_bus import ReconnectingBus
 from tactopose_drake.errors import BusError, DriverError, EndOfLogError, UnknownNameError
@@ -41,7 +40,7 @@ class DeviceBus:
         self,
         open_bus: Callable[[], can.BusABC],
         *,
-        clock: Clock = time,
+        clock: Clock = HOST_CLOCK,
         threaded: bool = True,
         follows_log: bool = False,
     ) -> None:
@@ -49,7 +48,7 @@ class DeviceBus:
 
         Args:
             open_bus: makes the bus, and makes it again after a failure.
-            clock: the real time, unless the bus has its own.
+            clock: the host's, unless the bus has its own.
             threaded: whether a thread does the work. Otherwise it is done inside `Device.read` and `pump`.
             follows_log: whether the bus gives recorded frames, sent ones too. The devices then do what they did when
                 those were sent; they neither send, nor look at the clock.
@@ -166,7 +165,7 @@ class DeviceBus:
             EndOfLogError: if the bus replays a log that is at its end.
         """
         # On the bus's own clock only where the caller lets it run.
-        clock: Clock = time if self._threaded else self.clock
+        clock: Clock = HOST_CLOCK if self._threaded else self.clock
         deadline = clock.time() + timeout
         with self._changed:
             while (found := find()) is None:
@@ -270,8 +269,8 @@ class DeviceBus:
             return None
 
     def _hand_on(self, frame: can.Message) -> None:
-        if frame.timestamp < FIRST_EPOCH_STAMP:
-            frame.timestamp = self.clock.time()
+        is_of_day = frame.timestamp >= FIRST_EPOCH_STAMP
+        frame.timestamp = self.clock.of_stamp(frame.timestamp) if is_of_day else self.clock.time()
         if self.follows_log and not frame.is_rx:
             self._dispatch.follow(frame)
             return

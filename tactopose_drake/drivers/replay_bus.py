@@ -74,6 +74,10 @@ class PacedClock:
         """Waits until the clock shows `time`."""
         self.sleep(max(0.0, time - self.time()))
 
+    def of_stamp(self, stamp: float) -> float:
+        """The stamp: it is of the log, as this clock is."""
+        return stamp
+
 
 class ReplayBus(can.BusABC):
     """A bus that gives recorded frames, received and sent ones, when its clock shows their times."""

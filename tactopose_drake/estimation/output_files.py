@@ -20,13 +20,14 @@ def check_outputs(outputs: Iterable[Path | None], inputs: Iterable[Path | None] 
             be written there.
     """
     written: list[Path] = []
+    read = [_place(path) for path in inputs if path is not None]
     for path in (path for path in outputs if path is not None):
+        place = _place(path)
         if not path.absolute().parent.is_dir():
             raise InvalidFileError(f"{path}: the folder {path.absolute().parent} does not exist.")
         if path.is_dir():
             raise InvalidFileError(f"{path}: is a folder; allowed is a file, which may be new.")
-        place = path.resolve()
-        for other in (other.resolve() for other in inputs if other is not None):
+        for other in read:
             if place == other or (other.is_dir() and place.is_relative_to(other)) or _is_same(place, other):
                 raise InvalidFileError(f"{path}: is an input, or in one; allowed is another file.")
         if any(place == other or _is_same(place, other) for other in written):
@@ -47,8 +48,8 @@ def written_beside(path: Path) -> Iterator[Path]:
     Raises:
         InvalidFileError: if it cannot be written; what was there before is there still.
     """
+    place = _place(path)
     try:
-        place = path.resolve()
         if place.exists() and not place.is_file():
             yield place
             return
@@ -61,6 +62,21 @@ def written_beside(path: Path) -> Iterator[Path]:
             beside.unlink(missing_ok=True)
     except OSError as error:
         raise InvalidFileError(f"{path}: cannot be written ({error.strerror or error}).") from None
+
+
+def _place(path: Path) -> Path:
+    """Where a path leads.
+
+    Raises:
+        InvalidFileError: if that is nowhere: it is too long, no path, or its links lead in a circle.
+    """
+    try:
+        place = path.resolve()
+        place.exists()
+    except (OSError, RuntimeError, ValueError) as error:
+        reason = "its links lead in a circle" if isinstance(error, RuntimeError) else "it is no path"
+        raise InvalidFileError(f"{path}: cannot be used ({getattr(error, 'strerror', None) or reason}).") from None
+    return place
 
 
 def _is_same(first: Path, second: Path) -> bool:

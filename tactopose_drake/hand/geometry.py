@@ -11,13 +11,14 @@ from pydrake.geometry import Box, Capsule, Convex, Cylinder, Ellipsoid, Mesh, Ro
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.multibody.tree import Frame, ModelInstanceIndex
-from pydrake.systems.framework import Context, DiagramBuilder
+from pydrake.systems.framework import Context
 
 from tactopose_drake.core.evidence import hand_geometry
 from tactopose_drake.core.shape.sphere_packing import Spheres, pack_box, pack_capsule, pack_convex
 from tactopose_drake.core.validation import FloatArray, instance_of
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.hand_config import HandConfig, add_hand
+from tactopose_drake.resources import passing_builder
 
 # Points of the unit circle and sphere that stand for a cylinder and an ellipsoid.
 _CIRCLE = np.stack([np.cos(np.arange(24) * np.pi / 12), np.sin(np.arange(24) * np.pi / 12)], axis=1)
@@ -102,10 +103,11 @@ class BodySpheres:
     @classmethod
     def of_hand(cls, config: HandConfig) -> Self:
         """Fills a hand; the bodies are those of any plant that holds this hand alone."""
-        plant, scene_graph = AddMultibodyPlantSceneGraph(DiagramBuilder(), time_step=0.001)
-        hand = add_hand(plant, config, RigidTransform())
-        plant.Finalize()
-        return cls.from_inspector(plant, scene_graph.model_inspector(), hand.model_instance)
+        with passing_builder() as builder:
+            plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.001)
+            hand = add_hand(plant, config, RigidTransform())
+            plant.Finalize()
+            return cls.from_inspector(plant, scene_graph.model_inspector(), hand.model_instance)
 
     def positions(self, X_WB: Sequence[RigidTransform]) -> FloatArray:
         """Centres in the world, shape (h, 3), m, for the poses of all bodies (the plant's port `body_poses`)."""

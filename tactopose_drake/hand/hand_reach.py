@@ -3,7 +3,6 @@
 import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
-from pydrake.systems.framework import DiagramBuilder
 
 from tactopose_drake.core.grasping.finger_reach import FingerGeometry, FingerReach, ReachParams
 from tactopose_drake.core.grasping.grasp_planner import HandReach, Spheres
@@ -14,6 +13,7 @@ from tactopose_drake.hand.finger_chain import finger_chain
 from tactopose_drake.hand.geometry import BodySpheres
 from tactopose_drake.hand.hand_config import Hand, HandConfig, add_hand
 from tactopose_drake.hand.kinematics import HandKinematics
+from tactopose_drake.resources import passing_builder
 
 # Samples of a finger's workspace for each of its joints.
 _SAMPLES_PER_JOINT = 1200
@@ -35,10 +35,10 @@ def make_hand_reach(config: HandConfig, params: ReachParams, seed: int = 0) -> H
         raise InvalidInputError(
             "HandConfig.grip_low, grip_high: are empty; planned grasps need the hand's grip region."
         )
-    builder = DiagramBuilder()
-    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.001)
-    hand = add_hand(plant, config, RigidTransform())
-    plant.Finalize()
+    with passing_builder() as builder:
+        plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.001)
+        hand = add_hand(plant, config, RigidTransform())
+        plant.Finalize()
     spheres = BodySpheres.from_inspector(plant, scene_graph.model_inspector(), hand.model_instance)
     generator = np.random.default_rng(seed)
     geometries = {finger: _finger_geometry(plant, hand, finger, spheres) for finger in hand.fingers}

@@ -4,6 +4,7 @@ from .model_files import drawn_pose as drawn_pose
 from .model_files import fixed_pose as fixed_pose
 from .model_files import make_parser as make_parser
 from .model_files import model_path as model_path
+from .model_files import passing_builder as passing_builder
 from .model_files import resource_root as resource_root
 from .yaml_files import plain_data as plain_data
 from .yaml_files import read_yaml as read_yaml

@@ -1,7 +1,8 @@
 """Where models and diagrams are found, and how `package://` URLs resolve."""
 
+import contextlib
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
+from pydrake.systems.framework import DiagramBuilder
 
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
 
@@ -67,6 +69,14 @@ def make_parser(plant: MultibodyPlant, packages: Sequence[ModelPackage] = ()) ->
     for package in packages:
         parser.package_map().Add(package.name, str(package.path()))
     return parser
+
+
+@contextlib.contextmanager
+def passing_builder() -> Iterator[DiagramBuilder]:
+    """A builder for bodies that are only looked at: Drake keeps it and them for ever, unless it has built a diagram."""
+    builder = DiagramBuilder()
+    yield builder
+    builder.Build()
 
 
 def add_model(parser: Parser, model: str | Path) -> ModelInstanceIndex:

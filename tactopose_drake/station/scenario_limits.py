@@ -4,10 +4,10 @@ import dataclasses
 from typing import Any
 
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlantConfig
-from pydrake.systems.framework import DiagramBuilder
 
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.resources import passing_builder
 
 _SHORTEST = 1e-5  # s between two events: a simulation with shorter ones would hardly move
 _LARGEST = 1e12  # of a number, in SI units; beyond, squares and products soon are infinite
@@ -61,7 +61,8 @@ def check_plant(name: str, config: MultibodyPlantConfig) -> None:
         if getattr(config, key) not in allowed:
             raise InvalidInputError(f"{name}.{key}: is {getattr(config, key)!r}; allowed are {', '.join(allowed)}.")
     try:
-        AddMultibodyPlant(config=config, builder=DiagramBuilder())
+        with passing_builder() as builder:
+            AddMultibodyPlant(config=config, builder=builder)
     except RuntimeError as error:
         raise InvalidInputError(f"{name}: {' '.join(str(error).split())}") from None
 

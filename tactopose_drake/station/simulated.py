@@ -13,7 +13,7 @@ from tactopose_drake.core.grasping.grasp_planner import GraspPlan
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.hand_config import Hand, add_hand, load_hand_config
-from tactopose_drake.resources import add_model, fixed_pose, make_parser
+from tactopose_drake.resources import add_model, fixed_pose, make_parser, passing_builder
 from tactopose_drake.station.grasp import GraspStart, add_grip, add_planned_grasp
 from tactopose_drake.station.grasp_planning import plan_scenario
 from tactopose_drake.station.scenario import Scenario
@@ -140,11 +140,11 @@ def check_bodies(scenario: Scenario) -> None:
     Raises:
         InvalidInputError: if hand or object cannot be simulated; the message says why.
     """
-    builder = DiagramBuilder()
-    plant, _, hand, _ = _add_bodies(builder, scenario)
-    add_senses(builder, scenario, plant, hand)
-    if scenario.grip is not None:
-        add_grip(builder, scenario, plant, hand)
+    with passing_builder() as builder:
+        plant, _, hand, _ = _add_bodies(builder, scenario)
+        add_senses(builder, scenario, plant, hand)
+        if scenario.grip is not None:
+            add_grip(builder, scenario, plant, hand)
 
 
 def _add_bodies(builder: DiagramBuilder, scenario: Scenario) -> tuple[MultibodyPlant, SceneGraph, Hand, Joint]:

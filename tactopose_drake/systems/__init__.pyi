@@ -2,6 +2,9 @@ from .camera_view import CameraView as CameraView
 from .can_barrett_hand import PADS as PADS
 from .can_barrett_hand import CanBarrettHand as CanBarrettHand
 from .can_force_torque import CanForceTorque as CanForceTorque
+from .collectable_system import CachedValue as CachedValue
+from .collectable_system import CollectableSystem as CollectableSystem
+from .collectable_system import declare_cache as declare_cache
 from .contact_solver import ContactSolver as ContactSolver
 from .contact_solver import ContactSolverParams as ContactSolverParams
 from .contacts_in_palm import ContactsInPalm as ContactsInPalm

@@ -2,18 +2,19 @@
 
 import numpy as np
 from pydrake.common.value import AbstractValue
-from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
+from pydrake.systems.framework import Context, EventStatus, State
 
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.drivers.barrett_hand import BarrettHand
 from tactopose_drake.drivers.barrett_joints import JOINTS
 from tactopose_drake.drivers.barrett_tactile import CELLS
 from tactopose_drake.drivers.device import NO_SAMPLE
+from tactopose_drake.systems.collectable_system import CollectableSystem
 
 PADS = ("finger_1", "finger_2", "finger_3", "palm")  # in the order of the driver's arrays
 
 
-class CanBarrettHand(LeafSystem):
+class CanBarrettHand(CollectableSystem):
     """Gives the newest sample of the hand, and says how old it is. It never moves the hand.
 
     The hand need not answer when the diagram starts, and may come and go, whole or finger by finger: what does not

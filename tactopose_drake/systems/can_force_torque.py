@@ -2,14 +2,15 @@
 
 import numpy as np
 from pydrake.common.value import AbstractValue
-from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
+from pydrake.systems.framework import Context, EventStatus, State
 
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.drivers.device import NO_SAMPLE
 from tactopose_drake.drivers.netcanoem import NetCanOemForceTorque
+from tactopose_drake.systems.collectable_system import CollectableSystem
 
 
-class CanForceTorque(LeafSystem):
+class CanForceTorque(CollectableSystem):
     """Gives the newest sample of a force-torque board, and says how old it is.
 
     The board need not answer when the diagram starts, and may come and go: there is no number meanwhile. Unlike the

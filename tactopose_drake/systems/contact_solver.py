@@ -5,12 +5,13 @@ from collections.abc import Mapping
 
 import numpy as np
 from pydrake.common.value import AbstractValue
-from pydrake.systems.framework import Context, LeafSystem
+from pydrake.systems.framework import Context
 
 from tactopose_drake.core.sensing.intrinsic_contact import MIN_FORCE, solve_contacts
 from tactopose_drake.core.sensing.soft_layer import SoftLayer
 from tactopose_drake.core.surfaces import Surface
 from tactopose_drake.core.validation import positive_number
+from tactopose_drake.systems.collectable_system import CollectableSystem
 
 _NO_READING = np.full((1, 6), np.nan)
 
@@ -29,7 +30,7 @@ class ContactSolverParams:
             positive_number("ContactSolverParams.friction_coefficient", self.friction_coefficient)
 
 
-class ContactSolver(LeafSystem):
+class ContactSolver(CollectableSystem):
     """Finds where and how each fingertip is touched, from its wrench alone.
 
     .. pydrake_system::

@@ -10,11 +10,12 @@ from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame
-from pydrake.systems.framework import Context, LeafSystem, ValueProducer
+from pydrake.systems.framework import Context
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.sensing.intrinsic_contact import ContactSolution
 from tactopose_drake.core.validation import positive_number
+from tactopose_drake.systems.collectable_system import CollectableSystem, declare_cache
 from tactopose_drake.systems.hand_kinematics import declare_kinematics
 from tactopose_drake.systems.ports import eval_input
 
@@ -42,7 +43,7 @@ class _Touch:
     status: str
 
 
-class ContactsInPalm(LeafSystem):
+class ContactsInPalm(CollectableSystem):
     """Moves each fingertip's contact into the palm frame, by the measured joint positions.
 
     .. pydrake_system::
@@ -90,9 +91,11 @@ class ContactsInPalm(LeafSystem):
         self._positions = self.DeclareVectorInputPort("joint_positions", plant.num_positions())
         self._solutions = self.DeclareAbstractInputPort("contact_solutions", AbstractValue.Make({}))
         self._kinematics = declare_kinematics(self, plant, palm_frame, self._positions)
-        self._touch = self.DeclareCacheEntry(
+        self._touch = declare_cache(
+            self,
             "contacts in the palm",
-            ValueProducer(allocate=lambda: AbstractValue.Make(None), calc=self._calc_touch),
+            lambda: AbstractValue.Make(None),
+            self._calc_touch,
             {self._kinematics.ticket(), self._solutions.ticket()},
         )
         empty = _Touch(Contacts.empty(), (), (), "")

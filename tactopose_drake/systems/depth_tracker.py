@@ -8,7 +8,7 @@ from pydrake.common import RandomDistribution
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.multibody.tree import ModelInstanceIndex
-from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSystem, State
+from pydrake.systems.framework import BasicVector, Context, EventStatus, State
 
 from tactopose_drake.core.poses import compose, inverse, random_rotations, retract, transform_points
 from tactopose_drake.core.tracking.frame import PoseMeasurement
@@ -17,6 +17,7 @@ from tactopose_drake.core.vision.depth_tracking import DepthTrackerModel, fit_po
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.systems.camera_view import CameraView
+from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.ports import eval_input
 from tactopose_drake.visualization.body_meshes import BodyMeshes
 
@@ -60,7 +61,7 @@ class _TrackerState:
     hidden_share: float = 0.0
 
 
-class DepthTracker(LeafSystem):
+class DepthTracker(CollectableSystem):
     """Sees object and hand in a depth camera and fits the object's model to what the hand leaves of it.
 
     .. pydrake_system::

@@ -6,12 +6,13 @@ import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame
-from pydrake.systems.framework import Context, LeafSystem
+from pydrake.systems.framework import Context
 
+from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.hand_kinematics import declare_kinematics
 
 
-class FingertipVelocities(LeafSystem):
+class FingertipVelocities(CollectableSystem):
     """Computes the velocities of the fingertips in the palm by the hand's Jacobians.
 
     .. pydrake_system::

@@ -2,12 +2,13 @@
 
 import numpy as np
 from pydrake.common.value import AbstractValue
-from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSystem, State, ValueProducer
+from pydrake.systems.framework import BasicVector, Context, EventStatus, State
 
 from tactopose_drake.hand.fingertip_weights import FingertipWeights
+from tactopose_drake.systems.collectable_system import CollectableSystem, declare_cache
 
 
-class FingertipWeight(LeafSystem):
+class FingertipWeight(CollectableSystem):
     """Follows the fingertips' weight from where the joints were when the sensors were tared.
 
     A tare takes off what the fingertip weighs in its orientation of then. When the finger bends, the weight turns in
@@ -41,9 +42,11 @@ class FingertipWeight(LeafSystem):
         self._positions = self.DeclareVectorInputPort("joint_positions", num_positions)
         self._at_tare = self.DeclareDiscreteState(np.full(6 * len(fingers), np.nan))
         self.DeclareInitializationUnrestrictedUpdateEvent(self._remember)
-        self._turned = self.DeclareCacheEntry(
+        self._turned = declare_cache(
+            self,
             "what the weights have changed by since the tare, by finger",
-            ValueProducer(allocate=lambda: AbstractValue.Make({}), calc=self._calc_turned),
+            lambda: AbstractValue.Make({}),
+            self._calc_turned,
             {self._positions.ticket(), self.discrete_state_ticket(self._at_tare)},
         )
         for finger in fingers:

@@ -10,13 +10,14 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, WeldJoint
-from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
+from pydrake.systems.framework import Context, EventStatus, State
 
 from tactopose_drake.core.sensing.force_torque import ForceTorqueModel, measure, shift_wrench, weight_wrench
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import UnknownNameError
 from tactopose_drake.hand.fingertip_weights import fingertip_mass
 from tactopose_drake.resources import load_typed_yaml, model_path
+from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.ports import eval_input
 
 NO_SAMPLE = "no sample yet"
@@ -50,7 +51,7 @@ def load_force_torque_model(calibration: str = "SI-12-0.12", path: Path | None =
     return model
 
 
-class ForceTorqueSensor(LeafSystem):
+class ForceTorqueSensor(CollectableSystem):
     """Measures the wrench that the environment exerts on a fingertip, as the sensor at its root does.
 
     The load is the reaction at the weld between finger and fingertip. Noise, bias, range and quantisation act on it;

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, EventStatus, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, EventStatus
 
 from tactopose_drake.core.grasping.grasp_law import (
     ClosingMotion,
@@ -19,6 +19,7 @@ from tactopose_drake.core.validation import FloatArray, positive_number
 from tactopose_drake.errors import UnknownNameError
 from tactopose_drake.hand.hand_config import Hand
 from tactopose_drake.hand.hand_joints import HandJoints
+from tactopose_drake.systems.collectable_system import CollectableSystem
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -40,7 +41,7 @@ class GraspControllerParams:
             positive_number(f"GraspControllerParams.{field.name}", getattr(self, field.name))
 
 
-class GraspController(LeafSystem):
+class GraspController(CollectableSystem):
     """Brings the hand from an open posture to a grasp by joint torques, from its own senses alone.
 
     .. pydrake_system::

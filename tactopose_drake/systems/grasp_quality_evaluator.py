@@ -6,7 +6,7 @@ from typing import cast
 
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
-from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSystem, State
+from pydrake.systems.framework import BasicVector, Context, EventStatus, State
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.grasping.quality import ClosureProbability, force_closure_probability, grasp_quality
@@ -15,6 +15,7 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.results import PoseEstimate
+from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.ports import eval_input, eval_optional_input
 
 
@@ -40,7 +41,7 @@ class GraspQualityParams:
                 )
 
 
-class GraspQualityEvaluator(LeafSystem):
+class GraspQualityEvaluator(CollectableSystem):
     """Judges how well the present contacts hold the object where it is believed to be.
 
     .. pydrake_system::

@@ -6,13 +6,14 @@ import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import JointActuatorIndex, PdControllerGains
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, EventStatus, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, EventStatus
 
 from tactopose_drake.core.grasping.stall_law import close_until_stalled
 from tactopose_drake.core.validation import FloatArray, finite_array, positive_number
 from tactopose_drake.errors import UnknownNameError
 from tactopose_drake.hand.hand_config import Hand
 from tactopose_drake.hand.hand_joints import HandJoints
+from tactopose_drake.systems.collectable_system import CollectableSystem
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -50,7 +51,7 @@ def set_motor_gains(plant: MultibodyPlant, hand: Hand, params: GripControllerPar
             actuator.set_controller_gains(PdControllerGains(p=params.stiffness, d=params.damping))
 
 
-class GripController(LeafSystem):
+class GripController(CollectableSystem):
     """Closes each finger at a constant speed until its motor stalls; from then on the motor holds its position.
 
     So do hands with worm drives, like Barrett's. The plant needs `set_motor_gains`.

@@ -3,12 +3,13 @@
 from pydrake.common.value import AbstractValue
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame
-from pydrake.systems.framework import CacheEntry, Context, InputPort, LeafSystem, ValueProducer
+from pydrake.systems.framework import Context, InputPort, LeafSystem
 
 from tactopose_drake.hand.kinematics import HandKinematics
+from tactopose_drake.systems.collectable_system import CachedValue, declare_cache
 
 
-def declare_kinematics(system: LeafSystem, plant: MultibodyPlant, frame: Frame, positions: InputPort) -> CacheEntry:
+def declare_kinematics(system: LeafSystem, plant: MultibodyPlant, frame: Frame, positions: InputPort) -> CachedValue:
     """Declares a cache entry of a system that holds a `HandKinematics`.
 
     Args:
@@ -21,8 +22,10 @@ def declare_kinematics(system: LeafSystem, plant: MultibodyPlant, frame: Frame, 
     def move(context: Context, cached: AbstractValue) -> None:
         cached.get_mutable_value().move(positions.Eval(context))
 
-    return system.DeclareCacheEntry(
+    return declare_cache(
+        system,
         "kinematics of the hand",
-        ValueProducer(allocate=AbstractValue.Make(HandKinematics(plant, frame)).Clone, calc=move),
+        AbstractValue.Make(HandKinematics(plant, frame)).Clone,
+        move,
         {positions.ticket()},
     )

@@ -6,11 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.systems.framework import Context, LeafSystem, ValueProducer
+from pydrake.systems.framework import Context
 
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.hand.geometry import BodySpheres, HandGeometry
 from tactopose_drake.hand.hand_config import Hand
+from tactopose_drake.systems.collectable_system import CollectableSystem, declare_cache
 from tactopose_drake.systems.hand_kinematics import declare_kinematics
 from tactopose_drake.systems.ports import eval_optional_input
 
@@ -28,7 +29,7 @@ class _Placed:
     known: NDArray[np.bool_]
 
 
-class HandVolume(LeafSystem):
+class HandVolume(CollectableSystem):
     """Moves the spheres that fill the hand's links to where the measured joint positions put them.
 
     .. pydrake_system::
@@ -62,9 +63,11 @@ class HandVolume(LeafSystem):
         self._positions = self.DeclareVectorInputPort("joint_positions", plant.num_positions())
         self._fingers_untouched = self.DeclareAbstractInputPort("fingers_untouched", AbstractValue.Make(()))
         self._kinematics = declare_kinematics(self, plant, hand.palm_frame, self._positions)
-        self._placed = self.DeclareCacheEntry(
+        self._placed = declare_cache(
+            self,
             "the spheres in the palm",
-            ValueProducer(allocate=lambda: AbstractValue.Make(None), calc=self._place),
+            lambda: AbstractValue.Make(None),
+            self._place,
             {self._kinematics.ticket()},
         )
         self.DeclareAbstractOutputPort(

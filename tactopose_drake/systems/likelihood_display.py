@@ -6,12 +6,13 @@ from collections.abc import Sequence
 from pydrake.common.value import AbstractValue
 from pydrake.geometry import Meshcat
 from pydrake.math import RigidTransform
-from pydrake.systems.framework import Context, EventStatus, LeafSystem
+from pydrake.systems.framework import Context, EventStatus
 
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.identities import Identification
+from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.ports import eval_optional_input
 from tactopose_drake.visualization.likelihood_bars import add_bars, set_bars
 
@@ -28,7 +29,7 @@ class LikelihoodDisplayParams:
         positive_number("LikelihoodDisplayParams.period", self.period)
 
 
-class LikelihoodDisplay(LeafSystem):
+class LikelihoodDisplay(CollectableSystem):
     """Shows the likelihoods of some objects as bars beside their shapes.
 
     .. pydrake_system::

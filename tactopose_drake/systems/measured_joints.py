@@ -1,12 +1,13 @@
 """From the joints that a hand measures to the positions of its plant, as a system."""
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context
 
 from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.systems.collectable_system import CollectableSystem
 
 
-class MeasuredJoints(LeafSystem):
+class MeasuredJoints(CollectableSystem):
     """Puts measured joints into the plant's order, and lets the others follow.
 
     Unlike a `MatrixGain` it leaves a joint that is not known (NaN) from the others.

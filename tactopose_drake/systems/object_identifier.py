@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from concurrent.futures import Executor
 
 from pydrake.common.value import AbstractValue
-from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
+from pydrake.systems.framework import Context, EventStatus, State
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.sensing.patches import Patch
@@ -14,6 +14,7 @@ from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.identification import Likelihood, check_likelihood, identify
 from tactopose_drake.estimation.object_library import ObjectLibrary
+from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.ports import eval_input, eval_optional_input
 
 
@@ -38,7 +39,7 @@ class ObjectIdentifierParams:
         check_likelihood("ObjectIdentifierParams.likelihood", self.likelihood)
 
 
-class ObjectIdentifier(LeafSystem):
+class ObjectIdentifier(CollectableSystem):
     """Tells which of many objects the contacts and tactile patches of one instant are on.
 
     .. pydrake_system::

@@ -3,12 +3,13 @@
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.multibody.tree import Frame
-from pydrake.systems.framework import Context, LeafSystem
+from pydrake.systems.framework import Context
 
+from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.ports import eval_input
 
 
-class PalmPose(LeafSystem):
+class PalmPose(CollectableSystem):
     """Picks the palm's pose out of those of all bodies.
 
     .. pydrake_system::

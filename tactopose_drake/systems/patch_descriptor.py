@@ -7,13 +7,14 @@ import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.systems.framework import Context, LeafSystem, ValueProducer
+from pydrake.systems.framework import Context
 
 from tactopose_drake.core.sensing.patches import Patch, describe_patch
 from tactopose_drake.core.validation import FloatArray, positive_number
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.hand_config import Hand
 from tactopose_drake.hand.tactile_pads import TactilePad, load_tactile_pad
+from tactopose_drake.systems.collectable_system import CollectableSystem, declare_cache
 from tactopose_drake.systems.hand_kinematics import declare_kinematics
 
 NO_READING = "no reading"
@@ -40,7 +41,7 @@ class PatchDescriptorParams:
             )
 
 
-class PatchDescriptor(LeafSystem):
+class PatchDescriptor(CollectableSystem):
     """Describes what each tactile pad of a hand feels, in the palm, by the measured joint positions.
 
     .. pydrake_system::
@@ -99,9 +100,11 @@ class PatchDescriptor(LeafSystem):
         }
         self._ages = {name: self.DeclareVectorInputPort(f"age_{name}", 1) for name in self._pads}
         self._kinematics = declare_kinematics(self, plant, hand.palm_frame, self._positions)
-        self._described = self.DeclareCacheEntry(
+        self._described = declare_cache(
+            self,
             "patches by pad",
-            ValueProducer(allocate=lambda: AbstractValue.Make({}), calc=self._calc_described),
+            lambda: AbstractValue.Make({}),
+            self._calc_described,
             {self._kinematics.ticket(), *(port.ticket() for port in (*self._pressures.values(), *self._ages.values()))},
         )
         for name, empty, calc in (

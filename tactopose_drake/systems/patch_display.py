@@ -5,12 +5,13 @@ import dataclasses
 from pydrake.common.value import AbstractValue
 from pydrake.geometry import Meshcat
 from pydrake.math import RigidTransform
-from pydrake.systems.framework import Context, EventStatus, LeafSystem
+from pydrake.systems.framework import Context, EventStatus
 
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.hand_config import Hand
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
+from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.ports import eval_input, eval_optional_input
 from tactopose_drake.visualization.patch_marks import add_patches, move_patches
 
@@ -27,7 +28,7 @@ class PatchDisplayParams:
         positive_number("PatchDisplayParams.period", self.period)
 
 
-class PatchDisplay(LeafSystem):
+class PatchDisplay(CollectableSystem):
     """Shows the pressed cells of a hand's pads as plates as large as their pressure, and each patch's principal axes.
 
     .. pydrake_system::

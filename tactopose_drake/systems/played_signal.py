@@ -2,12 +2,13 @@
 
 import numpy as np
 from pydrake.common.value import AbstractValue
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context
 
+from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.signals import Signal
 
 
-class PlayedVector(LeafSystem):
+class PlayedVector(CollectableSystem):
     """Plays a recorded vector.
 
     .. pydrake_system::
@@ -30,7 +31,7 @@ class PlayedVector(LeafSystem):
         output.SetFromVector(np.full(output.size(), np.nan) if value is None else value)
 
 
-class PlayedValue(LeafSystem):
+class PlayedValue(CollectableSystem):
     """Plays a recorded signal of any other kind, such as a `PosePrior`.
 
     .. pydrake_system::

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
-from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSystem, State
+from pydrake.systems.framework import BasicVector, Context, EventStatus, State
 
 from tactopose_drake.core.posterior.hypotheses import free_directions
 from tactopose_drake.core.posterior.plausibility import may_be_touched
@@ -21,6 +21,7 @@ from tactopose_drake.core.validation import FloatArray, positive_number
 from tactopose_drake.errors import PortTypeError
 from tactopose_drake.estimation.results import PoseEstimate, PoseHypothesis, Status
 from tactopose_drake.systems.belief_inputs import BeliefInputs, Reading, Remembered
+from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.ports import eval_optional_input
 
 _STATUSES: dict[str, Status] = {"ok": "ok", "slipping": "ok", "ambiguous": "ambiguous"}
@@ -52,7 +53,7 @@ class TimedBelief:
         return self
 
 
-class PoseBeliefEstimator(LeafSystem):
+class PoseBeliefEstimator(CollectableSystem):
     """Keeps the belief of a held object's pose up to date, from touch, vision, and the fingers' motion.
 
     .. pydrake_system::

@@ -6,13 +6,14 @@ from pydrake.common.value import AbstractValue
 from pydrake.geometry import Meshcat
 from pydrake.math import RigidTransform
 from pydrake.multibody.tree import Frame
-from pydrake.systems.framework import Context, EventStatus, LeafSystem
+from pydrake.systems.framework import Context, EventStatus
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.prior import PosePrior
+from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.ports import eval_input, eval_optional_input
 from tactopose_drake.visualization.meshcat import add_object, add_touch, move_touch
 
@@ -42,7 +43,7 @@ class PoseDisplayParams:
             )
 
 
-class PoseDisplay(LeafSystem):
+class PoseDisplay(CollectableSystem):
     """Shows contacts with their forces, normals and friction cones, and the object at the prior and the estimate.
 
     .. pydrake_system::

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
-from pydrake.systems.framework import Context, EventStatus, LeafSystem, State, ValueProducer
+from pydrake.systems.framework import Context, EventStatus, State
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
@@ -17,6 +17,7 @@ from tactopose_drake.estimation.estimate import METHODS, estimate_pose
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.hand.collision import HandCollision, keep_clear
+from tactopose_drake.systems.collectable_system import CollectableSystem, declare_cache
 from tactopose_drake.systems.ports import eval_input, eval_optional_input
 
 
@@ -49,7 +50,7 @@ class PoseEstimatorParams:
                 )
 
 
-class PoseEstimator(LeafSystem):
+class PoseEstimator(CollectableSystem):
     """Estimates the pose of a held object from the contacts and tactile patches of one instant.
 
     .. pydrake_system::
@@ -113,11 +114,11 @@ class PoseEstimator(LeafSystem):
         self._collision = collision
         if collision is not None:
             self._positions = self.DeclareVectorInputPort("joint_positions", collision.num_positions)
-            self._scratch = self.DeclareCacheEntry(
+            self._scratch = declare_cache(
+                self,
                 "scratch of the collision check",
-                ValueProducer(
-                    allocate=lambda: AbstractValue.Make(collision.make_scratch()), calc=lambda context, value: None
-                ),
+                lambda: AbstractValue.Make(collision.make_scratch()),
+                lambda context, value: None,
                 {self.nothing_ticket()},
             )
         self._pose = self.DeclareAbstractState(AbstractValue.Make(RigidTransform()))

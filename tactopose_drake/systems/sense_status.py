@@ -3,12 +3,13 @@
 from collections.abc import Sequence
 
 from pydrake.common.value import AbstractValue
-from pydrake.systems.framework import Context, LeafSystem
+from pydrake.systems.framework import Context
 
+from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.ports import eval_input
 
 
-class SenseStatus(LeafSystem):
+class SenseStatus(CollectableSystem):
     """Joins the statuses of the sensors.
 
     .. pydrake_system::

@@ -6,19 +6,20 @@ from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import ContactResults, MultibodyPlant
 from pydrake.multibody.tree import Frame
-from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
+from pydrake.systems.framework import Context, EventStatus, State
 
 from tactopose_drake.core.sensing.tactile_array import PressureField, mean_pressure, read_cells, spread_matrix
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.contact_pressure import pressure_field
 from tactopose_drake.hand.tactile_pads import TactilePad
+from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.ports import eval_input
 
 NO_SAMPLE = "no sample yet"
 POINT_CONTACT = "a point contact is not felt"
 
 
-class TactileArray(LeafSystem):
+class TactileArray(CollectableSystem):
     """Measures the pressure on the cells of a pad, from the simulator's hydroelastic contact.
 
     Each cell averages the normal pressure over its own area; the soft layer shares it with its neighbours; then noise,
@@ -61,7 +62,8 @@ class TactileArray(LeafSystem):
         super().__init__()
         pad.model.validate(len(pad.layout))
         body = pad_frame.body()
-        self._geometries = set(plant.GetCollisionGeometriesForBody(body))
+        # Drake's own identifiers would keep the plant.
+        self._geometries = {geometry.get_value() for geometry in plant.GetCollisionGeometriesForBody(body)}
         if not self._geometries:
             raise InvalidInputError(f"pad_frame: its body {body.name()!r} has no collision geometry to be touched.")
         self._pad, self._body = pad, body.index()
@@ -95,7 +97,7 @@ class TactileArray(LeafSystem):
         for i in range(results.num_hydroelastic_contacts()):
             surface = results.hydroelastic_contact_info(i).contact_surface()
             for geometry, pad_is_M in ((surface.id_M(), True), (surface.id_N(), False)):
-                if geometry in self._geometries:
+                if geometry.get_value() in self._geometries:
                     fields.append(pressure_field(surface, X_TW, pad_is_M=pad_is_M))
         return fields
 

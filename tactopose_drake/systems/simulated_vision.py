@@ -6,7 +6,7 @@ import numpy as np
 from pydrake.common import RandomDistribution
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
-from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
+from pydrake.systems.framework import Context, EventStatus, State
 
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.core.vision.occlusion import hidden_share
@@ -14,6 +14,7 @@ from tactopose_drake.core.vision.vision_model import VisionModel, measure_pose
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.hand.geometry import BodySpheres
 from tactopose_drake.systems.camera_view import CameraView
+from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.ports import eval_input
 
 # Surface points that the camera looks for; the share's standard error is then below 3 %.
@@ -33,7 +34,7 @@ class SimulatedVisionParams:
         positive_number("SimulatedVisionParams.period", self.period)
 
 
-class SimulatedVision(LeafSystem):
+class SimulatedVision(CollectableSystem):
     """Estimates the object's pose as a camera would: the true pose with an error that grows with occlusion.
 
     .. pydrake_system::

@@ -3,14 +3,15 @@
 import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
-from pydrake.systems.framework import Context, LeafSystem, ValueProducer
+from pydrake.systems.framework import Context
 
 from tactopose_drake.core.tracking.frame import PoseMeasurement
 from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.systems.collectable_system import CollectableSystem, declare_cache
 from tactopose_drake.systems.ports import eval_input
 
 
-class TrackerInput(LeafSystem):
+class TrackerInput(CollectableSystem):
     """Makes a measurement of what a tracker says; what cannot be one counts as no answer, and the status says why.
 
     .. pydrake_system::
@@ -37,9 +38,11 @@ class TrackerInput(LeafSystem):
         self._pose = self.DeclareAbstractInputPort("pose", AbstractValue.Make(RigidTransform()))
         self._time = self.DeclareVectorInputPort("picture_time", 1)
         self._covariance = self.DeclareVectorInputPort("covariance", 36)
-        self._measured = self.DeclareCacheEntry(
+        self._measured = declare_cache(
+            self,
             "measurement and status",
-            ValueProducer(allocate=lambda: AbstractValue.Make((None, "")), calc=self._measure),
+            lambda: AbstractValue.Make((None, "")),
+            self._measure,
             {port.ticket() for port in (self._pose, self._time, self._covariance)},
         )
         for index, (name, model) in enumerate((("vision", None), ("status", ""))):

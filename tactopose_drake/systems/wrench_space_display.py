@@ -5,10 +5,11 @@ import dataclasses
 from pydrake.common.value import AbstractValue
 from pydrake.geometry import Meshcat
 from pydrake.math import RigidTransform
-from pydrake.systems.framework import Context, EventStatus, LeafSystem
+from pydrake.systems.framework import Context, EventStatus
 
 from tactopose_drake.core.grasping.quality import GraspQuality
 from tactopose_drake.core.validation import finite_array, positive_number
+from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.ports import eval_optional_input
 from tactopose_drake.visualization.wrench_spaces import draw_wrench_space
 
@@ -29,7 +30,7 @@ class WrenchSpaceDisplayParams:
         finite_array("WrenchSpaceDisplayParams.place", self.place, (3,))
 
 
-class WrenchSpaceDisplay(LeafSystem):
+class WrenchSpaceDisplay(CollectableSystem):
     """Shows the forces (green) and torques (red) that the contacts can exert, as two hulls beside the hand.
 
     .. pydrake_system::

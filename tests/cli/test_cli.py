@@ -14,19 +14,22 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
 from tactopose_drake.resources import model_path
 from tactopose_drake.visualization import remote_meshcat
+from tests.listening import Watch
 
 X_PO = make_poses(rotation(np.array([0.8, 0.2, -0.4, 0.4])), np.array([0.01, -0.03, 0.09]))
 
 
 def run(*arguments: object) -> int:
-    """Runs the command line in this process and returns its exit status."""
-    with pytest.MonkeyPatch.context() as patch:
+    """Runs the command line in this process, which opens no door to other machines, and returns its exit status."""
+    status = 0
+    with pytest.MonkeyPatch.context() as patch, Watch() as watch:
         patch.setattr("sys.argv", ["tactopose", *map(str, arguments)])
         try:
             cli.main()
         except SystemExit as stop:
-            return int(stop.code or 0)
-    return 0
+            status = int(stop.code or 0)
+    assert not watch.foreign
+    return status
 
 
 @pytest.fixture(scope="module")

@@ -5,9 +5,9 @@ import pytest
 import trimesh
 import yaml
 
-from tactopose_drake.cli import main as cli
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
+from tests.cli.test_cli import run as tactopose
 from tests.core.meshes import random_pose, shape_poor_in_symmetry
 
 
@@ -37,14 +37,7 @@ def _cache(tmp_path_factory: pytest.TempPathFactory) -> None:
 
 
 def run(library: Path, contacts: Path, *options: str) -> int:
-    with pytest.MonkeyPatch.context() as patch:
-        arguments = ["--library", str(library), "--contacts", str(contacts), "--jobs", "1", *options]
-        patch.setattr("sys.argv", ["tactopose", "identify", *arguments])
-        try:
-            cli.main()
-        except SystemExit as stop:
-            return int(stop.code or 0)
-    return 0
+    return tactopose("identify", "--library", library, "--contacts", contacts, "--jobs", 1, *options)
 
 
 @pytest.mark.parametrize("options", [[], ["--likelihood", "inverse_cost"]])

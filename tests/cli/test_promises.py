@@ -16,8 +16,10 @@ from tactopose_drake.cli.demo_run import DemoResult, GraspFailedError
 from tactopose_drake.errors import InvalidFileError
 from tactopose_drake.estimation.output_files import check_outputs, written_beside
 from tactopose_drake.resources import model_path
+from tactopose_drake.runs.scenario_replay import Replay
 from tactopose_drake.runs.stepping import RunView
 from tests.cli.test_cli import run
+from tests.listening import IS_KNOWN, Watch
 
 START = "from tactopose_drake.cli.entry import start; print('begin', flush=True); start()"
 CONTACTS = "contacts: [{position: [0, 0, 0.02]}, {position: [0.02, 0, 0]}, {position: [0, 0.02, 0]}]"
@@ -38,6 +40,7 @@ def inputs(files: Path) -> list[object]:
 def test_an_output_never_destroys_an_input(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
     os.link(files / "contacts.yaml", files / "link.yaml")
     (files / "symlink.yaml").symlink_to(files / "contacts.yaml")
+    (files / "circle").symlink_to(files / "circle")
     for options, message in (
         (["--out", files / "contacts.yaml"], "is an input, or in one"),
         (["--out", files / "link.yaml"], "is an input, or in one"),
@@ -48,6 +51,8 @@ def test_an_output_never_destroys_an_input(files: Path, capsys: pytest.CaptureFi
         (["--out", files], "is a folder"),
         (["--out", files / "absent" / "x"], "does not exist"),
         (["--out", "/proc/x"], "cannot be written"),
+        (["--out", files / ("x" * 300)], "cannot be used (File name too long)"),
+        (["--out", files / "circle"], "cannot be used ("),
     ):
         assert run("estimate", *inputs(files), *options) == 2
         errors = capsys.readouterr().err
@@ -55,7 +60,7 @@ def test_an_output_never_destroys_an_input(files: Path, capsys: pytest.CaptureFi
         assert errors.count("\n") == 1
     assert (files / "contacts.yaml").read_text() == CONTACTS
     assert (files / "cube.obj").read_bytes() == model_path("objects", "cube.obj").read_bytes()
-    assert sorted(os.listdir(files)) == ["contacts.yaml", "cube.obj", "link.yaml", "symlink.yaml"]
+    assert sorted(os.listdir(files)) == ["circle", "contacts.yaml", "cube.obj", "link.yaml", "symlink.yaml"]
 
 
 def test_a_replay_writes_nothing_into_its_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -94,8 +99,9 @@ def test_what_was_there_stays_until_all_is_written(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("estimate", "status"), [(None, 1), (object(), 0)])
+@pytest.mark.parametrize("command", ["run", "replay"])
 def test_the_exit_status_says_whether_there_is_an_estimate(
-    monkeypatch: pytest.MonkeyPatch, estimate: object, status: int
+    monkeypatch: pytest.MonkeyPatch, command: str, estimate: object, status: int
 ) -> None:
     class Station:
         """All of whose ports give the estimate."""
@@ -112,8 +118,11 @@ def test_the_exit_status_says_whether_there_is_an_estimate(
     station = Station()
     view = RunView(station, station)
     monkeypatch.setattr("tactopose_drake.cli.run_command.run_scenario", lambda *_, **__: view)
+    played = Replay(view, ("fingers.blf: ended after 3 frames.",), whole=True, difference="")
+    monkeypatch.setattr("tactopose_drake.cli.replay_command.replay_recording", lambda *_, **__: played)
     monkeypatch.setattr("tactopose_drake.cli.run_command.estimate_line", lambda _: "held: 0 contacts")
-    assert run("run", "shadow_like", "--duration", "0.3") == status
+    options = ("shadow_like", "--duration", "0.3") if command == "run" else ("log", "--scenario", "shadow_like")
+    assert run(command, *options) == status
 
 
 def test_help_and_version_end_well(capsys: pytest.CaptureFixture[str]) -> None:
@@ -149,50 +158,31 @@ def test_a_console_prints_text_as_it_is(capsys: pytest.CaptureFixture[str]) -> N
         assert text in printed
 
 
-def listening_addresses() -> set[tuple[str, str]]:
-    """The addresses and ports, in hexadecimal, on which this process listens."""
-    own = {os.readlink(f"/proc/self/fd/{fd}") for fd in os.listdir("/proc/self/fd") if _is_there(fd)}
-    found = set()
-    for table in ("/proc/net/tcp", "/proc/net/tcp6", "/proc/net/udp", "/proc/net/udp6"):
-        for line in Path(table).read_text().splitlines()[1:]:
-            fields = line.split()
-            is_open = fields[3] == "0A" or table.endswith(("udp", "udp6"))
-            if is_open and f"socket:[{fields[9]}]" in own:
-                address, port = fields[1].split(":")
-                found.add((address, port))
-    return found
+@pytest.mark.skipif(not IS_KNOWN, reason="the system does not tell who listens")
+def test_meshcat_listens_on_this_machine_alone(files: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The others that the tests run are watched as well, by `run`."""
+    watches: list[Watch] = []
+    html = Meshcat.StaticHtml
 
-
-def _is_there(fd: str) -> bool:
-    return os.path.lexists(f"/proc/self/fd/{fd}")
-
-
-@pytest.mark.skipif(not Path("/proc/net/tcp").exists(), reason="the system does not tell who listens")
-def test_commands_listen_on_this_machine_alone(files: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    seen: list[set[str]] = []
-    before = listening_addresses()  # of what other tests have left
-
-    def keep() -> None:
-        seen.append({address for address, _ in listening_addresses() - before})
-
-    def to_html(self: Meshcat) -> str:
-        keep()
-        return "<html>"
-
-    monkeypatch.setattr(Meshcat, "StaticHtml", to_html)
-    assert run("estimate", *inputs(files), "--html", files / "scene.html") == 0
+    def look(self: Meshcat) -> str:
+        watches[-1].look()
+        return str(html(self))
 
     def demonstrate(*_: object, **__: object) -> DemoResult:
-        keep()
+        watches[-1].look()
         raise GraspFailedError("of no interest here")
 
+    monkeypatch.setattr(Meshcat, "StaticHtml", look)
     monkeypatch.setattr("tactopose_drake.cli.demo_command.run_demo", demonstrate)
-    assert run("demo", "--out", files / "out") == 1
-    local = {"0100007F", "00000000000000000000000001000000"}
-    assert len(seen) == 2
-    for addresses in seen:
-        assert addresses
-        assert addresses <= local
+    for status, command in (
+        (0, ("estimate", *inputs(files), "--html", files / "scene.html")),
+        (1, ("demo", "--out", files / "out")),
+    ):
+        watches.append(Watch())
+        with watches[-1]:
+            assert run(*command) == status
+        assert watches[-1].opened
+        assert not watches[-1].foreign
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")

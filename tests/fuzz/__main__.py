@@ -7,9 +7,11 @@ import argparse
 import sys
 
 from tests.fuzz.bits import bits
+from tests.fuzz.buses import bus_faults, can_frames
 from tests.fuzz.calls import hostile, plausible
 from tests.fuzz.files import recordings, yaml_files
 from tests.fuzz.meshes import caches, models, repairs
+from tests.fuzz.outputs import outputs
 from tests.fuzz.runner import Kind, Outcome, run
 
 KINDS: dict[str, Kind] = {
@@ -21,6 +23,9 @@ KINDS: dict[str, Kind] = {
     "repairs": repairs,
     "models": models,
     "caches": caches,
+    "can_frames": can_frames,
+    "bus_faults": bus_faults,
+    "outputs": outputs,
 }
 
 

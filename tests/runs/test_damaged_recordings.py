@@ -1,8 +1,10 @@
 """Recordings that are not what a run has written: each is refused in one line, and none plays as if it were whole."""
 
+import gc
 import json
 import shutil
 import struct
+import weakref
 from collections.abc import Callable
 from pathlib import Path
 
@@ -52,6 +54,16 @@ def test_the_recording_plays_as_it_is(recording: Path, scenario: Scenario) -> No
     played = replay(recording, scenario)
     assert played.whole
     assert played.view.context.get_time() == 0.3
+
+
+def test_a_replay_is_freed(recording: Path, scenario: Scenario) -> None:
+    played = replay(recording, scenario, duration=0.1)
+    diagram = weakref.ref(played.view.diagram)
+    gc.collect()
+    assert played.view.context.get_time() == pytest.approx(0.1)
+    del played
+    gc.collect()
+    assert diagram() is None
 
 
 def edit(change: Callable[[list[dict]], object]) -> Callable[[Path], None]:

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pydrake.common.schema import Rotation, Transform
-from pydrake.geometry import Meshcat
+from pydrake.geometry import Meshcat, MeshcatParams
 from pydrake.systems.analysis import Simulator
 
 from tactopose_drake.core.poses import increments_between
@@ -32,7 +32,7 @@ def can_at(*p_PO: float) -> Scenario:
 
 @pytest.fixture(scope="module")
 def result() -> GraspResult:
-    meshcat = Meshcat()
+    meshcat = Meshcat(MeshcatParams(host="localhost"))
     result = simulate_grasp(can_at(-0.057, 0.0, 0.1101), meshcat=meshcat)
     assert meshcat.HasPath("/tactopose_patches/3/axes/2")
     assert meshcat.HasPath("/tactopose/estimate")

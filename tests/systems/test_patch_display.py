@@ -3,7 +3,7 @@ import dataclasses
 import numpy as np
 import pytest
 from pydrake.common.value import AbstractValue
-from pydrake.geometry import Meshcat
+from pydrake.geometry import Meshcat, MeshcatParams
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import FixedOffsetFrame
@@ -102,7 +102,7 @@ def test_patches_move_with_the_palm_at_the_simulations_time() -> None:
 
 
 def test_meshcat_itself_takes_and_records_all_of_it(hand: Hand) -> None:
-    meshcat = Meshcat()
+    meshcat = Meshcat(MeshcatParams(host="localhost"))
     meshcat.StartRecording()
     run(PatchDisplay(meshcat, hand), (make_patch([6, 7, 13, 14]),), duration=0.1)
     meshcat.PublishRecording()

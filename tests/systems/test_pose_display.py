@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import trimesh
 from pydrake.common.value import AbstractValue
-from pydrake.geometry import Meshcat
+from pydrake.geometry import Meshcat, MeshcatParams
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import FixedOffsetFrame, SpatialInertia
@@ -95,7 +95,7 @@ def test_the_motion_is_recorded_at_the_simulations_time(model: ObjectModel) -> N
 
 
 def test_meshcat_itself_takes_and_records_all_of_it(model: ObjectModel) -> None:
-    meshcat = Meshcat()
+    meshcat = Meshcat(MeshcatParams(host="localhost"))
     meshcat.StartRecording()
     display = PoseDisplay(meshcat, model)
     run(display, duration=0.1, contacts=TOUCH, prior=PosePrior(X_PO), object_pose=X_PO)

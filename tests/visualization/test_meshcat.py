@@ -3,7 +3,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from pydrake.geometry import Meshcat
+from pydrake.geometry import Meshcat, MeshcatParams
 from pydrake.math import RigidTransform, RollPitchYaw
 
 from tactopose_drake.core.evidence.contacts import Contacts
@@ -100,7 +100,7 @@ def test_a_scene_of_nothing_but_contacts_is_drawn(model: ObjectModel) -> None:
 
 
 def test_the_page_holds_its_scene_and_needs_no_network(model: ObjectModel, tmp_path: Path) -> None:
-    meshcat = Meshcat()
+    meshcat = Meshcat(MeshcatParams(host="localhost"))
     hand = Triangles(np.eye(3) * 0.05, np.array([[0, 1, 2]], dtype=np.int32), np.full((3, 3), 0.5))
     draw_scene(
         meshcat,

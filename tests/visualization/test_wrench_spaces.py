@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 import trimesh
-from pydrake.geometry import Meshcat
+from pydrake.geometry import Meshcat, MeshcatParams
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.grasping.improvement import ImprovementMap, improvement_map
@@ -66,7 +66,7 @@ def test_the_sum_of_the_fingers_forces_is_their_cones_sum(ball: ObjectModel) -> 
 
 
 def test_meshcat_takes_all_of_it(ball: ObjectModel) -> None:
-    meshcat = Meshcat()
+    meshcat = Meshcat(MeshcatParams(host="localhost"))
     quality = grasp_quality(ball, Contacts(P_OC), np.eye(3, 4), friction=0.5)
     draw_wrench_space(meshcat, "/wrenches", quality.space)
     for part in ("forces", "torques"):

@@ -4,13 +4,14 @@ import collections
 import heapq
 import itertools
 import threading
-import time
 from collections.abc import Sequence
 from typing import Self
 
 import can
 from can.interfaces.udp_multicast import UdpMulticastBus
 
+from tactopose_drake.drivers.clock import HOST_CLOCK
+from tactopose_drake.drivers.reconnecting_bus import receive
 from tactopose_drake.drivers.simulation.simulated_device import SimulatedDevice
 
 _LONGEST_WAIT = 0.02  # for a frame, s; how long closing may take
@@ -46,9 +47,9 @@ class DeviceServer:
 
     def _serve(self) -> None:
         while not self._stop.is_set():
-            wait = self._waiting[0][0] - time.time() if self._waiting else _LONGEST_WAIT
-            frame = self._bus.recv(min(max(wait, 0.0), _LONGEST_WAIT))
-            now = time.time()
+            wait = self._waiting[0][0] - HOST_CLOCK.time() if self._waiting else _LONGEST_WAIT
+            frame = receive(self._bus, min(max(wait, 0.0), _LONGEST_WAIT))
+            now = HOST_CLOCK.time()
             if frame is not None and not self._is_echo(frame):
                 for device in self._devices:
                     for reply in device.handle(frame, now):

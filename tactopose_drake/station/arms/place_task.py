@@ -7,7 +7,7 @@ import dataclasses
 
 import numpy as np
 from pydrake.common.value import AbstractValue
-from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSystem, State
+from pydrake.systems.framework import BasicVector, Context, EventStatus, State
 from pydrake.trajectories import PiecewisePolynomial
 
 from tactopose_drake.core.evidence.contacts import Contacts
@@ -15,6 +15,7 @@ from tactopose_drake.core.grasping.held_axis import HeldAxis
 from tactopose_drake.core.validation import FloatArray, positive_number
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.station.arms.place_planning import PlacePlanner
+from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.ports import eval_input, eval_optional_input
 
 # Phases in which the hand is to be open.
@@ -70,7 +71,7 @@ class TaskState:
     aligned: int = 0
 
 
-class PlaceTask(LeafSystem):
+class PlaceTask(CollectableSystem):
     """Waits until a rod is held, feels where it is, and has the arm put it into a hole.
 
     .. pydrake_system::

@@ -1,0 +1,102 @@
+"""Where compiled kernels are kept between runs; no fault of it is an error.
+
+Numba keeps them in the first folder that can be written: `NUMBA_CACHE_DIR`, the package's own `__pycache__`, the user's
+cache folder. Where none can, as in a read-only installation whose user has no home, they go to a folder among the
+temporary files, and where that cannot be trusted, each process compiles them anew. Either is told in one line.
+
+A cache of kernels is code: who can write to its folder decides what is run. So the folder among the temporary files is
+taken only if it belongs to this user, and nobody else may open it.
+"""
+
+import contextlib
+import functools
+import logging
+import os
+import stat
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, NullCache, UserWideCacheLocator
+
+
+def kernel_cache(function: Callable[..., Any], fingerprint: bytes) -> Any:
+    """The cache of one function's compiled code, which is fresh while its file and the fingerprint are the same."""
+    try:
+        return KernelCache(function, fingerprint)
+    except RuntimeError:  # numba's, where there is no folder
+        _tell("there is no folder for compiled kernels, so each process compiles them anew, for a minute or more")
+        return NullCache()
+
+
+class _TemporaryFolder(UserWideCacheLocator):
+    """The user's own folder among the temporary files."""
+
+    @classmethod
+    def from_function(cls, py_func: Callable[..., Any], py_file: str) -> Any:
+        """What numba asks for: the place of a function's code, or None."""
+        try:
+            folder = own_folder()
+            self = cls(py_func, py_file)
+            self._cache_path = str(folder / cls.get_suitable_cache_subpath(py_file))
+            self.ensure_cache_path()
+        except OSError:
+            return None
+        _tell(f"compiled kernels are kept in {folder}, for their usual places cannot be written")
+        return self
+
+
+class _Places(CompileResultCacheImpl):
+    _locator_classes = [*CompileResultCacheImpl._locator_classes, _TemporaryFolder]  # noqa: RUF012 (as in the base class)
+
+
+class KernelCache(FunctionCache):
+    """Numba's cache of one function: what is damaged is compiled anew, what cannot be written is not kept."""
+
+    _impl_class = _Places
+
+    def __init__(self, function: Callable[..., Any], fingerprint: bytes) -> None:
+        """Finds a folder.
+
+        Args:
+            function: whose code is kept.
+            fingerprint: of all files that are compiled into it; numba itself looks at its own file alone.
+        """
+        super().__init__(function)
+        self._cache_file._source_stamp = (self._cache_file._source_stamp, fingerprint)
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """The compiled code; None where there is none."""
+        try:
+            return super().load_overload(sig, target_context)
+        except Exception:  # a damaged file makes pickle and LLVM raise almost anything
+            with contextlib.suppress(OSError):
+                self.flush()
+            return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keeps compiled code."""
+        with contextlib.suppress(OSError):
+            super().save_overload(sig, data)
+
+
+def own_folder() -> Path:
+    """The folder among the temporary files, which it makes if need be.
+
+    Raises:
+        OSError: if it cannot be made, is another user's, or others may open it.
+    """
+    folder = Path(tempfile.gettempdir()) / f"tactopose_drake-{os.getuid()}"
+    with contextlib.suppress(FileExistsError):
+        folder.mkdir(mode=0o700)
+    found = folder.lstat()
+    if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or stat.S_IMODE(found.st_mode) & 0o077:
+        raise PermissionError(f"{folder}: is not this user's alone.")
+    return folder
+
+
+@functools.cache
+def _tell(message: str) -> None:
+    """Says something once."""
+    logging.getLogger("tactopose_drake").warning("%s; NUMBA_CACHE_DIR names another folder", message)
