@@ -114,6 +114,11 @@ SECTIONS = (
         full=("--trials", "1000", "--first-seed", "0"),
     ),
     Section(
+        script="world_not_as_told.py",
+        quick=("--trials", "10", "--first-seed", "0"),
+        full=("--trials", "500", "--first-seed", "0"),
+    ),
+    Section(
         script="in_hand_motions.py",
         quick=("--motions", "4", "--steps", "50", "--first-seed", "0"),
         full=("--motions", "200", "--first-seed", "0"),

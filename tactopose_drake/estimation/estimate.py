@@ -143,15 +143,14 @@ def weigh_poses(
     generator = np.random.default_rng(seed)
     found = search.minimize(problem.objective, problem.space, generator, deadline)
     modes = _modes_of(model, evidence, problem, found, max_hypotheses, params.modes)
-    explained = is_explained(model, evidence, modes.mixture.X_PO, params.plausibility)
-    wider_search = search.widened() if prior is not None and not explained else None
+    explained = prior is None or is_explained(model, evidence, modes.mixture.X_PO, params.plausibility)
+    wider_search = None if explained else search.widened()
     if wider_search is not None and not deadline():
         # The valley with the pose may be a narrow one that no start has led to.
         found = wider_search.minimize(problem.objective, problem.space, generator, deadline)
         wider = _modes_of(model, evidence, problem, found, max_hypotheses, params.modes)
         modes = min(modes, wider, key=lambda either: float(either.cost.min()))
-        explained = is_explained(model, evidence, modes.mixture.X_PO, params.plausibility)
-    if explained and not deadline():
+    if not deadline():
         modes = weigh_modes(modes, make_posterior(model, evidence, problem, params), generator)
     hypotheses = _hypotheses(modes, explain_touch(model, evidence, modes.mixture.X_PO, params.plausibility))
     undetermined = prior is None and len(evidence.touch) < _FEWEST_FOR_A_POSE

@@ -24,7 +24,7 @@ Kind = Callable[[np.random.Generator], None]
 
 CPU_LIMIT = 5.0
 """Seconds of processor time that a call may take, once its kernels are compiled."""
-WALL_LIMIT = 180.0
+WALL_LIMIT = 900.0
 """Seconds after which a call that has not come back is taken for hung; long, for it may compile on a loaded machine."""
 
 _spawned = multiprocessing.get_context("spawn")

@@ -86,10 +86,9 @@ class ReachParams:
     steps: int = 4  # of the search for exact contact
     contact_tolerance: float = 1e-4  # distance of the fingertip from the surface after them, m
     approach_stops: int = 3  # on the way from closed to open, both included, at which the finger must be clear
-    # What a touch's surroundings must be like. A little further out, the distance grows by at least this share of the
-    # way: it does not where the fingertip sits in a corner and touches two places.
-    outwards: float = 0.003  # m
-    least_openness: float = 0.8
+    # What a touch's surroundings must be like: a little further out, m, the distance grows by so much of the way.
+    outwards: float = 0.003
+    least_openness: float = 0.8  # share of the way: less is where the fingertip sits in a corner and touches two places
     # A little to the side, the normal turns less than this: it turns more on an edge rounded by less than 4 mm.
     sideways: float = 0.002  # m
     most_turn: float = 0.5  # rad

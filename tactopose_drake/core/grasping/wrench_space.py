@@ -33,6 +33,8 @@ Norm = Literal["L1", "Linf"]
 _FLAT = 1e-7
 # How exactly the critical facet is found, N: some digits above the hulls' own rounding.
 _EXACT = 1e-9
+# A demand along a direction that is less is none; what is divided by it is still finite.
+_NO_DEMAND = 1e-300
 # Products with so many directions are made at once, which bounds the memory.
 _DIRECTIONS_A_BATCH = 1024
 
@@ -173,7 +175,7 @@ class WrenchSpace:
             hull = convex_hull(points)
             if hull is None:
                 return 0.0
-            wanted = np.maximum(demand(hull.normals), np.finfo(float).tiny)
+            wanted = np.maximum(demand(hull.normals), _NO_DEMAND)
             scales = hull.offsets / wanted
             nearest = np.argsort(scales, kind="stable")[: self.growth.facets_per_round]
             supports, found = self.support(hull.normals[nearest])

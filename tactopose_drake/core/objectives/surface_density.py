@@ -9,6 +9,9 @@ from tactopose_drake.core.shape.surfel_kernels import Measurements
 from tactopose_drake.core.shape.surfels import contact_densities
 from tactopose_drake.core.validation import FloatArray
 
+DENSITY_FLOOR = 1e-9
+"""The density far from the surface, as a share of that on it: so the cost stays finite."""
+
 
 class SurfaceDensity:
     """How likely what was measured of each contact is, if the contact may lie anywhere on the surface.
@@ -30,6 +33,8 @@ class SurfaceDensity:
 
     def cost(self, X_PO: FloatArray) -> FloatArray:
         """Costs (B,) of poses (B, 3, 4)."""
-        cost = np.empty(len(X_PO))
-        contact_densities(self._surfels, self._measured, np.ascontiguousarray(X_PO), cost)
-        return cost
+        return np.asarray(-np.log(self.densities(X_PO) + DENSITY_FLOOR).sum(axis=1))
+
+    def densities(self, X_PO: FloatArray) -> FloatArray:
+        """Of each contact at poses (B, 3, 4), over those on a flat surface with the right normal, shape (B, k)."""
+        return contact_densities(self._surfels, self._measured, np.ascontiguousarray(X_PO))

@@ -6,8 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactopose_drake.core.poses import retract
-from tactopose_drake.core.validation import FloatArray, finite_array, instance_of
+from tactopose_drake.core.validation import FARTHEST, FloatArray, instance_of, limited
 from tactopose_drake.errors import InvalidInputError
+
+# Of a mixture that is given from outside: nobody believes more, and products of such numbers are still finite.
+_MOST_WEIGHT, _MOST_VARIANCE = 1e100, 1e6
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -60,14 +63,14 @@ def checked_mixture(name: str, value: object) -> GaussianMixture:
     """Returns a mixture that is given from outside, its weights scaled to sum to 1.
 
     Raises:
-        InvalidInputError: a value that is none, a shape that does not fit, a number that is not finite, no mode, or
-            weights that are negative or all 0.
+        InvalidInputError: a value that is none, a shape that does not fit, a number that is not finite or beyond all
+            reason, no mode, or weights that are negative or all 0.
     """
     instance_of(name, value, GaussianMixture)
     assert isinstance(value, GaussianMixture)
-    X_PO = finite_array(f"{name}.X_PO", value.X_PO, (None, 3, 4))
-    weights = finite_array(f"{name}.weights", value.weights, (len(X_PO),))
-    covariance = finite_array(f"{name}.covariance", value.covariance, (len(X_PO), 6, 6))
+    X_PO = limited(f"{name}.X_PO", value.X_PO, (None, 3, 4), most=FARTHEST)
+    weights = limited(f"{name}.weights", value.weights, (len(X_PO),), most=_MOST_WEIGHT)
+    covariance = limited(f"{name}.covariance", value.covariance, (len(X_PO), 6, 6), most=_MOST_VARIANCE)
     if not len(X_PO):
         raise InvalidInputError(f"{name}: has no mode; allowed is a mixture of one at least.")
     if weights.min() < 0.0 or not weights.sum() > 0.0:

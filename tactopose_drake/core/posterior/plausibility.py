@@ -16,6 +16,8 @@ from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 
+# Smaller densities are of discs that were not summed up to their ends.
+_LEAST_DENSITY = 1e-6
 # What a pad's place and turn may be off by, at the true pose.
 _MISPLACEMENTS = 6
 
@@ -36,16 +38,27 @@ def explain_touch(
     """
     explained = np.ones(len(X_PO), dtype=np.bool_)
     if len(evidence.contacts):
-        limit = _limit(_of_contacts(evidence), params.least_chance)
-        explained &= SurfaceContact(model.grid, evidence.contacts).cost(X_PO) <= limit
+        limit = _limit(_of_contacts(evidence), params.least_contact_chance)
+        touch = SurfaceContact(model.grid, evidence.contacts)
+        explained &= touch.cost(X_PO) <= limit
         if not explained.all():
-            # At edges and thin walls the smooth residuals are larger than noise.
-            explained[~explained] = SurfaceDensity(model, evidence.contacts).cost(X_PO[~explained]) <= limit
+            explained[~explained] = _exact_cost(model, touch, evidence.contacts, X_PO[~explained]) <= limit
     if evidence.patches:
         counts = [_MISPLACEMENTS + _of_patch(patch) for patch in evidence.patches]
-        limits = np.array([_limit(count, params.least_chance) for count in counts])
+        limits = np.array([_limit(count, params.least_pad_chance) for count in counts])
         explained &= np.all(PatchContact(model.grid, evidence.patches).pad_costs(X_PO) <= limits, axis=1)
     return explained
+
+
+def _exact_cost(model: ObjectModel, touch: SurfaceContact, contacts: Contacts, X_PO: FloatArray) -> FloatArray:
+    """Costs (B,) of contacts at poses (B, 3, 4), by the surface as it is where it is near enough to tell.
+
+    At edges and thin walls the smooth residuals are larger than noise; far off they alone say how far.
+    """
+    smooth = 0.5 * np.square(touch.residuals(X_PO).reshape(len(X_PO), len(contacts), -1)).sum(axis=2)
+    density = SurfaceDensity(model, contacts).densities(X_PO)
+    exact = -np.log(np.maximum(density, _LEAST_DENSITY))
+    return np.asarray(np.where(density > _LEAST_DENSITY, exact, smooth).sum(axis=1))
 
 
 def is_explained(

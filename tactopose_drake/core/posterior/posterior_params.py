@@ -19,7 +19,9 @@ class ModeParams:
 class PlausibilityParams:
     """When noise alone explains a touch."""
 
-    least_chance: float = 1e-6  # with which noise alone leaves residuals as large; those that are rarer are none of it
+    # Contacts' residuals that noise alone leaves more rarely than with this chance are none of it.
+    least_contact_chance: float = 1e-3
+    least_pad_chance: float = 1e-6  # likewise of a pad: what it feels is known less well than its cells' noise says
     reach_sigmas: float = 6.0  # standard deviations from where it is believed to be, beyond which an object is not
 
 

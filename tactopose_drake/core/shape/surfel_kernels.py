@@ -9,7 +9,7 @@ from tactopose_drake.core.compilation import (
     Floats2,
     Floats3,
     Ints1,
-    OutFloats1,
+    OutFloats2,
     Shape3,
     Singles2,
     inlined,
@@ -33,7 +33,6 @@ class Discs(NamedTuple):
         shape: number of cells along x, y and z.
         spacing: about the distance between neighbours, m.
         reach: discs count within so many standard deviations.
-        floor: the density far from the surface, as a share of that on it.
     """
 
     rows: Singles2
@@ -43,7 +42,6 @@ class Discs(NamedTuple):
     shape: Shape3
     spacing: float
     reach: float
-    floor: float
 
 
 class Measurements(NamedTuple):
@@ -74,11 +72,13 @@ def _exp_minus(x):
 
 
 @kernel
-def densities(discs: Discs, measured: Measurements, X: Floats3, cost: OutFloats1) -> None:
-    """Each number of the discs is an array by itself, read by unsigned offsets, which need no check of their sign, and
+def densities(discs: Discs, measured: Measurements, X: Floats3, density: OutFloats2) -> None:
+    """The density of each contact at each pose, into density (B, k); on a flat surface with the right normal it is 1.
+
+    Each number of the discs is an array by itself, read by unsigned offsets, which need no check of their sign, and
     in whole blocks: what of a run's last block lies behind its end counts for nothing.
     """
-    rows, first, origin, per_cell, shape, spacing, sigmas, floor = discs
+    rows, first, origin, per_cell, shape, spacing, sigmas = discs
     p, n, sigma, weight_n = measured
     x_disc, y_disc, z_disc, x_normal, y_normal, z_normal = rows[0], rows[1], rows[2], rows[3], rows[4], rows[5]
     area, spread, roughness = rows[6], rows[7], rows[8]
@@ -87,7 +87,6 @@ def densities(discs: Discs, measured: Measurements, X: Floats3, cost: OutFloats1
     one, half = np.float32(1.0), np.float32(0.5)
     most = np.float32(_MOST)
     for b in range(X.shape[0]):
-        total = 0.0
         for i in range(p.shape[0]):
             reach = sigmas * sigma[i] + 0.5 * spacing
             x, y, z = p[i, 0] - X[b, 0, 3], p[i, 1] - X[b, 1, 3], p[i, 2] - X[b, 2, 3]
@@ -126,8 +125,7 @@ def densities(discs: Discs, measured: Measurements, X: Floats3, cost: OutFloats1
                                 # Without a branch, which would part the block.
                                 share = area[k] * both * _exp_minus(min(exponent, most))
                                 shares[j] += share if block + np.uintp(j) < count else np.float32(0.0)
-            density = np.float32(0.0)
+            total = np.float32(0.0)
             for j in range(BLOCK):
-                density += shares[j]
-            total -= np.log(density / (2.0 * np.pi) + floor)
-        cost[b] = total
+                total += shares[j]
+            density[b, i] = total / (2.0 * np.pi)

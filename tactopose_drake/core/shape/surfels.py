@@ -35,7 +35,6 @@ class SurfelParams:
     least_mean_normal: float = 0.92  # length of the mean of a disc's normals: they differ by some 20 degrees
     cell_spacings: float = 3.4  # a cell's width, in spacings: a contact's surroundings lie in few long runs
     reach: float = 3.8  # discs count within so many standard deviations of a contact
-    density_floor: float = 1e-9  # far from the surface, as a share of that on it: so the cost stays finite
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,16 +112,9 @@ def _averages(rows: FloatArray, group: NDArray[np.intp], size: NDArray[np.intp])
 
 
 def contact_densities(
-    surfels: Surfels,
-    measured: Measurements,
-    X_PO: FloatArray,
-    cost: FloatArray,
-    params: SurfelParams = SurfelParams(),
-) -> None:
-    """Writes the negative log densities of contacts at poses (B, 3, 4) into cost (B,).
-
-    Each contact's density is divided by that on a flat surface with the right normal.
-    """
+    surfels: Surfels, measured: Measurements, X_PO: FloatArray, params: SurfelParams = SurfelParams()
+) -> FloatArray:
+    """The densities (B, k) of contacts at poses (B, 3, 4), over those on a flat surface with the right normal."""
     discs = Discs(
         read_only(surfels.discs),
         read_only(surfels.first),
@@ -131,6 +123,7 @@ def contact_densities(
         surfels.shape,
         surfels.spacing,
         params.reach,
-        params.density_floor,
     )
-    densities(discs, measured, X_PO, cost)
+    density = np.empty((len(X_PO), len(measured.p)))
+    densities(discs, measured, X_PO, density)
+    return density

@@ -30,7 +30,7 @@ def summarise(
     mixture = constrain_modes(model, evidence, belief.modes, params.constraints)
     explains = np.ones(len(mixture), dtype=np.bool_)
     if has_contact and len(mixture):
-        explains = explain_touch(model, evidence, mixture.X_PO)
+        explains = explain_touch(model, evidence, mixture.X_PO, params.plausibility)
     belief = dataclasses.replace(
         belief,
         mixture=mixture,

@@ -127,7 +127,8 @@ class PoseTracker:
             update = update_modes(self._model, params, reading, modes, duration)
             modes = update.modes
         slips = update is not None and update.is_inconsistent
-        explained = bool(len(modes)) and bool(explain_touch(self._model, frame.evidence, modes.X_PO[:1])[0])
+        best = modes.X_PO[:1]
+        explained = bool(len(modes) and explain_touch(self._model, frame.evidence, best, params.plausibility)[0])
         is_urgent = slips or is_outlier or not explained or time > belief.touch_time + params.lost_time
         searches, search_time = belief.searches, belief.search_time
         settings = params.relocalisation

@@ -124,7 +124,7 @@ def propose_modes(
         model.size,
         params.mixture.max_modes,
     )
-    X_start = modes.mixture.X_PO[explain_touch(model, evidence, modes.mixture.X_PO)]
+    X_start = modes.mixture.X_PO[explain_touch(model, evidence, modes.mixture.X_PO, params.plausibility)]
     if not len(X_start):
         return TrackedModes.empty(len(reading.sources))
 

@@ -3,6 +3,7 @@
 import dataclasses
 from typing import Any
 
+from tactopose_drake.core.posterior.posterior_params import PlausibilityParams
 from tactopose_drake.core.validation import instance_of, positive_number, whole_number
 from tactopose_drake.errors import InvalidInputError
 
@@ -126,6 +127,7 @@ class PoseTrackerParams:
     slip_time: float = 0.1  # s for which a slip that was found is taken to go on
     lost_time: float = 0.2  # s without an explanation of the touch, after which the pose is lost
     unobserved_time: float = 1.0  # s without touch or vision, after which the pose is lost
+    least_touch_chance: float = 1e-6  # with which noise alone leaves residuals as large; it is asked at each frame
     seed: int = 0  # of the searches' random numbers
     noise: MotionNoise = dataclasses.field(default_factory=MotionNoise)
     contact_update: ContactUpdateParams = dataclasses.field(default_factory=ContactUpdateParams)
@@ -135,6 +137,11 @@ class PoseTrackerParams:
     vision: VisionParams = dataclasses.field(default_factory=VisionParams)
     constraints: ConstraintParams = dataclasses.field(default_factory=ConstraintParams)
     mixture: MixtureParams = dataclasses.field(default_factory=MixtureParams)
+
+    @property
+    def plausibility(self) -> PlausibilityParams:
+        """When a frame's touch is explained."""
+        return PlausibilityParams(least_contact_chance=self.least_touch_chance)
 
     def validate(self) -> None:
         """Raises InvalidInputError if a number is out of its range."""

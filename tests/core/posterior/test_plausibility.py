@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.poses import compose, exp_so3
-from tactopose_drake.core.posterior.plausibility import may_be_touched
+from tactopose_drake.core.posterior.plausibility import explain_touch, may_be_touched
+from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
 from tests.core.tracking.boxes import make_box, touch
 
 EXACT = 1e-12 * np.eye(6)
@@ -39,3 +41,32 @@ def test_the_answer_moves_with_the_frame() -> None:
         moved = Contacts(contacts.p_PC @ move[:, :3].T + move[:, 3])
         answers = [may_be_touched(box, X, EXACT, c) for X, c in ((shifted, contacts), (compose(move, shifted), moved))]
         assert answers[0] == answers[1]
+
+
+@pytest.mark.parametrize("count", [5, 10])
+def test_one_impossible_normal_is_not_explained(count: int) -> None:
+    """However exactly the other contacts lie on the surface, and all the points."""
+    box, X_PO, generator = make_box(), np.eye(3, 4), np.random.default_rng(2)
+    felt = touch_surface(box, X_PO, count, generator, sigma_position=0.0, sigma_normal=0.0)
+    assert felt.n_PC is not None
+    told = Contacts(felt.p_PC, felt.n_PC)
+    turned = np.copy(felt.n_PC)
+    turned[0] *= -1.0
+    assert explain_touch(box, Evidence(told), X_PO[None]).all()
+    assert not explain_touch(box, Evidence(Contacts(felt.p_PC, turned)), X_PO[None]).any()
+
+
+def test_noise_as_told_is_explained_at_edges_too() -> None:
+    """As often as it should be: the true pose is not fitted to the noise."""
+    box, X_PO, generator = make_box(), np.eye(3, 4), np.random.default_rng(3)
+    touches = [touch_surface(box, X_PO, 5, generator) for _ in range(500)]
+    explained = [bool(explain_touch(box, Evidence(contacts), X_PO[None])[0]) for contacts in touches]
+    assert np.count_nonzero(explained) >= 495
+
+
+def test_a_contact_beside_the_object_is_not_explained() -> None:
+    box, X_PO, generator = make_box(), np.eye(3, 4), np.random.default_rng(4)
+    felt = touch_surface(box, X_PO, 5, generator)
+    away = np.copy(felt.p_PC)
+    away[0] += 0.05 * away[0] / np.linalg.norm(away[0])
+    assert not explain_touch(box, Evidence(Contacts(away, felt.n_PC)), X_PO[None]).any()

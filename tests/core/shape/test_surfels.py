@@ -7,7 +7,7 @@ from scipy.special import erf
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
-from tactopose_drake.core.objectives.surface_density import SurfaceDensity
+from tactopose_drake.core.objectives.surface_density import DENSITY_FLOOR, SurfaceDensity
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.shape.surfels import SurfelParams, surfel_spacing
 
@@ -104,7 +104,7 @@ def test_far_from_the_surface_the_cost_stays_finite(box: ObjectModel) -> None:
     far = cost(box, [3.0, 0.0, 0.0], [1, 0, 0])
     assert math.isfinite(far)
     assert far == pytest.approx(cost(box, [0.0, 0.0, 0.0], [1, 0, 0]))
-    assert far == pytest.approx(-math.log(SurfelParams().density_floor))
+    assert far == pytest.approx(-math.log(DENSITY_FLOOR))
 
 
 def test_the_spacing_follows_the_noise_within_what_the_surface_allows() -> None:

@@ -1,0 +1,185 @@
+"""What the belief is worth where the world is not as told: false contacts, turned normals, more noise, another mesh.
+
+python examples/world_not_as_told.py --trials 500 --out world_not_as_told
+
+Objects in random poses are touched at random places, far apart, as the estimate is told; then something is changed
+of which it is told nothing. A pose is right within 10 mm and 15 degrees, up to the object's symmetries. Of the answers
+that are given with more than 95 % it is asked how many are wrong beyond what 99.9 % of their own covariance allow, and
+of all how often the truth lies in the smallest set of hypotheses that holds 95 %.
+"""
+
+import argparse
+import dataclasses
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from calibration import OBJECTS, region_holds
+from nearest_images import nearest_increments
+from numpy.typing import NDArray
+from rich.progress import track
+from scipy.stats import chi2
+
+import tactopose_drake as tp
+from tactopose_drake.core.poses import exp_so3, make_poses, random_rotations, retract
+from tactopose_drake.core.synthetic import touch_surface
+from tactopose_drake.resources import model_path
+
+SURE = 0.95
+BEYOND = float(chi2.ppf(0.999, 6))
+RIGHT = (0.010, np.radians(15.0))
+SIGMA_POSITION, SIGMA_NORMAL = 0.0009, np.radians(5.0)
+
+Array = NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True)
+class World:
+    """How the world differs from what the estimate is told.
+
+    Attributes:
+        noise: of the contacts, in units of what is told.
+        scale: of the object that is touched, in units of the mesh.
+        change: of the measured points (k, 3) and normals (k, 3), in place.
+    """
+
+    noise: float = 1.0
+    scale: float = 1.0
+    change: Callable[[np.random.Generator, Array, Array], None] = lambda generator, p, n: None
+
+
+def _directions(generator: np.random.Generator, count: int) -> Array:
+    rows = generator.normal(size=(count, 3))
+    return np.asarray(rows / np.linalg.norm(rows, axis=1, keepdims=True))
+
+
+def _one_off(generator: np.random.Generator, p: Array, n: Array) -> None:
+    p[generator.integers(len(p))] += generator.uniform(0.010, 0.030) * _directions(generator, 1)[0]
+
+
+def _one_flipped(generator: np.random.Generator, p: Array, n: Array) -> None:
+    n[generator.integers(len(n))] *= -1.0
+
+
+def _one_turned(generator: np.random.Generator, p: Array, n: Array) -> None:
+    i = generator.integers(len(n))
+    axis = np.cross(n[i], _directions(generator, 1)[0])
+    n[i] = exp_so3(np.radians(45.0) * axis / np.linalg.norm(axis)) @ n[i]
+
+
+def _each_off(generator: np.random.Generator, p: Array, n: Array) -> None:
+    p += 0.002 * _directions(generator, len(p))
+
+
+WORLDS = {
+    "as told": World(),
+    "one contact 10 to 30 mm off": World(change=_one_off),
+    "one normal flipped": World(change=_one_flipped),
+    "one normal 45 degrees off": World(change=_one_turned),
+    "noise twice as large": World(noise=2.0),
+    "object 3 % larger": World(scale=1.03),
+    "each contact 2 mm off": World(change=_each_off),
+}
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Trial:
+    """What one estimate said, and how far off it was.
+
+    Attributes:
+        right: whether the best pose is.
+        sure: whether it is given with more than 95 %.
+        beyond: whether the truth is beyond 99.9 % of its covariance.
+        held: whether the set of 95 % holds the truth.
+        status: the estimate's.
+        seconds: that it took.
+    """
+
+    right: bool
+    sure: bool
+    beyond: bool
+    held: bool
+    status: str
+    seconds: float
+
+
+def run_trial(model: tp.ObjectModel, world: World, seed: int, count: int, has_prior: bool) -> Trial:
+    """Touches the object in its world, estimates its pose, and compares."""
+    generator = np.random.default_rng([seed, 77])
+    X_PO = make_poses(random_rotations(generator, 1), 0.05 * generator.normal(size=(1, 3)))[0]
+    prior = tp.PosePrior(X_PO)
+    prior = tp.PosePrior(retract(X_PO, generator.normal(size=6) * prior.sigmas)) if has_prior else None
+    noise = {"sigma_position": world.noise * SIGMA_POSITION, "sigma_normal": world.noise * SIGMA_NORMAL}
+    felt = touch_surface(model, X_PO, count, generator, spread=True, **noise)
+    p_PC, n_PC = felt.p_PC.copy(), felt.n_PC.copy()
+    # An object that is larger about its centre of mass.
+    p_PC += (world.scale - 1.0) * (p_PC - X_PO[:, 3] - X_PO[:, :3] @ model.center_of_mass)
+    world.change(generator, p_PC, n_PC)
+    contacts = tp.Contacts(p_PC, n_PC, sigma_position=SIGMA_POSITION, sigma_normal=SIGMA_NORMAL)
+    started = time.process_time()
+    estimate = tp.estimate_pose(model, contacts, prior=prior, seed=seed)
+    seconds = time.process_time() - started
+    best = estimate.best
+    information = np.linalg.inv(best.covariance)
+    error = nearest_increments(model, best.X_PO.GetAsMatrix34(), information, X_PO[None])[0]
+    metres = np.repeat([model.size / 2.0, 1.0], 3)
+    near = nearest_increments(model, best.X_PO.GetAsMatrix34(), np.diag(metres**2), X_PO[None])[0]
+    return Trial(
+        right=bool(np.linalg.norm(near[3:]) < RIGHT[0] and np.linalg.norm(near[:3]) < RIGHT[1]),
+        sure=best.probability > SURE,
+        beyond=float(error @ information @ error) > BEYOND,
+        held=bool(region_holds(model, estimate, X_PO[None], [SURE])[0, 0]),
+        status=estimate.status,
+        seconds=seconds,
+    )
+
+
+def row(name: str, trials: list[Trial]) -> str:
+    """A line of the table."""
+    sure = [trial for trial in trials if trial.sure]
+    said = {status: sum(trial.status == status for trial in trials) for status in ("ok", "ambiguous", "no_solution")}
+    ok = [trial for trial in trials if trial.status == "ok"]
+    return (
+        f"{name:28s} right {np.mean([trial.right for trial in trials]):5.1%}, "
+        f"sure and wrong {sum(trial.beyond for trial in sure):3d} of {len(sure):3d}, "
+        f"ok and not right {sum(not trial.right for trial in ok):3d} of {len(ok):3d}, "
+        f"set holds the truth {np.mean([trial.held for trial in trials]):5.1%}, {said['ambiguous']:3d} ambiguous, "
+        f"{said['no_solution']:3d} no_solution, "
+        f"{1e3 * np.median([trial.seconds for trial in trials]):.1f} ms (mean "
+        f"{1e3 * np.mean([trial.seconds for trial in trials]):.1f})"
+    )
+
+
+def main() -> None:
+    """Prints the table with a prior and without one."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--trials", type=int, default=500, help="of each world")
+    parser.add_argument("--first-seed", type=int, default=0)
+    parser.add_argument("--objects", nargs="+", default=list(OBJECTS))
+    parser.add_argument("--scans", type=Path, help="a folder of further meshes")
+    parser.add_argument("--contacts", type=int, default=5)
+    parser.add_argument("--worlds", nargs="+", type=int, default=list(range(len(WORLDS))), help="by their numbers")
+    parser.add_argument("--out", type=Path, default=Path("world_not_as_told"))
+    arguments = parser.parse_args()
+    meshes = [model_path("objects", f"{name}.obj") for name in arguments.objects]
+    if arguments.scans is not None:
+        meshes += sorted(arguments.scans.glob("*.obj"))
+    models = [tp.ObjectModel.from_mesh(mesh) for mesh in meshes]
+    lines = []
+    for title, has_prior in (("with a prior of 33 mm and 16 degrees", True), ("without a prior", False)):
+        lines.append(title)
+        for name in (list(WORLDS)[i] for i in arguments.worlds):
+            seeds = range(arguments.first_seed, arguments.first_seed + arguments.trials)
+            trials = [
+                run_trial(models[seed % len(models)], WORLDS[name], seed, arguments.contacts, has_prior)
+                for seed in track(seeds, description=name)
+            ]
+            lines.append(row(name, trials))
+            print(lines[-1])
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    (arguments.out / "world_not_as_told.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
