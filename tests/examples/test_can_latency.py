@@ -47,6 +47,7 @@ def test_frames_become_contacts() -> None:
         load.times[0] = 0.0
     devices = CanDevices(scenario.senses, live_buses(scenario.senses))
     station = make_hardware_station(scenario, devices, {"joint_positions": Signal.constant(held_cube.Q)}, model=model)
+    began = time.monotonic()
     with SimulatedRig(scenario, loads), devices:
         for board in devices.boards.values():
             board.read(5.0)
@@ -55,7 +56,7 @@ def test_frames_become_contacts() -> None:
     assert len(silent.latency) == 0
     assert len(report.latency) >= 5
     assert np.all(report.latency > 0.0)
-    assert np.all(report.latency < 10.0)
+    assert np.all(report.latency < time.monotonic() - began), "no frame is older than the boards"
     assert report.estimates == 4
     assert report.samples_per_second > 0
     # Drake does not wait for the end of the last step, which is as long as a sensor's period at the most.
