@@ -5,7 +5,7 @@ import pytest
 from scipy.linalg import eigh
 
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.poses import random_rotations, retract
+from tactopose_drake.core.poses import retract
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.frame import ContactReading
 from tactopose_drake.core.tracking.measurement_update import (
@@ -19,11 +19,9 @@ from tactopose_drake.core.tracking.measurement_update import (
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import ForgettingParams, PoseTrackerParams
 from tests.core.tracking.boxes import SIGMA_NORMAL, SIGMA_POSITION, make_box, n_OC, p_OC, touch
+from tests.core.tracking.rough_modes import HAND, make_rough_modes
 
 X_PO = np.eye(3, 4)
-# Variances of biases of positions, m^2, and of normals, rad^2, of three sources.
-HAND = np.array([0.0005**2, 0.04**2])
-SOURCES = 3
 
 
 @pytest.fixture(scope="module")
@@ -33,18 +31,6 @@ def box() -> ObjectModel:
 
 def make_modes(covariance: np.ndarray) -> TrackedModes:
     return TrackedModes.independent(np.tile(np.eye(3, 4), (len(covariance), 1, 1)), covariance, 6)
-
-
-def make_rough_modes(roughness: float) -> TrackedModes:
-    """Two modes that know of the biases what an update would tell them, on a surface of a roughness in HAND's unit."""
-    generator = np.random.default_rng(0)
-    own = np.tile(np.repeat(HAND * (1.0 + roughness), 3), SOURCES)
-    root = generator.normal(size=(2, 6 + len(own), 6 + len(own))) * np.sqrt(np.concatenate([np.full(6, 1e-4), own]))
-    joint = np.swapaxes(root, 1, 2) @ root / (6 + len(own))
-    joint[:, 6:, 6:] = np.diag(own)
-    X_PO = np.concatenate([random_rotations(generator, 2), np.zeros((2, 3, 1))], axis=2)
-    rough = np.tile(roughness * HAND, (2, SOURCES, 1))
-    return TrackedModes.make(X_PO, joint[:, :6, :6], 0.3 * joint[:, :6, 6:], rough, np.zeros(2), np.zeros(2))
 
 
 def update_often(box: ObjectModel, frames: int, forgetting_time: float = 1e9) -> MeasurementUpdate:

@@ -3,28 +3,13 @@ import dataclasses
 import numpy as np
 import pytest
 
-from tactopose_drake.core.poses import random_rotations
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import MixtureParams
-
-HAND = np.array([0.0005**2, 0.04**2])
-SOURCES = 3
-
-
-def make_modes(roughness: float) -> TrackedModes:
-    """Two modes that know of the biases what an update would tell them, on a surface of a roughness in HAND's unit."""
-    generator = np.random.default_rng(0)
-    own = np.tile(np.repeat(HAND * (1.0 + roughness), 3), SOURCES)
-    root = generator.normal(size=(2, 6 + len(own), 6 + len(own))) * np.sqrt(np.concatenate([np.full(6, 1e-4), own]))
-    joint = np.swapaxes(root, 1, 2) @ root / (6 + len(own))
-    joint[:, 6:, 6:] = np.diag(own)
-    X_PO = np.concatenate([random_rotations(generator, 2), np.zeros((2, 3, 1))], axis=2)
-    rough = np.tile(roughness * HAND, (2, SOURCES, 1))
-    return TrackedModes.make(X_PO, joint[:, :6, :6], 0.3 * joint[:, :6, 6:], rough, np.zeros(2), np.zeros(2))
+from tests.core.tracking.rough_modes import SOURCES, make_rough_modes
 
 
 def test_equal_modes_found_twice_count_once_and_those_that_met_count_both() -> None:
-    modes = make_modes(0.0).chosen([0, 0, 1])
+    modes = make_rough_modes(0.0).chosen([0, 0, 1])
     symmetry = np.eye(3, 4)[None]
     np.testing.assert_allclose(modes.distinct(symmetry, 2.0).log_weight, [0.0, 0.0])
     np.testing.assert_allclose(modes.merged(symmetry, 2.0).log_weight, [np.log(2.0), 0.0])
@@ -33,7 +18,7 @@ def test_equal_modes_found_twice_count_once_and_those_that_met_count_both() -> N
 
 
 def test_pruned_are_the_heaviest_and_sum_to_one() -> None:
-    modes = make_modes(0.0).chosen([0, 1, 0, 1])
+    modes = make_rough_modes(0.0).chosen([0, 1, 0, 1])
     modes = dataclasses.replace(modes, log_prior=np.array([-1.0, 3.0, -40.0, 2.0]), log_likelihood=np.full(4, 7.0))
     pruned = modes.pruned(MixtureParams(max_modes=3, least_share=0.05))
     np.testing.assert_array_equal(pruned.X_PO, modes.X_PO[[1, 3]])
@@ -43,7 +28,7 @@ def test_pruned_are_the_heaviest_and_sum_to_one() -> None:
 
 
 def test_new_sources_are_unknown_to_the_modes() -> None:
-    modes = make_modes(1.0)
+    modes = make_rough_modes(1.0)
     wider = modes.with_sources(SOURCES + 2)
     np.testing.assert_array_equal(wider.cross_covariance[:, :, : 6 * SOURCES], modes.cross_covariance)
     np.testing.assert_array_equal(wider.cross_covariance[:, :, 6 * SOURCES :], np.zeros((2, 6, 12)))
