@@ -14,15 +14,17 @@ from tactopose_drake.core.evidence.force_balance import ForceBalance
 from tactopose_drake.core.evidence.hand_clearance import HandClearance
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.identification.model_evidence import log_evidence
+from tactopose_drake.core.objectives.contact_mixture import Judgement
 from tactopose_drake.core.posterior.belief_sampling import weigh_modes
 from tactopose_drake.core.posterior.hypotheses import Modes, find_modes
-from tactopose_drake.core.posterior.plausibility import degrees_of_freedom, explain_touch, is_explained
+from tactopose_drake.core.posterior.plausibility import degrees_of_freedom, explain_with_doubt, is_comfortable
 from tactopose_drake.core.posterior.posterior import make_posterior
-from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, ModeParams
+from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, ModeParams, PosteriorParams
 from tactopose_drake.core.searches.baselines.gradient_descent import GradientDescent
 from tactopose_drake.core.searches.baselines.monte_carlo import MonteCarlo
 from tactopose_drake.core.searches.baselines.scaling_series import ScalingSeries
 from tactopose_drake.core.searches.baselines.simulated_annealing import SimulatedAnnealing
+from tactopose_drake.core.searches.doubt import search_with_doubt
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
 from tactopose_drake.core.searches.pair_search import PairSearch
 from tactopose_drake.core.searches.patch_searches import patch_search
@@ -71,6 +73,7 @@ def estimate_pose(
     seed: int = 0,
     max_hypotheses: int = 64,
     time_limit: float | None = None,
+    outlier_probability: float = 0.02,
 ) -> PoseEstimate:
     """Finds the poses of an object that explain a touch.
 
@@ -89,6 +92,8 @@ def estimate_pose(
         max_hypotheses: how many hypotheses are kept at the most.
         time_limit: after so long, s, the search ends with the best that it has; None for as long as it takes. It is
             asked between rounds, and at least one is made.
+        outlier_probability: that a contact is of something else, or its normal is any; that it is displaced, as by an
+            error of the finger's joints, is taken to be three times as likely. 0 switches all of that off.
 
     Raises:
         TooFewContactsError: no contact, and no patch that is felt.
@@ -108,7 +113,7 @@ def estimate_pose(
             f"prior: is None; the method {method!r} starts from one. Without: {', '.join(sorted(GLOBAL_METHODS))}."
         )
 
-    evidence = Evidence(contacts, prior, hand, untouched, balance, friction, patches)
+    evidence = Evidence(contacts, prior, hand, untouched, balance, friction, patches, outlier_probability)
     if len(evidence.touch) < 1:
         raise TooFewContactsError("contacts: there are 0; the estimate needs at least 1, or a patch that is felt.")
     check_units(evidence, model.size)
@@ -142,8 +147,11 @@ def weigh_poses(
     search = METHODS[method](model, evidence)
     generator = np.random.default_rng(seed)
     found = search.minimize(problem.objective, problem.space, generator, deadline)
+    comfortable = problem.mixture is not None and is_comfortable(model, evidence, found.X_PO, params.plausibility)
+    if problem.mixture is not None and evidence.outlier_probability > 0.0 and not comfortable:
+        found = search_with_doubt(model, evidence, problem, search, found, generator, deadline)
     modes = _modes_of(model, evidence, problem, found, max_hypotheses, params.modes)
-    explained = prior is None or is_explained(model, evidence, modes.mixture.X_PO, params.plausibility)
+    explained = comfortable or prior is None or _judge(model, evidence, problem, modes, params)[1].any()
     wider_search = None if explained else search.widened()
     if wider_search is not None and not deadline():
         # The valley with the pose may be a narrow one that no start has led to.
@@ -152,7 +160,8 @@ def weigh_poses(
         modes = min(modes, wider, key=lambda either: float(either.cost.min()))
     if not deadline():
         modes = weigh_modes(modes, make_posterior(model, evidence, problem, params), generator)
-    hypotheses = _hypotheses(modes, explain_touch(model, evidence, modes.mixture.X_PO, params.plausibility))
+    judged, explains = _judge(model, evidence, problem, modes, params)
+    hypotheses = _hypotheses(modes, judged, len(evidence.patches), explains)
     undetermined = prior is None and len(evidence.touch) < _FEWEST_FOR_A_POSE
     return PoseEstimate(
         hypotheses,
@@ -160,7 +169,18 @@ def weigh_poses(
         deadline.elapsed(),
         not deadline.passed,
         log_evidence(model, evidence, modes.log_mass),
+        1.0 if judged is None else float(modes.mixture.weights @ judged.noise_scale),
+        modes.standard_error,
     )
+
+
+def _judge(
+    model: ObjectModel, evidence: Evidence, problem: PoseProblem, modes: Modes, params: PosteriorParams
+) -> tuple[Judgement | None, NDArray[np.bool_]]:
+    """What the contacts say of the modes, and which of those explain the touch."""
+    X_PO = modes.mixture.X_PO
+    judged = None if problem.mixture is None else problem.mixture.judge(X_PO)
+    return judged, explain_with_doubt(model, evidence, judged, X_PO, params.plausibility)
 
 
 class _Deadline:
@@ -182,13 +202,17 @@ class _Deadline:
 def _modes_of(
     model: ObjectModel, evidence: Evidence, problem: PoseProblem, found: SearchResult, limit: int, params: ModeParams
 ) -> Modes:
-    """What a search has found, as modes; so many at the most."""
+    """What a search has found, as modes of contacts that may be false; so many at the most."""
+    X_PO = found.X_PO
     if evidence.prior is None and any(symmetry.is_continuous for symmetry in model.symmetries):
-        turned = turn_toward(found.X_PO, found.X_PO[0], model.symmetries)
-        found = found._replace(X_PO=turned, cost=problem.objective.cost(turned)).ranked()
+        X_PO = turn_toward(X_PO, X_PO[0], model.symmetries)
+    cost, _, hessian = problem.doubted(problem.determining).normal_equations(X_PO)
+    for term in problem.bounding:
+        cost = cost + term.cost(X_PO)
+    order = np.argsort(cost, kind="stable")
     return find_modes(
-        found,
-        problem.determining.normal_equations(found.X_PO).hessian,
+        SearchResult(X_PO[order], cost[order], found.iterations[order], found.converged[order]),
+        hessian[order],
         problem.space.information,
         model.symmetry_poses,
         model.size,
@@ -211,16 +235,21 @@ def _monte_carlo(model: ObjectModel, evidence: Evidence) -> MonteCarlo:
     )
 
 
-def _hypotheses(modes: Modes, explained: NDArray[np.bool_]) -> tuple[PoseHypothesis, ...]:
+def _hypotheses(
+    modes: Modes, judged: Judgement | None, patches: int, explained: NDArray[np.bool_]
+) -> tuple[PoseHypothesis, ...]:
+    by_contacts = np.empty((len(modes.cost), 0)) if judged is None else judged.inlier_probability
+    inlier = np.concatenate([by_contacts, np.ones((len(modes.cost), patches))], axis=1)
     return tuple(
-        PoseHypothesis(RigidTransform(pose=X_PO), float(cost), float(probability), covariance, free, bool(explains))
-        for X_PO, cost, probability, covariance, free, explains in zip(
+        PoseHypothesis(RigidTransform(pose=X_PO), float(cost), float(weight), covariance, free, bool(explains), own)
+        for X_PO, cost, weight, covariance, free, explains, own in zip(
             modes.mixture.X_PO,
             modes.cost,
             modes.mixture.weights,
             modes.mixture.covariance,
             modes.free_directions,
             explained,
+            inlier,
             strict=True,
         )
     )

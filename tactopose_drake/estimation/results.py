@@ -30,7 +30,10 @@ class PoseHypothesis:
         covariance: (6, 6) of the increment (w, v): R_PO = R_hat exp(w), p_PO = p_hat + v; rad, m (v in P).
         free_directions: increments that the touch does not determine, orthonormal rows (f, 6); f = 0 where the pose is
             determined. Along them the pose is the prior's, or arbitrary.
-        explains_touch: whether noise alone may leave the contacts' residuals as large as this pose does.
+        explains_touch: whether noise may leave the contacts' residuals as large as this pose does, those of as many
+            false contacts as there may well be left out.
+        inlier_probability: that each contact is what it claims to be if this is the pose, shape (k,), then that of each
+            patch. Patches are not doubted: theirs is 1.
     """
 
     X_PO: RigidTransform
@@ -39,6 +42,7 @@ class PoseHypothesis:
     covariance: FloatArray
     free_directions: FloatArray
     explains_touch: bool = True
+    inlier_probability: FloatArray = dataclasses.field(default_factory=lambda: np.ones(0))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -50,13 +54,16 @@ class PoseEstimate:
 
     Attributes:
         hypotheses: by falling probability; never empty.
-        status: "ok"; "ambiguous" when the best hypothesis carries less than half of the mass, or when fewer than three
-            contacts stand against no prior; "no_solution" when even the best one does not explain the touch within its
-            noise.
+        status: "ok"; "ambiguous" when the best hypothesis carries less than 90 % of the mass, or when fewer than three
+            contacts stand against no prior; "no_solution" when even the best one does not explain the touch, with
+            as many false contacts as there may well be.
         duration: s.
         finished: whether the search ended by itself, rather than at the time limit.
         log_evidence: the natural logarithm of how well the object explains the touch in all its poses together; see
             `core.identification.model_evidence`. It compares objects for one touch, and means nothing by itself.
+        noise_scale: by how much the contacts' points seem noisier than told, on average; 1 where they are as told.
+        standard_error: the largest that is left of a hypothesis' probability by sampling; infinite where the time limit
+            left no time for it.
     """
 
     hypotheses: tuple[PoseHypothesis, ...]
@@ -64,6 +71,8 @@ class PoseEstimate:
     duration: float
     finished: bool = True
     log_evidence: float = -math.inf
+    noise_scale: float = 1.0
+    standard_error: float = math.inf
 
     @property
     def best(self) -> PoseHypothesis:

@@ -17,16 +17,17 @@ def weighed(*probabilities: float, status: str = "ok", explains: tuple[bool, ...
 @pytest.mark.parametrize(
     ("probabilities", "kept", "left", "status"),
     [
-        ((0.6, 0.3, 0.1), (False, True, True), (0.75, 0.25), "ok"),
+        ((0.6, 0.37, 0.03), (False, True, True), (0.925, 0.075), "ok"),
+        ((0.6, 0.3, 0.1), (False, True, True), (0.75, 0.25), "ambiguous"),
         ((0.6, 0.15, 0.13, 0.12), (False, True, True, True), (0.375, 0.325, 0.3), "ambiguous"),
         ((0.4, 0.35, 0.25), (True, False, False), (1.0,), "ok"),
-        ((1.0, 0.0, 0.0), (False, True, True), (0.5, 0.5), "ok"),
+        ((1.0, 0.0, 0.0), (False, True, True), (0.5, 0.5), "ambiguous"),
     ],
 )
 def test_hypotheses_that_are_kept_are_weighed_among_themselves(
     probabilities: tuple[float, ...], kept: tuple[bool, ...], left: tuple[float, ...], status: str
 ) -> None:
-    before = weighed(*probabilities, status="ok" if probabilities[0] >= 0.5 else "ambiguous")
+    before = weighed(*probabilities, status="ok" if probabilities[0] >= 0.9 else "ambiguous")
     after = before.keep(kept)
     assert [h.probability for h in after.hypotheses] == pytest.approx(left)
     expected = [h.X_PO for h, stays in zip(before.hypotheses, kept, strict=True) if stays]
@@ -39,7 +40,7 @@ def test_a_kept_hypothesis_that_does_not_explain_the_touch_is_no_solution() -> N
 
 
 def test_too_few_contacts_stay_ambiguous_whatever_is_kept() -> None:
-    assert weighed(0.6, 0.4, status="ambiguous").keep((True, False)).status == "ambiguous"
+    assert weighed(0.95, 0.05, status="ambiguous").keep((True, False)).status == "ambiguous"
 
 
 def test_at_least_one_hypothesis_is_kept() -> None:

@@ -5,7 +5,7 @@ import math
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from tactopose_drake.core.validation import FloatArray, limited, points_near, positive_numbers, unit_vectors
 
@@ -63,6 +63,12 @@ class Contacts:
 
     def __len__(self) -> int:
         return len(self.p_PC)
+
+    def chosen(self, index: NDArray[np.intp]) -> Self:
+        """Some of the contacts, in the order of the index."""
+        normals, forces = (None if rows is None else rows[index] for rows in (self.n_PC, self.f_PC))
+        sigmas = (np.asarray(getattr(self, name))[index] for name in _SIGMAS)
+        return type(self)(self.p_PC[index], normals, forces, *sigmas)
 
     @classmethod
     def empty(cls) -> Self:

@@ -4,13 +4,15 @@ import dataclasses
 import functools
 from collections.abc import Sequence
 
+import numpy as np
+
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.force_balance import ForceBalance
 from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.evidence.patch_contacts import with_patches
 from tactopose_drake.core.sensing.patches import Patch
-from tactopose_drake.core.validation import MOST_FRICTION, positive_number
+from tactopose_drake.core.validation import MOST_FRICTION, MOST_OUTLIERS, positive_number
 from tactopose_drake.errors import InvalidInputError, TooFewContactsError
 
 # What each may be, and what its users call that.
@@ -35,6 +37,7 @@ class Evidence:
         untouched: parts of the hand that feel no contact, which the object does not press at all.
         balance: that the object is at rest under the contacts' forces and gravity alone.
         friction: coefficient of friction between fingertips and object, by which no contact slips.
+        outlier_probability: that a contact is not what it seems: of something else, elsewhere, or with another normal.
 
     Raises:
         InvalidInputError: a value of another type, a friction below 0, or balance or friction without forces.
@@ -48,6 +51,7 @@ class Evidence:
     balance: ForceBalance | None = None
     friction: float | None = None
     patches: Sequence[Patch] = ()
+    outlier_probability: float = 0.02
 
     def __post_init__(self) -> None:
         for name, (kind, called) in _KINDS.items():
@@ -58,6 +62,10 @@ class Evidence:
             object.__setattr__(
                 self, "friction", positive_number("friction", self.friction, allow_zero=True, most=MOST_FRICTION)
             )
+        outlier_probability = positive_number(
+            "outlier_probability", self.outlier_probability, allow_zero=True, most=MOST_OUTLIERS
+        )
+        object.__setattr__(self, "outlier_probability", outlier_probability)
         for name in ("balance", "friction"):
             if getattr(self, name) is not None and self.contacts.f_PC is None:
                 raise InvalidInputError(f"contacts: have no forces; {name} needs them.")
@@ -69,6 +77,11 @@ class Evidence:
         for i, patch in enumerate(self.patches):
             if not isinstance(patch, Patch):
                 raise InvalidInputError(f"patches[{i}]: is a {type(patch).__name__}; allowed is a Patch.")
+
+    def without_contact(self, index: int) -> "Evidence":
+        """The evidence without one contact, nor what is said of all their forces together."""
+        kept = np.delete(np.arange(len(self.contacts)), index)
+        return dataclasses.replace(self, contacts=self.contacts.chosen(kept), balance=None)
 
     @property
     def felt(self) -> tuple[Patch, ...]:

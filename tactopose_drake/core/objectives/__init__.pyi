@@ -1,4 +1,5 @@
 from .cell_distance import CellDistance as CellDistance
+from .contact_mixture import ContactMixture as ContactMixture
 from .covariance_matching import CovarianceMatching as CovarianceMatching
 from .finite_differences import DifferencedObjective as DifferencedObjective
 from .friction_cone import FrictionCone as FrictionCone

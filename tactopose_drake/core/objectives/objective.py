@@ -42,8 +42,8 @@ class Descent(NamedTuple):
     converged: NDArray[np.bool_]
 
 
-class LeastSquaresObjective(Objective, Protocol):
-    """An objective that is half a sum of squares, with derivatives by the six increments.
+class SmoothObjective(Objective, Protocol):
+    """An objective with derivatives by the six increments.
 
     What some objectives can do faster than a search can ask for it has a default here; derive from this class to have
     it.
@@ -54,6 +54,19 @@ class LeastSquaresObjective(Objective, Protocol):
 
     is_touch: bool = False
 
+    def normal_equations(self, X_PO: FloatArray) -> NormalEquations:
+        """Cost, gradient and Gauss-Newton Hessian at poses (B, 3, 4)."""
+        ...
+
+    @property
+    def descent(self) -> Callable[[DescentRule, FloatArray], Descent] | None:
+        """Levenberg-Marquardt from each of the poses (B, 3, 4) in one compiled loop; None where there is none."""
+        return None
+
+
+class LeastSquaresObjective(SmoothObjective, Protocol):
+    """An objective that is half a sum of squares."""
+
     def residuals(self, X_PO: FloatArray) -> FloatArray:
         """Residuals (B, m) of poses (B, 3, 4)."""
         ...
@@ -62,19 +75,10 @@ class LeastSquaresObjective(Objective, Protocol):
         """Residuals (B, m) and their derivatives by the increment (B, m, 6)."""
         ...
 
-    def normal_equations(self, X_PO: FloatArray) -> NormalEquations:
-        """Cost, gradient and Gauss-Newton Hessian at poses (B, 3, 4)."""
-        ...
-
     @property
     def terms(self) -> tuple["LeastSquaresObjective", ...]:
         """The objectives that it is the sum of."""
         return (self,)
-
-    @property
-    def descent(self) -> Callable[[DescentRule, FloatArray], Descent] | None:
-        """Levenberg-Marquardt from each of the poses (B, 3, 4) in one compiled loop; None where there is none."""
-        return None
 
 
 def form_normal_equations(residuals: FloatArray, jacobian: FloatArray) -> NormalEquations:
@@ -85,23 +89,39 @@ def form_normal_equations(residuals: FloatArray, jacobian: FloatArray) -> Normal
     return equations
 
 
-class SumObjective(LeastSquaresObjective):
-    """The sum of least-squares objectives: their costs add, their residuals stack."""
+class SmoothSum(SmoothObjective):
+    """The sum of smooth objectives: their costs add, and their derivatives."""
+
+    def __init__(self, terms: Sequence[SmoothObjective]) -> None:
+        self._summands = tuple(terms)
+
+    def cost(self, X_PO: FloatArray) -> FloatArray:
+        """Costs (B,) of poses (B, 3, 4)."""
+        total = self._summands[0].cost(X_PO)
+        for term in self._summands[1:]:
+            total = total + term.cost(X_PO)
+        return total
+
+    def normal_equations(self, X_PO: FloatArray) -> NormalEquations:
+        """Cost, gradient and Gauss-Newton Hessian at poses (B, 3, 4)."""
+        cost, gradient, hessian = self._summands[0].normal_equations(X_PO)
+        for term in self._summands[1:]:
+            more = term.normal_equations(X_PO)
+            cost, gradient, hessian = cost + more.cost, gradient + more.gradient, hessian + more.hessian
+        return NormalEquations(cost, gradient, hessian)
+
+
+class SumObjective(SmoothSum, LeastSquaresObjective):
+    """The sum of least-squares objectives: their residuals stack, too."""
 
     def __init__(self, terms: Sequence[LeastSquaresObjective]) -> None:
+        super().__init__(terms)
         self._terms = tuple(terms)
 
     @property
     def terms(self) -> tuple[LeastSquaresObjective, ...]:
         """The objectives that it is the sum of."""
         return self._terms
-
-    def cost(self, X_PO: FloatArray) -> FloatArray:
-        """Costs (B,) of poses (B, 3, 4)."""
-        total = self.terms[0].cost(X_PO)
-        for term in self.terms[1:]:
-            total = total + term.cost(X_PO)
-        return total
 
     def residuals(self, X_PO: FloatArray) -> FloatArray:
         """Residuals (B, m) of poses (B, 3, 4)."""
@@ -111,11 +131,3 @@ class SumObjective(LeastSquaresObjective):
         """Residuals (B, m) and their derivatives by the increment (B, m, 6)."""
         parts = [term.residuals_and_jacobian(X_PO) for term in self.terms]
         return np.concatenate([r for r, _ in parts], axis=-1), np.concatenate([J for _, J in parts], axis=-2)
-
-    def normal_equations(self, X_PO: FloatArray) -> NormalEquations:
-        """Cost, gradient and Gauss-Newton Hessian at poses (B, 3, 4)."""
-        cost, gradient, hessian = self.terms[0].normal_equations(X_PO)
-        for term in self.terms[1:]:
-            more = term.normal_equations(X_PO)
-            cost, gradient, hessian = cost + more.cost, gradient + more.gradient, hessian + more.hessian
-        return NormalEquations(cost, gradient, hessian)

@@ -7,8 +7,12 @@ by the exact posterior over the mixture [OZ00]; and a mode's mass, its pose and 
 Modes that turn out to overlap are joined.
 
 Source: [OZ00] A. Owen and Y. Zhou, Safe and effective importance sampling, J. Am. Stat. Assoc. 95, 2000 (deterministic
-mixture weights).
+mixture weights). [CDG08] O. Cappe et al., Adaptive importance sampling in general mixture classes, Stat. Comput. 18,
+2008. [CMMR12] J.-M. Cornuet et al., Adaptive multiple importance sampling, Scand. J. Stat. 39, 2012.
 """
+
+import dataclasses
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,12 +45,8 @@ def weigh_modes(modes: Modes, posterior: Posterior, generator: np.random.Generat
     sampled = close[worthy]
 
     proposal = _cover(mixture.X_PO[sampled], share[worthy], information[worthy], posterior, generator)
-    X_PO = proposal.sample(generator)
-    densities = proposal.densities(X_PO)
-    weights = np.empty_like(densities)
-    cost = posterior.exact_cost(X_PO)
-    lowest = min(float(least.min()), float(cost.min()))
-    sampling_weight_kernels.weigh(cost, lowest, densities, weights)
+    start = _Start(mixture.X_PO[sampled], modes.cost[sampled], mixture.covariance[sampled], float(least.min()))
+    X_PO, weights, lowest, error = _draw(proposal, start, posterior, generator)
     mass = weights.sum(axis=0)
     moments = weigh_moments(mixture.X_PO[sampled], X_PO, weights)
     if not (moments.effective_samples > 1.0).any():
@@ -56,7 +56,116 @@ def weigh_modes(modes: Modes, posterior: Posterior, generator: np.random.Generat
     masses = mixture.weights * (every.sum() / mixture.weights[close].sum())
     masses[close] = every
     log_mass = float(np.log(masses.sum()) - lowest + _LOG_TURNS[len(posterior.turns[0])])
-    return _update(modes, sampled, masses / masses.sum(), moments, posterior, log_mass)
+    found = _update(modes, sampled, masses / masses.sum(), moments, posterior, log_mass)
+    return dataclasses.replace(found, standard_error=error)
+
+
+class _Start(NamedTuple):
+    """The modes that are sampled: minima (g, 3, 4), their costs (g,), covariances (g, 6, 6), and the lowest cost."""
+
+    X_PO: FloatArray
+    cost: FloatArray
+    covariance: FloatArray
+    lowest: float
+
+
+class _Samples(NamedTuple):
+    """Samples (B, 3, 4), their weights (B, g) in the modes' shares, the lowest cost, and what they leave unsure.
+
+    The weights are over the density exp(lowest - cost); `standard_error` is the largest of the modes' probabilities.
+    """
+
+    X_PO: FloatArray
+    weights: FloatArray
+    lowest: float
+    standard_error: float
+
+
+def _draw(proposal: StudentTMixture, start: _Start, posterior: Posterior, generator: np.random.Generator) -> _Samples:
+    """Samples, so many that the modes' probabilities are sure enough, or as many as are drawn at the most.
+
+    Where those of one round are not enough, the next are drawn about them as their weights say [CDG08]; all are weighed
+    by all proposals together [CMMR12].
+    """
+    params = posterior.params.sampling
+    proposals: list[StudentTMixture] = []
+    X_PO, cost, densities = np.empty((0, 3, 4)), np.empty(0), np.empty((0, len(start.X_PO)))
+    lowest = start.lowest
+    while True:
+        proposals.append(proposal)
+        fresh = proposal.sample(generator)
+        densities += len(fresh) * proposal.densities(X_PO)
+        of_fresh = sum(drawn.count.sum() * drawn.densities(fresh) for drawn in proposals)
+        X_PO, cost = np.concatenate([X_PO, fresh]), np.concatenate([cost, posterior.exact_cost(fresh)])
+        densities = np.concatenate([densities, of_fresh])
+        lowest, weights = min(lowest, float(cost.min())), np.empty_like(densities)
+        sampling_weight_kernels.weigh(cost, lowest, densities / len(X_PO), weights)
+        count = np.concatenate([drawn.count for drawn in proposals])
+        error, effective = _certainty(weights, count)
+        if error > params.standard_error and effective >= params.effective_samples:
+            # Of modes that overlap the shares are noisier than what they are together.
+            error, _ = _certainty(_joined_weights(X_PO, weights, start, posterior), count)
+        sure = error <= params.standard_error and effective >= params.effective_samples
+        if sure or effective == 0.0 or len(proposals) == params.most_rounds:
+            return _Samples(X_PO, weights, lowest, error)
+        proposal = _about(X_PO, weights, start.X_PO, posterior)
+
+
+def _joined_weights(X_PO: FloatArray, weights: FloatArray, start: _Start, posterior: Posterior) -> FloatArray:
+    """The weights (B, g) of samples in the modes' shares, where those that overlap are one."""
+    known = np.flatnonzero(np.count_nonzero(weights, axis=0) > 1)
+    of_known = np.ascontiguousarray(weights[:, known])
+    moments = weigh_moments(start.X_PO[known], X_PO, of_known)
+    spread = _spread(start.X_PO[known], moments, start.covariance[known], posterior)
+    _, _, owner = join_overlapping(
+        start.X_PO[known],
+        start.cost[known],
+        of_known.sum(axis=0),
+        spread,
+        moments,
+        posterior.symmetry_poses,
+        posterior.params.moments,
+    )
+    together = np.zeros((len(known), len(known)))
+    together[np.arange(len(known)), owner] = 1.0
+    return of_known @ together
+
+
+def _about(X_PO: FloatArray, weights: FloatArray, X_mode: FloatArray, posterior: Posterior) -> StudentTMixture:
+    """Tiles about samples (B, 3, 4), as many about each as their weights (B, g) say."""
+    params = posterior.params.sampling
+    passed = np.cumsum(weights.sum(axis=1))
+    drawn = np.searchsorted(passed, passed[-1] * (np.arange(params.tiles) + 0.5) / params.tiles)
+    index, times = np.unique(drawn, return_counts=True)
+    owner = weights[index].argmax(axis=1)
+    order = np.argsort(owner, kind="stable")
+    index, times, owner = index[order], times[order], owner[order]
+    local = _widened(posterior.objective.normal_equations(X_PO[index]).hessian, posterior)
+    center, local, turns = in_chart(X_mode, owner, X_PO[index], local, posterior.turn_directions(X_PO[index]))
+    count = times * (params.samples // params.tiles)
+    return StudentTMixture(X_mode, owner, center, local, turns, count, params.freedom, params.farthest)
+
+
+def _widened(information: FloatArray, posterior: Posterior) -> FloatArray:
+    """Information (n, 6, 6) of tiles: no tile is wider than its reach allows."""
+    widest = 1.0 / (posterior.params.sampling.tile_reach * posterior.straight) ** 2
+    return np.asarray(information + np.diag(widest / posterior.units**2) + posterior.gauge)
+
+
+def _certainty(weights: FloatArray, count: NDArray[np.intp]) -> tuple[float, float]:
+    """The largest standard error of the shares that samples of these weights (B, g) give, and how many they are worth.
+
+    A share is a ratio of sums over the samples: its variance is that of its numerator beyond what the denominator
+    explains. What is drawn of each component, `count` samples (J,) in pairs, is as much as was meant to be: it varies
+    by the pairs of a component alone.
+    """
+    total = weights.sum()
+    if not total > 0.0:
+        return 0.5, 0.0
+    each = weights.sum(axis=1)
+    variance = np.zeros(weights.shape[1])
+    sampling_weight_kernels.add_variances(weights, weights.sum(axis=0) / total, count, variance)
+    return float(np.sqrt(variance.max()) / total), float(total**2 / np.square(each).sum())
 
 
 def _cover(
@@ -67,8 +176,7 @@ def _cover(
     generator: np.random.Generator,
 ) -> StudentTMixture:
     """A mixture that covers the sampled modes: one density for a narrow one, tiles along a wide one."""
-    params, units = posterior.params.sampling, posterior.units
-    widest = 1.0 / (params.tile_reach * posterior.straight) ** 2
+    params = posterior.params.sampling
     # The root leaves something for modes that Laplace's approximation underrates.
     root_share = np.sqrt(share)
     counts = 1 + np.rint(params.tiles * root_share / root_share.sum()).astype(np.intp)
@@ -79,13 +187,34 @@ def _cover(
     laplace = draw(X_mode, each, np.zeros((len(X_mode), 6)), information, counts, normal)
     X_PO = _to_the_floor(laplace, posterior)
     equations = posterior.objective.normal_equations(X_PO)
-    # As wide as that and the tile's own reach allow.
-    local = equations.hessian + np.diag(widest / units**2) + posterior.gauge
-    center, local, turns = in_chart(X_mode, group, X_PO, local, posterior.turn_directions(X_PO))
+    local = _widened(equations.hessian, posterior)
     least = np.minimum(posterior.exact_cost(X_PO), equations.cost)
     weight = np.exp(-0.5 * (least - least.min())) + params.least_tile_weight
     count = np.maximum(1, np.rint(params.samples * weight / weight.sum())).astype(np.intp)
+    owner, tails = _tails(X_mode, share, posterior)
+    if len(owner):
+        each_tail = max(params.least_tail_samples, round(params.tail_samples / len(owner)))
+        group = np.concatenate([group, owner])
+        order = np.argsort(group, kind="stable")
+        group, X_PO = group[order], np.concatenate([X_PO, X_mode[owner]])[order]
+        local = np.concatenate([local, _widened(tails, posterior)])[order]
+        count = np.concatenate([count, np.full(len(owner), each_tail, dtype=np.intp)])[order]
+    center, local, turns = in_chart(X_mode, group, X_PO, local, posterior.turn_directions(X_PO))
     return StudentTMixture(X_mode, group, center, local, turns, count, params.freedom, params.farthest)
+
+
+def _tails(X_mode: FloatArray, share: FloatArray, posterior: Posterior) -> tuple[NDArray[np.intp], FloatArray]:
+    """Densities for what a mode reaches if one of the contacts is false: of little mass, but far from its middle.
+
+    Returns:
+        Which mode each is about, shape (t,), and its information, shape (t, 6, 6).
+    """
+    likely = np.flatnonzero(share > posterior.params.sampling.least_tailed_share)
+    if posterior.doubted_information is None:
+        return likely[:0], np.empty((0, 6, 6))
+    X_PO = X_mode[likely]
+    left = posterior.doubted_information(X_PO, posterior.objective.normal_equations(X_PO).hessian)
+    return np.repeat(likely, left.shape[1]), left.reshape(-1, 6, 6)
 
 
 def _to_the_floor(X_PO: FloatArray, posterior: Posterior) -> FloatArray:
@@ -112,7 +241,7 @@ def _update(
     known = moments.effective_samples > 1.0
     index, moments = sampled[known], Moments(*(moment[known] for moment in moments))
     laplace = covariance[index]
-    mass[index], moments = join_overlapping(
+    mass[index], moments, _ = join_overlapping(
         X_PO[index],
         cost[index],
         mass[index],

@@ -30,12 +30,14 @@ class Modes:
         free_directions: for each mode the increments that the touch does not determine, unit rows (f, 6).
         log_mass: logarithm of the integral of exp(-cost) over all modes, by the volume of poses, rad^3 m^3. Of the
             images that the object's finite symmetries make of a mode one counts.
+        standard_error: the largest that sampling leaves of a mode's weight; infinite where they are Laplace's.
     """
 
     mixture: GaussianMixture
     cost: FloatArray
     free_directions: tuple[FloatArray, ...]
     log_mass: float
+    standard_error: float = math.inf
 
 
 def find_modes(

@@ -1,10 +1,12 @@
 """Modes that overlap are one: a valley with bumps along its floor has many minima, and is one hypothesis.
 
-Two Gaussians of a mixture make one peak when their means are within two standard deviations of each other. That is
-asked of the modes as they were sampled: often they are much wider than the curvature at their minima says.
+Two equal Gaussians of a mixture make one peak when their means are within two standard deviations of each other; modes
+are one up to three, for samples leave it open whether those along a valley are closer. That is asked of the modes as
+they were sampled: often they are much wider than the curvature at their minima says.
 """
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tactopose_drake.core.posterior.joining_kernels import JoinedMoments, join
 from tactopose_drake.core.posterior.mode_moments import Moments
@@ -20,7 +22,7 @@ def join_overlapping(
     moments: Moments,
     symmetry_poses: FloatArray,
     params: MomentParams = DEFAULT_PARAMS.moments,
-) -> tuple[FloatArray, Moments]:
+) -> tuple[FloatArray, Moments, NDArray[np.intp]]:
     """The masses and moments of modes of which those that overlap, up to a symmetry, are one: that of the lowest cost.
 
     Args:
@@ -33,10 +35,11 @@ def join_overlapping(
         params: which modes overlap.
 
     Returns:
-        Masses, none for a mode that another one has taken in, and the moments.
+        Masses, none for a mode that another one has taken in; the moments; and which mode each one is part of.
     """
     mass, joint = mass.copy(), Moments(*(moment.copy() for moment in moments))
     spread = spread - moments.first[:, :, None] * moments.first[:, None]
     limits = params.peak_sigmas, params.widest_turn
-    join(X_PO, np.argsort(cost, kind="stable"), symmetry_poses, limits, mass, spread, JoinedMoments(*joint))
-    return mass, joint
+    order, owner = np.argsort(cost, kind="stable"), np.empty(len(X_PO), dtype=np.intp)
+    join(X_PO, order, symmetry_poses, limits, mass, spread, JoinedMoments(*joint), owner)
+    return mass, joint, owner

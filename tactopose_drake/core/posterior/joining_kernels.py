@@ -4,7 +4,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactopose_drake.core.compilation import Floats3, Longs1, OutFloats1, OutFloats2, OutFloats3, inlined, kernel
+from tactopose_drake.core.compilation import (
+    Floats3,
+    Longs1,
+    OutFloats1,
+    OutFloats2,
+    OutFloats3,
+    OutLongs1,
+    inlined,
+    kernel,
+)
 from tactopose_drake.core.kernels.matrix_kernels import cholesky, invert
 from tactopose_drake.core.kernels.pose_kernels import compose_one, increment_between
 
@@ -26,8 +35,9 @@ def join(
     mass: OutFloats1,
     spread: OutFloats3,
     moments: JoinedMoments,
+    owner: OutLongs1,
 ) -> None:
-    """Adds each mode to the nearest of those before it that it overlaps, and leaves it no mass.
+    """Adds each mode to the nearest of those before it that it overlaps, its owner, and leaves it no mass.
 
     With u the increment to its image, J the derivative of increments there by those from its own pose, m the means, P
     the mean products, C the spreads and p its share of both masses, they overlap where d = u + J m' - m is short by the
@@ -39,6 +49,8 @@ def join(
     image, u, turn = np.empty((3, 4)), np.empty(6), np.empty((6, 6))
     best_u, best_turn = np.empty(6), np.empty((6, 6))
     L, information = np.empty((6, 6)), np.empty((6, 6))
+    for j in order:
+        owner[j] = j
     for place in range(1, order.shape[0]):
         j = order[place]
         nearest, into = peak_sigmas**2, -1
@@ -69,6 +81,7 @@ def join(
             second[into] = (1.0 - p) * second[into] + p * products
             spread[into] = (1.0 - p) * spread[into] + p * (J @ spread[j] @ J.T) + p * (1.0 - p) * np.outer(d, d)
             effective_samples[into] = 1.0 / ((1.0 - p) ** 2 / effective_samples[into] + p**2 / effective_samples[j])
+            owner[j] = into
             mass[into] += mass[j]
             mass[j] = 0.0
 

@@ -5,9 +5,11 @@ import functools
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
+from scipy.stats import binom
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
+from tactopose_drake.core.objectives.contact_mixture import Judgement
 from tactopose_drake.core.objectives.patch_contact import PatchContact
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.objectives.surface_density import SurfaceDensity
@@ -18,6 +20,8 @@ from tactopose_drake.core.validation import FloatArray
 
 # Smaller densities are of discs that were not summed up to their ends.
 _LEAST_DENSITY = 1e-6
+# Fewer contacts than these explain a touch only if none of them is false.
+_FEWEST_THAT_AGREE = 3
 # What a pad's place and turn may be off by, at the true pose.
 _MISPLACEMENTS = 6
 
@@ -43,11 +47,7 @@ def explain_touch(
         explained &= touch.cost(X_PO) <= limit
         if not explained.all():
             explained[~explained] = _exact_cost(model, touch, evidence.contacts, X_PO[~explained]) <= limit
-    if evidence.patches:
-        counts = [_MISPLACEMENTS + _of_patch(patch) for patch in evidence.patches]
-        limits = np.array([_limit(count, params.least_pad_chance) for count in counts])
-        explained &= np.all(PatchContact(model.grid, evidence.patches).pad_costs(X_PO) <= limits, axis=1)
-    return explained
+    return explained & _pads_explained(model, evidence, X_PO, params)
 
 
 def _exact_cost(model: ObjectModel, touch: SurfaceContact, contacts: Contacts, X_PO: FloatArray) -> FloatArray:
@@ -61,11 +61,55 @@ def _exact_cost(model: ObjectModel, touch: SurfaceContact, contacts: Contacts, X
     return np.asarray(np.where(density > _LEAST_DENSITY, exact, smooth).sum(axis=1))
 
 
-def is_explained(
+def explain_with_doubt(
+    model: ObjectModel,
+    evidence: Evidence,
+    judgement: Judgement | None,
+    X_PO: FloatArray,
+    params: PlausibilityParams = DEFAULT_PARAMS.plausibility,
+) -> NDArray[np.bool_]:
+    """Which of the poses (B, 3, 4) explain the touch but for as many false contacts as there may well be.
+
+    Args:
+        model: the object.
+        evidence: the touch.
+        judgement: what `ContactMixture` says of the poses; None where there is no contact.
+        X_PO: the poses.
+        params: what counts as an explanation.
+    """
+    explained = _pads_explained(model, evidence, X_PO, params)
+    if judgement is None:
+        return explained
+    false = np.count_nonzero(judgement.inlier_probability < 0.5, axis=1)
+    limit = _limit(_of_contacts(evidence), params.least_doubted_chance)
+    allowed = most_false_contacts(len(evidence.contacts), evidence.outlier_probability, params.usual_false_contacts)
+    return np.asarray(explained & (false <= allowed) & (judgement.misfit <= limit))
+
+
+@functools.cache
+def most_false_contacts(count: int, outlier_probability: float, chance: float) -> int:
+    """Of so many contacts no more than this are false with this chance; three at least are not."""
+    return min(int(binom.ppf(chance, count, outlier_probability)), max(count - _FEWEST_THAT_AGREE, 0))
+
+
+def is_comfortable(
     model: ObjectModel, evidence: Evidence, X_PO: FloatArray, params: PlausibilityParams = DEFAULT_PARAMS.plausibility
 ) -> bool:
-    """Whether any of the poses (B, 3, 4) leaves residuals that may be noise; mostly the first one tells."""
-    return any(explain_touch(model, evidence, some, params).any() for some in (X_PO[:1], X_PO[1:]))
+    """Whether any of the poses (B, 3, 4) explains the contacts so well that none of them calls for doubt."""
+    limit = _limit(_of_contacts(evidence), params.comfortable_chance)
+    objectives = SurfaceContact(model.grid, evidence.contacts), SurfaceDensity(model, evidence.contacts)
+    return any(bool(objective.cost(X_PO).min() <= limit) for objective in objectives)
+
+
+def _pads_explained(
+    model: ObjectModel, evidence: Evidence, X_PO: FloatArray, params: PlausibilityParams
+) -> NDArray[np.bool_]:
+    """Which of the poses (B, 3, 4) explain each pad."""
+    if not evidence.patches:
+        return np.ones(len(X_PO), dtype=np.bool_)
+    counts = [_MISPLACEMENTS + _of_patch(patch) for patch in evidence.patches]
+    limits = np.array([_limit(count, params.least_pad_chance) for count in counts])
+    return np.asarray(np.all(PatchContact(model.grid, evidence.patches).pad_costs(X_PO) <= limits, axis=1))
 
 
 def may_be_touched(

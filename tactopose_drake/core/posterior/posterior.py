@@ -8,8 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from tactopose_drake.core.evidence.evidence import Evidence
-from tactopose_drake.core.objectives.objective import LeastSquaresObjective, Objective
-from tactopose_drake.core.objectives.surface_density import SurfaceDensity
+from tactopose_drake.core.objectives.objective import SmoothObjective
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, PosteriorParams
 from tactopose_drake.core.searches.pose_problem import PoseProblem
 from tactopose_drake.core.shape.object_model import ObjectModel
@@ -24,6 +23,8 @@ class Posterior:
         likelihood: the smooth objective of all evidence but the prior.
         objective: that of all evidence.
         exact_cost: the negative log posterior of poses (B, 3, 4), up to a constant.
+        doubted_information: of poses (B, 3, 4) and Hessians there (B, 6, 6), what would be left of these with one or
+            another contact false, shape (B, n, 6, 6); None where there is no contact.
         turns: axes, unit rows (c, 3), and points on them (c, 3), m, in O, about which turns change nothing.
         prior_information: what is known without the touch, of increments, shape (6, 6).
         symmetry_poses: the object's finite symmetry group as poses X_OO', the identity first, shape (s, 3, 4).
@@ -32,9 +33,10 @@ class Posterior:
         params: how it is sampled.
     """
 
-    likelihood: LeastSquaresObjective
-    objective: LeastSquaresObjective
+    likelihood: SmoothObjective
+    objective: SmoothObjective
     exact_cost: Callable[[FloatArray], FloatArray]
+    doubted_information: Callable[[FloatArray, FloatArray], FloatArray] | None
     turns: tuple[FloatArray, FloatArray]
     prior_information: FloatArray
     symmetry_poses: FloatArray
@@ -81,22 +83,22 @@ def make_posterior(
 
     Patches have no other likelihood than theirs on the signed distance: it counts as exact.
     """
-    objective = problem.objective
-    terms: list[Objective] = [SurfaceDensity(model, evidence.contacts)] if len(evidence.contacts) else []
-    terms += [term for term in objective.terms if term is not problem.touch]
+    mixture = problem.mixture
+    terms = [term for term in problem.objective.terms if term is not problem.touch]
 
     def exact_cost(X_PO: FloatArray) -> FloatArray:
-        cost = terms[0].cost(X_PO)
-        for term in terms[1:]:
+        cost = np.zeros(len(X_PO)) if mixture is None else mixture.judge(X_PO).cost
+        for term in terms:
             cost = cost + term.cost(X_PO)
         return cost
 
     # A prior tells the turns about a continuous axis apart; no other evidence does.
     axes = [] if evidence.prior is not None else [symmetry for symmetry in model.symmetries if symmetry.is_continuous]
     return Posterior(
-        likelihood=problem.likelihood,
-        objective=problem.objective,
+        likelihood=problem.doubted(problem.likelihood),
+        objective=problem.doubted(problem.objective),
         exact_cost=exact_cost,
+        doubted_information=None if mixture is None else mixture.doubted_information,
         turns=(
             np.array([symmetry.axis for symmetry in axes]).reshape(-1, 3),
             np.array([symmetry.point for symmetry in axes]).reshape(-1, 3),

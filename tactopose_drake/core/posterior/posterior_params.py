@@ -12,7 +12,7 @@ class ModeParams:
 
     same_sigmas: float = 3.0  # standard deviations within which two poses are one mode
     free_share: float = 0.1  # of the object's size: a direction is free when the touch fixes the surface no better
-    answer_share: float = 0.5  # of the probability that the first mode must carry to be called the answer
+    answer_share: float = 0.9  # of the probability that the first mode must carry to be called the answer
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, slots=True)
@@ -22,6 +22,10 @@ class PlausibilityParams:
     # Contacts' residuals that noise alone leaves more rarely than with this chance are none of it.
     least_contact_chance: float = 1e-3
     least_pad_chance: float = 1e-6  # likewise of a pad: what it feels is known less well than its cells' noise says
+    # Contacts' residuals, of those that are as told and over the noise as it seems, that are rarer are not explained.
+    least_doubted_chance: float = 1e-3
+    usual_false_contacts: float = 0.995  # the chance that there are no more false contacts than are allowed
+    comfortable_chance: float = 0.2  # of contacts' residuals; where they are no rarer, no contact calls for doubt
     reach_sigmas: float = 6.0  # standard deviations from where it is believed to be, beyond which an object is not
 
 
@@ -29,13 +33,21 @@ class PlausibilityParams:
 class SamplingParams:
     """How the posterior is sampled."""
 
-    samples: int = 128  # poses that are drawn
+    samples: int = 128  # poses that are drawn in a round
+    # Rounds end when no mode's probability has a larger standard error than this, and the samples are worth as many of
+    # the posterior itself.
+    standard_error: float = 0.02
+    effective_samples: float = 40.0
+    most_rounds: int = 12
     tiles: int = 16  # densities that cover the modes, beside one at each
     steps: int = 3  # of Gauss and Newton, that bring the tiles to the valley's floor
     # Modes that hold less than this share of the mass by Laplace's approximation are taken at its word; those that hold
     # less than the second share of the best one's are not weighed again either.
     least_sampled_share: float = 1e-4
     least_weighed_share: float = 1e-7
+    tail_samples: int = 48  # beside these so many, in the first round, for the tails that false contacts leave
+    least_tail_samples: int = 2  # of these for each
+    least_tailed_share: float = 0.02  # of the mass; about modes that hold less the tails are left out
     tile_scatter: float = 2.0  # over Laplace's standard deviations: a valley may have long ends, and bumps on its floor
     tile_reach: float = 1.5  # of a tile, over the way on which a turn's arc is as good as straight
     least_tile_weight: float = 1e-3  # of a tile's samples over the best one's: one that costs more may still be wide
@@ -58,7 +70,9 @@ class MomentParams:
     chance: float = 12.6
     as_good: float = 0.3  # a pose that costs so much more than its mode's minimum explains the touch as well
     tried_shares: tuple[float, ...] = (1.0, 0.75, 0.5, 0.25, 0.0)  # of the way to the mean, the last one none of it
-    peak_sigmas: float = 2.0  # standard deviations within which the means of one peak lie
+    # Standard deviations within which the means of one mode lie. Two equal Gaussians make one peak within 2; a little
+    # more, for samples leave it open whether two that lie along a valley are closer.
+    peak_sigmas: float = 3.0
     widest_turn: float = 1.5  # between minima of one mode, rad: beyond, increments are no measure of how a mode spreads
 
 

@@ -16,6 +16,7 @@ from tactopose_drake.core.compilation import (
     Floats1,
     Floats2,
     Floats3,
+    Longs1,
     OutFloats1,
     OutFloats2,
     OutFloats3,
@@ -36,6 +37,29 @@ def weigh(cost: Floats1, lowest: float, densities: Floats2, weights: OutFloats2)
         weight = np.exp(lowest - cost[b]) / (densities.shape[0] * density)
         for g in range(densities.shape[1]):
             weights[b, g] = weight * (densities[b, g] / density)
+
+
+@kernel
+def add_variances(weights: Floats2, share: Floats1, count: Longs1, variance: OutFloats1) -> None:
+    """Adds the variances of the sums of w_bg - share_g sum_g w_bg over samples, `count` of each component, in pairs."""
+    each = np.zeros(weights.shape[0])
+    for b in range(weights.shape[0]):
+        for g in range(share.shape[0]):
+            each[b] += weights[b, g]
+    for g in range(share.shape[0]):
+        first = 0
+        for j in range(count.shape[0]):
+            units, total, squares = 0, 0.0, 0.0
+            for b in range(first, first + count[j], 2):
+                unit = 0.0
+                for paired in range(b, min(b + 2, first + count[j])):
+                    unit += weights[paired, g] - share[g] * each[paired]
+                units += 1
+                total += unit
+                squares += unit * unit
+            # One unit alone does not say how it varies: as much as it is, at the most.
+            variance[g] += squares if units < 2 else (squares - total * total / units) * units / (units - 1.0)
+            first += count[j]
 
 
 @kernel

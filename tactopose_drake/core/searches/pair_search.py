@@ -132,6 +132,18 @@ class PairSearch(Search):
     near_stages: tuple[Stage, ...] = near_stages()
     returned: int = 100
 
+    def leaving_out(self, index: int) -> Search:
+        """The search whose poses are proposed from the other contacts; a third of the work, for there are many such."""
+        kept = np.delete(np.arange(len(self.contacts)), index)
+        return dataclasses.replace(
+            self,
+            contacts=self.contacts.chosen(kept),
+            start=dataclasses.replace(self.start, candidates=100),
+            stages=global_stages(starts=60, kept=30, settled=10, polished=2),
+            near_start=dataclasses.replace(self.near_start, samples=40, kept=40),
+            near_stages=near_stages(kept=12, polished=2),
+        )
+
     def widened(self) -> Search:
         """The search with four times the starts where there is a prior."""
         start, first = self.near_start, self.near_stages[0]

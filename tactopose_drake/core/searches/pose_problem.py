@@ -5,8 +5,9 @@ from typing import NamedTuple
 import numpy as np
 
 from tactopose_drake.core.evidence.evidence import Evidence
+from tactopose_drake.core.objectives.contact_mixture import ContactMixture
 from tactopose_drake.core.objectives.friction_cone import FrictionCone
-from tactopose_drake.core.objectives.objective import LeastSquaresObjective, SumObjective
+from tactopose_drake.core.objectives.objective import LeastSquaresObjective, SmoothObjective, SmoothSum, SumObjective
 from tactopose_drake.core.objectives.patch_contact import PatchContact
 from tactopose_drake.core.objectives.penetration import Penetration
 from tactopose_drake.core.objectives.pose_prior import PriorObjective
@@ -36,14 +37,26 @@ class PoseProblem(NamedTuple):
             only, which curvature hides.
         likelihood: the objective of all the evidence but the prior.
         objective: that of all the evidence.
+        bounding: the terms of the last that are not determining, the prior among them.
         space: the poses that are possible.
+        mixture: the contacts' likelihood where each may be false; None where there is no contact. Searches go by
+            `touch`, which has fewer minima that mislead; beliefs by this.
     """
 
     touch: SurfaceContact
     determining: LeastSquaresObjective
     likelihood: LeastSquaresObjective
     objective: LeastSquaresObjective
+    bounding: tuple[LeastSquaresObjective, ...]
     space: PoseSpace
+    mixture: ContactMixture | None
+
+    def doubted(self, objective: LeastSquaresObjective) -> SmoothObjective:
+        """One of the objectives, with contacts that may be false."""
+        if self.mixture is None:
+            return objective
+        terms = [self.mixture if term is self.touch else term for term in objective.terms]
+        return terms[0] if len(terms) == 1 else SmoothSum(terms)
 
 
 def make_problem(model: ObjectModel, evidence: Evidence) -> PoseProblem:
@@ -53,20 +66,22 @@ def make_problem(model: ObjectModel, evidence: Evidence) -> PoseProblem:
         InvalidInputError: balance of an object whose mass is not known, or whose symmetries move its centre of mass.
     """
     contacts, prior = evidence.contacts, evidence.prior
-    touch = SurfaceContact(model.grid, contacts)
+    mixture = ContactMixture(model, contacts, evidence.outlier_probability) if len(contacts) else None
+    touch = SurfaceContact(model.grid, contacts) if mixture is None else mixture.touch
     terms: list[LeastSquaresObjective] = [touch] if len(contacts) else []
     if evidence.felt:
         terms.append(PatchContact(model.grid, evidence.felt))
     if evidence.balance is not None:
         terms.append(balance_term(model, evidence))
     determining = _sum(terms)
-    terms += bounding_terms(model, evidence)
-    likelihood = _sum(terms)
+    bounding = bounding_terms(model, evidence)
+    likelihood = _sum([*terms, *bounding])
     if prior is None:
-        return PoseProblem(touch, determining, likelihood, likelihood, TouchSpace(model, evidence.touch))
+        space = TouchSpace(model, evidence.touch)
+        return PoseProblem(touch, determining, likelihood, likelihood, tuple(bounding), space, mixture)
     known = PriorObjective(prior)
-    objective = ContactWithPrior(touch, known) if likelihood.is_touch else _sum([*terms, known])
-    return PoseProblem(touch, determining, likelihood, objective, PriorSpace(prior))
+    objective = ContactWithPrior(touch, known) if likelihood.is_touch else _sum([*terms, *bounding, known])
+    return PoseProblem(touch, determining, likelihood, objective, (*bounding, known), PriorSpace(prior), mixture)
 
 
 def bounding_terms(model: ObjectModel, evidence: Evidence) -> list[LeastSquaresObjective]:

@@ -110,6 +110,10 @@ class Search(Protocol):
         """Returns poses of the space that (locally) minimise the objective, by rising cost; at least one."""
         ...
 
+    def leaving_out(self, index: int) -> "Search | None":
+        """The same where one of the contacts is false; None where there is no such."""
+        return None
+
     def widened(self) -> "Search | None":
         """The same near a prior, looking at more; None where there is no such."""
         return None

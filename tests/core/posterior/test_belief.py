@@ -52,7 +52,7 @@ def posterior(
 ) -> Posterior:
     cost = valley.cost if exact is None else exact
     params = PosteriorParams(sampling=SamplingParams(samples=samples, tiles=tiles))
-    return Posterior(valley, valley, cost, turns, np.eye(6) / 1.7, np.eye(3, 4)[None], 0.15, 0.001, params)  # type: ignore[arg-type]
+    return Posterior(valley, valley, cost, None, turns, np.eye(6) / 1.7, np.eye(3, 4)[None], 0.15, 0.001, params)  # type: ignore[arg-type]
 
 
 def modes(valley: Valley, X_PO: FloatArray) -> Modes:
@@ -204,3 +204,30 @@ def test_the_worth_of_samples_is_their_number_where_they_weigh_the_same() -> Non
     u = increments_between(pose(), X_PO)
     np.testing.assert_allclose(moments.first[0], u.mean(axis=0), rtol=1e-9)
     np.testing.assert_allclose(moments.second[0], u.T @ u / 50, rtol=1e-9)
+
+
+def test_the_standard_error_is_that_of_the_weights_from_seed_to_seed() -> None:
+    """Two modes far apart, of which the exact cost makes one rarer: its share varies as is said."""
+    far = retract(pose(), np.array([0.0, 0.0, 0.0, 0.4, 0.0, 0.0]))
+    near, away = Valley(pose(), SIGMAS), Valley(far, SIGMAS)
+
+    def exact(X_PO: FloatArray) -> FloatArray:
+        return np.minimum(near.cost(X_PO) + 0.05 * np.sin(900.0 * X_PO[:, 0, 3]), away.cost(X_PO) + 1.0)
+
+    class Both(Valley):
+        def normal_equations(self, X_PO: FloatArray) -> NormalEquations:
+            is_near = near.cost(X_PO) < away.cost(X_PO)
+            parts = [(near.normal_equations(X_PO)), (away.normal_equations(X_PO))]
+            return NormalEquations(
+                *(np.where(is_near.reshape(-1, *[1] * (a.ndim - 1)), a, b) for a, b in zip(*parts, strict=True))
+            )
+
+    both = Both(pose(), SIGMAS)
+    X_PO = np.concatenate([pose()[None], far[None]])
+    covariance = np.linalg.inv(both.normal_equations(X_PO).hessian + 1e-9 * np.eye(6))
+    start = Modes(GaussianMixture(X_PO, np.array([0.5, 0.5]), covariance), exact(X_PO), (np.empty((0, 6)),) * 2, 0.0)
+    found = [weigh_modes(start, posterior(both, exact), np.random.default_rng(seed)) for seed in range(40)]
+    spread = np.std([modes.mixture.weights[0] for modes in found])
+    stated = np.median([modes.standard_error for modes in found])
+    assert 0.0 < stated <= 0.021
+    assert 0.4 * stated < spread < 2.0 * stated

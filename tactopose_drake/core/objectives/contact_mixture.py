@@ -1,0 +1,152 @@
+"""Contacts of which each may be false, measured with noise of which not even the size is sure.
+
+A finger may touch something else: then its contact is anywhere. It may be elsewhere than its joints say: then its point
+is displaced, and its normal about right. It may touch over an edge: then the point is as told, and the normal any. The
+mixture of these with a contact as told [HRM16] never lets one contact decide. How much larger the noise is than told,
+that of the points alone or of the normals too, is summed over: that makes the likelihood heavy-tailed for all contacts
+together, as one of Student's t is [LLT89].
+
+Source: [LLT89] K. Lange, R. Little, J. Taylor, Robust statistical modeling using the t distribution, J. Am. Stat.
+Assoc. 84, 1989. [HRM16] D. Hogg, J. Bovy, D. Lang, Data analysis recipes: fitting a model to data, 2010, section 3
+(mixture for outliers).
+"""
+
+import dataclasses
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from tactopose_drake.core.compilation import read_only
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.kernels import contact_mixture_kernels
+from tactopose_drake.core.kernels.contact_mixture_kernels import Doubts, Judged
+from tactopose_drake.core.objectives.objective import NormalEquations, SmoothObjective
+from tactopose_drake.core.objectives.surface_contact import SurfaceContact
+from tactopose_drake.core.objectives.surface_density import SurfaceDensity
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.validation import FloatArray
+
+# Densities stay above 0 where no contact may be of something else, so that their logarithms are numbers.
+_LEAST_DENSITY = 1e-250
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ContactDoubt:
+    """What is doubted of contacts.
+
+    Attributes:
+        surroundings: a contact with something else is anywhere within so much of the object, m.
+        displacement: standard deviation of how far a displaced contact is off, along each axis, m.
+        kinds: of the false contacts, the shares with another normal, displaced, and of something else; where there are
+            no normals the first are none.
+        doublings: how often the variance of points and that of normals may be twice what is told, and the probability
+            of that before the touch. That it is as told is the most probable: data sheets are. Errors of joints, of the
+            fingertips' mounting and of the mesh, which no data sheet tells, move points more than they turn normals.
+        reached: the exact density is known up to this energy; see `SurfaceDensity`.
+    """
+
+    surroundings: float = 0.05
+    displacement: float = 0.015
+    kinds: tuple[float, float, float] = (1.0, 6.0, 3.0)
+    doublings: tuple[tuple[int, int, float], ...] = (
+        (0, 0, 0.56),
+        (1, 0, 0.10),
+        (2, 0, 0.08),
+        (3, 0, 0.05),
+        (4, 0, 0.03),
+        (1, 1, 0.07),
+        (2, 2, 0.06),
+        (3, 3, 0.03),
+        (4, 4, 0.02),
+    )
+    reached: float = 6.5
+
+
+class Judgement(NamedTuple):
+    """What the mixture says of poses.
+
+    Attributes:
+        cost: negative log likelihoods, shape (B,).
+        inlier_probability: that each contact is as told, shape (B, k).
+        noise_scale: posterior means, shape (B,).
+        misfit: half the sum of squares of the contacts that are as told, in units of the noise as it seems, shape (B,).
+    """
+
+    cost: FloatArray
+    inlier_probability: FloatArray
+    noise_scale: FloatArray
+    misfit: FloatArray
+
+
+class ContactMixture(SmoothObjective):
+    """The mixture likelihood of contacts; zero where all lie on the surface exactly, as that of `SurfaceContact`."""
+
+    def __init__(
+        self, model: ObjectModel, contacts: Contacts, outlier_probability: float, doubt: ContactDoubt = ContactDoubt()
+    ) -> None:
+        self.touch = SurfaceContact(model.grid, contacts)
+        self._density = SurfaceDensity(model, contacts)
+        self._doubts = _doubts(model, contacts, outlier_probability, doubt)
+        self._reached = doubt.reached
+
+    def cost(self, X_PO: FloatArray) -> FloatArray:
+        """Costs (B,) of poses (B, 3, 4) by the distance field, smooth in the pose."""
+        return self.normal_equations(X_PO).cost
+
+    def normal_equations(self, X_PO: FloatArray) -> NormalEquations:
+        """Cost, gradient and Gauss-Newton Hessian at poses (B, 3, 4), by the distance field."""
+        count = len(X_PO)
+        equations = NormalEquations(np.empty(count), np.empty((count, 6)), np.empty((count, 6, 6)))
+        contact_mixture_kernels.mixture_equations(
+            self.touch.grid, self.touch.touch, self._doubts, np.ascontiguousarray(X_PO), *equations
+        )
+        return equations
+
+    def doubted_information(self, X_PO: FloatArray, hessian: FloatArray) -> FloatArray:
+        """What is left of Hessians (B, 6, 6) if one contact were false, shape (B, 2 k, 6, 6).
+
+        The first k where each is displaced, the others where its normal is any.
+        """
+        information = np.empty((len(X_PO), 2 * len(self._doubts.closeness), 6, 6))
+        contact_mixture_kernels.doubted_information(
+            self.touch.grid, self.touch.touch, self._doubts, np.ascontiguousarray(X_PO), hessian, information
+        )
+        return information
+
+    def judge(self, X_PO: FloatArray) -> Judgement:
+        """What the exact likelihood says of poses (B, 3, 4): of the surface as it is, see `SurfaceDensity`."""
+        X_PO = np.ascontiguousarray(X_PO)
+        density = self._density.densities(X_PO)
+        judged = Judged(np.empty(len(X_PO)), np.empty(density.shape), np.empty(len(X_PO)), np.empty(len(X_PO)))
+        contact_mixture_kernels.judge(
+            self.touch.grid, self.touch.touch, self._doubts, density, self._reached, X_PO, judged
+        )
+        return Judgement(*judged)
+
+
+def _doubts(model: ObjectModel, contacts: Contacts, outlier_probability: float, doubt: ContactDoubt) -> Doubts:
+    """What kernels read."""
+    sigma_p, sigma_n = np.asarray(contacts.sigma_position), np.asarray(contacts.sigma_normal)
+    has_normals = contacts.n_PC is not None
+    # Of a contact as told the density is by area, that across the surface a Gaussian; of one of something else by
+    # volume. Of a normal as told the density is a Gaussian on the sphere, of any normal one over its area.
+    volume = float(np.prod(model.grid.upper - model.grid.origin + 2.0 * doubt.surroundings))
+    any_point = np.minimum(model.area * math.sqrt(2.0 * math.pi) * sigma_p / volume, 1.0)
+    any_normal = np.minimum(0.5 * sigma_n**2, 1.0) if has_normals else np.ones(len(sigma_n))
+    displaced = np.minimum(sigma_p / doubt.displacement, 1.0)
+    # Of all kinds, relative to a contact as told.
+    normal, displaced_too, other = outlier_probability * np.array(doubt.kinds) * [has_normals, 1.0, 1.0]
+    s, t, probability = zip(*doubt.doublings, strict=True)
+    return Doubts(
+        read_only(np.array(s, dtype=np.int64)),
+        read_only(np.array(t, dtype=np.int64)),
+        read_only(0.5 ** np.array(s)),
+        read_only(0.5 ** np.array(t)),
+        read_only(np.array(probability) / probability[0]),
+        read_only(normal * any_normal),
+        read_only(displaced_too * displaced),
+        read_only(np.maximum(other * any_point * any_normal, _LEAST_DENSITY)),
+        read_only(displaced**2),
+        has_normals,
+    )

@@ -1,0 +1,160 @@
+import math
+
+import numpy as np
+import pytest
+import trimesh
+
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.objectives.contact_mixture import ContactDoubt, ContactMixture
+from tactopose_drake.core.objectives.surface_contact import SurfaceContact
+from tactopose_drake.core.poses import exp_so3, make_poses, random_rotations, retract
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
+
+DOUBT = ContactDoubt()
+
+
+@pytest.fixture(scope="module")
+def box() -> ObjectModel:
+    return ObjectModel.from_mesh(trimesh.creation.box((0.06, 0.09, 0.13)))
+
+
+def pose(seed: int) -> np.ndarray:
+    generator = np.random.default_rng(seed)
+    return make_poses(random_rotations(generator, 1), 0.05 * generator.normal(size=(1, 3)))
+
+
+def touch(model: ObjectModel, X_PO: np.ndarray, seed: int, noise: float = 1.0, count: int = 6) -> Contacts:
+    told = {"sigma_position": 0.0009, "sigma_normal": math.radians(5.0)}
+    sigmas = {name: noise * sigma for name, sigma in told.items()}
+    felt = touch_surface(model, X_PO[0], count, np.random.default_rng(seed), spread=True, **sigmas)
+    return Contacts(felt.p_PC, felt.n_PC, **told)
+
+
+def formula(model: ObjectModel, contacts: Contacts, X_PO: np.ndarray, share: float) -> float:
+    """The negative logarithm of the mixture, written out, at one pose."""
+    rows = SurfaceContact(model.grid, contacts).residuals(X_PO).reshape(len(contacts), -1)
+    d, has_normals = 0.5 * rows[:, 0] ** 2, contacts.n_PC is not None
+    n = 0.5 * np.sum(rows[:, 1:] ** 2, axis=1) if has_normals else np.zeros(len(contacts))
+    sigma_p, sigma_n = np.asarray(contacts.sigma_position), np.asarray(contacts.sigma_normal)
+    volume = np.prod(model.grid.upper - model.grid.origin + 2.0 * DOUBT.surroundings)
+    any_point = model.area * math.sqrt(2.0 * math.pi) * sigma_p / volume
+    any_normal = 0.5 * sigma_n**2 if has_normals else 1.0
+    turned, moved, other = share * np.array(DOUBT.kinds) * [has_normals, 1.0, 1.0]
+    ratio = sigma_p / DOUBT.displacement
+    total = 0.0
+    for doubled, doubled_n, probability in DOUBT.doublings:
+        point = np.exp(-d / 2.0**doubled) / math.sqrt(2.0**doubled)
+        turn = np.exp(-n / 2.0**doubled_n) / 2.0**doubled_n if has_normals else 1.0
+        displaced = moved * ratio * np.exp(-(ratio**2) * d) * turn
+        each = point * turn + turned * any_normal * point + displaced + other * any_point * any_normal
+        total += probability * float(np.prod(each))
+    return -math.log(total / DOUBT.doublings[0][2])
+
+
+@pytest.mark.parametrize("with_normals", [True, False])
+@pytest.mark.parametrize("share", [0.02, 0.2])
+def test_the_cost_is_the_mixture_written_out(blob: ObjectModel, with_normals: bool, share: float) -> None:
+    X_PO = pose(0)
+    contacts = touch(blob, X_PO, 0, noise=1.5)
+    if not with_normals:
+        contacts = Contacts(contacts.p_PC, sigma_position=0.0009)
+    mixture = ContactMixture(blob, contacts, share)
+    for step in np.random.default_rng(1).normal(size=(5, 6)) * np.repeat([0.05, 0.003], 3):
+        X = retract(X_PO, step)
+        assert mixture.cost(X)[0] == pytest.approx(formula(blob, contacts, X, share), rel=1e-9, abs=1e-9)
+
+
+def test_the_gradient_is_the_central_difference(blob: ObjectModel) -> None:
+    X_PO = pose(2)
+    mixture = ContactMixture(blob, touch(blob, X_PO, 2, noise=2.0), 0.02)
+    X = retract(X_PO, np.array([0.02, -0.03, 0.01, 0.002, -0.001, 0.003]))
+    gradient = mixture.normal_equations(X).gradient[0]
+    for k, step in enumerate(1e-8 * np.eye(6)):
+        difference = (mixture.cost(retract(X, step)) - mixture.cost(retract(X, -step)))[0] / 2e-8
+        assert gradient[k] == pytest.approx(difference, rel=1e-3, abs=1e-3 * np.abs(gradient).max())
+
+
+def test_a_contact_far_off_is_given_up_and_the_others_count_as_before(box: ObjectModel) -> None:
+    X_PO = pose(3)
+    contacts = touch(box, X_PO, 3)
+    away = contacts.p_PC.copy()
+    away[2] += 0.03 * contacts.n_PC[2]
+    judged = ContactMixture(box, Contacts(away, contacts.n_PC), 0.02).judge(X_PO)
+    assert judged.inlier_probability[0, 2] < 0.01
+    assert np.all(np.delete(judged.inlier_probability[0], 2) > 0.9)
+    # It costs what false contacts cost, and not what its 33 standard deviations would.
+    as_told = ContactMixture(box, contacts, 0.02).judge(X_PO)
+    assert judged.cost[0] - as_told.cost[0] < 12.0
+    assert SurfaceContact(box.grid, Contacts(away, contacts.n_PC)).cost(X_PO)[0] > 400.0
+
+
+def test_a_flipped_normal_is_given_up_and_its_point_counts(box: ObjectModel) -> None:
+    X_PO = pose(4)
+    contacts = touch(box, X_PO, 4)
+    turned = contacts.n_PC.copy()
+    turned[1] *= -1.0
+    mixture = ContactMixture(box, Contacts(contacts.p_PC, turned), 0.02)
+    assert mixture.judge(X_PO).inlier_probability[0, 1] < 0.01
+    # Without the point of that contact, the curvature across its face would be another.
+    hessian = mixture.normal_equations(X_PO).hessian[0, 3:, 3:]
+    across = contacts.n_PC[1] @ hessian @ contacts.n_PC[1]
+    kept = Contacts(np.delete(contacts.p_PC, 1, axis=0), np.delete(contacts.n_PC, 1, axis=0))
+    without = ContactMixture(box, kept, 0.02).normal_equations(X_PO).hessian[0, 3:, 3:]
+    assert across - contacts.n_PC[1] @ without @ contacts.n_PC[1] > 0.3 / 0.0009**2
+
+
+def test_the_noise_scale_is_found(box: ObjectModel) -> None:
+    X_PO = pose(5)
+    scales = {
+        noise: [
+            float(ContactMixture(box, touch(box, X_PO, seed, noise, 12), 0.0).judge(X_PO).noise_scale[0])
+            for seed in range(20)
+        ]
+        for noise in (1.0, 2.0)
+    }
+    assert np.median(scales[1.0]) < 1.2
+    assert 1.6 < np.median(scales[2.0]) < 2.4
+
+
+def test_nothing_is_false_where_nothing_may_be(box: ObjectModel) -> None:
+    X_PO = pose(6)
+    contacts = touch(box, X_PO, 6)
+    away = contacts.p_PC.copy()
+    away[0] += 0.01 * contacts.n_PC[0]
+    judged = ContactMixture(box, Contacts(away, contacts.n_PC), 0.0).judge(X_PO)
+    np.testing.assert_allclose(judged.inlier_probability, 1.0, rtol=1e-5)
+    far = ContactMixture(box, contacts, 0.0).judge(retract(X_PO, np.array([0.0, 0, 0, 0.5, 0.5, 0.5])))
+    assert np.isfinite(far.cost).all()
+
+
+def test_what_is_left_without_a_contact_is_less_and_never_negative(box: ObjectModel) -> None:
+    X_PO = np.concatenate([pose(7), retract(pose(7), np.array([0.1, 0.0, -0.1, 0.004, 0.0, 0.002]))])
+    mixture = ContactMixture(box, touch(box, pose(7), 7, noise=2.0), 0.02)
+    hessian = mixture.normal_equations(X_PO).hessian
+    left = mixture.doubted_information(X_PO, hessian)
+    assert left.shape == (2, 12, 6, 6)
+    scale = np.outer(*[np.repeat([0.05, 1.0], 3)] * 2) * 1e-6
+    for information, whole in zip(left, hessian, strict=True):
+        assert np.linalg.eigvalsh(information / scale).min() > -1e-6 * np.linalg.eigvalsh(whole / scale).max()
+        assert np.linalg.eigvalsh((whole - information) / scale).min() > -1e-6 * np.linalg.eigvalsh(whole / scale).max()
+        assert np.all(np.trace((whole - information) / scale, axis1=1, axis2=2) > 0.0)
+
+
+def test_many_contacts_are_no_matter(box: ObjectModel) -> None:
+    X_PO = pose(8)
+    felt = touch_surface(box, X_PO[0], 400, np.random.default_rng(8))
+    away = retract(X_PO, np.array([0.0, 0.0, 0.0, 0.02, 0.01, 0.0]))
+    contacts = Contacts(felt.p_PC, felt.n_PC)
+    cost = ContactMixture(box, contacts, 0.02).cost(np.concatenate([X_PO, away]))
+    assert np.isfinite(cost).all()
+    assert cost[0] < cost[1]
+
+
+def test_a_turn_of_everything_changes_nothing(box: ObjectModel) -> None:
+    X_PO = pose(9)
+    contacts = touch(box, X_PO, 9)
+    R, X_off = exp_so3(np.array([0.3, -0.2, 0.9])), retract(X_PO, np.array([0.02, 0, 0, 0, 0.002, 0]))
+    turned = Contacts(contacts.p_PC @ R.T, contacts.n_PC @ R.T)
+    cost = ContactMixture(box, contacts, 0.02).cost(X_off)
+    assert ContactMixture(box, turned, 0.02).cost(R @ X_off)[0] == pytest.approx(cost[0], rel=1e-6)

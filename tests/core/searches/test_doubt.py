@@ -1,0 +1,37 @@
+import numpy as np
+import trimesh
+
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.evidence.evidence import Evidence
+from tactopose_drake.core.poses import increments_between, make_poses, random_rotations
+from tactopose_drake.core.searches.doubt import search_with_doubt
+from tactopose_drake.core.searches.pair_search import PairSearch
+from tactopose_drake.core.searches.pose_problem import make_problem
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
+
+
+def test_a_search_without_each_contact_in_turn_finds_what_a_false_one_hides() -> None:
+    """Two boxes glued together, which no symmetry maps onto itself, and one finger of seven far off."""
+    parts = [trimesh.creation.box((0.05, 0.08, 0.12)), trimesh.creation.box((0.03, 0.05, 0.07))]
+    parts[1].apply_translation([0.035, 0.01, -0.02])
+    model = ObjectModel.from_mesh(trimesh.boolean.union(parts, engine="manifold"))
+    found_by = {"all": 0, "doubt": 0}
+    for seed in range(8):
+        generator = np.random.default_rng(seed)
+        X_PO = make_poses(random_rotations(generator, 1), 0.03 * generator.normal(size=(1, 3)))
+        felt = touch_surface(model, X_PO[0], 7, generator, spread=True)
+        p_PC = felt.p_PC.copy()
+        p_PC[3] += 0.025 * felt.n_PC[3]
+        contacts = Contacts(p_PC, felt.n_PC)
+        evidence = Evidence(contacts)
+        problem, search = make_problem(model, evidence), PairSearch(model=model, contacts=contacts)
+        found = search.minimize(problem.objective, problem.space, generator)
+        doubted = search_with_doubt(model, evidence, problem, search, found, generator, lambda: False)
+        for name, result in (("all", found), ("doubt", doubted)):
+            error = increments_between(X_PO[0], result.X_PO[:1])[0]
+            found_by[name] += bool(np.linalg.norm(error[3:]) < 0.005 and np.linalg.norm(error[:3]) < 0.2)
+        again = search_with_doubt(model, evidence, problem, search, found, generator, lambda: True)
+        assert np.isfinite(again.cost).all()
+        assert len(again.X_PO)
+    assert found_by["doubt"] >= 7 > found_by["all"]

@@ -1,0 +1,88 @@
+"""Contacts that are not what they seem, and noise that is not as told."""
+
+import math
+
+import numpy as np
+import pytest
+
+import tactopose_drake as tp
+from tactopose_drake.core.poses import increments_between, make_poses, random_rotations, retract
+from tactopose_drake.core.synthetic import touch_surface
+
+NOISE = {"sigma_position": 0.0009, "sigma_normal": math.radians(5.0)}
+
+
+def touched(model: tp.ObjectModel, seed: int, count: int = 7, noise: float = 1.0) -> tuple[np.ndarray, tp.Contacts]:
+    generator = np.random.default_rng(seed)
+    X_PO = make_poses(random_rotations(generator, 1), 0.05 * generator.normal(size=(1, 3)))[0]
+    sigmas = {name: noise * sigma for name, sigma in NOISE.items()}
+    felt = touch_surface(model, X_PO, count, generator, spread=True, **sigmas)
+    return X_PO, tp.Contacts(felt.p_PC, felt.n_PC, **NOISE)
+
+
+def near(X_PO: np.ndarray, seed: int) -> tp.PosePrior:
+    prior = tp.PosePrior(X_PO)
+    return tp.PosePrior(retract(X_PO, np.random.default_rng(seed).normal(size=6) * prior.sigmas))
+
+
+def is_right(X_PO: np.ndarray, estimate: tp.PoseEstimate) -> bool:
+    error = increments_between(X_PO, estimate.best.X_PO.GetAsMatrix34()[None])[0]
+    return bool(np.linalg.norm(error[3:]) < 0.010 and np.linalg.norm(error[:3]) < math.radians(15.0))
+
+
+def test_a_contact_far_off_is_named_and_leads_nobody_astray(blob: tp.ObjectModel) -> None:
+    right, named, astray = 0, 0, 0
+    for seed in range(20):
+        X_PO, contacts = touched(blob, seed)
+        p_PC = contacts.p_PC.copy()
+        p_PC[2] += 0.02 * contacts.n_PC[2]
+        false = tp.Contacts(p_PC, contacts.n_PC, **NOISE)
+        estimate = tp.estimate_pose(blob, false, prior=near(X_PO, seed))
+        right += is_right(X_PO, estimate)
+        named += int(np.argmin(estimate.best.inlier_probability)) == 2 and estimate.best.inlier_probability[2] < 0.1
+        told = tp.estimate_pose(blob, false, prior=near(X_PO, seed), outlier_probability=0.0)
+        np.testing.assert_allclose(told.best.inlier_probability, 1.0, rtol=1e-5)
+        astray += not is_right(X_PO, told) or told.status == "no_solution"
+    assert right >= 18
+    assert named >= 17
+    assert astray > 20 - right
+
+
+def test_a_touch_as_told_is_taken_at_its_word(blob: tp.ObjectModel) -> None:
+    scales = []
+    for seed in range(20):
+        X_PO, contacts = touched(blob, 100 + seed)
+        estimate = tp.estimate_pose(blob, contacts, prior=near(X_PO, seed))
+        assert estimate.status != "no_solution"
+        assert is_right(X_PO, estimate)
+        assert estimate.best.inlier_probability.shape == (7,)
+        scales.append(estimate.noise_scale)
+    assert np.median(scales) < 1.3
+
+
+def test_larger_noise_is_noticed_and_makes_the_belief_wider(blob: tp.ObjectModel) -> None:
+    scales, wider = [], []
+    for seed in range(12):
+        X_PO, contacts = touched(blob, 200 + seed, count=10, noise=2.5)
+        estimate = tp.estimate_pose(blob, contacts, prior=near(X_PO, seed))
+        _, as_told = touched(blob, 200 + seed, count=10)
+        exact = tp.estimate_pose(blob, as_told, prior=near(X_PO, seed))
+        scales.append(estimate.noise_scale)
+        wider.append(np.trace(estimate.best.covariance[3:, 3:]) / np.trace(exact.best.covariance[3:, 3:]))
+    assert np.median(scales) > 1.6
+    assert np.median(wider) > 2.0
+
+
+def test_the_standard_error_is_stated(blob: tp.ObjectModel) -> None:
+    X_PO, contacts = touched(blob, 300, count=4)
+    assert 0.0 <= tp.estimate_pose(blob, contacts).standard_error <= 0.05
+    out_of_time = tp.estimate_pose(blob, contacts, prior=near(X_PO, 0), time_limit=1e-9)
+    assert out_of_time.standard_error == math.inf
+    assert not out_of_time.finished
+
+
+@pytest.mark.parametrize("share", [-0.1, 1.5, math.nan, "0.02", None])
+def test_a_share_of_false_contacts_that_is_none_is_refused(blob: tp.ObjectModel, share: object) -> None:
+    _, contacts = touched(blob, 0)
+    with pytest.raises(tp.TactoposeError, match="outlier_probability"):
+        tp.estimate_pose(blob, contacts, outlier_probability=share)  # type: ignore[arg-type]
