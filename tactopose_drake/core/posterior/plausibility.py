@@ -4,13 +4,13 @@ import functools
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtri
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.objectives.patch_contact import PatchContact
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.objectives.surface_density import SurfaceDensity
+from tactopose_drake.core.posterior.chi_square import chi_square_limit
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, PlausibilityParams
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.object_model import ObjectModel
@@ -94,7 +94,7 @@ def may_be_touched(
 
 @functools.cache
 def _limit(count: int, least_chance: float) -> float:
-    return 0.5 * float(chdtri(count, least_chance))
+    return 0.5 * chi_square_limit(count, least_chance)
 
 
 def _of_contacts(evidence: Evidence) -> int:
