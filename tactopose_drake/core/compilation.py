@@ -10,7 +10,7 @@ sums are reordered and no products fused, so equal arguments give equal bits, wh
 
 One under `@part` is a kernel that only other kernels call; it has no entry for Python, which takes long to compile for
 many arguments. A function under `@inlined` becomes part of its callers, for whatever types they have. It is LLVM that
-puts it there: where numba does, it infers the types of each copy anew, which takes half as long again.
+puts it there: where numba does, it infers the types of each copy anew, which takes a third as long again.
 """
 
 import functools
