@@ -1,4 +1,5 @@
-# `make demo` and `make test` work on a bare clone: they make .venv and install the tested versions.
+# `make demo` and `make test` work on a bare clone: they make .venv, install the tested versions, and compile the kernels,
+# which tests in several processes would each compile for themselves.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -52,6 +53,7 @@ $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/pip install --quiet --disable-pip-version-check 'pip>=25.1'
 	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt --group dev -e .
+	$(BIN)/tactopose warm-up
 	@touch $@
 
 clean:

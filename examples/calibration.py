@@ -19,11 +19,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
+from calibration_summary import LEVEL, LEVELS, WELL_KNOWN, Trial, save_figure, summary
 from nearest_images import nearest_increments
 from numpy.typing import NDArray
-from rich.progress import track
+from rich.progress import Progress
 from scipy.stats import chi2
 
 import tactopose_drake as tp
@@ -46,53 +45,35 @@ OBJECTS = (
     "thermal_bottle",
     "wine_glass",
 )
-LEVELS = np.array([0.2, 0.4, 0.6, 0.8, 0.9, 0.95, 0.99])
-LEVEL = 0.95
 # A pose is unique when its hypothesis carries more of the mass, and nothing is free there or at the truth. In what is
 # left of the mass the truth may honestly be: at 0.99 it is in each fifth set of 1000 trials once, and the squared error
 # of that trial, in the thousands, is most of the set's mean.
 UNIQUE = 0.999
-# It is well known when no direction is wider than this share of the object's size. The Cramer-Rao bound takes the
-# surface for as curved as it is at the truth; over longer ways that is another surface, with edges.
-WELL_KNOWN = 0.05
 DRAWS = 20  # Truths drawn from each belief.
+WITH_PRIOR, WITHOUT = "with a prior of 33 mm and 16 degrees", "without a prior"
 
 Array = NDArray[np.float64]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Trial:
-    """What one estimate said, and how far off it was.
+class Touch:
+    """A touch of an object in a random pose.
 
     Attributes:
-        name: the object's.
-        held: for each of LEVELS, whether its region holds the truth.
-        promised: for LEVEL, the share of truths drawn from the belief itself that its region holds.
-        probability, cost: of the best hypothesis.
-        unique: whether it is all that is left.
-        mahalanobis: the best one's squared distance to the truth.
-        well_known: whether it is narrow, too.
-        translation, rotation: of the best one's error, m, rad.
-        said_translation, said_rotation: the root mean squares that its covariance says.
-        least_translation, least_rotation: the Cramer-Rao bounds of their root mean squares.
-        seconds: that the estimate took.
+        model: the object.
+        X_PO: the pose, shape (3, 4).
+        contacts: as measured.
+        exact: the same without noise; what its standard deviations are is as measured.
+        prior: of the pose, or None.
+        generator: of what is drawn next.
     """
 
-    name: str
-    held: NDArray[np.bool_]
-    promised: float
-    probability: float
-    cost: float
-    unique: bool
-    well_known: bool
-    mahalanobis: float
-    translation: float
-    rotation: float
-    said_translation: float
-    said_rotation: float
-    least_translation: float
-    least_rotation: float
-    seconds: float
+    model: tp.ObjectModel
+    X_PO: Array
+    contacts: tp.Contacts
+    exact: tp.Contacts
+    prior: tp.PosePrior | None
+    generator: np.random.Generator
 
 
 def region_holds(
@@ -111,8 +92,8 @@ def region_holds(
     return held
 
 
-def run_trial(model: tp.ObjectModel, seed: int, arguments: argparse.Namespace, has_prior: bool) -> Trial:
-    """Touches the object, estimates its pose, and compares."""
+def touch(model: tp.ObjectModel, seed: int, arguments: argparse.Namespace, has_prior: bool) -> Touch:
+    """Touches the object."""
     noise = {"sigma_position": 0.0009 * arguments.noise, "sigma_normal": np.radians(5.0) * arguments.noise}
     generator = np.random.default_rng(seed)
     X_PO = make_poses(random_rotations(generator, 1), 0.05 * generator.normal(size=(1, 3)))[0]
@@ -125,19 +106,23 @@ def run_trial(model: tp.ObjectModel, seed: int, arguments: argparse.Namespace, h
     exact = touch_surface(
         model, X_PO, arguments.contacts, generator, spread=arguments.spread, sigma_position=0.0, sigma_normal=0.0
     )
-    estimate = tp.estimate_pose(model, contacts, prior=prior, seed=seed)
+    exact = tp.Contacts(exact.p_PC, exact.n_PC, **noise)
+    return Touch(model=model, X_PO=X_PO, contacts=contacts, exact=exact, prior=prior, generator=generator)
 
-    best = estimate.best
+
+def judge(touched: Touch, estimate: tp.PoseEstimate) -> Trial:
+    """Compares an estimate with the truth."""
+    model, X_PO, best = touched.model, touched.X_PO, estimate.best
     information = np.linalg.inv(best.covariance)
     error = nearest_increments(model, best.X_PO.GetAsMatrix34(), information, X_PO[None])[0]
-    bound = cramer_rao_bound(model, tp.Contacts(exact.p_PC, exact.n_PC, **noise), X_PO, prior)
+    bound = cramer_rao_bound(model, touched.exact, X_PO, touched.prior)
     unique = best.probability > UNIQUE and not len(best.free_directions) and not len(bound.free_directions)
     metres = np.repeat([model.size / 2.0, 1.0], 3)  # Of the surface, for each unit of the increments.
     widest = np.sqrt(np.linalg.eigvalsh(best.covariance * np.outer(metres, metres))[-1])
     return Trial(
         name=model.name,
         held=region_holds(model, estimate, X_PO[None], LEVELS)[0],
-        promised=float(region_holds(model, estimate, draw(model, estimate, generator), [LEVEL]).mean()),
+        promised=float(region_holds(model, estimate, draw(model, estimate, touched.generator), [LEVEL]).mean()),
         probability=best.probability,
         cost=best.cost,
         unique=unique,
@@ -149,8 +134,23 @@ def run_trial(model: tp.ObjectModel, seed: int, arguments: argparse.Namespace, h
         said_rotation=float(np.sqrt(np.trace(best.covariance[:3, :3]))),
         least_translation=bound.rms_translation,
         least_rotation=bound.rms_rotation,
-        seconds=estimate.duration,
     )
+
+
+def run_trials(models: Sequence[tp.ObjectModel], title: str, arguments: argparse.Namespace) -> list[Trial]:
+    """Touches the objects in turn, estimates their poses on all cores, and compares."""
+    seeds = range(arguments.first_seed, arguments.first_seed + arguments.trials)
+    touches = [touch(models[seed % len(models)], seed, arguments, title == WITH_PRIOR) for seed in seeds]
+    with Progress() as progress:
+        task = progress.add_task(title, total=len(touches))
+        estimates = tp.estimate_poses(
+            [touched.model for touched in touches],
+            [touched.contacts for touched in touches],
+            priors=[touched.prior for touched in touches],
+            seed=seeds,
+            on_progress=lambda done, total: progress.update(task, completed=done),
+        )
+    return [judge(touched, estimate) for touched, estimate in zip(touches, estimates, strict=True)]
 
 
 def draw(model: tp.ObjectModel, estimate: tp.PoseEstimate, generator: np.random.Generator) -> Array:
@@ -166,84 +166,6 @@ def draw(model: tp.ObjectModel, estimate: tp.PoseEstimate, generator: np.random.
             u = u - (symmetry.axis @ u[:3]) * turn
         poses.append(retract(X_PO, u))
     return np.array(poses)
-
-
-def rms(values: list[float]) -> float:
-    """Root mean square."""
-    return float(np.sqrt(np.mean(np.square(values))))
-
-
-def errors(trials: list[Trial]) -> str:
-    """Root mean square errors, beside those that the covariances say, in units of the Cramer-Rao bound's."""
-    millimetres, said_millimetres, least_millimetres = (
-        1e3 * rms([getattr(trial, name) for trial in trials])
-        for name in ("translation", "said_translation", "least_translation")
-    )
-    degrees, said_degrees, least_degrees = (
-        np.degrees(rms([getattr(trial, name) for trial in trials]))
-        for name in ("rotation", "said_rotation", "least_rotation")
-    )
-    return (
-        f"rms errors {millimetres:.2f} mm, {degrees:.2f} deg, in units of the Cramer-Rao bound's "
-        f"{millimetres / least_millimetres:.2f}, {degrees / least_degrees:.2f}; the covariances say "
-        f"{said_millimetres / least_millimetres:.2f}, {said_degrees / least_degrees:.2f}"
-    )
-
-
-def summary(title: str, trials: list[Trial]) -> str:
-    """The figures in words, and those of each object."""
-    at = int(np.flatnonzero(LEVELS == LEVEL)[0])
-    held = np.array([trial.held[at] for trial in trials])
-    unique = [trial for trial in trials if trial.unique]
-    seconds = np.array([trial.seconds for trial in trials])
-    error, promised = np.sqrt(held.mean() * (1 - held.mean()) / len(held)), np.mean([t.promised for t in trials])
-    lines = [
-        f"{title}: {len(trials)} trials, median {1e3 * np.median(seconds):.1f} ms, most {1e3 * seconds.max():.0f} ms",
-        f"  truth in the smallest set that holds 95 %: {held.mean():.1%}, standard error {error:.1%}; "
-        f"promised {promised:.1%}",
-    ]
-    if unique:
-        square = np.array([trial.mahalanobis for trial in unique])
-        lines += [
-            f"  unique in {len(unique)} trials: mean squared Mahalanobis error {square.mean():.2f} (exact: 6), median "
-            f"{np.median(square):.2f} (exact: {chi2.median(6):.2f})",
-            f"    {errors(unique)}",
-        ]
-    if well_known := [trial for trial in unique if trial.well_known]:
-        lines.append(f"  to {WELL_KNOWN:.0%} of the size or better in {len(well_known)} of these: {errors(well_known)}")
-    for name in dict.fromkeys(trial.name for trial in trials):
-        own = [trial for trial in trials if trial.name == name]
-        share = np.mean([trial.held[at] for trial in own])
-        lines.append(f"    {name:15s} {share:4.0%} of {len(own)}, promised {np.mean([t.promised for t in own]):4.0%}")
-    return "\n".join(lines)
-
-
-def save_figure(runs: dict[str, list[Trial]], path: Path) -> None:
-    """A row for each run: reliability, the distribution of the Mahalanobis errors, and cost against error."""
-    figure = Figure(figsize=(15, 4.8 * len(runs)), layout="constrained")
-    axes = figure.subplots(len(runs), 3, squeeze=False)
-    for (title, trials), row in zip(runs.items(), axes, strict=True):
-        share = np.mean([trial.held for trial in trials], axis=0)
-        error = 1.96 * np.sqrt(share * (1 - share) / len(trials))
-        row[0].plot([0, 1], [0, 1], color="0.7", label="as said")
-        row[0].errorbar(LEVELS, share, yerr=error, fmt="o-", capsize=3, label="found, with 95 % intervals")
-        row[0].set(xlabel="mass of the set, and level of its ellipsoids", ylabel="share of trials that hold the truth")
-        row[0].set_title(title)
-        row[0].legend(loc="lower right")
-
-        squares = [trial.mahalanobis for trial in trials if trial.unique]
-        grid = np.linspace(0, 30, 121)
-        row[1].hist(np.minimum(squares, 29.9), bins=30, range=(0, 30), density=True, alpha=0.5, label="unique poses")
-        row[1].plot(grid, chi2.pdf(grid, 6), label="chi-square, 6 degrees of freedom")
-        row[1].set(xlabel="squared Mahalanobis error (the last bin: and more)", ylabel="density")
-        row[1].legend()
-
-        cost = [trial.cost for trial in trials]
-        millimetres = [1e3 * trial.translation for trial in trials]
-        dots = row[2].scatter(cost, millimetres, c=[t.probability for t in trials], s=8, cmap="viridis", vmin=0, vmax=1)
-        row[2].set(yscale="log", xlabel="cost of the best hypothesis", ylabel="its error, mm")
-        figure.colorbar(dots, ax=row[2], label="its probability")
-    FigureCanvasAgg(figure).print_png(path)
 
 
 def main() -> None:
@@ -265,12 +187,8 @@ def main() -> None:
 
     started = time.perf_counter()
     runs: dict[str, list[Trial]] = {}
-    for title, has_prior in (("with a prior of 33 mm and 16 degrees", True), ("without a prior", False)):
-        seeds = range(arguments.first_seed, arguments.first_seed + arguments.trials)
-        runs[title] = [
-            run_trial(models[seed % len(models)], seed, arguments, has_prior)
-            for seed in track(seeds, description=title)
-        ]
+    for title in (WITH_PRIOR, WITHOUT):
+        runs[title] = run_trials(models, title, arguments)
     text = "\n".join(summary(title, trials) for title, trials in runs.items())
     arguments.out.mkdir(parents=True, exist_ok=True)
     (arguments.out / "calibration.txt").write_text(text + "\n", encoding="utf-8")

@@ -21,6 +21,7 @@ from .estimation.estimate import estimate_pose as estimate_pose
 from .estimation.identification import identify as identify
 from .estimation.identities import Identification as Identification
 from .estimation.identities import Identity as Identity
+from .estimation.many import estimate_poses as estimate_poses
 from .estimation.object_library import ObjectLibrary as ObjectLibrary
 from .estimation.prior import PosePrior as PosePrior
 from .estimation.results import PoseEstimate as PoseEstimate

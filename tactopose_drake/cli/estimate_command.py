@@ -6,8 +6,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import click
-from pydrake.geometry import Meshcat, MeshcatParams
 
+from tactopose_drake import visualization
 from tactopose_drake.cli.consoles import ERRORS, OUT
 from tactopose_drake.cli.reports import free_line, hypotheses_table, status_line
 from tactopose_drake.core.mesh.repair import MeshRepairWarning
@@ -15,9 +15,6 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.estimation.estimate import METHODS, estimate_pose
 from tactopose_drake.estimation.files import load_contacts, load_prior, save_result
 from tactopose_drake.estimation.output_files import check_outputs
-from tactopose_drake.visualization.meshcat import aim_camera, draw_scene, save_html, upright
-from tactopose_drake.visualization.remote_meshcat import RemoteMeshcat
-from tactopose_drake.visualization.scene import Scene
 
 _path = click.Path(path_type=Path)
 
@@ -47,7 +44,9 @@ def estimate(
     contacts = load_contacts(contacts_file)
     prior = None if prior_file is None else load_prior(prior_file)
     check_outputs((out, html), inputs=(mesh, contacts_file, prior_file))
-    remote = None if meshcat_url is None else click.get_current_context().with_resource(RemoteMeshcat(meshcat_url))
+    remote = None
+    if meshcat_url is not None:
+        remote = click.get_current_context().with_resource(visualization.RemoteMeshcat(meshcat_url))
     with _progress(f"reading {mesh}"):
         model = ObjectModel.from_mesh(mesh)
     with _progress("searching (the first run on a machine compiles its kernels, about a minute)"):
@@ -57,19 +56,23 @@ def estimate(
     OUT.print(status_line(found))
     if out is not None:
         save_result(out, found)
-    scene = Scene(
+    if html is None and remote is None:
+        return
+    scene = visualization.Scene(
         model=model,
         contacts=contacts,
         prior=None if prior is None else prior.X_PO,
         estimate=found.best.X_PO,
     )
     if html is not None:
+        from pydrake.geometry import Meshcat, MeshcatParams
+
         meshcat = Meshcat(MeshcatParams(host="localhost"))
-        draw_scene(meshcat, scene)
-        aim_camera(meshcat, scene, upright(scene))
-        save_html(html, meshcat)
+        visualization.draw_scene(meshcat, scene)
+        visualization.aim_camera(meshcat, scene, visualization.upright(scene))
+        visualization.save_html(html, meshcat)
     if remote is not None:
-        draw_scene(remote, scene)
+        visualization.draw_scene(remote, scene)
         OUT.print(f"Drawn into the meshcat-server whose page is {remote.web_url()}")
 
 

@@ -1,12 +1,9 @@
 """`tactopose identify`: which of many objects is touched, on the command line."""
 
 import contextlib
-import multiprocessing.context
 import os
-import signal
 import warnings
-from collections.abc import Iterator
-from concurrent.futures import Executor, ProcessPoolExecutor
+from concurrent.futures import Executor
 from pathlib import Path
 from typing import get_args
 
@@ -16,6 +13,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from tactopose_drake.cli.consoles import ERRORS, OUT
+from tactopose_drake.cli.workers import processes
 from tactopose_drake.core.mesh.repair import MeshRepairWarning
 from tactopose_drake.estimation.files import load_contacts
 from tactopose_drake.estimation.identification import Likelihood, identify
@@ -47,45 +45,13 @@ _path = click.Path(path_type=Path)
 def identify_command(folder: Path, contacts_file: Path, jobs: int, likelihood: Likelihood) -> None:
     """Tells which object of a library the contacts are on."""
     contacts = load_contacts(contacts_file)
-    with _workers(jobs) as executor:
+    with contextlib.nullcontext() if jobs == 1 else processes(jobs) as executor:
         library = _open(folder, executor)
     # The few candidates are estimated here: processes would take longer to start than they save.
     with ERRORS.status(f"comparing {len(library)} objects (the first run on a machine compiles its kernels)"):
         found = identify(library, contacts, likelihood=likelihood)
     OUT.print(_table(found))
     OUT.print(_line(found))
-
-
-class _QuietProcess(multiprocessing.context.SpawnProcess):
-    """A process that an interrupt from the keyboard passes by: whoever has started it ends it."""
-
-    def start(self) -> None:
-        if not hasattr(signal, "pthread_sigmask"):  # Windows
-            super().start()
-            return
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        try:
-            super().start()  # It inherits what is blocked.
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-class _QuietContext(multiprocessing.context.SpawnContext):
-    Process = _QuietProcess
-
-
-@contextlib.contextmanager
-def _workers(jobs: int) -> Iterator[Executor | None]:
-    """Processes that start when work comes in; none for a single job."""
-    if jobs == 1:
-        yield None
-        return
-    # What is not done yet is dropped when the user interrupts.
-    executor = ProcessPoolExecutor(jobs, mp_context=_QuietContext())
-    try:
-        yield executor
-    finally:
-        executor.shutdown(cancel_futures=True)
 
 
 def _open(folder: Path, executor: Executor | None) -> ObjectLibrary:

@@ -4,6 +4,7 @@ Exit status: 0 an estimate was made; 2 unusable input, with one line on stderr t
 else.
 """
 
+import importlib
 import logging
 import signal
 import sys
@@ -12,14 +13,20 @@ from typing import Any, NoReturn
 import click
 
 from tactopose_drake.cli.consoles import ERRORS
-from tactopose_drake.cli.demo_command import demo
-from tactopose_drake.cli.estimate_command import estimate
-from tactopose_drake.cli.identify_command import identify_command
-from tactopose_drake.cli.replay_command import replay
-from tactopose_drake.cli.run_command import run
 from tactopose_drake.errors import InvalidInputError, TactoposeError
 
 _UNUSABLE_INPUT = 2
+
+# The function of each command, and the file that it is in.
+_COMMANDS = {
+    "cache": "cache_command.cache_command",
+    "demo": "demo_command.demo",
+    "estimate": "estimate_command.estimate",
+    "identify": "identify_command.identify_command",
+    "replay": "replay_command.replay",
+    "run": "run_command.run",
+    "warm-up": "warm_up_command.warm_up",
+}
 
 
 class InterruptedRunError(Exception):
@@ -27,6 +34,18 @@ class InterruptedRunError(Exception):
 
 
 class _Commands(click.Group):
+    """The commands; each is loaded when it is asked for, because some take seconds."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(_COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        if cmd_name not in _COMMANDS:
+            return None
+        file, function = _COMMANDS[cmd_name].split(".")
+        command: click.Command = getattr(importlib.import_module(f"tactopose_drake.cli.{file}"), function)
+        return command
+
     def invoke(self, ctx: click.Context) -> Any:
         try:
             return super().invoke(ctx)
@@ -38,10 +57,6 @@ class _Commands(click.Group):
 @click.version_option(package_name="tactopose_drake")
 def cli() -> None:
     """Knows where a grasped object is, from touch."""
-
-
-for command in (demo, estimate, identify_command, run, replay):
-    cli.add_command(command)
 
 
 def main() -> None:

@@ -1,16 +1,21 @@
 """Estimates as people read them: tables and lines for the terminal."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from rich import box
 from rich.table import Table
 
-from tactopose_drake.cli.demo_reports import FingerReport, PadReport, PoseReport
 from tactopose_drake.core.posterior.hypotheses import determined_part
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.estimation.results import PoseEstimate, PoseHypothesis
+
+if TYPE_CHECKING:
+    from tactopose_drake.cli.demo_reports import FingerReport, PadReport, PoseReport
 
 _MOST_ROWS = 8
 

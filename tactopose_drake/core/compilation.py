@@ -8,7 +8,9 @@ sums are reordered and no products fused, so equal arguments give equal bits, wh
     @kernel
     def retract(X: Floats3, increment: Floats2, out: OutFloats3) -> None: ...
 
-A function under `@inlined` becomes part of its callers, for whatever types they have.
+One under `@part` is a kernel that only other kernels call; it has no entry for Python, which takes long to compile for
+many arguments. A function under `@inlined` becomes part of its callers, for whatever types they have. It is LLVM that
+puts it there: where numba does, it infers the types of each copy anew, which takes a third as long again.
 """
 
 import functools
@@ -20,9 +22,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, TypeAlias, TypeVar
 
-import numba
 import numpy as np
 from numba.core import types
+from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import CPUDispatcher
 from numpy.typing import NDArray
 
@@ -121,11 +123,23 @@ class Kernel(CPUDispatcher):
         hints = typing.get_type_hints(self.py_func, include_extras=True)
         return tuple(numba_type(hints[name]) for name in inspect.signature(self.py_func).parameters)
 
+    @property
+    def is_ready(self) -> bool:
+        """Whether it is compiled or loaded."""
+        return not self._can_compile
+
     def make_ready(self) -> None:
-        """Compiles it, or loads it from the cache on disk; later calls do nothing."""
-        if self._can_compile:
-            self.compile(self.declared)
-            self.disable_compile()
+        """Compiles it, or loads it from the cache on disk; later calls do nothing. Threads wait for each other."""
+        if self.is_ready:
+            return
+        with global_compiler_lock:
+            if not self.is_ready:
+                self.compile(self.declared)
+                self.disable_compile()
+
+    def is_kept(self) -> bool:
+        """Whether its compiled code is in the cache on disk."""
+        return bool(self._cache.holds(self.declared, self.targetctx))
 
     def _compile_for_args(self, *args: Any, **kws: Any) -> Any:
         """What numba asks for at the first call: what to call with these arguments."""
@@ -138,17 +152,52 @@ class Kernel(CPUDispatcher):
         return super().get_call_template(args, kws)
 
 
+class _WithoutEntry(CPUDispatcher):
+    """What has no entry for Python: called from there, as tests do, it is compiled once more, with one."""
+
+    @functools.cached_property
+    def by_itself(self) -> CPUDispatcher:
+        """The same with an entry."""
+        return CPUDispatcher(py_func=self.py_func, targetoptions={"nopython": True, **_OPTIONS})
+
+    def __call__(self, *args: Any) -> Any:
+        """Calls it from Python."""
+        return self.by_itself(*args)
+
+
+class Part(_WithoutEntry, Kernel):
+    """A kernel that only other kernels call."""
+
+
+class Inlined(_WithoutEntry):
+    """A function that becomes part of the kernels that call it."""
+
+
+_OPTIONS = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+_NO_ENTRY = {**_OPTIONS, "no_cpython_wrapper": True}
+
+
 def kernel(function: Function) -> Function:
     """Compiles a function for the types of its annotations, at its first call."""
-    compiled = Kernel(py_func=function, targetoptions={"nopython": True, "nogil": True, "error_model": "numpy"})
-    compiled._cache = kernel_cache(function, _fingerprint(function.__module__.rsplit(".", 1)[-1]))
-    return typing.cast(Function, compiled)
+    return typing.cast(Function, _cached(Kernel(py_func=function, targetoptions={"nopython": True, **_OPTIONS})))
+
+
+def part(function: Function) -> Function:
+    """Likewise, a function that only other kernels call."""
+    return typing.cast(Function, _cached(Part(py_func=function, targetoptions={"nopython": True, **_NO_ENTRY})))
 
 
 def inlined(function: Function) -> Function:
     """Makes a function part of the kernels that call it, for the types that they give it."""
-    inline: Function = numba.njit(function, inline="always", error_model="numpy")
-    return inline
+    options = {"nopython": True, "forceinline": True, **_NO_ENTRY}
+    return typing.cast(Function, Inlined(py_func=function, targetoptions=options))
+
+
+def _cached(compiled: Kernel) -> Kernel:
+    """With its cache on disk."""
+    module = compiled.py_func.__module__.rsplit(".", 1)[-1]
+    compiled._cache = kernel_cache(compiled.py_func, _fingerprint(module))
+    return compiled
 
 
 def read_only(array: Any) -> Any:
@@ -156,6 +205,11 @@ def read_only(array: Any) -> Any:
     contiguous = np.ascontiguousarray(array).view()
     contiguous.setflags(write=False)
     return contiguous
+
+
+def named_files(source: bytes) -> list[str]:
+    """The files of kernels that a source names, without their endings."""
+    return re.findall(r"\w+_kernels", source.decode())
 
 
 @functools.cache
@@ -172,5 +226,5 @@ def _fingerprint(name: str) -> bytes:
         here = todo.pop()
         if here in files and here not in found:
             found[here] = files[here].read_bytes()
-            todo += re.findall(r"\w+_kernels", found[here].decode())
+            todo += named_files(found[here])
     return hashlib.blake2b(b"".join(found[key] for key in sorted(found)), digest_size=16).digest()

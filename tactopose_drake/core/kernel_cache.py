@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, NullCache, UserWideCacheLocator
+from numba.core.runtime.nrt import rtsys
 
 
 def kernel_cache(function: Callable[..., Any], fingerprint: bytes) -> Any:
@@ -27,7 +28,7 @@ def kernel_cache(function: Callable[..., Any], fingerprint: bytes) -> Any:
         return KernelCache(function, fingerprint)
     except RuntimeError:  # numba's, where there is no folder
         _tell("there is no folder for compiled kernels, so each process compiles them anew, for a minute or more")
-        return NullCache()
+        return _NoCache()
 
 
 class _TemporaryFolder(UserWideCacheLocator):
@@ -51,6 +52,14 @@ class _Places(CompileResultCacheImpl):
     _locator_classes = [*CompileResultCacheImpl._locator_classes, _TemporaryFolder]  # noqa: RUF012 (as in the base class)
 
 
+class _NoCache(NullCache):
+    """Keeps nothing."""
+
+    def holds(self, sig: Any, target_context: Any) -> bool:
+        """As `KernelCache.holds`."""
+        return False
+
+
 class KernelCache(FunctionCache):
     """Numba's cache of one function: what is damaged is compiled anew, what cannot be written is not kept."""
 
@@ -67,13 +76,24 @@ class KernelCache(FunctionCache):
         self._cache_file._source_stamp = (self._cache_file._source_stamp, fingerprint)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """The compiled code; None where there is none."""
+        """The compiled code; None where there is none.
+
+        Of the compiler it needs the run-time system alone. The rest takes longer to load than all kernels together.
+        """
         try:
-            return super().load_overload(sig, target_context)
+            rtsys.initialize(target_context)
+            return self._load_overload(sig, target_context)
         except Exception:  # a damaged file makes pickle and LLVM raise almost anything
             with contextlib.suppress(OSError):
                 self.flush()
             return None
+
+    def holds(self, sig: Any, target_context: Any) -> bool:
+        """Whether there is compiled code of this signature."""
+        try:
+            return self._index_key(sig, target_context.codegen()) in self._cache_file._load_index()
+        except Exception:  # as above
+            return False
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keeps compiled code."""

@@ -24,7 +24,9 @@ from tactopose_drake.errors import InvalidFileError, InvalidInputError
 from tactopose_drake.estimation.library_files import LibraryEntry, SkippedObject, make_symmetries, read_library
 
 MAX_GRID_BYTES = 2 * 2**20
-"""The largest distance grid of an object in a library, bytes: a thousand objects take 2.2 GB on disk."""
+"""The largest distance grid of an object in a library, bytes."""
+
+_KEPT_BYTES = 2.8e6  # of an object on disk, about
 
 _LOADED = 128  # So many of the models that were used last are kept in memory, some 6 MB each.
 
@@ -90,9 +92,10 @@ class ObjectLibrary:
             InvalidFileError: no such folder or file, a manifest that does not fit, or no object that can be used.
 
         Warns:
-            LibraryWarning: for each object that is left out.
+            LibraryWarning: for each object that is left out; where the cache on disk holds fewer objects.
         """
         entries, skipped = read_library(Path(path))
+        _check_room(path, len(entries))
         indexed: list[tuple[LibraryObject, PairCounts]] = []
         for done, (entry, outcome) in enumerate(_index_all(entries, executor), start=1):
             if isinstance(outcome, str):
@@ -110,6 +113,14 @@ class ObjectLibrary:
         return cls(
             tuple(known for known, _ in indexed), tuple(skipped), LibraryIndex.join([pairs for _, pairs in indexed])
         )
+
+
+def _check_room(path: str | Path, count: int) -> None:
+    """Warns where so many objects do not fit on disk: each time, those that went would be built anew."""
+    needed, limit = count * _KEPT_BYTES / 1e9, model_cache.cache_limit() / 1e9
+    if needed > limit:
+        message = f"{path}: {count} objects take about {needed:.1f} GB; {model_cache.LIMIT_VARIABLE} allows {limit:g}."
+        warnings.warn(message, LibraryWarning, stacklevel=3)
 
 
 class _Indexed(NamedTuple):

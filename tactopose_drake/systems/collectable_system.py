@@ -11,6 +11,8 @@ from typing import Any
 
 from pydrake.systems.framework import DependencyTicket, LeafSystem, ValueProducer
 
+from tactopose_drake.core.kernel_library import make_kernels_ready
+
 _LeafType: Any = type(LeafSystem)
 
 
@@ -33,7 +35,15 @@ def _keeping(declare: Any) -> Any:
 
 
 class CollectableSystem(LeafSystem, metaclass=_OneDictionary):
-    """The base of all systems here: a LeafSystem that Python's garbage collector can free with its diagram."""
+    """The base of all systems here: a LeafSystem that Python's garbage collector can free with its diagram.
+
+    Once it is made, the compiled loops that it may run are ready.
+    """
+
+    def __init__(self) -> None:
+        """Compiles or loads what is not ready yet."""
+        super().__init__()
+        make_kernels_ready()
 
     DeclareVectorOutputPort = _keeping(LeafSystem.DeclareVectorOutputPort)
     DeclareAbstractOutputPort = _keeping(LeafSystem.DeclareAbstractOutputPort)

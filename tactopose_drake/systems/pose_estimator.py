@@ -103,6 +103,7 @@ class PoseEstimator(CollectableSystem):
         self._params = PoseEstimatorParams() if params is None else params
         self._params.validate()
         self._model = model
+        model.make_ready()
         self._contacts = self.DeclareAbstractInputPort("contacts", AbstractValue.Make(Contacts.empty()))
         self._patches = self.DeclareAbstractInputPort("patches", AbstractValue.Make(()))
         self._touch_statuses = [

@@ -11,8 +11,8 @@ from numba.core.dispatcher import Dispatcher
 
 import tactopose_drake
 from tactopose_drake.core import compilation
-from tactopose_drake.core.compilation import Floats1, Floats2, Kernel, OutFloats1, numba_type, read_only
-from tactopose_drake.core.kernels.pose_kernels import retract
+from tactopose_drake.core.compilation import Floats1, Floats2, Inlined, Kernel, OutFloats1, numba_type, read_only
+from tactopose_drake.core.kernels.pose_kernels import retract, retract_one
 from tactopose_drake.core.shape.point_grid import build_point_grid
 
 CORE = Path(tactopose_drake.__file__).parent / "core"
@@ -44,8 +44,18 @@ def test_each_kernel_is_compiled_for_one_signature(module: str) -> None:
 def test_what_is_compiled_otherwise_is_inlined(module: str) -> None:
     for name, value in vars(importlib.import_module(module)).items():
         if isinstance(value, Dispatcher) and not isinstance(value, Kernel):
-            assert value.targetoptions.get("inline") == "always", f"{module}.{name}"
+            assert isinstance(value, Inlined), f"{module}.{name}"
+            assert value.targetoptions.get("forceinline"), f"{module}.{name}"
             assert not value.targetoptions.get("fastmath"), f"{module}.{name}"
+
+
+def test_a_part_of_kernels_may_be_called_by_itself() -> None:
+    X = np.eye(3, 4)[None]
+    expected, found = np.empty_like(X), np.empty_like(X)
+    increment = np.array([0.1, -0.2, 0.3, 1.0, 2.0, 3.0])
+    retract(X, increment[None], expected)
+    retract_one(X[0], increment, found[0])
+    np.testing.assert_array_equal(found, expected)
 
 
 def test_nothing_else_is_compiled() -> None:

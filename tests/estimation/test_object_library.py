@@ -69,6 +69,12 @@ def test_an_interrupted_indexing_goes_on_where_it_stopped(
     assert built == ["box", "rod"]
 
 
+def test_a_library_that_the_cache_cannot_hold_is_told(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TACTOPOSE_CACHE_GB", "0.004")
+    with pytest.warns(LibraryWarning, match=r"2 objects take about 0\.0 GB; TACTOPOSE_CACHE_GB allows 0\.004"):
+        ObjectLibrary.open(folder)
+
+
 def test_a_changed_mesh_is_another_object(folder: Path) -> None:
     before = ObjectLibrary.open(folder)
     ROD.export(folder / "box.stl")

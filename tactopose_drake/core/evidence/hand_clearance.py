@@ -4,8 +4,8 @@ Source: [B16] J. Bimbo, thesis, 2016, section 4.2.7 and figure 4.6.
 """
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.validation import FloatArray
@@ -22,7 +22,7 @@ class HandClearance:
 
     def __init__(self, points: FloatArray, hand: HandGeometry) -> None:
         """Takes the object's point cloud in O (n, 3), m, and the hand."""
-        self._tree, self._hand = cKDTree(points), hand
+        self._tree, self._hand = scipy.spatial.cKDTree(points), hand
 
     def __call__(self, X_PO: FloatArray) -> NDArray[np.bool_]:
         """Whether the hand is clear of the object at each of the poses (B, 3, 4), shape (B,)."""

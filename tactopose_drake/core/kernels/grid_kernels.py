@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactopose_drake.core.compilation import Floats1, OutFloats1, OutFloats2, Singles4, inlined, kernel
+from tactopose_drake.core.compilation import Floats1, OutFloats1, OutFloats2, Singles4, inlined, part
 from tactopose_drake.core.kernels.pose_kernels import to_object
 from tactopose_drake.core.kernels.prefetch import prefetch
 
@@ -65,7 +65,7 @@ def prefetch_cells(grid, flat, X, p, q):
         prefetch(flat, at + sx + sy)
 
 
-@kernel
+@part
 def look_up(grid: Grid, x: float, y: float, z: float, out: OutFloats1) -> None:
     """Trilinear distance and normal at one point, out[0:4]; outside of the grid the way to it is added."""
     values, origin, inverse_spacing = grid.values, grid.origin, grid.inverse_spacing
@@ -92,7 +92,7 @@ def look_up(grid: Grid, x: float, y: float, z: float, out: OutFloats1) -> None:
         out[0] += np.sqrt(ox * ox + oy * oy + oz * oz) / inverse_spacing
 
 
-@kernel
+@part
 def look_up_with_derivative(grid: Grid, x: float, y: float, z: float, out: OutFloats1, slope: OutFloats2) -> None:
     """As `look_up`, with slope[c, a] = d out[c] / d axis a, exact for the interpolant; slope is (4, 3)."""
     values, origin, inverse_spacing = grid.values, grid.origin, grid.inverse_spacing

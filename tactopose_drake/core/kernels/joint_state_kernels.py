@@ -8,16 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactopose_drake.core.compilation import (
-    Floats1,
-    Floats2,
-    Floats3,
-    Longs1,
-    OutFloats1,
-    OutFloats2,
-    OutFloats3,
-    kernel,
-)
+from tactopose_drake.core.compilation import Floats1, Floats2, Floats3, Longs1, OutFloats1, OutFloats2, OutFloats3, part
 from tactopose_drake.core.kernels import prior_kernels
 
 
@@ -63,26 +54,39 @@ class PriorRows(NamedTuple):
     jacobian: OutFloats3
 
 
-@kernel
+@part
 def make_prior_rows() -> PriorRows:
     """Room for `PriorRows`."""
     return PriorRows(np.empty((1, 6)), np.empty((1, 6, 6)))
 
 
-@kernel
+@part
 def compare_with_prior(X_prior: Floats2, X: Floats3, rows: PriorRows) -> None:
     """Writes the increment from the prior's pose (3, 4) to the pose X (1, 3, 4), and its derivative."""
     prior_kernels.compare(X_prior, X[0], rows.increment[0], rows.jacobian[0])
 
 
-@kernel
+@part
 def transport_information(jacobian: Floats2, H: OutFloats2) -> None:
     """H (m, m) by increments of the pose at the prior becomes diag(A, 1)^T H diag(A, 1), with A the jacobian (6, 6)."""
-    H[:6, :] = np.ascontiguousarray(jacobian.T) @ np.ascontiguousarray(H[:6, :])
-    H[:, :6] = np.ascontiguousarray(H[:, :6]) @ jacobian
+    column, row = np.empty(6), np.empty(6)
+    for c in range(H.shape[1]):
+        for a in range(6):
+            column[a] = 0.0
+            for k in range(6):
+                column[a] += jacobian[k, a] * H[k, c]
+        for a in range(6):
+            H[a, c] = column[a]
+    for a in range(H.shape[0]):
+        for c in range(6):
+            row[c] = 0.0
+            for k in range(6):
+                row[c] += H[a, k] * jacobian[k, c]
+        for c in range(6):
+            H[a, c] = row[c]
 
 
-@kernel
+@part
 def add_normal_equations(
     source: int, G: Floats2, L: Floats2, R: Floats2, residual: Floats1, g: OutFloats1, H: OutFloats2
 ) -> None:

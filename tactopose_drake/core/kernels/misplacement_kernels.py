@@ -5,11 +5,12 @@
 
 import numpy as np
 
-from tactopose_drake.core.compilation import Floats2, OutFloats2, inlined, kernel
+from tactopose_drake.core.compilation import Floats2, OutFloats2, inlined, part
 from tactopose_drake.core.kernels.grid_kernels import Grid
 from tactopose_drake.core.kernels.least_squares_kernels import next_damping, promised_decrease
 from tactopose_drake.core.kernels.matrix_kernels import cholesky, solve
 from tactopose_drake.core.kernels.pad_kernels import Cells, Pad, Pads, Run, enter, misplace, weigh_cells
+from tactopose_drake.core.kernels.sorting_kernels import copy_vector
 
 # Where the local model of a pad's cost promises less than this, it is taken at its word. That takes two steps or three;
 # at creases it may take many, which are not worth their time.
@@ -21,7 +22,7 @@ _LEAST_REFUSED_DAMPING = 1.0
 _HOPELESS = 30.0
 
 
-@kernel
+@part
 def settle(
     grid: Grid,
     pads: Pads,
@@ -50,7 +51,7 @@ def settle(
         damping = next_damping(damping, not rejected, _LEAST_REFUSED_DAMPING)
         if not rejected:
             cost = there
-            u[:] = trial
+            copy_vector(trial, u)
             _expand(sigmas, run, cells, pad)
         for a in range(6):
             for c in range(a + 1):
@@ -73,7 +74,7 @@ def settle(
     return cost
 
 
-@kernel
+@part
 def _expand(sigmas: tuple[float, float], run: Run, cells: Cells, pad: Pad) -> None:
     """The gradient and Gauss-Newton Hessian of a pad's cost by its misplacement."""
     g, H = pad.g, pad.H
@@ -90,7 +91,7 @@ def _expand(sigmas: tuple[float, float], run: Run, cells: Cells, pad: Pad) -> No
                     H[a, c] += rows[i, a] * rows[i, c]
 
 
-@kernel
+@part
 def make_rows(directions: Floats2, sigmas: tuple[float, float], run: Run, cells: Cells) -> None:
     """The derivatives by misplacement and pose, given those by the places: the directions (n, 3)."""
     arms, places, by_pad, by_pose = cells.arms, cells.places, cells.by_pad, cells.by_pose
@@ -112,7 +113,7 @@ def _row(i, levers, directions, turn, shift, rows):
     rows[i, 3], rows[i, 4], rows[i, 5] = shift * x, shift * y, shift * z
 
 
-@kernel
+@part
 def couple(run: Run, cells: Cells, C: OutFloats2, L: OutFloats2) -> None:
     """A pad's second derivatives: C (6, 6) by misplacement and pose, and the factor L of that by the misplacement."""
     weights, by_pad, by_pose = cells.weights, cells.by_pad, cells.by_pose

@@ -23,6 +23,7 @@ from tactopose_drake.core.compilation import (
     UnsignedLongs1,
     inlined,
     kernel,
+    part,
 )
 from tactopose_drake.core.kernels.grid_kernels import SOFT_LENGTH, Grid, cell, interpolate
 from tactopose_drake.core.kernels.pose_kernels import rotate_to_object, to_object
@@ -115,7 +116,7 @@ def scratch(n: int) -> tuple[Cells, Pad]:
     return cells, pad
 
 
-@kernel
+@part
 def enter(pads: Pads, k: int, X: Floats2, cells: Cells, pad: Pad) -> None:
     """A pad in O at the pose X: its middle, its cells' arms and outward normals; nothing is known of them yet."""
     points, normals, _, starts, middles = pads
@@ -128,7 +129,7 @@ def enter(pads: Pads, k: int, X: Floats2, cells: Cells, pad: Pad) -> None:
             cells.arms[i, a] -= pad.middle[a]
 
 
-@kernel
+@part
 def misplace(u: Floats1, sigmas: tuple[float, float], run: Run, cells: Cells, pad: Pad) -> None:
     """Where the cells of a pad that is misplaced by u are."""
     arms, places = cells.arms, cells.places
@@ -140,7 +141,7 @@ def misplace(u: Floats1, sigmas: tuple[float, float], run: Run, cells: Cells, pa
         places[i, 2] = c + arms[i, 2] + x * arms[i, 1] - y * arms[i, 0]
 
 
-@kernel
+@part
 def weigh_cells(grid: Grid, traits: Floats2, run: Run, cells: Cells, pad: Pad) -> None:
     """The cells' weights at their places, the residuals, and the slopes of these.
 
@@ -185,7 +186,7 @@ def weigh_cells(grid: Grid, traits: Floats2, run: Run, cells: Cells, pad: Pad) -
             slopes[i, a] *= weight
 
 
-@kernel
+@part
 def find_normals(grid: Grid, run: Run, cells: Cells) -> None:
     """The normals at the places."""
     values, origin, inverse_spacing = grid

@@ -11,6 +11,7 @@ from tactopose_drake.core.kernels.matrix_kernels import solve
 from tactopose_drake.core.kernels.misplacement_kernels import couple, make_rows, settle
 from tactopose_drake.core.kernels.pad_kernels import Pads, find_normals, scratch
 from tactopose_drake.core.kernels.pose_kernels import turn_translations
+from tactopose_drake.core.kernels.sorting_kernels import copy_vector
 
 
 @kernel
@@ -91,7 +92,7 @@ def patch_normal_equations(
             make_rows(cells.slopes, sigmas, run, cells)
             couple(run, cells, C, pad.L)
             # The rest of the way to the least cost, by the local model.
-            rest[:] = pad.u
+            copy_vector(pad.u, rest)
             for i in range(run[0], run[1]):
                 for a in range(6):
                     g[a] += cells.by_pose[i, a] * cells.residual[i]
@@ -110,7 +111,8 @@ def patch_normal_equations(
                         for c in range(a + 1):
                             H[a, c] += cells.by_pose[i, a] * cells.by_pose[i, c]
             for c in range(6):
-                rest[:] = C[:, c]
+                for a in range(6):
+                    rest[a] = C[a, c]
                 solve(pad.L, rest)
                 for a in range(c, 6):
                     for e in range(6):

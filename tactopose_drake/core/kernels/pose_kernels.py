@@ -5,10 +5,10 @@ Poses are (3, 4), or (B, 3, 4) for a batch; increments (w, v) as in `poses.py`.
 
 import numpy as np
 
-from tactopose_drake.core.compilation import Floats1, Floats2, Floats3, OutFloats1, OutFloats3, inlined, kernel
+from tactopose_drake.core.compilation import Floats1, Floats2, Floats3, OutFloats1, OutFloats3, inlined, kernel, part
 
 
-@kernel
+@part
 def to_object(X: Floats2, p: Floats1, q: OutFloats1) -> None:
     """q = R^T (p - t) for one pose X (3, 4)."""
     dx, dy, dz = p[0] - X[0, 3], p[1] - X[1, 3], p[2] - X[2, 3]
@@ -16,7 +16,7 @@ def to_object(X: Floats2, p: Floats1, q: OutFloats1) -> None:
         q[a] = X[0, a] * dx + X[1, a] * dy + X[2, a] * dz
 
 
-@kernel
+@part
 def rotate_to_object(X: Floats2, n: Floats1, m: OutFloats1) -> None:
     """m = R^T n for one pose X (3, 4)."""
     for a in range(3):

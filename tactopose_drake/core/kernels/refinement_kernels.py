@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactopose_drake.core.compilation import Floats2, OutFloats1, OutFloats2, OutFloats3, inlined, kernel
+from tactopose_drake.core.compilation import Floats2, OutFloats1, OutFloats2, OutFloats3, inlined, kernel, part
 from tactopose_drake.core.kernels import least_squares_kernels, pose_kernels, surface_contact_kernels
 from tactopose_drake.core.kernels.grid_kernels import Grid
 from tactopose_drake.core.kernels.joint_state_kernels import (
@@ -22,6 +22,7 @@ from tactopose_drake.core.kernels.joint_state_kernels import (
     make_prior_rows,
     transport_information,
 )
+from tactopose_drake.core.kernels.sorting_kernels import copy_matrix, copy_vector
 
 # Damping at the start, and the least after a step that was refused: shares of the Hessian's diagonal.
 _FIRST_DAMPING, _LEAST_REFUSED_DAMPING = 1e-4, 1e-2
@@ -89,7 +90,7 @@ def refine_modes(
     here, there, scratch = _make_point(size), _make_point(size), _make_scratch(size)
     step, damping = np.empty((1, size)), np.empty(1)
     for b in range(X.shape[0]):
-        here.X[0] = X[b]
+        copy_matrix(X[b], here.X[0])
         here.bias[:] = 0.0
         _evaluate(grid, contacts, priors, b, here, scratch)
         damping[0] = _FIRST_DAMPING
@@ -103,15 +104,16 @@ def refine_modes(
             damping[0] = least_squares_kernels.next_damping(damping[0], has_fallen, _LEAST_REFUSED_DAMPING)
             if has_fallen:
                 _copy(there, here)
-        X[b], hessian[b] = here.X[0], here.H[0]
+        copy_matrix(here.X[0], X[b])
+        copy_matrix(here.H[0], hessian[b])
 
 
-@kernel
+@part
 def _make_point(size: int) -> _Point:
     return _Point(np.empty((1, 3, 4)), np.empty(size - 6), np.empty(1), np.empty((1, size)), np.empty((1, size, size)))
 
 
-@kernel
+@part
 def _make_scratch(size: int) -> _Scratch:
     return _Scratch(
         make_prior_rows(),
@@ -132,16 +134,19 @@ def _make_scratch(size: int) -> _Scratch:
 @kernel
 def _move(point: _Point, step: Floats2, increment: OutFloats2, moved: _Point) -> None:
     """The joint state after a step (1, m), whose part of the pose is written into the increment (1, 6)."""
-    increment[0] = step[0, :6]
+    copy_vector(step[0, :6], increment[0])
     pose_kernels.retract(point.X, increment, moved.X)
     for i in range(point.bias.shape[0]):
         moved.bias[i] = point.bias[i] + step[0, 6 + i]
 
 
-@kernel
+@part
 def _copy(source: _Point, target: _Point) -> None:
-    target.X[0], target.bias[:], target.cost[0] = source.X[0], source.bias, source.cost[0]
-    target.g[0], target.H[0] = source.g[0], source.H[0]
+    copy_matrix(source.X[0], target.X[0])
+    copy_vector(source.bias, target.bias)
+    target.cost[0] = source.cost[0]
+    copy_vector(source.g[0], target.g[0])
+    copy_matrix(source.H[0], target.H[0])
 
 
 @kernel
@@ -168,7 +173,8 @@ def _put_prior(X_prior, information, point, scratch):
     """Cost z^T I z / 2 of the prior, with z = (increment from its pose, biases); gradient and Hessian by chain rule."""
     z, slope, g = scratch.z, scratch.slope, point.g[0]
     compare_with_prior(X_prior, point.X, scratch.prior)
-    z[:6], z[6:] = scratch.prior.increment[0], point.bias
+    copy_vector(scratch.prior.increment[0], z[:6])
+    copy_vector(point.bias, z[6:])
     point.cost[0] = 0.0
     for i in range(z.shape[0]):
         slope[i] = 0.0
@@ -176,12 +182,12 @@ def _put_prior(X_prior, information, point, scratch):
             slope[i] += information[i, j] * z[j]
         point.cost[0] += 0.5 * z[i] * slope[i]
     A = scratch.prior.jacobian[0]
-    g[:] = slope
+    copy_vector(slope, g)
     for i in range(6):
         g[i] = 0.0
         for k in range(6):
             g[i] += A[k, i] * slope[k]
-    point.H[0] = information
+    copy_matrix(information, point.H[0])
     transport_information(A, point.H[0])
 
 

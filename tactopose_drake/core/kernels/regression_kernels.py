@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactopose_drake.core.compilation import Floats1, Floats2, OutFloats1, OutFloats2, OutFloats3, kernel
+from tactopose_drake.core.compilation import Floats1, Floats2, OutFloats1, OutFloats2, OutFloats3, kernel, part
 from tactopose_drake.core.kernels import least_squares_kernels, pose_kernels
 from tactopose_drake.core.kernels.grid_kernels import Grid
 from tactopose_drake.core.kernels.joint_state_kernels import (
@@ -32,6 +32,7 @@ from tactopose_drake.core.kernels.joint_state_kernels import (
     make_prior_rows,
     transport_information,
 )
+from tactopose_drake.core.kernels.matrix_kernels import cholesky, invert
 from tactopose_drake.core.kernels.sigma_point_kernels import (
     SPREAD,
     RegressionSettings,
@@ -42,6 +43,7 @@ from tactopose_drake.core.kernels.sigma_point_kernels import (
     sample_rows,
     weigh_normals,
 )
+from tactopose_drake.core.kernels.sorting_kernels import copy_matrix, copy_vector
 
 # Bounds the quotient of squares where a row neither slopes nor bends.
 _LEAST_SQUARE = 1e-12
@@ -73,6 +75,8 @@ class _Scratch(NamedTuple):
         prior: how far the pose is from the prior's.
         J: a contact's slopes by the increment and the biases of its source, shape (4, 12).
         mean, R: mean and covariance of its rows, shape (4,) and (4, 4).
+        L, W, WJ: a root of R, its inverse, and what that makes of the slopes, shape (4, 4), (4, 4) and (4, 12).
+        slope: of the prior's cost, shape (m,).
         g, H, step: of the joint increment, shape (1, m), (1, m, m), (1, m).
     """
 
@@ -82,6 +86,10 @@ class _Scratch(NamedTuple):
     J: OutFloats2
     mean: OutFloats1
     R: OutFloats2
+    L: OutFloats2
+    W: OutFloats2
+    WJ: OutFloats2
+    slope: OutFloats1
     g: OutFloats2
     H: OutFloats3
     step: OutFloats2
@@ -114,7 +122,7 @@ def regress_modes(
     points, here, g, H, step = scratch.points, scratch.here, scratch.g, scratch.H, scratch.step
     for b in range(X.shape[0]):
         cost, log_determinant = regression.cost[b : b + 1], regression.log_determinant[b : b + 1]
-        here[0] = X[b]
+        copy_matrix(X[b], here[0])
         for _ in range(settings.rounds):
             covariance = np.ascontiguousarray(np.linalg.solve(regression.hessian[b], units)[:6])
             find_axes(covariance, settings.lever_arm, points)
@@ -129,15 +137,17 @@ def regress_modes(
                 _add_bias_columns(contacts, i, scratch)
                 _add_contact(contacts.source[i], scratch, cost, log_determinant)
             least_squares_kernels.damped_steps(H, g, undamped, step)
-            cost[0] += 0.5 * np.dot(g[0], step[0])
+            for i in range(size):
+                cost[0] += 0.5 * g[0, i] * step[0, i]
             cost[0] += log_determinant[0]
-            points.increment[0] = step[0, :6]
+            copy_vector(step[0, :6], points.increment[0])
             pose_kernels.retract(here, points.increment, points.pose)
-            here[0], regression.hessian[b] = points.pose[0], H[0]
-        X[b] = here[0]
+            copy_matrix(points.pose[0], here[0])
+            copy_matrix(H[0], regression.hessian[b])
+        copy_matrix(here[0], X[b])
 
 
-@kernel
+@part
 def _make_scratch(size: int, count: int) -> _Scratch:
     return _Scratch(
         np.empty((1, 3, 4)),
@@ -146,27 +156,39 @@ def _make_scratch(size: int, count: int) -> _Scratch:
         np.empty((4, 12)),
         np.empty(4),
         np.empty((4, 4)),
+        np.empty((4, 4)),
+        np.empty((4, 4)),
+        np.empty((4, 12)),
+        np.empty(size),
         np.empty((1, size)),
         np.empty((1, size, size)),
         np.empty((1, size)),
     )
 
 
-@kernel
+@part
 def _put_prior(X_prior: Floats2, information: Floats2, scratch: _Scratch) -> float:
     """Cost, gradient and Hessian of the prior here, where the biases are at their mean, zero."""
     g, H = scratch.g[0], scratch.H[0]
     compare_with_prior(X_prior, scratch.here, scratch.prior)
-    A, z = np.ascontiguousarray(scratch.prior.jacobian[0]), scratch.prior.increment[0]
-    slope = np.ascontiguousarray(information[:, :6]) @ z
-    g[:] = slope
-    g[:6] = A.T @ slope[:6]
-    H[:] = information
+    A, z, slope = scratch.prior.jacobian[0], scratch.prior.increment[0], scratch.slope
+    square = 0.0
+    for i in range(g.shape[0]):
+        slope[i] = 0.0
+        for k in range(6):
+            slope[i] += information[i, k] * z[k]
+        g[i] = slope[i]
+    for i in range(6):
+        square += z[i] * slope[i]
+        g[i] = 0.0
+        for k in range(6):
+            g[i] += A[k, i] * slope[k]
+    copy_matrix(information, H)
     transport_information(A, H)
-    return 0.5 * np.dot(z, slope[:6])
+    return 0.5 * square
 
 
-@kernel
+@part
 def _fit_slopes(points: SigmaPoints, i: int, bend_penalty: float, J: OutFloats2, mean: OutFloats1) -> None:
     """Mean (4,) of the contact i's rows, and their slopes J[:, :6] by the increment.
 
@@ -192,7 +214,7 @@ def _fit_slopes(points: SigmaPoints, i: int, bend_penalty: float, J: OutFloats2,
                 J[k, c] += half * points.inverse_root[j, c]
 
 
-@kernel
+@part
 def _fit_covariance(points: SigmaPoints, i: int, mean: Floats1, R: OutFloats2) -> None:
     """Covariance R (4, 4) of the contact i's rows: that of the noise, one, and of what slopes leave.
 
@@ -211,7 +233,7 @@ def _fit_covariance(points: SigmaPoints, i: int, mean: Floats1, R: OutFloats2) -
                 R[k, c] += share * left_k * left_c
 
 
-@kernel
+@part
 def _add_roughness(contacts: ContactArrays, i: int, scratch: _Scratch, roughness: OutFloats1) -> None:
     """Roughness (2,) about the contact i: by how much its rows vary beside slope and noise, as m^2 and rad^2."""
     R = scratch.R
@@ -220,7 +242,7 @@ def _add_roughness(contacts: ContactArrays, i: int, scratch: _Scratch, roughness
         roughness[1] += 0.5 * (R[1, 1] + R[2, 2] + R[3, 3] - 3.0) / scratch.points.weight_n[i] ** 2
 
 
-@kernel
+@part
 def _add_bias_columns(contacts: ContactArrays, i: int, scratch: _Scratch) -> None:
     """Slopes J[:, 6:] of the contact i by its biases.
 
@@ -239,13 +261,17 @@ def _add_bias_columns(contacts: ContactArrays, i: int, scratch: _Scratch) -> Non
         J[3, 9], J[3, 10] = -m1, m0
 
 
-@kernel
+@part
 def _add_contact(source: int, scratch: _Scratch, cost: OutFloats1, log_determinant: OutFloats1) -> None:
     """Adds a regressed contact: mean^T R^-1 mean / 2 and log det R / 2 to the cost, J^T R^-1 J to the Hessian."""
-    J, mean = scratch.J, scratch.mean
-    W = np.linalg.inv(scratch.R)
-    WJ = W @ J
-    log_determinant[0] += 0.5 * np.log(np.linalg.det(scratch.R))
+    J, mean, W, WJ = scratch.J, scratch.mean, scratch.W, scratch.WJ
+    log_determinant[0] += 0.5 * cholesky(scratch.R, scratch.L)
+    invert(scratch.L, W)
+    for k in range(4):
+        for c in range(12):
+            WJ[k, c] = 0.0
+            for e in range(4):
+                WJ[k, c] += W[k, e] * J[e, c]
     for k in range(4):
         for c in range(4):
             cost[0] += 0.5 * mean[k] * W[k, c] * mean[c]

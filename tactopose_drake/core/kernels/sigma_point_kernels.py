@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactopose_drake.core.compilation import Floats1, Floats2, Floats3, OutFloats1, OutFloats2, OutFloats3, kernel
+from tactopose_drake.core.compilation import Floats1, Floats2, Floats3, OutFloats1, OutFloats2, OutFloats3, part
 from tactopose_drake.core.kernels import grid_kernels, pose_kernels
 from tactopose_drake.core.kernels.grid_kernels import Grid
 from tactopose_drake.core.kernels.joint_state_kernels import ContactArrays
@@ -62,7 +62,7 @@ class SigmaPoints(NamedTuple):
     rows: OutFloats3
 
 
-@kernel
+@part
 def make_sigma_points(count: int) -> SigmaPoints:
     """Room for the points of a mode and so many contacts."""
     return SigmaPoints(
@@ -76,7 +76,7 @@ def make_sigma_points(count: int) -> SigmaPoints:
     )
 
 
-@kernel
+@part
 def find_axes(P: Floats2, lever_arm: float, points: SigmaPoints) -> None:
     """A root of the covariance P (6, 6) whose columns are its principal axes where rotations count by a lever arm, m.
 
@@ -95,7 +95,7 @@ def find_axes(P: Floats2, lever_arm: float, points: SigmaPoints) -> None:
             inverse_root[j, i] = vectors[i, j] / deviation * unit
 
 
-@kernel
+@part
 def limit_axes(X: Floats2, p: Floats2, max_displacement: float, points: SigmaPoints) -> None:
     """Scales each axis so that its sigma points move the contacts p (k, 3) by no more, root mean square, m.
 
@@ -116,7 +116,7 @@ def limit_axes(X: Floats2, p: Floats2, max_displacement: float, points: SigmaPoi
         points.scale[j] = 1.0 if displacement < max_displacement else max_displacement / displacement
 
 
-@kernel
+@part
 def weigh_normals(
     grid: Grid,
     contacts: ContactArrays,
@@ -140,7 +140,7 @@ def weigh_normals(
             roughness[i, 1] = settings.lasting_share * spread
 
 
-@kernel
+@part
 def sample_rows(grid: Grid, contacts: ContactArrays, X: Floats3, points: SigmaPoints) -> None:
     """Rows at the sigma points: at the middle X (1, 3, 4), and then out and back along each axis."""
     _find_rows(grid, contacts, points.weight_n, X[0], points.rows[0])
@@ -154,7 +154,7 @@ def sample_rows(grid: Grid, contacts: ContactArrays, X: Floats3, points: SigmaPo
         _find_rows(grid, contacts, points.weight_n, points.pose[0], points.rows[s])
 
 
-@kernel
+@part
 def _find_rows(grid: Grid, contacts: ContactArrays, weight_n: Floats1, X: Floats2, rows: OutFloats2) -> None:
     """The whitened rows (k, 4) of the contacts at a pose: distance, and the expected normal less the measured, in P.
 

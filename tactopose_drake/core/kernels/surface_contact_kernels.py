@@ -19,6 +19,7 @@ from tactopose_drake.core.compilation import (
     OutFloats4,
     inlined,
     kernel,
+    part,
 )
 from tactopose_drake.core.kernels.grid_kernels import (
     SOFT_LENGTH,
@@ -111,7 +112,7 @@ def normal_weight(field, weight_n):
     return weight_n / np.sqrt(spread), spread
 
 
-@kernel
+@part
 def contact_rows(grid: Grid, p: Floats1, n: Floats1, weight_p: float, weight_n: float, X: Floats2, rows: Rows) -> None:
     """The five residuals of one contact at one pose, their Jacobian (5, 6), and the rows (4, 6) that carry information.
 

@@ -3,6 +3,8 @@
 What comes out is bounded before the work: the file's size, the size that an archive unpacks to, the numbers of parts,
 vertices and faces with every instance counted. Of other files a mesh file may name only buffers in its own folder or
 below.
+
+trimesh takes most of a second to load. That is left until a mesh is read, which the kept model of a file does without.
 """
 
 from __future__ import annotations
@@ -11,16 +13,17 @@ import logging
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
-import trimesh
 from numpy.typing import NDArray
 
 from tactopose_drake.core.mesh.mesh_documents import check_document
-from tactopose_drake.core.mesh.mesh_references import ReferencedFiles
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidFileError, InvalidInputError, InvalidMeshError, UnknownNameError
+
+if TYPE_CHECKING:
+    import trimesh
 
 LARGEST_FILE = 256 * 2**20
 """Of a mesh file, of what an archive unpacks to, and of a buffer it names, bytes."""
@@ -35,7 +38,7 @@ _LONGEST_REASON = 300
 # What a reader stumbled over is in the error; on its own it would print a traceback of it where no handler is set.
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
 
-MeshSource = str | Path | trimesh.Trimesh | trimesh.Scene
+MeshSource: TypeAlias = "str | Path | trimesh.Trimesh | trimesh.Scene"
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,10 +90,12 @@ def load_mesh(source: MeshSource) -> RawMesh:
         UnknownNameError: if a file's format is not one that can be read.
         InvalidInputError: if the source is of another type.
     """
-    if isinstance(source, trimesh.Scene | trimesh.Trimesh):
-        return _joined(source, "mesh")
     if isinstance(source, str | Path):
         return _read(mesh_file(source))
+    import trimesh
+
+    if isinstance(source, trimesh.Scene | trimesh.Trimesh):
+        return _joined(source, "mesh")
     raise InvalidInputError(
         f"mesh: is a {type(source).__name__}; allowed are a file's path, a trimesh.Trimesh and a trimesh.Scene."
     )
@@ -102,6 +107,10 @@ def _read(path: Path) -> RawMesh:
     The readers raise whatever their parsing stumbles over, and numpy warns of numbers that overflow: both mean no more
     than that the file is damaged.
     """
+    import trimesh
+
+    from tactopose_drake.core.mesh.mesh_references import ReferencedFiles
+
     ending = path.suffix.lower()
     options: dict[str, Any] = {"skip_materials": True} if ending in _WITH_MATERIALS else {}
     try:
@@ -128,6 +137,8 @@ def _read(path: Path) -> RawMesh:
 
 def _joined(source: trimesh.Trimesh | trimesh.Scene, name: str) -> RawMesh:
     """The triangles of a mesh, or of a scene's meshes, placed; the size is known before anything is joined."""
+    import trimesh
+
     if isinstance(source, trimesh.Scene):
         placed = [source.geometry[source.graph[node][1]] for node in source.graph.nodes_geometry]
         meshes = [mesh for mesh in placed if isinstance(mesh, trimesh.Trimesh)]

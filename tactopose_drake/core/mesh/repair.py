@@ -5,10 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from tactopose_drake.core.mesh import bodies as mesh_bodies
 from tactopose_drake.core.mesh import topology as mesh_topology
@@ -168,12 +166,14 @@ def _merge(vertices: FloatArray, faces: IntArray, distance: float) -> tuple[Floa
 
 def _weld(vertices: FloatArray, faces: IntArray, distance: float) -> tuple[FloatArray, IntArray] | None:
     """Makes vertices one that are within `distance` of each other, or linked by a chain of such; None if most are."""
-    tree = cKDTree(vertices)
+    tree = scipy.spatial.cKDTree(vertices)
     if tree.count_neighbors(tree, distance) > _MOST_NEIGHBOURS * len(vertices):
         return None
     pairs = tree.query_pairs(distance, output_type="ndarray")
-    graph = coo_array((np.ones(len(pairs), dtype=bool), (pairs[:, 0], pairs[:, 1])), shape=(len(vertices),) * 2)
-    _, label = connected_components(graph, directed=False)
+    graph = scipy.sparse.coo_array(
+        (np.ones(len(pairs), dtype=bool), (pairs[:, 0], pairs[:, 1])), shape=(len(vertices),) * 2
+    )
+    _, label = scipy.sparse.csgraph.connected_components(graph, directed=False)
     first = np.unique(label, return_index=True)[1]
     return vertices[first], label.astype(np.int64)[faces]
 

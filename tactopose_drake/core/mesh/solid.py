@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import trimesh
 
 from tactopose_drake.core.mesh.bodies import counted, cross_products, volumes
 from tactopose_drake.core.mesh.topology import AnyIntArray, half_edges
@@ -56,6 +55,8 @@ def solid_properties(vertices: FloatArray, faces: AnyIntArray) -> SolidPropertie
     area = 0.5 * float(np.linalg.norm(cross_products(vertices, faces), axis=1).sum())
     if volumes(vertices, faces)[0] <= _FLAT_BODY * size * area:
         raise InvalidMeshError("is flat: it encloses no volume.")
+    import trimesh  # As late as in `loading`.
+
     properties = trimesh.triangles.mass_properties(near[faces], density=DENSITY)
     volume = float(properties.volume)
     centroid, inertia = np.array(properties.center_mass), np.array(properties.inertia)

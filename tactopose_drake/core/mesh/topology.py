@@ -6,9 +6,8 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidMeshError
@@ -61,13 +60,13 @@ def agree_on_sides(faces: IntArray, pairs: IntArray) -> tuple[IntArray, int]:
         return faces, 0
     count = len(faces)
     rows, columns = pairs[:, 0] // 3, pairs[:, 1] // 3
-    graph = coo_array((np.ones(len(pairs)), (rows, columns)), shape=(count, count)).tocsr()
+    graph = scipy.sparse.coo_array((np.ones(len(pairs)), (rows, columns)), shape=(count, count)).tocsr()
     clashes = {(int(a), int(b)) for a, b in zip(rows[clash], columns[clash], strict=True)}
-    bodies, body = connected_components(graph, directed=False)
+    bodies, body = scipy.sparse.csgraph.connected_components(graph, directed=False)
     turned = np.zeros(count, dtype=bool)
     roots = np.unique(body, return_index=True)[1]
     for root in np.unique(body[rows[clash]]):
-        visited, predecessors = breadth_first_order(graph, roots[root], directed=False)
+        visited, predecessors = scipy.sparse.csgraph.breadth_first_order(graph, roots[root], directed=False)
         for face in visited[1:]:
             before = predecessors[face]
             turned[face] = turned[before] ^ ((before, face) in clashes or (face, before) in clashes)
@@ -133,8 +132,8 @@ def split_vertices(faces: IntArray, pairs: IntArray) -> tuple[IntArray, IntArray
     after = pairs - pairs % 3 + (pairs + 1) % 3  # the half edge that begins where this one ends
     rows = np.concatenate([pairs[:, 0], after[:, 0]])
     columns = np.concatenate([after[:, 1], pairs[:, 1]])
-    graph = coo_array((np.ones(len(rows), dtype=bool), (rows, columns)), shape=(count, count))
-    vertices, corner = connected_components(graph, directed=False)
+    graph = scipy.sparse.coo_array((np.ones(len(rows), dtype=bool), (rows, columns)), shape=(count, count))
+    vertices, corner = scipy.sparse.csgraph.connected_components(graph, directed=False)
     old = np.empty(vertices, dtype=np.int64)
     old[corner] = start
     return corner.astype(np.int64).reshape(-1, 3), old
@@ -181,8 +180,8 @@ def body_labels(faces: IntArray) -> IntArray:
     """The body that each face belongs to, numbered from 0, shape (f,): faces that share a vertex are of one body."""
     start, end = half_edges(faces)
     count = int(faces.max()) + 1
-    graph = coo_array((np.ones(len(start), dtype=bool), (start, end)), shape=(count, count))
-    label = connected_components(graph, directed=False)[1][faces[:, 0]]
+    graph = scipy.sparse.coo_array((np.ones(len(start), dtype=bool), (start, end)), shape=(count, count))
+    label = scipy.sparse.csgraph.connected_components(graph, directed=False)[1][faces[:, 0]]
     return np.unique(label, return_inverse=True)[1].astype(np.int64)
 
 

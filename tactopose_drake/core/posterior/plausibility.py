@@ -4,8 +4,6 @@ import functools
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtri
-from scipy.stats import binom
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
@@ -13,6 +11,7 @@ from tactopose_drake.core.objectives.contact_mixture import Judgement
 from tactopose_drake.core.objectives.patch_contact import PatchContact
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.objectives.surface_density import SurfaceDensity
+from tactopose_drake.core.posterior.chi_square import chi_square_limit
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, PlausibilityParams
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.object_model import ObjectModel
@@ -89,7 +88,14 @@ def explain_with_doubt(
 @functools.cache
 def most_false_contacts(count: int, outlier_probability: float, chance: float) -> int:
     """Of so many contacts no more than this are false with this chance; three at least are not."""
-    return min(int(binom.ppf(chance, count, outlier_probability)), max(count - _FEWEST_THAT_AGREE, 0))
+    most = max(count - _FEWEST_THAT_AGREE, 0)
+    just, passed = (1.0 - outlier_probability) ** count, 0.0  # The chance that just so many are, and that no more are.
+    for false in range(most):
+        passed += just
+        if passed >= chance:
+            return false
+        just *= (count - false) / (false + 1) * outlier_probability / (1.0 - outlier_probability)
+    return most
 
 
 def is_comfortable(
@@ -138,7 +144,7 @@ def may_be_touched(
 
 @functools.cache
 def _limit(count: int, least_chance: float) -> float:
-    return 0.5 * float(chdtri(count, least_chance))
+    return 0.5 * chi_square_limit(count, least_chance)
 
 
 def _of_contacts(evidence: Evidence) -> int:

@@ -25,6 +25,7 @@ from tactopose_drake.core.compilation import (
 )
 from tactopose_drake.core.kernels import least_squares_kernels, pose_kernels
 from tactopose_drake.core.kernels.matrix_kernels import cholesky, invert
+from tactopose_drake.core.kernels.sorting_kernels import copy_matrix
 
 
 @kernel
@@ -109,7 +110,7 @@ def step_down(
         for i in range(6):
             step[i] *= share
         pose_kernels.retract_one(X[b], step, moved)
-        X[b] = moved
+        copy_matrix(moved, X[b])
 
 
 @kernel

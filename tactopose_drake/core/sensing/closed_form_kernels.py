@@ -6,13 +6,13 @@ Everything is in the surface's frame F, for a wrench divided by its force: f is 
 
 import math
 
-from tactopose_drake.core.compilation import Floats1, OutFloats1, Triple, kernel
+from tactopose_drake.core.compilation import Floats1, OutFloats1, Triple, part
 from tactopose_drake.core.surfaces.surface_kernels import ROD, SMOOTH, project
 
 EDGE = 1e-9  # rounding error allowed at the edge of the admissible part, relative to the extent
 
 
-@kernel
+@part
 def closed_form(kind: int, shape: Floats1, m: Triple, f: Triple, q: OutFloats1) -> bool:
     """The contact q on a rod or an ellipsoid (for a superquadric: on the ellipsoid of its semi-axes)."""
     if kind == ROD:
@@ -20,7 +20,7 @@ def closed_form(kind: int, shape: Floats1, m: Triple, f: Triple, q: OutFloats1) 
     return _ellipsoid_contact(shape[0], shape[1], shape[2], m, f, q)
 
 
-@kernel
+@part
 def _ellipsoid_contact(a: float, b: float, c: float, m: Triple, f: Triple, q: OutFloats1) -> bool:
     """The compressive contact q on an ellipsoid; False if there is none.
 
@@ -46,7 +46,7 @@ def _ellipsoid_contact(a: float, b: float, c: float, m: Triple, f: Triple, q: Ou
     return True
 
 
-@kernel
+@part
 def rod_contact(shape: Floats1, m: Triple, f: Triple, q: OutFloats1) -> bool:
     """The compressive contact q on a cylinder (endless where lo or hi is infinite) with hemispheres at lo and hi.
 
@@ -73,7 +73,7 @@ def rod_contact(shape: Floats1, m: Triple, f: Triple, q: OutFloats1) -> bool:
     return False
 
 
-@kernel
+@part
 def facing_point(kind: int, shape: Floats1, f: Triple, q: OutFloats1) -> bool:
     """A start for the iteration: a point of the surface that faces the force squarely; False if there is none."""
     if kind == SMOOTH:

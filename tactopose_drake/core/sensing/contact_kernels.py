@@ -9,7 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactopose_drake.core.compilation import Floats1, Floats2, OutFloats1, OutFloats2, OutLongs1, Triple, kernel
+from tactopose_drake.core.compilation import Floats1, Floats2, OutFloats1, OutFloats2, OutLongs1, Triple, kernel, part
+from tactopose_drake.core.kernels.sorting_kernels import copy_vector
 from tactopose_drake.core.sensing.closed_form_kernels import EDGE, closed_form, facing_point, rod_contact
 from tactopose_drake.core.sensing.contact_newton_kernels import MAX_ITERATIONS, Line, Work, linearize, newton
 from tactopose_drake.core.surfaces.surface_kernels import ROD, SMOOTH, project
@@ -126,7 +127,7 @@ def _solve(
     return VALID
 
 
-@kernel
+@part
 def _why_none(kind: int, shape: Floats1, line: Line, count: int, q: OutFloats1, work: Work) -> int:
     """The code of a line of action that has no contact which pushes (a count below 0), or one beyond the surface's end.
 
@@ -146,7 +147,7 @@ def _why_none(kind: int, shape: Floats1, line: Line, count: int, q: OutFloats1, 
     return OUTSIDE if count >= 0 else MISSES
 
 
-@kernel
+@part
 def _locate(kind: int, shape: Floats1, line: Line, iterate: bool, points: Points, work: Work) -> int:
     """The contact q that pushes, in closed form where there is one; iterations, negative if there is no contact.
 
@@ -164,14 +165,14 @@ def _locate(kind: int, shape: Floats1, line: Line, iterate: bool, points: Points
     following = not facing_point(kind, shape, f, start)
     if following and not closed_form(kind, shape, _add(m, extra, f), f, start):
         return -1
-    between[:] = shape
+    copy_vector(shape, between)
     done, stride, iterations = 0.0, 1.0, 0
     while stride > _MIN_STRIDE and iterations < 10 * MAX_ITERATIONS:
         goal = min(1.0, done + stride)
         if kind == SMOOTH:
             between[3], between[4] = 1.0 + goal * (shape[3] - 1.0), 1.0 + goal * (shape[4] - 1.0)
         moment = _add(m, (1.0 - goal) * extra, f)
-        q[:] = start
+        copy_vector(start, q)
         project(kind, between, q)
         count = newton(kind, between, Line(moment, f, goal * compliance), q, work)
         iterations += max(count, 1)
@@ -179,7 +180,7 @@ def _locate(kind: int, shape: Floats1, line: Line, iterate: bool, points: Points
             return iterations
         if count >= 0:
             done, stride = goal, 2.0 * stride
-            start[:] = q
+            copy_vector(q, start)
         elif following:
             stride *= 0.5
         else:
@@ -194,7 +195,7 @@ def _add(m: Triple, factor: float, f: Triple) -> Triple:
     return m[0] + factor * f[0], m[1] + factor * f[1], m[2] + factor * f[2]
 
 
-@kernel
+@part
 def _admissible(shape: Floats1, q: Floats1) -> bool:
     slack = EDGE * shape[7]
     return shape[5] - slack <= q[2] <= shape[6] + slack

@@ -9,7 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactopose_drake.core.compilation import Floats1, OutFloats1, OutFloats2, Triple, kernel
+from tactopose_drake.core.compilation import Floats1, OutFloats1, OutFloats2, Triple, part
+from tactopose_drake.core.kernels.sorting_kernels import copy_vector
 from tactopose_drake.core.surfaces.surface_kernels import evaluate_one, project
 
 # Where a search that does not converge ends. One that does ends at rounding, whatever these are: so they are no choice
@@ -36,7 +37,7 @@ class Work(NamedTuple):
     trial: OutFloats1
 
 
-@kernel
+@part
 def linearize(
     kind: int,
     shape: Floats1,
@@ -93,7 +94,7 @@ def linearize(
     out[17] = 0.5 * (W11 + W22) + math.sqrt(0.25 * (W11 - W22) ** 2 + W12 * W12)
 
 
-@kernel
+@part
 def newton(kind: int, shape: Floats1, line: Line, q: OutFloats1, work: Work) -> int:
     """Newton's method on the surface with a line search, from q, which it moves; iterations, negative if it stalls.
 
@@ -104,12 +105,12 @@ def newton(kind: int, shape: Floats1, line: Line, q: OutFloats1, work: Work) -> 
     g, H, here, there, trial = work
     tolerance = 1e-13 * (shape[7] + abs(m[0]) + abs(m[1]) + abs(m[2]))
     square, bound, step1, step2, length, fraction, iterations = np.inf, np.inf, 0.0, 0.0, np.inf, 1.0, -1
-    trial[:] = q
+    copy_vector(q, trial)
     while iterations < MAX_ITERATIONS:
         linearize(kind, shape, line, trial, g, H, there)
         if there[6] < 0.0 and there[0] ** 2 + there[1] ** 2 < bound:
-            q[:] = trial
-            here[:] = there
+            copy_vector(trial, q)
+            copy_vector(there, here)
             iterations += 1
             square = here[0] ** 2 + here[1] ** 2
             if square <= tolerance * tolerance:

@@ -12,8 +12,8 @@ import math
 from typing import Any, Literal, TypeVar
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import cKDTree
 
 from tactopose_drake.core.validation import (
     FloatArray,
@@ -112,7 +112,7 @@ class Patch:
         """Half of the usual distance from a cell to the next: how far each feels to its sides, m; 0 for one cell."""
         if len(self.p_PT) < 2:
             return 0.0
-        gaps = np.asarray(cKDTree(self.p_PT).query(self.p_PT, k=2)[0])
+        gaps = np.asarray(scipy.spatial.cKDTree(self.p_PT).query(self.p_PT, k=2)[0])
         return 0.5 * float(np.median(gaps[:, 1]))
 
     @functools.cached_property

@@ -9,8 +9,8 @@ import dataclasses
 import math
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.distance import cdist
 
 from tactopose_drake.core.sensing.tactile_kernels import cell_forces, faces_are_valid
 from tactopose_drake.core.sensing.tactile_layout import TactileLayout
@@ -143,7 +143,7 @@ def spread_matrix(layout: TactileLayout, spread: float) -> FloatArray:
     # mean_a,b exp(-|a - b|^2 / 2 s^2) over the points a of one cell and b of another.
     arrives = np.zeros((len(layout), len(layout)))
     for b in range(points.shape[1]):
-        squared = cdist(points.reshape(-1, 3), points[:, b], "sqeuclidean")
+        squared = scipy.spatial.distance.cdist(points.reshape(-1, 3), points[:, b], "sqeuclidean")
         arrives += np.exp(-0.5 * squared / spread**2).reshape(len(layout), -1, len(layout)).mean(axis=1)
     share_of_force = layout.areas[:, None] * arrives
     share_of_force /= share_of_force.sum(axis=0)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tactopose_drake.core.compilation import Floats1, Floats2, Floats3, Longs1, OutFloats1, OutFloats2, kernel
+from tactopose_drake.core.compilation import Floats1, Floats2, Floats3, Longs1, OutFloats1, OutFloats2, kernel, part
 
 
 @kernel
@@ -69,7 +69,7 @@ def cell_forces(
                 _add_force(polygon, count, out[cell])
 
 
-@kernel
+@part
 def _outside(vertices: Floats2, faces: Longs1, first: int, size: int, planes: Floats2) -> bool:
     """Whether one plane alone keeps the whole face out: true of nearly all pairs of face and cell."""
     for side in range(4):
@@ -84,7 +84,7 @@ def _outside(vertices: Floats2, faces: Longs1, first: int, size: int, planes: Fl
     return False
 
 
-@kernel
+@part
 def _clip(polygon: Floats2, count: int, plane: Floats1, height: OutFloats1, out: OutFloats2) -> int:
     """The part of a polygon on the inner side of a plane, in `out`; returns its number of vertices."""
     for k in range(count):
@@ -105,7 +105,7 @@ def _clip(polygon: Floats2, count: int, plane: Floats1, height: OutFloats1, out:
     return kept
 
 
-@kernel
+@part
 def _add_force(polygon: Floats2, count: int, out: OutFloats1) -> None:
     """Subtracts the integral of pressure times normal from `out`: pressure pushes against the outward normal."""
     a = polygon[0]

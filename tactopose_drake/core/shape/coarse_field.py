@@ -44,13 +44,32 @@ class CoarseField:
 
 def coarsen(grid: DistanceGrid, params: CoarseFieldParams = CoarseFieldParams()) -> CoarseField:
     """Takes every so many nodes of a grid that about as many are left as `params` say."""
-    stride = max(1, round(float(np.cbrt(np.prod(grid.shape) / params.max_voxels))))
-    offset = [((n - 1) % stride) // 2 for n in grid.shape]
+    stride, offset = _every(grid.shape, params)
     nodes = grid.values[offset[0] :: stride, offset[1] :: stride, offset[2] :: stride]
-    spacing = stride * grid.spacing
-    scale = np.array([params.steps / spacing, 127.0, 127.0, 127.0], dtype=np.float32)
+    scale = np.array([params.steps / (stride * grid.spacing), 127.0, 127.0, 127.0], dtype=np.float32)
     values = np.rint(np.clip(nodes * scale, -127.0, 127.0)).astype(np.int8).reshape(-1, 4)
     values.setflags(write=False)
-    nx, ny, nz = nodes.shape[:3]
-    origin = grid.origin + grid.spacing * np.array(offset)
-    return CoarseField(values, (nx, ny, nz), origin, spacing, spacing / params.steps)
+    return over_grid(grid, values, params)
+
+
+def over_grid(
+    grid: DistanceGrid, values: NDArray[np.int8], params: CoarseFieldParams = CoarseFieldParams()
+) -> CoarseField:
+    """The field whose values (voxels, 4) were taken from a grid."""
+    stride, offset = _every(grid.shape, params)
+    spacing, origin = stride * grid.spacing, grid.origin + grid.spacing * np.array(offset)
+    origin.setflags(write=False)
+    return CoarseField(values, coarse_shape(grid.shape, params), origin, spacing, spacing / params.steps)
+
+
+def coarse_shape(shape: tuple[int, ...], params: CoarseFieldParams = CoarseFieldParams()) -> tuple[int, int, int]:
+    """Number of voxels along x, y and z of the field of a grid with so many nodes."""
+    stride, offset = _every(shape, params)
+    nx, ny, nz = (len(range(start, n, stride)) for start, n in zip(offset, shape, strict=True))
+    return nx, ny, nz
+
+
+def _every(shape: tuple[int, ...], params: CoarseFieldParams) -> tuple[int, list[int]]:
+    """Every how many nodes one is kept, and which is the first along each axis."""
+    stride = max(1, round(float(np.cbrt(np.prod(shape) / params.max_voxels))))
+    return stride, [((n - 1) % stride) // 2 for n in shape]

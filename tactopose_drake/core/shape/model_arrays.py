@@ -7,6 +7,7 @@ numbers, and that the vertices, the faces, the grid and the samples are of one o
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -16,15 +17,20 @@ from numpy.typing import NDArray
 from tactopose_drake.core.mesh.repair import LARGEST_SIZE, SMALLEST_SIZE
 from tactopose_drake.core.mesh.solid import DENSITY
 from tactopose_drake.core.shape import model_cache
+from tactopose_drake.core.shape.coarse_field import coarse_shape
 from tactopose_drake.core.shape.model_cache import Arrays
 from tactopose_drake.core.shape.signed_distance import grid_shape
 
-_LAYOUT: dict[str, tuple[type[np.generic], tuple[int | None, ...]]] = {
+Layout = dict[str, tuple[type[np.generic], tuple[int | None, ...]]]
+"""Types and shapes of arrays, by name; None is any length."""
+
+_LAYOUT: Layout = {
     "vertices": (np.float64, (None, 3)),
     "faces": (np.int32, (None, 3)),
     "distances": (np.float32, (None, None, None, 4)),
     "grid_origin": (np.float64, (3,)),
     "grid_spacing": (np.float64, ()),
+    "coarse_values": (np.int8, (None, 4)),
     "sample_points": (np.float64, (None, 3)),
     "sample_normals": (np.float64, (None, 3)),
     "volume": (np.float64, ()),
@@ -33,6 +39,7 @@ _LAYOUT: dict[str, tuple[type[np.generic], tuple[int | None, ...]]] = {
     "axes": (np.float64, (None, 3)),
     "orders": (np.int64, (None,)),
     "symmetry_poses": (np.float64, (None, 3, 4)),
+    "symmetry_misfits": (np.float64, (None,)),
     "repairs": (np.uint8, (None,)),
     "content_hash": (np.uint8, (32,)),
 }
@@ -42,9 +49,17 @@ _UNIT = 1e-6  # what is one, or within, but for rounding: relative
 
 def describe_a_model(arrays: Arrays, samples: int) -> bool:
     """Whether the arrays can be those of a model with so many surface samples."""
-    if arrays.keys() != _LAYOUT.keys():
+    if not have_layout(arrays, _LAYOUT):
         return False
-    for name, (kind, shape) in _LAYOUT.items():
+    with np.errstate(over="ignore", invalid="ignore"):  # of numbers that are too large, and then refused
+        return _shape_is_sound(arrays, samples) and _rest_is_sound(arrays)
+
+
+def have_layout(arrays: Arrays, layout: Layout) -> bool:
+    """Whether there are these arrays and no others, their doubles finite."""
+    if arrays.keys() != layout.keys():
+        return False
+    for name, (kind, shape) in layout.items():
         array = arrays[name]
         if array.dtype != kind or array.ndim != len(shape):
             return False
@@ -52,8 +67,7 @@ def describe_a_model(arrays: Arrays, samples: int) -> bool:
             return False
         if kind is np.float64 and not np.isfinite(array).all():
             return False
-    with np.errstate(over="ignore", invalid="ignore"):  # of numbers that are too large, and then refused
-        return _shape_is_sound(arrays, samples) and _rest_is_sound(arrays)
+    return True
 
 
 def _shape_is_sound(arrays: Mapping[str, NDArray[Any]], samples: int) -> bool:
@@ -71,6 +85,8 @@ def _shape_is_sound(arrays: Mapping[str, NDArray[Any]], samples: int) -> bool:
     if not SMALLEST_SIZE <= size <= LARGEST_SIZE or not 1e-3 < h / size * max(distances.shape) < 1e3:
         return False
     if distances.shape[:3] != grid_shape(lower, upper, h):
+        return False
+    if len(arrays["coarse_values"]) != math.prod(coarse_shape(distances.shape[:3])):
         return False
     middle = arrays["grid_origin"] + 0.5 * h * (np.array(distances.shape[:3]) - 1)
     if np.any(np.abs(middle - 0.5 * (lower + upper)) > _UNIT * size):
@@ -104,7 +120,8 @@ def _rest_is_sound(arrays: Mapping[str, NDArray[Any]]) -> bool:
         and len(axes) == len(orders)
         and _are_unit(axes)
         and bool(np.all((orders == 0) | (orders >= 2)))
-        and len(poses) > 0
+        and len(poses) == len(arrays["symmetry_misfits"]) > 0
+        and bool(np.all((arrays["symmetry_misfits"] >= 0.0) & (arrays["symmetry_misfits"] <= _LARGEST_DISTANCE)))
         and bool(np.all(np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)) <= _UNIT))
         and _are_texts(arrays["repairs"])
         and arrays["content_hash"].tobytes() == content_hash(arrays["vertices"], arrays["faces"]).encode()

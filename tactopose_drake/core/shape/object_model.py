@@ -8,26 +8,25 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tactopose_drake.core.mesh.bodies import cross_products
-from tactopose_drake.core.mesh.loading import MeshSource, RawMesh, load_mesh, mesh_file, mesh_name
-from tactopose_drake.core.mesh.repair import MeshRepairWarning, repair_mesh
+from tactopose_drake.core.mesh.loading import MeshSource, load_mesh, mesh_file, mesh_name
+from tactopose_drake.core.mesh.repair import MeshRepairWarning
 from tactopose_drake.core.mesh.solid import DENSITY
-from tactopose_drake.core.poses import transform_points
-from tactopose_drake.core.shape import model_cache
-from tactopose_drake.core.shape.coarse_field import CoarseField, coarsen
-from tactopose_drake.core.shape.model_arrays import content_hash, describe_a_model
-from tactopose_drake.core.shape.model_cache import Arrays
+from tactopose_drake.core.shape import kept_parts, model_cache
+from tactopose_drake.core.shape.coarse_field import CoarseField, over_grid
+from tactopose_drake.core.shape.model_arrays import describe_a_model
+from tactopose_drake.core.shape.model_building import build_arrays, misfits
 from tactopose_drake.core.shape.pair_features import PairFeatures, build_pair_features
-from tactopose_drake.core.shape.signed_distance import DistanceGrid, build_grid
-from tactopose_drake.core.shape.surface_samples import SurfaceSamples, sample_surface
+from tactopose_drake.core.shape.signed_distance import DistanceGrid
+from tactopose_drake.core.shape.surface_samples import SurfaceSamples
 from tactopose_drake.core.shape.surfels import Surfels, make_surfels, surfel_spacing
 from tactopose_drake.core.shape.symmetry import RotationalSymmetry, sampled_turns, symmetry_group
-from tactopose_drake.core.shape.symmetry_detection import SymmetryDetectionParams, detect_symmetries
+from tactopose_drake.core.shape.symmetry_detection import SymmetryDetectionParams
 from tactopose_drake.core.validation import FARTHEST, FloatArray, instance_of, limited, positive_number, whole_number
 from tactopose_drake.errors import InvalidFileError, UnknownNameError
 
@@ -48,6 +47,7 @@ class ObjectModel:
         vertices: of the repaired mesh, shape (v, 3), m.
         faces: vertex indices, anticlockwise seen from outside, shape (f, 3).
         grid: signed distance and outward normal at any point.
+        coarse_field: the same in few bytes, to judge poses in their thousands.
         samples: points spread evenly over the surface, with normals.
         volume: m^3.
         mass: kg; that of water-like density (1000 kg/m^3) where none was given.
@@ -58,15 +58,18 @@ class ObjectModel:
         symmetries: axes about which the object may be turned without a change.
         symmetry_poses: the poses X_OO' that the finite symmetries generate, the identity first, shape (g, 3, 4);
             continuous symmetries are in `symmetries` alone.
+        symmetry_misfits: how far the samples are off the surface when each of these turns them, rms, m, shape (g,).
         size: diagonal of the bounding box, m.
         repairs: what was repaired in the mesh, one sentence each.
         content_hash: of the vertices and faces, 32 hexadecimal digits.
+        is_kept: whether what is made of the model when first needed is kept on disk, as the model itself is.
     """
 
     name: str
     vertices: FloatArray
     faces: NDArray[np.int32]
     grid: DistanceGrid
+    coarse_field: CoarseField
     samples: SurfaceSamples
     volume: float
     mass: float
@@ -74,10 +77,12 @@ class ObjectModel:
     inertia: FloatArray
     symmetries: tuple[RotationalSymmetry, ...]
     symmetry_poses: FloatArray
+    symmetry_misfits: FloatArray
     size: float
     repairs: tuple[str, ...]
     content_hash: str
     mass_is_known: bool = False
+    is_kept: bool = False
 
     @cached_property
     def area(self) -> float:
@@ -96,36 +101,31 @@ class ObjectModel:
     @cached_property
     def pair_features(self) -> PairFeatures:
         """Pairs of surface samples by what two contacts tell of them; made when first needed, in about 0.2 s."""
-        return build_pair_features(self.samples, self.area, self.symmetry_turns)
-
-    @cached_property
-    def coarse_field(self) -> CoarseField:
-        """The grid in few bytes; made when first needed, in a few milliseconds."""
-        return coarsen(self.grid)
+        make = kept_parts.pair_features if self.is_kept else build_pair_features
+        return make(self.samples, self.area, self.symmetry_turns)
 
     def surfels(self, sigma: float) -> Surfels:
         """The surface as discs, for points known to sigma, m; made when first needed, in about 0.1 s."""
         spacing = surfel_spacing(sigma, self.area)
         if spacing not in self._surfels:
-            self._surfels[spacing] = make_surfels(self.vertices, self.faces, self.area, spacing)
+            make = kept_parts.surfels if self.is_kept else make_surfels
+            self._surfels[spacing] = make(self.vertices, self.faces, self.area, spacing)
         return self._surfels[spacing]
 
     @cached_property
     def _surfels(self) -> dict[float, Surfels]:
         return {}
 
+    def make_ready(self, sigma_position: float = 0.0009) -> None:
+        """Makes or loads all that an estimate needs, for points known to sigma, m, so that none waits for it."""
+        for name in ("pair_features", "sample_spread", "symmetry_turns"):
+            getattr(self, name)
+        self.surfels(sigma_position)
+
     @cached_property
     def symmetry_turns(self) -> FloatArray:
         """The finite symmetries, joined with some turns about each continuous axis, shape (g, 3, 4)."""
         return sampled_turns(self.symmetry_poses, self.symmetries)
-
-    @cached_property
-    def symmetry_misfits(self) -> FloatArray:
-        """How far the samples are off the surface when each of the finite symmetries turns them, rms, m, shape (g,)."""
-        turned = transform_points(self.symmetry_poses, self.samples.points)
-        distance = self.grid.distance(turned.reshape(-1, 3)).reshape(len(turned), -1)
-        misfits: FloatArray = np.sqrt(np.mean(distance**2, axis=1))
-        return misfits
 
     @classmethod
     def from_mesh(
@@ -194,7 +194,7 @@ class ObjectModel:
         arrays = model_cache.load(key) if cache else None
         if arrays is None or not describe_a_model(arrays, samples):
             label = str(mesh) if isinstance(mesh, str | Path) else name
-            arrays = _build(raw or load_mesh(mesh), label, tolerance, samples, spacing, max_grid_bytes)
+            arrays = build_arrays(raw or load_mesh(mesh), label, tolerance, samples, spacing, max_grid_bytes)
             if cache:
                 model_cache.store(key, arrays)
 
@@ -207,12 +207,15 @@ class ObjectModel:
         inertia = arrays["inertia"] * (mass / (DENSITY * volume))
         center = arrays["centroid"] if center_of_mass is None else np.asarray(center_of_mass)
         detected = zip(arrays["axes"], arrays["orders"], strict=True)
+        grid = DistanceGrid(arrays["distances"], arrays["grid_origin"], float(arrays["grid_spacing"]))
+        surface = SurfaceSamples(arrays["sample_points"], arrays["sample_normals"])
         model = cls(
             name=name,
             vertices=arrays["vertices"],
             faces=arrays["faces"],
-            grid=DistanceGrid(arrays["distances"], arrays["grid_origin"], float(arrays["grid_spacing"])),
-            samples=SurfaceSamples(arrays["sample_points"], arrays["sample_normals"]),
+            grid=grid,
+            coarse_field=over_grid(grid, arrays["coarse_values"]),
+            samples=surface,
             volume=volume,
             mass=mass,
             center_of_mass=center,
@@ -221,10 +224,12 @@ class ObjectModel:
             if given is None
             else given,
             symmetry_poses=arrays["symmetry_poses"] if given is None else poses,
+            symmetry_misfits=arrays["symmetry_misfits"] if given is None else misfits(grid, surface, poses),
             size=float(np.linalg.norm(np.ptp(arrays["vertices"], axis=0))),
             repairs=repairs,
             content_hash=arrays["content_hash"].tobytes().decode(),
             mass_is_known=mass_is_known,
+            is_kept=cache,
         )
         for array in (*arrays.values(), center, inertia, poses):
             array.setflags(write=False)
@@ -254,36 +259,3 @@ def file_content(path: str | Path) -> tuple[bytes, str] | None:
         return file.read_bytes(), file.suffix.lower()
     except OSError as error:
         raise InvalidFileError(f"{file}: cannot be read ({error.strerror}).") from error
-
-
-def _build(
-    raw: RawMesh, label: str, tolerance: float | None, samples: int, spacing: float | None, max_grid_bytes: int
-) -> Arrays:
-    """Everything that follows from the mesh alone, as arrays; what costs time comes after the checks."""
-    mesh = repair_mesh(raw, label)
-    centroid, inertia = mesh.properties.centroid, mesh.properties.inertia
-    grid = build_grid(mesh.vertices, mesh.faces, spacing=spacing, max_bytes=max_grid_bytes)
-    surface = sample_surface(mesh.vertices, mesh.faces, samples)
-    size = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
-    found: tuple[RotationalSymmetry, ...] = ()
-    if tolerance is not None:
-        params = SymmetryDetectionParams(tolerance=tolerance)
-        found = detect_symmetries(surface, grid, centroid, inertia, size, params)
-    arrays: dict[str, NDArray[Any]] = {
-        "vertices": mesh.vertices,
-        "faces": mesh.faces,
-        "distances": grid.values,
-        "grid_origin": grid.origin,
-        "grid_spacing": np.array(grid.spacing),
-        "sample_points": surface.points,
-        "sample_normals": surface.normals,
-        "volume": np.array(mesh.properties.volume),
-        "centroid": centroid,
-        "inertia": inertia,
-        "axes": np.array([symmetry.axis for symmetry in found]).reshape(-1, 3),
-        "orders": np.array([symmetry.order for symmetry in found], dtype=np.int64),
-        "symmetry_poses": symmetry_group(found),
-        "repairs": np.frombuffer(json.dumps(mesh.repairs).encode(), dtype=np.uint8),
-        "content_hash": np.frombuffer(content_hash(mesh.vertices, mesh.faces).encode(), dtype=np.uint8),
-    }
-    return arrays

@@ -14,6 +14,7 @@ from tactopose_drake.core.compilation import (
     UnsignedBytes2,
     inlined,
     kernel,
+    part,
 )
 
 BYTE = 255.0  # the largest number of a byte
@@ -81,12 +82,13 @@ def sort_pairs(
             b = _bin(np.int64(u[0]), np.int64(u[1]), np.int64(u[2]), np.int64(u[3]))
             k = place[b]
             place[b] += 1
-            features[k] = u
+            for c in range(4):
+                features[k, c] = u[c]
             pairs[k, 0], pairs[k, 1] = i, j
             row += 1
 
 
-@kernel
+@part
 def find_matches(
     features: UnsignedBytes2, first: Ints1, feature: Floats1, weight: Floats1, reach: float, step: int, found: OutInts1
 ) -> int:

@@ -20,6 +20,8 @@ from tactopose_drake.core.shape.surface_samples import SurfaceSamples
 from tactopose_drake.core.validation import FloatArray
 
 _DISTANCE_BINS = 256 >> DISTANCE_SHIFT
+TABLE_SIZE = _DISTANCE_BINS * ANGLE_BINS**3 + 1
+"""The bins, and the end of the last."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +73,7 @@ def build_pair_features(
     length = _largest_distance(points)
     count = len(firsts) * (len(points) - 1)
     features, pairs = np.empty((count, 4), dtype=np.uint8), np.empty((count, 2), dtype=np.int16)
-    first = np.zeros(_DISTANCE_BINS * ANGLE_BINS**3 + 1, dtype=np.int32)
+    first = np.zeros(TABLE_SIZE, dtype=np.int32)
     sort_pairs(points, normals, firsts, length, features, pairs, first)
     for array in (points, normals, features, pairs, first):
         array.setflags(write=False)

@@ -6,8 +6,8 @@ The cells of a column along z lie one after another, so the points in any part o
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import cKDTree
 
 from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.shape.point_grid_kernels import Cloud, nearest_squares
@@ -65,7 +65,7 @@ def build_point_grid(points: ArrayLike, params: PointGridParams = PointGridParam
     if len(points) < 2 or not np.any(np.ptp(points, axis=0) > 0):
         count = f"{len(points)}{', all the same' if len(points) > 1 else ''}"
         raise InvalidInputError(f"points: there are {count}; allowed are clouds of 2 different points or more.")
-    tree = cKDTree(points)
+    tree = scipy.spatial.cKDTree(points)
     gaps = np.asarray(tree.query(points, k=2)[0])
     lower, extent = points.min(axis=0), np.ptp(points, axis=0)
     spacing = max(params.cell_spacings * float(np.median(gaps[:, 1])), 1e-3 * float(extent.max()))

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactopose_drake.core.compilation import Floats1, Floats2, Ints1, Ints3, OutFloats1, inlined, kernel
+from tactopose_drake.core.compilation import Floats1, Floats2, Ints1, Ints3, OutFloats1, inlined, kernel, part
 
 
 class Cloud(NamedTuple):
@@ -23,7 +23,7 @@ def slot_of(x, origin, inverse_spacing, count):
     return int(min(max((x - origin) * inverse_spacing, 0.0), count - 1.0))
 
 
-@kernel
+@part
 def nearest_square(cloud: Cloud, x: float, y: float, z: float) -> float:
     """The squared distance, m^2, from (x, y, z) to the nearest point.
 

@@ -3,6 +3,7 @@
 import numpy as np
 
 from tactopose_drake.core.compilation import Floats1, Floats2, kernel
+from tactopose_drake.core.kernels.sorting_kernels import copy_matrix
 
 _DEPTH = 12  # Base-4 digits of the share that count: 17 million places in a triangle.
 
@@ -16,7 +17,9 @@ def triangle_curve(share: Floats1) -> Floats2:
     weights, corners, opposite = np.empty((len(share), 3)), np.empty((3, 3)), np.empty((3, 3))
     for n in range(len(share)):
         rest = share[n]
-        corners[:] = np.eye(3)
+        for c in range(3):
+            for a in range(3):
+                corners[c, a] = 1.0 if a == c else 0.0
         for _ in range(_DEPTH):
             rest *= 4.0
             digit = int(rest)
@@ -26,7 +29,7 @@ def triangle_curve(share: Floats1) -> Floats2:
                 for c in range(3):
                     opposite[c, a] = 0.5 * (total - corners[c, a])
             if digit == 3:
-                corners[:] = opposite
+                copy_matrix(opposite, corners)
             else:
                 for a in range(3):
                     kept = corners[digit, a]

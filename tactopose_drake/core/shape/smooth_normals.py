@@ -14,8 +14,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter
 
 from tactopose_drake.core.shape.normal_kernels import average_around_vertices, interpolate
 from tactopose_drake.core.validation import FloatArray
@@ -57,7 +57,7 @@ def smooth_normals(
     spread_length = _blurred_length(values, blur)
     interpolate(values, packed, nearest, corners, origin, spacing, math.cos(0.5 * params.crease))
     for axis in range(1, 4):
-        values[..., axis] = gaussian_filter(values[..., axis], blur, mode="nearest")
+        values[..., axis] = scipy.ndimage.gaussian_filter(values[..., axis], blur, mode="nearest")
     length = np.sqrt(np.einsum("ijkc,ijkc->ijk", values[..., 1:], values[..., 1:]))
     values[..., 1:] *= (np.minimum(spread_length, length) / np.maximum(length, 1e-6))[..., None]
 
@@ -65,7 +65,7 @@ def smooth_normals(
 def _blurred_length(values: NDArray[np.float32], blur: float) -> NDArray[np.float32]:
     square = np.zeros(values.shape[:3], dtype=np.float32)
     for axis in range(1, 4):
-        square += gaussian_filter(values[..., axis], blur, mode="nearest") ** 2
+        square += scipy.ndimage.gaussian_filter(values[..., axis], blur, mode="nearest") ** 2
     return np.sqrt(square)
 
 

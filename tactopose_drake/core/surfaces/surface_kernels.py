@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from tactopose_drake.core.compilation import Floats1, Floats2, OutFloats1, OutFloats2, OutFloats3, kernel
+from tactopose_drake.core.compilation import Floats1, Floats2, OutFloats1, OutFloats2, OutFloats3, kernel, part
 
 SMOOTH, ROD = 0, 1
 
@@ -29,7 +29,7 @@ def evaluate(
         value[i] = evaluate_one(kind, shape, points[i, 0], points[i, 1], points[i, 2], gradient[i], hessian[i])
 
 
-@kernel
+@part
 def evaluate_one(kind: int, shape: Floats1, x: float, y: float, z: float, g: OutFloats1, H: OutFloats2) -> float:
     """S at one point; fills its gradient g and Hessian H."""
     if kind == SMOOTH and not (shape[3] == 1.0 and shape[4] == 1.0):

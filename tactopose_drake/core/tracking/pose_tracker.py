@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 
 from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.kernel_library import make_kernels_ready
 from tactopose_drake.core.posterior.plausibility import explain_touch
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.belief_summary import summarise
@@ -36,7 +37,7 @@ class PoseTracker:
     """
 
     def __init__(self, model: ObjectModel, params: PoseTrackerParams | None = None) -> None:
-        """Keeps a reference to the model.
+        """Keeps a reference to the model, and makes ready what its steps run: nothing is compiled in one.
 
         Args:
             model: the object.
@@ -47,6 +48,8 @@ class PoseTracker:
         instance_of("params", self._params, PoseTrackerParams)
         self._params.validate()
         self._model = model
+        make_kernels_ready()
+        model.make_ready()
 
     def start(self, time: float = 0.0) -> PoseBelief:
         """The belief that knows nothing, s."""

@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+from scipy.stats import binom
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.poses import compose, exp_so3
-from tactopose_drake.core.posterior.plausibility import explain_touch, may_be_touched
+from tactopose_drake.core.posterior.plausibility import explain_touch, may_be_touched, most_false_contacts
 from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
 from tests.core.tracking.boxes import make_box, touch
 
@@ -70,3 +71,12 @@ def test_a_contact_beside_the_object_is_not_explained() -> None:
     away = np.copy(felt.p_PC)
     away[0] += 0.05 * away[0] / np.linalg.norm(away[0])
     assert not explain_touch(box, Evidence(Contacts(away, felt.n_PC)), X_PO[None]).any()
+
+
+@pytest.mark.parametrize("share", [0.0, 0.02, 0.3])
+@pytest.mark.parametrize("count", [1, 3, 4, 5, 20, 400])
+def test_as_many_contacts_may_be_false_as_the_binomial_distribution_says_and_three_stay(
+    count: int, share: float
+) -> None:
+    allowed = min(int(binom.ppf(0.995, count, share)), max(count - 3, 0))
+    assert most_false_contacts(count, share, 0.995) == allowed

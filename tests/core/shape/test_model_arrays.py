@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from tactopose_drake.core.mesh.repair import RepairedMesh
-from tactopose_drake.core.shape import model_cache
-from tactopose_drake.core.shape import object_model as objects
+from tactopose_drake.core.shape import model_building, model_cache
 from tactopose_drake.core.shape.model_arrays import describe_a_model
 from tactopose_drake.core.shape.model_cache import Arrays
 from tactopose_drake.core.shape.object_model import ObjectModel
@@ -42,6 +41,10 @@ def test_a_missing_or_further_array_is_noticed(kept: Arrays) -> None:
     assert not describe_a_model({**kept, "more": np.zeros(3)}, SAMPLES)
 
 
+def test_a_coarse_field_of_another_grid_is_noticed(kept: Arrays) -> None:
+    assert not describe_a_model({**kept, "coarse_values": kept["coarse_values"][:-1]}, SAMPLES)
+
+
 def test_other_types_and_shapes_are_noticed(kept: Arrays) -> None:
     for name, array in kept.items():
         for other in (array[..., None], array.astype(np.complex64), array.astype(array.dtype.newbyteorder())):
@@ -60,6 +63,7 @@ CHANGES = {
     "centroid": [np.nan, 1e300, 1.0],
     "inertia": [np.nan, 0.0, -1e-3, 1e300, 1.0],
     "symmetry_poses": [np.nan, 1e300, 0.0],
+    "symmetry_misfits": [np.nan, -1e-3, 1e300],
     "repairs": [0, 255],
     "content_hash": [0],
 }
@@ -89,5 +93,5 @@ def test_a_signed_file_that_holds_no_model_is_built_anew(
     def fail(*_: object) -> RepairedMesh:
         raise AssertionError("built anew")
 
-    monkeypatch.setattr(objects, "repair_mesh", fail)
+    monkeypatch.setattr(model_building, "repair_mesh", fail)
     np.testing.assert_array_equal(model().faces, built.faces)

@@ -9,6 +9,7 @@ import pytest
 
 from tactopose_drake.core.shape import model_cache
 from tactopose_drake.core.shape.model_cache import Arrays
+from tactopose_drake.errors import InvalidInputError
 
 KEY = "0123456789abcdef"
 
@@ -190,7 +191,7 @@ def test_without_a_choice_the_user_s_cache_folder_is_used(monkeypatch: pytest.Mo
 def test_the_least_recently_used_files_go_first(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     model_cache.store("size", some_arrays())
     size = the_file(folder).stat().st_size
-    monkeypatch.setattr(model_cache, "LARGEST_FOLDER", 3 * size)
+    monkeypatch.setenv(model_cache.LIMIT_VARIABLE, str(3 * size / 1e9))
     clock = iter(range(100))
     utime = model_cache.os.utime
     monkeypatch.setattr(model_cache.os, "utime", lambda path: utime(path, (next(clock),) * 2))
@@ -200,6 +201,40 @@ def test_the_least_recently_used_files_go_first(folder: Path, monkeypatch: pytes
     model_cache.load("size")
     model_cache.store("c", some_arrays())  # "a" was used longest ago
     assert sorted(path.stem for path in folder.iterdir()) == ["b", "c", "size"]
+
+
+def test_what_is_larger_than_the_limit_is_not_kept(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    model_cache.store("first", some_arrays())
+    monkeypatch.setenv(model_cache.LIMIT_VARIABLE, "0")
+    model_cache.store(KEY, some_arrays())
+    assert model_cache.load(KEY) is None
+    assert the_file(folder).stem == "first"
+
+
+def test_the_limit_is_two_gigabytes_or_what_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(model_cache.LIMIT_VARIABLE, raising=False)
+    assert model_cache.cache_limit() == 2e9
+    monkeypatch.setenv(model_cache.LIMIT_VARIABLE, "0.5")
+    assert model_cache.cache_limit() == 5e8
+    for wrong in ("much", "-1", "nan"):
+        monkeypatch.setenv(model_cache.LIMIT_VARIABLE, wrong)
+        with pytest.raises(InvalidInputError, match=r"TACTOPOSE_CACHE_GB: is '.*'; allowed are numbers"):
+            model_cache.cache_limit()
+
+
+def test_clearing_removes_what_is_kept_and_nothing_else(folder: Path) -> None:
+    assert model_cache.cached_files() == []
+    assert model_cache.clear() == 0
+    for key in ("a", "b"):
+        model_cache.store(key, some_arrays())
+    (folder / "left.tmp").write_bytes(b"of a process that was killed")
+    (folder / "notes.txt").touch()
+    (folder / "grasps").mkdir()
+    kept = model_cache.load("a")
+    size = sum(file.size for file in model_cache.cached_files())
+    assert model_cache.clear() == size > 28
+    assert sorted(path.name for path in folder.iterdir()) == ["grasps", "notes.txt"]
+    assert_same(kept, some_arrays())  # in memory still
 
 
 def test_keys_differ_by_every_part_and_by_where_parts_end(monkeypatch: pytest.MonkeyPatch) -> None:

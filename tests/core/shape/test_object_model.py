@@ -11,8 +11,7 @@ import pytest
 import trimesh
 
 from tactopose_drake.core.mesh.repair import MeshRepairWarning
-from tactopose_drake.core.shape import model_cache
-from tactopose_drake.core.shape import object_model as objects
+from tactopose_drake.core.shape import model_building, model_cache
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.shape.symmetry import RotationalSymmetry
 from tactopose_drake.errors import (
@@ -44,7 +43,7 @@ def no_building(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[], None]]
         def fail(*_: object, **__: object) -> None:
             raise AssertionError("the costly work began")
 
-        monkeypatch.setattr(objects, "build_grid", fail)
+        monkeypatch.setattr(model_building, "build_grid", fail)
 
     return forbid
 
@@ -64,6 +63,9 @@ def all_arrays(model: ObjectModel) -> dict[str, np.ndarray]:
         "center_of_mass": model.center_of_mass,
         "inertia": model.inertia,
         "symmetry_poses": model.symmetry_poses,
+        "symmetry_misfits": model.symmetry_misfits,
+        "coarse_values": model.coarse_field.values,
+        "coarse_origin": model.coarse_field.origin,
     }
 
 

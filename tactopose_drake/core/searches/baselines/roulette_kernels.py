@@ -2,7 +2,16 @@
 
 import numpy as np
 
-from tactopose_drake.core.compilation import Floats1, Floats2, OutFlags1, OutFloats1, OutFloats2, OutFloats3, kernel
+from tactopose_drake.core.compilation import (
+    Floats1,
+    Floats2,
+    OutFlags1,
+    OutFloats1,
+    OutFloats2,
+    OutFloats3,
+    kernel,
+    part,
+)
 
 
 @kernel
@@ -15,7 +24,7 @@ def weigh(
         sums[j] = weight[j] + (sums[j - 1] if j > 0 else 0.0)
 
 
-@kernel
+@part
 def count_from_end(weight: Floats1, count: int, mark: float) -> int:
     """The particle d of the first `count` where the weights from the end down to d first exceed the mark."""
     total = 0.0
@@ -26,7 +35,7 @@ def count_from_end(weight: Floats1, count: int, mark: float) -> int:
     return 0
 
 
-@kernel
+@part
 def bisect_from_end(sums: Floats1, count: int, mark: float) -> int:
     """The same particle, found by bisection of the weights' running sums."""
     before = sums[count - 1] - mark

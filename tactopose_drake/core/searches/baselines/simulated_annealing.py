@@ -8,7 +8,7 @@ import contextlib
 import dataclasses
 
 import numpy as np
-from scipy.optimize import dual_annealing
+import scipy
 
 from tactopose_drake.core.searches.box_search import BoxSearch
 from tactopose_drake.core.searches.candidates import CandidatePoses
@@ -35,7 +35,7 @@ class SimulatedAnnealing(BoxSearch):
             return candidates.try_pose(y)
 
         with contextlib.suppress(_StoppedError):
-            dual_annealing(
+            scipy.optimize.dual_annealing(
                 cost,
                 [(-1.0, 1.0)] * 6,
                 maxiter=self.max_evaluations,  # More than enough: the evaluations end it.

@@ -15,7 +15,9 @@ from tactopose_drake.core.compilation import (
     OutLongs2,
     UnsignedBytes2,
     kernel,
+    part,
 )
+from tactopose_drake.core.kernels.sorting_kernels import sort_stably
 from tactopose_drake.core.shape.pair_feature_kernels import find_matches
 
 # The number of matches is guessed from every so many pairs of samples: as many as the processor reads at once.
@@ -82,8 +84,11 @@ class Queries(NamedTuple):
 
 @kernel
 def mark_spread_out(points: Floats2, chosen: OutLongs1) -> None:
-    start, nearest = np.zeros(3), np.full(points.shape[0], np.inf)
+    start, nearest = np.empty(3), np.empty(points.shape[0])
+    for a in range(3):
+        start[a] = 0.0
     for i in range(points.shape[0]):
+        nearest[i] = np.inf
         for a in range(3):
             start[a] += points[i, a] / points.shape[0]
     for k in range(chosen.shape[0]):
@@ -93,8 +98,12 @@ def mark_spread_out(points: Floats2, chosen: OutLongs1) -> None:
                 square += (points[i, a] - start[a]) ** 2
             # Those that are chosen are no more asked; the middle's distances count for the first one alone.
             nearest[i] = square if k < 2 and nearest[i] >= 0.0 else min(nearest[i], square)
-        chosen[k] = np.argmax(nearest)
-        nearest[chosen[k]] = -1.0
+        farthest = 0
+        for i in range(points.shape[0]):
+            if nearest[i] > nearest[farthest]:
+                farthest = i
+        chosen[k] = farthest
+        nearest[farthest] = -1.0
         for a in range(3):
             start[a] = points[chosen[k], a]
 
@@ -111,7 +120,8 @@ def choose(measured: Measured, library: Library, choice: Choice, phase: Floats1,
     asked, turns = np.empty((most, 2), dtype=np.intp), np.empty(most, dtype=np.int64)
     feature, weight = np.empty((most, 4)), np.empty((most, 4))
     queries = _measure_pairs(measured, among, library.length, choice, Queries(asked, feature, weight, turns))
-    guess, nothing = np.empty(queries, dtype=np.int64), np.empty(0, dtype=np.int32)
+    guess, nothing = np.empty(queries), np.empty(0, dtype=np.int32)
+    order, spare = np.empty(queries, dtype=np.int64), np.empty(queries, dtype=np.int64)
     for q in range(queries):
         for c in range(4):
             feature[q, c] /= unit[c]
@@ -121,12 +131,14 @@ def choose(measured: Measured, library: Library, choice: Choice, phase: Floats1,
 
     found = np.empty(_ROOM, dtype=np.int32)
     used, room, poses = 0, matches.shape[0], matches.shape[0]
-    for q in np.argsort(guess, kind="mergesort"):
+    sort_stably(guess, order, spare)
+    for place in range(queries):
+        q = order[place]
         most = min(room, poses // 4) // turns[q]
         if most == 0 or used == ends.shape[0]:
             break
         # Of more matches than there is room for, every second or third, and so on: evenly over the features.
-        step = max(1, guess[q] // (turns[q] * most))
+        step = max(1, int(guess[q]) // (turns[q] * most))
         count = find_matches(features, first, feature[q], weight[q], reach, step, found)
         if count > found.shape[0]:
             found = np.empty(count, dtype=np.int32)
@@ -136,13 +148,14 @@ def choose(measured: Measured, library: Library, choice: Choice, phase: Floats1,
             continue
         for k in range(kept):
             matches[begins[used] + k] = found[k if count <= most else int((k + phase[used]) * (count / most))]
-        ends[used], spins[used], begins[used + 1] = asked[q], turns[q], begins[used] + kept
+        ends[used, 0], ends[used, 1] = asked[q, 0], asked[q, 1]
+        spins[used], begins[used + 1] = turns[q], begins[used] + kept
         used += 1
         room -= kept * turns[q]
     return used
 
 
-@kernel
+@part
 def _measure_pairs(measured: Measured, among: Longs1, length: float, choice: Choice, queries: Queries) -> int:
     """Fills what is looked up, of pairs no farther apart than the length, m, allows; returns the number of queries."""
     p, n, sigma_p, sigma_n, has_normals = measured
@@ -159,7 +172,8 @@ def _measure_pairs(measured: Measured, among: Longs1, length: float, choice: Cho
             if distance < 3.0 * np.sqrt(noise) or distance > length + 3.0 * off:
                 continue
             pairs[count, 0], pairs[count, 1], spins[count] = a, b, choice.open_spins
-            feature[count], weight[count] = 0.0, 0.0
+            for c in range(4):
+                feature[count, c], weight[count, c] = 0.0, 0.0
             feature[count, 0], weight[count, 0] = distance, 1.0 / off
             if has_normals:
                 cosines[0] = (n[a, 0] * x + n[a, 1] * y + n[a, 2] * z) / distance

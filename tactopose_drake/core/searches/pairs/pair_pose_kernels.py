@@ -21,6 +21,7 @@ from tactopose_drake.core.compilation import (
     inlined,
     kernel,
 )
+from tactopose_drake.core.kernels.sorting_kernels import select, sort_stably
 
 
 class Samples(NamedTuple):
@@ -204,6 +205,7 @@ def keep_best(
     for q in range(spins.shape[0]):
         room = max(room, count + (begins[q + 1] - begins[q]) * spins[q])
     kept, kept_cost = np.empty((room, 3), dtype=np.int32), np.empty(room, dtype=np.float32)
+    spare = np.empty(room, dtype=np.float32)
     order = np.empty(table.shape[0], dtype=np.intp)
     for q in range(spins.shape[0]):
         a, b = ends[q, 0], ends[q, 1]
@@ -221,9 +223,16 @@ def keep_best(
                         kept_cost[used] = total
                         used += 1
         if used > count:
-            limit = np.partition(kept_cost[:used], count - 1)[count - 1]
+            for k in range(used):
+                spare[k] = kept_cost[k]
+            limit = select(spare, used, count - 1)
             used = _drop_worse(limit, count, used, kept, kept_cost)
-    for place, k in enumerate(np.argsort(kept_cost[:used], kind="mergesort")):
+    rising, places = np.empty(used), np.empty((2, used), dtype=np.int64)
+    for k in range(used):
+        rising[k] = kept_cost[k]
+    sort_stably(rising, places[0], places[1])
+    for place in range(used):
+        k = places[0, place]
         q, row, spin = kept[k, 0], kept[k, 1], kept[k, 2]
         i, j = pairs[matches[row], 0], pairs[matches[row], 1]
         _contact_frame(table[ends[q, 0]], table[ends[q, 1]], frame)
@@ -250,6 +259,7 @@ def _drop_worse(limit, count, used, kept, cost):
     now = 0
     for k in range(used):
         if cost[k] <= limit and now < count:
-            kept[now], cost[now] = kept[k], cost[k]
+            kept[now, 0], kept[now, 1], kept[now, 2] = kept[k, 0], kept[k, 1], kept[k, 2]
+            cost[now] = cost[k]
             now += 1
     return now

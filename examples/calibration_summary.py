@@ -1,0 +1,126 @@
+"""What the trials of `calibration.py` come to, in words and pictures."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+LEVELS = np.array([0.2, 0.4, 0.6, 0.8, 0.9, 0.95, 0.99])
+LEVEL = 0.95
+# It is well known when no direction is wider than this share of the object's size. The Cramer-Rao bound takes the
+# surface for as curved as it is at the truth; over longer ways that is another surface, with edges.
+WELL_KNOWN = 0.05
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Trial:
+    """What one estimate said, and how far off it was.
+
+    Attributes:
+        name: the object's.
+        held: for each of LEVELS, whether its region holds the truth.
+        promised: for LEVEL, the share of truths drawn from the belief itself that its region holds.
+        probability, cost: of the best hypothesis.
+        unique: whether it is all that is left.
+        mahalanobis: the best one's squared distance to the truth.
+        well_known: whether it is narrow, too.
+        translation, rotation: of the best one's error, m, rad.
+        said_translation, said_rotation: the root mean squares that its covariance says.
+        least_translation, least_rotation: the Cramer-Rao bounds of their root mean squares.
+    """
+
+    name: str
+    held: NDArray[np.bool_]
+    promised: float
+    probability: float
+    cost: float
+    unique: bool
+    well_known: bool
+    mahalanobis: float
+    translation: float
+    rotation: float
+    said_translation: float
+    said_rotation: float
+    least_translation: float
+    least_rotation: float
+
+
+def rms(values: list[float]) -> float:
+    """Root mean square."""
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def errors(trials: list[Trial]) -> str:
+    """Root mean square errors, beside those that the covariances say, in units of the Cramer-Rao bound's."""
+    millimetres, said_millimetres, least_millimetres = (
+        1e3 * rms([getattr(trial, name) for trial in trials])
+        for name in ("translation", "said_translation", "least_translation")
+    )
+    degrees, said_degrees, least_degrees = (
+        np.degrees(rms([getattr(trial, name) for trial in trials]))
+        for name in ("rotation", "said_rotation", "least_rotation")
+    )
+    return (
+        f"rms errors {millimetres:.2f} mm, {degrees:.2f} deg, in units of the Cramer-Rao bound's "
+        f"{millimetres / least_millimetres:.2f}, {degrees / least_degrees:.2f}; the covariances say "
+        f"{said_millimetres / least_millimetres:.2f}, {said_degrees / least_degrees:.2f}"
+    )
+
+
+def summary(title: str, trials: list[Trial]) -> str:
+    """The figures in words, and those of each object."""
+    at = int(np.flatnonzero(LEVELS == LEVEL)[0])
+    held = np.array([trial.held[at] for trial in trials])
+    unique = [trial for trial in trials if trial.unique]
+    error, promised = np.sqrt(held.mean() * (1 - held.mean()) / len(held)), np.mean([t.promised for t in trials])
+    lines = [
+        f"{title}: {len(trials)} trials",
+        f"  truth in the smallest set that holds 95 %: {held.mean():.1%}, standard error {error:.1%}; "
+        f"promised {promised:.1%}",
+    ]
+    if unique:
+        square = np.array([trial.mahalanobis for trial in unique])
+        lines += [
+            f"  unique in {len(unique)} trials: mean squared Mahalanobis error {square.mean():.2f} (exact: 6), median "
+            f"{np.median(square):.2f} (exact: {chi2.median(6):.2f})",
+            f"    {errors(unique)}",
+        ]
+    if well_known := [trial for trial in unique if trial.well_known]:
+        lines.append(f"  to {WELL_KNOWN:.0%} of the size or better in {len(well_known)} of these: {errors(well_known)}")
+    for name in dict.fromkeys(trial.name for trial in trials):
+        own = [trial for trial in trials if trial.name == name]
+        share = np.mean([trial.held[at] for trial in own])
+        lines.append(f"    {name:15s} {share:4.0%} of {len(own)}, promised {np.mean([t.promised for t in own]):4.0%}")
+    return "\n".join(lines)
+
+
+def save_figure(runs: dict[str, list[Trial]], path: Path) -> None:
+    """A row for each run: reliability, the distribution of the Mahalanobis errors, and cost against error."""
+    figure = Figure(figsize=(15, 4.8 * len(runs)), layout="constrained")
+    axes = figure.subplots(len(runs), 3, squeeze=False)
+    for (title, trials), row in zip(runs.items(), axes, strict=True):
+        share = np.mean([trial.held for trial in trials], axis=0)
+        error = 1.96 * np.sqrt(share * (1 - share) / len(trials))
+        row[0].plot([0, 1], [0, 1], color="0.7", label="as said")
+        row[0].errorbar(LEVELS, share, yerr=error, fmt="o-", capsize=3, label="found, with 95 % intervals")
+        row[0].set(xlabel="mass of the set, and level of its ellipsoids", ylabel="share of trials that hold the truth")
+        row[0].set_title(title)
+        row[0].legend(loc="lower right")
+
+        squares = [trial.mahalanobis for trial in trials if trial.unique]
+        grid = np.linspace(0, 30, 121)
+        row[1].hist(np.minimum(squares, 29.9), bins=30, range=(0, 30), density=True, alpha=0.5, label="unique poses")
+        row[1].plot(grid, chi2.pdf(grid, 6), label="chi-square, 6 degrees of freedom")
+        row[1].set(xlabel="squared Mahalanobis error (the last bin: and more)", ylabel="density")
+        row[1].legend()
+
+        cost = [trial.cost for trial in trials]
+        millimetres = [1e3 * trial.translation for trial in trials]
+        dots = row[2].scatter(cost, millimetres, c=[t.probability for t in trials], s=8, cmap="viridis", vmin=0, vmax=1)
+        row[2].set(yscale="log", xlabel="cost of the best hypothesis", ylabel="its error, mm")
+        figure.colorbar(dots, ax=row[2], label="its probability")
+    FigureCanvasAgg(figure).print_png(path)

@@ -1,0 +1,42 @@
+"""`tactopose warm-up`: compiles whatever is not compiled yet."""
+
+import os
+import time
+
+import click
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from tactopose_drake.cli.consoles import ERRORS, OUT
+from tactopose_drake.cli.workers import processes
+from tactopose_drake.core.kernel_library import compile_kernels, missing_kernels
+
+
+@click.command(name="warm-up")
+@click.option(
+    "--jobs",
+    type=click.IntRange(min=1),
+    default=os.cpu_count() or 1,
+    show_default="number of cores",
+    help="Processes that compile at a time.",
+)
+def warm_up(jobs: int) -> None:
+    """Compiles whatever is not compiled yet, so that nothing waits for it later."""
+    started, missing = time.perf_counter(), missing_kernels()
+    total = sum(len(names) for names in missing.values())
+    if not total:
+        OUT.print("All kernels are compiled.")
+        return
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("left:"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=ERRORS, transient=True) as progress, processes(min(jobs, len(missing))) as executor:
+        task = progress.add_task("compiling kernels", total=total)
+        for done in compile_kernels(missing, executor.submit):
+            name = done.module.rsplit(".", 1)[-1].removesuffix("_kernels").replace("_", " ")
+            progress.update(task, advance=done.kernels, description=f"{name}: {done.duration:.1f} s")
+    OUT.print(f"Compiled {total} kernels in {time.perf_counter() - started:.0f} s.")

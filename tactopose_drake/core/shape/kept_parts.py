@@ -1,0 +1,104 @@
+"""Parts of a model that are made when they are first needed, and then kept on disk beside it.
+
+Each is known by what it is made of, so it does not matter which model it was made for. As with a model itself, what
+comes from a file is checked before compiled loops read it: types, shapes and indices. The numbers are told by the hash
+that the cache keeps.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactopose_drake.core.shape import model_cache
+from tactopose_drake.core.shape.model_arrays import Layout, have_layout
+from tactopose_drake.core.shape.model_cache import Arrays
+from tactopose_drake.core.shape.pair_features import TABLE_SIZE, PairFeatures, build_pair_features
+from tactopose_drake.core.shape.surface_samples import SurfaceSamples
+from tactopose_drake.core.shape.surfel_kernels import BLOCK
+from tactopose_drake.core.shape.surfels import Surfels, make_surfels
+from tactopose_drake.core.validation import FloatArray
+
+
+def pair_features(samples: SurfaceSamples, area: float, symmetry_poses: FloatArray) -> PairFeatures:
+    """As `build_pair_features`, from the disk where they are kept."""
+    key = model_cache.content_key("pair features", samples.points, samples.normals, repr(area), symmetry_poses)
+    arrays = model_cache.load(key)
+    if arrays is not None and _are_pair_features(arrays):
+        return PairFeatures(
+            arrays["points"],
+            arrays["normals"],
+            float(arrays["spacing"]),
+            float(arrays["length"]),
+            arrays["features"],
+            arrays["pairs"],
+            arrays["first"],
+        )
+    made = build_pair_features(samples, area, symmetry_poses)
+    kept = {name: np.asarray(getattr(made, name)) for name in _PAIR_FEATURES}
+    model_cache.store(key, kept)
+    return made
+
+
+def surfels(vertices: FloatArray, faces: NDArray[np.int32], area: float, spacing: float) -> Surfels:
+    """As `make_surfels`, from the disk where they are kept."""
+    key = model_cache.content_key("surfels", vertices, faces, repr(area), repr(spacing))
+    arrays = model_cache.load(key)
+    if arrays is not None and _are_surfels(arrays):
+        nx, ny, nz = (int(n) for n in arrays["shape"])
+        return Surfels(arrays["discs"], arrays["first"], arrays["origin"], float(arrays["cell"]), (nx, ny, nz), spacing)
+    made = make_surfels(vertices, faces, area, spacing)
+    kept = {name: np.asarray(getattr(made, name)) for name in _SURFELS}
+    model_cache.store(key, kept)
+    return made
+
+
+_PAIR_FEATURES: Layout = {
+    "points": (np.float64, (None, 3)),
+    "normals": (np.float64, (None, 3)),
+    "spacing": (np.float64, ()),
+    "length": (np.float64, ()),
+    "features": (np.uint8, (None, 4)),
+    "pairs": (np.int16, (None, 2)),
+    "first": (np.int32, (TABLE_SIZE,)),
+}
+_SURFELS: Layout = {
+    "discs": (np.float32, (9, None)),
+    "first": (np.int32, (None,)),
+    "origin": (np.float64, (3,)),
+    "cell": (np.float64, ()),
+    "shape": (np.int64, (3,)),
+}
+
+
+def _are_pair_features(arrays: Arrays) -> bool:
+    """Whether arrays from a file can be pair features."""
+    if not have_layout(arrays, _PAIR_FEATURES):
+        return False
+    points, pairs = arrays["points"], arrays["pairs"]
+    return (
+        len(points) == len(arrays["normals"])
+        and len(pairs) == len(arrays["features"])
+        and pairs.min(initial=0) >= 0
+        and pairs.max(initial=0) < len(points)
+        and _is_table(arrays["first"], len(pairs))
+        and bool(0.0 < arrays["spacing"] <= arrays["length"])
+    )
+
+
+def _are_surfels(arrays: Arrays) -> bool:
+    """Whether arrays from a file can be surfels."""
+    if not have_layout(arrays, _SURFELS) or arrays["shape"].min() < 1:
+        return False
+    cells = int(np.prod(arrays["shape"].astype(np.float64)))
+    return (
+        len(arrays["first"]) == cells + 1
+        and _is_table(arrays["first"], arrays["discs"].shape[1] - BLOCK)
+        and bool(arrays["cell"] > 0.0)
+        and bool(np.isfinite(arrays["discs"]).all())
+    )
+
+
+def _is_table(first: NDArray[np.int32], count: int) -> bool:
+    """Whether these say where bins begin among so many entries."""
+    return bool(first[0] == 0 and first[-1] == count and np.all(first[1:] >= first[:-1]))

@@ -1,0 +1,74 @@
+"""Everything that a model says of a mesh, computed once: the arrays that are kept on disk."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactopose_drake.core.mesh.loading import RawMesh
+from tactopose_drake.core.mesh.repair import repair_mesh
+from tactopose_drake.core.poses import transform_points
+from tactopose_drake.core.shape.coarse_field import coarsen
+from tactopose_drake.core.shape.model_arrays import content_hash
+from tactopose_drake.core.shape.model_cache import Arrays
+from tactopose_drake.core.shape.signed_distance import DistanceGrid, build_grid
+from tactopose_drake.core.shape.surface_samples import SurfaceSamples, sample_surface
+from tactopose_drake.core.shape.symmetry import RotationalSymmetry, symmetry_group
+from tactopose_drake.core.shape.symmetry_detection import SymmetryDetectionParams, detect_symmetries
+from tactopose_drake.core.validation import FloatArray
+
+
+def build_arrays(
+    raw: RawMesh, label: str, tolerance: float | None, samples: int, spacing: float | None, max_grid_bytes: int
+) -> Arrays:
+    """Everything that follows from the mesh alone, as arrays; what costs time comes after the checks.
+
+    Args:
+        raw: the mesh as it is.
+        label: what to call it in errors.
+        tolerance: of symmetries, see `detect_symmetries`; None where none are looked for.
+        samples: number of surface samples.
+        spacing: of the distance grid, m; None where the size and the walls' thickness say it.
+        max_grid_bytes: the largest size of the distance grid.
+    """
+    mesh = repair_mesh(raw, label)
+    centroid, inertia = mesh.properties.centroid, mesh.properties.inertia
+    grid = build_grid(mesh.vertices, mesh.faces, spacing=spacing, max_bytes=max_grid_bytes)
+    surface = sample_surface(mesh.vertices, mesh.faces, samples)
+    size = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
+    found: tuple[RotationalSymmetry, ...] = ()
+    if tolerance is not None:
+        params = SymmetryDetectionParams(tolerance=tolerance)
+        found = detect_symmetries(surface, grid, centroid, inertia, size, params)
+    poses = symmetry_group(found)
+    arrays: dict[str, NDArray[Any]] = {
+        "vertices": mesh.vertices,
+        "faces": mesh.faces,
+        "distances": grid.values,
+        "grid_origin": grid.origin,
+        "grid_spacing": np.array(grid.spacing),
+        "coarse_values": coarsen(grid).values,
+        "sample_points": surface.points,
+        "sample_normals": surface.normals,
+        "volume": np.array(mesh.properties.volume),
+        "centroid": centroid,
+        "inertia": inertia,
+        "axes": np.array([symmetry.axis for symmetry in found]).reshape(-1, 3),
+        "orders": np.array([symmetry.order for symmetry in found], dtype=np.int64),
+        "symmetry_poses": poses,
+        "symmetry_misfits": misfits(grid, surface, poses),
+        "repairs": np.frombuffer(json.dumps(mesh.repairs).encode(), dtype=np.uint8),
+        "content_hash": np.frombuffer(content_hash(mesh.vertices, mesh.faces).encode(), dtype=np.uint8),
+    }
+    return arrays
+
+
+def misfits(grid: DistanceGrid, samples: SurfaceSamples, poses: FloatArray) -> FloatArray:
+    """How far the samples are off the surface when each of the poses X_OO' (g, 3, 4) moves them, rms, m, shape (g,)."""
+    turned = transform_points(poses, samples.points)
+    distance = grid.distance(turned.reshape(-1, 3)).reshape(len(turned), -1)
+    off: FloatArray = np.sqrt(np.mean(distance**2, axis=1))
+    return off

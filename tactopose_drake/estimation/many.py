@@ -1,0 +1,113 @@
+"""Many touches in one call, on all cores."""
+
+import contextlib
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor, Future, ThreadPoolExecutor, as_completed
+from typing import Any
+
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.validation import instance_of
+from tactopose_drake.errors import InvalidInputError, TactoposeError
+from tactopose_drake.estimation.estimate import estimate_pose
+from tactopose_drake.estimation.pickling import Sealed
+from tactopose_drake.estimation.prior import PosePrior
+from tactopose_drake.estimation.results import PoseEstimate
+
+# So many touches of one object go to a worker at a time: to a thread few, to another process, which needs a copy of the
+# model each time, many.
+_TO_A_THREAD, _TO_A_PROCESS = 8, 250
+
+
+def estimate_poses(
+    models: ObjectModel | Sequence[ObjectModel],
+    contacts: Sequence[Contacts],
+    *,
+    priors: PosePrior | Sequence[PosePrior | None] | None = None,
+    seed: int | Sequence[int] = 0,
+    executor: Executor | None = None,
+    on_progress: Callable[[int, int], None] | None = None,
+    **options: Any,
+) -> list[PoseEstimate]:
+    """Estimates the poses of many touches, several at a time, to the same bits as `estimate_pose` one by one.
+
+    Args:
+        models: the object of all touches, or of each.
+        contacts: of each touch; they may be `Contacts.empty()` where patches are felt.
+        priors: of all touches, or of each.
+        seed: likewise, of the search's random numbers.
+        executor: where the work is done: processes, or a cluster's, which are handed the models and so pay where each
+            object has hundreds of touches. Threads without, one a core: of an estimate a third is Python's, which
+            one thread at a time has.
+        on_progress: is told how many touches of how many are done.
+        options: all others of `estimate_pose`, the same for all touches.
+
+    Raises:
+        InvalidInputError: models, priors or seeds of another number than the touches, or of another type.
+        TactoposeError: what `estimate_pose` raises of one of the touches, with a note of which one; work that is not
+            begun yet is dropped.
+    """
+    contacts = list(contacts)
+    of, before = _each("models", models, ObjectModel, len(contacts)), _each("priors", priors, PosePrior, len(contacts))
+    seeds = _each("seed", seed, int, len(contacts))
+    estimates: list[PoseEstimate | None] = [None] * len(contacts)
+    with contextlib.ExitStack() as stack:
+        pool = stack.enter_context(ThreadPoolExecutor(os.cpu_count())) if executor is None else executor
+        size = _TO_A_THREAD if isinstance(pool, ThreadPoolExecutor) else _TO_A_PROCESS
+        futures: dict[Future[list[PoseEstimate]], list[int]] = {}
+        for model, part in _parts(of, size):
+            touches = [(i, contacts[i], {"prior": before[i], "seed": seeds[i]}) for i in part]
+            futures[pool.submit(_estimate_some, Sealed(model), Sealed(touches), Sealed(options))] = part
+        done = 0
+        try:
+            for future in as_completed(futures):
+                for i, estimate in zip(futures[future], future.result(), strict=True):
+                    estimates[i] = estimate
+                done += len(futures[future])
+                if on_progress is not None:
+                    on_progress(done, len(contacts))
+        finally:
+            for future in futures:
+                future.cancel()
+    return [estimate for estimate in estimates if estimate is not None]
+
+
+def _each(name: str, value: Any, kind: type, count: int) -> list[Any]:
+    """One for each touch, of those that were given or of the one."""
+    if value is None or isinstance(value, kind):
+        return [value] * count
+    if not isinstance(value, Sequence) or len(value) != count:
+        raise InvalidInputError(f"{name}: allowed are one {kind.__name__}, and as many as there are touches, {count}.")
+    for i, one in enumerate(value):
+        if one is not None:
+            instance_of(f"{name}[{i}]", one, kind)
+    return list(value)
+
+
+def _parts(models: Sequence[ObjectModel], most: int) -> Iterator[tuple[ObjectModel, list[int]]]:
+    """The touches by number, so many of one object at a time, or fewer so that all cores have work."""
+    groups: dict[int, list[int]] = {}
+    for i, model in enumerate(models):
+        groups.setdefault(id(model), []).append(i)
+    for group in groups.values():
+        size = min(most, -(-len(group) // (os.cpu_count() or 1)))
+        for begin in range(0, len(group), size):
+            part = group[begin : begin + size]
+            yield models[part[0]], part
+
+
+def _estimate_some(
+    model: Sealed[ObjectModel],
+    touches: Sealed[list[tuple[int, Contacts, dict[str, Any]]]],
+    options: Sealed[dict[str, Any]],
+) -> list[PoseEstimate]:
+    """The estimates of some touches of one object; maybe in another process."""
+    estimates = []
+    for i, contacts, own in touches.value:
+        try:
+            estimates.append(estimate_pose(model.value, contacts, **own, **options.value))
+        except TactoposeError as error:
+            error.add_note(f"This is of contacts[{i}].")
+            raise
+    return estimates

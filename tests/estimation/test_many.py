@@ -1,0 +1,95 @@
+"""Many touches in one call: the same bits as one by one, wherever the work is done."""
+
+import math
+from collections.abc import Iterator
+from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
+from multiprocessing import get_context
+
+import numpy as np
+import pytest
+
+import tactopose_drake as tp
+from tactopose_drake.core.poses import make_poses, random_rotations
+from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
+from tactopose_drake.errors import InvalidInputError, TooFewContactsError
+from tests.core.meshes import create
+
+COUNT = 12
+
+
+@pytest.fixture(scope="module")
+def box() -> tp.ObjectModel:
+    return tp.ObjectModel.from_mesh(create.box([0.05, 0.08, 0.12]), max_grid_bytes=16 * 100_000)
+
+
+def touches(models: list[tp.ObjectModel]) -> tuple[list[tp.Contacts], list[tp.PosePrior | None]]:
+    contacts, priors = [], []
+    for i, model in enumerate(models):
+        generator = np.random.default_rng(i)
+        X_PO = make_poses(random_rotations(generator, 1), generator.normal(scale=0.05, size=(1, 3)))[0]
+        contacts.append(touch_surface(model, X_PO, 4, generator))
+        priors.append(tp.PosePrior(X_PO) if i % 3 else None)
+    return contacts, priors
+
+
+def bits(estimate: tp.PoseEstimate) -> tuple[str, bytes]:
+    parts = [np.float64(estimate.log_evidence)]
+    for one in estimate.hypotheses:
+        parts += [one.X_PO.GetAsMatrix34(), one.covariance, one.free_directions, np.float64(one.probability)]
+    return estimate.status, b"".join(np.asarray(part).tobytes() for part in parts)
+
+
+@pytest.fixture(params=["threads", "two threads", "process"])
+def executor(request: pytest.FixtureRequest) -> Iterator[Executor | None]:
+    if request.param == "threads":
+        yield None
+        return
+    pool = ThreadPoolExecutor(2) if request.param == "two threads" else ProcessPoolExecutor(1, get_context("spawn"))
+    with pool:
+        yield pool
+
+
+def test_the_same_bits_as_one_by_one(box: tp.ObjectModel, blob: tp.ObjectModel, executor: Executor | None) -> None:
+    models = [box if i % 2 else blob for i in range(COUNT)]
+    contacts, priors = touches(models)
+    told: list[tuple[int, int]] = []
+    found = tp.estimate_poses(
+        models,
+        contacts,
+        priors=priors,
+        seed=list(range(COUNT)),
+        executor=executor,
+        on_progress=lambda done, total: told.append((done, total)),
+        max_hypotheses=16,
+    )
+    for i, estimate in enumerate(found):
+        alone = tp.estimate_pose(models[i], contacts[i], prior=priors[i], seed=i, max_hypotheses=16)
+        assert bits(estimate) == bits(alone)
+    assert len(found) == COUNT
+    assert told[-1] == (COUNT, COUNT)
+    assert told == sorted(told)
+
+
+def test_one_model_and_one_prior_are_those_of_all_touches(box: tp.ObjectModel) -> None:
+    contacts, _ = touches([box] * 3)
+    prior = tp.PosePrior(np.eye(4), sigma_translation=0.1, sigma_rotation=math.pi)
+    found = tp.estimate_poses(box, contacts, priors=prior)
+    assert [bits(one) for one in found] == [bits(tp.estimate_pose(box, one, prior=prior)) for one in contacts]
+    assert tp.estimate_poses(box, []) == []
+
+
+def test_a_fault_names_the_touch(box: tp.ObjectModel) -> None:
+    contacts, _ = touches([box] * 3)
+    with pytest.raises(TooFewContactsError) as caught:
+        tp.estimate_poses(box, [*contacts, tp.Contacts.empty()])
+    assert caught.value.__notes__ == ["This is of contacts[3]."]
+
+
+def test_numbers_that_do_not_agree_are_refused(box: tp.ObjectModel) -> None:
+    contacts, priors = touches([box] * 3)
+    with pytest.raises(InvalidInputError, match=r"models: allowed are one ObjectModel, and as many as .* touches, 3"):
+        tp.estimate_poses([box] * 2, contacts)
+    with pytest.raises(InvalidInputError, match=r"priors: allowed are one PosePrior"):
+        tp.estimate_poses(box, contacts, priors=priors[:2])
+    with pytest.raises(InvalidInputError, match=r"seed\[1\]: is a str; allowed is an? int"):
+        tp.estimate_poses(box, contacts, seed=[0, "1", 2])  # type: ignore[list-item]
