@@ -14,24 +14,20 @@ from tactopose_drake.drivers.lcm_codec import LcmReader, LcmWriter
 from tactopose_drake.errors import ProtocolError
 
 
-def _no_numbers(*shape: int) -> FloatArray:
-    return dataclasses.field(default_factory=lambda: np.zeros(shape))  # type: ignore[return-value]
-
-
 @dataclasses.dataclass(kw_only=True, eq=False)
 class HandSensesMessage:
     """`lcmt_hand_senses`: what a hand senses at one time.
 
     Attributes:
         utime: when it was measured, microseconds of the sender's clock.
-        sequence: counts the sender's messages from 0 on.
+        sequence: counts the sender's messages from 0 on; -1 of one that nobody has sent.
         joints: positions by the names in the hand's model, rad, of prismatic joints m; NaN where not known.
         wrenches: F_S on the fingertip by the fingers' names, shape (6,) each, N m and N; NaN where there is none.
         pressures: by the pads' names, of each cell, shape (n,), Pa; NaN where a cell says nothing.
     """
 
     utime: int = 0
-    sequence: int = 0
+    sequence: int = -1
     joints: dict[str, float] = dataclasses.field(default_factory=dict)
     wrenches: dict[str, FloatArray] = dataclasses.field(default_factory=dict)
     pressures: dict[str, FloatArray] = dataclasses.field(default_factory=dict)
@@ -93,9 +89,9 @@ class ObjectPoseMessage:
     """
 
     utime: int = 0
-    position: FloatArray = _no_numbers(3)
+    position: FloatArray = dataclasses.field(default_factory=lambda: np.zeros(3))
     quaternion_wxyz: FloatArray = dataclasses.field(default_factory=lambda: np.array([1.0, 0.0, 0.0, 0.0]))
-    covariance: FloatArray = _no_numbers(6, 6)
+    covariance: FloatArray = dataclasses.field(default_factory=lambda: np.zeros((6, 6)))
 
     def encode(self) -> bytes:
         """The message as LCM sends it."""
@@ -144,10 +140,10 @@ class ObjectBeliefMessage:
     lost: int = 0
     passed_over: int = 0
     status: str = ""
-    probability: FloatArray = _no_numbers(0)
-    position: FloatArray = _no_numbers(0, 3)
-    quaternion_wxyz: FloatArray = _no_numbers(0, 4)
-    covariance: FloatArray = _no_numbers(0, 6, 6)
+    probability: FloatArray = dataclasses.field(default_factory=lambda: np.zeros(0))
+    position: FloatArray = dataclasses.field(default_factory=lambda: np.zeros((0, 3)))
+    quaternion_wxyz: FloatArray = dataclasses.field(default_factory=lambda: np.zeros((0, 4)))
+    covariance: FloatArray = dataclasses.field(default_factory=lambda: np.zeros((0, 6, 6)))
 
     def encode(self) -> bytes:
         """The message as LCM sends it."""

@@ -1,0 +1,79 @@
+import sys
+
+import numpy as np
+import pytest
+
+from tactopose_drake.drivers.lcm_inbox import LcmInbox, open_lcm
+from tactopose_drake.drivers.lcm_messages import HandSensesMessage, ObjectPoseMessage
+from tactopose_drake.errors import BusError, InvalidInputError
+
+pytest.importorskip("lcm")
+
+
+def send(link, *sequences: int) -> None:
+    for sequence in sequences:
+        link.publish("SENSES", HandSensesMessage(utime=1000 * sequence, sequence=sequence).encode())
+
+
+def test_all_messages_are_taken_in_and_the_newest_is_used() -> None:
+    link = open_lcm("memq://")
+    inbox = LcmInbox(link, "SENSES")
+    inbox.wait(0.0)
+    assert inbox.take() is None
+    send(link, *range(100))
+    inbox.wait(0.1)
+    newest = inbox.take()
+    assert newest is not None
+    assert newest.sequence == 99
+    assert inbox.take() is None
+    assert (inbox.received, inbox.lost, inbox.passed_over) == (100, 0, 99)
+    assert inbox.take_remarks() == ()
+
+
+def test_what_is_missing_is_counted_and_said_once() -> None:
+    link = open_lcm("memq://")
+    inbox = LcmInbox(link, "SENSES")
+    send(link, 0, 1, 5, 6)
+    inbox.wait(0.1)
+    assert (inbox.received, inbox.lost) == (4, 3)
+    assert inbox.take_remarks() == ("3 messages of the senses were lost",)
+    assert inbox.take_remarks() == ()
+
+
+def test_a_sender_that_begins_anew_is_said_and_nothing_is_lost() -> None:
+    link = open_lcm("memq://")
+    inbox = LcmInbox(link, "SENSES")
+    send(link, 7, 8, 0, 1)
+    inbox.wait(0.1)
+    assert inbox.lost == 0
+    assert inbox.take_remarks() == ("the senses' sender began anew",)
+
+
+def test_what_is_no_message_is_said_and_the_next_is_taken() -> None:
+    link = open_lcm("memq://")
+    inbox = LcmInbox(link, "SENSES", "VISION")
+    link.publish("SENSES", b"nonsense that is long enough")
+    link.publish("VISION", HandSensesMessage().encode())
+    send(link, 3)
+    link.publish("VISION", ObjectPoseMessage(utime=5, covariance=np.eye(6)).encode())
+    inbox.wait(0.1)
+    remarks = inbox.take_remarks()
+    assert len(remarks) == 2
+    assert all("of this version" in remark for remark in remarks)
+    newest, vision = inbox.take(), inbox.take_vision()
+    assert newest is not None
+    assert newest.sequence == 3
+    assert vision is not None
+    assert vision.utime == 5
+    assert inbox.take_vision() is None
+
+
+def test_a_url_that_is_none_is_said(capfd: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(BusError, match="'nonsense://' cannot be opened"):
+        open_lcm("nonsense://")
+
+
+def test_without_the_package_the_message_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "lcm", None)
+    with pytest.raises(InvalidInputError, match=r"pip install tactopose_drake\[lcm\]"):
+        open_lcm("memq://")
