@@ -6,6 +6,7 @@ from typing import Any, Protocol
 from tactopose_drake.drivers.lcm_messages import HandSensesMessage, ObjectPoseMessage
 from tactopose_drake.errors import BusError, InvalidInputError, ProtocolError
 
+_AHEAD = 500_000  # microseconds
 _MOST_MISSED = 10**6  # a gap beyond is another counter, and not that many messages
 
 
@@ -81,8 +82,14 @@ class LcmInbox:
         newest, self._newest = self._newest, None
         return newest
 
-    def take_vision(self) -> ObjectPoseMessage | None:
-        """Likewise of vision."""
+    def take_vision(self, utime: int) -> ObjectPoseMessage | None:
+        """The newest message of vision, once.
+
+        Args:
+            utime: of the senses that it goes with. A picture that is newer by less than half a second waits for them.
+        """
+        if self._vision is None or utime < self._vision.utime <= utime + _AHEAD:
+            return None
         vision, self._vision = self._vision, None
         return vision
 

@@ -135,7 +135,7 @@ class _LcmRun:
         """A belief of one message; what of it does not fit the hand is left out, and remarked."""
         joints = self.tracker.joint_names
         remarks += misfits(senses, joints, self._fingers, self._cells)
-        vision = _measurement(self._inbox.take_vision(), remarks)
+        vision = _measurement(self._inbox.take_vision(senses.utime), remarks)
         pressures = {name: values for name, values in senses.pressures.items() if self._cells.get(name) == len(values)}
         try:
             belief = self.tracker.update(

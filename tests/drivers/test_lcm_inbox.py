@@ -60,12 +60,25 @@ def test_what_is_no_message_is_said_and_the_next_is_taken() -> None:
     remarks = inbox.take_remarks()
     assert len(remarks) == 2
     assert all("of this version" in remark for remark in remarks)
-    newest, vision = inbox.take(), inbox.take_vision()
+    newest, vision = inbox.take(), inbox.take_vision(5)
     assert newest is not None
     assert newest.sequence == 3
     assert vision is not None
     assert vision.utime == 5
-    assert inbox.take_vision() is None
+    assert inbox.take_vision(5) is None
+
+
+def test_a_picture_waits_for_senses_of_its_time() -> None:
+    link = open_lcm("memq://")
+    inbox = LcmInbox(link, "SENSES", "VISION")
+    link.publish("VISION", ObjectPoseMessage(utime=1_000_000).encode())
+    inbox.wait(0.1)
+    assert inbox.take_vision(999_999) is None
+    assert inbox.take_vision(600_000) is None
+    assert inbox.take_vision(1_000_000) is not None
+    link.publish("VISION", ObjectPoseMessage(utime=9_000_000).encode())
+    inbox.wait(0.1)
+    assert inbox.take_vision(1_000_000) is not None  # The belief says that it is of the future.
 
 
 def test_a_url_that_is_none_is_said(capfd: pytest.CaptureFixture[str]) -> None:

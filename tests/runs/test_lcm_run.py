@@ -58,7 +58,7 @@ class Sender:
 
     def see(self) -> None:
         """Vision, once."""
-        prior = held_cube.prior()
+        prior = held_cube.prior(1e-3 * self._generator.normal(size=3))
         wxyz = prior.X_PO.rotation().ToQuaternion().wxyz()
         covariance = np.diag(np.repeat([0.04, 4e-4], 3))
         message = ObjectPoseMessage(
@@ -70,13 +70,13 @@ class Sender:
         while self._link.handle_timeout(1) > 0:
             pass
 
-    def until(self, said: str, timeout: float = 120.0) -> ObjectBeliefMessage:
+    def until(self, said: str, timeout: float = 40.0) -> ObjectBeliefMessage:
         """Sends 100 times a second until a belief says something; for "ok", and is right."""
         self.got.clear()
         end = time.monotonic() + timeout
         while time.monotonic() < end:
-            self.send()
             self.see()
+            self.send()
             time.sleep(0.01)
             self.hear()
             for belief in self.got:
@@ -84,7 +84,7 @@ class Sender:
                     return belief
         raise AssertionError(f"nobody says {said!r}; last said: {self.got[-1].status if self.got else 'nothing'}")
 
-    def wait_for(self, said: str, timeout: float = 60.0) -> ObjectBeliefMessage:
+    def wait_for(self, said: str, timeout: float = 20.0) -> ObjectBeliefMessage:
         """Listens without sending."""
         self.got.clear()
         end = time.monotonic() + timeout
