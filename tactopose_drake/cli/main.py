@@ -14,6 +14,7 @@ import click
 from tactopose_drake.cli.consoles import ERRORS
 from tactopose_drake.cli.demo_command import demo
 from tactopose_drake.cli.estimate_command import estimate
+from tactopose_drake.cli.export_command import export
 from tactopose_drake.cli.identify_command import identify_command
 from tactopose_drake.cli.replay_command import replay
 from tactopose_drake.cli.run_command import run
@@ -40,7 +41,7 @@ def cli() -> None:
     """Knows where a grasped object is, from touch."""
 
 
-for command in (demo, estimate, identify_command, run, replay):
+for command in (demo, estimate, identify_command, run, replay, export):
     cli.add_command(command)
 
 
