@@ -75,7 +75,7 @@ def write_mcap(run: RecordedRun, path: Path) -> None:
         scenario = run.manifest.scenario
         about = {"hand": scenario.hand, "object": scenario.object, "versions": json.dumps(run.manifest.versions)}
         out.add_metadata("tactopose_drake", about)
-        out.finish()
+        out.finish()  # type: ignore[no-untyped-call]
 
 
 def _nanoseconds(run: RecordedRun, time: float) -> int:
