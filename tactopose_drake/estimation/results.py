@@ -44,21 +44,12 @@ class PoseHypothesis(PlainValue):
 
     def __repr__(self) -> str:
         wxyz = numbers(self.X_PO.rotation().ToQuaternion().wxyz(), 3)
-        turn, move = self.sigmas
+        turn, move = _sigmas(self.covariance)
         free = f", {len(self.free_directions)} free directions" if len(self.free_directions) else ""
         return (
             f"<PoseHypothesis {self.probability:.1%}: p_PO {numbers(1e3 * self.X_PO.translation(), 1)} mm, "
             f"quaternion wxyz {wxyz}, ± {1e3 * move:.1f} mm, ± {math.degrees(turn):.1f} deg{free}>"
         )
-
-    @property
-    def sigmas(self) -> tuple[float, float]:
-        """Root mean square standard deviations of a rotation's and a translation's coordinates, rad and m.
-
-        Along what the touch does not determine they are the prior's, or as large as the object.
-        """
-        variance = np.diag(self.covariance)
-        return math.sqrt(float(variance[:3].mean())), math.sqrt(float(variance[3:].mean()))
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
@@ -117,6 +108,9 @@ class PoseEstimate(PlainValue):
 
     def table(self, most: int = 8) -> str:
         """The most probable hypotheses as text, a line each.
+
+        After ± stand the root mean square standard deviations of a coordinate. Where the touch leaves directions free,
+        whose number stands under "free", they are as large as what else is known of the pose.
 
         Args:
             most: lines; the last line says how many more there are.
@@ -183,9 +177,15 @@ class PoseEstimate(PlainValue):
         )
 
 
+def _sigmas(covariance: FloatArray) -> tuple[float, float]:
+    """Root mean square standard deviations of a rotation's and a translation's coordinates, rad and m."""
+    variance = np.diag(covariance)
+    return math.sqrt(float(variance[:3].mean())), math.sqrt(float(variance[3:].mean()))
+
+
 def _row(hypothesis: PoseHypothesis) -> tuple[str, ...]:
     """A line of `PoseEstimate.table`."""
-    turn, move = hypothesis.sigmas
+    turn, move = _sigmas(hypothesis.covariance)
     return (
         f"{hypothesis.probability:.1%}",
         numbers(1e3 * hypothesis.X_PO.translation(), 1),

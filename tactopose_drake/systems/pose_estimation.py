@@ -2,11 +2,13 @@
 
 import dataclasses
 
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.hand.collision import HandCollision
 from tactopose_drake.hand.hand_config import HandConfig
+from tactopose_drake.systems.plant_senses import connect_plant
 from tactopose_drake.systems.pose_estimator import PoseEstimator, PoseEstimatorParams
 from tactopose_drake.systems.touch_sensing import TouchParams, add_touch
 
@@ -30,6 +32,9 @@ def AddPoseEstimation(
     model: ObjectModel,
     params: PoseEstimationParams | None = None,
     name: str = "pose_estimation",
+    *,
+    plant: MultibodyPlant | None = None,
+    simulated_senses: bool = True,
 ) -> Diagram:
     """Adds the estimation of a held object's pose to a diagram under construction.
 
@@ -72,11 +77,21 @@ def AddPoseEstimation(
         model: the object.
         params: parameters of each part.
         name: of the diagram in the other.
+        plant: finalized plant of the diagram under construction that holds the hand, among whatever else: joint
+            positions come from it, and with `simulated_senses` what is felt. Without it, all ports are to be connected.
+        simulated_senses: whether wrenches are those of force-torque sensors at the plant's reaction forces, and
+            pressures those of arrays at its contacts; without, as for real sensors, these ports are to be connected.
 
     Returns:
-        The diagram; its ports are to be connected by name.
+        The diagram; its ports that are not connected yet are to be connected by name.
+
+    Raises:
+        InvalidInputError: if a parameter is out of its range, or the plant's models are none or several of the hand.
     """
-    return builder.AddNamedSystem(name, MakePoseEstimation(hand, model, params))
+    diagram = builder.AddNamedSystem(name, MakePoseEstimation(hand, model, params))
+    if plant is not None:
+        connect_plant(builder, diagram, hand, plant, simulated_senses)
+    return diagram
 
 
 def MakePoseEstimation(hand: HandConfig, model: ObjectModel, params: PoseEstimationParams | None = None) -> Diagram:

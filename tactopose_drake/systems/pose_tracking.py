@@ -2,6 +2,7 @@
 
 import dataclasses
 
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from tactopose_drake.core.shape.object_model import ObjectModel
@@ -9,6 +10,7 @@ from tactopose_drake.hand.hand_config import HandConfig
 from tactopose_drake.systems.belief_inputs import pad_source
 from tactopose_drake.systems.fingertip_velocities import FingertipVelocities
 from tactopose_drake.systems.live_pose_belief_estimator import LivePoseBeliefEstimator
+from tactopose_drake.systems.plant_senses import connect_plant
 from tactopose_drake.systems.pose_belief_estimator import PoseBeliefEstimator, PoseBeliefParams
 from tactopose_drake.systems.touch_sensing import TouchParams, add_touch
 
@@ -33,6 +35,9 @@ def AddPoseTracking(
     model: ObjectModel,
     params: PoseTrackingParams | None = None,
     name: str = "pose_tracking",
+    *,
+    plant: MultibodyPlant | None = None,
+    simulated_senses: bool = True,
 ) -> Diagram:
     """Adds the belief of a held object's pose to a diagram under construction.
 
@@ -73,11 +78,22 @@ def AddPoseTracking(
         model: the object.
         params: parameters of each part.
         name: of the diagram in the other.
+        plant: finalized plant of the diagram under construction that holds the hand, among whatever else: joints and
+            the palm's pose come from it, and with `simulated_senses` what is felt. Without it, all ports are to be
+            connected.
+        simulated_senses: whether wrenches are those of force-torque sensors at the plant's reaction forces, and
+            pressures those of arrays at its contacts; without, as for real sensors, these ports are to be connected.
 
     Returns:
-        The diagram; its ports are to be connected by name.
+        The diagram; its ports that are not connected yet are to be connected by name.
+
+    Raises:
+        InvalidInputError: if a parameter is out of its range, or the plant's models are none or several of the hand.
     """
-    return builder.AddNamedSystem(name, MakePoseTracking(hand, model, params))
+    diagram = builder.AddNamedSystem(name, MakePoseTracking(hand, model, params))
+    if plant is not None:
+        connect_plant(builder, diagram, hand, plant, simulated_senses)
+    return diagram
 
 
 def MakePoseTracking(hand: HandConfig, model: ObjectModel, params: PoseTrackingParams | None = None) -> Diagram:
