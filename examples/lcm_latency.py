@@ -95,10 +95,10 @@ class Hand:
         self.sequence += 1
 
     def hear(self, timeout: float) -> None:
-        """Takes in what is believed, for s."""
+        """Takes in what is believed, for s; at least what is there."""
         end = time.monotonic() + timeout
-        while (left := end - time.monotonic()) > 0:
-            self._link.handle_timeout(math.ceil(1e3 * left))
+        while self._link.handle_timeout(max(0, math.ceil(1e3 * (end - time.monotonic())))) or time.monotonic() < end:
+            pass
 
     def _hear(self, channel: str, data: bytes) -> None:
         belief = ObjectBeliefMessage.decode(data)
@@ -156,7 +156,7 @@ def measure(duration: float, rate: float, url: str, restarts: Mapping[str, float
         try:
             while (now := time.monotonic()) < first + duration:
                 hand.send()
-                next_time = max(next_time + 1.0 / rate, now)
+                next_time += 1.0 / rate
                 hand.hear(next_time - time.monotonic())
                 if hand.first is not None:
                     first = min(first, time.monotonic())

@@ -16,7 +16,7 @@ from tactopose_drake.runs.recorded_senses import read_recording
 from tactopose_drake.runs.scenario_run import run_scenario
 from tactopose_drake.station.scenario import load_scenario
 from tactopose_drake.systems.signals import read_signals
-from tests import held_cube
+from tests import held_can, held_cube
 from tests.cli.test_cli import run as tactopose
 
 rosbags_types = pytest.importorskip("rosbags.typesys")
@@ -140,6 +140,28 @@ def test_the_scenes_frames_are_all_in_tf(simulated: Path, tmp_path: Path) -> Non
     assert len({(marker.ns, marker.id) for marker in scene.markers}) == len(scene.markers)
     palm = load_hand_config("barrett_like").palm_frame
     assert palm in frames
+
+
+def test_a_hand_on_can_gives_joints_by_name_and_pressures_of_its_logs(tmp_path: Path) -> None:
+    scenario = load_scenario("barrett_like_can")
+    scenario.duration = 0.5
+    scenario.senses.buses["hand"].channel = "exported hand"
+    scenario.senses.barrett_hand.max_age = 5.0
+    scenario.senses.simulated.folder = str(tmp_path)
+    scenario.estimation.use_hand_volume = scenario.estimation.check_collisions = False
+    untouched = np.append(held_can.JOINT_POSITIONS, np.zeros(99))  # while the arrays tare themselves
+    table = [np.append(0.0, untouched), np.append(0.1, held_can.ROW)]
+    np.savetxt(tmp_path / "hand.csv", table, delimiter=",", header="time and 106 numbers")
+    run_scenario(scenario, record=tmp_path / "run")
+    assert tactopose("export", tmp_path / "run", "--format", "mcap") == 0
+    found = messages(tmp_path / "run.mcap")
+    state = found["/joint_states"][-1][1]
+    positions = dict(zip(state.name, state.position, strict=True))
+    for joint, position in zip(scenario.senses.barrett_hand.joints, held_can.JOINT_POSITIONS, strict=True):
+        assert positions[joint] == pytest.approx(position, abs=0.01)
+    pads = [f"finger_{k}" for k in (1, 2, 3)] + ["palm"]
+    for pad, pressures in zip(pads, held_can.PRESSURES, strict=True):
+        np.testing.assert_allclose(found[f"/pressure/{pad}"][-1][1].data, pressures, atol=300.0)
 
 
 def rows(path: Path) -> list[dict[str, str]]:
