@@ -1,6 +1,7 @@
 """Runs a scenario whose senses are messages over LCM: a belief for each, as fast as it goes; and sends beliefs."""
 
 import contextlib
+import dataclasses
 import math
 import time
 
@@ -161,23 +162,10 @@ class _LcmRun:
         if silence <= self._max_age or now - self._beat_time < _HEARTBEAT:
             return
         self._beat_time = now
-        if not math.isfinite(silence):
-            self._send(ObjectBeliefMessage(status="lost: no senses yet"))
-            return
-        self._is_silent = True
-        last = self._last
-        status = f"lost: no senses for {silence:.1f} s"
-        self._send(
-            ObjectBeliefMessage(
-                utime=last.utime,
-                sequence=last.sequence,
-                status=status,
-                probability=last.probability,
-                position=last.position,
-                quaternion_wxyz=last.quaternion_wxyz,
-                covariance=last.covariance,
-            )
-        )
+        self._is_silent = math.isfinite(silence)
+        text = f"no senses for {silence:.1f} s" if self._is_silent else "no senses yet"
+        remarks = "".join(f"; {remark}" for remark in self._inbox.take_remarks())
+        self._send(dataclasses.replace(self._last, status=f"lost: {text}{remarks}"))
 
     def _send(self, message: ObjectBeliefMessage) -> None:
         if self._out is None:
@@ -190,6 +178,10 @@ class _LcmRun:
 def _measurement(message: ObjectPoseMessage | None, remarks: list[str]) -> PoseMeasurement | None:
     """What vision says; None where it says nothing, or what cannot be."""
     if message is None:
+        return None
+    length = float(np.linalg.norm(message.quaternion_wxyz))
+    if not abs(length - 1.0) < 1e-3:
+        remarks.append(f"vision: its quaternion has the length {length:g}")
         return None
     try:
         R_PO = matrix_from_quaternion(message.quaternion_wxyz)

@@ -204,13 +204,23 @@ class Duet:
 
 
 def test_what_does_not_fit_is_said_and_the_rest_goes_on(url: str) -> None:
-    duet, sender = Duet(url, 6.0), Sender(open_lcm(url))
+    duet, sender = Duet(url, 8.0), Sender(open_lcm(url))
     sender.until("ok")
     wrenches = {**held_cube.WRENCHES, "pinky": np.zeros(6), "thumb": np.full(6, np.nan)}
     sender.send(wrenches=wrenches, joints={**joints(), "elbow": 1.0}, pressures={"palm": np.zeros(3)})
     said = sender.wait_for("pinky").status
     for text in ("no joint 'elbow'", "no finger 'pinky'", "no pad 'palm'", "thumb: the wrench is not finite"):
         assert text in said
+    for covariance, quaternion, text in (
+        (np.zeros((6, 6)), np.eye(4)[0], "vision: covariance: is not positive definite"),
+        (np.eye(6), np.zeros(4), "vision: its quaternion has the length 0"),
+    ):
+        message = ObjectPoseMessage(utime=1, covariance=covariance, quaternion_wxyz=quaternion)
+        sender._link.publish("VISION", message.encode())
+        sender.send()
+        sender.wait_for(text)
+    sender._link.publish("HAND_SENSES", b"nonsense")
+    sender.wait_for("is no lcmt_hand_senses of this version")
     sender.send(utime=-5)
     assert sender.wait_for("lost: time: is -5e-06").sequence == -1
     sender.send(utime=5)
