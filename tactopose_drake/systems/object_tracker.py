@@ -77,8 +77,9 @@ class ObjectTracker:
                 which the status says.
             pressures: of each pad's cells by pad, Pa; likewise.
             joint_velocities: as `joints`, rad/s: the object moves with the fingertips. Without them, with the palm.
-            vision: the object's pose by a camera or another guess; None where there is no new one: the last one stays.
-            palm_pose: X_WP where it is known: an object that nothing touches then stays behind in the world.
+            vision: the object's pose by a camera or another guess; None where there is no new one.
+            palm_pose: X_WP where it is known: an object that nothing touches then stays behind in the world. It stays
+                what it was until another is given.
 
         Returns:
             The belief; `status` and `remarks` say how far it can be trusted, and `message` both.
@@ -99,7 +100,7 @@ class ObjectTracker:
             raise InvalidInputError(
                 f"vision: is a {type(vision).__name__}; allowed are PoseMeasurement, PosePrior and None."
             )
-        objects: dict[str, object] = {} if vision is None else {"vision": vision}
+        objects: dict[str, object] = {"vision": vision}
         if palm_pose is not None:
             objects["palm_pose"] = RigidTransform(pose_matrix("palm_pose", palm_pose))
         self.context.SetTime(time)

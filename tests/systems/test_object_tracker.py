@@ -60,6 +60,14 @@ def test_it_believes_what_the_diagram_in_a_simulator_believes(cube: ObjectModel,
     assert belief.message == theirs.message
 
 
+def test_a_guess_that_was_given_once_is_not_called_old(tracker: ObjectTracker) -> None:
+    tracker.update(noisy(0), held_cube.Q, 0.0, vision=held_cube.prior())
+    for k in range(1, 8):
+        belief = tracker.update(noisy(k), held_cube.Q, 0.5 * k)
+    assert not [remark for remark in belief.remarks if "vision" in remark]
+    assert np.linalg.norm(belief.X_PO[0, :, 3] - held_cube.X_PO[:, 3]) < 0.006
+
+
 def test_joints_by_name_are_the_same_and_what_follows_follows(tracker: ObjectTracker) -> None:
     in_order = tracker.update(noisy(0), held_cube.Q, 0.0, vision=held_cube.prior()).X_PO
     by_name = dict(zip(tracker.joint_names, held_cube.Q.tolist(), strict=True))
