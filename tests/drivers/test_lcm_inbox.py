@@ -1,3 +1,4 @@
+import os
 import sys
 
 import numpy as np
@@ -28,6 +29,22 @@ def test_all_messages_are_taken_in_and_the_newest_is_used() -> None:
     assert inbox.take() is None
     assert (inbox.received, inbox.lost, inbox.passed_over) == (100, 0, 99)
     assert inbox.take_remarks() == ()
+
+
+def test_none_is_lost_while_nobody_looks() -> None:
+    url = f"udpm://239.255.76.67:{20000 + os.getpid() % 20000}?ttl=0"
+    try:
+        link = open_lcm(url)
+    except BusError as error:
+        pytest.skip(f"there is no multicast here: {error}")
+    inbox = LcmInbox(open_lcm(url), "SENSES")
+    send(link, *range(200))
+    inbox.wait(2.0)
+    if inbox.take() is None:
+        pytest.skip("multicast does not come back to this machine")
+    for _ in range(20):
+        inbox.wait(0.05)
+    assert (inbox.received, inbox.lost) == (200, 0)
 
 
 def test_what_is_missing_is_counted_and_said_once() -> None:

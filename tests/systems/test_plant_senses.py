@@ -56,7 +56,7 @@ def evaluated(diagram: Diagram, root, system: Diagram, port: str):
 
 def test_joints_and_palm_are_those_of_the_hand_in_the_plant(box: ObjectModel) -> None:
     builder = DiagramBuilder()
-    plant, (hand,) = full_plant(builder, "shadow_like")
+    plant, (_, hand) = full_plant(builder, "barrett_like", "shadow_like")
     tracking = AddPoseTracking(builder, hand.config, box, PoseTrackingParams(use_hand_volume=False), plant=plant)
     diagram = builder.Build()
     root = diagram.CreateDefaultContext()
