@@ -31,34 +31,31 @@ class NamedJoints:
         self._place = {joint.name(): joint.position_start() for joint in moving}
         self._couplings = [coupling for finger in hand.config.fingers for coupling in finger.couplings]
 
-    def positions(self, values: Mapping[str, float]) -> FloatArray:
-        """Positions of the plant, shape (nq,), rad, of prismatic joints m.
-
-        Args:
-            values: by the joint's name. What is left out is what its coupling says, or NaN: not known.
-
-        Raises:
-            InvalidInputError: if a name is no joint's, or a value no number.
-        """
-        q = np.full(self._size, np.nan)
-        for name, value in values.items():
-            known_name("joints", name, self.names)
-            q[self._place[name]] = number_array(f"joints[{name}]", value, ())
-        for coupling in self._couplings:
-            if coupling.joint not in values:
-                q[self._place[coupling.joint]] = coupling.ratio * q[self._place[coupling.follows]]
-        return q
-
-    def vector(self, name: str, values: Mapping[str, float] | ArrayLike) -> FloatArray:
-        """What is given by name, or for all joints in the plant's order, as the latter, shape (nq,).
+    def positions(self, name: str, values: Mapping[str, float] | ArrayLike) -> FloatArray:
+        """Positions in the plant's order, shape (nq,), rad, of prismatic joints m.
 
         Args:
             name: of the argument, for messages.
-            values: NaN where a joint is not known.
+            values: by the joints' names, or for all joints in the plant's order; NaN where one is not known. A joint
+                that is left out is where its coupling says, or not known.
 
         Raises:
             InvalidInputError: if it is of another shape, a name is no joint's, or a value no number.
         """
-        if isinstance(values, Mapping):
-            return self.positions(values)
-        return number_array(name, values, (self._size,))
+        return self._in_order(name, values)
+
+    def velocities(self, name: str, values: Mapping[str, float] | ArrayLike) -> FloatArray:
+        """Velocities likewise, rad/s, m/s."""
+        return self._in_order(name, values)
+
+    def _in_order(self, name: str, values: Mapping[str, float] | ArrayLike) -> FloatArray:
+        if not isinstance(values, Mapping):
+            return number_array(name, values, (self._size,))
+        ordered = np.full(self._size, np.nan)
+        for joint, value in values.items():
+            known_name(name, joint, self.names)
+            ordered[self._place[joint]] = number_array(f"{name}[{joint}]", value, ())
+        for coupling in self._couplings:
+            if coupling.joint not in values:
+                ordered[self._place[coupling.joint]] = coupling.ratio * ordered[self._place[coupling.follows]]
+        return ordered

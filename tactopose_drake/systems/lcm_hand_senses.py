@@ -119,7 +119,7 @@ class LcmHandSenses(CollectableSystem):
     def _calc_joints(self, context: Context, output: BasicVector) -> None:
         received = context.get_abstract_state(self._received).get_value()
         known = {name: value for name, value in received.message.joints.items() if name in self._joints.names}
-        output.SetFromVector(self._joints.positions(known))
+        output.SetFromVector(self._joints.positions("joints", known))
 
     def _calc_status(self, context: Context, output: AbstractValue) -> None:
         output.set_value(context.get_abstract_state(self._received).get_value().status)

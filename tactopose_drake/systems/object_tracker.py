@@ -91,10 +91,10 @@ class ObjectTracker:
         values: dict[str, FloatArray] = {
             **self._readings("wrench", "wrenches", wrenches),
             **self._readings("pressures", "pressures", {} if pressures is None else pressures),
-            "joint_positions": self._joints.vector("joints", joints),
+            "joint_positions": self._joints.positions("joints", joints),
         }
         if joint_velocities is not None and self.diagram.HasInputPort("joint_velocities"):
-            values["joint_velocities"] = self._joints.vector("joint_velocities", joint_velocities)
+            values["joint_velocities"] = self._joints.velocities("joint_velocities", joint_velocities)
         time = positive_number("time", time, allow_zero=True, most=LATEST)
         if vision is not None and not isinstance(vision, PoseMeasurement | PosePrior):
             raise InvalidInputError(
