@@ -59,11 +59,10 @@ def AddPoseEstimation(
         - patch_status
 
     - wrench_<finger>: one per finger of the hand, F_S on the fingertip about its sensor's origin, as a sensor measures
-      it: [m_x, m_y, m_z, f_x, f_y, f_z], N m and N; NaN where there is no reading. May stay
-      unconnected for a finger without a sensor.
-    - pressures_<pad>: one per tactile pad of the hand, of its cells, Pa; NaN where there is no reading. May stay
+      it: [m_x, m_y, m_z, f_x, f_y, f_z], N m and N; NaN where there is no reading. This and the next two may stay
       unconnected.
-    - age_<pad>: of those pressures, s; an old frame counts for nothing. May stay unconnected.
+    - pressures_<pad>: one per tactile pad of the hand, of its cells, Pa; NaN where there is no reading.
+    - age_<pad>: of those pressures, s; an old frame counts for nothing.
     - joint_positions: measured positions of the hand's joints, in the order of a plant of the hand alone, rad.
     - prior: `PosePrior` X_PO; may stay unconnected where the method needs none.
     - object_pose, hypotheses, status: of `PoseEstimator`.
@@ -77,16 +76,12 @@ def AddPoseEstimation(
         model: the object.
         params: parameters of each part.
         name: of the diagram in the other.
-        plant: finalized plant of the diagram under construction that holds the hand, among whatever else: joint
-            positions come from it, and with `simulated_senses` what is felt. Without it, all ports are to be connected.
-        simulated_senses: whether wrenches are those of force-torque sensors at the plant's reaction forces, and
-            pressures those of arrays at its contacts; without, as for real sensors, these ports are to be connected.
+        plant: finalized plant of the same diagram that holds the hand among whatever else: the joints are its.
+        simulated_senses: whether, with a plant, wrenches are those of sensors at its reaction forces, and pressures
+            those of arrays at its contacts.
 
     Returns:
-        The diagram; its ports that are not connected yet are to be connected by name.
-
-    Raises:
-        InvalidInputError: if a parameter is out of its range, or the plant's models are none or several of the hand.
+        The diagram; all other ports are to be connected by name.
     """
     diagram = builder.AddNamedSystem(name, MakePoseEstimation(hand, model, params))
     if plant is not None:

@@ -78,17 +78,11 @@ def AddPoseTracking(
         model: the object.
         params: parameters of each part.
         name: of the diagram in the other.
-        plant: finalized plant of the diagram under construction that holds the hand, among whatever else: joints and
-            the palm's pose come from it, and with `simulated_senses` what is felt. Without it, all ports are to be
-            connected.
-        simulated_senses: whether wrenches are those of force-torque sensors at the plant's reaction forces, and
-            pressures those of arrays at its contacts; without, as for real sensors, these ports are to be connected.
+        plant: finalized plant of the same diagram that holds the hand among whatever else: joints and palm are its.
+        simulated_senses: as of `AddPoseEstimation`.
 
     Returns:
-        The diagram; its ports that are not connected yet are to be connected by name.
-
-    Raises:
-        InvalidInputError: if a parameter is out of its range, or the plant's models are none or several of the hand.
+        The diagram; all other ports are to be connected by name.
     """
     diagram = builder.AddNamedSystem(name, MakePoseTracking(hand, model, params))
     if plant is not None:
