@@ -65,9 +65,8 @@ def AddPoseEstimation(
     - age_<pad>: of those pressures, s; an old frame counts for nothing.
     - joint_positions: measured positions of the hand's joints, in the order of a plant of the hand alone, rad.
     - prior: `PosePrior` X_PO; may stay unconnected where the method needs none.
-    - object_pose, hypotheses, status: of `PoseEstimator`.
+    - object_pose, hypotheses, status: of `PoseEstimator`; contact_solutions: of `ContactSolver`.
     - contacts, fingers_in_contact, contact_status: of `ContactsInPalm` (its `status`).
-    - contact_solutions: of `ContactSolver`.
     - patches, patch_status: of `PatchDescriptor` (its `status`); only where the hand has pads.
 
     Args:
