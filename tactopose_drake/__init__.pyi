@@ -1,4 +1,3 @@
-from .core.evidence.contacts import Contacts as Contacts
 from .core.evidence.force_balance import ForceBalance as ForceBalance
 from .core.grasping.quality import GraspQuality as GraspQuality
 from .core.grasping.quality import force_closure_probability as force_closure_probability
@@ -17,6 +16,7 @@ from .core.surfaces.sphere import Sphere as Sphere
 from .core.surfaces.superquadric import Superquadric as Superquadric
 from .core.tracking.frame import PoseMeasurement as PoseMeasurement
 from .errors import TactoposeError as TactoposeError
+from .estimation.drake_contacts import Contacts as Contacts
 from .estimation.estimate import estimate_pose as estimate_pose
 from .estimation.identification import identify as identify
 from .estimation.identities import Identification as Identification

@@ -123,7 +123,7 @@ def test_core_knows_neither_drake_nor_the_rest_of_the_package(module: str) -> No
 @pytest.mark.parametrize("module", in_room("drivers"))
 def test_drivers_know_neither_drake_nor_the_systems(module: str) -> None:
     foreign = {name.split(".")[0] for name in imports(module)} - sys.stdlib_module_names - {"tactopose_drake"}
-    assert foreign <= {"can", "numpy", "lazy_loader"}
+    assert foreign <= {"can", "lcm", "numpy", "lazy_loader"}
     allowed = {"tactopose_drake.core.validation", "tactopose_drake.errors"}
     assert {found for found in own_imports(module) if room(found) != "drivers"} <= allowed
 

@@ -22,6 +22,7 @@ _COMMANDS = {
     "cache": "cache_command.cache_command",
     "demo": "demo_command.demo",
     "estimate": "estimate_command.estimate",
+    "export": "export_command.export",
     "identify": "identify_command.identify_command",
     "replay": "replay_command.replay",
     "run": "run_command.run",

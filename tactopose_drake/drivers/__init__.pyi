@@ -19,6 +19,11 @@ from .frames import ERROR_CONTROLLER as ERROR_CONTROLLER
 from .frames import data_frame as data_frame
 from .frames import error_frame as error_frame
 from .frames import is_ordinary as is_ordinary
+from .lcm_inbox import LcmInbox as LcmInbox
+from .lcm_inbox import open_lcm as open_lcm
+from .lcm_messages import HandSensesMessage as HandSensesMessage
+from .lcm_messages import ObjectBeliefMessage as ObjectBeliefMessage
+from .lcm_messages import ObjectPoseMessage as ObjectPoseMessage
 from .netcanoem import BoardCalibration as BoardCalibration
 from .netcanoem import NetCanOemForceTorque as NetCanOemForceTorque
 from .netcanoem_protocol import Firmware as Firmware

@@ -1,4 +1,5 @@
 from .direct_search import Direct as Direct
+from .drake_contacts import Contacts as Contacts
 from .estimate import GLOBAL_METHODS as GLOBAL_METHODS
 from .estimate import METHODS as METHODS
 from .estimate import estimate_pose as estimate_pose

@@ -12,7 +12,7 @@ from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.validation import FloatArray, pose_matrix
 
 
-@dataclasses.dataclass(frozen=True, eq=False, init=False)
+@dataclasses.dataclass(frozen=True, eq=False, init=False, repr=False)
 class PosePrior(GaussianPrior):
     """A Gaussian belief of the object's pose.
 

@@ -4,22 +4,24 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
-from typing import Literal
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Literal, Self, overload
 
 import numpy as np
 from pydrake.math import RigidTransform
 
+from tactopose_drake.core.plain_values import PlainValue, numbers
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS
-from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.core.validation import FloatArray, pose_matrix
 from tactopose_drake.errors import InvalidInputError
 
 Status = Literal["ok", "ambiguous", "no_solution"]
+_ARRAYS = ("covariance", "free_directions", "inlier_probability")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class PoseHypothesis:
+class PoseHypothesis(PlainValue):
     """One pose that explains the touch.
 
     Attributes:
@@ -44,9 +46,31 @@ class PoseHypothesis:
     explains_touch: bool = True
     inlier_probability: FloatArray = dataclasses.field(default_factory=lambda: np.ones(0))
 
+    def __repr__(self) -> str:
+        wxyz = numbers(self.X_PO.rotation().ToQuaternion().wxyz(), 3)
+        turn, move = _sigmas(self.covariance)
+        free = f", {len(self.free_directions)} free directions" if len(self.free_directions) else ""
+        return (
+            f"<PoseHypothesis {self.probability:.1%}: p_PO {numbers(1e3 * self.X_PO.translation(), 1)} mm, "
+            f"quaternion wxyz {wxyz}, ± {1e3 * move:.1f} mm, ± {math.degrees(turn):.1f} deg{free}>"
+        )
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Self:
+        """What `to_dict` has made it of, to the last bit.
+
+        Raises:
+            InvalidInputError: for an unknown or missing name, or a value that cannot be one.
+        """
+        arrays = {name: np.array(data[name], dtype=np.float64) for name in _ARRAYS if name in data}
+        if "free_directions" in arrays:
+            arrays["free_directions"] = arrays["free_directions"].reshape(-1, 6)
+        pose = {"X_PO": RigidTransform(pose_matrix("X_PO", data["X_PO"]))} if "X_PO" in data else {}
+        return super().from_dict({**data, **arrays, **pose})
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class PoseEstimate:
+class PoseEstimate(PlainValue):
     """The hypotheses that one touch leaves.
 
     All numbers are finite, whatever the status. With "no_solution" the hypotheses are the poses that come nearest to
@@ -73,6 +97,55 @@ class PoseEstimate:
     log_evidence: float = -math.inf
     noise_scale: float = 1.0
     standard_error: float = math.inf
+
+    def __len__(self) -> int:
+        return len(self.hypotheses)
+
+    def __iter__(self) -> Iterator[PoseHypothesis]:
+        return iter(self.hypotheses)
+
+    @overload
+    def __getitem__(self, index: int) -> PoseHypothesis: ...
+    @overload
+    def __getitem__(self, index: slice) -> tuple[PoseHypothesis, ...]: ...
+    def __getitem__(self, index: int | slice) -> PoseHypothesis | tuple[PoseHypothesis, ...]:
+        return self.hypotheses[index]
+
+    def __repr__(self) -> str:
+        many = "1 hypothesis" if len(self) == 1 else f"{len(self)} hypotheses"
+        return f"<PoseEstimate {self.status!r}: {many} in {1e3 * self.duration:.1f} ms, best {self.best!r}>"
+
+    def table(self, most: int = 8) -> str:
+        """The most probable hypotheses as text, a line each.
+
+        After ± stand the root mean square standard deviations of a coordinate. Where the touch leaves directions free,
+        whose number stands under "free", they are as large as what else is known of the pose.
+
+        Args:
+            most: lines; the last line says how many more there are.
+        """
+        head = ("probability", "p_PO, mm", "quaternion wxyz", "± mm", "± deg", "free", "cost")
+        rows = [head, *(_row(hypothesis) for hypothesis in self.hypotheses[:most])]
+        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+        lines = ["  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in rows]
+        hidden = len(self) - most
+        return "\n".join([f"status: {self.status}", *lines, *([f"and {hidden} less probable"] if hidden > 0 else [])])
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Self:
+        """What `to_dict` has made it of, to the last bit.
+
+        Raises:
+            InvalidInputError: for an unknown or missing name, or a value that cannot be one.
+        """
+        given = dict(data)
+        given["hypotheses"] = tuple(PoseHypothesis.from_dict(hypothesis) for hypothesis in data.get("hypotheses", ()))
+        if not given["hypotheses"]:
+            raise InvalidInputError("PoseEstimate.from_dict: has no hypotheses; allowed are one or more.")
+        for name, infinite in (("log_evidence", -math.inf), ("standard_error", math.inf)):
+            if name in given and given[name] is None:
+                given[name] = infinite
+        return super().from_dict(given)
 
     @property
     def best(self) -> PoseHypothesis:
@@ -112,6 +185,26 @@ class PoseEstimate:
             status=status_of(hypotheses, undetermined),
             log_evidence=self.log_evidence + (math.log(mass) if mass else -math.inf),
         )
+
+
+def _sigmas(covariance: FloatArray) -> tuple[float, float]:
+    """Root mean square standard deviations of a rotation's and a translation's coordinates, rad and m."""
+    variance = np.diag(covariance)
+    return math.sqrt(float(variance[:3].mean())), math.sqrt(float(variance[3:].mean()))
+
+
+def _row(hypothesis: PoseHypothesis) -> tuple[str, ...]:
+    """A line of `PoseEstimate.table`."""
+    turn, move = _sigmas(hypothesis.covariance)
+    return (
+        f"{hypothesis.probability:.1%}",
+        numbers(1e3 * hypothesis.X_PO.translation(), 1),
+        numbers(hypothesis.X_PO.rotation().ToQuaternion().wxyz(), 3),
+        f"{1e3 * move:.1f}",
+        f"{math.degrees(turn):.1f}",
+        str(len(hypothesis.free_directions)),
+        f"{hypothesis.cost:.2f}",
+    )
 
 
 def status_of(hypotheses: Sequence[PoseHypothesis], undetermined: bool) -> Status:

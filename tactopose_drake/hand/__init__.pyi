@@ -23,6 +23,7 @@ from .hand_reach import make_hand_reach as make_hand_reach
 from .hand_reach import rest_positions as rest_positions
 from .joint_matrices import joint_matrix as joint_matrix
 from .kinematics import HandKinematics as HandKinematics
+from .named_joints import NamedJoints as NamedJoints
 from .pad_calibration import DEPTH_SHARES as DEPTH_SHARES
 from .pad_calibration import OFFSETS as OFFSETS
 from .pad_calibration import TILTS_DEG as TILTS_DEG

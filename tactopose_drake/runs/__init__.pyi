@@ -1,5 +1,6 @@
 from .contact_truth import ContactTruth as ContactTruth
 from .contact_truth import PartContact as PartContact
+from .csv_export import write_csv as write_csv
 from .device_run import warm_up as warm_up
 from .estimate_writer import EstimateWriter as EstimateWriter
 from .grasp_simulation import GraspResult as GraspResult
@@ -7,8 +8,11 @@ from .grasp_simulation import run_grasp as run_grasp
 from .grasp_simulation import simulate_grasp as simulate_grasp
 from .manifest import Manifest as Manifest
 from .manifest import load_manifest as load_manifest
+from .mcap_export import write_mcap as write_mcap
 from .monitor import Monitor as Monitor
 from .monitor import estimate_line as estimate_line
+from .recorded_senses import RecordedRun as RecordedRun
+from .recorded_senses import read_recording as read_recording
 from .recording import Recording as Recording
 from .rehearsal import rehearse as rehearse
 from .scenario_replay import Replay as Replay

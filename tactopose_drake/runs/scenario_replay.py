@@ -76,26 +76,26 @@ def replay(
     manifest.check_scenario(scenario, folder)
     comparison = ReplayComparison(folder / ESTIMATES, is_live=isinstance(manifest.scenario.senses, CanSenses))
     is_compared = scenario.estimation == manifest.scenario.estimation
-    scenario = _as_recorded(scenario, manifest)
+    scenario = as_recorded(scenario, manifest)
     signals, cut = read_signals(folder / SIGNALS)
     last = max((signal.times[-1] for signal in signals.values()), default=0.0)  # What is beyond is not known.
     signals.pop(TRUE_POSE, None)
     _check_signals(signals, scenario, cut or f"{folder / SIGNALS}: is whole.")
     tell("reading the object")
     with contextlib.ExitStack() as parts:
-        devices = _logged_devices(folder, manifest)
+        devices = logged_devices(folder, manifest)
         if devices is not None and devices.hand is not None:  # They are in the log.
             signals.pop("joint_positions", None)
         simulator = Simulator(_make_station(folder, scenario, devices, signals).diagram)
         if devices is not None:
-            _start(parts.enter_context(devices), manifest.start, folder)
+            start_devices(parts.enter_context(devices), manifest.start, folder)
         if paced:
             simulator.set_target_realtime_rate(1.0)
         simulator.Initialize()
         tell("playing")
         until = min(math.inf if duration is None else duration, last if cut or devices is None else math.inf)
         buses = [] if devices is None else list(devices.buses.values())
-        at_end = functools.partial(_have_ended, buses)
+        at_end = functools.partial(have_ended, buses)
 
         def compare_and_show(view: RunView) -> None:
             if is_compared and not at_end():  # What comes after the end of a log is not compared.
@@ -114,7 +114,7 @@ def _replay(view: RunView, ends: list[EndOfLogError], cut: str, difference: str)
     return Replay(view, texts, not cut and all(end.whole for end in ends), difference)
 
 
-def _have_ended(buses: list[DeviceBus]) -> bool:
+def have_ended(buses: list[DeviceBus]) -> bool:
     """Whether all logs are at their end; without a log nothing ends."""
     return bool(buses) and all(bus.log_end is not None for bus in buses)
 
@@ -134,7 +134,7 @@ def _make_station(
         raise InvalidFileError(f"{folder}: {error}") from None
 
 
-def _as_recorded(scenario: Scenario, manifest: Manifest) -> Scenario:
+def as_recorded(scenario: Scenario, manifest: Manifest) -> Scenario:
     """The scenario with the recording's senses, and without a time limit."""
     estimator = dataclasses.replace(scenario.estimation.estimator, max_duration=None)
     estimation = dataclasses.replace(scenario.estimation, estimator=estimator)
@@ -146,7 +146,7 @@ def _as_recorded(scenario: Scenario, manifest: Manifest) -> Scenario:
     return played
 
 
-def _logged_devices(folder: Path, manifest: Manifest) -> CanDevices | None:
+def logged_devices(folder: Path, manifest: Manifest) -> CanDevices | None:
     """The devices of a recording on buses that play their logs; None where it has none."""
     senses = manifest.scenario.senses
     if not isinstance(senses, CanSenses):
@@ -177,7 +177,7 @@ def _check_signals(signals: Mapping[str, Signal], scenario: Scenario, state: str
 _KINDS: dict[type, str] = {PosePrior: "prior", np.ndarray: "vector"}
 
 
-def _start(devices: CanDevices, start: float, folder: Path) -> None:
+def start_devices(devices: CanDevices, start: float, folder: Path) -> None:
     """Starts the devices at the time at which the run began.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Runs a scenario: in the simulator as fast as it goes, or on CAN devices in real time."""
+"""Runs a scenario: in the simulator as fast as it goes, on CAN devices in real time, or as messages come in."""
 
 import contextlib
 import dataclasses
@@ -8,12 +8,13 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.runs.device_run import check_devices, run_devices
+from tactopose_drake.runs.lcm_run import publishing, run_lcm
 from tactopose_drake.runs.recording import Recording
 from tactopose_drake.runs.scenario_replay import replay
 from tactopose_drake.runs.simulation import start_simulation
 from tactopose_drake.runs.stepping import Observer, Progress, RunView, advance
 from tactopose_drake.station.scenario import Scenario
-from tactopose_drake.station.senses import CanSenses, RecordedSenses, SimulatedDevices
+from tactopose_drake.station.senses import CanSenses, LcmSenses, RecordedSenses, SimulatedDevices, SimulatedSenses
 from tactopose_drake.station.simulated import check_bodies, make_station
 
 
@@ -29,8 +30,9 @@ def run_scenario(
 
     Args:
         scenario: what to run.
-        duration: s; by default the scenario's, on real devices until it is interrupted, and of a recording all.
-        record: folder for a recording, new or empty; a recording is not recorded again.
+        duration: s; by default the scenario's, on real devices and over LCM until it is interrupted, and of a recording
+            all.
+        record: folder for a recording, new or empty; a recording is not recorded again, nor what comes over LCM.
         observer: is shown the run at the period of the estimates.
         tell: is told what begins.
 
@@ -43,11 +45,18 @@ def run_scenario(
     """
     scenario.validate()
     duration = None if duration is None else positive_number("duration", duration)
+    if isinstance(scenario.senses, LcmSenses):
+        if record is not None:
+            raise InvalidInputError(
+                "record: the senses come over LCM, whose own `lcm-logger` records them; allowed are others."
+            )
+        return run_lcm(scenario, duration, observer, tell)
+    observer = publishing(scenario, observer)
     if isinstance(scenario.senses, RecordedSenses):
         if record is not None:
             raise InvalidInputError("record: the scenario's senses are recorded already; allowed are others.")
         return replay(Path(scenario.senses.folder), scenario, duration=duration, observer=observer, tell=tell).view
-    if not isinstance(scenario.senses, CanSenses) or scenario.senses.simulated == SimulatedDevices():
+    if isinstance(scenario.senses, SimulatedSenses) or scenario.senses.simulated == SimulatedDevices():
         check_bodies(scenario)
     if isinstance(scenario.senses, CanSenses):
         check_devices(scenario)

@@ -36,6 +36,8 @@ from .senses import FixedJoints as FixedJoints
 from .senses import ForceTorqueBoard as ForceTorqueBoard
 from .senses import JointFile as JointFile
 from .senses import JointPort as JointPort
+from .senses import LcmPublishing as LcmPublishing
+from .senses import LcmSenses as LcmSenses
 from .senses import RecordedSenses as RecordedSenses
 from .senses import SimulatedDevices as SimulatedDevices
 from .senses import SimulatedSenses as SimulatedSenses

@@ -1,9 +1,9 @@
-"""Where a scenario's senses come from: the simulator, devices on CAN buses, or a recording; only data."""
+"""Where a scenario's senses come from: the simulator, CAN devices, another process, a recording; only data."""
 
 import dataclasses
 import os
 
-from tactopose_drake.core.validation import positive_number
+from tactopose_drake.core.validation import positive_number, whole_number
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
 from tactopose_drake.hand.hand_config import HandConfig
 
@@ -18,6 +18,39 @@ class RecordedSenses:
     """A recording that `tactopose run --record` has made, `!RecordedSenses` in YAML."""
 
     folder: str = ""  # that `run --record` made
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class LcmSenses:
+    """Another process, which sends messages `lcmt_hand_senses` over LCM, `!LcmSenses` in YAML."""
+
+    url: str = "udpm://239.255.76.67:7667?ttl=0"  # LCM's; with ttl=0 nothing leaves this machine
+    channel: str = "HAND_SENSES"  # of `lcmt_hand_senses`
+    vision: str = ""  # channel of `lcmt_object_pose`; empty: there is no vision
+    max_age: float = 0.1  # of a message; after a longer silence the belief is called lost, s
+
+    def validate(self) -> None:
+        """Raises InvalidInputError if a value is out of its range."""
+        for name in ("url", "channel"):
+            if not getattr(self, name):
+                raise InvalidInputError(f"LcmSenses.{name}: is empty; allowed is a text.")
+        positive_number("LcmSenses.max_age", self.max_age)
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class LcmPublishing:
+    """Where a run sends what is believed, as messages `lcmt_object_belief` over LCM."""
+
+    url: str = "udpm://239.255.76.67:7667?ttl=0"  # LCM's; with ttl=0 nothing leaves this machine
+    channel: str = "OBJECT_BELIEF"  # of `lcmt_object_belief`
+    max_modes: int = 8  # that a message has, the most probable ones
+
+    def validate(self) -> None:
+        """Raises InvalidInputError if a value is out of its range."""
+        for name in ("url", "channel"):
+            if not getattr(self, name):
+                raise InvalidInputError(f"LcmPublishing.{name}: is empty; allowed is a text.")
+        whole_number("LcmPublishing.max_modes", self.max_modes, least=1)
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -137,4 +170,4 @@ class CanSenses:
             positive_number(f"{name}.{what}", getattr(device, what))
 
 
-Senses = SimulatedSenses | CanSenses | RecordedSenses
+Senses = SimulatedSenses | CanSenses | LcmSenses | RecordedSenses

@@ -9,8 +9,8 @@ from pydrake.systems.primitives import AddRandomInputs, Demultiplexer
 from tactopose_drake.hand.hand_config import Hand
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
 from tactopose_drake.station.scenario import Scenario
-from tactopose_drake.systems.force_torque_sensor import ForceTorqueSensor, load_force_torque_model
-from tactopose_drake.systems.simulated_array import TactileArray
+from tactopose_drake.systems.force_torque_sensor import load_force_torque_model
+from tactopose_drake.systems.plant_senses import add_touch_sensors
 
 
 def add_senses(
@@ -27,23 +27,8 @@ def add_senses(
     builder.Connect(plant.get_state_output_port(hand.model_instance), positions.get_input_port())
     senses = {"joint_positions": positions.get_output_port(0)}
 
-    sensor_model = load_force_torque_model(scenario.sensor.calibration)
-    for finger, frame in hand.sensor_frames.items():
-        sensor = builder.AddNamedSystem(
-            f"sensor_{finger}",
-            ForceTorqueSensor(plant, hand.welds[finger], frame, sensor_model, scenario.sensor.period),
-        )
-        builder.Connect(plant.get_reaction_forces_output_port(), sensor.GetInputPort("reaction_forces"))
-        builder.Connect(plant.get_body_poses_output_port(), sensor.GetInputPort("body_poses"))
-        senses[f"wrench_{finger}"] = sensor.GetOutputPort("wrench")
-    for pad in hand.config.pads:
-        array = builder.AddNamedSystem(
-            f"tactile_array_{pad.name}", TactileArray(plant, hand.pad_frames[pad.name], load_tactile_pad(pad.array))
-        )
-        builder.Connect(plant.get_contact_results_output_port(), array.GetInputPort("contact_results"))
-        builder.Connect(plant.get_body_poses_output_port(), array.GetInputPort("body_poses"))
-        senses[f"pressures_{pad.name}"] = array.GetOutputPort("pressures")
-    return senses
+    model = load_force_torque_model(scenario.sensor.calibration)
+    return senses | add_touch_sensors(builder, plant, hand, model, scenario.sensor.period)
 
 
 def add_noise(builder: DiagramBuilder, scenario: Scenario, hand: Hand) -> None:

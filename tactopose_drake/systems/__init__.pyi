@@ -24,12 +24,15 @@ from .grip_controller import GripControllerParams as GripControllerParams
 from .grip_controller import set_motor_gains as set_motor_gains
 from .hand_kinematics import declare_kinematics as declare_kinematics
 from .hand_volume import HandVolume as HandVolume
+from .lcm_belief import LcmBelief as LcmBelief
+from .lcm_hand_senses import LcmHandSenses as LcmHandSenses
 from .likelihood_display import LikelihoodDisplay as LikelihoodDisplay
 from .likelihood_display import LikelihoodDisplayParams as LikelihoodDisplayParams
 from .live_pose_belief_estimator import LivePoseBeliefEstimator as LivePoseBeliefEstimator
 from .measured_joints import MeasuredJoints as MeasuredJoints
 from .object_identifier import ObjectIdentifier as ObjectIdentifier
 from .object_identifier import ObjectIdentifierParams as ObjectIdentifierParams
+from .object_tracker import ObjectTracker as ObjectTracker
 from .palm_pose import PalmPose as PalmPose
 from .patch_descriptor import PatchDescriptor as PatchDescriptor
 from .patch_descriptor import PatchDescriptorParams as PatchDescriptorParams

@@ -97,7 +97,8 @@ class ForceTorqueSensor(CollectableSystem):
         self._joint = int(weld.index())
         self._body = int(sensor_frame.body().index())
         self._R_BS = sensor_frame.GetFixedRotationMatrixInBodyFrame()
-        self._g_W = np.array(plant.gravity_field().gravity_vector())
+        has_weight = plant.is_gravity_enabled(weld.child_body().model_instance())
+        self._g_W = np.array(plant.gravity_field().gravity_vector()) if has_weight else np.zeros(3)
 
         X_SJ = plant.CalcRelativeTransform(plant.CreateDefaultContext(), sensor_frame, weld.frame_on_child())
         self._X_SJ: np.ndarray = X_SJ.GetAsMatrix34()

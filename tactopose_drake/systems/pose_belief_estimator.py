@@ -144,6 +144,14 @@ class PoseBeliefEstimator(CollectableSystem):
             shown | {self._inputs.palm.ticket()},
         )
 
+    def advance(self, context: Context) -> None:
+        """Makes the next belief at once, of what the inputs are at the context's time: for a loop without a simulator.
+
+        Args:
+            context: this system's; its state becomes the next.
+        """
+        self._update(context, context.get_mutable_state())
+
     def _update(self, context: Context, state: State) -> EventStatus:
         reading = self._read(context, state)
         pending = context.get_abstract_state(self._pending).get_value()

@@ -2,11 +2,13 @@
 
 import dataclasses
 
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.hand.collision import HandCollision
 from tactopose_drake.hand.hand_config import HandConfig
+from tactopose_drake.systems.plant_senses import connect_plant
 from tactopose_drake.systems.pose_estimator import PoseEstimator, PoseEstimatorParams
 from tactopose_drake.systems.touch_sensing import TouchParams, add_touch
 
@@ -30,6 +32,9 @@ def AddPoseEstimation(
     model: ObjectModel,
     params: PoseEstimationParams | None = None,
     name: str = "pose_estimation",
+    *,
+    plant: MultibodyPlant | None = None,
+    simulated_senses: bool = True,
 ) -> Diagram:
     """Adds the estimation of a held object's pose to a diagram under construction.
 
@@ -54,16 +59,14 @@ def AddPoseEstimation(
         - patch_status
 
     - wrench_<finger>: one per finger of the hand, F_S on the fingertip about its sensor's origin, as a sensor measures
-      it: [m_x, m_y, m_z, f_x, f_y, f_z], N m and N; NaN where there is no reading. May stay
-      unconnected for a finger without a sensor.
-    - pressures_<pad>: one per tactile pad of the hand, of its cells, Pa; NaN where there is no reading. May stay
+      it: [m_x, m_y, m_z, f_x, f_y, f_z], N m and N; NaN where there is no reading. This and the next two may stay
       unconnected.
-    - age_<pad>: of those pressures, s; an old frame counts for nothing. May stay unconnected.
+    - pressures_<pad>: one per tactile pad of the hand, of its cells, Pa; NaN where there is no reading.
+    - age_<pad>: of those pressures, s; an old frame counts for nothing.
     - joint_positions: measured positions of the hand's joints, in the order of a plant of the hand alone, rad.
     - prior: `PosePrior` X_PO; may stay unconnected where the method needs none.
-    - object_pose, hypotheses, status: of `PoseEstimator`.
+    - object_pose, hypotheses, status: of `PoseEstimator`; contact_solutions: of `ContactSolver`.
     - contacts, fingers_in_contact, contact_status: of `ContactsInPalm` (its `status`).
-    - contact_solutions: of `ContactSolver`.
     - patches, patch_status: of `PatchDescriptor` (its `status`); only where the hand has pads.
 
     Args:
@@ -72,11 +75,17 @@ def AddPoseEstimation(
         model: the object.
         params: parameters of each part.
         name: of the diagram in the other.
+        plant: finalized plant of the same diagram that holds the hand among whatever else: the joints are its.
+        simulated_senses: whether, with a plant, wrenches are those of sensors at its reaction forces, and pressures
+            those of arrays at its contacts.
 
     Returns:
-        The diagram; its ports are to be connected by name.
+        The diagram; all other ports are to be connected by name.
     """
-    return builder.AddNamedSystem(name, MakePoseEstimation(hand, model, params))
+    diagram = builder.AddNamedSystem(name, MakePoseEstimation(hand, model, params))
+    if plant is not None:
+        connect_plant(builder, diagram, hand, plant, simulated_senses)
+    return diagram
 
 
 def MakePoseEstimation(hand: HandConfig, model: ObjectModel, params: PoseEstimationParams | None = None) -> Diagram:

@@ -2,6 +2,7 @@
 
 import dataclasses
 
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from tactopose_drake.core.shape.object_model import ObjectModel
@@ -9,6 +10,7 @@ from tactopose_drake.hand.hand_config import HandConfig
 from tactopose_drake.systems.belief_inputs import pad_source
 from tactopose_drake.systems.fingertip_velocities import FingertipVelocities
 from tactopose_drake.systems.live_pose_belief_estimator import LivePoseBeliefEstimator
+from tactopose_drake.systems.plant_senses import connect_plant
 from tactopose_drake.systems.pose_belief_estimator import PoseBeliefEstimator, PoseBeliefParams
 from tactopose_drake.systems.touch_sensing import TouchParams, add_touch
 
@@ -33,6 +35,9 @@ def AddPoseTracking(
     model: ObjectModel,
     params: PoseTrackingParams | None = None,
     name: str = "pose_tracking",
+    *,
+    plant: MultibodyPlant | None = None,
+    simulated_senses: bool = True,
 ) -> Diagram:
     """Adds the belief of a held object's pose to a diagram under construction.
 
@@ -73,11 +78,16 @@ def AddPoseTracking(
         model: the object.
         params: parameters of each part.
         name: of the diagram in the other.
+        plant: finalized plant of the same diagram that holds the hand among whatever else: joints and palm are its.
+        simulated_senses: as of `AddPoseEstimation`.
 
     Returns:
-        The diagram; its ports are to be connected by name.
+        The diagram; all other ports are to be connected by name.
     """
-    return builder.AddNamedSystem(name, MakePoseTracking(hand, model, params))
+    diagram = builder.AddNamedSystem(name, MakePoseTracking(hand, model, params))
+    if plant is not None:
+        connect_plant(builder, diagram, hand, plant, simulated_senses)
+    return diagram
 
 
 def MakePoseTracking(hand: HandConfig, model: ObjectModel, params: PoseTrackingParams | None = None) -> Diagram:

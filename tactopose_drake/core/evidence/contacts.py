@@ -7,6 +7,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tactopose_drake.core.plain_values import PlainValue
 from tactopose_drake.core.validation import FloatArray, limited, points_near, positive_numbers, unit_vectors
 
 # What a sigma may be: m, rad, N. Beyond, the information of a contact and of the rest do not fit into one double.
@@ -15,7 +16,7 @@ _MOST_FORCE = 1e6
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Contacts:
+class Contacts(PlainValue):
     """Measured contacts, in the palm frame P.
 
     Attributes:
@@ -70,10 +71,33 @@ class Contacts:
         sigmas = (np.asarray(getattr(self, name))[index] for name in _SIGMAS)
         return type(self)(self.p_PC[index], normals, forces, *sigmas)
 
+    def __repr__(self) -> str:
+        known = [
+            "points",
+            *(["normals"] if self.n_PC is not None else []),
+            *(["forces"] if self.f_PC is not None else []),
+        ]
+        sigmas = "".join(
+            f", {name} {_span(scale * np.asarray(getattr(self, name)))} {unit}"
+            for name, scale, unit, is_known in (
+                ("sigma_position", 1e3, "mm", True),
+                ("sigma_normal", math.degrees(1.0), "deg", self.n_PC is not None),
+                ("sigma_force", 1.0, "N", self.f_PC is not None),
+            )
+            if is_known and len(self)
+        )
+        return f"<Contacts: {len(self)} {', '.join(known)}{sigmas}>"
+
     @classmethod
     def empty(cls) -> Self:
         """No contact at all."""
         return cls(np.zeros((0, 3)))
+
+
+def _span(values: FloatArray) -> str:
+    """A number, or the least and the largest of several."""
+    least, most = f"{values.min():.3g}", f"{values.max():.3g}"
+    return least if least == most else f"{least} to {most}"
 
 
 def _sigmas(name: str, value: ArrayLike, count: int, least: float, most: float) -> FloatArray:

@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 
+from tactopose_drake.core.plain_values import PlainValue, numbers
 from tactopose_drake.core.validation import FloatArray, points_near, pose_matrix, positive_number
 
 # m and rad. Beyond, the information of the prior and of the touch do not fit into one double.
@@ -12,7 +13,7 @@ _SIGMAS = {"sigma_translation": (1e-7, 1e3), "sigma_rotation": (1e-6, 1e3)}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class GaussianPrior:
+class GaussianPrior(PlainValue):
     """A Gaussian belief of the object's pose.
 
     Attributes:
@@ -35,6 +36,12 @@ class GaussianPrior:
         object.__setattr__(self, "mean", mean)
         for name, (least, most) in _SIGMAS.items():
             object.__setattr__(self, name, positive_number(name, getattr(self, name), least=least, most=most))
+
+    def __repr__(self) -> str:
+        return (
+            f"<{type(self).__name__}: p_PO {numbers(1e3 * self.mean[:, 3], 1)} mm, sigma_translation "
+            f"{1e3 * self.sigma_translation:.3g} mm, sigma_rotation {math.degrees(self.sigma_rotation):.3g} deg>"
+        )
 
     @property
     def sigmas(self) -> FloatArray:

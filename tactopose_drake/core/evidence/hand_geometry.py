@@ -2,6 +2,7 @@
 
 import dataclasses
 
+from tactopose_drake.core.plain_values import PlainValue
 from tactopose_drake.core.validation import (
     FARTHEST,
     FloatArray,
@@ -14,7 +15,7 @@ from tactopose_drake.errors import InvalidInputError
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class HandGeometry:
+class HandGeometry(PlainValue):
     """Spheres that fill the hand at one instant.
 
     Attributes:
@@ -47,3 +48,10 @@ class HandGeometry:
 
     def __len__(self) -> int:
         return len(self.radius)
+
+    def __repr__(self) -> str:
+        radii = 1e3 * self.radius
+        return (
+            f"<HandGeometry: {len(self)} spheres, radii {radii.min():.1f} to {radii.max():.1f} mm, "
+            f"sigma {1e3 * self.sigma:.3g} mm>"
+        )

@@ -87,6 +87,10 @@ class Patch:
     eigenvectors: FloatArray
     eigenvalues: FloatArray
 
+    def __repr__(self) -> str:
+        felt = f", most {np.nanmax(self.pressure) / 1e3:.3g} kPa" if self.is_felt else ""
+        return f"<Patch: {self.status}, {int(self.active.sum())} of {len(self.pressure)} cells active{felt}>"
+
     @functools.cached_property
     def active(self) -> NDArray[np.bool_]:
         """Cells that feel the object, shape (n,)."""

@@ -84,6 +84,16 @@ class ObjectModel:
     mass_is_known: bool = False
     is_kept: bool = False
 
+    def __repr__(self) -> str:
+        low, high = self.vertices.min(axis=0), self.vertices.max(axis=0)
+        extent = " x ".join(f"{1e3 * length:.0f}" for length in high - low)
+        axes = [f"{'any' if axis.is_continuous else axis.order}-fold" for axis in self.symmetries]
+        symmetry = ", ".join(axes) if axes else "none"
+        return (
+            f"<ObjectModel {self.name!r}: {extent} mm, {1e3 * self.mass:.0f} g, {len(self.faces)} faces, "
+            f"symmetry: {symmetry}>"
+        )
+
     @cached_property
     def area(self) -> float:
         """Of the surface, m^2."""

@@ -8,6 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from tactopose_drake.core.plain_values import numbers
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.tracking.motion_prediction import MotionHistory
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
@@ -74,6 +75,10 @@ class PoseBelief:
     searches: int = 0
     vision: VisionRecord = dataclasses.field(default_factory=VisionRecord)
     X_WP: FloatArray | None = None
+
+    def __repr__(self) -> str:
+        best = f", best {self.probability[0]:.0%} at {numbers(1e3 * self.X_PO[0, :, 3], 1)} mm" if self.has_pose else ""
+        return f"<PoseBelief at {self.time:.3f} s: {self.message}; {len(self.mixture)} modes{best}>"
 
     def __deepcopy__(self, memo: Any) -> PoseBelief:
         return self

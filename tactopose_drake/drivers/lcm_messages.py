@@ -1,0 +1,195 @@
+"""The LCM types of `tactopose.lcm` in Python: what a hand senses, what vision says, what is believed.
+
+They are as good as what lcm-gen makes of that file, byte by byte: `lcm` and Drake's `LcmSubscriberSystem.Make` and
+`LcmPublisherSystem.Make` take them.
+"""
+
+import dataclasses
+from typing import Self
+
+import numpy as np
+
+from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.drivers.lcm_codec import LcmReader, LcmWriter
+from tactopose_drake.errors import ProtocolError
+
+
+@dataclasses.dataclass(kw_only=True, eq=False)
+class HandSensesMessage:
+    """`lcmt_hand_senses`: what a hand senses at one time.
+
+    Attributes:
+        utime: when it was measured, microseconds of the sender's clock.
+        sequence: counts the sender's messages from 0 on; -1 of one that nobody has sent.
+        joints: positions by the names in the hand's model, rad, of prismatic joints m; NaN where not known.
+        wrenches: F_S on the fingertip by the fingers' names, shape (6,) each, N m and N; NaN where there is none.
+        pressures: by the pads' names, of each cell, shape (n,), Pa; NaN where a cell says nothing.
+    """
+
+    utime: int = 0
+    sequence: int = -1
+    joints: dict[str, float] = dataclasses.field(default_factory=dict)
+    wrenches: dict[str, FloatArray] = dataclasses.field(default_factory=dict)
+    pressures: dict[str, FloatArray] = dataclasses.field(default_factory=dict)
+
+    def encode(self) -> bytes:
+        """The message as LCM sends it."""
+        out = LcmWriter(_HAND_SENSES)
+        out.integers(self.utime, self.sequence)
+        out.counts(len(self.joints))
+        out.texts(*self.joints)
+        out.numbers(list(self.joints.values()))
+        out.counts(len(self.wrenches))
+        out.texts(*self.wrenches)
+        out.numbers(np.reshape(list(self.wrenches.values()), (-1, 6)))
+        out.counts(len(self.pressures))
+        out.texts(*self.pressures)
+        cells = [len(pressure) for pressure in self.pressures.values()]
+        out.counts(*cells, sum(cells))
+        out.numbers(np.concatenate([np.zeros(0), *self.pressures.values()]))
+        return out.message()
+
+    @classmethod
+    def decode(cls, data: bytes) -> Self:
+        """The message that was sent.
+
+        Raises:
+            ProtocolError: if it is of another type, or damaged.
+        """
+        read = LcmReader(data, _HAND_SENSES, "lcmt_hand_senses")
+        utime, sequence = read.integers(2)
+        names = read.texts(*read.counts(1))
+        joints = dict(zip(names, read.numbers((len(names),)).tolist(), strict=True))
+        names = read.texts(*read.counts(1))
+        wrenches = dict(zip(names, read.numbers((len(names), 6)), strict=True))
+        names = read.texts(*read.counts(1))
+        *cells, total = read.counts(len(names) + 1)
+        if sum(cells) != total:
+            raise ProtocolError(f"LCM message: a lcmt_hand_senses has {total} cells; its pads have {sum(cells)}.")
+        parts = np.split(read.numbers((total,)), np.cumsum(cells)[:-1]) if names else []
+        read.end()
+        return cls(
+            utime=utime,
+            sequence=sequence,
+            joints=joints,
+            wrenches=wrenches,
+            pressures=dict(zip(names, parts, strict=True)),
+        )
+
+
+@dataclasses.dataclass(kw_only=True, eq=False)
+class ObjectPoseMessage:
+    """`lcmt_object_pose`: the object's pose by vision.
+
+    Attributes:
+        utime: when the picture was taken, microseconds of the clock that the senses' utime is of.
+        position: p_PO, shape (3,), m.
+        quaternion_wxyz: of R_PO, shape (4,).
+        covariance: of the increment (w, v) from it to the true pose, shape (6, 6), rad and m.
+    """
+
+    utime: int = 0
+    position: FloatArray = dataclasses.field(default_factory=lambda: np.zeros(3))
+    quaternion_wxyz: FloatArray = dataclasses.field(default_factory=lambda: np.array([1.0, 0.0, 0.0, 0.0]))
+    covariance: FloatArray = dataclasses.field(default_factory=lambda: np.zeros((6, 6)))
+
+    def encode(self) -> bytes:
+        """The message as LCM sends it."""
+        out = LcmWriter(_OBJECT_POSE)
+        out.integers(self.utime)
+        for values, shape in ((self.position, (3,)), (self.quaternion_wxyz, (4,)), (self.covariance, (6, 6))):
+            out.numbers(np.reshape(values, shape))
+        return out.message()
+
+    @classmethod
+    def decode(cls, data: bytes) -> Self:
+        """The message that was sent.
+
+        Raises:
+            ProtocolError: if it is of another type, or damaged.
+        """
+        read = LcmReader(data, _OBJECT_POSE, "lcmt_object_pose")
+        (utime,) = read.integers(1)
+        position, quaternion, covariance = (read.numbers(shape) for shape in ((3,), (4,), (6, 6)))
+        read.end()
+        return cls(utime=utime, position=position, quaternion_wxyz=quaternion, covariance=covariance)
+
+
+@dataclasses.dataclass(kw_only=True, eq=False)
+class ObjectBeliefMessage:
+    """`lcmt_object_belief`: what is believed of the object's pose in the palm; n modes by falling probability.
+
+    Attributes:
+        utime: of the senses that it is of, microseconds of their sender's clock.
+        sequence: of those senses; -1 before the first.
+        session: another one for each start of the estimator.
+        received: messages of senses since its start.
+        lost: of those that were sent meanwhile, by their sequence.
+        passed_over: of those received: newer ones were there before a belief could be made of them.
+        status: "ok", "ambiguous", "slipping", "no_contact" or "lost"; remarks after a colon.
+        probability: of each mode, shape (n,).
+        position: p_PO, shape (n, 3), m.
+        quaternion_wxyz: of R_PO, shape (n, 4).
+        covariance: of the increments (w, v), shape (n, 6, 6), rad and m.
+    """
+
+    utime: int = 0
+    sequence: int = -1
+    session: int = 0
+    received: int = 0
+    lost: int = 0
+    passed_over: int = 0
+    status: str = ""
+    probability: FloatArray = dataclasses.field(default_factory=lambda: np.zeros(0))
+    position: FloatArray = dataclasses.field(default_factory=lambda: np.zeros((0, 3)))
+    quaternion_wxyz: FloatArray = dataclasses.field(default_factory=lambda: np.zeros((0, 4)))
+    covariance: FloatArray = dataclasses.field(default_factory=lambda: np.zeros((0, 6, 6)))
+
+    def encode(self) -> bytes:
+        """The message as LCM sends it."""
+        out, count = LcmWriter(_OBJECT_BELIEF), len(self.probability)
+        out.integers(self.utime, self.sequence, self.session, self.received, self.lost, self.passed_over)
+        out.texts(self.status)
+        out.counts(count)
+        out.numbers(self.probability)
+        for values, shape in ((self.position, (3,)), (self.quaternion_wxyz, (4,)), (self.covariance, (6, 6))):
+            out.numbers(np.reshape(values, (count, *shape)))
+        return out.message()
+
+    @classmethod
+    def decode(cls, data: bytes) -> Self:
+        """The message that was sent.
+
+        Raises:
+            ProtocolError: if it is of another type, or damaged.
+        """
+        read = LcmReader(data, _OBJECT_BELIEF, "lcmt_object_belief")
+        utime, sequence, session, received, lost, passed_over = read.integers(6)
+        (status,) = read.texts(1)
+        (count,) = read.counts(1)
+        arrays = [read.numbers((count, *shape)) for shape in ((), (3,), (4,), (6, 6))]
+        read.end()
+        return cls(
+            utime=utime,
+            sequence=sequence,
+            session=session,
+            received=received,
+            lost=lost,
+            passed_over=passed_over,
+            status=status,
+            probability=arrays[0],
+            position=arrays[1],
+            quaternion_wxyz=arrays[2],
+            covariance=arrays[3],
+        )
+
+
+def _fingerprint(number: int) -> bytes:
+    """Of a type without types in it: lcm-gen's number, its bits turned left by one."""
+    return ((number << 1 | number >> 63) & 0xFFFF_FFFF_FFFF_FFFF).to_bytes(8, "big")
+
+
+# As lcm-gen computes them of `tactopose.lcm`.
+_HAND_SENSES = _fingerprint(0xB95DA6B012AA2FEF)
+_OBJECT_POSE = _fingerprint(0x9DAD27A955770D43)
+_OBJECT_BELIEF = _fingerprint(0xD9BA3C0199BCDA3F)

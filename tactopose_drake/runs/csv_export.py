@@ -1,0 +1,97 @@
+"""A recording as one table of comma-separated values."""
+
+import csv
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+from pydrake.math import RigidTransform
+from pydrake.multibody.tree import PrismaticJoint
+
+from tactopose_drake.estimation.output_files import written_beside
+from tactopose_drake.estimation.prior import PosePrior
+from tactopose_drake.hand.hand_config import load_hand_config, make_hand_plant
+from tactopose_drake.runs.recorded_senses import RecordedRun
+from tactopose_drake.systems.signals import Value
+
+_POSE = ("p_x_m", "p_y_m", "p_z_m", "q_w", "q_x", "q_y", "q_z")
+_WRENCH = ("m_x_Nm", "m_y_Nm", "m_z_Nm", "f_x_N", "f_y_N", "f_z_N")
+_OBJECT = (*_POSE, *(f"sigma_w_{axis}_rad" for axis in "xyz"), *(f"sigma_v_{axis}_m" for axis in "xyz"), "probability")
+
+# The time of a change, the column's group, and its numbers or texts.
+_Cells = tuple[float, str, Sequence[str]]
+
+
+def write_csv(run: RecordedRun, path: Path) -> None:
+    """Writes a row for each time at which anything changed.
+
+    A cell is empty where its column has no new value then, and "nan" where there was no reading. Columns are called
+    `<what>/<part>_<unit>`: `time_s`, `joint/<joint>_rad`, `wrench/<finger>/f_x_N`, `pressure/<pad>/<cell>_Pa`,
+    `prior/p_x_m`, `true/p_x_m`, of the best hypothesis `object/p_x_m`, and `status`.
+
+    Args:
+        run: the recording.
+        path: of the file, which is replaced.
+
+    Raises:
+        InvalidFileError: if it cannot be written.
+    """
+    columns: dict[str, tuple[str, ...]] = {}
+    for name, signal in run.signals.items():
+        columns[name] = _columns(name, run, signal.values)
+    columns |= {"estimates": tuple(f"object/{part}" for part in _OBJECT), "status": ("status",)}
+    header = [column for group in columns.values() for column in group]
+    start = dict(zip(columns, np.cumsum([0, *map(len, columns.values())]).tolist(), strict=False))
+    with written_beside(path) as beside, beside.open("w", newline="", encoding="utf-8") as file:
+        table = csv.writer(file)
+        table.writerow(["time_s", *header])
+        row, row_time = [""] * len(header), None
+        for time, name, cells in sorted(_changes(run), key=lambda change: change[0]):
+            if row_time is not None and time > row_time:
+                table.writerow([repr(row_time), *row])
+                row = [""] * len(header)
+            row_time = time
+            row[start[name] : start[name] + len(cells)] = cells
+        if row_time is not None:
+            table.writerow([repr(row_time), *row])
+
+
+def _columns(name: str, run: RecordedRun, values: Sequence[Value]) -> tuple[str, ...]:
+    """The columns of a signal."""
+    if name == "joint_positions":
+        units = _joint_units(run)
+        return tuple(f"joint/{joint}_{units[joint]}" for joint in run.joints)
+    if name.startswith("wrench_"):
+        return tuple(f"wrench/{name.removeprefix('wrench_')}/{part}" for part in _WRENCH)
+    if name.startswith("pressures_"):
+        count = len(next(iter(values), ()))
+        return tuple(f"pressure/{name.removeprefix('pressures_')}/{cell}_Pa" for cell in range(count))
+    return tuple(f"{'true' if name == 'true_pose' else name}/{part}" for part in _POSE)
+
+
+def _joint_units(run: RecordedRun) -> dict[str, str]:
+    plant, hand = make_hand_plant(load_hand_config(run.manifest.scenario.hand))
+    joints = [plant.get_joint(index) for index in plant.GetJointIndices(hand.model_instance)]
+    return {joint.name(): "m" if isinstance(joint, PrismaticJoint) else "rad" for joint in joints}
+
+
+def _changes(run: RecordedRun) -> Iterator[_Cells]:
+    for name, signal in run.signals.items():
+        for time, value in zip(signal.times, signal.values, strict=True):
+            yield time, name, _cells(value)
+    for line in run.estimates:
+        time = float(line["time"])
+        yield time, "status", [str(line.get("status", ""))]
+        for best in (line["hypotheses"] or ())[:1]:
+            sigmas = np.sqrt(np.diag(np.array(best["covariance"])))
+            numbers = [*best["translation"], *best["quaternion_wxyz"], *sigmas.tolist(), best["probability"]]
+            yield time, "estimates", [repr(number) for number in numbers]
+
+
+def _cells(value: Value) -> list[str]:
+    if value is None:
+        return []
+    if isinstance(value, PosePrior | RigidTransform):
+        X = value.X_PO if isinstance(value, PosePrior) else value
+        value = np.append(X.translation(), X.rotation().ToQuaternion().wxyz())
+    return [repr(number) for number in value.tolist()]

@@ -1,0 +1,226 @@
+"""A recording as MCAP with messages of ROS 2, which Foxglove, PlotJuggler and rosbag2 open without a plugin."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from mcap.writer import Writer
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+
+from tactopose_drake.core.poses import make_poses, matrix_from_quaternion
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.estimation.output_files import written_beside
+from tactopose_drake.estimation.prior import PosePrior
+from tactopose_drake.hand.hand_config import add_hand, load_hand_config
+from tactopose_drake.resources import fixed_pose, passing_builder
+from tactopose_drake.runs.recorded_senses import RecordedRun
+from tactopose_drake.runs.ros2_messages import TRIANGLE_LIST, definition, encode
+from tactopose_drake.visualization.body_meshes import BodyMeshes, Triangles
+
+_OBJECT_COLOUR = (0.85, 0.55, 0.25)
+
+
+class _Message(NamedTuple):
+    """A message at a time of the run, s."""
+
+    time: float
+    topic: str
+    kind: str
+    value: dict[str, Any]
+
+
+def write_mcap(run: RecordedRun, path: Path) -> None:
+    """Writes all that was sensed and estimated, by the times of the run since the epoch.
+
+    | topic | type |
+    | --- | --- |
+    | /joint_states | sensor_msgs/JointState, with the joints' names |
+    | /wrench/<finger> | geometry_msgs/WrenchStamped, in the sensor's frame |
+    | /pressure/<pad> | std_msgs/Float64MultiArray, Pa |
+    | /prior | geometry_msgs/PoseWithCovarianceStamped, in the palm |
+    | /object_pose | geometry_msgs/PoseWithCovarianceStamped, in the palm, of the best hypothesis |
+    | /hypotheses | geometry_msgs/PoseArray, all of them by falling probability |
+    | /true_pose | geometry_msgs/PoseStamped, of a simulation |
+    | /status | std_msgs/String |
+    | /tf | tf2_msgs/TFMessage: the hand's links and frames by the joints, and the object by the best hypothesis |
+    | /scene | visualization_msgs/MarkerArray: the shapes of hand and object, in the frames of /tf |
+
+    Covariances are as ROS has them: of the position, then of a rotation about the palm's axes, m and rad.
+
+    Args:
+        run: the recording.
+        path: of the file, which is replaced.
+
+    Raises:
+        InvalidFileError: if it cannot be written.
+    """
+    messages = sorted(_messages(run), key=lambda message: message.time)
+    with written_beside(path) as beside, beside.open("wb") as file:
+        out = Writer(file)
+        out.start(profile="ros2", library="tactopose_drake")
+        schemas: dict[str, int] = {}
+        channels: dict[str, int] = {}
+        for number, (time, topic, kind, value) in enumerate(messages):
+            package, name = kind.split("/")
+            if kind not in schemas:
+                schemas[kind] = out.register_schema(f"{package}/msg/{name}", "ros2msg", definition(kind).encode())
+            if topic not in channels:
+                channels[topic] = out.register_channel(topic, "cdr", schemas[kind], {"offered_qos_profiles": ""})
+            stamp = _nanoseconds(run, time)
+            out.add_message(channels[topic], stamp, encode(kind, value), stamp, number)
+        scenario = run.manifest.scenario
+        about = {"hand": scenario.hand, "object": scenario.object, "versions": json.dumps(run.manifest.versions)}
+        out.add_metadata("tactopose_drake", about)
+        out.finish()  # type: ignore[no-untyped-call]
+
+
+def _nanoseconds(run: RecordedRun, time: float) -> int:
+    """Since the epoch; what was known before the run began is of its beginning."""
+    return round(1e9 * run.manifest.start) + round(1e9 * max(time, 0.0))
+
+
+def _messages(run: RecordedRun) -> Iterator[_Message]:
+    hand = _Hand(run)
+
+    def header(time: float, frame: str) -> dict[str, Any]:
+        seconds, rest = divmod(_nanoseconds(run, time), 10**9)
+        return {"stamp": {"sec": seconds, "nanosec": rest}, "frame_id": frame}
+
+    yield _Message(0.0, "/scene", "visualization_msgs/MarkerArray", {"markers": _scene(run, hand, header(0.0, ""))})
+    for name, signal in run.signals.items():
+        for time, value in zip(signal.times, signal.values, strict=True):
+            if value is None:
+                continue
+            if name == "joint_positions":
+                state = {"header": header(time, ""), "name": run.joints, "position": value}
+                yield _Message(time, "/joint_states", "sensor_msgs/JointState", state)
+                yield _tf(time, [_transform(header(time, parent), *link) for parent, *link in hand.links(value)])
+            elif name.startswith("wrench_"):
+                finger = name.removeprefix("wrench_")
+                wrench = {"torque": _xyz(value[:3]), "force": _xyz(value[3:])}
+                stamped = {"header": header(time, hand.sensor_frames[finger]), "wrench": wrench}
+                yield _Message(time, f"/wrench/{finger}", "geometry_msgs/WrenchStamped", stamped)
+            elif name.startswith("pressures_"):
+                layout = {"dim": [{"label": "cell", "size": len(value), "stride": len(value)}]}
+                array = {"layout": layout, "data": value}
+                yield _Message(
+                    time, f"/pressure/{name.removeprefix('pressures_')}", "std_msgs/Float64MultiArray", array
+                )
+            elif isinstance(value, PosePrior):
+                covariance = _ros_covariance(np.diag(value.sigmas**2), value.mean)
+                pose = {"pose": _pose(value.X_PO), "covariance": covariance}
+                stamped = {"header": header(time, hand.palm), "pose": pose}
+                yield _Message(time, "/prior", "geometry_msgs/PoseWithCovarianceStamped", stamped)
+            elif name == "true_pose":
+                stamped = {"header": header(time, hand.palm), "pose": _pose(value)}
+                yield _Message(time, "/true_pose", "geometry_msgs/PoseStamped", stamped)
+    for line in run.estimates:
+        time = float(line["time"])
+        yield _Message(time, "/status", "std_msgs/String", {"data": str(line.get("status", ""))})
+        poses = [_recorded_pose(hypothesis) for hypothesis in line["hypotheses"] or ()]
+        if not poses:
+            continue
+        covariance = np.array(line["hypotheses"][0]["covariance"])
+        best = {"pose": _pose(poses[0]), "covariance": _ros_covariance(covariance, poses[0].GetAsMatrix34())}
+        stamped = {"header": header(time, hand.palm), "pose": best}
+        yield _Message(time, "/object_pose", "geometry_msgs/PoseWithCovarianceStamped", stamped)
+        array = {"header": header(time, hand.palm), "poses": [_pose(X_PO) for X_PO in poses]}
+        yield _Message(time, "/hypotheses", "geometry_msgs/PoseArray", array)
+        yield _tf(time, [_transform(header(time, hand.palm), "object", poses[0])])
+
+
+class _Hand:
+    """Frames and shapes of the recording's hand.
+
+    Attributes:
+        palm, sensor_frames: names of P, and of the sensors' frames by finger.
+        shapes: triangles by the name of their link.
+    """
+
+    def __init__(self, run: RecordedRun) -> None:
+        scenario = run.manifest.scenario
+        config = load_hand_config(scenario.hand)
+        with passing_builder() as builder:
+            self._plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.001)
+            hand = add_hand(self._plant, config, fixed_pose("Scenario.X_WBase", scenario.X_WBase))
+            self._plant.Finalize()
+            meshes = BodyMeshes.from_inspector(self._plant, scene_graph.model_inspector(), hand.model_instance)
+        self._context = self._plant.CreateDefaultContext()
+        self._bodies = [self._plant.get_body(index) for index in self._plant.GetBodyIndices(hand.model_instance)]
+        names = {int(body.index()): body.name() for body in self._bodies}
+        self.shapes = [(names[body], mesh) for body, mesh in zip(meshes.body, meshes.meshes, strict=True)]
+        links = set(names.values())
+        self._frames = {
+            name: frame
+            for name, frame in ((frame.name(), frame) for frame in (hand.palm_frame, *hand.sensor_frames.values()))
+            if name not in links
+        }
+        self.palm = hand.palm_frame.name()
+        self.sensor_frames = {finger: frame.name() for finger, frame in hand.sensor_frames.items()}
+
+    def links(self, q: FloatArray) -> Iterator[tuple[str, str, RigidTransform]]:
+        """Parent, child, and pose of each link in the world and of each further frame in its link; NaN counts as 0."""
+        self._plant.SetPositions(self._context, np.nan_to_num(q))
+        for body in self._bodies:
+            yield "world", body.name(), body.EvalPoseInWorld(self._context)
+        for name, frame in self._frames.items():
+            yield frame.body().name(), name, frame.GetFixedPoseInBodyFrame()
+
+
+def _scene(run: RecordedRun, hand: _Hand, header: dict[str, Any]) -> list[dict[str, Any]]:
+    """Markers of the hand's links and of the object."""
+    model = ObjectModel.from_mesh(run.manifest.scenario.object_mesh())
+    colour = np.tile(_OBJECT_COLOUR, (len(model.vertices), 1))
+    shapes = [*hand.shapes, ("object", Triangles(model.vertices, model.faces, colour))]
+    return [
+        {
+            "header": {**header, "frame_id": link},
+            "ns": "object" if link == "object" else "hand",
+            "id": number,
+            "type": TRIANGLE_LIST,
+            "pose": _pose(RigidTransform()),
+            "scale": _xyz(np.ones(3)),
+            "color": dict(zip("rgba", (*mesh.colour[0].tolist(), 1.0), strict=True)),
+            "frame_locked": True,
+            "points": np.asarray(mesh.vertices[mesh.faces].reshape(-1, 3)),
+        }
+        for number, (link, mesh) in enumerate(shapes)
+    ]
+
+
+def _tf(time: float, transforms: list[dict[str, Any]]) -> _Message:
+    return _Message(time, "/tf", "tf2_msgs/TFMessage", {"transforms": transforms})
+
+
+def _transform(header: dict[str, Any], child: str, X: RigidTransform) -> dict[str, Any]:
+    pose = _pose(X)
+    return {
+        "header": header,
+        "child_frame_id": child,
+        "transform": {"translation": pose["position"], "rotation": pose["orientation"]},
+    }
+
+
+def _recorded_pose(hypothesis: dict[str, Any]) -> RigidTransform:
+    R_PO = matrix_from_quaternion(np.array(hypothesis["quaternion_wxyz"]))
+    return RigidTransform(make_poses(R_PO, np.array(hypothesis["translation"])))
+
+
+def _pose(X: RigidTransform) -> dict[str, Any]:
+    w, *xyz = X.rotation().ToQuaternion().wxyz().tolist()
+    return {"position": _xyz(X.translation()), "orientation": {**dict(zip("xyz", xyz, strict=True)), "w": w}}
+
+
+def _xyz(vector: FloatArray) -> dict[str, float]:
+    return dict(zip("xyz", vector.tolist(), strict=True))
+
+
+def _ros_covariance(covariance: FloatArray, X_PO: FloatArray) -> FloatArray:
+    """Of the position and a rotation about P's axes, shape (36,), from that of (w, v) with w about O's axes."""
+    turn = np.zeros((6, 6))
+    turn[:3, 3:], turn[3:, :3] = np.eye(3), X_PO[:, :3]
+    return (turn @ covariance @ turn.T).reshape(-1)

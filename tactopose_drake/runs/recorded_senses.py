@@ -1,0 +1,130 @@
+"""All that a recording holds, over time and by name: what was sensed, on CAN buses too, and what was estimated."""
+
+import contextlib
+import dataclasses
+import functools
+import json
+from pathlib import Path
+from typing import Any
+
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context, EventStatus
+
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.errors import InvalidFileError
+from tactopose_drake.hand.hand_config import load_hand_config, make_hand_plant
+from tactopose_drake.hand.named_joints import NamedJoints
+from tactopose_drake.runs.manifest import ESTIMATES, SIGNALS, Manifest, load_manifest
+from tactopose_drake.runs.scenario_replay import as_recorded, have_ended, logged_devices, start_devices
+from tactopose_drake.runs.simulation import sense_ports
+from tactopose_drake.runs.stepping import advance
+from tactopose_drake.station.hardware import make_hardware_station
+from tactopose_drake.station.senses import CanSenses
+from tactopose_drake.systems.signals import Signal, SignalRecorder, read_signals
+
+_STEP = 0.1  # s, after which a log is asked whether it has ended
+_NEVER = 1e9  # s
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class RecordedRun:
+    """A recording.
+
+    Attributes:
+        manifest: of which scenario, and when.
+        signals: `joint_positions`, `prior`, `wrench_<finger>`, `pressures_<pad>`, and of a simulation `true_pose`:
+            those that the recording has.
+        joints: names of the numbers of `joint_positions`.
+        estimates: lines of `estimates.jsonl`, by rising time.
+        problems: what could not be read to its end, in sentences.
+    """
+
+    manifest: Manifest
+    signals: dict[str, Signal]
+    joints: tuple[str, ...]
+    estimates: tuple[dict[str, Any], ...]
+    problems: tuple[str, ...]
+
+
+def read_recording(folder: Path) -> RecordedRun:
+    """Reads a folder that `run --record` made; CAN logs go through the drivers, without an estimate.
+
+    Raises:
+        InvalidFileError: if the folder is no recording, or a file of it cannot be read.
+    """
+    manifest = load_manifest(folder)
+    signals, cut = read_signals(folder / SIGNALS)
+    problems = [cut] if cut else []
+    if isinstance(manifest.scenario.senses, CanSenses):
+        played, ends = _play(folder, manifest, signals)
+        signals, problems = signals | played, problems + ends
+    estimates, damage = _read_estimates(folder / ESTIMATES)
+    joints = NamedJoints(*make_hand_plant(load_hand_config(manifest.scenario.hand))).names
+    return RecordedRun(manifest, signals, joints, estimates, (*problems, *damage))
+
+
+def _play(folder: Path, manifest: Manifest, signals: dict[str, Signal]) -> tuple[dict[str, Signal], list[str]]:
+    """What the devices of a run measured, by their logs; and how logs ended that were cut off."""
+    estimator = dataclasses.replace(manifest.scenario.estimation.estimator, period=_NEVER)
+    estimation = dataclasses.replace(
+        manifest.scenario.estimation, estimator=estimator, check_collisions=False, use_hand_volume=False
+    )
+    scenario = as_recorded(dataclasses.replace(manifest.scenario, estimation=estimation, tracking=None), manifest)
+    with contextlib.ExitStack() as parts:
+        recorder = parts.enter_context(SignalRecorder())
+        devices = logged_devices(folder, manifest)
+        assert devices is not None
+        known = {name: signal for name, signal in signals.items() if name in ("joint_positions", "prior")}
+        if devices.hand is not None:  # They are in the log.
+            known.pop("joint_positions", None)
+        station = make_hardware_station(
+            scenario, devices, known, model=ObjectModel.from_mesh(manifest.scenario.object_mesh())
+        )
+        simulator = Simulator(station.diagram)
+        start_devices(parts.enter_context(devices), manifest.start, folder)
+        ports = [port for port in sense_ports(station.diagram) if port.get_name() not in known]
+        buses = list(devices.buses.values())
+        at_end = functools.partial(have_ended, buses)
+
+        def monitor(context: Context) -> EventStatus:
+            for port in ports:
+                if port.get_name() != "prior" and not at_end():
+                    recorder.write(port.get_name(), context.get_time(), port.Eval(context))
+            return EventStatus.Succeeded()
+
+        simulator.set_monitor(monitor)
+        simulator.Initialize()
+        advance(simulator, devices, _STEP, _NEVER, lambda view: None, at_end)
+        ends = [str(bus.log_end) for bus in buses if bus.log_end is not None and not bus.log_end.whole]
+        return recorder.signals, ends
+
+
+def _read_estimates(path: Path) -> tuple[tuple[dict[str, Any], ...], list[str]]:
+    """The lines, as far as they are whole, and what is wrong with the rest."""
+    if not path.is_file():
+        return (), []
+    try:
+        texts = path.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise InvalidFileError(f"{path}: cannot be read ({' '.join(str(error).split())}).") from None
+    lines: list[dict[str, Any]] = []
+    for text in texts:
+        try:
+            line = json.loads(text)
+            _check_estimate(line)
+        except (LookupError, RecursionError, TypeError, ValueError):
+            return tuple(lines), [f"{path}: cannot be read from line {len(lines) + 1} on."]
+        lines.append(line)
+    return tuple(lines), []
+
+
+def _check_estimate(line: Any) -> None:
+    """Raises one of several errors if a line is no estimate."""
+    float(line["time"])
+    for hypothesis in line["hypotheses"] or ():
+        for key, length in (("translation", 3), ("quaternion_wxyz", 4)):
+            if [type(number) for number in hypothesis[key]] != [float] * length:
+                raise ValueError(key)
+        if any(len(row) != 6 for row in hypothesis["covariance"]) or len(hypothesis["covariance"]) != 6:
+            raise ValueError("covariance")
+        float(hypothesis["probability"])

@@ -1,0 +1,152 @@
+"""What a hand senses, from messages over LCM, where a diagram has simulated senses."""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import BasicVector, Context, EventStatus, State
+
+from tactopose_drake.core.validation import FloatArray, positive_number
+from tactopose_drake.drivers.lcm_messages import HandSensesMessage
+from tactopose_drake.hand.hand_config import HandConfig, make_hand_plant
+from tactopose_drake.hand.named_joints import NamedJoints
+from tactopose_drake.hand.tactile_pads import load_tactile_pad
+from tactopose_drake.systems.collectable_system import CollectableSystem
+from tactopose_drake.systems.ports import eval_input
+
+_NO_MESSAGE = "no message yet"
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Received:
+    """The last message, the diagram's time when it came, s, and what is said of it now."""
+
+    message: HandSensesMessage
+    time: float
+    status: str
+    is_used: bool = False
+
+    def __deepcopy__(self, memo: Any) -> "_Received":
+        return self
+
+
+class LcmHandSenses(CollectableSystem):
+    """Gives a hand's senses from messages `lcmt_hand_senses`, and says how old they are.
+
+    .. pydrake_system::
+
+        name: LcmHandSenses
+        input_ports:
+        - message
+        output_ports:
+        - wrench_<finger>
+        - pressures_<pad>
+        - joint_positions
+        - age
+        - status
+
+    - message: `HandSensesMessage`, of an `LcmSubscriberSystem`; read once a period. Between two of its reads only the
+      last message counts.
+    - wrench_<finger>: F_S on each fingertip with a force-torque sensor, shape (6,), N m and N. NaN where the message
+      has none, or is older than `max_age`.
+    - pressures_<pad>: of each pad's cells, Pa; likewise.
+    - joint_positions: of the hand's own plant, shape (nq,), rad. NaN where the message has none; coupled joints follow.
+    - age: since the last message came, s, shape (1,); infinite before the first.
+    - status: str, "ok", "no message yet", "stale: " and its age, or what of the message does not fit the hand.
+
+    All change once a period.
+    """
+
+    def __init__(self, hand: HandConfig, period: float = 0.0025, max_age: float = 0.1) -> None:
+        """Declares the ports by the hand's names.
+
+        Args:
+            hand: the hand.
+            period: between two looks at the message, s.
+            max_age: of a message that counts, s.
+        """
+        super().__init__()
+        plant, parts = make_hand_plant(hand)
+        self._joints = NamedJoints(plant, parts)
+        self._max_age = positive_number("max_age", max_age)
+        self._message = self.DeclareAbstractInputPort("message", AbstractValue.Make(HandSensesMessage()))
+        nothing = _Received(HandSensesMessage(), -np.inf, _NO_MESSAGE)
+        self._received = self.DeclareAbstractState(AbstractValue.Make(nothing))
+        self._age = self.DeclareDiscreteState([np.inf])
+        self.DeclarePeriodicUnrestrictedUpdateEvent(positive_number("period", period), 0.0, self._look)
+        self._cells = {pad.name: len(load_tactile_pad(pad.array).layout) for pad in hand.pads}
+        for finger in parts.sensor_frames:
+            self._declare(f"wrench_{finger}", 6, "wrenches", finger)
+        for pad, count in self._cells.items():
+            self._declare(f"pressures_{pad}", count, "pressures", pad)
+        self._fingers = tuple(parts.sensor_frames)
+        ticket = {self.abstract_state_ticket(self._received)}
+        self.DeclareVectorOutputPort("joint_positions", plant.num_positions(), self._calc_joints, ticket)
+        self.DeclareStateOutputPort("age", self._age)
+        self.DeclareAbstractOutputPort("status", lambda: AbstractValue.Make(""), self._calc_status, ticket)
+
+    def _declare(self, name: str, size: int, kind: str, part: str) -> None:
+        def calc(context: Context, output: BasicVector) -> None:
+            received = context.get_abstract_state(self._received).get_value()
+            values: Mapping[str, FloatArray] = getattr(received.message, kind) if received.is_used else {}
+            reading = values.get(part)
+            output.SetFromVector(np.full(size, np.nan) if reading is None or len(reading) != size else reading)
+
+        self.DeclareVectorOutputPort(name, size, calc, {self.abstract_state_ticket(self._received)})
+
+    def _look(self, context: Context, state: State) -> EventStatus:
+        message = eval_input(self._message, context, HandSensesMessage)
+        before, now = context.get_abstract_state(self._received).get_value(), context.get_time()
+        is_new = (message.utime, message.sequence) != (before.message.utime, before.message.sequence)
+        came = now if is_new and message.sequence >= 0 else before.time
+        age = now - came
+        status = self._fit(message)
+        if not np.isfinite(came):
+            status = _NO_MESSAGE
+        elif age > self._max_age:
+            status = f"stale: {age:.2f} s old"
+        received = _Received(message, came, status, is_used=age <= self._max_age)
+        state.get_mutable_abstract_state(self._received).set_value(received)
+        state.get_mutable_discrete_state(self._age).SetFromVector([age])
+        return EventStatus.Succeeded()
+
+    def _fit(self, message: HandSensesMessage) -> str:
+        """What of a message does not fit the hand; "ok" where all does."""
+        return "; ".join(misfits(message, self._joints.names, self._fingers, self._cells)) or "ok"
+
+    def _calc_joints(self, context: Context, output: BasicVector) -> None:
+        received = context.get_abstract_state(self._received).get_value()
+        known = {name: value for name, value in received.message.joints.items() if name in self._joints.names}
+        output.SetFromVector(self._joints.positions("joints", known))
+
+    def _calc_status(self, context: Context, output: AbstractValue) -> None:
+        output.set_value(context.get_abstract_state(self._received).get_value().status)
+
+
+def misfits(
+    message: HandSensesMessage, joints: tuple[str, ...], fingers: tuple[str, ...], cells: Mapping[str, int]
+) -> list[str]:
+    """What of a message does not fit a hand, in a few words each.
+
+    Args:
+        message: of its senses.
+        joints: names of the hand's joints.
+        fingers: names of its fingers with a force-torque sensor.
+        cells: numbers of its pads' cells, by pad.
+    """
+    wrong = [
+        f"the hand has no {what} {name!r}"
+        for what, given, known in (
+            ("joint", message.joints, joints),
+            ("finger", message.wrenches, fingers),
+            ("pad", message.pressures, cells),
+        )
+        for name in given
+        if name not in known
+    ]
+    for pad, pressure in message.pressures.items():
+        if pad in cells and len(pressure) != cells[pad]:
+            wrong.append(f"the pad {pad!r} has {cells[pad]} cells and not {len(pressure)}")
+    return wrong

@@ -1,0 +1,135 @@
+"""What a plant tells of a hand in it: joints and palm, and in simulation what its sensors feel."""
+
+from __future__ import annotations
+
+import numpy as np
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import ModelInstanceIndex
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
+from pydrake.systems.primitives import MatrixGain
+
+from tactopose_drake.core.sensing.force_torque import ForceTorqueModel
+from tactopose_drake.core.validation import instance_of
+from tactopose_drake.errors import InvalidInputError, UnknownNameError
+from tactopose_drake.hand.hand_config import Hand, HandConfig, find_hand, make_hand_plant
+from tactopose_drake.hand.tactile_pads import load_tactile_pad
+from tactopose_drake.systems.force_torque_sensor import ForceTorqueSensor, load_force_torque_model
+from tactopose_drake.systems.palm_pose import PalmPose
+from tactopose_drake.systems.simulated_array import TactileArray
+
+_SENSOR_PERIOD = 0.008  # s, of the simulated force-torque sensors, unless the plant's step is longer
+
+
+def add_touch_sensors(
+    builder: DiagramBuilder,
+    plant: MultibodyPlant,
+    hand: Hand,
+    model: ForceTorqueModel,
+    period: float,
+    prefix: str = "",
+) -> dict[str, OutputPort]:
+    """Adds a force-torque sensor for each finger that has one, and an array for each tactile pad.
+
+    Args:
+        builder: of the plant's diagram.
+        plant: finalized plant.
+        hand: the hand in it.
+        model: noise, range and quantisation of the force-torque sensors; `AddRandomInputs` connects the noise.
+        period: between two of their samples, s.
+        prefix: of the systems' names.
+
+    Returns:
+        Their ports, `wrench_<finger>` and `pressures_<pad>`.
+    """
+    ports = {}
+    for finger, frame in hand.sensor_frames.items():
+        sensor = builder.AddNamedSystem(
+            f"{prefix}sensor_{finger}", ForceTorqueSensor(plant, hand.welds[finger], frame, model, period)
+        )
+        builder.Connect(plant.get_reaction_forces_output_port(), sensor.GetInputPort("reaction_forces"))
+        builder.Connect(plant.get_body_poses_output_port(), sensor.GetInputPort("body_poses"))
+        ports[f"wrench_{finger}"] = sensor.GetOutputPort("wrench")
+    for pad in hand.config.pads:
+        array = builder.AddNamedSystem(
+            f"{prefix}tactile_array_{pad.name}",
+            TactileArray(plant, hand.pad_frames[pad.name], load_tactile_pad(pad.array)),
+        )
+        builder.Connect(plant.get_contact_results_output_port(), array.GetInputPort("contact_results"))
+        builder.Connect(plant.get_body_poses_output_port(), array.GetInputPort("body_poses"))
+        ports[f"pressures_{pad.name}"] = array.GetOutputPort("pressures")
+    return ports
+
+
+def connect_plant(
+    builder: DiagramBuilder, estimation: Diagram, config: HandConfig, plant: MultibodyPlant, simulated_senses: bool
+) -> None:
+    """Connects an estimation or a tracking to the plant that holds its hand, among whatever else.
+
+    Joint positions, and where there are such inputs joint velocities and the palm's pose, come from the plant's state;
+    with `simulated_senses` wrenches and pressures come from its reaction forces and contacts.
+
+    Args:
+        builder: of the plant's diagram, which has the estimation already.
+        estimation: of `AddPoseEstimation` or `AddPoseTracking`.
+        config: the hand.
+        plant: finalized plant.
+        simulated_senses: whether what is felt is simulated, too.
+
+    Raises:
+        InvalidInputError: if the plant is not finalized, or its models are none or several of the hand.
+    """
+    hand = _find_in(plant, config)
+    name = estimation.get_name()
+    for port, matrix in _selectors(plant, hand).items():
+        if estimation.HasInputPort(port):
+            selector = builder.AddNamedSystem(f"{name}_{port}", MatrixGain(matrix))
+            builder.Connect(plant.get_state_output_port(), selector.get_input_port())
+            builder.Connect(selector.get_output_port(), estimation.GetInputPort(port))
+    if estimation.HasInputPort("palm_pose"):
+        palm = builder.AddNamedSystem(f"{name}_palm_pose", PalmPose(hand.palm_frame))
+        builder.Connect(plant.get_body_poses_output_port(), palm.get_input_port())
+        builder.Connect(palm.get_output_port(), estimation.GetInputPort("palm_pose"))
+    if simulated_senses:
+        period = max(plant.time_step(), _SENSOR_PERIOD)
+        sensors = add_touch_sensors(builder, plant, hand, load_force_torque_model(), period, f"{name}_")
+        for port, output in sensors.items():
+            builder.Connect(output, estimation.GetInputPort(port))
+
+
+def _find_in(plant: MultibodyPlant, config: HandConfig) -> Hand:
+    """The hand in a plant, whatever its model is called there."""
+    instance_of("plant", plant, MultibodyPlant)
+    if not plant.is_finalized():
+        raise InvalidInputError("plant: is not finalized; allowed is one that is.")
+    instances = [ModelInstanceIndex(index) for index in range(plant.num_model_instances())]
+    hands, reasons = [], []
+    for instance in instances:
+        try:
+            hands.append(find_hand(plant, config, instance))
+        except UnknownNameError as error:
+            reasons.append(f"{plant.GetModelInstanceName(instance)}: {error}")
+    if not hands:
+        raise InvalidInputError(f"plant: none of its models is the hand. {' '.join(reasons)}")
+    if len(hands) > 1:
+        names = ", ".join(plant.GetModelInstanceName(hand.model_instance) for hand in hands)
+        raise InvalidInputError(
+            f"plant: its models {names} are all such hands; without `plant=` the ports are connected one by one."
+        )
+    return hands[0]
+
+
+def _selectors(plant: MultibodyPlant, hand: Hand) -> dict[str, np.ndarray]:
+    """What picks the hand's joints, in the order of a plant of the hand alone, out of the plant's state."""
+    alone, hand_alone = make_hand_plant(hand.config)
+    positions = np.zeros((alone.num_positions(), plant.num_multibody_states()))
+    velocities = np.zeros((alone.num_velocities(), plant.num_multibody_states()))
+    for index in alone.GetJointIndices(hand_alone.model_instance):
+        joint = alone.get_joint(index)
+        if joint.num_positions() == 0:
+            continue
+        there = plant.GetJointByName(joint.name(), hand.model_instance)
+        for k in range(joint.num_positions()):
+            positions[joint.position_start() + k, there.position_start() + k] = 1.0
+        for k in range(joint.num_velocities()):
+            velocities[joint.velocity_start() + k, plant.num_positions() + there.velocity_start() + k] = 1.0
+    return {"joint_positions": positions, "joint_velocities": velocities}

@@ -1,0 +1,89 @@
+"""Contacts that a simulation reports, against what geometry says: balls in a palm of two walls."""
+
+import numpy as np
+import pytest
+from pydrake.geometry import AddCompliantHydroelasticProperties, AddContactMaterial, Box, ProximityProperties, Sphere
+from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.multibody.plant import AddMultibodyPlant, CoulombFriction, MultibodyPlant, MultibodyPlantConfig
+from pydrake.multibody.tree import RigidBody, SpatialInertia
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder
+
+import tactopose_drake as tp
+from tactopose_drake.errors import InvalidInputError
+
+RADIUS, DEPTH = 0.03, 0.001
+X_WPALM = RigidTransform(RollPitchYaw(0.3, -0.5, 1.0), [1.0, -2.0, 0.5])
+
+
+def material() -> ProximityProperties:
+    properties = ProximityProperties()
+    AddCompliantHydroelasticProperties(resolution_hint=0.005, hydroelastic_modulus=1e7, properties=properties)
+    AddContactMaterial(dissipation=1.0, friction=CoulombFriction(0.5, 0.5), properties=properties)
+    return properties
+
+
+def pressed(contact_model: str, object_first: bool) -> tuple[Diagram, MultibodyPlant, Context, RigidBody, Context]:
+    """A ball between two walls at +-x of the palm, pressed by DEPTH into each; and a floor that is not the hand's."""
+    builder = DiagramBuilder()
+    plant, _ = AddMultibodyPlant(MultibodyPlantConfig(time_step=1e-3, contact_model=contact_model), builder)
+
+    def add_ball() -> RigidBody:
+        ball = plant.AddRigidBody(
+            "ball", plant.AddModelInstance("ball"), SpatialInertia.SolidSphereWithMass(0.1, RADIUS)
+        )
+        plant.RegisterCollisionGeometry(ball, RigidTransform(), Sphere(RADIUS), "ball", material())
+        return ball
+
+    def add_palm() -> RigidBody:
+        palm = plant.AddRigidBody("palm", plant.AddModelInstance("hand"), SpatialInertia.SolidSphereWithMass(0.1, 0.1))
+        for name, side in (("left", -1.0), ("right", 1.0)):
+            X = RigidTransform([side * (RADIUS + 0.05 - DEPTH), 0.0, 0.0])
+            plant.RegisterCollisionGeometry(palm, X, Box(0.1, 0.1, 0.1), name, material())
+        plant.WeldFrames(plant.world_frame(), palm.body_frame(), X_WPALM)
+        return palm
+
+    ball = add_ball() if object_first else None
+    add_palm()
+    ball = add_ball() if ball is None else ball
+    X_WFloor = X_WPALM @ RigidTransform([0.0, 0.0, -RADIUS - 0.05 + DEPTH])
+    plant.RegisterCollisionGeometry(plant.world_body(), X_WFloor, Box(0.02, 0.02, 0.1), "floor", material())
+    plant.Finalize()
+    diagram = builder.Build()
+    context = diagram.CreateDefaultContext()
+    plant_context = plant.GetMyMutableContextFromRoot(context)
+    plant.SetFreeBodyPose(plant_context, ball, X_WPALM)
+    diagram.ExecuteForcedEvents(context)  # One step's contacts.
+    return diagram, plant, plant_context, ball, context
+
+
+@pytest.mark.parametrize("object_first", [True, False])
+@pytest.mark.parametrize("contact_model", ["hydroelastic", "point"])
+def test_contacts_are_where_the_walls_are_and_point_out_of_the_object(contact_model: str, object_first: bool) -> None:
+    _, plant, plant_context, ball, _ = pressed(contact_model, object_first)
+    results = plant.get_contact_results_output_port().Eval(plant_context)
+    palm = plant.GetFrameByName("palm")
+    touch = tp.Contacts.from_contact_results(results, plant, plant_context, palm, ball, sigma_position=0.002)
+    assert isinstance(touch, tp.Contacts)
+    order = np.argsort(touch.p_PC[:, 0])
+    assert len(touch) == 2  # not the floor's
+    sides = np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    np.testing.assert_allclose(touch.p_PC[order], (RADIUS - DEPTH / 2) * sides, atol=2 * DEPTH)
+    np.testing.assert_allclose(touch.n_PC[order], sides, atol=1e-2)
+    push = np.einsum("ij,ij->i", touch.f_PC[order], sides)
+    assert np.all(push > 1.0)  # The object pushes the walls apart.
+    np.testing.assert_allclose(push[0], push[1], rtol=0.05)
+    np.testing.assert_array_equal(touch.sigma_position, 0.002)
+
+
+def test_an_object_that_touches_nothing_has_no_contacts() -> None:
+    diagram, plant, plant_context, ball, context = pressed("point", True)
+    plant.SetFreeBodyPose(plant_context, ball, RigidTransform([9.0, 9.0, 9.0]))
+    diagram.ExecuteForcedEvents(context)
+    results = plant.get_contact_results_output_port().Eval(plant_context)
+    assert len(tp.Contacts.from_contact_results(results, plant, plant_context, plant.GetFrameByName("palm"), ball)) == 0
+
+
+def test_something_else_is_refused() -> None:
+    _, plant, plant_context, ball, _ = pressed("point", True)
+    with pytest.raises(InvalidInputError, match="results: is a list; allowed is a ContactResults"):
+        tp.Contacts.from_contact_results([], plant, plant_context, plant.GetFrameByName("palm"), ball)

@@ -1,0 +1,176 @@
+"""Results and evidence by hand: short representations, tables, indices, equality, and plain data and back."""
+
+import copy
+import json
+import math
+import pickle
+
+import hypothesis
+import hypothesis.strategies as st
+import numpy as np
+import pytest
+from pydrake.math import RigidTransform, RotationMatrix
+
+import tactopose_drake as tp
+from tactopose_drake.core.evidence import Contacts as CoreContacts
+from tactopose_drake.core.poses import make_poses, random_rotations
+from tactopose_drake.core.tracking import PoseTracker
+from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.hand import HandGeometry
+from tactopose_drake.resources import model_path
+
+
+def contacts(seed: int, count: int = 4) -> tp.Contacts:
+    generator = np.random.default_rng(seed)
+    n_PC = generator.normal(size=(count, 3))
+    n_PC /= np.linalg.norm(n_PC, axis=1, keepdims=True)
+    return tp.Contacts(0.1 * generator.normal(size=(count, 3)), n_PC, generator.normal(size=(count, 3)))
+
+
+def prior(seed: int) -> tp.PosePrior:
+    generator = np.random.default_rng(seed)
+    return tp.PosePrior(make_poses(random_rotations(generator, 1)[0], generator.normal(size=3)), 0.02, 0.3)
+
+
+def estimate(seed: int, count: int = 3) -> tp.PoseEstimate:
+    generator = np.random.default_rng(seed)
+    hypotheses = []
+    for share in np.linspace(3.0, 1.0, count):
+        root = 0.01 * generator.normal(size=(6, 6))
+        X_PO = RigidTransform(RotationMatrix(random_rotations(generator, 1)[0]), generator.normal(size=3))
+        rows = np.eye(6)[: generator.integers(0, 2)]
+        hypotheses.append(tp.PoseHypothesis(X_PO, generator.normal(), share / (2.0 * count), root @ root.T, rows))
+    return tp.PoseEstimate(tuple(hypotheses), "ambiguous", 0.0064)
+
+
+def hand(seed: int) -> HandGeometry:
+    count = seed % 3 + 1
+    return HandGeometry(np.full((count, 3), 1e-4 * seed), np.full(count, 0.01))
+
+
+def best(seed: int) -> tp.PoseHypothesis:
+    return estimate(seed).best
+
+
+MAKERS = [contacts, prior, estimate, best, hand]
+
+
+@pytest.mark.parametrize("make", MAKERS)
+@hypothesis.given(seed=st.integers(0, 10_000))
+@hypothesis.settings(max_examples=20)
+def test_what_becomes_plain_data_comes_back_to_the_last_bit(make, seed: int) -> None:
+    value = make(seed)
+    again = type(value).from_dict(json.loads(json.dumps(value.to_dict(), allow_nan=False)))
+    assert type(again) is type(value)
+    assert again == value
+    assert hash(again) == hash(value)
+    assert json.dumps(again.to_dict()) == json.dumps(value.to_dict())
+
+
+@pytest.mark.parametrize("make", MAKERS)
+def test_values_are_equal_by_what_is_in_them(make) -> None:
+    one, other = make(1), make(2)
+    assert one == make(1)
+    assert one != other
+    assert one == copy.deepcopy(one)
+    assert one == pickle.loads(pickle.dumps(one))
+    assert len({one, make(1), other}) == 2
+    assert one != "something else"
+    assert one is not None
+
+
+def test_a_difference_in_any_field_is_one() -> None:
+    one = estimate(0).best
+    for name, value in (
+        ("probability", 0.1),
+        ("explains_touch", False),
+        ("covariance", np.eye(6)),
+        ("X_PO", RigidTransform()),
+        ("free_directions", np.eye(6)[:3]),
+    ):
+        fields = {key: getattr(one, key) for key in ("X_PO", "cost", "probability", "covariance", "free_directions")}
+        assert tp.PoseHypothesis(**{**fields, "explains_touch": True}) == one
+        assert tp.PoseHypothesis(**{**fields, name: value}) != one
+    touch = contacts(0)
+    assert tp.Contacts(touch.p_PC, touch.n_PC) != touch
+    assert tp.Contacts(touch.p_PC, touch.n_PC, touch.f_PC, sigma_normal=0.1) != touch
+
+
+def test_core_and_public_contacts_are_one_kind() -> None:
+    touch = contacts(0)
+    core = CoreContacts(touch.p_PC, touch.n_PC, touch.f_PC)
+    assert core == touch
+    assert touch == core
+    assert isinstance(touch, CoreContacts)
+
+
+@pytest.mark.parametrize(
+    ("cls", "data", "message"),
+    [
+        (tp.Contacts, {"p_PC": [[0, 0, 0]], "normal": []}, "'normal' is unknown; valid names: p_PC, n_PC"),
+        (tp.Contacts, {}, "missing"),
+        (tp.Contacts, {"p_PC": [[0, 0]]}, "p_PC: has shape"),
+        (tp.PosePrior, {"X_PO": np.ones((3, 4)).tolist()}, "not a rotation matrix"),
+        (tp.PoseEstimate, {"status": "ok", "duration": 0.0, "hypotheses": []}, "has no hypotheses"),
+        (tp.PoseHypothesis, {"X_PO": np.eye(3, 4).tolist()}, "missing"),
+    ],
+)
+def test_plain_data_that_is_no_value_is_refused(cls, data: dict, message: str) -> None:
+    with pytest.raises(InvalidInputError, match=message):
+        cls.from_dict(data)
+
+
+def test_no_evidence_at_all_is_null_in_plain_data() -> None:
+    assert estimate(0).log_evidence == -math.inf
+    assert estimate(0).to_dict()["log_evidence"] is None
+    assert tp.PoseEstimate.from_dict(estimate(0).to_dict()).log_evidence == -math.inf
+
+
+def test_hypotheses_are_counted_indexed_and_walked_through() -> None:
+    made = estimate(0, count=5)
+    assert len(made) == 5
+    assert made[0] is made.best
+    assert made[-1] is made.hypotheses[-1]
+    assert made[1:3] == made.hypotheses[1:3]
+    assert list(made) == list(made.hypotheses)
+    assert made.best in made
+    with pytest.raises(IndexError):
+        made[5]
+
+
+def test_a_table_says_its_units_and_what_it_leaves_out() -> None:
+    covariance = np.diag([1e-4] * 3 + [4e-6] * 3)
+    hypotheses = (
+        tp.PoseHypothesis(RigidTransform([0.0123, -0.02, 0.1]), 2.5, 0.75, covariance, np.eye(6)[:1]),
+        tp.PoseHypothesis(RigidTransform(), 3.5, 0.25, np.eye(6), np.zeros((0, 6))),
+    )
+    made = tp.PoseEstimate(hypotheses, "ok", 0.01)
+    first, head, best, other = made.table().splitlines()
+    assert first == "status: ok"
+    assert head.split("  ")[-1] == "cost"
+    assert "p_PO, mm" in head
+    assert "± deg" in head
+    assert " ".join(best.split()) == "75.0% [12.3, -20.0, 100.0] [1.000, 0.000, 0.000, 0.000] 2.0 0.6 1 2.50"
+    assert other.split()[0] == "25.0%"
+    assert len(best) == len(head)
+    assert made.table(most=1).splitlines()[-1] == "and 1 less probable"
+
+
+def test_representations_are_short_and_say_what_matters() -> None:
+    model = tp.ObjectModel.from_mesh(model_path("objects", "mug.obj"))
+    for value, texts in (
+        (model, ("'mug'", "mm", "faces", "symmetry: none")),
+        (contacts(0), ("4 points, normals, forces", "sigma_position 0.9 mm", "sigma_normal 5 deg")),
+        (tp.Contacts(np.zeros((2, 3)), sigma_position=np.array([1e-3, 2e-3])), ("2 points, sigma_position 1 to 2 mm",)),
+        (tp.Contacts.empty(), ("<Contacts: 0 points>",)),
+        (prior(0), ("p_PO [", "sigma_translation 20 mm", "sigma_rotation 17.2 deg")),
+        (estimate(0), ("'ambiguous'", "3 hypotheses in 6.4 ms", "50.0%", "deg")),
+        (estimate(0).best, ("quaternion wxyz", "mm")),
+        (HandGeometry(np.zeros((2, 3)), np.array([0.01, 0.02])), ("2 spheres, radii 10.0 to 20.0 mm",)),
+        (PoseTracker(model).start(), ("lost: no estimate yet", "0 modes")),
+        (tp.describe_patch(np.eye(3), [0.0, 2e3, 3e3], alpha=1e-7), ("2 of 3 cells active", "3 kPa")),
+    ):
+        shown = repr(value)
+        assert len(shown) < 400
+        assert "\n" not in shown
+        assert [text for text in texts if text not in shown] == []

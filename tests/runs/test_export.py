@@ -1,0 +1,233 @@
+"""Recordings in other formats, read back message by message and cell by cell."""
+
+import csv
+import json
+from pathlib import Path
+
+import mcap.reader
+import numpy as np
+import pytest
+
+from tactopose_drake.core.poses import make_poses, matrix_from_quaternion, retract
+from tactopose_drake.hand.hand_config import load_hand_config, make_hand_plant
+from tactopose_drake.hand.named_joints import NamedJoints
+from tactopose_drake.runs.manifest import load_manifest
+from tactopose_drake.runs.recorded_senses import read_recording
+from tactopose_drake.runs.scenario_run import run_scenario
+from tactopose_drake.station.scenario import load_scenario
+from tactopose_drake.systems.signals import read_signals
+from tests import held_can, held_cube
+from tests.cli.test_cli import run as tactopose
+
+rosbags_types = pytest.importorskip("rosbags.typesys")
+STORE = rosbags_types.get_typestore(rosbags_types.Stores.ROS2_HUMBLE)
+
+
+@pytest.fixture(scope="module")
+def simulated(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A moment of a grip, recorded."""
+    folder = tmp_path_factory.mktemp("simulated") / "grip"
+    scenario = load_scenario("barrett_like")
+    scenario.estimation.use_hand_volume = scenario.estimation.check_collisions = False
+    scenario.estimation.estimator.period = 0.02
+    run_scenario(scenario, duration=0.06, record=folder)
+    return folder
+
+
+def messages(path: Path) -> dict[str, list[tuple[float, object]]]:
+    """Time, s since the epoch, and message, by topic."""
+    found: dict[str, list[tuple[float, object]]] = {}
+    with path.open("rb") as file:
+        reader = mcap.reader.make_reader(file)
+        assert reader.get_header().profile == "ros2"
+        for schema, channel, message in reader.iter_messages():
+            assert schema.encoding == "ros2msg"
+            assert channel.message_encoding == "cdr"
+            value = STORE.deserialize_cdr(message.data, schema.name)
+            found.setdefault(channel.topic, []).append((1e-9 * message.log_time, value))
+    return found
+
+
+def estimates(folder: Path) -> list[dict]:
+    return [json.loads(line) for line in (folder / "estimates.jsonl").read_text().splitlines()]
+
+
+def test_a_run_on_devices_gives_its_wrenches_too(recording: Path, tmp_path: Path) -> None:
+    out = tmp_path / "run.mcap"
+    assert tactopose("export", recording, "--format", "mcap", "--out", out) == 0
+    found, start = messages(out), load_manifest(recording).start
+    for finger, F_S in held_cube.WRENCHES.items():
+        stamped = found[f"/wrench/{finger}"]
+        assert len(stamped) >= 2  # one for each change
+        assert stamped[0][1].header.frame_id == load_hand_config("shadow_like").finger(finger).sensor_frame
+        wrench = stamped[-1][1].wrench
+        measured = [getattr(part, axis) for part in (wrench.torque, wrench.force) for axis in "xyz"]
+        np.testing.assert_allclose(measured, F_S, atol=0.02)
+        early = [value.wrench.force for time, value in stamped if time < start + 0.15]
+        assert np.nanmax([np.abs([force.x, force.y, force.z]) for force in early]) < 0.05  # The touch begins at 0.3 s.
+    (joints,) = (state for _, state in found["/joint_states"])
+    names = NamedJoints(*make_hand_plant(load_hand_config("shadow_like"))).names
+    assert joints.name == list(names)
+    np.testing.assert_allclose(joints.position, held_cube.Q, atol=1e-12)
+
+
+def test_every_estimate_is_there_as_it_was(recording: Path, tmp_path: Path) -> None:
+    out = tmp_path / "run.mcap"
+    tactopose("export", recording, "--format", "mcap", "--out", out)
+    found, lines, start = messages(out), estimates(recording), load_manifest(recording).start
+    assert [value.data for _, value in found["/status"]] == [line["status"] for line in lines]
+    np.testing.assert_allclose(
+        [time - start for time, _ in found["/status"]], [line["time"] for line in lines], atol=1e-6
+    )
+    with_pose = [line["hypotheses"] for line in lines if line["hypotheses"]]
+    assert len(with_pose) > 3
+    for hypotheses, (_, best), (_, array) in zip(with_pose, found["/object_pose"], found["/hypotheses"], strict=True):
+        assert best.header.frame_id == load_hand_config("shadow_like").palm_frame
+        position, turn = best.pose.pose.position, best.pose.pose.orientation
+        np.testing.assert_allclose([position.x, position.y, position.z], hypotheses[0]["translation"], atol=1e-12)
+        wxyz = np.array([turn.w, turn.x, turn.y, turn.z])
+        np.testing.assert_allclose(np.abs(wxyz @ hypotheses[0]["quaternion_wxyz"]), 1.0)
+        assert len(array.poses) == len(hypotheses)
+
+
+def test_the_covariance_is_of_a_turn_about_the_palms_axes(recording: Path, tmp_path: Path) -> None:
+    out = tmp_path / "run.mcap"
+    tactopose("export", recording, "--format", "mcap", "--out", out)
+    hypothesis = estimates(recording)[-1]["hypotheses"][0]
+    _, best = messages(out)["/object_pose"][-1]
+    covariance, ours = best.pose.covariance.reshape(6, 6), np.array(hypothesis["covariance"])
+    np.testing.assert_allclose(covariance[:3, :3], ours[3:, 3:], atol=1e-15)
+    # Samples of the pose, as both conventions have them.
+    R_PO = matrix_from_quaternion(np.array(hypothesis["quaternion_wxyz"]))
+    increments = np.random.default_rng(0).multivariate_normal(np.zeros(6), ours, size=20000)
+    X = retract(np.tile(make_poses(R_PO, np.zeros(3)), (20000, 1, 1)), increments)
+    turns = np.einsum("nij,kj->nik", X[:, :, :3], R_PO)  # about P's axes
+    w_P = 0.5 * np.stack(
+        [turns[:, 2, 1] - turns[:, 1, 2], turns[:, 0, 2] - turns[:, 2, 0], turns[:, 1, 0] - turns[:, 0, 1]]
+    )
+    scale = np.sqrt(np.diag(covariance)[3:])
+    np.testing.assert_allclose(
+        np.cov(w_P) / np.outer(scale, scale), covariance[3:, 3:] / np.outer(scale, scale), atol=0.1
+    )
+
+
+def test_a_simulated_run_gives_every_change_of_its_signals(simulated: Path, tmp_path: Path) -> None:
+    assert tactopose("export", simulated, "--format", "mcap") == 0
+    found = messages(simulated.with_name("grip.mcap"))
+    signals, _ = read_signals(simulated / "signals.jsonl")
+    for name, topic in (("joint_positions", "/joint_states"), ("prior", "/prior"), ("true_pose", "/true_pose")):
+        values = [value for value in signals[name].values if value is not None]
+        assert len(found[topic]) == len(values) > 0
+    for state, q in zip(found["/joint_states"], signals["joint_positions"].values, strict=True):
+        np.testing.assert_array_equal(state[1].position, q)
+    for pad in load_hand_config("barrett_like").pads:
+        pressures = found[f"/pressure/{pad.name}"]
+        for (_, array), cells in zip(pressures, signals[f"pressures_{pad.name}"].values, strict=True):
+            np.testing.assert_array_equal(array.data, cells)
+
+
+def test_the_scenes_frames_are_all_in_tf(simulated: Path, tmp_path: Path) -> None:
+    out = tmp_path / "run.mcap"
+    tactopose("export", simulated, "--format", "mcap", "--out", out)
+    found = messages(out)
+    ((time, scene),) = found["/scene"]
+    assert time == 0.0
+    frames = {transform.child_frame_id for _, tf in found["/tf"] for transform in tf.transforms}
+    used = {marker.header.frame_id for marker in scene.markers}
+    assert "object" in used
+    assert used - {"object"} <= frames
+    assert all(len(marker.points) % 3 == 0 and len(marker.points) for marker in scene.markers)
+    assert len({(marker.ns, marker.id) for marker in scene.markers}) == len(scene.markers)
+    palm = load_hand_config("barrett_like").palm_frame
+    assert palm in frames
+
+
+def test_a_hand_on_can_gives_joints_by_name_and_pressures_of_its_logs(tmp_path: Path) -> None:
+    scenario = load_scenario("barrett_like_can")
+    scenario.duration = 0.5
+    scenario.senses.buses["hand"].channel = "exported hand"
+    scenario.senses.barrett_hand.max_age = 5.0
+    scenario.senses.simulated.folder = str(tmp_path)
+    scenario.estimation.use_hand_volume = scenario.estimation.check_collisions = False
+    untouched = np.append(held_can.JOINT_POSITIONS, np.zeros(99))  # while the arrays tare themselves
+    table = [np.append(0.0, untouched), np.append(0.1, held_can.ROW)]
+    np.savetxt(tmp_path / "hand.csv", table, delimiter=",", header="time and 106 numbers")
+    run_scenario(scenario, record=tmp_path / "run")
+    assert tactopose("export", tmp_path / "run", "--format", "mcap") == 0
+    found = messages(tmp_path / "run.mcap")
+    state = found["/joint_states"][-1][1]
+    positions = dict(zip(state.name, state.position, strict=True))
+    for joint, position in zip(scenario.senses.barrett_hand.joints, held_can.JOINT_POSITIONS, strict=True):
+        assert positions[joint] == pytest.approx(position, abs=0.01)
+    pads = [f"finger_{k}" for k in (1, 2, 3)] + ["palm"]
+    for pad, pressures in zip(pads, held_can.PRESSURES, strict=True):
+        np.testing.assert_allclose(found[f"/pressure/{pad}"][-1][1].data, pressures, atol=300.0)
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def test_a_table_has_all_numbers_to_the_last_bit(simulated: Path, tmp_path: Path) -> None:
+    out = tmp_path / "run.csv"
+    assert tactopose("export", simulated, "--format", "csv", "--out", out) == 0
+    table, run = rows(out), read_recording(simulated)
+    times = [float(row["time_s"]) for row in table]
+    assert times == sorted(set(times))
+    columns = [f"joint/{joint}_rad" for joint in run.joints]
+    signal = run.signals["joint_positions"]
+    changes = [row for row in table if row[columns[0]]]
+    assert [float(row["time_s"]) for row in changes] == signal.times
+    np.testing.assert_array_equal([[float(row[name]) for name in columns] for row in changes], signal.values)
+    said = [row["status"] for row in table if row["status"]]
+    assert said == [line["status"] for line in estimates(simulated)]
+    truths = [row for row in table if row["true/p_x_m"]]
+    np.testing.assert_array_equal(
+        [float(row["true/p_z_m"]) for row in truths],
+        [X_PO.translation()[2] for X_PO in run.signals["true_pose"].values],
+    )
+    found = [row for row in table if row["object/p_x_m"]]
+    best = [line["hypotheses"][0] for line in estimates(simulated) if line["hypotheses"]]
+    assert [float(row["object/probability"]) for row in found] == [line["probability"] for line in best]
+    np.testing.assert_allclose(
+        [float(row["object/sigma_v_x_m"]) ** 2 for row in found], [line["covariance"][3][3] for line in best]
+    )
+
+
+def test_a_table_of_a_run_on_devices_has_its_wrenches(recording: Path, tmp_path: Path) -> None:
+    out = tmp_path / "run.csv"
+    assert tactopose("export", recording, "--format", "csv", "--out", out) == 0
+    for finger, F_S in held_cube.WRENCHES.items():
+        last = [row for row in rows(out) if row[f"wrench/{finger}/f_x_N"]][-1]
+        names = [f"m_{axis}_Nm" for axis in "xyz"] + [f"f_{axis}_N" for axis in "xyz"]
+        np.testing.assert_allclose([float(last[f"wrench/{finger}/{name}"]) for name in names], F_S, atol=0.02)
+
+
+def test_what_cannot_be_exported_is_refused(
+    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert tactopose("export", tmp_path, "--format", "csv", "--out", tmp_path.parent / "x.csv") == 2
+    assert "is no recording" in capsys.readouterr().err
+    assert tactopose("export", recording, "--format", "csv", "--out", recording / "x.csv") == 2
+    assert "is an input, or in one" in capsys.readouterr().err
+    assert tactopose("export", recording, "--format", "bag") == 2
+
+
+def test_damaged_estimates_are_said_and_the_rest_is_exported(
+    simulated: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    copy = tmp_path / "copy"
+    copy.mkdir()
+    for file in simulated.iterdir():
+        (copy / file.name).write_bytes(file.read_bytes())
+    lines = (copy / "estimates.jsonl").read_text().splitlines()
+    (copy / "estimates.jsonl").write_text("\n".join([lines[0], '{"time": 1.0, "hypotheses": [{}]}', *lines[1:]]))
+    with (copy / "signals.jsonl").open("a") as file:
+        file.write('{"time": 0.')
+    out = tmp_path / "run.csv"
+    assert tactopose("export", copy, "--format", "csv", "--out", out) == 0
+    said = capsys.readouterr().err
+    assert "estimates.jsonl: cannot be read from line 2 on" in said
+    assert "is cut off after" in said
+    assert len([row for row in rows(out) if row["status"]]) == 1

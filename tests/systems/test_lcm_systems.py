@@ -1,0 +1,119 @@
+"""Messages into a diagram and out of it, through Drake's own LCM within this process."""
+
+import math
+
+import numpy as np
+import pytest
+from pydrake.common.value import AbstractValue
+from pydrake.lcm import DrakeLcm
+from pydrake.math import RigidTransform
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.lcm import LcmInterfaceSystem, LcmPublisherSystem, LcmSubscriberSystem
+
+from tactopose_drake.drivers.lcm_messages import HandSensesMessage, ObjectBeliefMessage
+from tactopose_drake.errors import ProtocolError
+from tactopose_drake.estimation.results import PoseEstimate, PoseHypothesis
+from tactopose_drake.hand.hand_config import load_hand_config
+from tactopose_drake.systems.lcm_belief import LcmBelief
+from tactopose_drake.systems.lcm_hand_senses import LcmHandSenses
+from tests import held_cube
+
+
+class Wired:
+    """Senses in by LCM, on ports; and a belief out."""
+
+    def __init__(self, hand: str) -> None:
+        self.lcm = DrakeLcm("memq://")
+        builder = DiagramBuilder()
+        interface = builder.AddSystem(LcmInterfaceSystem(self.lcm))
+        subscriber = builder.AddSystem(LcmSubscriberSystem.Make("SENSES", HandSensesMessage, interface))
+        self.senses = builder.AddNamedSystem("senses", LcmHandSenses(load_hand_config(hand), max_age=0.1))
+        builder.Connect(subscriber.get_output_port(), self.senses.get_input_port())
+        self.belief = builder.AddNamedSystem("belief", LcmBelief(max_modes=2))
+        builder.Connect(subscriber.get_output_port(), self.belief.GetInputPort("senses"))
+        publisher = builder.AddSystem(LcmPublisherSystem.Make("BELIEF", ObjectBeliefMessage, interface, 0.01))
+        builder.Connect(self.belief.get_output_port(), publisher.get_input_port())
+        self.got: list[ObjectBeliefMessage] = []
+        self.lcm.Subscribe("BELIEF", lambda data: self.got.append(ObjectBeliefMessage.decode(data)))
+        self.simulator = Simulator(builder.Build())
+        self.tell(None, "lost: no estimate yet")
+
+    def tell(self, estimate: PoseEstimate | None, status: str) -> None:
+        context = self.belief.GetMyMutableContextFromRoot(self.simulator.get_mutable_context())
+        self.belief.GetInputPort("hypotheses").FixValue(context, AbstractValue.Make(estimate))
+        self.belief.GetInputPort("status").FixValue(context, AbstractValue.Make(status))
+
+    def run(self, duration: float, *messages: HandSensesMessage) -> None:
+        for message in messages:
+            self.lcm.Publish("SENSES", message.encode())
+        self.simulator.AdvanceTo(self.simulator.get_context().get_time() + duration)
+
+    def value(self, port: str):
+        return self.senses.GetOutputPort(port).Eval(self.senses.GetMyContextFromRoot(self.simulator.get_context()))
+
+
+def test_senses_come_to_their_ports_and_grow_old() -> None:
+    wired = Wired("shadow_like")
+    wired.run(0.02)
+    assert wired.value("status") == "no message yet"
+    assert np.all(np.isnan(wired.value("wrench_thumb")))
+    assert np.isinf(wired.value("age"))
+    message = HandSensesMessage(utime=5, sequence=1, joints={"FFJ3": 0.3}, wrenches=dict(held_cube.WRENCHES))
+    wired.run(0.02, message)
+    assert wired.value("status") == "ok"
+    for finger, F_S in held_cube.WRENCHES.items():
+        np.testing.assert_array_equal(wired.value(f"wrench_{finger}"), F_S)
+    assert np.nansum(wired.value("joint_positions")) >= 0.3
+    wired.run(0.2)
+    assert wired.value("status").startswith("stale: 0.2")
+    assert np.all(np.isnan(wired.value("wrench_thumb")))
+    wired.run(0.01, HandSensesMessage(utime=6, sequence=2, wrenches={"thumb": np.ones(6)}))
+    assert wired.value("status") == "ok"
+    np.testing.assert_array_equal(wired.value("wrench_thumb"), np.ones(6))
+    assert np.all(np.isnan(wired.value("wrench_first")))
+
+
+def test_pads_too_and_what_does_not_fit_is_said() -> None:
+    wired = Wired("barrett_like")
+    message = HandSensesMessage(
+        utime=1,
+        sequence=0,
+        joints={"elbow": 0.0},
+        wrenches={"thumb": np.zeros(6)},
+        pressures={"palm": np.full(24, 3.0), "finger_1": np.zeros(5)},
+    )
+    wired.run(0.02, message)
+    np.testing.assert_array_equal(wired.value("pressures_palm"), np.full(24, 3.0))
+    assert np.all(np.isnan(wired.value("pressures_finger_1")))
+    for text in ("no joint 'elbow'", "no finger 'thumb'", "the pad 'finger_1' has 24 cells and not 5"):
+        assert text in wired.value("status")
+
+
+def test_a_belief_goes_out_with_the_time_of_its_senses() -> None:
+    wired = Wired("shadow_like")
+    wired.run(0.03)
+    assert wired.got[-1].status == "lost: no estimate yet"
+    assert wired.got[-1].sequence == -1
+    assert len(wired.got[-1].probability) == 0
+    rest = (np.eye(6), np.zeros((0, 6)))
+    hypotheses = tuple(
+        PoseHypothesis(RigidTransform([0.1 * k, 0.0, 0.0]), 1.0, share, *rest)
+        for k, share in enumerate((0.6, 0.3, 0.1))
+    )
+    wired.tell(PoseEstimate(hypotheses, "ok", 0.001), "ok")
+    wired.run(0.05, HandSensesMessage(utime=77, sequence=4))
+    belief = wired.got[-1]
+    assert (belief.utime, belief.sequence, belief.status) == (77, 4, "ok")
+    np.testing.assert_array_equal(belief.probability, [0.6, 0.3])
+    np.testing.assert_allclose(belief.position[1], [0.1, 0.0, 0.0])
+    np.testing.assert_array_equal(belief.quaternion_wxyz, [[1, 0, 0, 0]] * 2)
+    assert belief.session == wired.got[0].session > 0
+    assert math.isfinite(belief.covariance.sum())
+
+
+def test_a_damaged_message_ends_the_simulation_with_an_error() -> None:
+    wired = Wired("shadow_like")
+    wired.lcm.Publish("SENSES", b"nonsense")
+    with pytest.raises(ProtocolError, match="of this version"):
+        wired.run(0.02)

@@ -1,0 +1,158 @@
+import numpy as np
+import pytest
+from pydrake.common.value import AbstractValue
+from pydrake.math import RigidTransform
+from pydrake.systems.analysis import Simulator
+
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.hand.hand_config import load_hand_config
+from tactopose_drake.resources import model_path
+from tactopose_drake.systems.object_tracker import ObjectTracker
+from tactopose_drake.systems.pose_tracking import MakePoseTracking, PoseTrackingParams
+from tests import held_cube
+from tests.pressed_ball import make_ball, press
+
+
+@pytest.fixture(scope="module")
+def cube() -> ObjectModel:
+    return ObjectModel.from_mesh(model_path("objects", "cube.obj"))
+
+
+def params() -> PoseTrackingParams:
+    return PoseTrackingParams(use_joint_velocities=False, use_hand_volume=False)
+
+
+@pytest.fixture
+def tracker(cube: ObjectModel) -> ObjectTracker:
+    return ObjectTracker(load_hand_config("shadow_like"), cube, params())
+
+
+def noisy(seed: int) -> dict[str, np.ndarray]:
+    generator = np.random.default_rng(seed)
+    return {finger: F_S + 1e-3 * generator.normal(size=6) for finger, F_S in held_cube.WRENCHES.items()}
+
+
+def test_each_reading_gives_a_belief_of_its_time(tracker: ObjectTracker) -> None:
+    assert tracker.estimate is None
+    for k in range(10):
+        belief = tracker.update(noisy(k), held_cube.Q, 5.0 + 0.013 * k, vision=held_cube.prior() if k == 0 else None)
+        assert belief.time == 5.0 + 0.013 * k
+    assert belief.status == "ok"
+    assert np.linalg.norm(belief.X_PO[0, :, 3] - held_cube.X_PO[:, 3]) < 0.006
+    assert tracker.estimate is not None
+    np.testing.assert_array_equal(tracker.estimate.best.X_PO.GetAsMatrix34(), belief.X_PO[0])
+
+
+def test_it_believes_what_the_diagram_in_a_simulator_believes(cube: ObjectModel, tracker: ObjectTracker) -> None:
+    diagram = MakePoseTracking(load_hand_config("shadow_like"), cube, params())
+    simulator = Simulator(diagram)
+    context = simulator.get_mutable_context()
+    diagram.GetInputPort("vision").FixValue(context, AbstractValue.Make(held_cube.prior()))
+    for k in range(5):
+        diagram.GetInputPort("joint_positions").FixValue(context, held_cube.Q)
+        for finger, F_S in noisy(k).items():
+            diagram.GetInputPort(f"wrench_{finger}").FixValue(context, F_S)
+        simulator.AdvanceTo(0.01 * k + 1e-6)
+        belief = tracker.update(noisy(k), held_cube.Q, context.get_time() - 1e-6, vision=held_cube.prior())
+    theirs = diagram.GetOutputPort("belief").Eval(context)
+    np.testing.assert_allclose(belief.X_PO, theirs.X_PO, atol=1e-9)
+    assert belief.message == theirs.message
+
+
+def test_a_guess_that_was_given_once_is_not_called_old(tracker: ObjectTracker) -> None:
+    tracker.update(noisy(0), held_cube.Q, 0.0, vision=held_cube.prior())
+    for k in range(1, 8):
+        belief = tracker.update(noisy(k), held_cube.Q, 0.5 * k)
+    assert not [remark for remark in belief.remarks if "vision" in remark]
+    assert np.linalg.norm(belief.X_PO[0, :, 3] - held_cube.X_PO[:, 3]) < 0.006
+
+
+def test_joints_by_name_are_the_same_and_what_follows_follows(tracker: ObjectTracker) -> None:
+    in_order = tracker.update(noisy(0), held_cube.Q, 0.0, vision=held_cube.prior()).X_PO
+    by_name = dict(zip(tracker.joint_names, held_cube.Q.tolist(), strict=True))
+    again = tracker.update(noisy(0), by_name, 0.0, vision=held_cube.prior())
+    np.testing.assert_array_equal(tracker.diagram.GetInputPort("joint_positions").Eval(tracker.context), held_cube.Q)
+    assert again.X_PO.shape == in_order.shape
+    couplings = [coupling for finger in load_hand_config("shadow_like").fingers for coupling in finger.couplings]
+    assert couplings
+    for coupling in couplings:
+        del by_name[coupling.joint]
+    tracker.update(noisy(0), by_name, 0.0)
+    q = dict(
+        zip(tracker.joint_names, tracker.diagram.GetInputPort("joint_positions").Eval(tracker.context), strict=True)
+    )
+    for coupling in couplings:
+        assert q[coupling.joint] == coupling.ratio * by_name[coupling.follows]
+
+
+def test_a_clock_that_goes_back_begins_a_new_belief_and_says_so(tracker: ObjectTracker) -> None:
+    tracker.update(noisy(0), held_cube.Q, 7.0, vision=held_cube.prior())
+    belief = tracker.update(noisy(1), held_cube.Q, 2.0)
+    assert "begun anew: the clock went back from 7 s" in belief.remarks
+    assert belief.time == 2.0
+    assert tracker.update(noisy(2), held_cube.Q, 2.0).time == 2.0  # The same time once more is no fault.
+
+
+@pytest.mark.parametrize("reading", [np.full(6, np.nan), None, [np.inf] * 6])
+def test_a_finger_without_a_reading_is_named_and_the_others_go_on(tracker: ObjectTracker, reading: object) -> None:
+    tracker.update(noisy(0), held_cube.Q, 0.0, vision=held_cube.prior())
+    belief = tracker.update({**noisy(1), "thumb": reading}, held_cube.Q, 0.01)
+    assert "thumb: the wrench is not finite" in belief.message
+    assert "thumb" not in tracker.diagram.GetOutputPort("fingers_in_contact").Eval(tracker.context)
+    assert belief.has_pose
+
+
+def test_no_reading_at_all_is_no_contact_and_then_lost(tracker: ObjectTracker) -> None:
+    tracker.update(noisy(0), held_cube.Q, 0.0, vision=held_cube.prior())
+    assert tracker.update({}, held_cube.Q, 0.01).status == "no_contact"
+    assert tracker.update({}, held_cube.Q, 3.0).status == "lost"
+
+
+def test_joints_that_are_not_known_are_said(tracker: ObjectTracker) -> None:
+    belief = tracker.update(noisy(0), {}, 0.0)
+    assert belief.message.count("a joint position is not finite") == 5
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"wrenches": {"pinky": np.zeros(6)}}, "wrenches: 'pinky' is unknown; valid names: first"),
+        ({"wrenches": {"thumb": np.zeros(3)}}, r"wrenches\[thumb\]: has shape \(3,\); allowed is \(6,\)"),
+        ({"wrenches": {"thumb": ["a"] * 6}}, r"wrenches\[thumb\]: not an array of numbers"),
+        ({"wrenches": np.zeros(6)}, "wrenches: is a ndarray; allowed is a mapping by name"),
+        ({"joints": np.zeros(3)}, r"joints: has shape \(3,\); allowed is \(24,\)"),
+        ({"joints": {"elbow": 0.0}}, "joints: 'elbow' is unknown"),
+        ({"time": np.nan}, "time: is nan"),
+        ({"time": -1.0}, "time: is -1"),
+        ({"vision": np.eye(4)}, "vision: is a ndarray; allowed are PoseMeasurement, PosePrior and None"),
+        ({"palm_pose": np.ones((3, 4))}, "palm_pose"),
+        ({"pressures": {"palm": np.zeros(24)}}, "pressures: 'palm' is unknown"),
+    ],
+)
+def test_a_mistake_is_one_error_and_changes_nothing(tracker: ObjectTracker, change: dict, message: str) -> None:
+    before = tracker.update(noisy(0), held_cube.Q, 1.0, vision=held_cube.prior())
+    given = {"wrenches": noisy(1), "joints": held_cube.Q, "time": 2.0, **change}
+    with pytest.raises(InvalidInputError, match=message):
+        tracker.update(**given)
+    assert tracker.diagram.GetOutputPort("belief").Eval(tracker.context) is before
+
+
+def test_pads_are_felt() -> None:
+    hand, ball = load_hand_config("barrett_like"), make_ball()
+    tracker = ObjectTracker(hand, ball, PoseTrackingParams(use_joint_velocities=False))
+    diagram = MakePoseTracking(hand, ball, PoseTrackingParams(use_joint_velocities=False))
+    context = diagram.CreateDefaultContext()
+    p_PO = press(diagram, context, "vision")
+    pressures = {pad.name: diagram.GetInputPort(f"pressures_{pad.name}").Eval(context) for pad in hand.pads}
+    vision = diagram.GetInputPort("vision").Eval(context)
+    belief = tracker.update({}, np.zeros(len(tracker.joint_names)), 0.0, pressures=pressures, vision=vision)
+    assert np.linalg.norm(belief.X_PO[0, :, 3] - p_PO) < 0.002
+
+
+def test_the_palm_moves_the_world_and_not_the_object_in_it(tracker: ObjectTracker) -> None:
+    X_WP = RigidTransform([1.0, 2.0, 3.0])
+    tracker.update(noisy(0), held_cube.Q, 0.0, vision=held_cube.prior(), palm_pose=X_WP)
+    in_world = tracker.diagram.GetOutputPort("object_pose_in_world").Eval(tracker.context)
+    in_palm = tracker.diagram.GetOutputPort("object_pose").Eval(tracker.context)
+    assert in_world.IsNearlyEqualTo(X_WP @ in_palm, 1e-12)

@@ -1,0 +1,151 @@
+"""Estimation and tracking that take joints, palm and touch from a plant with more in it than the hand."""
+
+import numpy as np
+import pytest
+from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant, MultibodyPlantConfig
+from pydrake.multibody.tree import PdControllerGains
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource
+
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.hand.hand_config import Hand, add_hand, load_hand_config, make_hand_plant
+from tactopose_drake.hand.hand_joints import HandJoints
+from tactopose_drake.resources import model_path
+from tactopose_drake.systems.pose_estimation import AddPoseEstimation, PoseEstimationParams
+from tactopose_drake.systems.pose_tracking import AddPoseTracking, PoseTrackingParams
+from tests.core.tracking.boxes import make_box
+
+X_WBASE = RigidTransform(RollPitchYaw(0.4, -0.3, 0.8), [0.3, 0.2, 1.0])
+
+
+@pytest.fixture(scope="module")
+def box() -> ObjectModel:
+    return make_box()
+
+
+def full_plant(builder: DiagramBuilder, *hands: str) -> tuple[MultibodyPlant, list[Hand]]:
+    """Hands between a free object and another; their joints are held where they are."""
+    plant, _ = AddMultibodyPlant(MultibodyPlantConfig(time_step=0.004), builder)
+    Parser(plant).AddModels(str(model_path("objects", "mug.sdf")))
+    added = []
+    for place, name in enumerate(hands):
+        X_WBase = RigidTransform([0.0, 0.0, 3.0 * place]) @ X_WBASE
+        plant.RenameModelInstance(
+            (hand := add_hand(plant, load_hand_config(name), X_WBase)).model_instance, f"h{place}"
+        )
+        added.append(hand)
+    Parser(plant).AddModels(str(model_path("objects", "bust.sdf")))
+    for index in plant.GetJointActuatorIndices():
+        plant.get_joint_actuator(index).set_controller_gains(PdControllerGains(p=5.0, d=0.1))
+    plant.Finalize()
+    for hand in added:
+        count = plant.num_actuators(hand.model_instance)
+        hold = builder.AddSystem(ConstantVectorSource(np.zeros(2 * count)))
+        builder.Connect(hold.get_output_port(), plant.get_desired_state_input_port(hand.model_instance))
+    return plant, added
+
+
+def evaluated(diagram: Diagram, root, system: Diagram, port: str):
+    """What stands at an input port."""
+    return system.GetInputPort(port).Eval(system.GetMyContextFromRoot(root))
+
+
+def test_joints_and_palm_are_those_of_the_hand_in_the_plant(box: ObjectModel) -> None:
+    builder = DiagramBuilder()
+    plant, (_, hand) = full_plant(builder, "barrett_like", "shadow_like")
+    tracking = AddPoseTracking(builder, hand.config, box, PoseTrackingParams(use_hand_volume=False), plant=plant)
+    diagram = builder.Build()
+    root = diagram.CreateDefaultContext()
+    context = plant.GetMyMutableContextFromRoot(root)
+    generator = np.random.default_rng(0)
+    alone, hand_alone = make_hand_plant(hand.config)
+    here, there = HandJoints.of(alone, hand_alone), HandJoints.of(plant, hand)
+    q, v = generator.normal(size=(2, alone.num_positions()))
+    plant.SetPositions(
+        context, hand.model_instance, q[here.positions(there.position)][np.argsort(list(there.position.values()))]
+    )
+    plant.SetVelocities(
+        context, hand.model_instance, v[here.velocities(there.velocity)][np.argsort(list(there.velocity.values()))]
+    )
+    np.testing.assert_array_equal(evaluated(diagram, root, tracking, "joint_positions"), q)
+    np.testing.assert_array_equal(evaluated(diagram, root, tracking, "joint_velocities"), v)
+    palm = evaluated(diagram, root, tracking, "palm_pose")
+    assert palm.IsNearlyEqualTo(hand.palm_frame.CalcPoseInWorld(context), 1e-12)
+    # The kinematics inside agree with the plant's: where a fingertip is in the palm.
+    alone_context = alone.CreateDefaultContext()
+    alone.SetPositions(alone_context, evaluated(diagram, root, tracking, "joint_positions"))
+    for finger, frame in hand.sensor_frames.items():
+        inside = alone.CalcRelativeTransform(alone_context, hand_alone.palm_frame, hand_alone.sensor_frames[finger])
+        assert inside.IsNearlyEqualTo(plant.CalcRelativeTransform(context, hand.palm_frame, frame), 1e-9)
+
+
+@pytest.mark.parametrize("gravity", [True, False])
+def test_a_hand_that_touches_nothing_feels_nothing(box: ObjectModel, gravity: bool) -> None:
+    builder = DiagramBuilder()
+    plant, _ = AddMultibodyPlant(MultibodyPlantConfig(time_step=0.004), builder)
+    hand = add_hand(plant, load_hand_config("shadow_like"), X_WBASE)
+    plant.set_gravity_enabled(hand.model_instance, gravity)
+    for index in plant.GetJointActuatorIndices():
+        plant.get_joint_actuator(index).set_controller_gains(PdControllerGains(p=5.0, d=0.1))
+    plant.Finalize()
+    hold = builder.AddSystem(ConstantVectorSource(np.zeros(2 * plant.num_actuators())))
+    builder.Connect(hold.get_output_port(), plant.get_desired_state_input_port(hand.model_instance))
+    params = PoseEstimationParams(use_hand_volume=False, check_collisions=False)
+    params.estimator.period = 10.0
+    estimation = AddPoseEstimation(builder, hand.config, box, params, plant=plant)
+    simulator = Simulator(builder.Build())
+    simulator.AdvanceTo(1.0)
+    for finger in hand.sensor_frames:
+        F_S = evaluated(simulator.get_system(), simulator.get_context(), estimation, f"wrench_{finger}")
+        assert np.linalg.norm(F_S[3:]) < 0.03  # Neither its weight nor what was taken off for it.
+    status = estimation.GetOutputPort("contact_status")
+    said = status.Eval(estimation.GetMyContextFromRoot(simulator.get_context()))
+    assert said.count("the force is below min_force") == 5
+
+
+def test_pads_feel_by_the_plants_contacts(box: ObjectModel) -> None:
+    builder = DiagramBuilder()
+    plant, (hand,) = full_plant(builder, "barrett_like")
+    params = PoseTrackingParams(use_joint_velocities=False, use_hand_volume=False)
+    tracking = AddPoseTracking(builder, hand.config, box, params, plant=plant)
+    simulator = Simulator(builder.Build())
+    simulator.AdvanceTo(0.06)
+    for pad in hand.config.pads:
+        pressures = evaluated(simulator.get_system(), simulator.get_context(), tracking, f"pressures_{pad.name}")
+        np.testing.assert_allclose(pressures, 0.0, atol=500.0)
+
+
+def test_real_senses_are_left_to_be_connected(box: ObjectModel) -> None:
+    builder = DiagramBuilder()
+    plant, (hand,) = full_plant(builder, "shadow_like")
+    params = PoseEstimationParams(use_hand_volume=False, check_collisions=False)
+    estimation = AddPoseEstimation(builder, hand.config, box, params, plant=plant, simulated_senses=False)
+    source = builder.AddSystem(ConstantVectorSource(np.arange(6.0)))
+    builder.Connect(source.get_output_port(), estimation.GetInputPort("wrench_thumb"))
+    diagram = builder.Build()
+    root = diagram.CreateDefaultContext()
+    np.testing.assert_array_equal(evaluated(diagram, root, estimation, "wrench_thumb"), np.arange(6.0))
+    assert not estimation.GetInputPort("wrench_first").HasValue(estimation.GetMyContextFromRoot(root))
+    assert estimation.GetInputPort("joint_positions").HasValue(estimation.GetMyContextFromRoot(root))
+
+
+def test_a_plant_without_the_hand_with_two_or_unfinished_is_refused(box: ObjectModel) -> None:
+    params = PoseEstimationParams(use_hand_volume=False, check_collisions=False)
+    config = load_hand_config("shadow_like")
+    builder = DiagramBuilder()
+    plant, _ = full_plant(builder, "barrett_like")
+    with pytest.raises(InvalidInputError, match=r"none of its models is the hand. .*h0: .*is unknown; valid names"):
+        AddPoseEstimation(builder, config, box, params, plant=plant)
+    builder = DiagramBuilder()
+    plant, _ = full_plant(builder, "shadow_like", "shadow_like")
+    with pytest.raises(InvalidInputError, match="its models h0, h1 are all such hands"):
+        AddPoseEstimation(builder, config, box, params, plant=plant)
+    plant, _ = AddMultibodyPlant(MultibodyPlantConfig(time_step=0.004), DiagramBuilder())
+    with pytest.raises(InvalidInputError, match="plant: is not finalized"):
+        AddPoseEstimation(DiagramBuilder(), config, box, params, plant=plant)
+    with pytest.raises(InvalidInputError, match="plant: is a str; allowed is a MultibodyPlant"):
+        AddPoseEstimation(DiagramBuilder(), config, box, params, plant="plant")
