@@ -10,7 +10,8 @@ from pydrake.geometry import Meshcat, MeshcatParams
 
 from tactopose_drake.cli.consoles import ERRORS, OUT
 from tactopose_drake.cli.demo_run import DemoResult, prepare_demo, run_demo, save_demo
-from tactopose_drake.cli.reports import fingers_table, free_line, pads_table, poses_table, sigma_line, status_line
+from tactopose_drake.cli.reports import fingers_table, pads_table, poses_table
+from tactopose_drake.estimation.descriptions import free_line, sigma_line, status_line
 from tactopose_drake.station.scenario import load_scenario
 from tactopose_drake.station.simulated import check_bodies
 
@@ -52,7 +53,7 @@ def demo(hand: str, name: str | None, seed: int, out: Path, keep: bool, no_open:
         OUT.print(pads_table(result.pads))
     OUT.print(poses_table((result.vision, result.touch)))
     OUT.print(free_line(result.estimate.best))
-    OUT.print(sigma_line(result.estimate.best, result.grasp.station.model))
+    OUT.print(sigma_line(result.estimate.best, result.grasp.station.model.size))
     OUT.print(status_line(result.estimate))
     OUT.print("Written: " + ", ".join(str(path) for path in paths))
     page = paths[-1].absolute()

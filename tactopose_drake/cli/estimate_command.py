@@ -6,18 +6,18 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import click
-from pydrake.geometry import Meshcat, MeshcatParams
 
 from tactopose_drake.cli.consoles import ERRORS, OUT
-from tactopose_drake.cli.reports import free_line, hypotheses_table, status_line
+from tactopose_drake.cli.reports import hypotheses_table
 from tactopose_drake.core.mesh.repair import MeshRepairWarning
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.estimation.descriptions import false_contacts_line, free_line, status_line
 from tactopose_drake.estimation.estimate import METHODS, estimate_pose
 from tactopose_drake.estimation.files import load_contacts, load_prior, save_result
 from tactopose_drake.estimation.output_files import check_outputs
-from tactopose_drake.visualization.meshcat import aim_camera, draw_scene, save_html, upright
+from tactopose_drake.visualization.meshcat import draw_scene
 from tactopose_drake.visualization.remote_meshcat import RemoteMeshcat
-from tactopose_drake.visualization.scene import Scene
+from tactopose_drake.visualization.scene import scene_of
 
 _path = click.Path(path_type=Path)
 
@@ -52,25 +52,21 @@ def estimate(
         model = ObjectModel.from_mesh(mesh)
     with _progress("searching (the first run on a machine compiles its kernels, about a minute)"):
         found = estimate_pose(model, contacts, prior=prior, method=method, seed=seed)
+    scene = scene_of(found)
     OUT.print(hypotheses_table(found, model))
-    OUT.print(free_line(found.best))
-    OUT.print(status_line(found))
+    for line in (free_line(found.best), false_contacts_line(scene.is_false), status_line(found)):
+        if line:
+            OUT.print(line, soft_wrap=True)
+    replaced = [str(path) for path in (out, html) if path is not None and path.is_file()]
     if out is not None:
         save_result(out, found)
-    scene = Scene(
-        model=model,
-        contacts=contacts,
-        prior=None if prior is None else prior.X_PO,
-        estimate=found.best.X_PO,
-    )
     if html is not None:
-        meshcat = Meshcat(MeshcatParams(host="localhost"))
-        draw_scene(meshcat, scene)
-        aim_camera(meshcat, scene, upright(scene))
-        save_html(html, meshcat)
+        found.save_html(html)
+    if replaced:
+        OUT.print(f"Replaced: {', '.join(replaced)}", soft_wrap=True)
     if remote is not None:
         draw_scene(remote, scene)
-        OUT.print(f"Drawn into the meshcat-server whose page is {remote.web_url()}")
+        OUT.print(f"Drawn into the meshcat-server whose page is {remote.web_url()}", soft_wrap=True)
 
 
 @contextmanager

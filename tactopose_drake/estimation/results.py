@@ -14,6 +14,7 @@ from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.estimation.question import Presentable, Question
 
 Status = Literal["ok", "ambiguous", "no_solution"]
 
@@ -42,7 +43,7 @@ class PoseHypothesis:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class PoseEstimate:
+class PoseEstimate(Presentable):
     """The hypotheses that one touch leaves.
 
     All numbers are finite, whatever the status. With "no_solution" the hypotheses are the poses that come nearest to
@@ -57,6 +58,7 @@ class PoseEstimate:
         finished: whether the search ended by itself, rather than at the time limit.
         log_evidence: the natural logarithm of how well the object explains the touch in all its poses together; see
             `core.identification.model_evidence`. It compares objects for one touch, and means nothing by itself.
+        question: what `estimate_pose` was asked, by which the estimate can show itself; None where it is not known.
     """
 
     hypotheses: tuple[PoseHypothesis, ...]
@@ -64,6 +66,7 @@ class PoseEstimate:
     duration: float
     finished: bool = True
     log_evidence: float = -math.inf
+    question: Question | None = dataclasses.field(default=None, repr=False)
 
     @property
     def best(self) -> PoseHypothesis:

@@ -100,13 +100,13 @@ def test_meshcat_itself_takes_and_records_all_of_it(model: ObjectModel) -> None:
     display = PoseDisplay(meshcat, model)
     run(display, duration=0.1, contacts=TOUCH, prior=PosePrior(X_PO), object_pose=X_PO)
     meshcat.PublishRecording()
-    for part in ("prior", "estimate", "touch/1/point", "touch/1/normal/cone", "touch/1/force/shaft"):
+    for part in ("prior", "estimate", "touch/1/point", "touch/1/normal/line", "touch/1/force/shaft"):
         assert meshcat.HasPath(f"/tactopose/{part}")
     assert "set_animation" in meshcat.StaticHtml()
 
 
 @pytest.mark.parametrize(
-    ("name", "value"), [("period", 0.0), ("max_contacts", -1), ("friction_coefficient", 0.0), ("estimate_opacity", 1.5)]
+    ("name", "value"), [("period", 0.0), ("max_contacts", -1), ("friction_coefficient", 0.0), ("max_alternatives", 9)]
 )
 def test_a_bad_parameter_is_named(name: str, value: float) -> None:
     with pytest.raises(InvalidInputError, match=f"{name}: is {value:g}"):

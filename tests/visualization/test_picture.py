@@ -9,17 +9,10 @@ from pydrake.math import RigidTransform
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.sensing.patches import Patch, describe_patch
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.visualization.appearance import CONTACT, ESTIMATE, PRESSURE, PRIOR, TRUTH, Colour
 from tactopose_drake.visualization.body_meshes import Triangles
 from tactopose_drake.visualization.picture import save_picture
-from tactopose_drake.visualization.scene import (
-    CONTACT_COLOUR,
-    ESTIMATE_COLOUR,
-    PRESSURE_COLOUR,
-    PRIOR_COLOUR,
-    TRUTH_COLOUR,
-    Colour,
-    Scene,
-)
+from tactopose_drake.visualization.scene import Scene, ShownHypothesis
 from tactopose_drake.visualization.viewpoint import choose_view
 
 TOUCH = Contacts(
@@ -58,27 +51,33 @@ def share(image: np.ndarray, colour: Colour) -> float:
 
 
 def test_the_left_panel_shows_the_prior_and_the_right_one_the_estimate(model: ObjectModel, tmp_path: Path) -> None:
-    scene = Scene(model=model, contacts=TOUCH, prior=X_off, estimate=RigidTransform(), truth=RigidTransform())
+    scene = Scene(
+        model=model,
+        contacts=TOUCH,
+        prior=X_off,
+        hypotheses=(ShownHypothesis(RigidTransform()),),
+        truth=RigidTransform(),
+    )
     left, right = np.split(draw(tmp_path / "picture.png", scene), 2, axis=1)
-    assert share(left, PRIOR_COLOUR) > 0.1
-    assert share(left, ESTIMATE_COLOUR) < 0.001
-    assert share(right, ESTIMATE_COLOUR) > 0.1
-    assert share(right, PRIOR_COLOUR) < 0.02  # its outline only
+    assert share(left, PRIOR.colour) > 0.1
+    assert share(left, ESTIMATE.colour) < 0.001
+    assert share(right, ESTIMATE.colour) > 0.1
+    assert share(right, PRIOR.colour) < 0.02  # its outline only
     for panel in (left, right):
-        assert share(panel, CONTACT_COLOUR) > 0.002
-        assert share(panel, TRUTH_COLOUR) > 0.001
+        assert share(panel, CONTACT.colour) > 0.002
+        assert share(panel, TRUTH.colour) > 0.001
 
 
 @pytest.mark.parametrize("contacts", [TOUCH, Contacts(TOUCH.p_PC), Contacts.empty()])
-@pytest.mark.parametrize("poses", [{"estimate": X_off}, {"prior": X_off}])
+@pytest.mark.parametrize("poses", [{"hypotheses": (ShownHypothesis(X_off),)}, {"prior": X_off}])
 def test_what_is_not_known_is_left_out(model: ObjectModel, tmp_path: Path, contacts: Contacts, poses) -> None:
     image = draw(tmp_path / "picture.png", Scene(model=model, contacts=contacts, **poses))
     assert image.shape[1] < 800  # one panel
-    assert share(image, ESTIMATE_COLOUR if "estimate" in poses else PRIOR_COLOUR) > 0.1
+    assert share(image, ESTIMATE.colour if "hypotheses" in poses else PRIOR.colour) > 0.1
 
 
 def test_the_same_scene_gives_the_same_picture(model: ObjectModel, tmp_path: Path) -> None:
-    scene = Scene(model=model, contacts=TOUCH, estimate=X_off)
+    scene = Scene(model=model, contacts=TOUCH, hypotheses=(ShownHypothesis(X_off),))
     np.testing.assert_array_equal(draw(tmp_path / "a.png", scene), draw(tmp_path / "b.png", scene))
 
 
@@ -100,8 +99,13 @@ def pads(pressure: float) -> tuple[Patch, ...]:
 def test_pressed_cells_are_plates_as_large_as_their_pressure(model: ObjectModel, tmp_path: Path) -> None:
     shares = []
     for pressure in (0.0, 2e4, 1e5):
-        scene = Scene(model=model, contacts=Contacts.empty(), patches=pads(pressure), estimate=RigidTransform())
-        shares.append(share(draw(tmp_path / "picture.png", scene), PRESSURE_COLOUR))
+        scene = Scene(
+            model=model,
+            contacts=Contacts.empty(),
+            patches=pads(pressure),
+            hypotheses=(ShownHypothesis(RigidTransform()),),
+        )
+        shares.append(share(draw(tmp_path / "picture.png", scene), PRESSURE.colour))
     none, few, many = shares
     assert none == 0.0
     assert few > 0.0
@@ -112,7 +116,9 @@ def test_pressed_cells_are_plates_as_large_as_their_pressure(model: ObjectModel,
 def test_the_view_is_not_from_behind_the_hand(model: ObjectModel, side: tuple[float, float, float]) -> None:
     towards = np.array(side)
     hand = wall(0.09 * towards, towards)
-    view = choose_view(Scene(model=model, contacts=Contacts.empty(), estimate=RigidTransform(), hand=hand))
+    view = choose_view(
+        Scene(model=model, contacts=Contacts.empty(), hypotheses=(ShownHypothesis(RigidTransform()),), hand=hand)
+    )
     assert view @ towards < 0.5
 
 
@@ -120,7 +126,8 @@ def test_a_hand_within_the_object_is_not_seen(model: ObjectModel, tmp_path: Path
     box = trimesh.creation.box((0.05, 0.07, 0.09))
     hand = Triangles(np.array(box.vertices), np.array(box.faces, dtype=np.int32), np.full((8, 3), 0.6))
     scenes = [
-        Scene(model=model, contacts=Contacts.empty(), estimate=RigidTransform(), hand=shown) for shown in (None, hand)
+        Scene(model=model, contacts=Contacts.empty(), hypotheses=(ShownHypothesis(RigidTransform()),), hand=shown)
+        for shown in (None, hand)
     ]
     bare, inside = (draw(tmp_path / "picture.png", scene)[:-90] for scene in scenes)  # but for the legend
     np.testing.assert_array_equal(bare, inside)
@@ -129,21 +136,25 @@ def test_a_hand_within_the_object_is_not_seen(model: ObjectModel, tmp_path: Path
 def test_a_hand_over_the_object_lets_it_shine_through(model: ObjectModel, tmp_path: Path) -> None:
     box = trimesh.creation.box((0.1, 0.12, 0.14))
     hand = Triangles(np.array(box.vertices), np.array(box.faces, dtype=np.int32), np.full((8, 3), 0.6))
-    bare = draw(tmp_path / "a.png", Scene(model=model, contacts=Contacts.empty(), estimate=RigidTransform()))
-    inside = draw(
-        tmp_path / "b.png", Scene(model=model, contacts=Contacts.empty(), estimate=RigidTransform(), hand=hand)
+    bare = draw(
+        tmp_path / "a.png",
+        Scene(model=model, contacts=Contacts.empty(), hypotheses=(ShownHypothesis(RigidTransform()),)),
     )
-    assert 0.02 < share(inside, ESTIMATE_COLOUR) < share(bare, ESTIMATE_COLOUR)
+    inside = draw(
+        tmp_path / "b.png",
+        Scene(model=model, contacts=Contacts.empty(), hypotheses=(ShownHypothesis(RigidTransform()),), hand=hand),
+    )
+    assert 0.02 < share(inside, ESTIMATE.colour) < share(bare, ESTIMATE.colour)
 
 
 def test_the_estimate_is_painted_as_its_vertices_are(model: ObjectModel, tmp_path: Path) -> None:
     red, blue = (0.9, 0.1, 0.1), (0.1, 0.1, 0.9)
     colours = np.where(model.vertices[:, 2:] > 0.0, red, blue)
-    scene = Scene(model=model, contacts=Contacts.empty(), prior=X_off, estimate=RigidTransform())
+    scene = Scene(model=model, contacts=Contacts.empty(), prior=X_off, hypotheses=(ShownHypothesis(RigidTransform()),))
     save_picture(tmp_path / "picture.png", scene, colours=colours)
     left, right = np.split(imread(tmp_path / "picture.png")[..., :3], 2, axis=1)
     assert share(right, red) > 0.03
     assert share(right, blue) > 0.03
-    assert share(right, ESTIMATE_COLOUR) < 0.01
-    assert share(left, PRIOR_COLOUR) > 0.1
+    assert share(right, ESTIMATE.colour) < 0.01
+    assert share(left, PRIOR.colour) > 0.1
     assert share(left, blue) < 0.001
