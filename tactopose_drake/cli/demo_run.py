@@ -36,8 +36,10 @@ from tactopose_drake.visualization.body_meshes import BodyMeshes, Triangles
 from tactopose_drake.visualization.estimate_page import page_of
 from tactopose_drake.visualization.page import PageTable, Row, save_html
 from tactopose_drake.visualization.picture import save_picture
-from tactopose_drake.visualization.scene import Scene, ShownHypothesis
+from tactopose_drake.visualization.scene import Scene, ShownHypothesis, touch_of
 from tactopose_drake.visualization.timeline import Timeline
+
+_FILES = ("result.json", "picture.png", "scene.html")
 
 
 class GraspFailedError(TactoposeError, RuntimeError):
@@ -133,8 +135,13 @@ def run_demo(
     )
 
 
-def prepare_demo(folder: Path) -> None:
-    """Makes the folder for the results.
+def earlier_results(folder: Path) -> list[Path]:
+    """What an earlier run has left in a folder."""
+    return [folder / name for name in _FILES if (folder / name).exists()]
+
+
+def prepare_demo(folder: Path) -> list[Path]:
+    """Makes the folder for the results, and tells which files there will be replaced.
 
     Raises:
         InvalidFileError: if nothing can be written there.
@@ -144,21 +151,23 @@ def prepare_demo(folder: Path) -> None:
     except OSError as error:
         reason = "is a file" if folder.is_file() else f"cannot be made ({error.strerror})"
         raise InvalidFileError(f"{folder}: {reason}; allowed is a folder, which may be new.") from None
-    check_outputs(folder / name for name in ("result.json", "picture.png", "scene.html"))
+    check_outputs(folder / name for name in _FILES)
+    return earlier_results(folder)
 
 
 def save_demo(result: DemoResult, folder: Path, meshcat: Meshcat | None = None) -> tuple[Path, ...]:
     """Writes result.json and picture.png, and with Meshcat's recording scene.html; returns their paths."""
     prepare_demo(folder)
-    paths = [folder / "result.json", folder / "picture.png"]
+    paths = [folder / name for name in _FILES[:2]]
     save_result(paths[0], result.estimate)
     save_picture(paths[1], result.scene, captions=("before: vision", "after: touch"))
     if meshcat is not None:
-        paths.append(folder / "scene.html")
+        paths.append(folder / _FILES[2])
         scenario = result.grasp.station.scenario
         name, hand = scenario.object.replace("_", " "), Path(scenario.hand).name.split(".")[0].replace("_", "-")
+        contacts = result.grasp.station.diagram.GetOutputPort("contacts").Eval(result.grasp.context)
         page = page_of(
-            result.scene,
+            dataclasses.replace(result.scene, contacts=touch_of(contacts, result.scene.patches)),
             result.estimate,
             title=f"{name[0].upper()}{name[1:]} in the simulated {hand} hand",
             X_WP=_palm_pose(result.grasp),

@@ -16,7 +16,12 @@ _MOST_ROWS = 8
 
 def hypotheses_table(estimate: PoseEstimate, model: ObjectModel) -> Table:
     """The most probable hypotheses: pose, probability, cost, and standard deviations where the touch determines it."""
-    table = Table(title=f"Pose of {model.name} in the palm frame", box=box.SIMPLE_HEAD, pad_edge=False)
+    table = Table(
+        title=f"Pose of {model.name} in the palm frame",
+        box=box.SIMPLE_HEAD,
+        pad_edge=False,
+        collapse_padding=True,  # a terminal has 80 columns
+    )
     for heading in ("mass", "translation, mm", "quaternion wxyz", "\u00b1 mm", "\u00b1 deg", "cost"):
         table.add_column(heading, justify="right", no_wrap=True)
     for hypothesis in estimate.hypotheses[:_MOST_ROWS]:
@@ -27,7 +32,7 @@ def hypotheses_table(estimate: PoseEstimate, model: ObjectModel) -> Table:
             " ".join(f"{x:.3f}" for x in hypothesis.X_PO.rotation().ToQuaternion().wxyz()),
             f"{1e3 * translation:.1f}",
             f"{np.degrees(rotation):.1f}",
-            f"{hypothesis.cost:.1f}",
+            f"{hypothesis.cost:.4g}",
         )
     hidden = len(estimate.hypotheses) - _MOST_ROWS
     if hidden > 0:

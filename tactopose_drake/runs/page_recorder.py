@@ -1,95 +1,95 @@
 """A run as a page: hand, touch and belief at each moment, to be moved through with a slider."""
 
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 from pydrake.geometry import Meshcat, MeshcatParams, Rgba, SceneGraph
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.estimation.prior import PosePrior
+from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.estimation.results import PoseEstimate
-from tactopose_drake.hand.hand_config import HandConfig, add_hand
+from tactopose_drake.hand.hand_config import add_hand, load_hand_config
+from tactopose_drake.resources import fixed_pose
 from tactopose_drake.runs.stepping import RunView
 from tactopose_drake.runs.timeline_recorder import TimelineRecorder, belief_port
-from tactopose_drake.visualization.appearance import MOST_ALTERNATIVES
+from tactopose_drake.station.scenario import Scenario
 from tactopose_drake.visualization.body_meshes import BodyMeshes
 from tactopose_drake.visualization.estimate_page import page_of
 from tactopose_drake.visualization.meshcat import upright
 from tactopose_drake.visualization.page import save_html
 from tactopose_drake.visualization.patch_marks import add_patches, move_patches
 from tactopose_drake.visualization.pose_marks import add_hypotheses, add_object, move_hypotheses, place
-from tactopose_drake.visualization.scene import Scene, ShownHypothesis, false_contacts, worth_drawing
+from tactopose_drake.visualization.scene import Scene, ShownHypothesis, touch_of
 from tactopose_drake.visualization.touch_marks import add_touch, move_touch
 
 _PATH = "/tactopose"
-_PERIOD = 0.04  # s between two moments of the page at the least
+_PERIOD = 0.04  # s between two moments at the least; it doubles where a run is long
+_MOST_MOMENTS = 200  # of a page, which stays below 6 MB with them
+_ALTERNATIVES = 2  # hypotheses beside the best that are drawn at each moment
+
+
+class Moment(NamedTuple):
+    """What a station says at one time."""
+
+    time: float
+    q: FloatArray
+    contacts: Contacts
+    patches: tuple[Patch, ...]
+    prior: RigidTransform | None
+    estimate: PoseEstimate | None
 
 
 class PageRecorder:
-    """Draws what it is shown of a run into a recording; `save` writes the page. `show` is an observer of runs."""
+    """Keeps what it is shown of a run, as often as a page can hold, and makes the page of it.
 
-    def __init__(self, config: HandConfig, model: ObjectModel) -> None:
-        """Makes the hand and the object's parts.
+    Where the station tracks, the belief is that over time. `show` is what runs take as an observer.
+    """
+
+    def __init__(self, scenario: Scenario, model: ObjectModel) -> None:
+        """Makes the hand.
 
         Args:
-            config: of the hand, as the run has it.
-            model: the object.
+            scenario: of the run.
+            model: its object.
         """
-        self._model, self._meshcat = model, Meshcat(MeshcatParams(host="localhost"))
-        self._timeline = TimelineRecorder(config, model)
-        self._scene_graph = SceneGraph()
+        config = load_hand_config(scenario.hand)
+        self._model, self._timeline = model, TimelineRecorder(config, model)
+        scene_graph = SceneGraph()
         self._plant = MultibodyPlant(time_step=0.001)
-        self._plant.RegisterAsSourceForSceneGraph(self._scene_graph)
-        self._hand = add_hand(self._plant, config, RigidTransform())
+        self._plant.RegisterAsSourceForSceneGraph(scene_graph)
+        self._hand = add_hand(self._plant, config, fixed_pose("Scenario.X_WBase", scenario.X_WBase))
         self._plant.Finalize()
-        self._plant_context = self._plant.CreateDefaultContext()
-        self._meshes = BodyMeshes.from_inspector(
-            self._plant, self._scene_graph.model_inspector(), self._hand.model_instance
-        )
-        self._contacts = len(config.fingers)
-        self._cells = 0
-        self._last: tuple[Scene, PoseEstimate] | None = None
-        self._next = -np.inf
-        self._meshcat.StartRecording(1.0 / _PERIOD)
-        self._add_parts()
+        self._context = self._plant.CreateDefaultContext()
+        self._meshes = BodyMeshes.from_inspector(self._plant, scene_graph.model_inspector(), self._hand.model_instance)
+        self._most_contacts = len(config.fingers) + len(config.pads)
+        self._moments: list[Moment] = []
+        self._period, self._next = _PERIOD, -np.inf
 
     def show(self, view: RunView) -> None:
-        """Records the present, if it is time."""
+        """Keeps the present, if it is time."""
         time = view.context.get_time()
         if time < self._next:
             return
-        self._next = time + _PERIOD - 1e-9
+
+        def now(name: str) -> Any:
+            return view.diagram.GetOutputPort(name).Eval(view.context)
+
         self._timeline.show(view)
-        ports = view.diagram, view.context
-        contacts, prior, estimate = (
-            ports[0].GetOutputPort(name).Eval(ports[1])
-            for name in ("contacts", "prior", belief_port(view, "hypotheses"))
-        )
-        patches = ()
-        if view.diagram.HasOutputPort("patches"):
-            patches = tuple(view.diagram.GetOutputPort("patches").Eval(view.context))
-        self._move_hand(view.diagram.GetOutputPort("joint_positions").Eval(view.context), time)
-        hypotheses = () if estimate is None else tuple(map(ShownHypothesis.of, estimate.hypotheses))
-        shown = worth_drawing(hypotheses)
-        move_hypotheses(self._meshcat, _PATH, self._model, shown, MOST_ALTERNATIVES, time)
-        X_PO = prior.X_PO if isinstance(prior, PosePrior) else None
-        place(self._meshcat, f"{_PATH}/prior", X_PO, time)
-        move_touch(
-            self._meshcat, f"{_PATH}/touch", contacts, self._contacts, time, false_contacts(shown, len(contacts))
-        )
-        if patches and not self._cells:
-            self._cells = max(len(patch.p_PT) for patch in patches)
-            add_patches(self._meshcat, f"{_PATH}/patches", len(patches), self._cells)
-        if patches:
-            move_patches(self._meshcat, f"{_PATH}/patches", patches, len(patches), self._cells, time)
-        if estimate is not None:
-            hand = self._meshes.merged(self._body_poses())
-            scene = Scene(
-                model=self._model, contacts=contacts, patches=patches, hypotheses=hypotheses, prior=X_PO, hand=hand
-            )
-            self._last = scene, estimate
+        patches = tuple(now("patches")) if view.diagram.HasOutputPort("patches") else ()
+        prior, estimate = now("prior"), now(belief_port(view, "hypotheses"))
+        contacts = touch_of(now("contacts"), patches)
+        X_PO = None if prior is None else prior.X_PO
+        self._moments.append(Moment(time, now("joint_positions"), contacts, patches, X_PO, estimate))
+        if len(self._moments) > _MOST_MOMENTS:
+            self._moments = self._moments[::2]
+            self._timeline.thin()
+            self._period *= 2
+        self._next = self._moments[-1].time + self._period - 1e-9
 
     def save(self, path: Path, title: str) -> bool:
         """Writes the page, if there has ever been an estimate and time has passed; tells whether it did.
@@ -98,30 +98,69 @@ class PageRecorder:
             InvalidFileError: if it cannot be written.
         """
         timeline = self._timeline.timeline()
-        if self._last is None or timeline is None:
+        estimated = [moment for moment in self._moments if moment.estimate is not None]
+        if timeline is None or not estimated:
             return False
-        scene, estimate = self._last
-        self._meshcat.StopRecording()
-        self._meshcat.PublishRecording()
-        self._meshcat.SetTransform(_PATH, upright(scene))
-        save_html(path, self._meshcat, page_of(scene, estimate, title=title, timeline=timeline))
+        last = estimated[-1]
+        assert last.estimate is not None
+        meshcat = Meshcat(MeshcatParams(host="localhost"))
+        self._add_parts(meshcat)
+        meshcat.StartRecording(1.0 / self._period)
+        for moment in self._moments:
+            self._draw(meshcat, moment)
+        meshcat.StopRecording()
+        meshcat.PublishRecording()
+        scene = self._scene(last)
+        meshcat.SetTransform(_PATH, upright(scene))
+        page = page_of(scene, last.estimate, title=title, when=f"At {last.time:.2f} s", timeline=timeline)
+        save_html(path, meshcat, page)
         return True
 
-    def _add_parts(self) -> None:
-        add_object(self._meshcat, f"{_PATH}/prior", self._model, "prior")
-        add_hypotheses(self._meshcat, _PATH, self._model, MOST_ALTERNATIVES)
-        add_touch(self._meshcat, f"{_PATH}/touch", self._contacts)
+    def _scene(self, moment: Moment) -> Scene:
+        X_PB = self._body_poses(moment.q)
+        X_WP = self._hand.palm_frame.CalcPoseInWorld(self._context)
+        return Scene(
+            model=self._model,
+            contacts=moment.contacts,
+            patches=moment.patches,
+            hypotheses=_shown(moment),
+            prior=moment.prior,
+            hand=self._meshes.merged(X_PB),
+            up_P=X_WP.rotation().inverse() @ np.array([0.0, 0.0, 1.0]),
+        )
+
+    def _add_parts(self, meshcat: Meshcat) -> None:
+        add_object(meshcat, f"{_PATH}/prior", self._model, "prior")
+        add_hypotheses(meshcat, _PATH, self._model, _ALTERNATIVES)
+        add_touch(meshcat, f"{_PATH}/touch", self._most_contacts)
+        pads, cells = self._pads()
+        add_patches(meshcat, f"{_PATH}/patches", pads, cells)
         for row, mesh in enumerate(self._meshes.meshes):
             vertices, faces = np.asfortranarray(mesh.vertices.T), np.asfortranarray(mesh.faces.T)
-            self._meshcat.SetTriangleMesh(f"{_PATH}/hand/{row}", vertices, faces, Rgba(*mesh.colour.mean(axis=0)))
+            meshcat.SetTriangleMesh(f"{_PATH}/hand/{row}", vertices, faces, Rgba(*mesh.colour.mean(axis=0)))
 
-    def _move_hand(self, q: np.ndarray, time: float) -> None:
-        self._plant.SetPositions(self._plant_context, q)
-        X_PB = self._body_poses()
+    def _draw(self, meshcat: Meshcat, moment: Moment) -> None:
+        time, hypotheses = moment.time, _shown(moment)
+        scene = Scene(model=self._model, contacts=moment.contacts, hypotheses=hypotheses)
+        move_hypotheses(meshcat, _PATH, self._model, hypotheses[:1] + scene.alternatives, _ALTERNATIVES, time)
+        place(meshcat, f"{_PATH}/prior", moment.prior, time)
+        move_touch(meshcat, f"{_PATH}/touch", moment.contacts, self._most_contacts, time, scene.is_false)
+        move_patches(meshcat, f"{_PATH}/patches", moment.patches, *self._pads(), time)
+        X_PB = self._body_poses(moment.q)
         for row, body in enumerate(self._meshes.body):
-            self._meshcat.SetTransform(f"{_PATH}/hand/{row}", X_PB[body], time)
+            meshcat.SetTransform(f"{_PATH}/hand/{row}", X_PB[body], time)
 
-    def _body_poses(self) -> list[RigidTransform]:
+    def _pads(self) -> tuple[int, int]:
+        """How many pads there are, and how many cells the largest has."""
+        patches = self._moments[-1].patches
+        return len(patches), max((len(patch.p_PT) for patch in patches), default=0)
+
+    def _body_poses(self, q: FloatArray) -> list[RigidTransform]:
         """Poses of all bodies in P."""
-        X_PW = self._hand.palm_frame.CalcPoseInWorld(self._plant_context).inverse()
-        return [X_PW @ X_WB for X_WB in self._plant.get_body_poses_output_port().Eval(self._plant_context)]
+        self._plant.SetPositions(self._context, q)
+        X_PW = self._hand.palm_frame.CalcPoseInWorld(self._context).inverse()
+        return [X_PW @ X_WB for X_WB in self._plant.get_body_poses_output_port().Eval(self._context)]
+
+
+def _shown(moment: Moment) -> tuple[ShownHypothesis, ...]:
+    return () if moment.estimate is None else tuple(map(ShownHypothesis.of, moment.estimate.hypotheses))

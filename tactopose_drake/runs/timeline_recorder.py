@@ -35,6 +35,10 @@ class TimelineRecorder:
         values = self._forces(view) | self._pressures(view) | self._widths(_now(view, belief_port(view, "hypotheses")))
         self._rows.append((time, _now(view, belief_port(view, "status")), values))
 
+    def thin(self) -> None:
+        """Forgets every second moment."""
+        self._rows = self._rows[::2]
+
     def timeline(self) -> Timeline | None:
         """All that was noted; None before there are two moments."""
         if len(self._rows) < 2:

@@ -264,5 +264,6 @@ def _add_display(
     builder.Connect(plant.get_body_poses_output_port(), display.GetInputPort("body_poses"))
     if hand.config.pads:
         patches = builder.AddNamedSystem("patch_display", PatchDisplay(meshcat, hand))
-        builder.Connect(estimation.GetOutputPort("patches"), patches.GetInputPort("patches"))
+        for shown in (display, patches):
+            builder.Connect(estimation.GetOutputPort("patches"), shown.GetInputPort("patches"))
         builder.Connect(plant.get_body_poses_output_port(), patches.GetInputPort("body_poses"))

@@ -18,7 +18,7 @@ from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.ports import eval_input, eval_optional_input
 from tactopose_drake.visualization.appearance import MOST_ALTERNATIVES
 from tactopose_drake.visualization.pose_marks import add_hypotheses, add_object, move_hypotheses, place
-from tactopose_drake.visualization.scene import ShownHypothesis, false_contacts, worth_drawing
+from tactopose_drake.visualization.scene import ShownHypothesis, false_contacts, touch_of, worth_drawing
 from tactopose_drake.visualization.touch_marks import add_touch, move_touch
 
 
@@ -30,7 +30,7 @@ class PoseDisplayParams:
     path: str = "/tactopose"  # of all parts in Meshcat's tree
     max_contacts: int = 10  # that can be shown at once
     friction_coefficient: float | None = None  # of the friction cones; no cones without
-    max_alternatives: int = 3  # hypotheses beside the best that can be shown at once, 0 to 8
+    max_alternatives: int = 2  # hypotheses beside the best that can be shown at once, 0 to 8
 
     def validate(self) -> None:
         """Raises InvalidInputError if a value is out of its range."""
@@ -59,12 +59,15 @@ class PoseDisplay(CollectableSystem):
         name: PoseDisplay
         input_ports:
         - contacts
+        - patches
         - prior
         - object_pose
         - hypotheses
         - body_poses
 
     - contacts: `Contacts` in P.
+    - patches: tuple of `Patch` in P; may stay unconnected. Their middles are shown as contacts; `PatchDisplay` shows
+      their cells.
     - prior: `PosePrior` X_PO or None; nothing is shown for it when it is not connected or None.
     - object_pose: `RigidTransform` X_PO, the estimate.
     - hypotheses: `PoseEstimate` or None; where it is connected, the estimate and all that is said of it, in place of
@@ -101,6 +104,7 @@ class PoseDisplay(CollectableSystem):
         self._object_body = None if object_body is None else int(object_body.index())
         self._X_BP = RigidTransform() if palm_frame is None else palm_frame.GetFixedPoseInBodyFrame()
         self._contacts = self.DeclareAbstractInputPort("contacts", AbstractValue.Make(Contacts.empty()))
+        self._patches = self.DeclareAbstractInputPort("patches", AbstractValue.Make(()))
         self._prior = self.DeclareAbstractInputPort("prior", AbstractValue.Make(None))
         self._pose = self.DeclareAbstractInputPort("object_pose", AbstractValue.Make(RigidTransform()))
         self._hypotheses = self.DeclareAbstractInputPort("hypotheses", AbstractValue.Make(None))
@@ -128,7 +132,8 @@ class PoseDisplay(CollectableSystem):
         if self._object_body is not None:
             X_PO = None if X_WB is None else X_WP.inverse() @ X_WB[self._object_body]
             place(meshcat, f"{path}/truth", X_PO, time)
-        contacts = eval_input(self._contacts, context, Contacts)
+        patches = eval_optional_input(self._patches, context, tuple) or ()
+        contacts = touch_of(eval_input(self._contacts, context, Contacts), patches)
         hypotheses = self._shown(context)
         count = self._params.max_alternatives
         move_hypotheses(meshcat, path, self._model, hypotheses, count, time)

@@ -34,10 +34,10 @@ UNCERTAINTY = Look(
     "95 % region",
     (0.04, 0.13, 0.40),
     "ellipsoid",
-    "where points of the object are, as far as determined",
+    "where its points are, as far as determined",
 )
 FREE = Look("not determined", (0.55, 0.20, 0.70), "turn", "it may move so without being felt")
-CONTACT = Look("contact", (0.85, 0.10, 0.20), "ball", "where the object is felt, numbered as in the input")
+CONTACT = Look("contact", (0.85, 0.10, 0.20), "ball", "of the object, numbered as in the input")
 FALSE_CONTACT = Look("false contact", (0.50, 0.51, 0.53), "cross", "probably not of this object")
 NORMAL = Look("contact normal", (0.36, 0.38, 0.43), "pin", "out of the object, as it was felt")
 FORCE = Look("contact force", (0.85, 0.10, 0.20), "arrow", "of the object on the finger")
@@ -49,6 +49,8 @@ ROLES = {"estimate": ESTIMATE, "prior": PRIOR, "truth": TRUTH}
 
 LEAST_INLIER_PROBABILITY = 0.5
 """A contact that is probably less than this one of the object is drawn as a false one."""
+MOST_FREE = 3
+"""Free directions that are drawn at the most; where more are free, words say so."""
 LONGEST_ARROW = 0.05
 """Of a force, m; the others are in proportion."""
 MOST_ALTERNATIVES = 5

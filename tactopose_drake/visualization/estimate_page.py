@@ -17,7 +17,6 @@ from tactopose_drake.visualization import appearance
 from tactopose_drake.visualization.appearance import Look
 from tactopose_drake.visualization.meshcat import draw_scene, upright
 from tactopose_drake.visualization.page import Label, Page, PageTable, Row, Switch, hand_switch
-from tactopose_drake.visualization.pose_marks import MOST_ARROWS
 from tactopose_drake.visualization.scene import Scene
 from tactopose_drake.visualization.timeline import Timeline
 from tactopose_drake.visualization.uncertainty import free_arrows
@@ -48,6 +47,7 @@ def page_of(
     title: str = "",
     X_WP: RigidTransform | None = None,
     tables: tuple[PageTable, ...] = (),
+    when: str = "",
     timeline: Timeline | None = None,
 ) -> Page:
     """The page of an estimate.
@@ -58,6 +58,7 @@ def page_of(
         title: what the page is; by default the object's name, and that touch put it there.
         X_WP: the palm in Meshcat's world; by default where `draw_scene` has it.
         tables: further ones, before that of the hypotheses.
+        when: of a recording, the time of what the page says beside the scene.
         timeline: of a recording.
     """
     name, best = scene.model.name.replace("_", " "), estimate.best
@@ -71,6 +72,7 @@ def page_of(
     return Page(
         title=title or f"{name[0].upper()}{name[1:]} in the hand: pose by touch",
         status=estimate.status,
+        when=when,
         sentences=tuple(line for line in lines if line),
         switches=scene_switches(scene),
         tables=(*tables, _hypotheses(estimate, scene.model.size, len(scene.alternatives))),
@@ -156,7 +158,7 @@ def _labels(scene: Scene) -> tuple[Label, ...]:
             appearance.FREE.colour,
             tuple(arrow.p_AT.tolist()),
         )
-        for row, arrow in enumerate(arrows[:MOST_ARROWS])
+        for row, arrow in enumerate(arrows)
     ]
     return (*contacts, *free)
 

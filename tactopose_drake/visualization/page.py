@@ -98,6 +98,7 @@ class Page:
     Attributes:
         title: what the page is.
         status: in a word, such as "ok"; empty for none.
+        when: the time of what is said, of a recording.
         sentences: what is believed, how sure, and what is not determined.
         switches: the legend.
         tables: the result in numbers, above the legend.
@@ -110,6 +111,7 @@ class Page:
 
     title: str
     status: str = ""
+    when: str = ""
     sentences: tuple[str, ...] = ()
     switches: tuple[Switch, ...] = ()
     tables: tuple[PageTable, ...] = ()
@@ -164,7 +166,8 @@ def _side(page: Page) -> str:
     lines = ['<aside id="tp-side">', f"<h1>{html.escape(page.title)}</h1>"]
     if page.status:
         words = html.escape(page.status.replace("_", " "))
-        lines.append(f'<p><span class="tp-status tp-{html.escape(page.status)}">{words}</span></p>')
+        when = f"{html.escape(page.when)}: " if page.when else ""
+        lines.append(f'<p>{when}<span class="tp-status tp-{html.escape(page.status)}">{words}</span></p>')
     lines += [f"<p>{html.escape(sentence)}</p>" for sentence in page.sentences]
     lines += [_table(table) for table in page.tables]
     lines.append('<h2>What is shown</h2><ul class="tp-legend">')

@@ -14,7 +14,7 @@ from pydrake.geometry import Meshcat, Rgba, Sphere
 from pydrake.math import RigidTransform
 
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.visualization.appearance import ALTERNATIVE, FREE, ROLES, UNCERTAINTY, Colour
+from tactopose_drake.visualization.appearance import ALTERNATIVE, FREE, MOST_FREE, ROLES, UNCERTAINTY, Colour
 from tactopose_drake.visualization.arrow_shapes import slide_arrow, turn_arrow
 from tactopose_drake.visualization.object_shapes import Mesh, smooth_mesh, wire_cage
 from tactopose_drake.visualization.remote_meshcat import RemoteMeshcat
@@ -22,9 +22,6 @@ from tactopose_drake.visualization.scene import ShownHypothesis
 from tactopose_drake.visualization.uncertainty import POINTS, ellipsoids, free_arrows, shown_points
 
 Role = Literal["prior", "estimate", "truth"]
-
-MOST_ARROWS = 3
-"""Free directions that are drawn at the most."""
 
 REGION_OPACITY = 0.5
 """Of the ellipsoids."""
@@ -65,7 +62,7 @@ def add_hypotheses(meshcat: Meshcat | RemoteMeshcat, path: str, model: ObjectMod
     ghost = smooth_mesh(model)
     for row in range(count):
         _set_smooth(meshcat, f"{path}/alternatives/{row}", ghost, ALTERNATIVE.colour, _LEAST_OPACITY)
-    for row in range(MOST_ARROWS):
+    for row in range(MOST_FREE):
         for name, arrow in (("turn", turn_arrow()), ("slide", slide_arrow())):
             _set_smooth(meshcat, f"{path}/free/{row}/{name}/arrow", arrow, FREE.colour, 1.0)
 
@@ -102,7 +99,7 @@ def move_hypotheses(
             # Which that property has set: two hypotheses that nearly coincide would be mottled.
             meshcat.SetProperty(f"{at}/<object>", "material.depthWrite", False)
     arrows = [] if best is None else free_arrows(model, best)
-    for row in range(MOST_ARROWS):
+    for row in range(MOST_FREE):
         for name in ("turn", "slide"):
             at = f"{path}/free/{row}/{name}"
             is_shown = row < len(arrows) and arrows[row].is_turn == (name == "turn")

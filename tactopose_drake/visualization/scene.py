@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pydrake.math import RigidTransform
 
 from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.evidence.patch_contacts import with_patches
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
@@ -22,6 +23,7 @@ from tactopose_drake.visualization.appearance import (
     LEAST_INLIER_PROBABILITY,
     LONGEST_ARROW,
     MOST_ALTERNATIVES,
+    MOST_FREE,
     Look,
 )
 from tactopose_drake.visualization.body_meshes import Triangles, sphere_triangles
@@ -105,7 +107,7 @@ class Scene:
             appearance.ESTIMATE: best is not None,
             appearance.ALTERNATIVE: len(self.alternatives) > 0,
             appearance.UNCERTAINTY: best is not None and best.covariance is not None,
-            appearance.FREE: best is not None and len(best.free_directions) > 0,
+            appearance.FREE: best is not None and 0 < len(best.free_directions) <= MOST_FREE,
             appearance.PRIOR: self.prior is not None,
             appearance.TRUTH: self.truth is not None,
             appearance.CONTACT: bool(np.any(~is_false)),
@@ -153,6 +155,19 @@ def false_contacts(hypotheses: tuple[ShownHypothesis, ...], count: int) -> NDArr
     if inlier is None:
         return np.zeros(count, dtype=np.bool_)
     return np.asarray(inlier)[:count] < LEAST_INLIER_PROBABILITY
+
+
+def touch_of(contacts: Contacts, patches: Sequence[Patch]) -> Contacts:
+    """The contacts and, after them, the middles of the patches that are felt; these have no arrows of force."""
+    felt = [patch for patch in patches if patch.is_felt]
+    if not felt:
+        return contacts
+    f_PC = (
+        None
+        if contacts.f_PC is None or not len(contacts)
+        else np.concatenate([contacts.f_PC, np.zeros((len(felt), 3))])
+    )
+    return dataclasses.replace(with_patches(contacts, felt), f_PC=f_PC)
 
 
 def arrow_lengths(contacts: Contacts) -> FloatArray:

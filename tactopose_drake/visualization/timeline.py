@@ -76,7 +76,10 @@ class Timeline:
 
     def data(self) -> dict[str, Any]:
         """What the page's script needs."""
-        return {"end": self.end, "strip": [{"from": start, "text": text} for start, _, text in self.pieces()]}
+        return {
+            "end": self.end,
+            "strip": [{"from": start, "text": text.replace("_", " ")} for start, _, text in self.pieces()],
+        }
 
     def css(self) -> str:
         """How high it is."""
@@ -92,7 +95,10 @@ def timeline_html(timeline: Timeline) -> str:
         for start, stop, text in timeline.pieces()
     )
     names = dict.fromkeys(_word(text) for _, _, text in timeline.pieces() if text)
-    key = " ".join(f'<span style="color:{state_colour(name)}">\u25a0</span> {html.escape(name)}' for name in names)
+    key = " ".join(
+        f'<span style="color:{state_colour(name)}">\u25a0</span> {html.escape(name.replace("_", " "))}'
+        for name in names
+    )
     rows = [
         '<div class="tp-row"><span><button id="tp-play">Play</button> <b id="tp-seconds"></b></span>'
         f'<div class="tp-track"><input type="range" id="tp-time" min="0" max="{end:.4f}" step="0.01" '
@@ -127,11 +133,12 @@ def _plot(plot: Plot, times: FloatArray) -> str:
                 f"{1000 * times[row] / times[-1]:.1f},{100 - 92 * curve.values[row] / most:.1f}" for row in rows
             )
             lines.append(f'<polyline points="{points}" stroke="{colour}"/>')
+    title, unit = html.escape(plot.title), html.escape(plot.unit)
+    names = " ".join(key) if len(key) > 1 else ""
     return (
-        f'<div class="tp-row tp-plot"><span>{html.escape(plot.title)}, {html.escape(plot.unit)}<br>'
-        f'{" ".join(key) if len(key) > 1 else ""}</span><div class="tp-track">'
+        f'<div class="tp-row tp-plot"><span>{title}, {unit}</span><div class="tp-track">'
         f'<svg viewBox="0 0 1000 100" preserveAspectRatio="none">{"".join(lines)}</svg>'
-        f'<span class="tp-most">{most:.2g} {html.escape(plot.unit)}</span><div class="tp-cursor"></div></div></div>'
+        f'<span class="tp-most">{most:.2g} {unit} {names}</span><div class="tp-cursor"></div></div></div>'
     )
 
 

@@ -8,6 +8,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.estimation.descriptions import determined_rows, direction_name
+from tactopose_drake.visualization.appearance import MOST_FREE
 from tactopose_drake.visualization.arrow_shapes import SLIDE_TIP, TURN_TIP
 from tactopose_drake.visualization.scene import ShownHypothesis
 
@@ -93,7 +94,9 @@ def ellipsoids(model: ObjectModel, hypothesis: ShownHypothesis, p_OQ: FloatArray
 
 
 def free_arrows(model: ObjectModel, hypothesis: ShownHypothesis) -> list[FreeArrow]:
-    """The free directions of a hypothesis as arrows in P."""
+    """The free directions of a hypothesis as arrows in P; none where there are more than can be told apart."""
+    if len(hypothesis.free_directions) > MOST_FREE:
+        return []
     X_PO = hypothesis.X_PO
     R_PO = X_PO.rotation().matrix()
     arrows = []
@@ -107,9 +110,15 @@ def free_arrows(model: ObjectModel, hypothesis: ShownHypothesis) -> list[FreeArr
 
 
 def _turn(model: ObjectModel, w_O: FloatArray, v_O: FloatArray) -> tuple[RigidTransform, float]:
-    """Frame and radius of arrows around the axis of a turn, outside of the object at half its height."""
+    """Frame and radius of arrows around the axis of a turn, outside of the object at half its height.
+
+    An axis that does not pass through the object would not be seen beside it: its arrows are around the middle.
+    """
     axis = w_O / np.linalg.norm(w_O)
     on_axis = np.cross(w_O, v_O) / (w_O @ w_O)
+    middle = 0.5 * (model.vertices.min(axis=0) + model.vertices.max(axis=0))
+    if np.linalg.norm(np.cross(on_axis - middle, axis)) > 0.5 * model.size:
+        on_axis = middle
     heights = (model.vertices - on_axis) @ axis
     reach = np.linalg.norm(np.cross(model.vertices - on_axis, axis), axis=1).max()
     center = on_axis + 0.5 * (heights.min() + heights.max()) * axis

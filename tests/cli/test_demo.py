@@ -21,7 +21,9 @@ class Demonstrated(NamedTuple):
 def demonstrate(folder: Path, *arguments: str) -> Demonstrated:
     with pytest.MonkeyPatch.context() as patch:
         printed: list[str] = []
-        patch.setattr("tactopose_drake.cli.demo_command.OUT.print", lambda *parts: printed.extend(map(_text, parts)))
+        patch.setattr(
+            "tactopose_drake.cli.demo_command.OUT.print", lambda *parts, **_: printed.extend(map(_text, parts))
+        )
         assert run("demo", *arguments, "--seed", 1, "--out", folder, "--no-open") == 0
     return Demonstrated(folder, "\n".join(printed))
 
