@@ -29,7 +29,7 @@ from tactopose_drake.visualization.touch_marks import add_touch, move_touch
 
 _PATH = "/tactopose"
 _PERIOD = 0.04  # s between two moments at the least; it doubles where a run is long
-_MOST_MOMENTS = 200  # of a page, which stays below 6 MB with them
+_MOST_MOMENTS = 130  # of a page, which stays below 6 MB with them
 _ALTERNATIVES = 2  # hypotheses beside the best that are drawn at each moment
 
 

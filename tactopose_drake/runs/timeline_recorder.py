@@ -10,6 +10,7 @@ from tactopose_drake.estimation.descriptions import determined_sigmas
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.hand.hand_config import HandConfig
 from tactopose_drake.runs.stepping import RunView
+from tactopose_drake.visualization.appearance import MOST_FREE
 from tactopose_drake.visualization.timeline import Curve, Plot, Timeline
 
 
@@ -72,8 +73,8 @@ class TimelineRecorder:
         }
 
     def _widths(self, estimate: PoseEstimate | None) -> dict[str, float]:
-        if estimate is None:
-            return {}
+        if estimate is None or len(estimate.best.free_directions) > MOST_FREE:
+            return {}  # Of a pose of which next to nothing is determined, what is says nothing.
         rotation, translation = determined_sigmas(estimate.best, self._size)
         return {"width_position": 1e3 * translation, "width_angle": float(np.degrees(rotation))}
 

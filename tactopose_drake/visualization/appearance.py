@@ -28,7 +28,7 @@ class Look(NamedTuple):
 
 ESTIMATE = Look("estimate", (0.20, 0.55, 0.85), "solid", "the most probable pose")
 ALTERNATIVE = Look("another hypothesis", (0.10, 0.62, 0.58), "ghost", "the more opaque, the more probable")
-PRIOR = Look("prior", (0.93, 0.55, 0.20), "line", "where it was thought to be before the touch")
+PRIOR = Look("prior", (0.93, 0.55, 0.20), "line", "where it was thought to be before")
 TRUTH = Look("true pose", (0.06, 0.45, 0.16), "line", "where it is in the simulation")
 UNCERTAINTY = Look(
     "95 % region",

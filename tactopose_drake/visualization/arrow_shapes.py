@@ -25,7 +25,7 @@ def turn_arrow() -> tuple[FloatArray, NDArray[np.int32]]:
     for start in 2.0 * np.pi * np.arange(_TURNS) / _TURNS:
         outward = np.stack([np.cos(start + angle), np.sin(start + angle), np.zeros_like(angle)], axis=1)
         upward = np.broadcast_to([0.0, 0.0, 1.0], outward.shape)
-        parts.append(_around(outward, outward, upward, radius))
+        parts.append(_around(outward, upward, outward, radius))
     faces = [part[1] + turn * len(parts[0][0]) for turn, part in enumerate(parts)]
     return np.concatenate([part[0] for part in parts]), np.concatenate(faces).astype(np.int32)
 
@@ -43,7 +43,7 @@ def slide_arrow() -> tuple[FloatArray, NDArray[np.int32]]:
 def _around(
     center: FloatArray, first: FloatArray, second: FloatArray, radius: FloatArray
 ) -> tuple[FloatArray, NDArray[np.int32]]:
-    """A surface of circles (n) about centres (n, 3), in the planes of two directions each, one joined to the next."""
+    """A surface of circles (n) about centres (n, 3), each turning from one direction to another, joined to the next."""
     angle = 2.0 * np.pi * np.arange(_SIDES) / _SIDES
     offset = np.cos(angle)[None, :, None] * first[:, None] + np.sin(angle)[None, :, None] * second[:, None]
     vertices = (center[:, None] + radius[:, None, None] * offset).reshape(-1, 3)

@@ -15,7 +15,8 @@ CREASE = np.radians(35.0)
 
 _MOST_FACES = 20000  # larger meshes are simplified for display
 _EDGE = np.radians(60.0)  # edges sharper than this are wires
-_RINGS = 4  # across the object's longest side
+_MIDDLE, _END = 0.5001, 0.02  # where the object is cut; a plane through many vertices would cut it in crumbs
+_RINGS = 0.26, 0.74  # and where its longest side is cut too
 _STEP = 0.03  # longest straight piece of a wire, of the object's size
 _BEND = np.cos(np.radians(12.0))  # a wire that bends more has a corner
 _WIRE = 0.0025  # radius of a wire, of the object's size
@@ -33,19 +34,20 @@ def smooth_mesh(model: ObjectModel) -> Mesh:
 
 
 def wire_cage(model: ObjectModel) -> Mesh:
-    """Wires along the object's sharp edges, rings across its longest side and its three middle sections, in O."""
+    """Wires along the object's sharp edges, and where planes cut its middle, its ends and its longest side, in O."""
     vertices, faces = simplified(model.vertices, model.faces, _MOST_FACES)
     mesh = trimesh.Trimesh(vertices, faces, process=False)
     low, high = vertices.min(axis=0), vertices.max(axis=0)
-    middle, longest = 0.5 * (low + high), int(np.argmax(high - low))
-    # A little off the middle: planes through many vertices of a regular mesh cut it in crumbs.
-    cuts = [(axis, middle[axis] + 1.3e-5 * model.size) for axis in range(3)]
-    cuts += [(longest, low[longest] + (high - low)[longest] * share) for share in np.linspace(0.02, 0.98, _RINGS)]
-    pieces = [_edges(mesh)]
-    for axis, at in cuts:
+    longest = int(np.argmax(high - low))
+    cuts = [(axis, share) for axis in range(3) for share in (_MIDDLE, _END, 1.0 - _END)]
+    cuts += [(longest, share) for share in _RINGS]
+    edges = _edges(mesh)
+    pieces, drawn = [edges], [edges.reshape(-1, 3)] if len(edges) else []
+    for axis, share in cuts:
+        at = low[axis] + share * (high[axis] - low[axis])
         section = mesh.section(plane_origin=np.eye(3)[axis] * at, plane_normal=np.eye(3)[axis])
         if section is not None:
-            lines = _outer_sides(section.discrete, _DOUBLE * model.size)
+            lines = _outer_sides(section.discrete, drawn, _DOUBLE * model.size)
             pieces += [_straightened(line, _STEP * model.size) for line in lines]
     return _tubes(np.concatenate(pieces), float(np.clip(_WIRE * model.size, _THINNEST, _THICKEST)))
 
@@ -75,11 +77,11 @@ def _edges(mesh: trimesh.Trimesh) -> FloatArray:
     return segments
 
 
-def _outer_sides(lines: Sequence[FloatArray], apart: float) -> list[FloatArray]:
-    """Polylines (n, 3), the widest first, without those that run along a wider one nearer than that."""
+def _outer_sides(lines: Sequence[FloatArray], drawn: list[FloatArray], apart: float) -> list[FloatArray]:
+    """Polylines (n, 3), the widest first, without those that run so near along what is drawn, or along a wider one."""
     kept: list[FloatArray] = []
     for line in sorted(lines, key=lambda points: -float(np.linalg.norm(np.ptp(points, axis=0)))):
-        if not any(np.max(cKDTree(wider).query(line)[0]) < apart for wider in kept):
+        if not any(np.max(cKDTree(other).query(line)[0]) < apart for other in (*drawn, *kept)):
             kept.append(line)
     return kept
 

@@ -3,7 +3,7 @@ import pytest
 from pydrake.math import RigidTransform
 
 import tactopose_drake as tp
-from tactopose_drake.estimation.descriptions import free_line, sigma_line
+from tactopose_drake.estimation.descriptions import false_contacts_line, free_line, sigma_line
 
 
 def test_the_sigmas_are_of_what_is_determined_alone() -> None:
@@ -28,3 +28,15 @@ def test_a_free_direction_is_named_in_the_axes_of_the_object(direction: list[flo
     assert (
         free_line(tp.PoseHypothesis(X_PO, 1.0, 1.0, np.eye(6), free, True)) == f"Not determined by the touch: {name}."
     )
+
+
+@pytest.mark.parametrize(
+    ("is_false", "line"),
+    [
+        ([False, False], ""),
+        ([False, True], "Probably not of this object: contact 2."),
+        ([True, False, True, True], "Probably not of this object: contacts 1, 3 and 4."),
+    ],
+)
+def test_false_contacts_are_named_by_their_numbers(is_false: list[bool], line: str) -> None:
+    assert false_contacts_line(np.array(is_false)) == line

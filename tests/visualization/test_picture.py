@@ -4,12 +4,24 @@ import numpy as np
 import pytest
 import trimesh
 from matplotlib.image import imread
-from pydrake.math import RigidTransform
+from pydrake.math import RigidTransform, RotationMatrix
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.sensing.patches import Patch, describe_patch
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.visualization.appearance import CONTACT, ESTIMATE, PRESSURE, PRIOR, TRUTH, Colour
+from tactopose_drake.estimation.estimate import estimate_pose
+from tactopose_drake.estimation.prior import PosePrior
+from tactopose_drake.visualization.appearance import (
+    ALTERNATIVE,
+    CONTACT,
+    ESTIMATE,
+    FREE,
+    PRESSURE,
+    PRIOR,
+    TRUTH,
+    UNCERTAINTY,
+    Colour,
+)
 from tactopose_drake.visualization.body_meshes import Triangles
 from tactopose_drake.visualization.picture import save_picture
 from tactopose_drake.visualization.scene import Scene, ShownHypothesis
@@ -158,3 +170,62 @@ def test_the_estimate_is_painted_as_its_vertices_are(model: ObjectModel, tmp_pat
     assert share(right, ESTIMATE.colour) < 0.01
     assert share(left, PRIOR.colour) > 0.1
     assert share(left, blue) < 0.001
+
+
+def certain(X_PO: RigidTransform, probability: float, **known: object) -> ShownHypothesis:
+    return ShownHypothesis(X_PO, probability, np.diag(np.square([0.05] * 3 + [0.004] * 3)), **known)
+
+
+def test_how_sure_the_estimate_is_is_seen(model: ObjectModel, tmp_path: Path) -> None:
+    spin = np.array([[0.0, 0.0, 1.0, 0.0, 0.0, 0.0]])
+    other = certain(RigidTransform([0.05, 0.05, 0.0]), 0.4)
+    shares = {}
+    for name, hypotheses in {
+        "bare": (ShownHypothesis(RigidTransform()),),
+        "sure": (certain(RigidTransform(), 1.0),),
+        "free": (certain(RigidTransform(), 1.0, free_directions=spin),),
+        "ambiguous": (certain(RigidTransform(), 0.6), other),
+    }.items():
+        image = draw(tmp_path / "picture.png", Scene(model=model, contacts=Contacts.empty(), hypotheses=hypotheses))
+        shares[name] = {look: share(image, look.colour) for look in (FREE, ALTERNATIVE)}
+        # Darker than any shade of the estimate.
+        shares[name][UNCERTAINTY] = float(np.mean(np.all(image[60:-90] < [0.12, 0.22, 0.5], axis=2)))
+    assert shares["bare"] == {FREE: 0.0, ALTERNATIVE: 0.0, UNCERTAINTY: 0.0}
+    assert shares["sure"][UNCERTAINTY] > 0.002
+    assert shares["free"][FREE] > 0.002
+    assert shares["ambiguous"][ALTERNATIVE] > 0.005
+    assert shares["sure"][FREE] == shares["free"][ALTERNATIVE] == 0.0
+
+
+def test_a_false_contact_is_grey_and_has_no_force(model: ObjectModel, tmp_path: Path) -> None:
+    reds = []
+    for inlier in (None, np.array([0.9, 0.9, 0.1]), np.array([0.1, 0.1, 0.1])):
+        shown = ShownHypothesis(RigidTransform(), inlier_probability=inlier)
+        scene = Scene(model=model, contacts=TOUCH, hypotheses=(shown,))
+        reds.append(share(draw(tmp_path / "picture.png", scene), CONTACT.colour))
+    assert reds[0] > 1.3 * reds[1] > 0.0
+    assert reds[2] == 0.0
+
+
+def test_an_estimate_brings_its_own_scene(model: ObjectModel, tmp_path: Path) -> None:
+    estimate = estimate_pose(model, TOUCH, prior=PosePrior(X_off))
+    save_picture(tmp_path / "picture.png", estimate)
+    left, right = np.split(imread(tmp_path / "picture.png")[..., :3], 2, axis=1)
+    assert share(left, PRIOR.colour) > 0.1
+    assert share(right, ESTIMATE.colour) > 0.1
+
+
+def test_a_long_object_is_not_seen_along_its_axis(tmp_path: Path) -> None:
+    can = ObjectModel.from_mesh(trimesh.creation.cylinder(radius=0.033, height=0.12, sections=32), cache=False)
+    for axis in np.eye(3)[:2]:
+        X_PO = RigidTransform(RotationMatrix.MakeFromOneVector(axis, 2), np.zeros(3))
+        view = choose_view(Scene(model=can, contacts=Contacts.empty(), hypotheses=(ShownHypothesis(X_PO),)))
+        assert abs(view @ axis) < 0.5
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_contacts_are_on_the_side_that_is_seen(model: ObjectModel, side: float) -> None:
+    n_PC = np.tile([side, 0.0, 0.0], (3, 1))
+    touch = Contacts([[0.03 * side, 0, 0], [0.03 * side, 0.02, 0], [0.03 * side, 0, 0.03]], n_PC)
+    view = choose_view(Scene(model=model, contacts=touch, hypotheses=(ShownHypothesis(RigidTransform()),)))
+    assert view[0] * side > 0.1
