@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from tactopose_drake.core.validation import FloatArray
 
-_TUBE, _HEAD_RADIUS = 0.018, 0.06  # of an arrow around the axis
+_TUBE, _HEAD_RADIUS = 0.014, 0.05  # of an arrow around the axis
 _TURNS = 3  # arrows around the axis, of which one at least is seen from any side
 _TURN, _HEAD = np.radians(80.0), np.radians(11.0)  # from tail to head of each, and of its head
 _SHAFT, _POINT_RADIUS, _POINT = 0.006, 0.019, 0.065  # of an arrow along the axis, and the length of its points

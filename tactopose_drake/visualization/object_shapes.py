@@ -17,6 +17,7 @@ _MOST_FACES = 20000  # larger meshes are simplified for display
 _EDGE = np.radians(60.0)  # edges sharper than this are wires
 _MIDDLE, _END = 0.5001, 0.02  # where the object is cut; a plane through many vertices would cut it in crumbs
 _RINGS = 0.26, 0.74  # and where its longest side is cut too
+_CAP = 0.4  # of the middle section's size; smaller sections are not drawn
 _STEP = 0.03  # longest straight piece of a wire, of the object's size
 _BEND = np.cos(np.radians(12.0))  # a wire that bends more has a corner
 _WIRE = 0.0025  # radius of a wire, of the object's size
@@ -41,14 +42,17 @@ def wire_cage(model: ObjectModel) -> Mesh:
     longest = int(np.argmax(high - low))
     cuts = [(axis, share) for axis in range(3) for share in (_MIDDLE, _END, 1.0 - _END)]
     cuts += [(longest, share) for share in _RINGS]
-    edges = _edges(mesh)
+    edges, apart, middle = _edges(mesh), _DOUBLE * model.size, np.zeros(3)
     pieces, drawn = [edges], [edges.reshape(-1, 3)] if len(edges) else []
     for axis, share in cuts:
         at = low[axis] + share * (high[axis] - low[axis])
         section = mesh.section(plane_origin=np.eye(3)[axis] * at, plane_normal=np.eye(3)[axis])
-        if section is not None:
-            lines = _outer_sides(section.discrete, drawn, _DOUBLE * model.size)
-            pieces += [_straightened(line, _STEP * model.size) for line in lines]
+        lines = [] if section is None else _outer_sides(section.discrete, drawn, apart)
+        if share == _MIDDLE:
+            middle[axis] = max((_area(line, axis) for line in lines), default=0.0)
+        # Where a plane cuts no more than a cap off a bulge, the cap's edge says nothing of the shape.
+        lines = [line for line in lines if _area(line, axis) > _CAP * middle[axis]]
+        pieces += [_straightened(line, _STEP * model.size) for line in lines]
     return _tubes(np.concatenate(pieces), float(np.clip(_WIRE * model.size, _THINNEST, _THICKEST)))
 
 
@@ -84,6 +88,11 @@ def _outer_sides(lines: Sequence[FloatArray], drawn: list[FloatArray], apart: fl
         if not any(np.max(cKDTree(other).query(line)[0]) < apart for other in (*drawn, *kept)):
             kept.append(line)
     return kept
+
+
+def _area(line: FloatArray, axis: int) -> float:
+    """Of the rectangle around a polyline (n, 3) across an axis, m^2."""
+    return float(np.prod(np.delete(np.ptp(line, axis=0), axis)))
 
 
 def _straightened(line: FloatArray, step: float) -> FloatArray:

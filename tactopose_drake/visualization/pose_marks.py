@@ -27,7 +27,7 @@ REGION_OPACITY = 0.5
 """Of the ellipsoids."""
 
 _LEAST_OPACITY, _MOST_OPACITY = 0.2, 0.7  # of an impossible and of a certain hypothesis
-_BEHIND = 1e5  # steps of the depth buffer: some 15 cm at half a metre
+_BEHIND = 4e5  # steps of the depth buffer: some 60 cm at half a metre
 
 
 def add_object(
