@@ -111,7 +111,7 @@ def _hypotheses(estimate: PoseEstimate, size: float, count: int) -> PageTable:
         rotation, translation = determined_sigmas(hypothesis, size)
         cells = (
             f"{hypothesis.probability:.1%}",
-            " ".join(f"{1e3 * x:.1f}" for x in hypothesis.X_PO.translation()),
+            _millimetres(hypothesis.X_PO.translation()),
             f"{1e3 * translation:.1f}",
             f"{np.degrees(rotation):.1f}",
         )
@@ -130,7 +130,7 @@ def _contacts(scene: Scene) -> PageTable:
     contacts = scene.contacts
     columns = [
         ("contact", [str(row + 1) for row in range(len(contacts))]),
-        ("x y z, mm", [" ".join(f"{1e3 * x:.1f}" for x in point) for point in contacts.p_PC]),
+        ("x y z, mm", [_millimetres(point) for point in contacts.p_PC]),
     ]
     if contacts.f_PC is not None:
         columns.append(("force, N", [f"{force:.2f}" for force in np.linalg.norm(contacts.f_PC, axis=1)]))
@@ -139,6 +139,10 @@ def _contacts(scene: Scene) -> PageTable:
         columns.append(("is one", [f"{share:.0%}" for share in inlier[: len(contacts)]]))
     rows = tuple(Row(cells) for cells in zip(*(cells for _, cells in columns), strict=True))
     return PageTable("Contacts in the palm frame", tuple(heading for heading, _ in columns), rows)
+
+
+def _millimetres(point: FloatArray) -> str:
+    return " ".join(f"{x:.1f}" for x in np.round(1e3 * point, 1) + 0.0)  # no -0.0
 
 
 def _labels(scene: Scene) -> tuple[Label, ...]:

@@ -82,6 +82,11 @@ def switch(browser: Browser, name: str) -> str:
     return f"{entry}.querySelector('input')"
 
 
+def pane(browser: Browser) -> np.ndarray:
+    """What is seen of the scene alone."""
+    return browser.screenshot()[:, : browser.evaluate("document.getElementById('meshcat-pane').offsetWidth")]
+
+
 def changed(before: np.ndarray, after: np.ndarray) -> int:
     """How many pixels differ well."""
     return int(np.count_nonzero(np.abs(before - after).max(axis=2) > 0.06))
@@ -115,25 +120,25 @@ def test_the_legend_names_what_is_seen_and_no_more(browser: Browser, path: Path,
 
 def test_each_switch_shows_and_hides_something(browser: Browser, path: Path, scene: Scene) -> None:
     browser.open(path, 900, 700)
-    shown = browser.screenshot()
+    shown = pane(browser)
     for look in scene.looks:
         box = switch(browser, look.name)
         browser.evaluate(f"{box}.click()")
         # A normal under its force is a hair that sticks out.
-        assert changed(shown, browser.screenshot()) > 5, look.name
+        assert changed(shown, pane(browser)) > 5, look.name
         browser.evaluate(f"{box}.click()")
-        assert changed(shown, browser.screenshot()) == 0, look.name
+        assert changed(shown, pane(browser)) == 0, look.name
 
 
 def test_a_hypothesis_has_a_switch_of_its_own(browser: Browser, path: Path) -> None:
     browser.open(path, 900, 700)
-    shown = browser.screenshot()
+    shown = pane(browser)
     boxes = "document.querySelectorAll('#tp-side td input')"
     assert browser.evaluate(f"{boxes}.length") == 2
     counts = []
     for row in range(2):
         browser.evaluate(f"{boxes}[{row}].click()")
-        counts.append(changed(shown, browser.screenshot()))
+        counts.append(changed(shown, pane(browser)))
         browser.evaluate(f"{boxes}[{row}].click()")
     assert min(counts) > 1000
 
@@ -164,12 +169,12 @@ def test_an_estimate_at_the_truth_does_not_fight_with_it(
     browser.open(tmp_path / "page.html", 900, 700)
     for name in ("95 % region", "not determined"):
         browser.evaluate(f"{switch(browser, name)}.click()")
-    both = browser.screenshot()
+    both = pane(browser)
     browser.evaluate(f"{switch(browser, 'true pose')}.click()")
-    of_truth = changed(both, browser.screenshot())
+    of_truth = changed(both, pane(browser))
     browser.evaluate(f"{switch(browser, 'true pose')}.click()")
     browser.evaluate(f"{switch(browser, 'estimate')}.click()")
-    of_estimate = changed(both, browser.screenshot())
+    of_estimate = changed(both, pane(browser))
     # Its wires cross the estimate, and no more.
     assert 200 < of_truth < 0.12 * of_estimate
 
@@ -191,8 +196,8 @@ def test_nothing_is_cut_off(browser: Browser, path: Path, width: int, height: in
         "(() => { const side = document.getElementById('tp-side'); return side.scrollWidth <= side.clientWidth; })()"
     )
     # What is framed lies within the pane: its border shows the background alone.
-    pane = browser.screenshot()[:, : browser.evaluate("document.getElementById('meshcat-pane').offsetWidth")]
-    for border in (pane[:, 2], pane[:, -3]):
+    shown = pane(browser)
+    for border in (shown[:, 2], shown[:, -3]):
         assert np.abs(border - border.mean(axis=1, keepdims=True)).max() < 0.08
 
 
