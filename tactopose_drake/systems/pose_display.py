@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.geometry import Meshcat
 from pydrake.math import RigidTransform
@@ -17,8 +18,9 @@ from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.ports import eval_input, eval_optional_input
 from tactopose_drake.visualization.appearance import MOST_ALTERNATIVES
+from tactopose_drake.visualization.meshcat import aim_camera
 from tactopose_drake.visualization.pose_marks import add_hypotheses, add_object, move_hypotheses, place
-from tactopose_drake.visualization.scene import ShownHypothesis, false_contacts, touch_of, worth_drawing
+from tactopose_drake.visualization.scene import Scene, ShownHypothesis, false_contacts, touch_of, worth_drawing
 from tactopose_drake.visualization.touch_marks import add_touch, move_touch
 
 
@@ -30,6 +32,7 @@ class PoseDisplayParams:
     path: str = "/tactopose"  # of all parts in Meshcat's tree
     max_contacts: int = 10  # that can be shown at once
     friction_coefficient: float | None = None  # of the friction cones; no cones without
+    aim_camera: bool = True  # once, at what is known of the object's pose when a simulation is initialized
     max_alternatives: int = 2  # hypotheses beside the best that can be shown at once, 0 to 8
 
     def validate(self) -> None:
@@ -120,7 +123,20 @@ class PoseDisplay(CollectableSystem):
             add_object(self._meshcat, f"{path}/truth", self._model, "truth")
         add_hypotheses(self._meshcat, path, self._model, params.max_alternatives)
         add_touch(self._meshcat, f"{path}/touch", params.max_contacts, friction=params.friction_coefficient)
+        if params.aim_camera:
+            self._aim(context)
         return EventStatus.Succeeded()
+
+    def _aim(self, context: Context) -> None:
+        prior, X_WP = eval_optional_input(self._prior, context, PosePrior), self._palm_pose(context)
+        scene = Scene(
+            model=self._model,
+            contacts=self._touch(context),
+            hypotheses=self._shown(context),
+            prior=None if prior is None else prior.X_PO,
+            up_P=X_WP.rotation().inverse() @ np.array([0.0, 0.0, 1.0]),
+        )
+        aim_camera(self._meshcat, scene, X_WP, stage=False)
 
     def _move_parts(self, context: Context) -> EventStatus:
         path, time, meshcat = self._params.path, context.get_time(), self._meshcat
@@ -132,14 +148,17 @@ class PoseDisplay(CollectableSystem):
         if self._object_body is not None:
             X_PO = None if X_WB is None else X_WP.inverse() @ X_WB[self._object_body]
             place(meshcat, f"{path}/truth", X_PO, time)
-        patches = eval_optional_input(self._patches, context, tuple) or ()
-        contacts = touch_of(eval_input(self._contacts, context, Contacts), patches)
+        contacts = self._touch(context)
         hypotheses = self._shown(context)
         count = self._params.max_alternatives
         move_hypotheses(meshcat, path, self._model, hypotheses, count, time)
         is_false = false_contacts(hypotheses, len(contacts))
         move_touch(meshcat, f"{path}/touch", contacts, self._params.max_contacts, time, is_false)
         return EventStatus.Succeeded()
+
+    def _touch(self, context: Context) -> Contacts:
+        patches = eval_optional_input(self._patches, context, tuple) or ()
+        return touch_of(eval_input(self._contacts, context, Contacts), patches)
 
     def _shown(self, context: Context) -> tuple[ShownHypothesis, ...]:
         if not self._hypotheses.HasValue(context):

@@ -61,13 +61,22 @@ def upright(scene: Scene) -> RigidTransform:
     return RigidTransform(RotationMatrix.MakeFromOneVector(scene.up_P, 2).inverse(), np.zeros(3))
 
 
-def aim_camera(meshcat: Meshcat, scene: Scene, X_WP: RigidTransform) -> None:
-    """Points Meshcat's camera at a scene from where its picture is taken, the palm being at X_WP in Meshcat's world."""
+def aim_camera(meshcat: Meshcat, scene: Scene, X_WP: RigidTransform, *, stage: bool = True) -> None:
+    """Points Meshcat's camera at a scene from where its picture is taken.
+
+    Args:
+        meshcat: the display.
+        scene: what to look at; where there is nothing in it, the camera stays.
+        X_WP: the palm in Meshcat's world.
+        stage: whether the background becomes light, and grid and axes are hidden.
+    """
     points = points_of_interest(scene)
-    if len(points):
-        low, high = points.min(axis=0), points.max(axis=0)
-        direction = X_WP.rotation() @ choose_view(scene)
-        set_stage(meshcat, X_WP @ (0.5 * (low + high)), float(np.linalg.norm(high - low)), direction)
+    if not len(points):
+        return
+    low, high = points.min(axis=0), points.max(axis=0)
+    direction = X_WP.rotation() @ choose_view(scene)
+    look = set_stage if stage else _look
+    look(meshcat, X_WP @ (0.5 * (low + high)), float(np.linalg.norm(high - low)), direction)
 
 
 def set_stage(meshcat: Meshcat, target: FloatArray, size: float, direction: FloatArray) -> None:
@@ -79,9 +88,13 @@ def set_stage(meshcat: Meshcat, target: FloatArray, size: float, direction: Floa
         size: of what should be seen whole, m.
         direction: from the target to the camera, shape (3,); not vertical.
     """
-    distance = 0.5 * size / np.tan(0.5 * _FIELD_OF_VIEW)
-    meshcat.SetCameraPose(target + distance * direction / np.linalg.norm(direction), target)
+    _look(meshcat, target, size, direction)
     meshcat.SetProperty("/Background", "top_color", [0.97, 0.975, 0.985])
     meshcat.SetProperty("/Background", "bottom_color", [0.82, 0.84, 0.87])
     for path in ("/Grid", "/Axes"):
         meshcat.SetProperty(path, "visible", False)
+
+
+def _look(meshcat: Meshcat, target: FloatArray, size: float, direction: FloatArray) -> None:
+    distance = 0.5 * size / np.tan(0.5 * _FIELD_OF_VIEW)
+    meshcat.SetCameraPose(target + distance * direction / np.linalg.norm(direction), target)

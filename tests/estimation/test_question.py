@@ -1,6 +1,8 @@
 import copy
 import pickle
+import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -51,6 +53,17 @@ def test_show_opens_the_page_in_the_browser(estimate: tp.PoseEstimate, monkeypat
     assert "<title>" in path.read_text()
     path.unlink()
     path.parent.rmdir()
+
+
+def test_show_stands_below_the_cell_of_a_notebook(estimate: tp.PoseEstimate, monkeypatch: pytest.MonkeyPatch) -> None:
+    shown: list[str] = []
+    notebook = SimpleNamespace(HTML=str, display=shown.append)
+    monkeypatch.setitem(sys.modules, "ipykernel", SimpleNamespace())
+    monkeypatch.setitem(sys.modules, "IPython.display", notebook)
+    assert estimate.show() is None
+    (frame,) = shown
+    assert frame.startswith('<iframe srcdoc="&lt;!DOCTYPE html&gt;')
+    assert "<title>" not in frame  # It is escaped, all of it.
 
 
 def test_a_notebook_shows_a_small_table_and_a_picture(estimate: tp.PoseEstimate) -> None:

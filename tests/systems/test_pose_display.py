@@ -130,6 +130,20 @@ def test_without_a_hypothesis_no_estimate_is_shown(model: ObjectModel) -> None:
     assert meshcat.visible("/tactopose/touch/0/point")
 
 
+@pytest.mark.parametrize("aims", [True, False])
+def test_the_camera_is_aimed_once_at_what_is_known(model: ObjectModel, aims: bool) -> None:
+    meshcat = RecordingMeshcat()
+    prior = PosePrior(RigidTransform([0.0, 0.0, 0.2]))
+    display = PoseDisplay(meshcat, model, params=PoseDisplayParams(aim_camera=aims))
+    run(display, 0.1, contacts=Contacts.empty(), prior=prior, object_pose=X_PO, hypotheses=None)
+    assert hasattr(meshcat, "camera") == aims
+    if aims:
+        assert np.linalg.norm(meshcat.target - [0.0, 0.0, 0.2]) < 0.01
+        assert 0.05 < np.linalg.norm(meshcat.camera - meshcat.target) < 0.5
+        # The background and the grid stay the user's.
+        assert not [path for path, _ in meshcat.properties if not path.startswith("/tactopose")]
+
+
 def test_the_middles_of_patches_are_contacts(model: ObjectModel) -> None:
     meshcat = RecordingMeshcat()
     n_PT = np.tile([0.0, 0.0, -1.0], (3, 1))
