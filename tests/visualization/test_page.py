@@ -87,9 +87,14 @@ def pane(browser: Browser) -> np.ndarray:
     return browser.screenshot()[:, : browser.evaluate("document.getElementById('meshcat-pane').offsetWidth")]
 
 
+def differs(before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """Which pixels differ well, shape (height, width)."""
+    return np.abs(before - after).max(axis=2) > 0.06
+
+
 def changed(before: np.ndarray, after: np.ndarray) -> int:
-    """How many pixels differ well."""
-    return int(np.count_nonzero(np.abs(before - after).max(axis=2) > 0.06))
+    """How many do."""
+    return int(np.count_nonzero(differs(before, after)))
 
 
 def test_the_page_says_what_it_is_and_what_is_believed(browser: Browser, path: Path) -> None:
@@ -141,6 +146,17 @@ def test_a_hypothesis_has_a_switch_of_its_own(browser: Browser, path: Path) -> N
         counts.append(changed(shown, pane(browser)))
         browser.evaluate(f"{boxes}[{row}].click()")
     assert min(counts) > 1000
+
+
+def test_other_hypotheses_do_not_blend_with_the_estimate(browser: Browser, path: Path) -> None:
+    browser.open(path, 900, 700)
+    shown, where = pane(browser), {}
+    for name in ("estimate", "another hypothesis"):
+        browser.evaluate(f"{switch(browser, name)}.click()")
+        where[name] = differs(shown, pane(browser))
+        browser.evaluate(f"{switch(browser, name)}.click()")
+    both = where["estimate"] & where["another hypothesis"]
+    assert np.count_nonzero(both) < 0.02 * np.count_nonzero(where["another hypothesis"])
 
 
 def test_a_more_probable_hypothesis_is_more_opaque(browser: Browser, path: Path) -> None:

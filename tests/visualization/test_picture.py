@@ -197,6 +197,19 @@ def test_how_sure_the_estimate_is_is_seen(model: ObjectModel, tmp_path: Path) ->
     assert shares["sure"][FREE] == shares["free"][ALTERNATIVE] == 0.0
 
 
+def test_other_hypotheses_do_not_blend_with_the_estimate(model: ObjectModel, tmp_path: Path) -> None:
+    best, other = ShownHypothesis(RigidTransform(), 0.95), ShownHypothesis(RigidTransform([0.02, 0.03, 0.01]), 0.05)
+    alone, both = (
+        draw(tmp_path / "picture.png", Scene(model=model, contacts=Contacts.empty(), hypotheses=hypotheses))[60:-90]
+        for hypotheses in ((best,), (best, other))
+    )
+    is_estimate = alone[..., 2] - alone[..., 0] > 0.2
+    same = np.all(np.abs(alone - both) < 0.01, axis=2)
+    assert np.mean(is_estimate) > 0.1
+    assert np.mean(same[is_estimate]) > 0.99
+    assert np.mean(same) < 0.99
+
+
 def test_a_false_contact_is_grey_and_has_no_force(model: ObjectModel, tmp_path: Path) -> None:
     reds = []
     for inlier in (None, np.array([0.9, 0.9, 0.1]), np.array([0.1, 0.1, 0.1])):
