@@ -32,6 +32,7 @@ from tactopose_drake.hand.tactile_pads import load_tactile_pad
 from tactopose_drake.runs.grasp_simulation import GraspResult, simulate_grasp
 from tactopose_drake.runs.timeline_recorder import TimelineRecorder
 from tactopose_drake.station.scenario import Scenario
+from tactopose_drake.systems.pose_display import PoseDisplayParams
 from tactopose_drake.visualization.body_meshes import BodyMeshes, Triangles
 from tactopose_drake.visualization.estimate_page import page_of
 from tactopose_drake.visualization.page import PageTable, Row, save_html
@@ -166,12 +167,19 @@ def save_demo(result: DemoResult, folder: Path, meshcat: Meshcat | None = None) 
         scenario = result.grasp.station.scenario
         name, hand = scenario.object.replace("_", " "), Path(scenario.hand).name.split(".")[0].replace("_", "-")
         contacts = result.grasp.station.diagram.GetOutputPort("contacts").Eval(result.grasp.context)
+        # What the station's display shows of it.
+        shown = dataclasses.replace(
+            result.scene,
+            contacts=touch_of(contacts, result.scene.patches),
+            hypotheses=result.scene.hypotheses[: 1 + PoseDisplayParams().max_alternatives],
+        )
         page = page_of(
-            dataclasses.replace(result.scene, contacts=touch_of(contacts, result.scene.patches)),
+            shown,
             result.estimate,
             title=f"{name[0].upper()}{name[1:]} in the simulated {hand} hand",
             X_WP=_palm_pose(result.grasp),
             tables=(_errors_table(result),),
+            when=f"At {result.grasp.context.get_time():.2f} s",
             timeline=result.timeline,
         )
         save_html(paths[2], meshcat, page)

@@ -123,7 +123,7 @@ class PageRecorder:
             model=self._model,
             contacts=moment.contacts,
             patches=moment.patches,
-            hypotheses=_shown(moment),
+            hypotheses=_shown(moment)[: 1 + _ALTERNATIVES],
             prior=moment.prior,
             hand=self._meshes.merged(X_PB),
             up_P=X_WP.rotation().inverse() @ np.array([0.0, 0.0, 1.0]),

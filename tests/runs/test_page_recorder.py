@@ -141,3 +141,20 @@ def test_a_long_run_makes_a_page_that_is_not_large(
     points = re.search(r'<polyline points="([^"]*)"', page)
     assert points is not None
     assert 60 < len(points[1].split()) <= 130
+
+
+def test_the_page_switches_the_hypotheses_that_it_draws(
+    scenario: Scenario, model: ObjectModel, station: Station, tmp_path: Path
+) -> None:
+    hypotheses = tuple(
+        PoseHypothesis(RigidTransform([0.01 * row, 0.0, 0.1]), 1.0, 0.2, 1e-6 * np.eye(6), np.zeros((0, 6)))
+        for row in range(5)
+    )
+    recorder = PageRecorder(scenario, model)
+    for station.time in (0.0, 0.1):
+        touch(station, 1.0, PoseEstimate(hypotheses, "ambiguous", 0.01))
+        recorder.show(RunView(station, station))
+    assert recorder.save(tmp_path / "page.html", "Five hypotheses")
+    page = (tmp_path / "page.html").read_text()
+    assert re.findall(r'data-hides="\^/tactopose/alternatives/(\d+)', page) == ["0", "1"]
+    assert "and 2 less probable" in page
