@@ -12,8 +12,9 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from tactopose_drake.cli import DemoResult, GraspFailedError, direction_names, run_demo
+from tactopose_drake.cli import DemoResult, GraspFailedError, run_demo
 from tactopose_drake.core.shape import ObjectModel
+from tactopose_drake.estimation import direction_names
 from tactopose_drake.station import load_scenario
 
 OBJECTS = ("bust", "mug", "spray_bottle", "tea_box", "wine_glass")

@@ -27,3 +27,4 @@ from .estimation.prior import PosePrior as PosePrior
 from .estimation.results import PoseEstimate as PoseEstimate
 from .estimation.results import PoseHypothesis as PoseHypothesis
 from .hand.geometry import HandGeometry as HandGeometry
+from .visualization.picture import save_picture as save_picture

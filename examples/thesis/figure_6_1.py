@@ -35,7 +35,7 @@ from rich.table import Table
 
 import tactopose_drake as tp
 from tactopose_drake.core.poses import exp_so3
-from tactopose_drake.visualization import Scene, save_picture
+from tactopose_drake.visualization import Scene, ShownHypothesis, save_picture
 
 OBJECTS = ("bust", "mug", "tea_box", "wine_glass")
 SHOWN = "mug"
@@ -131,7 +131,11 @@ def draw(path: Path, trial: Trial, models: Sequence[tp.ObjectModel]) -> None:
         for identity in trial.evidence:
             assert identity.estimate is not None
             picture = Path(folder) / f"{identity.index}.png"
-            scene = Scene(model=models[identity.index], contacts=trial.contacts, estimate=identity.estimate.best.X_PO)
+            scene = Scene(
+                model=models[identity.index],
+                contacts=trial.contacts,
+                hypotheses=(ShownHypothesis(identity.estimate.best.X_PO),),
+            )
             save_picture(picture, scene, captions=("", f"{identity.index + 1}: {identity.name}"))
             axes = figure.add_subplot(grid[0, identity.index])
             axes.imshow(imread(picture))

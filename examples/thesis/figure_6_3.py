@@ -104,9 +104,7 @@ def summary(finger: str, found: ImprovementMap, reachable: NDArray[np.bool_], se
 def draw(result: DemoResult, found: ImprovementMap, reachable: NDArray[np.bool_]) -> Meshcat:
     """The hand with the coloured glass."""
     meshcat = Meshcat(MeshcatParams(host="localhost"))
-    draw_scene(meshcat, result.scene)
-    for role in ("estimate", "prior", "truth"):
-        meshcat.Delete(f"/tactopose/{role}")
+    draw_scene(meshcat, dataclasses.replace(result.scene, hypotheses=(), prior=None, truth=None))
     draw_improvement(meshcat, "/tactopose/map", result.scene.model, found, reachable)
     meshcat.SetTransform("/tactopose/map", result.scene.estimate)
     aim_camera(meshcat, result.scene, upright(result.scene))

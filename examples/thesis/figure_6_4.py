@@ -45,6 +45,7 @@ from tactopose_drake.core.exploration import choose_touch
 from tactopose_drake.core.posterior import GaussianMixture
 from tactopose_drake.visualization import (
     Scene,
+    ShownHypothesis,
     add_object,
     add_touch,
     move_touch,
@@ -187,7 +188,7 @@ def save_poses(path: Path, grasp: Grasp, belief: GaussianMixture) -> None:
         model=grasp.model,
         contacts=grasp.contacts,
         prior=second,
-        estimate=first,
+        hypotheses=(ShownHypothesis(first),),
         truth=RigidTransform(grasp.X_PO),
         hand=sphere_triangles(grasp.hand.p_PH, grasp.hand.radius),
     )

@@ -23,7 +23,7 @@ from pydrake.math import RigidTransform
 
 import tactopose_drake as tp
 from tactopose_drake.core.poses import make_poses, random_rotations
-from tactopose_drake.visualization import Scene, save_picture, sphere_triangles
+from tactopose_drake.visualization import Scene, ShownHypothesis, save_picture, sphere_triangles
 
 FIGURES = {"4.7": CORRECTION, "4.11": GLOBAL}
 FAR = 0.2  # from the palm to the initial pose that has nothing to do with the true one, m
@@ -48,7 +48,7 @@ def draw(figure: str, experiment: Experiment, number: int, seed: int, path: Path
         model=model,
         contacts=tp.Contacts(grasp.p_PC, grasp.n_PC, grasp.f_PC),
         prior=RigidTransform(before),
-        estimate=best,
+        hypotheses=(ShownHypothesis(best),),
         truth=RigidTransform(grasp.X_PO),
         hand=sphere_triangles(grasp.p_PH, grasp.radius),
     )

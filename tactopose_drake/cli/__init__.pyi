@@ -1,4 +1,3 @@
 from .demo_run import DemoResult as DemoResult
 from .demo_run import GraspFailedError as GraspFailedError
 from .demo_run import run_demo as run_demo
-from .reports import direction_names as direction_names

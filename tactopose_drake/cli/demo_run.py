@@ -27,13 +27,20 @@ from tactopose_drake.estimation.files import save_result
 from tactopose_drake.estimation.output_files import check_outputs
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.estimation.results import PoseEstimate
+from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
 from tactopose_drake.runs.grasp_simulation import GraspResult, simulate_grasp
+from tactopose_drake.runs.timeline_recorder import TimelineRecorder
 from tactopose_drake.station.scenario import Scenario
+from tactopose_drake.systems.pose_display import PoseDisplayParams
 from tactopose_drake.visualization.body_meshes import BodyMeshes, Triangles
-from tactopose_drake.visualization.meshcat import aim_camera, save_html
+from tactopose_drake.visualization.estimate_page import page_of
+from tactopose_drake.visualization.page import PageTable, Row, save_html
 from tactopose_drake.visualization.picture import save_picture
-from tactopose_drake.visualization.scene import Scene
+from tactopose_drake.visualization.scene import Scene, ShownHypothesis, touch_of
+from tactopose_drake.visualization.timeline import Timeline
+
+_FILES = ("result.json", "picture.png", "scene.html")
 
 
 class GraspFailedError(TactoposeError, RuntimeError):
@@ -52,6 +59,7 @@ class DemoResult:
         hidden_share: how much of the object's camera side the hand hides, 0 to 1.
         estimate: the hypotheses.
         scene: what the pictures show.
+        timeline: of the grasp.
     """
 
     grasp: GraspResult
@@ -62,6 +70,7 @@ class DemoResult:
     hidden_share: float
     estimate: PoseEstimate
     scene: Scene
+    timeline: Timeline | None
 
 
 def run_demo(
@@ -83,7 +92,9 @@ def run_demo(
         InvalidInputError: if the scenario cannot be built.
         GraspFailedError: if no grasp that was tried holds the object, or what is felt gives no estimate.
     """
-    grasp = simulate_grasp(scenario, model=model, meshcat=meshcat, on_progress=on_progress)
+    model = ObjectModel.from_mesh(scenario.object_mesh()) if model is None else model
+    recorder = TimelineRecorder(load_hand_config(scenario.hand), model)
+    grasp = simulate_grasp(scenario, model=model, meshcat=meshcat, on_progress=on_progress, observer=recorder.show)
     if not grasp.stable:
         reasons = "; ".join((*grasp.failed_attempts, grasp.reason))
         raise GraspFailedError(f"no grasp of the {scenario.object} with seed {scenario.seed} held it: {reasons}.")
@@ -102,7 +113,7 @@ def run_demo(
         contacts=touch,
         patches=tuple(patch for patch, _ in pads.values()),
         prior=prior.X_PO,
-        estimate=estimate.best.X_PO,
+        hypotheses=tuple(ShownHypothesis.of(hypothesis) for hypothesis in estimate.hypotheses),
         truth=grasp.X_PO,
         hand=_hand_surface(grasp),
         up_P=_palm_pose(grasp).rotation().inverse() @ np.array([0.0, 0.0, 1.0]),
@@ -121,11 +132,17 @@ def run_demo(
         hidden_share=float(diagram.GetOutputPort("hidden_share").Eval(context)[0]),
         estimate=estimate,
         scene=scene,
+        timeline=recorder.timeline(),
     )
 
 
-def prepare_demo(folder: Path) -> None:
-    """Makes the folder for the results.
+def earlier_results(folder: Path) -> list[Path]:
+    """What an earlier run has left in a folder."""
+    return [folder / name for name in _FILES if (folder / name).exists()]
+
+
+def prepare_demo(folder: Path) -> list[Path]:
+    """Makes the folder for the results, and tells which files there will be replaced.
 
     Raises:
         InvalidFileError: if nothing can be written there.
@@ -135,20 +152,49 @@ def prepare_demo(folder: Path) -> None:
     except OSError as error:
         reason = "is a file" if folder.is_file() else f"cannot be made ({error.strerror})"
         raise InvalidFileError(f"{folder}: {reason}; allowed is a folder, which may be new.") from None
-    check_outputs(folder / name for name in ("result.json", "picture.png", "scene.html"))
+    check_outputs(folder / name for name in _FILES)
+    return earlier_results(folder)
 
 
 def save_demo(result: DemoResult, folder: Path, meshcat: Meshcat | None = None) -> tuple[Path, ...]:
     """Writes result.json and picture.png, and with Meshcat's recording scene.html; returns their paths."""
     prepare_demo(folder)
-    paths = [folder / "result.json", folder / "picture.png"]
+    paths = [folder / name for name in _FILES[:2]]
     save_result(paths[0], result.estimate)
-    save_picture(paths[1], result.scene)
+    save_picture(paths[1], result.scene, captions=("before: vision", "after: touch"))
     if meshcat is not None:
-        aim_camera(meshcat, result.scene, _palm_pose(result.grasp))
-        paths.append(folder / "scene.html")
-        save_html(paths[2], meshcat)
+        paths.append(folder / _FILES[2])
+        scenario = result.grasp.station.scenario
+        name, hand = scenario.object.replace("_", " "), Path(scenario.hand).name.split(".")[0].replace("_", "-")
+        contacts = result.grasp.station.diagram.GetOutputPort("contacts").Eval(result.grasp.context)
+        # What the station's display shows of it.
+        shown = dataclasses.replace(
+            result.scene,
+            contacts=touch_of(contacts, result.scene.patches),
+            hypotheses=result.scene.hypotheses[: 1 + PoseDisplayParams().max_alternatives],
+        )
+        page = page_of(
+            shown,
+            result.estimate,
+            title=f"{name[0].upper()}{name[1:]} in the simulated {hand} hand",
+            X_WP=_palm_pose(result.grasp),
+            tables=(_errors_table(result),),
+            when=f"At {result.grasp.context.get_time():.2f} s",
+            timeline=result.timeline,
+        )
+        save_html(paths[2], meshcat, page)
     return tuple(paths)
+
+
+def _errors_table(result: DemoResult) -> PageTable:
+    """How far the pose is off the truth, before and after the touch."""
+    both = (result.vision, result.touch)
+    values = [
+        ("position, mm", [1e3 * report.determined_translation for report in both]),
+        ("angle, deg", [np.degrees(report.determined_rotation) for report in both]),
+    ]
+    rows = tuple(Row((name, *(f"{value:.1f}" for value in pair))) for name, pair in values)
+    return PageTable("Error where the touch determines the pose", ("against the truth", "vision", "touch"), rows)
 
 
 def _read_pads(grasp: GraspResult) -> dict[str, tuple[Patch, FloatArray]]:

@@ -9,9 +9,10 @@ import click
 
 from tactopose_drake import visualization
 from tactopose_drake.cli.consoles import ERRORS, OUT
-from tactopose_drake.cli.reports import free_line, hypotheses_table, status_line
+from tactopose_drake.cli.reports import hypotheses_table
 from tactopose_drake.core.mesh.repair import MeshRepairWarning
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.estimation.descriptions import false_contacts_line, free_line, status_line
 from tactopose_drake.estimation.estimate import METHODS, estimate_pose
 from tactopose_drake.estimation.files import load_contacts, load_prior, save_result
 from tactopose_drake.estimation.output_files import check_outputs
@@ -51,29 +52,21 @@ def estimate(
         model = ObjectModel.from_mesh(mesh)
     with _progress("searching (the first run on a machine compiles its kernels, about a minute)"):
         found = estimate_pose(model, contacts, prior=prior, method=method, seed=seed)
+    is_false = found.best.inlier_probability[: len(contacts)] < 0.5
     OUT.print(hypotheses_table(found, model))
-    OUT.print(free_line(found.best))
-    OUT.print(status_line(found))
+    for line in (free_line(found.best), false_contacts_line(is_false), status_line(found)):
+        if line:
+            OUT.print(line, soft_wrap=True)
+    replaced = [str(path) for path in (out, html) if path is not None and path.is_file()]
     if out is not None:
         save_result(out, found)
-    if html is None and remote is None:
-        return
-    scene = visualization.Scene(
-        model=model,
-        contacts=contacts,
-        prior=None if prior is None else prior.X_PO,
-        estimate=found.best.X_PO,
-    )
     if html is not None:
-        from pydrake.geometry import Meshcat, MeshcatParams
-
-        meshcat = Meshcat(MeshcatParams(host="localhost"))
-        visualization.draw_scene(meshcat, scene)
-        visualization.aim_camera(meshcat, scene, visualization.upright(scene))
-        visualization.save_html(html, meshcat)
+        found.save_html(html)
+    if replaced:
+        OUT.print(f"Replaced: {', '.join(replaced)}", soft_wrap=True)
     if remote is not None:
-        visualization.draw_scene(remote, scene)
-        OUT.print(f"Drawn into the meshcat-server whose page is {remote.web_url()}")
+        visualization.draw_scene(remote, visualization.scene_of(found))
+        OUT.print(f"Drawn into the meshcat-server whose page is {remote.web_url()}", soft_wrap=True)
 
 
 @contextmanager

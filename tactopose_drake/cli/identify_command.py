@@ -80,8 +80,10 @@ def _table(found: Identification) -> Table:
     """The objects that were looked at closely, the most likely first."""
     table = Table(title="Touched object", box=box.SIMPLE_HEAD, pad_edge=False)
     for heading in ("rank", "object", "likelihood", "", "log evidence", "explained"):
+        is_number = heading in ("rank", "likelihood", "log evidence")
+        # A long name is folded; numbers never are.
         table.add_column(
-            heading, justify="right" if heading in ("rank", "likelihood", "log evidence") else "left", no_wrap=True
+            heading, justify="right" if is_number else "left", no_wrap=heading != "object", overflow="fold"
         )
     shown = [identity for identity in found[:_MOST_ROWS] if identity.estimate is not None]
     for identity in shown:

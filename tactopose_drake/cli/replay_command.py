@@ -8,11 +8,13 @@ import click
 
 from tactopose_drake.cli.consoles import OUT
 from tactopose_drake.cli.run_command import print_end, showing
+from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.estimation.output_files import check_outputs, written_beside
 from tactopose_drake.runs.estimate_writer import EstimateWriter
+from tactopose_drake.runs.page_recorder import PageRecorder
 from tactopose_drake.runs.scenario_replay import replay as replay_recording
 from tactopose_drake.runs.stepping import RunView
-from tactopose_drake.station.scenario import load_scenario, scenario_file
+from tactopose_drake.station.scenario import Scenario, load_scenario, scenario_file
 
 _path = click.Path(path_type=Path)
 
@@ -24,11 +26,14 @@ _path = click.Path(path_type=Path)
     "--speed", type=click.Choice(["max", "real"]), default="max", show_default=True, help="How fast it plays."
 )
 @click.option("--out", type=_path, help="Writes the estimates here, a line of JSON each.")
+@click.option("--html", type=_path, help="Writes a page here: hand, touch and belief at any time, with a slider.")
 @click.option("--monitor", is_flag=True, help="Shows rates, ages, forces, pressures and the estimate live.")
-def replay(log: Path, scenario: str, speed: str, out: Path | None, monitor: bool) -> None:
+def replay(log: Path, scenario: str, speed: str, out: Path | None, html: Path | None, monitor: bool) -> None:
     """Plays LOG, a folder that `run --record` made, through the drivers: the same estimates each time, bit by bit."""
     loaded = load_scenario(scenario)
-    check_outputs((out,), inputs=(log, scenario_file(scenario)))
+    check_outputs((out, html), inputs=(log, scenario_file(scenario)))
+    replaced = [str(path) for path in (out, html) if path is not None and path.is_file()]
+    page = None if html is None else PageRecorder(loaded, ObjectModel.from_mesh(loaded.object_mesh()))
     with contextlib.ExitStack() as parts:
         writer = None if out is None else parts.enter_context(_written(out))
         show, tell = parts.enter_context(showing(monitor))
@@ -36,6 +41,8 @@ def replay(log: Path, scenario: str, speed: str, out: Path | None, monitor: bool
         def write_and_show(view: RunView) -> None:
             if writer is not None:
                 writer.write(view.diagram, view.context)
+            if page is not None:
+                page.show(view)
             show(view)
 
         played = replay_recording(log, loaded, paced=speed == "real", observer=write_and_show, tell=tell)
@@ -43,6 +50,10 @@ def replay(log: Path, scenario: str, speed: str, out: Path | None, monitor: bool
         OUT.print(end, style=None if played.whole else "yellow", soft_wrap=True, markup=False)
     if played.difference:
         OUT.print(played.difference, style="yellow", soft_wrap=True, markup=False)
+    if page is not None and html is not None and not page.save(html, _title(log, loaded)):
+        OUT.print(f"{html}: not written, since there never was an estimate.", style="yellow", soft_wrap=True)
+    if replaced:
+        OUT.print(f"Replaced: {', '.join(replaced)}", soft_wrap=True)
     print_end(played.view)
 
 
@@ -58,3 +69,9 @@ def _written(out: Path) -> Iterator[EstimateWriter]:
             yield writer
         if writer.file.problem:
             raise OSError(writer.file.problem)
+
+
+def _title(log: Path, scenario: Scenario) -> str:
+    """What the page of a recording is."""
+    name = scenario.object.replace("_", " ")
+    return f"{name[0].upper()}{name[1:]} in the hand: recording {log.absolute().name}"

@@ -9,10 +9,9 @@ import numpy as np
 from rich import box
 from rich.table import Table
 
-from tactopose_drake.core.posterior.hypotheses import determined_part
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import FloatArray
-from tactopose_drake.estimation.results import PoseEstimate, PoseHypothesis
+from tactopose_drake.estimation.descriptions import determined_sigmas
+from tactopose_drake.estimation.results import PoseEstimate
 
 if TYPE_CHECKING:
     from tactopose_drake.cli.demo_reports import FingerReport, PadReport, PoseReport
@@ -22,7 +21,12 @@ _MOST_ROWS = 8
 
 def hypotheses_table(estimate: PoseEstimate, model: ObjectModel) -> Table:
     """The most probable hypotheses: pose, probability, cost, and standard deviations where the touch determines it."""
-    table = Table(title=f"Pose of {model.name} in the palm frame", box=box.SIMPLE_HEAD, pad_edge=False)
+    table = Table(
+        title=f"Pose of {model.name} in the palm frame",
+        box=box.SIMPLE_HEAD,
+        pad_edge=False,
+        collapse_padding=True,  # a terminal has 80 columns
+    )
     for heading in ("mass", "translation, mm", "quaternion wxyz", "\u00b1 mm", "\u00b1 deg", "cost"):
         table.add_column(heading, justify="right", no_wrap=True)
     for hypothesis in estimate.hypotheses[:_MOST_ROWS]:
@@ -33,35 +37,12 @@ def hypotheses_table(estimate: PoseEstimate, model: ObjectModel) -> Table:
             " ".join(f"{x:.3f}" for x in hypothesis.X_PO.rotation().ToQuaternion().wxyz()),
             f"{1e3 * translation:.1f}",
             f"{np.degrees(rotation):.1f}",
-            f"{hypothesis.cost:.1f}",
+            f"{hypothesis.cost:.4g}",
         )
     hidden = len(estimate.hypotheses) - _MOST_ROWS
     if hidden > 0:
         table.caption = f"and {hidden} less probable"
     return table
-
-
-def free_line(hypothesis: PoseHypothesis) -> str:
-    """What the touch leaves open about a hypothesis, in a sentence."""
-    names = direction_names(hypothesis)
-    return "Not determined by the touch: " + ("; ".join(names) if names else "nothing") + "."
-
-
-def sigma_line(hypothesis: PoseHypothesis, model: ObjectModel) -> str:
-    """How far a hypothesis says that it may be off where the touch determines it, in a sentence."""
-    rotation, translation = determined_sigmas(hypothesis, model.size)
-    sigmas = f"\u00b1 {1e3 * translation:.1f} mm, \u00b1 {np.degrees(rotation):.1f} deg"
-    return f"Where determined, by its own account: {sigmas}."
-
-
-def status_line(estimate: PoseEstimate) -> str:
-    """What the status means, in a sentence."""
-    meaning = {
-        "ok": "the most probable pose carries most of the probability",
-        "ambiguous": "several poses explain the touch; none carries most of the probability",
-        "no_solution": "no pose explains the touch within its noise; the best one found is shown",
-    }[estimate.status]
-    return f"{estimate.status}: {meaning} ({1e3 * estimate.duration:.1f} ms)"
 
 
 def fingers_table(fingers: Sequence[FingerReport]) -> Table:
@@ -119,37 +100,3 @@ def poses_table(poses: Sequence[PoseReport]) -> Table:
     for name, values in rows:
         table.add_row(name, *(f"{value:.2f}" for value in values))
     return table
-
-
-def determined_sigmas(hypothesis: PoseHypothesis, size: float) -> tuple[float, float]:
-    """Root mean square standard deviations of rotation (rad) and translation (m) along what the touch determines."""
-    rows = np.asarray(np.linalg.cholesky(hypothesis.covariance).T, dtype=np.float64)
-    determined = determined_part(rows, hypothesis.free_directions, size)
-    return float(np.linalg.norm(determined[:, :3])), float(np.linalg.norm(determined[:, 3:]))
-
-
-def direction_names(hypothesis: PoseHypothesis) -> list[str]:
-    """The free directions in words: a turn about an axis of the object, a slide along one, or a screw of both."""
-    R_PO = hypothesis.X_PO.rotation().matrix()
-    return [_name(direction, R_PO) for direction in hypothesis.free_directions]
-
-
-def _name(direction: FloatArray, R_PO: FloatArray) -> str:
-    w_O, v_O = direction[:3], R_PO.T @ direction[3:]
-    turn, slide = np.linalg.norm(w_O), np.linalg.norm(v_O)
-    # In rad/m: a slide of 10 cm turns the object by less than 0.1 rad.
-    if turn < slide:
-        return f"slide along {_axis(v_O)}"
-    if slide < 0.2 * turn:
-        return f"turn about {_axis(w_O)}"
-    return f"turn about {_axis(w_O)} with a slide of {1e3 * slide / turn:.0f} mm/rad along {_axis(v_O)}"
-
-
-def _axis(vector: FloatArray) -> str:
-    """The object's axis that a vector is along, or the vector."""
-    unit = vector / np.linalg.norm(vector)
-    main = int(np.argmax(np.abs(unit)))
-    if abs(unit[main]) > np.cos(np.radians(10.0)):
-        return "the object's " + "xyz"[main]
-    unit = np.round(unit * np.sign(unit[main]), 2) + 0.0  # no -0.00
-    return "the object's (" + ", ".join(f"{x:.2f}" for x in unit) + ")"

@@ -1,3 +1,4 @@
+from .descriptions import direction_names as direction_names
 from .direct_search import Direct as Direct
 from .drake_contacts import Contacts as Contacts
 from .estimate import GLOBAL_METHODS as GLOBAL_METHODS

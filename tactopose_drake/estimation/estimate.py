@@ -1,5 +1,6 @@
 """The one call: from touch to ranked hypotheses of the object's pose."""
 
+import dataclasses
 import math
 import time
 from collections.abc import Callable, Sequence
@@ -38,6 +39,7 @@ from tactopose_drake.errors import InvalidInputError, TooFewContactsError
 from tactopose_drake.estimation.direct_search import Direct
 from tactopose_drake.estimation.mathematical_program import PoseProgram
 from tactopose_drake.estimation.prior import PosePrior
+from tactopose_drake.estimation.question import Question
 from tactopose_drake.estimation.results import PoseEstimate, PoseHypothesis, status_of
 
 # Contacts that are farther apart than a hand reaches, m, and than this many sizes of the object, are not in metres.
@@ -117,7 +119,8 @@ def estimate_pose(
     if len(evidence.touch) < 1:
         raise TooFewContactsError("contacts: there are 0; the estimate needs at least 1, or a patch that is felt.")
     check_units(evidence, model.size)
-    return weigh_poses(model, evidence, method, seed, max_hypotheses, limit)
+    estimate = weigh_poses(model, evidence, method, seed, max_hypotheses, limit)
+    return dataclasses.replace(estimate, question=Question(model, evidence))
 
 
 def check_units(evidence: Evidence, size: float) -> None:

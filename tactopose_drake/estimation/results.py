@@ -15,6 +15,7 @@ from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS
 from tactopose_drake.core.validation import FloatArray, pose_matrix
 from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.estimation.question import Presentable, Question
 
 Status = Literal["ok", "ambiguous", "no_solution"]
 _ARRAYS = ("covariance", "free_directions", "inlier_probability")
@@ -70,7 +71,7 @@ class PoseHypothesis(PlainValue):
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class PoseEstimate(PlainValue):
+class PoseEstimate(PlainValue, Presentable):
     """The hypotheses that one touch leaves.
 
     All numbers are finite, whatever the status. With "no_solution" the hypotheses are the poses that come nearest to
@@ -88,6 +89,7 @@ class PoseEstimate(PlainValue):
         noise_scale: by how much the contacts' points seem noisier than told, on average; 1 where they are as told.
         standard_error: the largest that is left of a hypothesis' probability by sampling; infinite where the time limit
             left no time for it.
+        question: what `estimate_pose` was asked, by which the estimate can show itself; None where it is not known.
     """
 
     hypotheses: tuple[PoseHypothesis, ...]
@@ -97,6 +99,7 @@ class PoseEstimate(PlainValue):
     log_evidence: float = -math.inf
     noise_scale: float = 1.0
     standard_error: float = math.inf
+    question: Question | None = dataclasses.field(default=None, repr=False)
 
     def __len__(self) -> int:
         return len(self.hypotheses)

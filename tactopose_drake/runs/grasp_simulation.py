@@ -13,6 +13,7 @@ from pydrake.systems.framework import Context
 from tactopose_drake.core.grasping.grasp_planner import GraspPlan
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.runs.contact_truth import ContactTruth, contact_truth
+from tactopose_drake.runs.stepping import Observer, RunView
 from tactopose_drake.station.grasp_planning import plan_scenario
 from tactopose_drake.station.scenario import Scenario
 from tactopose_drake.station.simulated import Station, make_station
@@ -60,6 +61,7 @@ def simulate_grasp(
     model: ObjectModel | None = None,
     meshcat: Meshcat | None = None,
     on_progress: Callable[[str], None] | None = None,
+    observer: Observer = lambda view: None,
 ) -> GraspResult:
     """Simulates a scenario's grip; or plans and simulates its grasp, and where it fails, the next best, in order.
 
@@ -68,6 +70,7 @@ def simulate_grasp(
         model: of the scenario's object, if it is at hand already.
         meshcat: where to show and record it.
         on_progress: is told what begins.
+        observer: is shown each attempt, step by step.
 
     Returns:
         The first stable grasp, or the last one tried; a grip is tried once.
@@ -87,20 +90,26 @@ def simulate_grasp(
         if meshcat is not None:
             meshcat.Delete()
             meshcat.DeleteRecording()
-        result = run_grasp(make_station(scenario, plan, model=model, meshcat=meshcat), tuple(failed), meshcat)
+        result = run_grasp(make_station(scenario, plan, model=model, meshcat=meshcat), tuple(failed), meshcat, observer)
         if result.stable:
             break
         failed.append(result.reason)
     return result
 
 
-def run_grasp(station: Station, failed_attempts: tuple[str, ...] = (), meshcat: Meshcat | None = None) -> GraspResult:
+def run_grasp(
+    station: Station,
+    failed_attempts: tuple[str, ...] = (),
+    meshcat: Meshcat | None = None,
+    observer: Observer = lambda view: None,
+) -> GraspResult:
     """Simulates one grasp from the open hand to the end of the hold, and judges it.
 
     Args:
         station: the diagram, not simulated yet.
         failed_attempts: handed on to the result.
         meshcat: the station's display, if it is to record.
+        observer: is shown the run after each step.
     """
     started = time.perf_counter()
     simulator = Simulator(station.diagram)
@@ -110,11 +119,12 @@ def run_grasp(station: Station, failed_attempts: tuple[str, ...] = (), meshcat: 
     simulator.Initialize()
     if meshcat is not None:
         meshcat.StartRecording()
-    plant_context = station.plant.GetMyContextFromRoot(context)
+    plant_context, view = station.plant.GetMyContextFromRoot(context), RunView(station.diagram, context)
     check, step = station.scenario.check, 0.02
     release_time, X_PO_release = None, station.object_pose(context)
     while context.get_time() < station.scenario.duration - 1e-9:
         simulator.AdvanceTo(context.get_time() + step)
+        observer(view)
         if release_time is None:
             X_PO_release = station.object_pose(context)
             if not station.object_joint.is_locked(plant_context):

@@ -3,7 +3,14 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from pydrake.geometry import DefaultProximityProperties, Meshcat, MeshcatVisualizer, SceneGraph, SceneGraphConfig
+from pydrake.geometry import (
+    DefaultProximityProperties,
+    Meshcat,
+    MeshcatVisualizer,
+    Role,
+    SceneGraph,
+    SceneGraphConfig,
+)
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant
 from pydrake.multibody.tree import Joint, RigidBody
@@ -129,7 +136,7 @@ def make_station(
         }
         add_tracking(builder, scenario.tracking, hand.config, model, {**senses, **more})
     if meshcat is not None:
-        _add_display(builder, plant, scene_graph, hand, model, meshcat)
+        _add_display(builder, plant, scene_graph, hand, object_body, model, meshcat)
     diagram = finish_station("station", builder, scenario, plant, scene_graph, hand)
     return Station(diagram, plant, scene_graph, hand, object_body, object_joint, model, start, plan, scenario)
 
@@ -239,18 +246,24 @@ def _add_display(
     plant: MultibodyPlant,
     scene_graph: SceneGraph,
     hand: Hand,
+    object_body: RigidBody,
     model: ObjectModel,
     meshcat: Meshcat,
 ) -> None:
-    """Hand, object, contacts, patches, prior and estimate in Meshcat."""
+    """Hand, contacts, patches, prior, estimate and truth in Meshcat; the object as a solid would hide the estimate."""
+    for geometry in plant.GetVisualGeometriesForBody(object_body):
+        scene_graph.RemoveRole(plant.get_source_id(), geometry, Role.kIllustration)
     MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat)
-    display = builder.AddNamedSystem("pose_display", PoseDisplay(meshcat, model, hand.palm_frame))
+    display = builder.AddNamedSystem(
+        "pose_display", PoseDisplay(meshcat, model, hand.palm_frame, object_body=object_body)
+    )
     estimation = builder.GetSubsystemByName("pose_estimation")
-    for name in ("contacts", "object_pose"):
+    for name in ("contacts", "object_pose", "hypotheses"):
         builder.Connect(estimation.GetOutputPort(name), display.GetInputPort(name))
     builder.Connect(builder.GetSubsystemByName("vision").GetOutputPort("prior"), display.GetInputPort("prior"))
     builder.Connect(plant.get_body_poses_output_port(), display.GetInputPort("body_poses"))
     if hand.config.pads:
         patches = builder.AddNamedSystem("patch_display", PatchDisplay(meshcat, hand))
-        builder.Connect(estimation.GetOutputPort("patches"), patches.GetInputPort("patches"))
+        for shown in (display, patches):
+            builder.Connect(estimation.GetOutputPort("patches"), shown.GetInputPort("patches"))
         builder.Connect(plant.get_body_poses_output_port(), patches.GetInputPort("body_poses"))

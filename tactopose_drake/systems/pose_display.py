@@ -2,10 +2,11 @@
 
 import dataclasses
 
+import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.geometry import Meshcat
 from pydrake.math import RigidTransform
-from pydrake.multibody.tree import Frame
+from pydrake.multibody.tree import Frame, RigidBody
 from pydrake.systems.framework import Context, EventStatus
 
 from tactopose_drake.core.evidence.contacts import Contacts
@@ -13,9 +14,14 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.prior import PosePrior
+from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.ports import eval_input, eval_optional_input
-from tactopose_drake.visualization.meshcat import add_object, add_touch, move_touch
+from tactopose_drake.visualization.appearance import MOST_ALTERNATIVES
+from tactopose_drake.visualization.meshcat import aim_camera
+from tactopose_drake.visualization.pose_marks import add_hypotheses, add_object, move_hypotheses, place
+from tactopose_drake.visualization.scene import Scene, ShownHypothesis, false_contacts, touch_of, worth_drawing
+from tactopose_drake.visualization.touch_marks import add_touch, move_touch
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -25,8 +31,9 @@ class PoseDisplayParams:
     period: float = 1.0 / 32.0  # s between two frames
     path: str = "/tactopose"  # of all parts in Meshcat's tree
     max_contacts: int = 10  # that can be shown at once
-    friction_coefficient: float | None = 0.6  # of the friction cones; no cones without
-    estimate_opacity: float = 0.6  # 0 to 1; the object itself is mostly shown too
+    friction_coefficient: float | None = None  # of the friction cones; no cones without
+    aim_camera: bool = True  # once, at what is known of the object's pose when a simulation is initialized
+    max_alternatives: int = 2  # hypotheses beside the best that can be shown at once, 0 to 8
 
     def validate(self) -> None:
         """Raises InvalidInputError if a value is out of its range."""
@@ -37,27 +44,37 @@ class PoseDisplayParams:
             )
         if self.friction_coefficient is not None:
             positive_number("PoseDisplayParams.friction_coefficient", self.friction_coefficient)
-        if not 0.0 <= self.estimate_opacity <= 1.0:
+        if not 0 <= self.max_alternatives <= MOST_ALTERNATIVES:
             raise InvalidInputError(
-                f"PoseDisplayParams.estimate_opacity: is {self.estimate_opacity:g}; allowed are numbers from 0 to 1."
+                f"PoseDisplayParams.max_alternatives: is {self.max_alternatives}; "
+                f"allowed are numbers from 0 to {MOST_ALTERNATIVES}."
             )
 
 
 class PoseDisplay(CollectableSystem):
-    """Shows contacts with their forces, normals and friction cones, and the object at the prior and the estimate.
+    """Shows contacts with their forces and normals, and the object at the prior and the estimate.
+
+    With `hypotheses` it also shows how sure the estimate is, what is not determined of it, which contacts are probably
+    false, and other hypotheses.
 
     .. pydrake_system::
 
         name: PoseDisplay
         input_ports:
         - contacts
+        - patches
         - prior
         - object_pose
+        - hypotheses
         - body_poses
 
     - contacts: `Contacts` in P.
+    - patches: tuple of `Patch` in P; may stay unconnected. Their middles are shown as contacts; `PatchDisplay` shows
+      their cells.
     - prior: `PosePrior` X_PO or None; nothing is shown for it when it is not connected or None.
     - object_pose: `RigidTransform` X_PO, the estimate.
+    - hypotheses: `PoseEstimate` or None; where it is connected, the estimate and all that is said of it, in place of
+      `object_pose`. None is no estimate.
     - body_poses: list of `RigidTransform` X_WB, the plant's port of that name, for the palm; P is Meshcat's world when
       it is not connected.
 
@@ -70,6 +87,7 @@ class PoseDisplay(CollectableSystem):
         model: ObjectModel,
         palm_frame: Frame | None = None,
         params: PoseDisplayParams | None = None,
+        object_body: RigidBody | None = None,
     ) -> None:
         """Keeps a reference to the display; the parts are made when a simulation is initialized.
 
@@ -78,16 +96,21 @@ class PoseDisplay(CollectableSystem):
             model: the object.
             palm_frame: P in the plant of `body_poses`; needed when that is connected.
             params: what to show.
+            object_body: the object in the plant of `body_poses`, whose true pose is shown as a cage of wires: as a
+                solid, a simulated object would hide the estimate.
         """
         super().__init__()
         self._params = PoseDisplayParams() if params is None else params
         self._params.validate()
         self._meshcat, self._model = meshcat, model
         self._palm_body = None if palm_frame is None else int(palm_frame.body().index())
+        self._object_body = None if object_body is None else int(object_body.index())
         self._X_BP = RigidTransform() if palm_frame is None else palm_frame.GetFixedPoseInBodyFrame()
         self._contacts = self.DeclareAbstractInputPort("contacts", AbstractValue.Make(Contacts.empty()))
+        self._patches = self.DeclareAbstractInputPort("patches", AbstractValue.Make(()))
         self._prior = self.DeclareAbstractInputPort("prior", AbstractValue.Make(None))
         self._pose = self.DeclareAbstractInputPort("object_pose", AbstractValue.Make(RigidTransform()))
+        self._hypotheses = self.DeclareAbstractInputPort("hypotheses", AbstractValue.Make(None))
         self._body_poses = self.DeclareAbstractInputPort("body_poses", AbstractValue.Make([RigidTransform()]))
         self.DeclareInitializationPublishEvent(self._make_parts)
         self.DeclarePeriodicPublishEvent(self._params.period, 0.0, self._move_parts)
@@ -96,21 +119,54 @@ class PoseDisplay(CollectableSystem):
         path, params = self._params.path, self._params
         self._meshcat.Delete(path)
         add_object(self._meshcat, f"{path}/prior", self._model, "prior")
-        add_object(self._meshcat, f"{path}/estimate", self._model, "estimate", params.estimate_opacity)
+        if self._object_body is not None:
+            add_object(self._meshcat, f"{path}/truth", self._model, "truth")
+        add_hypotheses(self._meshcat, path, self._model, params.max_alternatives)
         add_touch(self._meshcat, f"{path}/touch", params.max_contacts, friction=params.friction_coefficient)
+        if params.aim_camera:
+            self._aim(context)
         return EventStatus.Succeeded()
 
+    def _aim(self, context: Context) -> None:
+        prior, X_WP = eval_optional_input(self._prior, context, PosePrior), self._palm_pose(context)
+        scene = Scene(
+            model=self._model,
+            contacts=self._touch(context),
+            hypotheses=self._shown(context),
+            prior=None if prior is None else prior.X_PO,
+            up_P=X_WP.rotation().inverse() @ np.array([0.0, 0.0, 1.0]),
+        )
+        aim_camera(self._meshcat, scene, X_WP, stage=False)
+
     def _move_parts(self, context: Context) -> EventStatus:
-        path, time = self._params.path, context.get_time()
-        self._meshcat.SetTransform(path, self._palm_pose(context), time)
+        path, time, meshcat = self._params.path, context.get_time(), self._meshcat
+        X_WP = self._palm_pose(context)
+        meshcat.SetTransform(path, X_WP, time)
         prior = eval_optional_input(self._prior, context, PosePrior)
-        self._meshcat.SetProperty(f"{path}/prior", "visible", prior is not None, time)
-        if prior is not None:
-            self._meshcat.SetTransform(f"{path}/prior", prior.X_PO, time)
-        self._meshcat.SetTransform(f"{path}/estimate", eval_input(self._pose, context, RigidTransform), time)
-        contacts = eval_input(self._contacts, context, Contacts)
-        move_touch(self._meshcat, f"{path}/touch", contacts, self._params.max_contacts, time)
+        place(meshcat, f"{path}/prior", None if prior is None else prior.X_PO, time)
+        X_WB = eval_optional_input(self._body_poses, context, list)
+        if self._object_body is not None:
+            X_PO = None if X_WB is None else X_WP.inverse() @ X_WB[self._object_body]
+            place(meshcat, f"{path}/truth", X_PO, time)
+        contacts = self._touch(context)
+        hypotheses = self._shown(context)
+        count = self._params.max_alternatives
+        move_hypotheses(meshcat, path, self._model, hypotheses, count, time)
+        is_false = false_contacts(hypotheses, len(contacts))
+        move_touch(meshcat, f"{path}/touch", contacts, self._params.max_contacts, time, is_false)
         return EventStatus.Succeeded()
+
+    def _touch(self, context: Context) -> Contacts:
+        patches = eval_optional_input(self._patches, context, tuple) or ()
+        return touch_of(eval_input(self._contacts, context, Contacts), patches)
+
+    def _shown(self, context: Context) -> tuple[ShownHypothesis, ...]:
+        if not self._hypotheses.HasValue(context):
+            return (ShownHypothesis(eval_input(self._pose, context, RigidTransform)),)
+        estimate = eval_optional_input(self._hypotheses, context, PoseEstimate)
+        if estimate is None:
+            return ()
+        return worth_drawing([ShownHypothesis.of(hypothesis) for hypothesis in estimate.hypotheses])
 
     def _palm_pose(self, context: Context) -> RigidTransform:
         X_WB = eval_optional_input(self._body_poses, context, list)

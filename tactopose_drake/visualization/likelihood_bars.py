@@ -14,7 +14,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.estimation.identities import Identification
-from tactopose_drake.visualization.scene import ESTIMATE_COLOUR, TRUTH_COLOUR
+from tactopose_drake.visualization.appearance import ESTIMATE, TRUTH
 
 HEIGHT = 0.05
 """Of a row, m."""
@@ -46,12 +46,12 @@ def add_bars(meshcat: Meshcat, path: str, models: Sequence[ObjectModel]) -> None
             f"{at}/shape",
             np.asfortranarray(R.matrix() @ (_SHAPE * HEIGHT * vertices).T),
             np.asfortranarray(model.faces.T.astype(np.int32)),
-            Rgba(*ESTIMATE_COLOUR, 1.0),
+            Rgba(*ESTIMATE.colour, 1.0),
         )
         thick = _THICKNESS * HEIGHT
         meshcat.SetObject(f"{at}/frame", Box(thick, LENGTH, thick), Rgba(0.3, 0.3, 0.35, _FRAME_OPACITY))
         meshcat.SetTransform(f"{at}/frame", RigidTransform(_middle(1.0)))
-        meshcat.SetObject(f"{at}/bar/box", Box(thick, LENGTH, thick), Rgba(*TRUTH_COLOUR, 1.0))
+        meshcat.SetObject(f"{at}/bar/box", Box(thick, LENGTH, thick), Rgba(*TRUTH.colour, 1.0))
 
 
 def set_bars(

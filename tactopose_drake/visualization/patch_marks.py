@@ -13,7 +13,7 @@ from scipy.spatial.distance import pdist
 
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.validation import FloatArray
-from tactopose_drake.visualization.scene import PRESSURE_COLOUR
+from tactopose_drake.visualization.appearance import PRESSURE
 
 _PLATE_HEIGHT = 0.0004
 _AXIS_RADIUS = 0.0007
@@ -35,7 +35,7 @@ def add_patches(meshcat: Meshcat, path: str, patches: int, cells: int) -> None:
     for slot in range(patches):
         at = f"{path}/{slot}"
         for cell in range(cells):
-            meshcat.SetObject(f"{at}/cells/{cell}", Box(1.0, 1.0, _PLATE_HEIGHT), Rgba(*PRESSURE_COLOUR))
+            meshcat.SetObject(f"{at}/cells/{cell}", Box(1.0, 1.0, _PLATE_HEIGHT), Rgba(*PRESSURE.colour))
         for k, colour in enumerate(_AXIS_COLOURS):
             meshcat.SetObject(f"{at}/axes/{k}", Cylinder(_AXIS_RADIUS, 1.0), Rgba(*colour))
         meshcat.SetProperty(at, "visible", False)

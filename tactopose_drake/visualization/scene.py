@@ -1,27 +1,62 @@
 """What a picture of an estimate shows, all in the palm frame."""
 
+from __future__ import annotations
+
 import dataclasses
+from collections.abc import Sequence
+from typing import Self
 
 import numpy as np
+from numpy.typing import NDArray
 from pydrake.math import RigidTransform
 
 from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.evidence.patch_contacts import with_patches
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
-from tactopose_drake.visualization.body_meshes import Triangles
+from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.estimation.results import PoseEstimate, PoseHypothesis
+from tactopose_drake.visualization import appearance
+from tactopose_drake.visualization.appearance import (
+    LEAST_ALTERNATIVE,
+    LEAST_INLIER_PROBABILITY,
+    LONGEST_ARROW,
+    MOST_ALTERNATIVES,
+    MOST_FREE,
+    Look,
+)
+from tactopose_drake.visualization.body_meshes import Triangles, sphere_triangles
 
-Colour = tuple[float, float, float]
 
-PRIOR_COLOUR: Colour = (0.93, 0.55, 0.20)
-ESTIMATE_COLOUR: Colour = (0.20, 0.55, 0.85)
-TRUTH_COLOUR: Colour = (0.06, 0.45, 0.16)
-CONTACT_COLOUR: Colour = (0.85, 0.10, 0.20)
-FORCE_COLOUR: Colour = (0.85, 0.10, 0.20)
-NORMAL_COLOUR: Colour = (0.55, 0.20, 0.70)
-PRESSURE_COLOUR: Colour = (0.98, 0.80, 0.08)
-# The longest force arrow, m; the others are in proportion.
-LONGEST_ARROW = 0.05
+@dataclasses.dataclass(frozen=True, eq=False)
+class ShownHypothesis:
+    """One pose of the object as it is drawn.
+
+    Attributes:
+        X_PO: the pose.
+        probability: its weight among all hypotheses, 0 to 1.
+        covariance: (6, 6) of the increment, as `PoseHypothesis.covariance`; None where it is not to be drawn.
+        free_directions: increments that the touch does not determine, unit rows (f, 6).
+        inlier_probability: that each contact is one of the object, shape (k,); None where all are.
+    """
+
+    X_PO: RigidTransform
+    probability: float = 1.0
+    covariance: FloatArray | None = None
+    free_directions: FloatArray = dataclasses.field(default_factory=lambda: np.zeros((0, 6)))
+    inlier_probability: FloatArray | None = None
+
+    @classmethod
+    def of(cls, hypothesis: PoseHypothesis) -> Self:
+        """All of what a hypothesis says that can be drawn."""
+        return cls(
+            hypothesis.X_PO,
+            hypothesis.probability,
+            hypothesis.covariance,
+            hypothesis.free_directions,
+            getattr(hypothesis, "inlier_probability", None),
+        )
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -32,8 +67,8 @@ class Scene:
         model: the object.
         contacts: the touch, in the palm frame P.
         patches: of it, what tactile pads feel; their pressed cells are drawn.
+        hypotheses: where the touch puts the object, the most probable first; empty where it was not asked.
         prior: pose X_PO that was known before the touch, if any.
-        estimate: pose X_PO that the touch gives, if any.
         truth: true pose X_PO, if it is known.
         hand: the hand's surface in P, if it is known.
         up_P: direction in P that is up in pictures, shape (3,).
@@ -42,11 +77,97 @@ class Scene:
     model: ObjectModel
     contacts: Contacts
     patches: tuple[Patch, ...] = ()
+    hypotheses: tuple[ShownHypothesis, ...] = ()
     prior: RigidTransform | None = None
-    estimate: RigidTransform | None = None
     truth: RigidTransform | None = None
     hand: Triangles | None = None
     up_P: FloatArray = dataclasses.field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
+
+    @property
+    def estimate(self) -> RigidTransform | None:
+        """The pose X_PO that the touch gives, if any."""
+        return self.hypotheses[0].X_PO if self.hypotheses else None
+
+    @property
+    def alternatives(self) -> tuple[ShownHypothesis, ...]:
+        """The hypotheses beside the best that are worth drawing."""
+        return worth_drawing(self.hypotheses)[1:]
+
+    @property
+    def is_false(self) -> NDArray[np.bool_]:
+        """Which contacts are probably none of the object by the most probable hypothesis, shape (k,)."""
+        return false_contacts(self.hypotheses, len(self.contacts))
+
+    @property
+    def looks(self) -> list[Look]:
+        """What can be seen in the scene, for its legend."""
+        best = self.hypotheses[0] if self.hypotheses else None
+        contacts, is_false = self.contacts, self.is_false
+        seen = {
+            appearance.ESTIMATE: best is not None,
+            appearance.ALTERNATIVE: len(self.alternatives) > 0,
+            appearance.UNCERTAINTY: best is not None and best.covariance is not None,
+            appearance.FREE: best is not None and 0 < len(best.free_directions) <= MOST_FREE,
+            appearance.PRIOR: self.prior is not None,
+            appearance.TRUTH: self.truth is not None,
+            appearance.CONTACT: bool(np.any(~is_false)),
+            appearance.FALSE_CONTACT: bool(np.any(is_false)),
+            appearance.NORMAL: contacts.n_PC is not None and len(contacts) > 0,
+            appearance.FORCE: contacts.f_PC is not None and len(contacts) > 0,
+            appearance.PRESSURE: any(patch.is_felt for patch in self.patches),
+            appearance.HAND: self.hand is not None,
+        }
+        return [look for look, is_seen in seen.items() if is_seen]
+
+
+def scene_of(estimate: PoseEstimate) -> Scene:
+    """The scene of an estimate and of what it was made from.
+
+    Raises:
+        InvalidInputError: if the estimate does not know that.
+    """
+    if estimate.question is None:
+        raise InvalidInputError(
+            "estimate: does not know what it was made from, since it is not `estimate_pose` that has made it here; "
+            "allowed is an estimate of `estimate_pose` of this process, or a `visualization.Scene`."
+        )
+    evidence = estimate.question.evidence
+    prior, hand = evidence.prior, evidence.hand
+    return Scene(
+        model=estimate.question.model,
+        contacts=evidence.contacts,
+        patches=tuple(evidence.patches),
+        hypotheses=tuple(ShownHypothesis.of(hypothesis) for hypothesis in estimate.hypotheses),
+        prior=None if prior is None else RigidTransform(prior.mean),
+        hand=None if hand is None or not len(hand.radius) else sphere_triangles(hand.p_PH, hand.radius),
+    )
+
+
+def worth_drawing(hypotheses: Sequence[ShownHypothesis]) -> tuple[ShownHypothesis, ...]:
+    """The first of hypotheses by falling probability, and those beside it that are not too improbable."""
+    others = hypotheses[1 : 1 + MOST_ALTERNATIVES]
+    return (*hypotheses[:1], *(other for other in others if other.probability >= LEAST_ALTERNATIVE))
+
+
+def false_contacts(hypotheses: tuple[ShownHypothesis, ...], count: int) -> NDArray[np.bool_]:
+    """Which of so many contacts are probably none of the object by the first hypothesis, shape (k,)."""
+    inlier = hypotheses[0].inlier_probability if hypotheses else None
+    if inlier is None:
+        return np.zeros(count, dtype=np.bool_)
+    return np.asarray(inlier)[:count] < LEAST_INLIER_PROBABILITY
+
+
+def touch_of(contacts: Contacts, patches: Sequence[Patch]) -> Contacts:
+    """The contacts and, after them, the middles of the patches that are felt; these have no arrows of force."""
+    felt = [patch for patch in patches if patch.is_felt]
+    if not felt:
+        return contacts
+    f_PC = (
+        None
+        if contacts.f_PC is None or not len(contacts)
+        else np.concatenate([contacts.f_PC, np.zeros((len(felt), 3))])
+    )
+    return dataclasses.replace(with_patches(contacts, felt), f_PC=f_PC)
 
 
 def arrow_lengths(contacts: Contacts) -> FloatArray:

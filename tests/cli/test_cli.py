@@ -1,3 +1,4 @@
+import io
 import json
 import math
 from pathlib import Path
@@ -6,12 +7,16 @@ import numpy as np
 import pytest
 import trimesh
 import yaml
+from pydrake.math import RigidTransform
+from rich.console import Console
 
 from tactopose_drake.cli import main as cli
+from tactopose_drake.cli.reports import hypotheses_table
 from tactopose_drake.core.poses import increments_between, make_poses, quaternion_from_matrix, retract
 from tactopose_drake.core.poses import matrix_from_quaternion as rotation
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
+from tactopose_drake.estimation.results import PoseEstimate, PoseHypothesis
 from tactopose_drake.resources import model_path
 from tactopose_drake.visualization import remote_meshcat
 from tests.listening import Watch
@@ -99,7 +104,39 @@ def test_estimate_writes_a_page_that_shows_the_scene(folder: Path) -> None:
     assert run("estimate", *arguments, "--prior", folder / "prior.yaml", "--html", folder / "scene.html") == 0
     page = (folder / "scene.html").read_text()
     assert page.lower().startswith("<!doctype html>")
-    assert len(page) > 1_000_000
+    assert "<title>Bottle in the hand: pose by touch</title>" in page
+    assert 1e6 < len(page) < 6e6
+
+
+def test_what_is_replaced_is_told(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = [
+        "--object",
+        folder / "bottle.obj",
+        "--contacts",
+        folder / "contacts.yaml",
+        "--out",
+        folder / "twice.json",
+    ]
+    assert run("estimate", *arguments) == 0
+    assert "Replaced" not in capsys.readouterr().out
+    assert run("estimate", *arguments) == 0
+    assert f"Replaced: {folder / 'twice.json'}" in capsys.readouterr().out
+
+
+def test_tables_fit_a_terminal_of_80_columns() -> None:
+    model = ObjectModel.from_mesh(model_path("objects", "cube.obj"))
+    pose = RigidTransform(
+        make_poses(rotation(np.array([0.5, -0.5, -0.5, -0.5])), np.array([-0.1234, -0.2345, -0.3456]))
+    )
+    hypothesis = PoseHypothesis(pose, -1234.5, 0.0526, 1e-4 * np.eye(6), np.zeros((0, 6)))
+    console = Console(width=80, record=True, file=io.StringIO())
+    console.print(hypotheses_table(PoseEstimate((hypothesis,) * 19, "ambiguous", 0.01), model))
+    printed = console.export_text()
+    assert "\u2026" not in printed  # the ellipsis of a cell that was cut
+    assert "-123.4 -234.5 -345.6" in printed
+    assert "0.500 -0.500 -0.500 -0.500" in printed
+    assert "and 11 less probable" in printed
+    assert max(map(len, printed.splitlines())) <= 80
 
 
 def write_mesh(path: Path, mesh: trimesh.Trimesh) -> Path:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from rich.table import Table
 
-from tactopose_drake.cli.demo_run import GraspFailedError, run_demo
+from tactopose_drake.cli.demo_run import GraspFailedError, prepare_demo, run_demo
 from tactopose_drake.station.scenario import load_scenario
 from tests.cli.test_cli import run
 
@@ -21,7 +21,9 @@ class Demonstrated(NamedTuple):
 def demonstrate(folder: Path, *arguments: str) -> Demonstrated:
     with pytest.MonkeyPatch.context() as patch:
         printed: list[str] = []
-        patch.setattr("tactopose_drake.cli.demo_command.OUT.print", lambda *parts: printed.extend(map(_text, parts)))
+        patch.setattr(
+            "tactopose_drake.cli.demo_command.OUT.print", lambda *parts, **_: printed.extend(map(_text, parts))
+        )
         assert run("demo", *arguments, "--seed", 1, "--out", folder, "--no-open") == 0
     return Demonstrated(folder, "\n".join(printed))
 
@@ -93,8 +95,37 @@ def test_the_files_are_written(demonstrated: Demonstrated) -> None:
     assert (folder / "picture.png").read_bytes().startswith(b"\x89PNG")
     page = (folder / "scene.html").read_text()
     assert page.lower().startswith("<!doctype html>")
+    assert len(page) < 6e6
+    assert "-like hand</title>" in page
+    for said in ("Error where the touch determines the pose", "true pose", "Not determined by the touch"):
+        assert said in page
     for name in ("result.json", "picture.png", "scene.html"):
         assert str(folder / name) in printed
+
+
+def test_a_second_run_takes_another_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    taken: list[Path] = []
+
+    def prepare(folder: Path) -> list[Path]:
+        taken.append(folder)
+        raise GraspFailedError("of no interest here")
+
+    monkeypatch.setattr("tactopose_drake.cli.demo_command.prepare_demo", prepare)
+    for name in ("tactopose_demo", "tactopose_demo_2"):
+        assert run("demo") == 1
+        (tmp_path / name).mkdir()
+        assert run("demo") == 1  # An empty one is free.
+        (tmp_path / name / "picture.png").touch()
+    assert run("demo", "--out", "tactopose_demo") == 1
+    names = ["tactopose_demo"] * 2 + ["tactopose_demo_2"] * 2 + ["tactopose_demo"]
+    assert [str(folder) for folder in taken] == names
+
+
+def test_what_will_be_replaced_is_told(tmp_path: Path) -> None:
+    assert prepare_demo(tmp_path) == []
+    (tmp_path / "result.json").touch()
+    assert prepare_demo(tmp_path) == [tmp_path / "result.json"]
 
 
 def test_a_grasp_that_fails_says_why() -> None:

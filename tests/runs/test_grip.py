@@ -36,6 +36,10 @@ def result() -> GraspResult:
     result = simulate_grasp(can_at(-0.057, 0.0, 0.1101), meshcat=meshcat)
     assert meshcat.HasPath("/tactopose_patches/3/axes/2")
     assert meshcat.HasPath("/tactopose/estimate")
+    # The simulated object is no solid in which the estimate would be hidden, but a cage of wires.
+    assert meshcat.HasPath("/tactopose/truth")
+    assert meshcat.HasPath("/drake/visualizer/barrett_like")
+    assert not meshcat.HasPath("/drake/visualizer/soda_can")
     assert "set_animation" in meshcat.StaticHtml()
     return result
 

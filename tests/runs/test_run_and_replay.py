@@ -69,6 +69,28 @@ def test_another_process_replays_to_the_same_bits(recording: Path, folder: Path,
     assert np.linalg.norm(off) < 0.006
 
 
+def test_a_replay_makes_a_page_without_changing_its_estimates(
+    recording: Path, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    alone, beside, page = tmp_path / "alone.jsonl", tmp_path / "beside.jsonl", tmp_path / "page.html"
+    assert replay_here(recording, folder, alone) == 0
+    arguments = ["--scenario", folder / "cube.scenario.yaml", "--out", beside, "--html", page]
+    assert tactopose("replay", recording, *arguments) == 0
+    assert "Replaced" not in capsys.readouterr().out
+    assert alone.read_bytes() == beside.read_bytes()
+    text = page.read_text()
+    assert len(text) < 6e6
+    for said in (
+        "<title>Cube in the hand: recording grasp</title>",
+        "contact force, N",
+        "\u00b1 position, mm",
+        "tp-time",
+    ):
+        assert said in text
+    assert tactopose("replay", recording, *arguments) == 0
+    assert f"Replaced: {beside}, {page}" in capsys.readouterr().out
+
+
 def test_a_log_that_was_cut_off_plays_to_its_last_whole_frame(
     recording: Path, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -9,9 +9,11 @@ from pydrake.multibody.tree import FixedOffsetFrame, SpatialInertia
 from pydrake.systems.analysis import Simulator
 
 from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.sensing.patches import describe_patch
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.prior import PosePrior
+from tactopose_drake.estimation.results import PoseEstimate, PoseHypothesis
 from tactopose_drake.systems.pose_display import PoseDisplay, PoseDisplayParams
 from tests.recording_meshcat import RecordingMeshcat
 
@@ -100,13 +102,73 @@ def test_meshcat_itself_takes_and_records_all_of_it(model: ObjectModel) -> None:
     display = PoseDisplay(meshcat, model)
     run(display, duration=0.1, contacts=TOUCH, prior=PosePrior(X_PO), object_pose=X_PO)
     meshcat.PublishRecording()
-    for part in ("prior", "estimate", "touch/1/point", "touch/1/normal/cone", "touch/1/force/shaft"):
+    for part in ("prior", "estimate", "touch/1/point", "touch/1/normal/line", "touch/1/force/shaft"):
         assert meshcat.HasPath(f"/tactopose/{part}")
     assert "set_animation" in meshcat.StaticHtml()
 
 
+def estimate_at(X_PO: RigidTransform, *shares: float) -> PoseEstimate:
+    spin = np.array([[0.0, 0.0, 1.0, 0.0, 0.0, 0.0]])
+    hypotheses = (PoseHypothesis(X_PO, 1.0, share, 1e-6 * np.eye(6), spin) for share in shares)
+    return PoseEstimate(tuple(hypotheses), "ambiguous", 0.01)
+
+
+def test_the_hypotheses_say_more_than_the_pose(model: ObjectModel) -> None:
+    meshcat = RecordingMeshcat()
+    estimate = estimate_at(X_PO, 0.7, 0.299, 0.001)
+    run(PoseDisplay(meshcat, model), contacts=TOUCH, object_pose=RigidTransform(), hypotheses=estimate)
+    assert meshcat.pose("/tactopose/estimate").IsNearlyEqualTo(X_PO, 1e-12)
+    assert [meshcat.visible(f"/tactopose/alternatives/{row}") for row in range(2)] == [True, False]
+    assert meshcat.visible("/tactopose/estimate/uncertainty/0")
+    assert [meshcat.visible(f"/tactopose/free/0/{kind}") for kind in ("turn", "slide")] == [True, False]
+
+
+def test_without_a_hypothesis_no_estimate_is_shown(model: ObjectModel) -> None:
+    meshcat = RecordingMeshcat()
+    run(PoseDisplay(meshcat, model), contacts=TOUCH, object_pose=X_PO, hypotheses=None)
+    assert not meshcat.visible("/tactopose/estimate")
+    assert meshcat.visible("/tactopose/touch/0/point")
+
+
+@pytest.mark.parametrize("aims", [True, False])
+def test_the_camera_is_aimed_once_at_what_is_known(model: ObjectModel, aims: bool) -> None:
+    meshcat = RecordingMeshcat()
+    prior = PosePrior(RigidTransform([0.0, 0.0, 0.2]))
+    display = PoseDisplay(meshcat, model, params=PoseDisplayParams(aim_camera=aims))
+    run(display, 0.1, contacts=Contacts.empty(), prior=prior, object_pose=X_PO, hypotheses=None)
+    assert hasattr(meshcat, "camera") == aims
+    if aims:
+        assert np.linalg.norm(meshcat.target - [0.0, 0.0, 0.2]) < 0.01
+        assert 0.05 < np.linalg.norm(meshcat.camera - meshcat.target) < 0.5
+        # The background and the grid stay the user's.
+        assert not [path for path, _ in meshcat.properties if not path.startswith("/tactopose")]
+
+
+def test_the_middles_of_patches_are_contacts(model: ObjectModel) -> None:
+    meshcat = RecordingMeshcat()
+    n_PT = np.tile([0.0, 0.0, -1.0], (3, 1))
+    cells = [[0.0, 0.0, 0.05], [0.01, 0.0, 0.05], [0.0, 0.01, 0.05]]
+    patch = describe_patch(cells, [1e4, 1e4, 1e4], alpha=1e-8, n_PT=n_PT)
+    run(PoseDisplay(meshcat, model), contacts=TOUCH, patches=(patch,), object_pose=X_PO)
+    assert [meshcat.visible(f"/tactopose/touch/{row}/point") for row in range(4)] == [True, True, True, False]
+    np.testing.assert_allclose(meshcat.pose("/tactopose/touch/2").translation(), patch.centroid)
+    assert not meshcat.visible("/tactopose/touch/2/force")
+
+
+def test_a_simulated_object_is_shown_as_wires_where_it_is(model: ObjectModel) -> None:
+    plant = MultibodyPlant(0.0)
+    bodies = [plant.AddRigidBody(name, SpatialInertia.SolidSphereWithMass(1.0, 0.1)) for name in ("palm", "object")]
+    plant.Finalize()
+    meshcat = RecordingMeshcat()
+    display = PoseDisplay(meshcat, model, bodies[0].body_frame(), object_body=bodies[1])
+    X_WO = RigidTransform(RollPitchYaw(0.1, 0.2, 0.3), [1.0, 2.0, 3.1])
+    run(display, contacts=TOUCH, object_pose=X_PO, body_poses=[RigidTransform(), X_WPalm, X_WO])
+    assert meshcat.pose("/tactopose/truth").IsNearlyEqualTo(X_WO, 1e-12)
+    assert meshcat.visible("/tactopose/truth")
+
+
 @pytest.mark.parametrize(
-    ("name", "value"), [("period", 0.0), ("max_contacts", -1), ("friction_coefficient", 0.0), ("estimate_opacity", 1.5)]
+    ("name", "value"), [("period", 0.0), ("max_contacts", -1), ("friction_coefficient", 0.0), ("max_alternatives", 9)]
 )
 def test_a_bad_parameter_is_named(name: str, value: float) -> None:
     with pytest.raises(InvalidInputError, match=f"{name}: is {value:g}"):

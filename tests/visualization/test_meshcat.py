@@ -9,9 +9,12 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.sensing.patches import describe_patch
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.visualization.appearance import LONGEST_ARROW
 from tactopose_drake.visualization.body_meshes import Triangles
-from tactopose_drake.visualization.meshcat import add_touch, aim_camera, draw_scene, move_touch, save_html, upright
-from tactopose_drake.visualization.scene import LONGEST_ARROW, Scene, arrow_lengths
+from tactopose_drake.visualization.meshcat import aim_camera, draw_scene, upright
+from tactopose_drake.visualization.page import save_html
+from tactopose_drake.visualization.scene import Scene, ShownHypothesis, arrow_lengths
+from tactopose_drake.visualization.touch_marks import add_touch, move_touch
 from tests.recording_meshcat import RecordingMeshcat
 
 X_PO = RigidTransform(RollPitchYaw(0.3, 0.2, 0.1), [0.01, 0.02, 0.1])
@@ -74,7 +77,7 @@ def test_contacts_that_end_are_hidden_again() -> None:
 def test_a_scene_is_drawn_with_up_upwards_and_the_camera_on_it(model: ObjectModel) -> None:
     meshcat = RecordingMeshcat()
     up_P = np.array([0.0, -1.0, 0.0])
-    scene = Scene(model=model, contacts=TOUCH, estimate=X_PO, prior=RigidTransform(), up_P=up_P)
+    scene = Scene(model=model, contacts=TOUCH, hypotheses=(ShownHypothesis(X_PO),), prior=RigidTransform(), up_P=up_P)
     draw_scene(meshcat, scene)
     aim_camera(meshcat, scene, upright(scene))
     np.testing.assert_allclose(meshcat.pose("/tactopose").rotation() @ up_P, [0, 0, 1], atol=1e-12)
@@ -104,7 +107,7 @@ def test_the_page_holds_its_scene_and_needs_no_network(model: ObjectModel, tmp_p
     hand = Triangles(np.eye(3) * 0.05, np.array([[0, 1, 2]], dtype=np.int32), np.full((3, 3), 0.5))
     draw_scene(
         meshcat,
-        Scene(model=model, contacts=TOUCH, estimate=X_PO, prior=X_PO, truth=X_PO, hand=hand),
+        Scene(model=model, contacts=TOUCH, hypotheses=(ShownHypothesis(X_PO),), prior=X_PO, truth=X_PO, hand=hand),
         friction=0.5,
     )
     for part in ("estimate", "prior", "truth", "hand", "touch/2/point"):

@@ -16,7 +16,7 @@ from tactopose_drake.resources import model_path
 from tactopose_drake.visualization import remote_meshcat
 from tactopose_drake.visualization.meshcat import draw_scene
 from tactopose_drake.visualization.remote_meshcat import RemoteMeshcat
-from tactopose_drake.visualization.scene import Scene
+from tactopose_drake.visualization.scene import Scene, ShownHypothesis
 
 
 class Server:
@@ -65,7 +65,7 @@ def test_a_scene_goes_to_the_server_where_drake_would_put_it(server: Server) -> 
     contacts = Contacts([[0.0, 0.0, 0.1]], [[0.0, 0.0, 1.0]], [[0.0, 0.0, 2.0]])
     with RemoteMeshcat(server.url) as meshcat:
         assert meshcat.web_url() == "http://127.0.0.1:7000/static/"
-        draw_scene(meshcat, Scene(model=model, contacts=contacts, estimate=X_PO))
+        draw_scene(meshcat, Scene(model=model, contacts=contacts, hypotheses=(ShownHypothesis(X_PO),)))
 
     objects, transforms = server.of("set_object"), server.of("set_transform")
     estimate = next(path for path in objects if path.endswith("tactopose/estimate"))

@@ -1,18 +1,16 @@
 import numpy as np
 import pytest
-import trimesh
 from pydrake.math import RigidTransform
 
 import tactopose_drake as tp
-from tactopose_drake.cli.reports import free_line, sigma_line
+from tactopose_drake.estimation.descriptions import false_contacts_line, free_line, sigma_line
 
 
 def test_the_sigmas_are_of_what_is_determined_alone() -> None:
-    model = tp.ObjectModel.from_mesh(trimesh.creation.box((0.05, 0.06, 0.07)), samples=300)
     # Sure to 3, 4 and 12 mm along three axes, of which nothing determines the last; to 2 degrees about each.
     covariance = np.diag(np.square([*np.radians([2.0, 2.0, 2.0]), 0.003, 0.004, 0.012]))
     hypothesis = tp.PoseHypothesis(RigidTransform(), 1.0, 1.0, covariance, np.eye(6)[5:], True)
-    assert sigma_line(hypothesis, model) == "Where determined, by its own account: \u00b1 5.0 mm, \u00b1 3.5 deg."
+    assert sigma_line(hypothesis, 0.1) == "Where determined, by its own account: \u00b1 5.0 mm, \u00b1 3.5 deg."
 
 
 @pytest.mark.parametrize(
@@ -30,3 +28,15 @@ def test_a_free_direction_is_named_in_the_axes_of_the_object(direction: list[flo
     assert (
         free_line(tp.PoseHypothesis(X_PO, 1.0, 1.0, np.eye(6), free, True)) == f"Not determined by the touch: {name}."
     )
+
+
+@pytest.mark.parametrize(
+    ("is_false", "line"),
+    [
+        ([False, False], ""),
+        ([False, True], "Probably not of this object: contact 2."),
+        ([True, False, True, True], "Probably not of this object: contacts 1, 3 and 4."),
+    ],
+)
+def test_false_contacts_are_named_by_their_numbers(is_false: list[bool], line: str) -> None:
+    assert false_contacts_line(np.array(is_false)) == line

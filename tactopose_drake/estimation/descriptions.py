@@ -1,0 +1,86 @@
+"""Estimates in words: what is determined, what is not, and which contacts do not belong to the object."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactopose_drake.core.posterior.hypotheses import determined_part
+from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.estimation.results import PoseEstimate, PoseHypothesis
+
+_MEANINGS = {
+    "ok": "the most probable pose carries most of the probability",
+    "ambiguous": "several poses explain the touch; none carries most of the probability",
+    "no_solution": "no pose explains the touch within its noise; the best one found is shown",
+}
+
+
+def meaning(estimate: PoseEstimate) -> str:
+    """What the status means."""
+    return _MEANINGS[estimate.status]
+
+
+def status_line(estimate: PoseEstimate) -> str:
+    """The status and what it means, in a sentence."""
+    return f"{estimate.status}: {meaning(estimate)} ({1e3 * estimate.duration:.1f} ms)"
+
+
+def false_contacts_line(is_false: NDArray[np.bool_]) -> str:
+    """Which contacts, counted from 1, are probably none of the object, shape (k,), in a sentence; empty for none."""
+    numbers = [str(row + 1) for row in np.flatnonzero(is_false)]
+    if not numbers:
+        return ""
+    which = f"contact {numbers[0]}" if len(numbers) == 1 else f"contacts {', '.join(numbers[:-1])} and {numbers[-1]}"
+    return f"Probably not of this object: {which}."
+
+
+def free_line(hypothesis: PoseHypothesis) -> str:
+    """What the touch leaves open about a hypothesis, in a sentence."""
+    names = direction_names(hypothesis)
+    return "Not determined by the touch: " + ("; ".join(names) if names else "nothing") + "."
+
+
+def sigma_line(hypothesis: PoseHypothesis, size: float) -> str:
+    """How far a hypothesis of an object of this size, m, says that it is off where determined, in a sentence."""
+    rotation, translation = determined_sigmas(hypothesis, size)
+    sigmas = f"\u00b1 {1e3 * translation:.1f} mm, \u00b1 {np.degrees(rotation):.1f} deg"
+    return f"Where determined, by its own account: {sigmas}."
+
+
+def determined_rows(covariance: FloatArray, free: FloatArray, size: float) -> FloatArray:
+    """Increments (6, 6) whose outer products add up to a covariance without its part along free directions (f, 6)."""
+    rows = np.asarray(np.linalg.cholesky(covariance).T, dtype=np.float64)
+    return determined_part(rows, free, size)
+
+
+def determined_sigmas(hypothesis: PoseHypothesis, size: float) -> tuple[float, float]:
+    """Root mean square standard deviations of rotation (rad) and translation (m) along what the touch determines."""
+    determined = determined_rows(hypothesis.covariance, hypothesis.free_directions, size)
+    return float(np.linalg.norm(determined[:, :3])), float(np.linalg.norm(determined[:, 3:]))
+
+
+def direction_names(hypothesis: PoseHypothesis) -> list[str]:
+    """The free directions in words: a turn about an axis of the object, a slide along one, or a screw of both."""
+    R_PO = hypothesis.X_PO.rotation().matrix()
+    return [direction_name(direction, R_PO) for direction in hypothesis.free_directions]
+
+
+def direction_name(direction: FloatArray, R_PO: FloatArray) -> str:
+    """An increment (6,) of a pose with this rotation (3, 3) in words."""
+    w_O, v_O = direction[:3], R_PO.T @ direction[3:]
+    turn, slide = np.linalg.norm(w_O), np.linalg.norm(v_O)
+    # In rad/m: a slide of 10 cm turns the object by less than 0.1 rad.
+    if turn < slide:
+        return f"slide along {_axis(v_O)}"
+    if slide < 0.2 * turn:
+        return f"turn about {_axis(w_O)}"
+    return f"turn about {_axis(w_O)} with a slide of {1e3 * slide / turn:.0f} mm/rad along {_axis(v_O)}"
+
+
+def _axis(vector: FloatArray) -> str:
+    """The object's axis that a vector is along, or the vector."""
+    unit = vector / np.linalg.norm(vector)
+    main = int(np.argmax(np.abs(unit)))
+    if abs(unit[main]) > np.cos(np.radians(10.0)):
+        return "the object's " + "xyz"[main]
+    unit = np.round(unit * np.sign(unit[main]), 2) + 0.0  # no -0.00
+    return "the object's (" + ", ".join(f"{x:.2f}" for x in unit) + ")"

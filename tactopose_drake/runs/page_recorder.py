@@ -1,0 +1,166 @@
+"""A run as a page: hand, touch and belief at each moment, to be moved through with a slider."""
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from pydrake.geometry import Meshcat, MeshcatParams, Rgba, SceneGraph
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import MultibodyPlant
+
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.sensing.patches import Patch
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.estimation.results import PoseEstimate
+from tactopose_drake.hand.hand_config import add_hand, load_hand_config
+from tactopose_drake.resources import fixed_pose
+from tactopose_drake.runs.stepping import RunView
+from tactopose_drake.runs.timeline_recorder import TimelineRecorder, belief_port
+from tactopose_drake.station.scenario import Scenario
+from tactopose_drake.visualization.body_meshes import BodyMeshes
+from tactopose_drake.visualization.estimate_page import page_of
+from tactopose_drake.visualization.meshcat import upright
+from tactopose_drake.visualization.page import save_html
+from tactopose_drake.visualization.patch_marks import add_patches, move_patches
+from tactopose_drake.visualization.pose_marks import add_hypotheses, add_object, move_hypotheses, place
+from tactopose_drake.visualization.scene import Scene, ShownHypothesis, touch_of
+from tactopose_drake.visualization.touch_marks import add_touch, move_touch
+
+_PATH = "/tactopose"
+_PERIOD = 0.04  # s between two moments at the least; it doubles where a run is long
+_MOST_MOMENTS = 130  # of a page, which stays below 6 MB with them
+_ALTERNATIVES = 2  # hypotheses beside the best that are drawn at each moment
+
+
+class Moment(NamedTuple):
+    """What a station says at one time."""
+
+    time: float
+    q: FloatArray
+    contacts: Contacts
+    patches: tuple[Patch, ...]
+    prior: RigidTransform | None
+    estimate: PoseEstimate | None
+
+
+class PageRecorder:
+    """Keeps what it is shown of a run, as often as a page can hold, and makes the page of it.
+
+    Where the station tracks, the belief is that over time. `show` is what runs take as an observer.
+    """
+
+    def __init__(self, scenario: Scenario, model: ObjectModel) -> None:
+        """Makes the hand.
+
+        Args:
+            scenario: of the run.
+            model: its object.
+        """
+        config = load_hand_config(scenario.hand)
+        self._model, self._timeline = model, TimelineRecorder(config, model)
+        scene_graph = SceneGraph()
+        self._plant = MultibodyPlant(time_step=0.001)
+        self._plant.RegisterAsSourceForSceneGraph(scene_graph)
+        self._hand = add_hand(self._plant, config, fixed_pose("Scenario.X_WBase", scenario.X_WBase))
+        self._plant.Finalize()
+        self._context = self._plant.CreateDefaultContext()
+        self._meshes = BodyMeshes.from_inspector(self._plant, scene_graph.model_inspector(), self._hand.model_instance)
+        self._most_contacts = len(config.fingers) + len(config.pads)
+        self._moments: list[Moment] = []
+        self._period, self._next = _PERIOD, -np.inf
+
+    def show(self, view: RunView) -> None:
+        """Keeps the present, if it is time."""
+        time = view.context.get_time()
+        if time < self._next:
+            return
+
+        def now(name: str) -> Any:
+            return view.diagram.GetOutputPort(name).Eval(view.context)
+
+        self._timeline.show(view)
+        patches = tuple(now("patches")) if view.diagram.HasOutputPort("patches") else ()
+        prior, estimate = now("prior"), now(belief_port(view, "hypotheses"))
+        contacts = touch_of(now("contacts"), patches)
+        X_PO = None if prior is None else prior.X_PO
+        self._moments.append(Moment(time, now("joint_positions"), contacts, patches, X_PO, estimate))
+        if len(self._moments) > _MOST_MOMENTS:
+            self._moments = self._moments[::2]
+            self._timeline.thin()
+            self._period *= 2
+        self._next = self._moments[-1].time + self._period - 1e-9
+
+    def save(self, path: Path, title: str) -> bool:
+        """Writes the page, if there has ever been an estimate and time has passed; tells whether it did.
+
+        Raises:
+            InvalidFileError: if it cannot be written.
+        """
+        timeline = self._timeline.timeline()
+        estimated = [moment for moment in self._moments if moment.estimate is not None]
+        if timeline is None or not estimated:
+            return False
+        last = estimated[-1]
+        assert last.estimate is not None
+        meshcat = Meshcat(MeshcatParams(host="localhost"))
+        self._add_parts(meshcat)
+        meshcat.StartRecording(1.0 / self._period)
+        for moment in self._moments:
+            self._draw(meshcat, moment)
+        meshcat.StopRecording()
+        meshcat.PublishRecording()
+        scene = self._scene(last)
+        meshcat.SetTransform(_PATH, upright(scene))
+        page = page_of(scene, last.estimate, title=title, when=f"At {last.time:.2f} s", timeline=timeline)
+        save_html(path, meshcat, page)
+        return True
+
+    def _scene(self, moment: Moment) -> Scene:
+        X_PB = self._body_poses(moment.q)
+        X_WP = self._hand.palm_frame.CalcPoseInWorld(self._context)
+        return Scene(
+            model=self._model,
+            contacts=moment.contacts,
+            patches=moment.patches,
+            hypotheses=_shown(moment)[: 1 + _ALTERNATIVES],
+            prior=moment.prior,
+            hand=self._meshes.merged(X_PB),
+            up_P=X_WP.rotation().inverse() @ np.array([0.0, 0.0, 1.0]),
+        )
+
+    def _add_parts(self, meshcat: Meshcat) -> None:
+        add_object(meshcat, f"{_PATH}/prior", self._model, "prior")
+        add_hypotheses(meshcat, _PATH, self._model, _ALTERNATIVES)
+        add_touch(meshcat, f"{_PATH}/touch", self._most_contacts)
+        pads, cells = self._pads()
+        add_patches(meshcat, f"{_PATH}/patches", pads, cells)
+        for row, mesh in enumerate(self._meshes.meshes):
+            vertices, faces = np.asfortranarray(mesh.vertices.T), np.asfortranarray(mesh.faces.T)
+            meshcat.SetTriangleMesh(f"{_PATH}/hand/{row}", vertices, faces, Rgba(*mesh.colour.mean(axis=0)))
+
+    def _draw(self, meshcat: Meshcat, moment: Moment) -> None:
+        time, hypotheses = moment.time, _shown(moment)
+        scene = Scene(model=self._model, contacts=moment.contacts, hypotheses=hypotheses)
+        move_hypotheses(meshcat, _PATH, self._model, hypotheses[:1] + scene.alternatives, _ALTERNATIVES, time)
+        place(meshcat, f"{_PATH}/prior", moment.prior, time)
+        move_touch(meshcat, f"{_PATH}/touch", moment.contacts, self._most_contacts, time, scene.is_false)
+        move_patches(meshcat, f"{_PATH}/patches", moment.patches, *self._pads(), time)
+        X_PB = self._body_poses(moment.q)
+        for row, body in enumerate(self._meshes.body):
+            meshcat.SetTransform(f"{_PATH}/hand/{row}", X_PB[body], time)
+
+    def _pads(self) -> tuple[int, int]:
+        """How many pads there are, and how many cells the largest has."""
+        patches = self._moments[-1].patches
+        return len(patches), max((len(patch.p_PT) for patch in patches), default=0)
+
+    def _body_poses(self, q: FloatArray) -> list[RigidTransform]:
+        """Poses of all bodies in P."""
+        self._plant.SetPositions(self._context, q)
+        X_PW = self._hand.palm_frame.CalcPoseInWorld(self._context).inverse()
+        return [X_PW @ X_WB for X_WB in self._plant.get_body_poses_output_port().Eval(self._context)]
+
+
+def _shown(moment: Moment) -> tuple[ShownHypothesis, ...]:
+    return () if moment.estimate is None else tuple(map(ShownHypothesis.of, moment.estimate.hypotheses))

@@ -1,0 +1,89 @@
+"""What a station says over a run, for the timeline of a page."""
+
+from typing import Any
+
+import numpy as np
+
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.estimation.descriptions import determined_sigmas
+from tactopose_drake.estimation.results import PoseEstimate
+from tactopose_drake.hand.hand_config import HandConfig
+from tactopose_drake.runs.stepping import RunView
+from tactopose_drake.visualization.appearance import MOST_FREE
+from tactopose_drake.visualization.timeline import Curve, Plot, Timeline
+
+
+class TimelineRecorder:
+    """Notes at each moment that it is shown the status, the forces and how wide the belief is.
+
+    Where the station tracks, they are those of the belief over time. `show` is what runs take as an observer; a run
+    that starts anew is noted anew.
+    """
+
+    def __init__(self, config: HandConfig, model: ObjectModel) -> None:
+        """Keeps the hand, by whose fingers and pads the curves are named, and the object."""
+        self._fingers = [finger.name for finger in config.fingers if finger.sensor_frame]
+        self._pads = [pad.name for pad in config.pads]
+        self._size = model.size
+        self._rows: list[tuple[float, str, dict[str, float]]] = []
+
+    def show(self, view: RunView) -> None:
+        """Notes the present."""
+        time = view.context.get_time()
+        if self._rows and time <= self._rows[-1][0]:
+            self._rows.clear()
+        values = self._forces(view) | self._pressures(view) | self._widths(_now(view, belief_port(view, "hypotheses")))
+        self._rows.append((time, _now(view, belief_port(view, "status")), values))
+
+    def thin(self) -> None:
+        """Forgets every second moment."""
+        self._rows = self._rows[::2]
+
+    def timeline(self) -> Timeline | None:
+        """All that was noted; None before there are two moments."""
+        if len(self._rows) < 2:
+            return None
+        names = {"force": self._fingers, "pressure": self._pads, "width": ["position", "angle"]}
+        curves = {kind: tuple(Curve(name, self._values(f"{kind}_{name}")) for name in names[kind]) for kind in names}
+        position, angle = curves["width"]
+        plots = [Plot("contact force", "N", curves["force"])] if self._fingers else []
+        plots += [Plot("highest pressure", "kPa", curves["pressure"])] if self._pads else []
+        plots += [Plot("\u00b1 position", "mm", (position,)), Plot("\u00b1 angle", "deg", (angle,))]
+        return Timeline(np.array([row[0] for row in self._rows]), tuple(row[1] for row in self._rows), tuple(plots))
+
+    def _values(self, name: str) -> FloatArray:
+        return np.array([row[2].get(name, np.nan) for row in self._rows])
+
+    def _forces(self, view: RunView) -> dict[str, float]:
+        contacts, names = _now(view, "contacts"), _now(view, "fingers_in_contact")
+        found = {f"force_{name}": 0.0 for name in self._fingers}
+        if contacts.f_PC is not None:
+            forces = np.linalg.norm(contacts.f_PC, axis=1)
+            found |= {f"force_{name}": float(force) for name, force in zip(names, forces, strict=False)}
+        return found
+
+    def _pressures(self, view: RunView) -> dict[str, float]:
+        if not self._pads or not view.diagram.HasOutputPort("patches"):
+            return {}
+        patches = _now(view, "patches")
+        return {
+            f"pressure_{name}": float(np.nanmax(patch.pressure, initial=0.0)) / 1e3
+            for name, patch in zip(self._pads, patches, strict=False)
+        }
+
+    def _widths(self, estimate: PoseEstimate | None) -> dict[str, float]:
+        if estimate is None or len(estimate.best.free_directions) > MOST_FREE:
+            return {}  # Of a pose of which next to nothing is determined, what is says nothing.
+        rotation, translation = determined_sigmas(estimate.best, self._size)
+        return {"width_position": 1e3 * translation, "width_angle": float(np.degrees(rotation))}
+
+
+def belief_port(view: RunView, name: str) -> str:
+    """The port of what is believed: of the tracking where there is one, or else of the estimation."""
+    tracked = f"tracked_{name}"
+    return tracked if view.diagram.HasOutputPort(tracked) else name
+
+
+def _now(view: RunView, port: str) -> Any:
+    return view.diagram.GetOutputPort(port).Eval(view.context)

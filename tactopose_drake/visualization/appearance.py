@@ -1,0 +1,59 @@
+"""What each part of a drawn estimate looks like, and what it means: the same in pictures, pages, Meshcat and notebooks.
+
+The colours are told apart by eyes that lack one kind of cone, and by shape where two are near: only the estimate is a
+solid, what it is compared with are lines, and what was felt are balls and arrows.
+"""
+
+from typing import Literal, NamedTuple
+
+Colour = tuple[float, float, float]
+Mark = Literal["solid", "ghost", "line", "ball", "cross", "pin", "arrow", "turn", "ellipsoid", "cell"]
+
+
+class Look(NamedTuple):
+    """How one kind of part is drawn.
+
+    Attributes:
+        name: what a legend calls it.
+        colour: red, green, blue, 0 to 1.
+        mark: its shape in a legend.
+        meaning: what it says, in a few words.
+    """
+
+    name: str
+    colour: Colour
+    mark: Mark
+    meaning: str
+
+
+ESTIMATE = Look("estimate", (0.20, 0.55, 0.85), "solid", "the most probable pose")
+ALTERNATIVE = Look("another hypothesis", (0.10, 0.62, 0.58), "ghost", "the more opaque, the more probable")
+PRIOR = Look("prior", (0.93, 0.55, 0.20), "line", "where it was thought to be before")
+TRUTH = Look("true pose", (0.06, 0.45, 0.16), "line", "where it is in the simulation")
+UNCERTAINTY = Look(
+    "95 % region",
+    (0.04, 0.13, 0.40),
+    "ellipsoid",
+    "where its points are, as far as determined",
+)
+FREE = Look("not determined", (0.55, 0.20, 0.70), "turn", "it may move so without being felt")
+CONTACT = Look("contact", (0.85, 0.10, 0.20), "ball", "of the object, numbered as in the input")
+FALSE_CONTACT = Look("false contact", (0.50, 0.51, 0.53), "cross", "probably not of this object")
+NORMAL = Look("contact normal", (0.36, 0.38, 0.43), "pin", "out of the object, as it was felt")
+FORCE = Look("contact force", (0.85, 0.10, 0.20), "arrow", "of the object on the finger")
+PRESSURE = Look("pressed cells", (0.98, 0.80, 0.08), "cell", "of a tactile pad; the larger, the more pressure")
+HAND = Look("hand", (0.62, 0.64, 0.67), "solid", "at this instant")
+
+ROLES = {"estimate": ESTIMATE, "prior": PRIOR, "truth": TRUTH}
+"""The looks of the poses of an object by the name of what they are."""
+
+LEAST_INLIER_PROBABILITY = 0.5
+"""A contact that is probably less than this one of the object is drawn as a false one."""
+MOST_FREE = 3
+"""Free directions that are drawn at the most; where more are free, words say so."""
+LONGEST_ARROW = 0.05
+"""Of a force, m; the others are in proportion."""
+MOST_ALTERNATIVES = 5
+"""Hypotheses beside the best that are drawn at the most,"""
+LEAST_ALTERNATIVE = 0.01
+"""and how probable each is at the least."""

@@ -1,0 +1,248 @@
+"""A web page of what Meshcat shows: one file that works from disk, with a legend, switches, the result and the time.
+
+It is Drake's own static page of Meshcat with a panel beside it. The page says what it is; nothing is loaded from
+anywhere.
+"""
+
+import dataclasses
+import html
+import json
+from importlib import resources
+from pathlib import Path
+from typing import NamedTuple
+
+from pydrake.geometry import Meshcat
+
+from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.estimation.output_files import written_beside
+from tactopose_drake.visualization.appearance import Colour, Look
+from tactopose_drake.visualization.timeline import Timeline, timeline_html
+
+_HAND = "^(/tactopose/hand|/drake/visualizer)(/|$)"
+# Of Drake's page: where its commands begin, and how each is told to the viewer.
+_BEFORE_COMMANDS = "casAssets = {};"
+_COMMAND = ".then(buffer => viewer.handle_command_bytearray("
+_COUNTER = """
+var tactoposeTold = 0;
+{
+  const tell = viewer.handle_command_bytearray.bind(viewer);
+  viewer.handle_command_bytearray = (buffer) => { try { tell(buffer); } finally { tactoposeTold++; } };
+}
+"""
+
+
+class Switch(NamedTuple):
+    """An entry of the legend, which shows and hides what it names.
+
+    Attributes:
+        look: what it names.
+        hides: pattern of the paths in Meshcat that it switches.
+        detail: what the legend says of it; the look's meaning by default.
+    """
+
+    look: Look
+    hides: str
+    detail: str = ""
+
+
+class Row(NamedTuple):
+    """A row of a page's table.
+
+    Attributes:
+        cells: its texts.
+        hides: pattern of the paths in Meshcat that a switch in the row shows and hides; none without.
+        is_on: whether that is shown at first.
+    """
+
+    cells: tuple[str, ...]
+    hides: str = ""
+    is_on: bool = True
+
+
+class PageTable(NamedTuple):
+    """A table of a page.
+
+    Attributes:
+        title: what it holds.
+        headings: of its columns.
+        rows: its rows.
+        more: what is said below it.
+    """
+
+    title: str
+    headings: tuple[str, ...]
+    rows: tuple[Row, ...]
+    more: str = ""
+
+
+class Label(NamedTuple):
+    """A text that stays at a part of the scene.
+
+    Attributes:
+        path: of the part in Meshcat.
+        text: what stands there.
+        colour: of the text.
+        at: where, in the part's frame, m.
+    """
+
+    path: str
+    text: str
+    colour: Colour
+    at: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Page:
+    """What stands beside a scene.
+
+    Attributes:
+        title: what the page is.
+        status: in a word, such as "ok"; empty for none.
+        when: the time of what is said, of a recording.
+        sentences: what is believed, how sure, and what is not determined.
+        switches: the legend.
+        tables: the result in numbers, above the legend.
+        details: more numbers, below it.
+        labels: texts in the scene.
+        direction_W: from the scene to the camera, in Meshcat's world, shape (3,).
+        p_WQ: points that are seen at first, shape (n, 3), m; empty where Meshcat's own camera is kept.
+        timeline: of a recording that Meshcat has published; None where there is none.
+    """
+
+    title: str
+    status: str = ""
+    when: str = ""
+    sentences: tuple[str, ...] = ()
+    switches: tuple[Switch, ...] = ()
+    tables: tuple[PageTable, ...] = ()
+    details: tuple[PageTable, ...] = ()
+    labels: tuple[Label, ...] = ()
+    direction_W: FloatArray
+    p_WQ: FloatArray
+    timeline: Timeline | None = None
+
+
+def save_html(path: Path, meshcat: Meshcat, page: Page | None = None) -> None:
+    """Writes all that Meshcat shows, with its published recording, as one web page that works without a network.
+
+    Args:
+        path: the file.
+        meshcat: what is shown.
+        page: what stands beside it; Meshcat's own page without.
+
+    Raises:
+        InvalidFileError: the file cannot be written.
+    """
+    text = meshcat.StaticHtml()
+    with written_beside(path) as beside:
+        beside.write_text(text if page is None else with_panel(text, page), encoding="utf-8")
+
+
+def with_panel(static: str, page: Page) -> str:
+    """Meshcat's static page with what a page has to say beside it."""
+    assert static.count(_BEFORE_COMMANDS) == 1, "Drake's static page is not as it was"
+    assert static.count("<title>Drake MeshCat</title>") == 1, "Drake's static page is not as it was"
+    static = static.replace("<title>Drake MeshCat</title>", f"<title>{html.escape(page.title)}</title>")
+    static = static.replace(_BEFORE_COMMANDS, _COUNTER + _BEFORE_COMMANDS)
+    data = {
+        "commands": static.count(_COMMAND),
+        "view": {"direction": page.direction_W.tolist(), "points": page.p_WQ.tolist()} if len(page.p_WQ) else None,
+        "labels": [{**label._asdict(), "colour": _css(label.colour)} for label in page.labels],
+        "timeline": None if page.timeline is None else page.timeline.data(),
+    }
+    head, tail = static.rsplit("</body>", 1)
+    parts = [
+        f"<style>{_asset('page.css')}{'' if page.timeline is None else page.timeline.css()}</style>",
+        _side(page),
+        "" if page.timeline is None else timeline_html(page.timeline),
+        f'<script type="application/json" id="tp-data">{json.dumps(data).replace("</", "<" + chr(92) + "/")}</script>',
+        f"<script>{_asset('page.js')}</script>",
+    ]
+    return head + "\n".join(parts) + "</body>" + tail
+
+
+def _side(page: Page) -> str:
+    """The panel beside the scene."""
+    lines = ['<aside id="tp-side">', f"<h1>{html.escape(page.title)}</h1>"]
+    if page.status:
+        words = html.escape(page.status.replace("_", " "))
+        when = f"{html.escape(page.when)}: " if page.when else ""
+        lines.append(f'<p>{when}<span class="tp-status tp-{html.escape(page.status)}">{words}</span></p>')
+    lines += [f"<p>{html.escape(sentence)}</p>" for sentence in page.sentences]
+    lines += [_table(table) for table in page.tables]
+    lines.append('<h2>What is shown</h2><ul class="tp-legend">')
+    lines += [_switch(switch) for switch in page.switches]
+    if any(switch.hides == _HAND for switch in page.switches):
+        box = f'<input type="checkbox" id="tp-see-through" data-thins="{html.escape(_HAND)}" checked>'
+        lines.append(f"<li><label>{box}<span></span><span>see through the hand</span></label></li>")
+    lines.append("</ul>")
+    lines += [_table(table) for table in page.details]
+    lines.append(
+        '<div class="tp-buttons"><button id="tp-frame">First view</button><button id="tp-theme">Light / dark</button>'
+        '<button id="tp-expert">Meshcat\'s controls</button></div>'
+        '<p class="tp-more">Drag to turn, scroll to zoom, drag with the right button to move.</p></aside>'
+    )
+    return "\n".join(lines)
+
+
+def hand_switch(look: Look) -> Switch:
+    """The switch of the hand, be it drawn or simulated."""
+    return Switch(look, _HAND)
+
+
+def _switch(switch: Switch) -> str:
+    look = switch.look
+    return (
+        f'<li><label><input type="checkbox" data-hides="{html.escape(switch.hides)}" checked>{_swatch(look)}'
+        f"<span>{html.escape(look.name)}<small>{html.escape(switch.detail or look.meaning)}</small></span></label></li>"
+    )
+
+
+def _table(table: PageTable) -> str:
+    has_switches = any(row.hides for row in table.rows)
+    headings = ([""] if has_switches else []) + [html.escape(heading) for heading in table.headings]
+    lines = [
+        f"<h2>{html.escape(table.title)}</h2><table><tr>",
+        *(f"<th>{heading}</th>" for heading in headings),
+        "</tr>",
+    ]
+    for row in table.rows:
+        cells = [html.escape(cell) for cell in row.cells]
+        if has_switches:
+            on = " checked" if row.is_on else ""
+            box = f'<input type="checkbox" data-hides="{html.escape(row.hides)}"{on}>' if row.hides else ""
+            cells.insert(0, box)
+        lines.append("<tr>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>")
+    lines.append("</table>")
+    if table.more:
+        lines.append(f'<div class="tp-more">{html.escape(table.more)}</div>')
+    return "".join(lines)
+
+
+def _swatch(look: Look) -> str:
+    """A small drawing of a part for the legend."""
+    colour = _css(look.colour)
+    drawings = {
+        "solid": f'<rect x="3" y="2" width="18" height="12" rx="2" fill="{colour}"/>',
+        "ghost": f'<rect x="3" y="2" width="18" height="12" rx="2" fill="{colour}" opacity="0.4"/>',
+        "line": f'<rect x="4" y="3" width="16" height="10" rx="2" fill="none" stroke="{colour}" stroke-width="2"/>'
+        f'<path d="M4 8H20M12 3V13" stroke="{colour}"/>',
+        "ball": f'<circle cx="12" cy="8" r="4.5" fill="{colour}"/>',
+        "cross": f'<path d="M7 3L17 13M17 3L7 13" stroke="{colour}" stroke-width="2.5"/>',
+        "pin": f'<path d="M4 8H20" stroke="{colour}" stroke-width="1.5"/>',
+        "arrow": f'<path d="M2 8H15" stroke="{colour}" stroke-width="2.5"/>'
+        f'<path d="M14 3L22 8L14 13Z" fill="{colour}"/>',
+        "turn": f'<path d="M17 11A6 5 0 1 1 17 5" fill="none" stroke="{colour}" stroke-width="2"/>'
+        f'<path d="M14 10L20 9L18 15Z" fill="{colour}"/>',
+        "ellipsoid": f'<ellipse cx="12" cy="8" rx="7" ry="4.5" fill="{colour}" stroke="#8fa3c8" stroke-width="0.8"/>',
+        "cell": f'<path d="M5 2h6v5h-6zM13 2h6v5h-6zM5 9h6v5h-6z" fill="{colour}"/>',
+    }
+    return f'<svg viewBox="0 0 24 16" aria-hidden="true">{drawings[look.mark]}</svg>'
+
+
+def _css(colour: Colour) -> str:
+    return "#" + "".join(f"{round(255 * channel):02x}" for channel in colour)
+
+
+def _asset(name: str) -> str:
+    return resources.files(__package__).joinpath(name).read_text(encoding="utf-8")

@@ -1,0 +1,110 @@
+"""The marks of a picture as surfaces: contacts, forces, pressed cells, 95 % regions and what is not determined."""
+
+from collections.abc import Iterable
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+from pydrake.math import RigidTransform, RotationMatrix
+
+from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.core.vision.rasterizer import Surface
+from tactopose_drake.visualization.appearance import CONTACT, FALSE_CONTACT, FORCE, FREE, PRESSURE, UNCERTAINTY, Colour
+from tactopose_drake.visualization.arrow_shapes import slide_arrow, turn_arrow
+from tactopose_drake.visualization.object_shapes import CREASE
+from tactopose_drake.visualization.patch_marks import plate_edges
+from tactopose_drake.visualization.scene import Scene
+from tactopose_drake.visualization.scene import arrow_lengths as force_lengths
+from tactopose_drake.visualization.uncertainty import ellipsoids, free_arrows, shown_points
+
+_CONTACT_RADIUS = 0.0032
+_ARROW_RADIUS = 0.0014
+_CROSS_LENGTH, _CROSS_RADIUS = 0.018, 0.0009
+_PLATE_HEIGHT = 0.0008
+
+Painted = tuple[trimesh.Trimesh, Colour]
+
+
+def touch_surface(scene: Scene) -> Surface | None:
+    """Contacts as small spheres, or crosses, the object's force on each as an arrow, and pressed cells as plates."""
+    return _joined([*_contacts(scene), *_plates(scene)])
+
+
+def certainty_surface(scene: Scene) -> Surface | None:
+    """Where points of the estimate may be as ellipsoids, and what is not determined of it as arrows."""
+    if not scene.hypotheses:
+        return None
+    best = scene.hypotheses[0]
+    parts: list[Painted] = []
+    for found in ellipsoids(scene.model, best, shown_points(scene.model)):
+        ball = trimesh.creation.icosphere(subdivisions=2)
+        vertices = (best.X_PO @ found.X_OE).multiply((found.radii * np.asarray(ball.vertices)).T).T
+        parts.append((trimesh.Trimesh(vertices, ball.faces, process=False), UNCERTAINTY.colour))
+    for arrow in free_arrows(scene.model, best):
+        vertices, faces = turn_arrow() if arrow.is_turn else slide_arrow()
+        vertices = arrow.X_PA.multiply(arrow.scale * vertices.T).T
+        parts.append((trimesh.Trimesh(vertices, faces, process=False), FREE.colour))
+    return _joined(parts)
+
+
+def smooth(vertices: FloatArray, faces: NDArray[np.int32], colour: Colour | FloatArray) -> Surface:
+    """Normals for smooth shading, with the sharp edges kept; of one colour, or of one for each vertex."""
+    colour = np.array(np.broadcast_to(colour, vertices.shape))
+    mesh = trimesh.Trimesh(vertices, faces, vertex_colors=colour, process=False)
+    shaded = trimesh.graph.smooth_shade(mesh, angle=CREASE)
+    return Surface(
+        np.array(shaded.vertices),
+        np.array(shaded.vertex_normals),
+        np.array(shaded.faces, dtype=np.int32),
+        shaded.visual.vertex_colors[:, :3] / 255.0,
+    )
+
+
+def _contacts(scene: Scene) -> Iterable[Painted]:
+    contacts = scene.contacts
+    for row, (length, is_false) in enumerate(zip(force_lengths(contacts), scene.is_false, strict=True)):
+        ball = trimesh.creation.icosphere(subdivisions=2, radius=_CONTACT_RADIUS).apply_translation(contacts.p_PC[row])
+        yield ball, FALSE_CONTACT.colour if is_false else CONTACT.colour
+        if is_false:
+            for axis in np.eye(3):
+                bar = trimesh.creation.cylinder(
+                    radius=_CROSS_RADIUS, segment=np.array([-axis, axis]) * _CROSS_LENGTH / 2 + contacts.p_PC[row]
+                )
+                yield bar, FALSE_CONTACT.colour
+        elif contacts.f_PC is not None and length > 4 * _ARROW_RADIUS:
+            X_PArrow = RigidTransform(RotationMatrix.MakeFromOneVector(contacts.f_PC[row], 2), contacts.p_PC[row])
+            yield from ((_moved(part, X_PArrow), FORCE.colour) for part in _arrow(length))
+
+
+def _plates(scene: Scene) -> Iterable[Painted]:
+    """A plate on each pressed cell, as large as its pressure."""
+    for patch in scene.patches:
+        edges = plate_edges(patch)
+        for cell in np.flatnonzero(edges):
+            X_PCell = RigidTransform(RotationMatrix.MakeFromOneVector(patch.n_PT[cell], 2), patch.p_PT[cell])
+            yield (
+                _moved(trimesh.creation.box([edges[cell], edges[cell], _PLATE_HEIGHT]), X_PCell),
+                PRESSURE.colour,
+            )
+
+
+def _arrow(length: float) -> tuple[trimesh.Trimesh, trimesh.Trimesh]:
+    """Shaft and head of an arrow from the origin along z."""
+    head = min(0.35 * length, 8 * _ARROW_RADIUS)
+    shaft = trimesh.creation.cylinder(
+        radius=_ARROW_RADIUS, segment=np.array([[0.0, 0.0, 0.0], [0.0, 0.0, length - head]])
+    )
+    cone = trimesh.creation.cone(radius=3 * _ARROW_RADIUS, height=head)
+    return shaft, cone.apply_translation([0, 0, length - head])
+
+
+def _moved(mesh: trimesh.Trimesh, X: RigidTransform) -> trimesh.Trimesh:
+    return mesh.apply_transform(X.GetAsMatrix4())
+
+
+def _joined(parts: list[Painted]) -> Surface | None:
+    if not parts:
+        return None
+    vertices, faces = trimesh.util.append_faces([mesh.vertices for mesh, _ in parts], [mesh.faces for mesh, _ in parts])
+    colour = np.repeat([colour for _, colour in parts], [len(mesh.vertices) for mesh, _ in parts], axis=0)
+    return smooth(vertices.astype(np.float64), faces.astype(np.int32), colour)

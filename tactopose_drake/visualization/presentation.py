@@ -1,0 +1,84 @@
+"""How an estimate shows itself: as a page in a browser or a notebook, and as a small table with a picture."""
+
+import base64
+import html
+import importlib
+import os
+import sys
+import tempfile
+import webbrowser
+from pathlib import Path
+
+import numpy as np
+
+from tactopose_drake.estimation.descriptions import determined_sigmas, free_line, meaning
+from tactopose_drake.estimation.results import PoseEstimate
+from tactopose_drake.visualization.estimate_page import estimate_meshcat, page_of
+from tactopose_drake.visualization.page import save_html, with_panel
+from tactopose_drake.visualization.picture import small_picture
+from tactopose_drake.visualization.scene import scene_of
+
+_MOST_ROWS = 5
+_FRAME = '<iframe srcdoc="{page}" width="100%" height="620" style="border:1px solid #ccc"></iframe>'
+
+
+def show(estimate: PoseEstimate) -> Path | None:
+    """Shows an estimate's page below a notebook's cell, or else in the web browser, and tells the file in that case."""
+    scene = scene_of(estimate)
+    page = page_of(scene, estimate)
+    if "ipykernel" in sys.modules:
+        content = with_panel(estimate_meshcat(scene).StaticHtml(), page)
+        display = importlib.import_module("IPython.display")
+        display.display(display.HTML(_FRAME.format(page=html.escape(content))))
+        return None
+    path = Path(tempfile.mkdtemp(prefix="tactopose_")) / "estimate.html"
+    save_html(path, estimate_meshcat(scene), page)
+    open_page(path)
+    return path
+
+
+def open_page(path: Path) -> None:
+    """Opens a page in the web browser where there is a display."""
+    if sys.platform in ("darwin", "win32") or any(name in os.environ for name in ("DISPLAY", "WAYLAND_DISPLAY")):
+        webbrowser.open(path.absolute().as_uri())
+
+
+def save_estimate(path: Path, estimate: PoseEstimate) -> None:
+    """Writes an estimate's page.
+
+    Raises:
+        InvalidInputError: if the estimate does not know what it was made from.
+        InvalidFileError: if the file cannot be written.
+    """
+    scene = scene_of(estimate)
+    save_html(path, estimate_meshcat(scene), page_of(scene, estimate))
+
+
+def notebook_html(estimate: PoseEstimate) -> str:
+    """A small table of an estimate, with a picture where it knows what it was made from."""
+    question = estimate.question
+    lines = [
+        f"<b>{estimate.status.replace('_', ' ')}</b>: {meaning(estimate)}.",
+        html.escape(free_line(estimate.best)),
+        "<table><tr><th>probability</th><th>x y z, mm</th><th>quaternion wxyz</th><th>\u00b1 mm</th>"
+        "<th>\u00b1 deg</th></tr>",
+    ]
+    for hypothesis in estimate.hypotheses[:_MOST_ROWS]:
+        # Without the object's size, how turns compare with slides is not known: a decimetre stands in for it.
+        rotation, translation = determined_sigmas(hypothesis, 0.1 if question is None else question.model.size)
+        cells = (
+            f"{hypothesis.probability:.1%}",
+            " ".join(f"{1e3 * x:.1f}" for x in hypothesis.X_PO.translation()),
+            " ".join(f"{x:.3f}" for x in hypothesis.X_PO.rotation().ToQuaternion().wxyz()),
+            f"{1e3 * translation:.1f}",
+            f"{np.degrees(rotation):.1f}",
+        )
+        lines.append("<tr>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>")
+    lines.append("</table>")
+    hidden = len(estimate.hypotheses) - _MOST_ROWS
+    if hidden > 0:
+        lines.append(f"and {hidden} less probable")
+    if question is not None:
+        data = base64.b64encode(small_picture(scene_of(estimate))).decode()
+        lines.append(f'<img alt="the estimate" src="data:image/png;base64,{data}">')
+    return "<div>" + "<br>".join(lines[:2]) + "".join(lines[2:]) + "</div>"

@@ -1,0 +1,153 @@
+"""The time of a recording on a page: its status as a strip, and curves on the same axis."""
+
+import dataclasses
+import html
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from tactopose_drake.core.validation import FloatArray
+
+# Of states by their first word; colours that are told apart without red and green, and each piece says its name.
+_STATES = {
+    "ok": "#2f8fd0",
+    "ambiguous": "#e8b23a",
+    "slipping": "#b9589f",
+    "lost": "#9b2226",
+    "no_solution": "#9b2226",
+    "no solution": "#9b2226",
+}
+_OTHER_STATE = "#9aa3ad"
+# Okabe and Ito's, but for those too light for a white ground.
+_LINES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#7a7a7a")
+_STRIP_HEIGHT = 78  # px
+
+
+class Curve(NamedTuple):
+    """A line of a plot.
+
+    Attributes:
+        name: what it is of.
+        values: one for each of the timeline's times, shape (n,); NaN where there is none.
+    """
+
+    name: str
+    values: FloatArray
+
+
+class Plot(NamedTuple):
+    """Curves over time.
+
+    Attributes:
+        title: what they are.
+        unit: theirs.
+        curves: the lines.
+    """
+
+    title: str
+    unit: str
+    curves: tuple[Curve, ...]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Timeline:
+    """What happened over a recording.
+
+    Attributes:
+        times: rising, shape (n,), s.
+        states: what was said at each; its first word decides the colour.
+        plots: curves on the same axis.
+    """
+
+    times: FloatArray
+    states: tuple[str, ...]
+    plots: tuple[Plot, ...] = ()
+
+    @property
+    def end(self) -> float:
+        """The last time, s."""
+        return float(self.times[-1])
+
+    def pieces(self) -> list[tuple[float, float, str]]:
+        """Spans of equal state: from, to, s, and what was said at their beginning."""
+        starts = [0] + [row for row in range(1, len(self.states)) if self.states[row] != self.states[row - 1]]
+        ends = [*(float(self.times[row]) for row in starts[1:]), self.end]
+        return [(float(self.times[row]), end, self.states[row]) for row, end in zip(starts, ends, strict=True)]
+
+    def data(self) -> dict[str, Any]:
+        """What the page's script needs."""
+        return {
+            "end": self.end,
+            "strip": [{"from": start, "text": text.replace("_", " ")} for start, _, text in self.pieces()],
+        }
+
+    def css(self) -> str:
+        """How high it is."""
+        return f":root {{ --foot: calc({_STRIP_HEIGHT}px + {len(self.plots)} * var(--plot)); }}"
+
+
+def timeline_html(timeline: Timeline) -> str:
+    """The slider, the strip and the plots."""
+    end = timeline.end
+    strip = "".join(
+        f'<i style="left:{100 * start / end:.3f}%;width:{100 * (stop - start) / end:.3f}%;'
+        f'background:{state_colour(text)}" title="{html.escape(text)}"></i>'
+        for start, stop, text in timeline.pieces()
+    )
+    names = dict.fromkeys(_word(text) for _, _, text in timeline.pieces() if text)
+    key = " ".join(
+        f'<span style="color:{state_colour(name)}">\u25a0</span> {html.escape(name.replace("_", " "))}'
+        for name in names
+    )
+    rows = [
+        '<div class="tp-row"><span><button id="tp-play">Play</button> <b id="tp-seconds"></b></span>'
+        f'<div class="tp-track"><input type="range" id="tp-time" min="0" max="{end:.4f}" step="0.01" '
+        f'aria-label="time, s"></div></div>',
+        f'<div class="tp-row"><span>status</span><div class="tp-track"><div class="tp-strip">{strip}</div>'
+        '<div class="tp-cursor"></div></div></div>',
+        f'<div class="tp-row"><span>{key}</span><div id="tp-now" class="tp-more"></div></div>',
+        *(_plot(plot, timeline.times) for plot in timeline.plots),
+    ]
+    return '<footer id="tp-foot">' + "".join(rows) + "</footer>"
+
+
+def state_colour(text: str) -> str:
+    """Of a state."""
+    return _STATES.get(_word(text), _OTHER_STATE)
+
+
+def _word(text: str) -> str:
+    return text.split(":")[0]
+
+
+def _plot(plot: Plot, times: FloatArray) -> str:
+    values = np.concatenate([curve.values for curve in plot.curves]) if plot.curves else np.zeros(1)
+    finite = values[np.isfinite(values)]
+    most = max(float(finite.max()), 1e-12) if len(finite) else 1.0
+    lines, key = [], []
+    for index, curve in enumerate(plot.curves):
+        colour = _LINES[index % len(_LINES)]
+        key.append(f'<span style="color:{colour}">\u2015 {html.escape(curve.name)}</span>')
+        for rows in _finite_runs(curve.values):
+            points = " ".join(
+                f"{1000 * times[row] / times[-1]:.1f},{100 - 92 * curve.values[row] / most:.1f}" for row in rows
+            )
+            lines.append(f'<polyline points="{points}" stroke="{colour}"/>')
+    title, unit = html.escape(plot.title), html.escape(plot.unit)
+    names = " ".join(key) if len(key) > 1 else ""
+    return (
+        f'<div class="tp-row tp-plot"><span>{title}, {unit}</span><div class="tp-track">'
+        f'<svg viewBox="0 0 1000 100" preserveAspectRatio="none">{"".join(lines)}</svg>'
+        f'<span class="tp-most">{most:.2g} {unit} {names}</span><div class="tp-cursor"></div></div></div>'
+    )
+
+
+def _finite_runs(values: FloatArray) -> list[list[int]]:
+    """Rows of values that are known one after the other."""
+    runs: list[list[int]] = [[]]
+    for row, value in enumerate(values):
+        if np.isfinite(value):
+            runs[-1].append(row)
+        elif runs[-1]:
+            runs.append([])
+    return [run for run in runs if run]

@@ -1,0 +1,106 @@
+"""Contacts in Meshcat: points, normals, friction cones and forces; those that are none of the object crossed out.
+
+The parts are made once and then only moved, shown and stretched, because that is what Meshcat records.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.geometry import Cylinder, Meshcat, MeshcatCone, Rgba, Sphere
+from pydrake.math import RigidTransform, RotationMatrix
+
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.visualization.appearance import CONTACT, FALSE_CONTACT, FORCE, NORMAL
+from tactopose_drake.visualization.remote_meshcat import RemoteMeshcat
+from tactopose_drake.visualization.scene import arrow_lengths
+
+_CONTACT_RADIUS = 0.003
+_ARROW_RADIUS = 0.0012
+_HEAD_RADIUS, _HEAD_LENGTH = 0.0036, 0.009
+_NORMAL_RADIUS, _NORMAL_LENGTH = 0.0006, 0.02
+_CONE_LENGTH, _CONE_OPACITY = 0.018, 0.2
+_CROSS_RADIUS, _CROSS_LENGTH = 0.0008, 0.016
+_FLIPPED = RotationMatrix.MakeXRotation(np.pi)
+
+
+def add_touch(meshcat: Meshcat | RemoteMeshcat, path: str, count: int, *, friction: float | None = None) -> None:
+    """Adds the parts that show contacts, hidden until `move_touch` places them.
+
+    Args:
+        meshcat: receives them.
+        path: where.
+        count: of contacts that can be shown at once.
+        friction: coefficient of the cones in which the contact forces must lie; no cones without.
+    """
+    meshcat.Delete(path)
+    for row in range(count):
+        at = f"{path}/{row}"
+        meshcat.SetObject(f"{at}/point", Sphere(_CONTACT_RADIUS), Rgba(*CONTACT.colour))
+        _add_cross(meshcat, f"{at}/false")
+        meshcat.SetObject(f"{at}/normal/line", Cylinder(_NORMAL_RADIUS, _NORMAL_LENGTH), Rgba(*NORMAL.colour))
+        meshcat.SetTransform(f"{at}/normal/line", RigidTransform([0.0, 0.0, _NORMAL_LENGTH / 2]))
+        if friction is not None:
+            radius, colour = friction * _CONE_LENGTH, Rgba(*NORMAL.colour, _CONE_OPACITY)
+            meshcat.SetObject(f"{at}/normal/cone", MeshcatCone(_CONE_LENGTH, radius, radius), colour)
+        meshcat.SetObject(f"{at}/force/shaft", Cylinder(_ARROW_RADIUS, 1.0), Rgba(*FORCE.colour))
+        head = MeshcatCone(_HEAD_LENGTH, _HEAD_RADIUS, _HEAD_RADIUS)
+        meshcat.SetObject(f"{at}/force/head", head, Rgba(*FORCE.colour))
+        meshcat.SetProperty(at, "visible", False)
+
+
+def move_touch(
+    meshcat: Meshcat | RemoteMeshcat,
+    path: str,
+    contacts: Contacts,
+    count: int,
+    time: float | None = None,
+    is_false: NDArray[np.bool_] | None = None,
+) -> None:
+    """Places the parts that `add_touch` has added, and hides those that are not needed.
+
+    The arrows are the forces on the fingers; they and the normals point out of the object.
+
+    Args:
+        meshcat: holds the parts.
+        path: where.
+        contacts: in the frame of the path's parent; what is beyond `count` is not shown.
+        count: of contacts that `add_touch` has made.
+        time: of the recording, s, if there is one.
+        is_false: which contacts are probably none of the object, shape (k,); none of them by default.
+    """
+    lengths = arrow_lengths(contacts)
+    for row in range(count):
+        at = f"{path}/{row}"
+        meshcat.SetProperty(at, "visible", row < len(contacts), time)
+        if row >= len(contacts):
+            continue
+        crossed = is_false is not None and bool(is_false[row])
+        meshcat.SetProperty(f"{at}/point", "visible", not crossed, time)
+        meshcat.SetProperty(f"{at}/false", "visible", crossed, time)
+        meshcat.SetTransform(at, RigidTransform(contacts.p_PC[row]), time)
+        meshcat.SetProperty(f"{at}/normal", "visible", contacts.n_PC is not None, time)
+        if contacts.n_PC is not None:
+            meshcat.SetTransform(f"{at}/normal", along(contacts.n_PC[row]), time)
+        has_arrow = contacts.f_PC is not None and bool(lengths[row] > _HEAD_LENGTH)
+        meshcat.SetProperty(f"{at}/force", "visible", has_arrow and not crossed, time)
+        if contacts.f_PC is not None and has_arrow:
+            shaft = float(lengths[row]) - _HEAD_LENGTH
+            meshcat.SetTransform(f"{at}/force", along(contacts.f_PC[row]), time)
+            meshcat.SetProperty(f"{at}/force/shaft", "scale", [1.0, 1.0, shaft], time)
+            meshcat.SetTransform(f"{at}/force/shaft", RigidTransform([0.0, 0.0, shaft / 2]), time)
+            meshcat.SetTransform(f"{at}/force/head", RigidTransform(_FLIPPED, [0.0, 0.0, shaft + _HEAD_LENGTH]), time)
+
+
+def along(direction: FloatArray) -> RigidTransform:
+    """A frame whose z axis is along a direction of any length but zero."""
+    return RigidTransform(RotationMatrix.MakeFromOneVector(direction, 2), np.zeros(3))
+
+
+def _add_cross(meshcat: Meshcat | RemoteMeshcat, path: str) -> None:
+    """A grey ball with three bars across it, which look like a cross from every side."""
+    colour = Rgba(*FALSE_CONTACT.colour)
+    meshcat.SetObject(f"{path}/ball", Sphere(_CONTACT_RADIUS), colour)
+    for axis in range(3):
+        meshcat.SetObject(f"{path}/bar_{axis}", Cylinder(_CROSS_RADIUS, _CROSS_LENGTH), colour)
+        meshcat.SetTransform(f"{path}/bar_{axis}", along(np.eye(3)[axis]))
+    meshcat.SetProperty(path, "visible", False)

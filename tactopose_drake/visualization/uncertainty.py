@@ -1,0 +1,136 @@
+"""What is drawn of how sure a pose is: where points of the object may be, and along what the touch leaves it free."""
+
+from typing import NamedTuple
+
+import numpy as np
+from pydrake.math import RigidTransform, RotationMatrix
+
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.estimation.descriptions import determined_rows, direction_name
+from tactopose_drake.visualization.appearance import MOST_FREE
+from tactopose_drake.visualization.arrow_shapes import SLIDE_TIP, TURN_TIP
+from tactopose_drake.visualization.scene import ShownHypothesis
+
+POINTS = 10
+"""Of the object, at which its uncertainty is drawn."""
+
+_SIGMAS = 2.796  # of the ellipsoid that holds 95 % of a Gaussian in three dimensions
+_LEAST_RADIUS, _MOST_RADIUS = 1e-5, 0.25  # of an ellipsoid, of the object's size
+_TURN_RADII = 0.012, 0.08  # least and most of a curved arrow, m
+_BEYOND = 0.06  # of the object's size, by which an arrow stands off it
+
+
+class Ellipsoid(NamedTuple):
+    """Where one point of the object is with 95 % probability, as far as the touch determines it.
+
+    Attributes:
+        X_OE: the ellipsoid's frame E, at the point; its axes are E's.
+        radii: shape (3,), m.
+    """
+
+    X_OE: RigidTransform
+    radii: FloatArray
+
+
+class FreeArrow(NamedTuple):
+    """A free direction as it is drawn.
+
+    Attributes:
+        is_turn: whether it is an arrow around the z axis, or else one to both sides along it.
+        X_PA: the arrow's frame A.
+        scale: the radius of a turn, or the length of a slide, m.
+        name: what moves, in words.
+    """
+
+    is_turn: bool
+    X_PA: RigidTransform
+    scale: float
+    name: str
+
+    @property
+    def p_AT(self) -> FloatArray:
+        """Where its name stands, in A, shape (3,), m."""
+        return self.scale * np.array(TURN_TIP if self.is_turn else SLIDE_TIP)
+
+    @property
+    def p_PQ(self) -> FloatArray:
+        """Its outermost points in P, shape (n, 3), m."""
+        angles = np.linspace(0.0, 2.0 * np.pi, 12)
+        ring = np.stack([np.cos(angles), np.sin(angles), np.zeros_like(angles)], axis=1)
+        outermost = ring if self.is_turn else np.array([[0.0, 0.0, 0.5], [0.0, 0.0, -0.5]])
+        points: FloatArray = self.X_PA.multiply(self.scale * outermost.T).T
+        return points
+
+
+def shown_points(model: ObjectModel) -> FloatArray:
+    """Points of the object that are far from each other, in O, shape (POINTS, 3), m."""
+    vertices = model.vertices
+    chosen = [int(np.argmax(np.linalg.norm(vertices - vertices.mean(axis=0), axis=1)))]
+    distance = np.full(len(vertices), np.inf)
+    while len(chosen) < POINTS:
+        distance = np.minimum(distance, np.linalg.norm(vertices - vertices[chosen[-1]], axis=1))
+        chosen.append(int(np.argmax(distance)))
+    points: FloatArray = vertices[chosen]
+    return points
+
+
+def ellipsoids(model: ObjectModel, hypothesis: ShownHypothesis, p_OQ: FloatArray) -> list[Ellipsoid]:
+    """Where points (n, 3) of the object are; none without a covariance."""
+    if hypothesis.covariance is None:
+        return []
+    rows = determined_rows(hypothesis.covariance, hypothesis.free_directions, model.size)
+    R_PO = hypothesis.X_PO.rotation().matrix()
+    found = []
+    for point in p_OQ:
+        # R exp(w) p + v: the point moves by w x p + R' v in O.
+        moved = np.cross(rows[:, :3], point) + rows[:, 3:] @ R_PO
+        variance, axes = np.linalg.eigh(moved.T @ moved)
+        axes = axes * np.sign(np.linalg.det(axes))
+        radii = _SIGMAS * np.sqrt(np.maximum(variance, 0.0))
+        radii = np.clip(radii, _LEAST_RADIUS * model.size, _MOST_RADIUS * model.size)
+        found.append(Ellipsoid(RigidTransform(RotationMatrix(axes), point), radii))
+    return found
+
+
+def free_arrows(model: ObjectModel, hypothesis: ShownHypothesis) -> list[FreeArrow]:
+    """The free directions of a hypothesis as arrows in P; none where there are more than can be told apart."""
+    if len(hypothesis.free_directions) > MOST_FREE:
+        return []
+    X_PO = hypothesis.X_PO
+    R_PO = X_PO.rotation().matrix()
+    arrows = []
+    for direction in hypothesis.free_directions:
+        w_O, v_O = direction[:3], R_PO.T @ direction[3:]
+        # As the names have it: a turn of less than 1 rad per metre is a slide.
+        is_turn = bool(np.linalg.norm(w_O) >= np.linalg.norm(v_O))
+        X_OA, scale = _turn(model, w_O, v_O) if is_turn else _slide(model, v_O)
+        arrows.append(FreeArrow(is_turn, X_PO @ X_OA, scale, direction_name(direction, R_PO)))
+    return arrows
+
+
+def _turn(model: ObjectModel, w_O: FloatArray, v_O: FloatArray) -> tuple[RigidTransform, float]:
+    """Frame and radius of arrows around the axis of a turn, outside of the object at half its height.
+
+    An axis that does not pass through the object would not be seen beside it: its arrows are around the middle.
+    """
+    axis = w_O / np.linalg.norm(w_O)
+    on_axis = np.cross(w_O, v_O) / (w_O @ w_O)
+    middle = 0.5 * (model.vertices.min(axis=0) + model.vertices.max(axis=0))
+    if np.linalg.norm(np.cross(on_axis - middle, axis)) > 0.5 * model.size:
+        on_axis = middle
+    heights = (model.vertices - on_axis) @ axis
+    reach = np.linalg.norm(np.cross(model.vertices - on_axis, axis), axis=1).max()
+    center = on_axis + 0.5 * (heights.min() + heights.max()) * axis
+    X_OA = RigidTransform(RotationMatrix.MakeFromOneVector(axis, 2), center)
+    return X_OA, float(np.clip(1.12 * reach, *_TURN_RADII))
+
+
+def _slide(model: ObjectModel, v_O: FloatArray) -> tuple[RigidTransform, float]:
+    """Frame and length of an arrow along a slide, through the object's middle."""
+    axis = v_O / np.linalg.norm(v_O)
+    middle = 0.5 * (model.vertices.min(axis=0) + model.vertices.max(axis=0))
+    heights = (model.vertices - middle) @ axis
+    center = middle + 0.5 * (heights.min() + heights.max()) * axis
+    length = float(np.ptp(heights)) + 6 * _BEYOND * model.size
+    return RigidTransform(RotationMatrix.MakeFromOneVector(axis, 2), center), length

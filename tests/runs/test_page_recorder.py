@@ -1,0 +1,160 @@
+"""The page of a run, from what a station says; the station here says what it is told."""
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from pydrake.math import RigidTransform
+
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.estimation.prior import PosePrior
+from tactopose_drake.estimation.results import PoseEstimate, PoseHypothesis
+from tactopose_drake.hand.hand_config import load_hand_config, make_hand_plant
+from tactopose_drake.runs.page_recorder import PageRecorder
+from tactopose_drake.runs.stepping import RunView
+from tactopose_drake.runs.timeline_recorder import TimelineRecorder
+from tactopose_drake.station.scenario import Scenario, load_scenario
+
+
+class Station:
+    """Ports that give what stands in a dictionary; it is its own diagram, context and ports."""
+
+    def __init__(self, **values: Any) -> None:
+        self.values, self.time, self.port = values, 0.0, ""
+
+    def HasOutputPort(self, name: str) -> bool:
+        return name in self.values
+
+    def GetOutputPort(self, name: str) -> "Station":
+        self.port = name
+        return self
+
+    def Eval(self, context: "Station") -> Any:
+        return self.values[self.port]
+
+    def get_time(self) -> float:
+        return self.time
+
+
+def estimate_at(height: float, sigma: float, free: int = 0) -> PoseEstimate:
+    covariance = np.diag(np.square([0.01, 0.01, 0.01, sigma, sigma, sigma]))
+    X_PO = RigidTransform([0.0, 0.0, height])
+    return PoseEstimate((PoseHypothesis(X_PO, 1.0, 1.0, covariance, np.eye(6)[:free]),), "ok", 0.01)
+
+
+@pytest.fixture(scope="module")
+def scenario() -> Scenario:
+    return load_scenario("shadow_like")
+
+
+@pytest.fixture(scope="module")
+def model(scenario: Scenario) -> ObjectModel:
+    return ObjectModel.from_mesh(scenario.object_mesh())
+
+
+@pytest.fixture
+def station(scenario: Scenario) -> Station:
+    plant, _ = make_hand_plant(load_hand_config(scenario.hand))
+    return Station(
+        joint_positions=np.zeros(plant.num_positions()),
+        contacts=Contacts.empty(),
+        fingers_in_contact=[],
+        prior=PosePrior(RigidTransform([0.0, 0.0, 0.1])),
+        hypotheses=None,
+        status="held: no contact",
+    )
+
+
+def touch(station: Station, force: float, estimate: PoseEstimate) -> None:
+    station.values |= {
+        "contacts": Contacts([[0.0, 0.0, 0.05]], [[0.0, 0.0, -1.0]], [[0.0, 0.0, -force]]),
+        "fingers_in_contact": ["thumb"],
+        "hypotheses": estimate,
+        "status": "ok",
+    }
+
+
+def test_the_timeline_holds_states_forces_and_widths(scenario: Scenario, model: ObjectModel, station: Station) -> None:
+    recorder = TimelineRecorder(load_hand_config(scenario.hand), model)
+    recorder.show(RunView(station, station))
+    assert recorder.timeline() is None
+    for time, force, free in ((0.1, 2.0, 0), (0.2, 3.0, 6)):
+        station.time = time
+        touch(station, force, estimate_at(0.1, 0.001, free))
+        recorder.show(RunView(station, station))
+    timeline = recorder.timeline()
+    assert timeline is not None
+    assert timeline.pieces() == [(0.0, 0.1, "held: no contact"), (0.1, 0.2, "ok")]
+    forces, position, angle = timeline.plots
+    curves = {curve.name: curve.values for curve in forces.curves}
+    np.testing.assert_allclose(curves["thumb"], [0.0, 2.0, 3.0])
+    np.testing.assert_allclose(curves["first"], 0.0)
+    # Unknown before there is an estimate, and where nothing is determined.
+    np.testing.assert_allclose(position.curves[0].values, [np.nan, np.sqrt(3.0), np.nan])
+    np.testing.assert_allclose(angle.curves[0].values, [np.nan, np.degrees(0.01 * np.sqrt(3.0)), np.nan])
+
+
+def test_a_run_that_starts_anew_is_noted_anew(scenario: Scenario, model: ObjectModel, station: Station) -> None:
+    recorder = TimelineRecorder(load_hand_config(scenario.hand), model)
+    for time in (0.5, 0.6, 0.1, 0.2, 0.3):
+        station.time = time
+        recorder.show(RunView(station, station))
+    timeline = recorder.timeline()
+    assert timeline is not None
+    np.testing.assert_allclose(timeline.times, [0.1, 0.2, 0.3])
+
+
+def test_where_there_is_tracking_its_belief_is_noted(scenario: Scenario, model: ObjectModel, station: Station) -> None:
+    station.values |= {"tracked_hypotheses": estimate_at(0.1, 0.002), "tracked_status": "slipping: first"}
+    recorder = TimelineRecorder(load_hand_config(scenario.hand), model)
+    for station.time in (0.0, 0.1):
+        recorder.show(RunView(station, station))
+    timeline = recorder.timeline()
+    assert timeline is not None
+    assert timeline.pieces() == [(0.0, 0.1, "slipping: first")]
+    np.testing.assert_allclose(timeline.plots[1].curves[0].values, 2.0 * np.sqrt(3.0))
+
+
+def test_a_long_run_makes_a_page_that_is_not_large(
+    scenario: Scenario, model: ObjectModel, station: Station, tmp_path: Path
+) -> None:
+    recorder = PageRecorder(scenario, model)
+    recorder.show(RunView(station, station))
+    assert not recorder.save(tmp_path / "page.html", "nothing yet")
+    for step in range(1, 1500):
+        station.time = 0.04 * step
+        touch(station, 1.0, estimate_at(0.1 + 1e-5 * step, 0.001))
+        recorder.show(RunView(station, station))
+    assert recorder.save(tmp_path / "page.html", "A long run")
+    page = (tmp_path / "page.html").read_text()
+    assert len(page) < 6e6
+    assert "<title>A long run</title>" in page
+    found = re.search(r'id="tp-data">(.*?)</script>', page)
+    assert found is not None
+    timeline = json.loads(found[1])["timeline"]
+    assert 59.0 < timeline["end"] < 60.0
+    assert [piece["text"] for piece in timeline["strip"]] == ["held: no contact", "ok"]
+    points = re.search(r'<polyline points="([^"]*)"', page)
+    assert points is not None
+    assert 60 < len(points[1].split()) <= 130
+
+
+def test_the_page_switches_the_hypotheses_that_it_draws(
+    scenario: Scenario, model: ObjectModel, station: Station, tmp_path: Path
+) -> None:
+    hypotheses = tuple(
+        PoseHypothesis(RigidTransform([0.01 * row, 0.0, 0.1]), 1.0, 0.2, 1e-6 * np.eye(6), np.zeros((0, 6)))
+        for row in range(5)
+    )
+    recorder = PageRecorder(scenario, model)
+    for station.time in (0.0, 0.1):
+        touch(station, 1.0, PoseEstimate(hypotheses, "ambiguous", 0.01))
+        recorder.show(RunView(station, station))
+    assert recorder.save(tmp_path / "page.html", "Five hypotheses")
+    page = (tmp_path / "page.html").read_text()
+    assert re.findall(r'data-hides="\^/tactopose/alternatives/(\d+)', page) == ["0", "1"]
+    assert "and 2 less probable" in page

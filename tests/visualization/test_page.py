@@ -1,0 +1,252 @@
+"""Pages, read in a real browser without a network."""
+
+import dataclasses
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from pydrake.geometry import Meshcat, MeshcatParams
+from pydrake.math import RigidTransform, RollPitchYaw
+
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.estimation.results import PoseEstimate, PoseHypothesis
+from tactopose_drake.visualization.body_meshes import sphere_triangles
+from tactopose_drake.visualization.estimate_page import estimate_meshcat, page_of
+from tactopose_drake.visualization.meshcat import draw_scene
+from tactopose_drake.visualization.page import save_html
+from tactopose_drake.visualization.scene import Scene, ShownHypothesis
+from tactopose_drake.visualization.timeline import Curve, Plot, Timeline
+from tests.browser import CHROMIUM, Browser
+
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium")
+
+COVARIANCE = np.diag(np.square([0.02, 0.02, 0.02, 0.002, 0.002, 0.002]))
+SPIN = np.array([[0.0, 0.0, 1.0, 0.0, 0.0, 0.0]])
+TOUCH = Contacts(
+    [[0.03, 0, 0.01], [-0.03, 0, -0.02], [0, -0.03, 0.03]],
+    [[1, 0, 0], [-1, 0, 0], [0, -1, 0]],
+    [[2, 0, 0], [-1, 0, 0.2], [0, -3, 0.0]],
+)
+POSES = [RigidTransform(), RigidTransform([0.05, 0.0, 0.02]), RigidTransform([-0.05, 0.0, -0.02])]
+SHARES = (0.6, 0.3, 0.1)
+
+
+@pytest.fixture(scope="module")
+def model() -> ObjectModel:
+    cylinder = trimesh.creation.cylinder(radius=0.03, height=0.1, sections=48)
+    return dataclasses.replace(ObjectModel.from_mesh(cylinder, cache=False), name="a_<b>can</b>")
+
+
+@pytest.fixture(scope="module")
+def estimate() -> PoseEstimate:
+    hypotheses = (PoseHypothesis(X_PO, 1.0, share, COVARIANCE, SPIN) for X_PO, share in zip(POSES, SHARES, strict=True))
+    return PoseEstimate(tuple(hypotheses), "ambiguous", 0.01)
+
+
+@pytest.fixture(scope="module")
+def scene(model: ObjectModel, estimate: PoseEstimate) -> Scene:
+    hypotheses = [
+        dataclasses.replace(ShownHypothesis.of(hypothesis), inlier_probability=np.array([0.9, 0.2, 0.95]))
+        for hypothesis in estimate.hypotheses
+    ]
+    return Scene(
+        model=model,
+        contacts=TOUCH,
+        hypotheses=tuple(hypotheses),
+        prior=RigidTransform(RollPitchYaw(0.3, 0.0, 0.0), [0.0, -0.03, 0.03]),
+        truth=RigidTransform([0.0, 0.0, 0.002]),
+        hand=sphere_triangles(np.array([[0.0, 0.06, 0.0], [0.03, 0.06, 0.0]]), np.array([0.02, 0.02])),
+    )
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with Browser() as running:
+        yield running
+
+
+@pytest.fixture(scope="module")
+def path(scene: Scene, estimate: PoseEstimate, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("page") / "page.html"
+    save_html(path, estimate_meshcat(scene), page_of(scene, estimate))
+    return path
+
+
+def switch(browser: Browser, name: str) -> str:
+    """The expression of a legend's box."""
+    entry = f"[...document.querySelectorAll('.tp-legend li')].find((li) => li.innerText.startsWith({name!r}))"
+    assert browser.evaluate(f"!!{entry}"), name
+    return f"{entry}.querySelector('input')"
+
+
+def pane(browser: Browser) -> np.ndarray:
+    """What is seen of the scene alone."""
+    return browser.screenshot()[:, : browser.evaluate("document.getElementById('meshcat-pane').offsetWidth")]
+
+
+def differs(before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """Which pixels differ well, shape (height, width)."""
+    return np.abs(before - after).max(axis=2) > 0.06
+
+
+def changed(before: np.ndarray, after: np.ndarray) -> int:
+    """How many do."""
+    return int(np.count_nonzero(differs(before, after)))
+
+
+def test_the_page_says_what_it_is_and_what_is_believed(browser: Browser, path: Path) -> None:
+    browser.open(path)
+    assert browser.evaluate("document.title") == "A <b>can</b> in the hand: pose by touch"
+    text = browser.evaluate("document.getElementById('tp-side').innerText")
+    for said in (
+        "A <b>can</b> in the hand",
+        "ambiguous",
+        "Not determined by the touch: turn about the object's z.",
+        "Probably not of this object: contact 2.",
+        "60.0%",
+        "the longest is 3.0 N",
+    ):
+        assert said in text
+    assert browser.errors == []
+    assert browser.requests == []
+    assert path.stat().st_size < 6e6
+
+
+def test_the_legend_names_what_is_seen_and_no_more(browser: Browser, path: Path, scene: Scene) -> None:
+    browser.open(path)
+    names = browser.evaluate(
+        "[...document.querySelectorAll('.tp-legend li')].map((li) => li.innerText.split('\\n')[0].trim())"
+    )
+    assert names == [*(look.name for look in scene.looks), "see through the hand"]
+
+
+def test_each_switch_shows_and_hides_something(browser: Browser, path: Path, scene: Scene) -> None:
+    browser.open(path, 900, 700)
+    shown = pane(browser)
+    for look in scene.looks:
+        box = switch(browser, look.name)
+        browser.evaluate(f"{box}.click()")
+        # A normal under its force is a hair that sticks out.
+        assert changed(shown, pane(browser)) > 5, look.name
+        browser.evaluate(f"{box}.click()")
+        assert changed(shown, pane(browser)) == 0, look.name
+
+
+def test_a_hypothesis_has_a_switch_of_its_own(browser: Browser, path: Path) -> None:
+    browser.open(path, 900, 700)
+    shown = pane(browser)
+    boxes = "document.querySelectorAll('#tp-side td input')"
+    assert browser.evaluate(f"{boxes}.length") == 2
+    counts = []
+    for row in range(2):
+        browser.evaluate(f"{boxes}[{row}].click()")
+        counts.append(changed(shown, pane(browser)))
+        browser.evaluate(f"{boxes}[{row}].click()")
+    assert min(counts) > 1000
+
+
+def test_other_hypotheses_do_not_blend_with_the_estimate(browser: Browser, path: Path) -> None:
+    browser.open(path, 900, 700)
+    shown, where = pane(browser), {}
+    for name in ("estimate", "another hypothesis"):
+        browser.evaluate(f"{switch(browser, name)}.click()")
+        where[name] = differs(shown, pane(browser))
+        browser.evaluate(f"{switch(browser, name)}.click()")
+    both = where["estimate"] & where["another hypothesis"]
+    assert np.count_nonzero(both) < 0.02 * np.count_nonzero(where["another hypothesis"])
+
+
+def test_a_more_probable_hypothesis_is_more_opaque(browser: Browser, path: Path) -> None:
+    browser.open(path)
+    at = "viewer.scene_tree.find(['tactopose', 'alternatives', '{}', '<object>']).object.material.opacity"
+    first, second = (browser.evaluate(at.format(row)) for row in range(2))
+    assert 0.1 < second < first < 0.7
+
+
+def test_the_contacts_are_numbered_in_the_scene(browser: Browser, path: Path) -> None:
+    browser.open(path)
+    labels = browser.evaluate(
+        "[...document.querySelectorAll('.tp-label')].filter((at) => at.style.display !== 'none')"
+        ".map((at) => [at.innerText, at.getBoundingClientRect().x, at.getBoundingClientRect().y])"
+    )
+    assert [text for text, _, _ in labels] == ["1", "2", "3", "turn about the object's z"]
+    width = browser.evaluate("document.getElementById('meshcat-pane').offsetWidth")
+    assert all(0 <= x < width and 0 <= y < 900 for _, x, y in labels)
+
+
+def test_an_estimate_at_the_truth_does_not_fight_with_it(
+    browser: Browser, scene: Scene, estimate: PoseEstimate, tmp_path: Path
+) -> None:
+    alone = dataclasses.replace(scene, hypotheses=scene.hypotheses[:1], prior=None, hand=None, truth=POSES[0])
+    save_html(tmp_path / "page.html", estimate_meshcat(alone), page_of(alone, estimate))
+    browser.open(tmp_path / "page.html", 900, 700)
+    for name in ("95 % region", "not determined"):
+        browser.evaluate(f"{switch(browser, name)}.click()")
+    both = pane(browser)
+    browser.evaluate(f"{switch(browser, 'true pose')}.click()")
+    of_truth = changed(both, pane(browser))
+    browser.evaluate(f"{switch(browser, 'true pose')}.click()")
+    browser.evaluate(f"{switch(browser, 'estimate')}.click()")
+    of_estimate = changed(both, pane(browser))
+    # Its wires cross the estimate, and no more.
+    assert 200 < of_truth < 0.12 * of_estimate
+
+
+def test_there_is_light_and_dark(browser: Browser, path: Path) -> None:
+    for theme, other in (("light", "dark"), ("dark", "light")):
+        browser.open(path, 900, 700, theme)
+        before = browser.screenshot()[5:20, 5:20].mean()
+        assert (before > 0.5) == (theme == "light")
+        browser.evaluate("document.getElementById('tp-theme').click()")
+        assert browser.evaluate("document.documentElement.dataset.theme") == other
+        assert (browser.screenshot()[5:20, 5:20].mean() > 0.5) == (other == "light")
+
+
+@pytest.mark.parametrize(("width", "height"), [(1400, 900), (800, 600)])
+def test_nothing_is_cut_off(browser: Browser, path: Path, width: int, height: int) -> None:
+    browser.open(path, width, height)
+    assert browser.evaluate(
+        "(() => { const side = document.getElementById('tp-side'); return side.scrollWidth <= side.clientWidth; })()"
+    )
+    # What is framed lies within the pane: its border shows the background alone.
+    shown = pane(browser)
+    for border in (shown[:, 2], shown[:, -3]):
+        assert np.abs(border - border.mean(axis=1, keepdims=True)).max() < 0.08
+
+
+def test_the_slider_moves_through_a_recording(
+    browser: Browser, scene: Scene, estimate: PoseEstimate, tmp_path: Path
+) -> None:
+    meshcat = Meshcat(MeshcatParams(host="localhost"))
+    draw_scene(meshcat, scene)
+    meshcat.StartRecording()
+    for step in range(21):
+        meshcat.SetTransform("/tactopose/estimate", RigidTransform([0.0, 0.0, 0.002 * step]), 0.1 * step)
+    meshcat.StopRecording()
+    meshcat.PublishRecording()
+    times = np.linspace(0.0, 2.0, 21)
+    states = tuple("held: no contact" if time < 0.95 else "ok" for time in times)
+    width = np.where(times < 0.95, np.nan, 3.0 - times)
+    plots = (Plot("contact force", "N", (Curve("thumb", times), Curve("first", 2 * times))),)
+    timeline = Timeline(times, states, (*plots, Plot("\u00b1 position", "mm", (Curve("position", width),))))
+    save_html(tmp_path / "page.html", meshcat, page_of(scene, estimate, timeline=timeline))
+    browser.open(tmp_path / "page.html")
+    height = "viewer.scene_tree.find(['tactopose', 'estimate']).object.position.z"
+    for time, state in ((2.0, "ok"), (0.5, "held: no contact"), (1.5, "ok")):
+        browser.evaluate(
+            f"(() => {{ const at = document.getElementById('tp-time'); at.value = {time};"
+            "at.dispatchEvent(new Event('input')); })()"
+        )
+        assert browser.evaluate(height) == pytest.approx(0.02 * time, abs=1e-4)
+        assert browser.evaluate("document.getElementById('tp-now').innerText") == state
+        assert browser.evaluate("document.getElementById('tp-seconds').innerText") == f"{time:.2f} s"
+    assert browser.evaluate("document.querySelectorAll('.tp-strip i').length") == 2
+    assert browser.evaluate("document.querySelectorAll('.tp-plot polyline').length") == 3
+    assert "contact force, N" in browser.evaluate("document.getElementById('tp-foot').innerText")
+    browser.evaluate("document.getElementById('tp-play').click()")
+    browser.wait_for(f"{height} > 0.0399")
+    browser.wait_for("document.getElementById('tp-play').innerText === 'Play'")
+    assert browser.errors == []
