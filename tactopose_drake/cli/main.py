@@ -1,6 +1,6 @@
 """The command line, `tactopose`.
 
-Exit status: 0 an estimate was made; 2 unusable input, with one line on stderr that says what and where; 1 anything
+Exit status: 0 an estimate was made, or a hand is usable; 2 unusable input, with one line on stderr that says what and where; 1 anything
 else.
 """
 
@@ -11,6 +11,7 @@ from typing import Any, NoReturn
 
 import click
 
+from tactopose_drake.cli.check_hand_command import check_hand_command
 from tactopose_drake.cli.consoles import ERRORS
 from tactopose_drake.cli.demo_command import demo
 from tactopose_drake.cli.estimate_command import estimate
@@ -40,7 +41,7 @@ def cli() -> None:
     """Knows where a grasped object is, from touch."""
 
 
-for command in (demo, estimate, identify_command, run, replay):
+for command in (demo, estimate, identify_command, run, replay, check_hand_command):
     cli.add_command(command)
 
 
