@@ -38,7 +38,7 @@ def save_hand_page(path: Path, checked: CheckedHand) -> None:
 
 
 def draw_hand(meshcat: Meshcat, checked: CheckedHand) -> None:
-    """Draws a hand in the palm frame P, with the frames S of its sensors, F of its fingertips, T of its pads, all named."""
+    """Draws a hand in its palm frame P with its sensors' frames S, fingertips' F and pads' T, all named."""
     plant, hand = checked.plant, checked.hand
     context = plant.GetMyContextFromRoot(checked.diagram.CreateDefaultContext())
     P = hand.palm_frame
@@ -80,7 +80,7 @@ def _shape(surface: Surface) -> Shape:
 
 
 def _view(points: list[FloatArray], middle: FloatArray) -> FloatArray:
-    """From where the frames are seen best side by side: across the plane that they lie nearest to, and not from above."""
+    """From where frames are seen side by side: across the plane that they lie nearest to, and not from above."""
     _, _, axes = np.linalg.svd(np.array(points) - np.mean(points, axis=0), full_matrices=True)
     normal = axes[-1] if axes[-1] @ (np.mean(points, axis=0) - middle) >= 0 else -axes[-1]
     tilted: FloatArray = normal + 0.25 * np.array([0.3, -0.5, 0.6])
@@ -106,7 +106,8 @@ def _draw_name(meshcat: Meshcat, path: str, name: str, position: FloatArray, fac
     """The outlines of letters."""
     starts, ends = [], []
     for outline in TextPath((0.0, 0.0), name, size=_TEXT_HEIGHT).to_polygons(closed_only=False):
-        points = np.column_stack([outline, np.zeros(len(outline))])
+        corners = np.asarray(outline, dtype=np.float64)
+        points = np.column_stack([corners, np.zeros(len(corners))])
         starts.append(points[:-1])
         ends.append(points[1:])
     meshcat.SetLineSegments(path, np.concatenate(starts).T, np.concatenate(ends).T, 1.5, _TEXT_COLOUR)

@@ -1,7 +1,7 @@
 """The command line, `tactopose`.
 
-Exit status: 0 an estimate was made, or a hand is usable; 2 unusable input, with one line on stderr that says what and where; 1 anything
-else.
+Exit status: 0 an estimate was made, or a hand is usable; 2 unusable input, with a line on stderr that says what and
+where; 1 anything else.
 """
 
 import logging

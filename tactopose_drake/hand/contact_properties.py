@@ -8,7 +8,6 @@ from collections.abc import Iterator
 
 from pydrake.geometry import (
     AddCompliantHydroelasticProperties,
-    AddContactMaterial,
     AddRigidHydroelasticProperties,
     Capsule,
     CollisionFilterDeclaration,
@@ -26,12 +25,11 @@ from pydrake.geometry import (
     Shape,
     Sphere,
 )
-from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import Context
 
 _MODULUS = 3e7  # Pa: a hard rubber's, which gives way by a tenth of a millimetre
-_FRICTION = 0.9  # rubber's
 _FINEST, _COARSEST = 0.002, 0.006  # m, length of the facets that stand for a shape
 _VOLUME_MESHES = {".vtk"}
 
@@ -44,7 +42,7 @@ def make_compliant(plant: MultibodyPlant, scene_graph: SceneGraph, instance: Mod
     inspector, source = scene_graph.model_inspector(), plant.get_source_id()
     for geometry in list(_unsaid(plant, inspector, instance)):
         shape = inspector.GetShape(geometry)
-        properties = _with_friction(inspector.GetProximityProperties(geometry))
+        properties = _but_hydroelastic(inspector.GetProximityProperties(geometry))
         AddCompliantHydroelasticProperties(_facet_length(shape), _MODULUS, properties)
         scene_graph.AssignRole(source, geometry, properties, RoleAssign.kReplace)
         if isinstance(shape, Mesh) and shape.extension() not in _VOLUME_MESHES:
@@ -56,7 +54,7 @@ def make_meshes_rigid(plant: MultibodyPlant, scene_graph: SceneGraph, instance: 
     inspector, source = scene_graph.model_inspector(), plant.get_source_id()
     for geometry in list(_unsaid(plant, inspector, instance)):
         if isinstance(inspector.GetShape(geometry), Mesh):
-            properties = _with_friction(inspector.GetProximityProperties(geometry))
+            properties = _but_hydroelastic(inspector.GetProximityProperties(geometry))
             AddRigidHydroelasticProperties(_COARSEST, properties)
             scene_graph.AssignRole(source, geometry, properties, RoleAssign.kReplace)
 
@@ -86,9 +84,7 @@ def self_collisions(plant: MultibodyPlant, context: Context, instance: ModelInst
     return sorted({(a, b) for _, _, a, b in _overlaps(plant, context, instance)})
 
 
-def let_overlap(
-    plant: MultibodyPlant, scene_graph: SceneGraph, context: Context, instance: ModelInstanceIndex
-) -> None:
+def let_overlap(plant: MultibodyPlant, scene_graph: SceneGraph, context: Context, instance: ModelInstanceIndex) -> None:
     """Lets those shapes of a model pass through each other that overlap in a posture: in truth they do not collide."""
     manager = scene_graph.collision_filter_manager()
     for a, b, _, _ in _overlaps(plant, context, instance):
@@ -133,21 +129,21 @@ def _has(inspector: SceneGraphInspector, geometry: GeometryId, name: str) -> boo
     return bool(inspector.GetProximityProperties(geometry).HasProperty("hydroelastic", name))
 
 
-def _with_friction(said: ProximityProperties) -> ProximityProperties:
-    """What is said of a shape's material, with a friction if there is none, and nothing hydroelastic."""
+def _but_hydroelastic(said: ProximityProperties) -> ProximityProperties:
+    """What is said of a shape but for its hydroelastic properties."""
     properties = ProximityProperties(said)
     if properties.HasGroup("hydroelastic"):
         for name in list(properties.GetPropertiesInGroup("hydroelastic")):
             properties.RemoveProperty("hydroelastic", name)
-    if not properties.HasProperty("material", "coulomb_friction"):
-        AddContactMaterial(friction=CoulombFriction(_FRICTION, _FRICTION), properties=properties)
     return properties
 
 
 def _facet_length(shape: Shape) -> float:
     """As fine as a shape's roundness asks for, m."""
     if isinstance(shape, Sphere | Capsule | Cylinder):
-        return min(max(0.2 * shape.radius(), _FINEST), _COARSEST)
-    if isinstance(shape, Ellipsoid):
-        return min(max(0.2 * min(shape.a(), shape.b(), shape.c()), _FINEST), _COARSEST)
-    return _COARSEST
+        radius = float(shape.radius())
+    elif isinstance(shape, Ellipsoid):
+        radius = float(min(shape.a(), shape.b(), shape.c()))
+    else:
+        return _COARSEST
+    return min(max(0.2 * radius, _FINEST), _COARSEST)

@@ -6,8 +6,8 @@ from pathlib import Path
 from pydrake.multibody.plant import MultibodyPlant
 
 from tactopose_drake.errors import InvalidInputError
-from tactopose_drake.hand.finger_chain import joints_towards
 from tactopose_drake.hand.findings import Finding, fault
+from tactopose_drake.hand.finger_chain import joints_towards
 from tactopose_drake.hand.hand_config import Hand, HandConfig
 from tactopose_drake.hand.mimics import Mimic, read_mimics
 from tactopose_drake.resources import make_parser
@@ -31,7 +31,9 @@ def check_couplings(plant: MultibodyPlant, hand: Hand) -> Iterator[Finding]:
     for name in sorted({*told, *of_model}):
         ours, theirs = told.get(name), of_model.get(name)
         if ours is None:
-            text = f"the model lets {name!r} follow {theirs.follows!r}; the hand's file does not say so" if theirs else ""
+            text = (
+                f"the model lets {name!r} follow {theirs.follows!r}; the hand's file does not say so" if theirs else ""
+            )
             yield Finding("couplings", text, "fault" if name in _of_fingers(plant, hand) else "note")
         elif theirs is None:
             yield Finding("couplings", f"{_shown(ours)}, but the model has no mimic for it: it would dangle", "fault")

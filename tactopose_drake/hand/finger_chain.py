@@ -60,7 +60,8 @@ def finger_chain(plant: MultibodyPlant, hand: Hand, finger: str) -> SerialChain:
             offsets.append(offset)
         else:
             raise InvalidInputError(
-                f"joint {joint.name()!r}: is {joint.type_name()}; allowed on a finger are revolute, prismatic and fixed joints."
+                f"joint {joint.name()!r}: is {joint.type_name()}; "
+                "allowed on a finger are revolute, prismatic and fixed joints."
             )
         body = joint.parent_body()
     if not joints:

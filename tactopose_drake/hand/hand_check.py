@@ -15,9 +15,9 @@ from tactopose_drake.core.grasping.finger_reach import ReachParams
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.contact_properties import rigid_shapes, self_collisions, unsaid_shapes
 from tactopose_drake.hand.coupling_check import check_couplings
+from tactopose_drake.hand.findings import Finding, Verdict, fault
 from tactopose_drake.hand.finger_chain import finger_chain, joints_towards
 from tactopose_drake.hand.fingertip_fit import fingertip_fit
-from tactopose_drake.hand.findings import Finding, Verdict, fault
 from tactopose_drake.hand.hand_config import FingerConfig, Hand, HandConfig, add_hand, load_hand_config
 from tactopose_drake.hand.hand_reach import make_hand_reach
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
@@ -107,10 +107,15 @@ class _complaints(logging.Handler):  # noqa: N801  It is used as a function.
         self._logger.propagate = self._state[1]
 
 
-def _model(plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand, complaints: tuple[str, ...]) -> Iterator[Finding]:
+def _model(
+    plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand, complaints: tuple[str, ...]
+) -> Iterator[Finding]:
     inspector, instance = scene_graph.model_inspector(), hand.model_instance
     shapes = [
-        (plant.get_body(index).name(), len(inspector.GetGeometries(plant.GetBodyFrameIdOrThrow(index), Role.kProximity)))
+        (
+            plant.get_body(index).name(),
+            len(inspector.GetGeometries(plant.GetBodyFrameIdOrThrow(index), Role.kProximity)),
+        )
         for index in plant.GetBodyIndices(instance)
     ]
     count = sum(number for _, number in shapes)
@@ -121,10 +126,14 @@ def _model(plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand, complaint
     if complaints:
         yield Finding("model", f"Drake says, first of {len(complaints)}: {complaints[0]}", "note")
     P = hand.palm_frame
-    yield Finding("palm", f"frame {P.name()!r} on link {P.body().name()!r}; the link {hand.config.base_link!r} carries it")
+    yield Finding(
+        "palm", f"frame {P.name()!r} on link {P.body().name()!r}; the link {hand.config.base_link!r} carries it"
+    )
     moved = joints_towards(plant, hand, P, hand.config.base_link)
     if moved:
-        yield Finding("palm", f"is moved by {', '.join(moved)}: joints beside the fingers' must be measured too", "note")
+        yield Finding(
+            "palm", f"is moved by {', '.join(moved)}: joints beside the fingers' must be measured too", "note"
+        )
 
 
 def _joints(plant: MultibodyPlant, hand: Hand) -> Iterator[Finding]:
@@ -142,10 +151,15 @@ def _joints(plant: MultibodyPlant, hand: Hand) -> Iterator[Finding]:
             yield fault(part, error)
             continue
         yield from _order(plant, hand, finger)
-        span = [f"{name} {low:.3g} to {high:.3g}" for name, low, high in zip(finger.joints, chain.lower, chain.upper, strict=True)]
+        span = [
+            f"{name} {low:.3g} to {high:.3g}"
+            for name, low, high in zip(finger.joints, chain.lower, chain.upper, strict=True)
+        ]
         limited = bool(np.all(np.isfinite([*chain.lower, *chain.upper])) and np.all(chain.upper > chain.lower))
         text = f"joint limits: {', '.join(span)}"
-        yield Finding(part, text if limited else f"{text}; planned grasps need finite ones", "ok" if limited else "fault")
+        yield Finding(
+            part, text if limited else f"{text}; planned grasps need finite ones", "ok" if limited else "fault"
+        )
 
 
 def _order(plant: MultibodyPlant, hand: Hand, finger: FingerConfig) -> Iterator[Finding]:
@@ -166,7 +180,9 @@ def _fingertips(plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand) -> I
         yield Finding(part, f"sensor frame {frame.name()!r} at joint {weld.name()!r}, before link {tip!r}")
         fit = fingertip_fit(plant, scene_graph.model_inspector(), hand, finger)
         if fit is None:
-            yield Finding(part, f"the link {tip!r} has no collision shape, which its surface could be compared with", "fault")
+            yield Finding(
+                part, f"the link {tip!r} has no collision shape, which its surface could be compared with", "fault"
+            )
             continue
         text = (
             f"of its surface {fit.share:.0%} lie within 1 mm of the collision shapes of link {tip!r}; "
@@ -203,7 +219,9 @@ def _dynamics(plant: MultibodyPlant, hand: Hand, context: Context) -> Iterator[F
         text = f"links without a mass, which can be posed but not simulated: {', '.join(light)}"
         yield Finding("dynamics", text, "note")
     else:
-        yield Finding("dynamics", f"all links have masses, {plant.CalcTotalMass(context, [hand.model_instance]):.3g} kg in all")
+        yield Finding(
+            "dynamics", f"all links have masses, {plant.CalcTotalMass(context, [hand.model_instance]):.3g} kg in all"
+        )
     driven = {name for finger in hand.config.fingers for name in finger.joints}
     damping = max((float(np.max(j.default_damping_vector())) for j in joints if j.name() in driven), default=0.0)
     if damping > _SLOWEST * _STIFFNESS:

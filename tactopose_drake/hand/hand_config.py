@@ -219,7 +219,8 @@ def add_hand(plant: MultibodyPlant, config: HandConfig, X_WBase: RigidTransform 
     # Asked for one model's actuators, an unfinished plant says that there is none.
     actuators = (plant.get_joint_actuator(index) for index in plant.GetJointActuatorIndices())
     actuated = {actuator.joint().name() for actuator in actuators if actuator.model_instance() == model_instance}
-    for name in (name for finger in config.fingers for name in finger.joints if name not in actuated):
+    driven = dict.fromkeys(name for finger in config.fingers for name in finger.joints)  # fingers may share one
+    for name in (name for name in driven if name not in actuated):
         plant.AddJointActuator(name, plant.GetJointByName(name, model_instance))
     if X_WBase is not None:
         plant.WeldFrames(plant.world_frame(), plant.GetFrameByName(config.base_link, model_instance), X_WBase)

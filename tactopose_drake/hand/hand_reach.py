@@ -1,6 +1,7 @@
 """What the grasp planner needs to know of a hand, from its model."""
 
 import numpy as np
+from pydrake.geometry import SceneGraphInspector
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 
@@ -14,7 +15,7 @@ from tactopose_drake.core.surfaces.surface import random_directions
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.finger_chain import finger_chain
-from tactopose_drake.hand.geometry import BodySpheres
+from tactopose_drake.hand.geometry import BodySpheres, corner_spheres
 from tactopose_drake.hand.hand_config import Hand, HandConfig, add_hand
 from tactopose_drake.hand.kinematics import HandKinematics
 from tactopose_drake.resources import passing_builder
@@ -23,7 +24,9 @@ from tactopose_drake.resources import passing_builder
 _SAMPLES_PER_JOINT = 1200
 # A fingertip whose sensor is nearer to its round end than this share of its radius has no axis from there.
 _LEAST_AXIS = 0.5
-_LONGEST_AXIS = 1.5  # of a fingertip whose axis begins at a joint, in radii
+_LONGEST_AXIS = 1.5  # of a fingertip whose axis does not begin at the sensor, in radii
+_SAME_AXIS = 0.1  # rad between a capsule's axis and the way to its end that are the same
+_MOST_SPHERES = 150  # of a finger
 _MOST_PROTRUSION = 0.0015  # of the fingertip's link out of the fingertip's surface, m
 _DIRECTIONS = random_directions(np.random.default_rng(0), 64)
 
@@ -53,7 +56,9 @@ def make_hand_reach(config: HandConfig, params: ReachParams, seed: int = 0) -> H
         plant.Finalize()
     spheres = BodySpheres.from_inspector(plant, scene_graph.model_inspector(), hand.model_instance)
     generator = np.random.default_rng(seed)
-    geometries = {finger: _finger_geometry(plant, hand, finger, spheres) for finger in sensing}
+    geometries = {
+        finger: _finger_geometry(plant, scene_graph.model_inspector(), hand, finger, spheres) for finger in sensing
+    }
     fingers = {
         name: FingerReach(geometry, params, generator, _SAMPLES_PER_JOINT * len(geometry.chain.lower))
         for name, geometry in geometries.items()
@@ -76,22 +81,29 @@ def rest_positions(config: HandConfig, finger: str) -> FloatArray:
     return np.array([config.rest_positions.get(name, 0.0) for name in config.finger(finger).joints])
 
 
-def _finger_geometry(plant: MultibodyPlant, hand: Hand, finger: str, spheres: BodySpheres) -> FingerGeometry:
+def _finger_geometry(
+    plant: MultibodyPlant, inspector: SceneGraphInspector, hand: Hand, finger: str, spheres: BodySpheres
+) -> FingerGeometry:
     chain, surface = finger_chain(plant, hand, finger), hand.surfaces[finger]
     bodies = [int(plant.GetBodyByName(name, hand.model_instance).index()) for name in chain.bodies]
-    tip = hand.welds[finger].child_body()
-    on_finger = np.isin(spheres.body, bodies) & (spheres.body != int(tip.index()))
+    tip = int(hand.welds[finger].child_body().index())
+    corners = corner_spheres(plant, inspector, [body for body in bodies if body != tip])
+    spheres = spheres.of(set(bodies) | {tip}).thinned(_MOST_SPHERES).joined(corners)
+    on_finger = np.isin(spheres.body, bodies) & (spheres.body != tip)
     place = np.array([bodies.index(body) for body in spheres.body[on_finger]], dtype=np.intp)
     # What the fingertip's link has besides its surface must be clear of the object as the rest of the finger.
-    X_STip = plant.CalcRelativeTransform(plant.CreateDefaultContext(), hand.sensor_frames[finger], tip.body_frame())
-    on_tip = spheres.body == int(tip.index())
+    X_STip = plant.CalcRelativeTransform(
+        plant.CreateDefaultContext(), hand.sensor_frames[finger], hand.welds[finger].child_body().body_frame()
+    )
+    on_tip = spheres.body == tip
     p_SH = X_STip.multiply(spheres.p_BH[on_tip].T).T
     beside = protrusions(surface, p_SH, spheres.radius[on_tip]) > _MOST_PROTRUSION
     p_BH = np.concatenate([spheres.p_BH[on_finger], poses.transform_points(chain.X_last_sensor, p_SH[beside])])
     radius = np.concatenate([spheres.radius[on_finger], spheres.radius[on_tip][beside]])
     place = np.append(place, np.full(np.count_nonzero(beside), len(bodies) - 1, dtype=np.intp))
     center, tip_radius = _round_end(surface)
-    return FingerGeometry(chain, center, tip_radius, place, p_BH, radius, _root(chain, center, tip_radius))
+    root = _root(chain, surface, center, tip_radius)
+    return FingerGeometry(chain, center, tip_radius, place, p_BH, radius, root)
 
 
 def protrusions(surface: Surface, p_SH: FloatArray, radius: FloatArray) -> FloatArray:
@@ -102,9 +114,15 @@ def protrusions(surface: Surface, p_SH: FloatArray, radius: FloatArray) -> Float
     return farthest
 
 
-def _root(chain: SerialChain, p_ST: FloatArray, radius: float) -> FloatArray:
-    """The root in S of the axis that ends in p_ST: the sensor, or the last joint's axis where S is at the end itself."""
-    if np.linalg.norm(p_ST) > _LEAST_AXIS * radius:
+def _root(chain: SerialChain, surface: Surface, p_ST: FloatArray, radius: float) -> FloatArray:
+    """The root in S of the axis that ends in p_ST.
+
+    It is at the sensor; where that is at the end itself, towards the last joint's axis; of a capsule on its own axis.
+    """
+    length = float(np.linalg.norm(p_ST))
+    if isinstance(surface, Capsule) and length * np.cos(_SAME_AXIS) > surface.X_SF[:, 2] @ p_ST:
+        return p_ST - min(surface.length, _LONGEST_AXIS * radius) * surface.X_SF[:, 2]
+    if length > _LEAST_AXIS * radius:
         return np.zeros(3)
     last = len(chain.bodies) - 1
     if last in chain.sliding:

@@ -55,7 +55,7 @@ def joint_offsets(plant: MultibodyPlant, hand: Hand, measured: Sequence[str]) ->
 
 
 def _leader(hand: Hand, joint: str, measured: Sequence[str]) -> tuple[str, float, float]:
-    """The measured joint that a joint follows, itself if it is measured, the ratio of their positions, and the offset."""
+    """The measured joint that a joint follows, or is; the ratio of their positions, and the offset."""
     followed = {coupling.joint: coupling for finger in hand.config.fingers for coupling in finger.couplings}
     leader, ratio, offset = joint, 1.0, 0.0
     while leader not in measured and leader in followed:

@@ -2,8 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-
-from lxml import etree
+from xml.etree import ElementTree
 
 from tactopose_drake.errors import InvalidFileError
 
@@ -30,28 +29,33 @@ def read_mimics(path: Path) -> tuple[Mimic, ...] | None:
         content = path.read_bytes()
     except OSError as error:
         raise InvalidFileError(f"{path}: cannot be read ({error.strerror}).") from None
+    if b"<!ENTITY" in content:
+        raise InvalidFileError(f"{path}: declares entities; allowed are plain elements.")
     if len(content) > _LARGEST:
         raise InvalidFileError(f"{path}: is longer than {_LARGEST} bytes, which is the most that is allowed.")
     try:
-        root = etree.fromstring(content, etree.XMLParser(resolve_entities=False, no_network=True))
-    except etree.XMLSyntaxError as error:
+        root = ElementTree.fromstring(content)
+    except ElementTree.ParseError as error:
         raise InvalidFileError(f"{path}: is no XML ({error}).") from None
     if root.tag not in ("robot", "sdf"):
         return None
-    found = [(joint, mimic) for joint in root.iter("joint") for mimic in joint.iter("mimic", "{*}mimic")]
+    found = [(joint, mimic) for joint in root.iter("joint") for mimic in joint.iterfind(".//{*}mimic")]
     try:
-        return tuple(_by_attributes(*entry) if "multiplier" in entry[1].attrib or root.tag == "robot" else _by_elements(*entry) for entry in found)
+        return tuple(
+            _by_attributes(*entry) if "multiplier" in entry[1].attrib or root.tag == "robot" else _by_elements(*entry)
+            for entry in found
+        )
     except ValueError as error:
         raise InvalidFileError(f"{path}: a mimic entry is no number ({error}).") from None
 
 
-def _by_attributes(joint: etree._Element, mimic: etree._Element) -> Mimic:
+def _by_attributes(joint: ElementTree.Element, mimic: ElementTree.Element) -> Mimic:
     """As in a URDF, and in Drake's own entries of an SDF."""
     ratio, offset = float(mimic.get("multiplier", "1")), float(mimic.get("offset", "0"))
     return Mimic(joint.get("name", ""), mimic.get("joint", ""), ratio, offset)
 
 
-def _by_elements(joint: etree._Element, mimic: etree._Element) -> Mimic:
+def _by_elements(joint: ElementTree.Element, mimic: ElementTree.Element) -> Mimic:
     ratio, offset, reference = (
         float(mimic.findtext(name) or default)
         for name, default in (("multiplier", "1"), ("offset", "0"), ("reference", "0"))

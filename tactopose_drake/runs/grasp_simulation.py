@@ -17,6 +17,8 @@ from tactopose_drake.station.grasp_planning import plan_scenario
 from tactopose_drake.station.scenario import Scenario
 from tactopose_drake.station.simulated import Station, make_station
 
+_FALLEN = 0.3  # slip after which nothing more is to be seen, m
+
 
 @dataclass(frozen=True, eq=False)
 class GraspResult:
@@ -119,14 +121,16 @@ def run_grasp(station: Station, failed_attempts: tuple[str, ...] = (), meshcat: 
             X_PO_release = station.object_pose(context)
             if not station.object_joint.is_locked(plant_context):
                 release_time = context.get_time()
-        elif context.get_time() >= release_time + check.hold_time and _is_still(station, plant_context):
+        elif _slip(station.object_pose(context), X_PO_release) > _FALLEN or (
+            context.get_time() >= release_time + check.hold_time and _is_still(station, plant_context)
+        ):
             break
     if meshcat is not None:
         meshcat.StopRecording()
         meshcat.PublishRecording()
     truth = contact_truth(station.plant, plant_context, station.hand, station.object_body)
     X_PO = station.object_pose(context)
-    slip = float(np.linalg.norm(X_PO.translation() - X_PO_release.translation()))
+    slip = _slip(X_PO, X_PO_release)
     speed, _ = _motion(station, plant_context)
     reason = _judge(station, plant_context, release_time, truth, slip)
     return GraspResult(
@@ -142,6 +146,10 @@ def run_grasp(station: Station, failed_attempts: tuple[str, ...] = (), meshcat: 
         failed_attempts,
         time.perf_counter() - started,
     )
+
+
+def _slip(X_PO: RigidTransform, X_PO_release: RigidTransform) -> float:
+    return float(np.linalg.norm(X_PO.translation() - X_PO_release.translation()))
 
 
 def _motion(station: Station, plant_context: Context) -> tuple[float, float]:
@@ -166,7 +174,7 @@ def _judge(
         return f"the object slipped by {1e3 * slip:.1f} mm"
     parts = truth.tips | truth.pads
     carrying = [name for name, part in parts.items() if np.linalg.norm(part.f_PC) >= check.least_force]
-    if len(carrying) < check.least_fingers:
+    if len(carrying) < min(check.least_fingers, len(station.hand.sensor_frames) + len(station.hand.pad_frames)):
         return f"only {len(carrying)} {'pads' if truth.pads else 'fingertips'} carry the object"
     # A plan is for the fingertips alone; a grip takes what comes.
     if truth.other_contacts and station.plan is not None:

@@ -50,7 +50,7 @@ class GraspCheck:
     """When a simulated grasp counts as stable."""
 
     hold_time: float = 0.8  # from the object's release to the judgement, s
-    least_fingers: int = 3  # fingertips and pads that carry at least `least_force`
+    least_fingers: int = 3  # fingertips and pads that carry at least `least_force`; of a hand with fewer, all
     least_force: float = 1.0  # N
     most_speed: float = 0.001  # of the object's origin in the palm, m/s
     most_angular_speed: float = 0.02  # rad/s

@@ -22,6 +22,7 @@ from tactopose_drake.hand.hand_config import Hand, add_hand, load_hand_config
 from tactopose_drake.resources import add_model, fixed_pose, make_parser, passing_builder
 from tactopose_drake.station.grasp import GraspStart, add_grip, add_planned_grasp
 from tactopose_drake.station.grasp_planning import plan_scenario
+from tactopose_drake.station.motor_inertia import add_motor_inertia
 from tactopose_drake.station.scenario import Scenario
 from tactopose_drake.station.simulated_senses import add_noise, add_senses
 from tactopose_drake.station.tracking import add_tracking
@@ -170,6 +171,8 @@ def _add_bodies(builder: DiagramBuilder, scenario: Scenario) -> tuple[MultibodyP
     make_meshes_rigid(plant, scene_graph, object_instance)
     if scenario.grip is not None:
         set_motor_gains(plant, hand, scenario.grip.controller)
+    else:
+        add_motor_inertia(plant, hand, scenario.controller)
     try:
         plant.Finalize()
     except RuntimeError as error:
@@ -193,8 +196,8 @@ def _check_compliance(
     if of_hand and of_object:
         raise InvalidInputError(
             f"{hand.config.model}: says that {', '.join(of_hand)} is rigid, as the object is; with the contact_model "
-            "hydroelastic one of two that touch must be compliant. Leave out <drake:rigid_hydroelastic/>, or choose the "
-            "contact_model hydroelastic_with_fallback."
+            "hydroelastic one of two that touch must be compliant. Leave out <drake:rigid_hydroelastic/>, or choose "
+            "the contact_model hydroelastic_with_fallback."
         )
 
 

@@ -77,7 +77,7 @@ class BodyMeshes:
         *,
         colliding: bool = False,
     ) -> Self:
-        """The shapes of one model instance: what is shown, or what collides: where nothing that Drake can read is shown,
+        """The shapes of one model instance: what is shown; or what collides, where nothing that Drake can read is shown
         or where that is asked for.
         """
         body, meshes = [], []

@@ -44,21 +44,16 @@ class FingerGeometry:
         """Whether the fingertip has an axis."""
         return bool(np.any(self.p_ST != self.p_SR))
 
-    @property
-    def half_width(self) -> float:
-        """How far the last two links and the fingertip reach from the finger's axis, m."""
-        middle = 0.5 * (self.chain.lower + self.chain.upper)[None]
-        joints = self.chain.body_poses(middle)[0, -2:, :, 3]
-        axis = np.concatenate([joints, self.tip(middle, 0.0), self.tip(middle)])
-        last = self.body >= len(self.chain.bodies) - 2
-        reach = _distance_to_polyline(self.spheres(middle)[0, last], axis) + self.radius[last]
-        return float(reach.max(initial=self.tip_radius))
-
     def spheres(self, q: FloatArray) -> FloatArray:
         """Centres in P, shape (B, s, 3), for positions q (B, m), rad."""
         X_PB = self.chain.body_poses(q)[:, self.body]
         centres: FloatArray = np.einsum("bsij,sj->bsi", X_PB[..., :3], self.p_BH) + X_PB[..., 3]
         return centres
+
+    def axis(self, q: FloatArray) -> FloatArray:
+        """Points in P on the finger's axis from its last two joints to the round end's centre, (B, 4, 3) or less."""
+        on_links = self.chain.body_poses(q)[:, -2:, :, 3]
+        return np.concatenate([on_links, self.tip(q, 0.0)[:, None], self.tip(q)[:, None]], axis=1)
 
     def tip(self, q: FloatArray, height: float = 1.0) -> FloatArray:
         """Points in P on the line from the root of the axis (height 0) to the round end's centre (1), shape (B, 3)."""
@@ -77,7 +72,6 @@ class Touches:
         p_PC: contact points, shape (n, 3), m.
         n_PC: the object's outward normals, shape (n, 3).
         cost: how far each is from a clean touch, shape (n,); 0 is best.
-        body_points: points on the finger's axis in P, to keep fingers apart, shape (n, b, 3), m.
     """
 
     q: FloatArray
@@ -86,7 +80,6 @@ class Touches:
     p_PC: FloatArray
     n_PC: FloatArray
     cost: FloatArray
-    body_points: FloatArray
 
     def __len__(self) -> int:
         return len(self.q)
@@ -119,8 +112,8 @@ class ReachParams:
 
     def validate(self) -> None:
         """Raises InvalidInputError if a value is not positive."""
-        for field in fields(self):
-            positive_number(f"ReachParams.{field.name}", getattr(self, field.name))
+        for parameter in fields(self):
+            positive_number(f"ReachParams.{parameter.name}", getattr(self, parameter.name))
 
 
 class FingerReach:
@@ -209,10 +202,9 @@ class FingerReach:
         distance, normal = _distance(grid, X_PO, p_PT)
         compliance = self._compliances(J)
         alignment = _alignment(compliance, normal)
-        p_PS = geometry.tip(q, 0.0)
         facing = np.full(len(q), _BEST_FACING)
         if geometry.has_axis:
-            facing = np.einsum("ni,ni->n", _unit(p_PT - p_PS), -normal)
+            facing = np.einsum("ni,ni->n", _unit(p_PT - geometry.tip(q, 0.0)), -normal)
         closing = -np.einsum("nim,ni->nm", J, normal) / params.stiffness * self._arms**2
         lift = params.lift / np.einsum("ni,nij,nj->n", normal, compliance, normal)
         q_open = np.clip(q - lift[:, None] * closing, chain.lower, chain.upper)
@@ -230,8 +222,8 @@ class FingerReach:
         }
         # A fingertip meets best with its shoulder, not with its very end or its side.
         cost = 6.0 * (1.0 - alignment) + 2.0 * np.abs(facing - _BEST_FACING)
-        body_points = np.concatenate([p_PT[:, None], p_PS[:, None], chain.body_poses(q)[:, -2:, :, 3]], axis=1)
-        return Touches(q, closing, q_open, p_PC, normal, cost, body_points).take(_that_pass(clean, refused))
+        touches = Touches(q, closing, q_open, p_PC, normal, cost)
+        return touches.take(_that_pass(clean, refused))
 
     def _is_clear(self, grid: DistanceGrid, X_PO: FloatArray, q: FloatArray, q_open: FloatArray) -> NDArray[np.bool_]:
         """Whether the finger behind its round end is off the object, closed at q and on its way to q_open, (n,)."""
@@ -270,16 +262,6 @@ def _that_pass(wanted: Mapping[str, NDArray[np.bool_]], refused: Counter[str] | 
             refused[reason] += int(np.count_nonzero(passed & ~good))
         passed &= good
     return np.flatnonzero(passed)
-
-
-def _distance_to_polyline(points: FloatArray, corners: FloatArray) -> FloatArray:
-    """Distances of points (n, 3) to the segments between corners (c, 3), shape (n,), m."""
-    start, along = corners[:-1], np.diff(corners, axis=0)
-    length = np.maximum(np.sum(along**2, axis=1), 1e-12)
-    share = np.clip(np.einsum("nci,ci->nc", points[:, None] - start, along) / length, 0.0, 1.0)
-    nearest = start + share[..., None] * along
-    distance: FloatArray = np.linalg.norm(points[:, None] - nearest, axis=2).min(axis=1, initial=np.inf)
-    return distance
 
 
 def _distance(grid: DistanceGrid, X_PO: FloatArray, p_PQ: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tactopose_drake.core import poses
 from tactopose_drake.core.grasping.finger_reach import FingerReach, Touches
+from tactopose_drake.core.grasping.finger_sides import are_apart, sides
 from tactopose_drake.core.grasping.grasp_law import ClosingMotion
 from tactopose_drake.core.grasping.grasp_score import GraspScore, ScoreParams, score_grasp
 from tactopose_drake.core.grasping.refusals import Refusals
@@ -37,7 +37,7 @@ class PlannerParams:
     least_force: float = 1.8  # N
     most_force: float = 7.0  # N
     friction: float = 0.5  # of the planned grasp, below the true one for the sake of a margin
-    # Least distance between the axes of two fingers, m; null: half a millimetre more than their half widths.
+    # Least distance between the axes of two fingers, m; null: their widths decide.
     finger_distance: float | None = None
     palm_clearance: float = 0.004  # m
     tilt_deg: float = 25.0  # largest angle between the object's z axis and up, deg
@@ -176,7 +176,7 @@ class _Search:
         """The best grasp of the object in a pose; None where there is none, and why is counted."""
         clearance = self.params.palm_clearance
         if _least_distance(self.model, X_PO, self.hand.palm_spheres) < clearance:
-            return self._refuse("the object would be in the palm")
+            return self._refused("the object would be in the palm")
         touches: dict[str, Touches] = {}
         idle = 0
         for name, finger in self.hand.fingers.items():
@@ -187,16 +187,16 @@ class _Search:
             else:
                 idle += 1
                 if len(self.hand.fingers) - idle < self.least_fingers:
-                    return self._refuse(f"fewer than {self.least_fingers} fingers can touch it")
+                    return self._refused(f"fewer than {self.least_fingers} fingers can touch it")
                 if _least_distance(self.model, X_PO, self.hand.rest_spheres[name]) < clearance:
-                    return self._refuse("a finger that takes no part is in its way")
+                    return self._refused("a finger that takes no part is in its way")
         best = self._combine(touches, X_PO[:, :3] @ self.model.center_of_mass + X_PO[:, 3])
         if best is None:
-            return self._refuse("no choice of touches keeps the fingers apart and the forces in balance")
+            return self._refused("no choice of touches keeps the fingers apart and the forces in balance")
         chosen, score = best
         left_out = [name for name in touches if name not in chosen]
         if any(_least_distance(self.model, X_PO, self.hand.rest_spheres[name]) < clearance for name in left_out):
-            return self._refuse("a finger that takes no part is in its way")
+            return self._refused("a finger that takes no part is in its way")
         fingers = {}
         for (name, i), force in zip(chosen.items(), score.force, strict=True):
             touch = touches[name]
@@ -204,15 +204,15 @@ class _Search:
             fingers[name] = FingerPlan(motion, touch.p_PC[i], touch.n_PC[i])
         return GraspPlan(X_PO, fingers, score.value)
 
-    def _refuse(self, reason: str) -> None:
+    def _refused(self, reason: str) -> GraspPlan | None:
         self.refusals.poses[reason] += 1
+        return None
 
     def _combine(self, touches: Mapping[str, Touches], p_PG: FloatArray) -> tuple[dict[str, int], GraspScore] | None:
         """The best choice found of one touch a finger, by changing one finger at a time."""
-        apart = {
-            (a, b): _apart(touches[a], touches[b], self._distance_between(a, b))
-            for a, b in itertools.permutations(touches, 2)
-        }
+        placed = {name: self._sides(name, touch.q) for name, touch in touches.items()}
+        apart = {(a, b): are_apart(placed[a], placed[b], _GAP) for a, b in itertools.combinations(touches, 2)}
+        apart |= {(b, a): free.T for (a, b), free in apart.items()}
 
         def judge(chosen: Mapping[str, int]) -> GraspScore:
             rows = [(touches[name].p_PC[i], touches[name].n_PC[i], touches[name].cost[i]) for name, i in chosen.items()]
@@ -238,17 +238,13 @@ class _Search:
                     best = chosen, score
         return best
 
-    def _distance_between(self, a: str, b: str) -> float:
-        """The least distance between the axes of two fingers, m."""
-        if self.params.finger_distance is not None:
-            return self.params.finger_distance
-        return self.hand.fingers[a].geometry.half_width + self.hand.fingers[b].geometry.half_width + _GAP
-
-
-def _apart(a: Touches, b: Touches, least: float) -> NDArray[np.bool_]:
-    """Which touches of two fingers keep the fingers apart, shape (len(a), len(b))."""
-    gap = np.linalg.norm(a.body_points[:, None, :, None] - b.body_points[None, :, None, :], axis=-1)
-    return np.asarray(gap.min(axis=(2, 3)) > least)
+    def _sides(self, finger: str, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Spheres that stand for a finger in some postures, to keep fingers apart."""
+        geometry = self.hand.fingers[finger].geometry
+        if self.params.finger_distance is None:
+            return sides(geometry, q)
+        axis = geometry.axis(q)
+        return axis, np.full(axis.shape[1], 0.5 * (self.params.finger_distance - _GAP))
 
 
 def _least_distance(model: ObjectModel, X_PO: FloatArray, spheres: Spheres) -> float:

@@ -7,8 +7,8 @@ import numpy as np
 from tactopose_drake.core import poses
 from tactopose_drake.core.validation import FloatArray
 
-# The arm at which a sliding joint moves what it carries as a turning one would, m: about a finger's length.
-_ARM = 0.05
+SLIDING_ARM = 0.05
+"""The arm at which a sliding joint moves what it carries as a turning one would, m: about a finger's length."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,9 +44,9 @@ class SerialChain:
 
     @property
     def arms(self) -> FloatArray:
-        """What motion of each actuated joint counts as much as a radian, shape (m,): 1, or `_ARM` where it slides."""
+        """What motion of each actuated joint counts as a radian, shape (m,): 1, or `SLIDING_ARM` where it slides."""
         slides = [any(self.coupling[i, k] for i in self.sliding) for k in range(self.coupling.shape[1])]
-        return np.where(slides, _ARM, 1.0)
+        return np.where(slides, SLIDING_ARM, 1.0)
 
     def body_poses(self, q: FloatArray) -> FloatArray:
         """X_PB of the body behind each joint, shape (B, k, 3, 4), for positions q (B, m), rad or m."""
