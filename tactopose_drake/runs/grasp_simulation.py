@@ -132,7 +132,7 @@ def run_grasp(station: Station, failed_attempts: tuple[str, ...] = (), meshcat: 
     X_PO = station.object_pose(context)
     slip = _slip(X_PO, X_PO_release)
     speed, _ = _motion(station, plant_context)
-    reason = _judge(station, plant_context, release_time, truth, slip)
+    reason = judge_grasp(station, plant_context, release_time, truth, slip)
     return GraspResult(
         reason == "ok",
         reason,
@@ -164,9 +164,18 @@ def _is_still(station: Station, plant_context: Context) -> bool:
     return speed <= station.scenario.check.most_speed and spin <= station.scenario.check.most_angular_speed
 
 
-def _judge(
+def judge_grasp(
     station: Station, plant_context: Context, release_time: float | None, truth: ContactTruth, slip: float
 ) -> str:
+    """Why a grasp is not stable; "ok" where it is.
+
+    Args:
+        station: the diagram.
+        plant_context: of its plant, at the end.
+        release_time: when the object was let go, s; None if never.
+        truth: the contacts.
+        slip: of the object since, m.
+    """
     check = station.scenario.check
     if release_time is None:
         return "the fingers did not close in time"

@@ -8,6 +8,7 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.runs.device_run import check_devices, run_devices
+from tactopose_drake.runs.grasp_watch import GraspWatch
 from tactopose_drake.runs.recording import Recording
 from tactopose_drake.runs.scenario_replay import replay
 from tactopose_drake.runs.simulation import start_simulation
@@ -83,4 +84,11 @@ def _run_simulated(
     simulator = start_simulation(station, None if recording is None else recording.write)
     tell("simulating")
     until = scenario.duration if duration is None else duration
-    return advance(simulator, None, scenario.estimation.estimator.period, until, observer)
+    watch = GraspWatch(station)
+
+    def watch_and_show(view: RunView) -> None:
+        watch.see(view.context)
+        observer(view)
+
+    view = advance(simulator, None, scenario.estimation.estimator.period, until, watch_and_show)
+    return dataclasses.replace(view, outcome=watch.outcome(view.context))

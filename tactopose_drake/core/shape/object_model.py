@@ -19,9 +19,11 @@ from tactopose_drake.core.mesh.repair import MeshRepairWarning, repair_mesh
 from tactopose_drake.core.mesh.solid import DENSITY
 from tactopose_drake.core.poses import transform_points
 from tactopose_drake.core.shape import model_cache
+from tactopose_drake.core.mesh.primitives import box_mesh, capsule_mesh, cylinder_mesh, sphere_mesh
 from tactopose_drake.core.shape.coarse_field import CoarseField, coarsen
 from tactopose_drake.core.shape.model_arrays import content_hash, describe_a_model
 from tactopose_drake.core.shape.model_cache import Arrays
+from tactopose_drake.core.shape.model_building import build_arrays, file_content, scaled
 from tactopose_drake.core.shape.pair_features import PairFeatures, build_pair_features
 from tactopose_drake.core.shape.signed_distance import DistanceGrid, build_grid
 from tactopose_drake.core.shape.surface_samples import SurfaceSamples, sample_surface
@@ -34,9 +36,7 @@ from tactopose_drake.errors import InvalidFileError, UnknownNameError
 # What is allowed: more samples take all memory there is, other masses are those of nothing that a hand holds, kg.
 _MOST_SAMPLES = 10**6
 _LEAST_MASS, _MOST_MASS = 1e-6, 1e4
-
-# Formats whose geometry is all in the one file, so that the file's bytes identify it and need not be parsed again.
-_SELF_CONTAINED = {".obj", ".off", ".ply", ".stl"}
+_LEAST_SCALE, _MOST_SCALE = 1e-6, 1e6
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,6 +133,7 @@ class ObjectModel:
         mesh: MeshSource,
         *,
         name: str | None = None,
+        scale: float = 1.0,
         mass: float | None = None,
         center_of_mass: ArrayLike | None = None,
         symmetry: Literal["auto", "none"] | Sequence[RotationalSymmetry] = "auto",
@@ -142,12 +143,13 @@ class ObjectModel:
         max_grid_bytes: int = 64 * 2**20,
         cache: bool = True,
     ) -> ObjectModel:
-        """Builds the model of a mesh in metres, or takes it from the cache, by the mesh's content.
+        """Builds the model of a mesh, or takes it from the cache, by the mesh's content.
 
         Args:
             mesh: a file (obj, stl, ply, off, glb, gltf, dae, zae, 3mf or xaml), a `trimesh.Trimesh`, or a
                 `trimesh.Scene`: its meshes joined.
             name: what to call the object.
+            scale: how many metres the mesh's unit has: 0.001 for one in millimetres.
             mass: kg.
             center_of_mass: in O, shape (3,), m.
             symmetry: "auto" detects the rotations that leave the object unchanged, "none" assumes there are none, a
@@ -172,6 +174,7 @@ class ObjectModel:
         """
         if mass is not None:
             mass = positive_number("mass", mass, least=_LEAST_MASS, most=_MOST_MASS)
+        scale = positive_number("scale", scale, least=_LEAST_SCALE, most=_MOST_SCALE)
         if center_of_mass is not None:
             center_of_mass = limited("center_of_mass", center_of_mass, (3,), most=FARTHEST)
         given = _given_symmetries(symmetry)
@@ -187,14 +190,16 @@ class ObjectModel:
         name = mesh_name(mesh) if name is None else name
 
         content = file_content(mesh) if isinstance(mesh, str | Path) else None
-        raw = load_mesh(mesh) if content is None else None
+        raw = scaled(load_mesh(mesh), scale) if content is None else None
         identity = content if raw is None else (raw.vertices, raw.faces)
         options = f"{tolerance} {samples} {spacing} {max_grid_bytes}"
+        if content is not None and scale != 1.0:
+            options += f" {scale!r}"
         key = model_cache.content_key(*(identity or ()), options)
         arrays = model_cache.load(key) if cache else None
         if arrays is None or not describe_a_model(arrays, samples):
             label = str(mesh) if isinstance(mesh, str | Path) else name
-            arrays = _build(raw or load_mesh(mesh), label, tolerance, samples, spacing, max_grid_bytes)
+            arrays = build_arrays(raw or scaled(load_mesh(mesh), scale), label, tolerance, samples, spacing, max_grid_bytes)
             if cache:
                 model_cache.store(key, arrays)
 
@@ -230,6 +235,28 @@ class ObjectModel:
             array.setflags(write=False)
         return model
 
+    @classmethod
+    def from_box(cls, size: ArrayLike, **options: Any) -> ObjectModel:
+        """A box of these sides, shape (3,), m, about O's origin and along its axes; options as of `from_mesh`."""
+        return cls.from_mesh(box_mesh(size), **{"name": "box"} | options)
+
+    @classmethod
+    def from_cylinder(cls, radius: float, length: float, **options: Any) -> ObjectModel:
+        """A cylinder along z of O, its middle at the origin, m; options as of `from_mesh`."""
+        return cls.from_mesh(cylinder_mesh(radius, length), **{"name": "cylinder"} | options)
+
+    @classmethod
+    def from_sphere(cls, radius: float, **options: Any) -> ObjectModel:
+        """A sphere about O's origin, m; options as of `from_mesh`."""
+        return cls.from_mesh(sphere_mesh(radius), **{"name": "sphere"} | options)
+
+    @classmethod
+    def from_capsule(cls, radius: float, length: float, **options: Any) -> ObjectModel:
+        """Hemispheres on a cylinder of this length along z of O, its middle at the origin, m; options as of
+        `from_mesh`.
+        """
+        return cls.from_mesh(capsule_mesh(radius, length), **{"name": "capsule"} | options)
+
 
 def _given_symmetries(symmetry: object) -> tuple[RotationalSymmetry, ...] | None:
     """The symmetries of a list; None where they are named."""
@@ -243,47 +270,3 @@ def _given_symmetries(symmetry: object) -> tuple[RotationalSymmetry, ...] | None
     for i, one in enumerate(symmetry):
         instance_of(f"symmetry[{i}]", one, RotationalSymmetry)
     return tuple(symmetry)
-
-
-def file_content(path: str | Path) -> tuple[bytes, str] | None:
-    """The bytes of a mesh file and its ending, if they alone say what the mesh is."""
-    file = mesh_file(path)
-    if file.suffix.lower() not in _SELF_CONTAINED:
-        return None
-    try:
-        return file.read_bytes(), file.suffix.lower()
-    except OSError as error:
-        raise InvalidFileError(f"{file}: cannot be read ({error.strerror}).") from error
-
-
-def _build(
-    raw: RawMesh, label: str, tolerance: float | None, samples: int, spacing: float | None, max_grid_bytes: int
-) -> Arrays:
-    """Everything that follows from the mesh alone, as arrays; what costs time comes after the checks."""
-    mesh = repair_mesh(raw, label)
-    centroid, inertia = mesh.properties.centroid, mesh.properties.inertia
-    grid = build_grid(mesh.vertices, mesh.faces, spacing=spacing, max_bytes=max_grid_bytes)
-    surface = sample_surface(mesh.vertices, mesh.faces, samples)
-    size = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
-    found: tuple[RotationalSymmetry, ...] = ()
-    if tolerance is not None:
-        params = SymmetryDetectionParams(tolerance=tolerance)
-        found = detect_symmetries(surface, grid, centroid, inertia, size, params)
-    arrays: dict[str, NDArray[Any]] = {
-        "vertices": mesh.vertices,
-        "faces": mesh.faces,
-        "distances": grid.values,
-        "grid_origin": grid.origin,
-        "grid_spacing": np.array(grid.spacing),
-        "sample_points": surface.points,
-        "sample_normals": surface.normals,
-        "volume": np.array(mesh.properties.volume),
-        "centroid": centroid,
-        "inertia": inertia,
-        "axes": np.array([symmetry.axis for symmetry in found]).reshape(-1, 3),
-        "orders": np.array([symmetry.order for symmetry in found], dtype=np.int64),
-        "symmetry_poses": symmetry_group(found),
-        "repairs": np.frombuffer(json.dumps(mesh.repairs).encode(), dtype=np.uint8),
-        "content_hash": np.frombuffer(content_hash(mesh.vertices, mesh.faces).encode(), dtype=np.uint8),
-    }
-    return arrays

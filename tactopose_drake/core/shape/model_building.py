@@ -1,0 +1,70 @@
+"""From the triangles of a source to the arrays of an object's model."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactopose_drake.core.mesh.loading import RawMesh, mesh_file
+from tactopose_drake.core.mesh.repair import repair_mesh
+from tactopose_drake.core.shape.model_arrays import content_hash
+from tactopose_drake.core.shape.model_cache import Arrays
+from tactopose_drake.core.shape.signed_distance import build_grid
+from tactopose_drake.core.shape.surface_samples import sample_surface
+from tactopose_drake.core.shape.symmetry import RotationalSymmetry, symmetry_group
+from tactopose_drake.core.shape.symmetry_detection import SymmetryDetectionParams, detect_symmetries
+from tactopose_drake.errors import InvalidFileError
+
+# Formats whose geometry is all in the one file, so that the file's bytes identify it and need not be parsed again.
+_SELF_CONTAINED = {".obj", ".off", ".ply", ".stl"}
+
+
+def file_content(path: str | Path) -> tuple[bytes, str] | None:
+    """The bytes of a mesh file and its ending, if they alone say what the mesh is."""
+    file = mesh_file(path)
+    if file.suffix.lower() not in _SELF_CONTAINED:
+        return None
+    try:
+        return file.read_bytes(), file.suffix.lower()
+    except OSError as error:
+        raise InvalidFileError(f"{file}: cannot be read ({error.strerror}).") from error
+
+
+def scaled(raw: RawMesh, scale: float) -> RawMesh:
+    """Triangles whose unit has so many metres, in metres."""
+    return raw if scale == 1.0 else RawMesh(scale * raw.vertices, raw.faces)
+
+
+def build_arrays(
+    raw: RawMesh, label: str, tolerance: float | None, samples: int, spacing: float | None, max_grid_bytes: int
+) -> Arrays:
+    """Everything that follows from the mesh alone, as arrays; what costs time comes after the checks."""
+    mesh = repair_mesh(raw, label)
+    centroid, inertia = mesh.properties.centroid, mesh.properties.inertia
+    grid = build_grid(mesh.vertices, mesh.faces, spacing=spacing, max_bytes=max_grid_bytes)
+    surface = sample_surface(mesh.vertices, mesh.faces, samples)
+    size = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
+    found: tuple[RotationalSymmetry, ...] = ()
+    if tolerance is not None:
+        params = SymmetryDetectionParams(tolerance=tolerance)
+        found = detect_symmetries(surface, grid, centroid, inertia, size, params)
+    arrays: dict[str, NDArray[Any]] = {
+        "vertices": mesh.vertices,
+        "faces": mesh.faces,
+        "distances": grid.values,
+        "grid_origin": grid.origin,
+        "grid_spacing": np.array(grid.spacing),
+        "sample_points": surface.points,
+        "sample_normals": surface.normals,
+        "volume": np.array(mesh.properties.volume),
+        "centroid": centroid,
+        "inertia": inertia,
+        "axes": np.array([symmetry.axis for symmetry in found]).reshape(-1, 3),
+        "orders": np.array([symmetry.order for symmetry in found], dtype=np.int64),
+        "symmetry_poses": symmetry_group(found),
+        "repairs": np.frombuffer(json.dumps(mesh.repairs).encode(), dtype=np.uint8),
+        "content_hash": np.frombuffer(content_hash(mesh.vertices, mesh.faces).encode(), dtype=np.uint8),
+    }
+    return arrays
