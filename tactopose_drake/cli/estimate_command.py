@@ -10,10 +10,12 @@ from pydrake.geometry import Meshcat, MeshcatParams
 
 from tactopose_drake.cli.consoles import ERRORS, OUT
 from tactopose_drake.cli.reports import free_line, hypotheses_table, status_line
+from tactopose_drake.cli.symmetry_option import SYMMETRY_HELP, parse_symmetries
 from tactopose_drake.core.mesh.repair import MeshRepairWarning
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.estimation.estimate import METHODS, estimate_pose
 from tactopose_drake.estimation.files import load_contacts, load_prior, save_result
+from tactopose_drake.estimation.object_files import load_object
 from tactopose_drake.estimation.output_files import check_outputs
 from tactopose_drake.visualization.meshcat import aim_camera, draw_scene, save_html, upright
 from tactopose_drake.visualization.remote_meshcat import RemoteMeshcat
@@ -23,7 +25,9 @@ _path = click.Path(path_type=Path)
 
 
 @click.command()
-@click.option("--object", "mesh", type=_path, required=True, help="Mesh of the object, in metres.")
+@click.option("--object", "mesh", type=_path, required=True, help="Mesh of the object, or its SDF or URDF.")
+@click.option("--scale", type=float, default=1.0, show_default=True, help="Metres in the mesh's unit: 0.001 for mm.")
+@click.option("--symmetry", multiple=True, default=("auto",), show_default=True, help=SYMMETRY_HELP)
 @click.option("--contacts", "contacts_file", type=_path, required=True, help="contacts.yaml: the touch.")
 @click.option("--prior", "prior_file", type=_path, help="prior.yaml: what is known of the pose without touch.")
 @click.option("--method", type=click.Choice(list(METHODS)), default="pair_search", show_default=True, help="Search.")
@@ -35,6 +39,8 @@ _path = click.Path(path_type=Path)
 @click.option("--meshcat-url", help="Draws the scene into the meshcat-server there, e.g. tcp://127.0.0.1:6000.")
 def estimate(
     mesh: Path,
+    scale: float,
+    symmetry: tuple[str, ...],
     contacts_file: Path,
     prior_file: Path | None,
     method: str,
@@ -49,7 +55,7 @@ def estimate(
     check_outputs((out, html), inputs=(mesh, contacts_file, prior_file))
     remote = None if meshcat_url is None else click.get_current_context().with_resource(RemoteMeshcat(meshcat_url))
     with _progress(f"reading {mesh}"):
-        model = ObjectModel.from_mesh(mesh)
+        model = _load(mesh, scale, symmetry)
     with _progress("searching (the first run on a machine compiles its kernels, about a minute)"):
         found = estimate_pose(model, contacts, prior=prior, method=method, seed=seed)
     OUT.print(hypotheses_table(found, model))
@@ -71,6 +77,16 @@ def estimate(
     if remote is not None:
         draw_scene(remote, scene)
         OUT.print(f"Drawn into the meshcat-server whose page is {remote.web_url()}")
+
+
+def _load(mesh: Path, scale: float, symmetry: tuple[str, ...]) -> ObjectModel:
+    if symmetry == ("auto",):
+        return load_object(mesh, scale=scale)
+    model = load_object(mesh, scale=scale, symmetry="none")
+    if symmetry == ("none",):
+        return model
+    given = parse_symmetries(symmetry, model.center_of_mass)
+    return load_object(mesh, scale=scale, symmetry=given)
 
 
 @contextmanager

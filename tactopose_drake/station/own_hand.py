@@ -16,6 +16,7 @@ from tactopose_drake.station.scenario import Scenario
 
 _CAMERA_DISTANCE = 0.4  # from the grip region's middle, m
 _SLOWEST = 0.1  # s that a joint's damping may take to let the grasp controller's spring close it
+_LEAST_FINGERS = 3  # of a hand whose fingers may not all oppose each other
 
 
 def scenario_for(hand: str, object_: str, seed: int = 0) -> Scenario:
@@ -49,6 +50,7 @@ def scenario_for(hand: str, object_: str, seed: int = 0) -> Scenario:
     driven = [plant.GetJointByName(name, parts.model_instance) for finger in config.fingers for name in finger.joints]
     damping = max(float(np.max(joint.default_damping_vector())) for joint in driven)
     scenario = Scenario(hand=hand, object=object_, seed=seed, X_WBase=_transform(X_WBase), X_WC=_transform(X_WC))
+    scenario.planner.least_fingers = _LEAST_FINGERS
     stiffness = max(scenario.controller.finger_stiffness, damping / _SLOWEST)
     scenario.reach.stiffness = scenario.controller.finger_stiffness = stiffness
     scenario.controller.other_stiffness = max(scenario.controller.other_stiffness, 3.0 * stiffness)

@@ -11,7 +11,7 @@ _NEAR = 0.04  # from a fingertip to the middle of what it holds, m
 _CLEAR = 0.025  # of the palm from there, m
 _STEP = 0.015  # of the grid of places that are tried, m
 _MOST_ONESIDED = 0.8  # length of the mean direction of two fingertips, seen from between them
-_TOLERANCE = 0.25  # of a place's value, below the best
+_TOLERANCE = 0.15  # share of a place's value below the best
 _SAMPLES = 600  # of each fingertip's places that are looked at
 _LEAST_SIDE = 0.01  # of the box, m
 _SHARE = 0.2  # of the places along each axis that are left out at either end
@@ -42,19 +42,19 @@ def find_grip_region(
         gap = np.min([np.linalg.norm(places - p, axis=1) - r for p, r in zip(*palm, strict=True)], axis=0)
         places = places[gap > _CLEAR]
     value = np.array([_togetherness(place, some) for place in places])
-    if value.max(initial=0.0) < 2.0 - _MOST_ONESIDED:
+    if value.max(initial=0.0) < 2.0 * (1.0 - _MOST_ONESIDED):
         raise InvalidInputError(
             "HandConfig.grip_low, grip_high: are empty, and no place beside the palm is between two fingertips; "
             "the hand's joint limits or frames are not what they should be."
         )
-    best = places[value > value.max() - _TOLERANCE]
+    best = places[value > (1.0 - _TOLERANCE) * value.max()]
     low, high = np.quantile(best, _SHARE, axis=0), np.quantile(best, 1.0 - _SHARE, axis=0)
     widen = np.maximum(0.5 * (_LEAST_SIDE - (high - low)), 0.0)
     return low - widen, high + widen
 
 
 def _togetherness(place: FloatArray, reached: Sequence[FloatArray]) -> float:
-    """The number of fingertips that come near a place, less one if they all come from the same side."""
+    """The number of fingertips that come near a place, times how little they come from the same side."""
     sides = []
     for tips in reached:
         offset = tips - place
@@ -62,4 +62,4 @@ def _togetherness(place: FloatArray, reached: Sequence[FloatArray]) -> float:
         if len(near):
             mean = near.mean(axis=0)
             sides.append(mean / max(np.linalg.norm(mean), 1e-9))
-    return len(sides) - float(np.linalg.norm(np.mean(sides, axis=0))) if sides else 0.0
+    return len(sides) * (1.0 - float(np.linalg.norm(np.mean(sides, axis=0)))) if sides else 0.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
@@ -83,6 +83,28 @@ class ObjectModel:
     def area(self) -> float:
         """Of the surface, m^2."""
         return 0.5 * float(np.linalg.norm(cross_products(self.vertices, self.faces), axis=1).sum())
+
+    @cached_property
+    def middle(self) -> FloatArray:
+        """Of the bounding box, in O, shape (3,), m."""
+        middle: FloatArray = 0.5 * (self.vertices.min(axis=0) + self.vertices.max(axis=0))
+        return middle
+
+    @cached_property
+    def about_middle(self) -> ObjectModel:
+        """The same in a frame with O's axes at the middle of the bounding box."""
+        p_OC = self.middle
+        symmetry_poses = self.symmetry_poses.copy()
+        symmetry_poses[:, :, 3] += symmetry_poses[:, :, :3] @ p_OC - p_OC
+        return replace(
+            self,
+            vertices=self.vertices - p_OC,
+            grid=DistanceGrid(self.grid.values, self.grid.origin - p_OC, self.grid.spacing),
+            samples=SurfaceSamples(self.samples.points - p_OC, self.samples.normals),
+            center_of_mass=self.center_of_mass - p_OC,
+            symmetries=tuple(RotationalSymmetry(s.axis, s.point - p_OC, s.order) for s in self.symmetries),
+            symmetry_poses=symmetry_poses,
+        )
 
     @cached_property
     def sample_spread(self) -> tuple[FloatArray, float, float]:
