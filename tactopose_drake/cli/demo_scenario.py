@@ -9,7 +9,9 @@ from tactopose_drake.station.own_object import write_simulated_object
 from tactopose_drake.station.scenario import Scenario, load_scenario
 
 # The demo's scenarios by the hand's name on the command line.
-_SHIPPED = {"shadow": "shadow_like", "barrett": "barrett_like"}
+_SHIPPED = {"shadow": "shadow_like", "barrett": "barrett_like"} | {
+    name: name for name in ("shadow_like", "barrett_like")
+}
 _OBJECT = "cube"  # of a hand of one's own, unless another is asked for
 
 
