@@ -19,7 +19,9 @@ _path = click.Path(path_type=Path)
 
 @click.command()
 @click.option("--hand", default="shadow", show_default=True, help="shadow, barrett, or a *.hand.yaml by its path.")
-@click.option("--object", "name", help="A shipped object by name, or a mesh or model by path; by default a shipped one.")
+@click.option(
+    "--object", "name", help="A shipped object by name, or a mesh or model by path; by default a shipped one."
+)
 @click.option("--scale", type=float, default=1.0, show_default=True, help="Metres in the unit of the object's mesh.")
 @click.option("--mass", type=float, help="Of the object, kg; by default what its file says, or water's.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the grasp and all noise.")

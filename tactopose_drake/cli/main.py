@@ -12,7 +12,7 @@ from typing import Any, NoReturn
 import click
 
 from tactopose_drake.cli.check_hand_command import check_hand_command
-from tactopose_drake.cli.consoles import ERRORS
+from tactopose_drake.cli.consoles import ERRORS, OnceFilter
 from tactopose_drake.cli.demo_command import demo
 from tactopose_drake.cli.estimate_command import estimate
 from tactopose_drake.cli.identify_command import identify_command
@@ -48,6 +48,7 @@ for command in (demo, estimate, identify_command, run, replay, check_hand_comman
 def main() -> None:
     """The entry point of `tactopose`."""
     logging.getLogger("drake").setLevel(logging.WARNING)
+    logging.getLogger("drake").addFilter(OnceFilter())
     logging.getLogger("can").setLevel(logging.ERROR)  # What a damaged log holds is said once, at its end.
     try:
         # It gives back what `Context.exit` and `click.exceptions.Exit` were given; commands give nothing.

@@ -34,8 +34,8 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import instance_of, known_name, positive_number, whole_number
 from tactopose_drake.errors import InvalidInputError, TooFewContactsError
 from tactopose_drake.estimation.direct_search import Direct
-from tactopose_drake.estimation.mathematical_program import PoseProgram
 from tactopose_drake.estimation.far_origins import has_far_origin, prior_about_middle, reported_for_origin
+from tactopose_drake.estimation.mathematical_program import PoseProgram
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.estimation.results import PoseEstimate, PoseHypothesis, status_of
 

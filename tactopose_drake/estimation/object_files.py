@@ -83,12 +83,13 @@ def _mesh(path: Path, shape: Shape) -> trimesh.Trimesh:
     if isinstance(shape, Capsule):
         return capsule_mesh(shape.radius(), shape.length())
     if isinstance(shape, Ellipsoid):
-        mesh = sphere_mesh(1.0)
-        mesh.apply_scale([shape.a(), shape.b(), shape.c()])
-        return mesh
+        ball = sphere_mesh(1.0)
+        return trimesh.Trimesh(ball.vertices * [shape.a(), shape.b(), shape.c()], ball.faces, process=False)
     if isinstance(shape, Convex):
         hull = shape.GetConvexHull()
-        return trimesh.convex.convex_hull(np.array([hull.vertex(i) for i in range(hull.num_vertices())]))
+        vertices = np.array([hull.vertex(i) for i in range(hull.num_vertices())])
+        of_hull: trimesh.Trimesh = trimesh.convex.convex_hull(vertices)
+        return of_hull
     if isinstance(shape, Mesh) and shape.source().is_path():
         raw = load_mesh(shape.source().path())
         return trimesh.Trimesh(raw.vertices * shape.scale3(), raw.faces, process=False)

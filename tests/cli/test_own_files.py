@@ -1,12 +1,14 @@
 """The command line with a hand and an object that the package has never seen."""
 
 import json
+import logging
 import re
 from pathlib import Path
 
 import pytest
 import trimesh
 
+from tactopose_drake.cli.consoles import OnceFilter
 from tests.cli.test_cli import run
 from tests.hand.grippers import YAML, write_gripper
 
@@ -36,9 +38,7 @@ def test_check_hand_of_a_file_that_is_not_there(capsys: pytest.CaptureFixture[st
     assert "there is no such file" in line
 
 
-def test_demo_with_an_own_hand_and_a_mesh_in_millimetres(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_demo_with_an_own_hand_and_a_mesh_in_millimetres(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     hand = write_gripper(tmp_path)
     trimesh.creation.box((45.0, 55.0, 90.0)).export(tmp_path / "my block.stl")
     arguments = ["--hand", hand, "--object", tmp_path / "my block.stl", "--scale", 0.001, "--mass", 0.2]
@@ -100,3 +100,9 @@ def test_estimate_takes_a_scale_and_known_symmetries(tmp_path: Path, capsys: pyt
     for wrong in ("w", "z:1", "0,0,0"):
         assert run("estimate", *arguments, "--symmetry", wrong) == 2
         assert f"--symmetry: is '{wrong}'" in capsys.readouterr().err
+
+
+def test_a_message_of_drake_is_shown_once() -> None:
+    once = OnceFilter()
+    records = [logging.makeLogRecord({"msg": "no %s", "args": (what,)}) for what in ("mesh", "mesh", "mass")]
+    assert [once.filter(record) for record in records] == [True, False, True]

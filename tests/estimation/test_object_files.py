@@ -12,7 +12,8 @@ from tactopose_drake.resources import model_path
 SDF = """<sdf version="1.9"><model name="hammer"><link name="hammer">
 <inertial><pose>0 0 0.05 0 0 0</pose><mass>0.4</mass>
 <inertia><ixx>1e-3</ixx><iyy>1e-3</iyy><izz>1e-4</izz></inertia></inertial>
-<collision name="handle"><geometry><cylinder><radius>0.012</radius><length>0.2</length></cylinder></geometry></collision>
+<collision name="handle">
+<geometry><cylinder><radius>0.012</radius><length>0.2</length></cylinder></geometry></collision>
 <collision name="head"><pose>0 0 0.1 0 0 0</pose><geometry><box><size>0.1 0.03 0.03</size></box></geometry></collision>
 {more}</link></model></sdf>"""
 

@@ -64,7 +64,7 @@ def test_a_rigid_hand_is_refused_where_the_object_is_rigid_too(tmp_path: Path) -
     hint = '<drake:mesh_resolution_hint value="0.003"/>'
     rigid = f"<drake:proximity_properties><drake:rigid_hydroelastic/>{hint}</drake:proximity_properties>"
     scenario = scenario_for(str(write_gripper(tmp_path, property=rigid)), "cube")
-    with pytest.raises(InvalidInputError, match="'left_ball' of link 'left_tip'.* is rigid, as the object is"):
+    with pytest.raises(InvalidInputError, match=r"'left_ball' of link 'left_tip'.* is rigid, as the object is"):
         check_bodies(scenario)
     scenario.plant.contact_model = "hydroelastic_with_fallback"
     check_bodies(scenario)

@@ -176,7 +176,7 @@ def test_a_hand_without_grip_region_gets_one_between_its_fingers(scenario):
         ("object: teapot", InvalidInputError, r"teapot.*does not exist; the package's objects are .*wine_glass"),
         ("duration: 0", InvalidInputError, r"Scenario\.duration: is 0"),
         ("check: {attempts: 0}", InvalidInputError, r"Scenario\.check\.attempts: is 0"),
-        ("planner: {least_fingers: 2}", InvalidInputError, r"least_fingers: is 2"),
+        ("planner: {least_fingers: 1}", InvalidInputError, r"least_fingers: is 1"),
         ("colour: red", InvalidFileError, "colour"),
     ],
 )

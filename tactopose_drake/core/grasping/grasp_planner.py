@@ -22,6 +22,7 @@ from tactopose_drake.core.validation import FloatArray, positive_number
 from tactopose_drake.errors import InvalidInputError
 
 _GAP = 0.0005  # between the sides of two fingers, m
+_IMBALANCE_OF_TWO = 0.05  # the most of what two fingers hold, N
 
 Spheres = tuple[FloatArray, FloatArray]  # centres in P (n, 3) and radii (n,), m
 
@@ -164,12 +165,15 @@ class _Search:
 
     @cached_property
     def scoring(self) -> ScoreParams:
+        # Two fingers hold no torque about the line between them.
+        usual = ScoreParams.most_imbalance
         return ScoreParams(
             friction=self.params.friction,
             normal_force=self.params.normal_force,
             least_force=self.params.least_force,
             most_force=self.params.most_force,
             least_contacts=min(3, self.least_fingers),
+            most_imbalance=_IMBALANCE_OF_TWO if self.least_fingers == 2 else usual,
         )
 
     def plan_at(self, X_PO: FloatArray) -> GraspPlan | None:

@@ -14,24 +14,23 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tactopose_drake.core.mesh.bodies import cross_products
-from tactopose_drake.core.mesh.loading import MeshSource, RawMesh, load_mesh, mesh_file, mesh_name
-from tactopose_drake.core.mesh.repair import MeshRepairWarning, repair_mesh
+from tactopose_drake.core.mesh.loading import MeshSource, load_mesh, mesh_name
+from tactopose_drake.core.mesh.primitives import box_mesh, capsule_mesh, cylinder_mesh, sphere_mesh
+from tactopose_drake.core.mesh.repair import MeshRepairWarning
 from tactopose_drake.core.mesh.solid import DENSITY
 from tactopose_drake.core.poses import transform_points
 from tactopose_drake.core.shape import model_cache
-from tactopose_drake.core.mesh.primitives import box_mesh, capsule_mesh, cylinder_mesh, sphere_mesh
 from tactopose_drake.core.shape.coarse_field import CoarseField, coarsen
-from tactopose_drake.core.shape.model_arrays import content_hash, describe_a_model
-from tactopose_drake.core.shape.model_cache import Arrays
+from tactopose_drake.core.shape.model_arrays import describe_a_model
 from tactopose_drake.core.shape.model_building import build_arrays, file_content, scaled
 from tactopose_drake.core.shape.pair_features import PairFeatures, build_pair_features
-from tactopose_drake.core.shape.signed_distance import DistanceGrid, build_grid
-from tactopose_drake.core.shape.surface_samples import SurfaceSamples, sample_surface
+from tactopose_drake.core.shape.signed_distance import DistanceGrid
+from tactopose_drake.core.shape.surface_samples import SurfaceSamples
 from tactopose_drake.core.shape.surfels import Surfels, make_surfels, surfel_spacing
 from tactopose_drake.core.shape.symmetry import RotationalSymmetry, sampled_turns, symmetry_group
-from tactopose_drake.core.shape.symmetry_detection import SymmetryDetectionParams, detect_symmetries
+from tactopose_drake.core.shape.symmetry_detection import SymmetryDetectionParams
 from tactopose_drake.core.validation import FARTHEST, FloatArray, instance_of, limited, positive_number, whole_number
-from tactopose_drake.errors import InvalidFileError, UnknownNameError
+from tactopose_drake.errors import UnknownNameError
 
 # What is allowed: more samples take all memory there is, other masses are those of nothing that a hand holds, kg.
 _MOST_SAMPLES = 10**6
@@ -221,7 +220,9 @@ class ObjectModel:
         arrays = model_cache.load(key) if cache else None
         if arrays is None or not describe_a_model(arrays, samples):
             label = str(mesh) if isinstance(mesh, str | Path) else name
-            arrays = build_arrays(raw or scaled(load_mesh(mesh), scale), label, tolerance, samples, spacing, max_grid_bytes)
+            arrays = build_arrays(
+                raw or scaled(load_mesh(mesh), scale), label, tolerance, samples, spacing, max_grid_bytes
+            )
             if cache:
                 model_cache.store(key, arrays)
 

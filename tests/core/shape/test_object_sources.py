@@ -27,9 +27,7 @@ def test_a_mesh_in_millimetres_is_scaled(in_millimetres: Path) -> None:
     assert model.volume == pytest.approx(0.04 * 0.06 * 0.1)
 
 
-def test_the_cache_tells_scales_apart(
-    in_millimetres: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_cache_tells_scales_apart(in_millimetres: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TACTOPOSE_CACHE_DIR", str(tmp_path / "cache"))
     sizes = [ObjectModel.from_mesh(in_millimetres, scale=scale).size for scale in (0.001, 0.0005, 0.001)]
     np.testing.assert_allclose(sizes, 0.001 * np.linalg.norm([40.0, 60.0, 100.0]) * np.array([1.0, 0.5, 1.0]))
