@@ -19,7 +19,9 @@ fingers:
   sensor_frame: fingertip
   weld: "3"
   surface: &fingertip !CapsuleSurface
-    {{radius: 0.0108, length: 0.02, X_SF: {{translation: [-0.0008, -0.0293, 0.0145], rotation: !Rpy {{deg: [90, 0, 0]}}}}}}
+    radius: 0.0108
+    length: 0.02
+    X_SF: {{translation: [-0.0008, -0.0293, 0.0145], rotation: !Rpy {{deg: [90, 0, 0]}}}}
 - {{name: middle, joints: ["5", "4", "6", "7"], sensor_frame: fingertip_2, weld: "7", surface: *fingertip}}
 - {{name: ring, joints: ["9", "8", "10", "11"], sensor_frame: fingertip_3, weld: "11", surface: *fingertip}}
 """
@@ -34,7 +36,9 @@ fingers:
   sensor_frame: index_intermediate
   weld: index_intermediate_joint
   surface: !CapsuleSurface
-    {{radius: 0.005, length: 0.014, X_SF: {{translation: [-0.0018, 0.0332, -0.005], rotation: !Rpy {{deg: [-90, 0, 0]}}}}}}
+    radius: 0.005
+    length: 0.014
+    X_SF: {{translation: [-0.0018, 0.0332, -0.005], rotation: !Rpy {{deg: [-90, 0, 0]}}}}
 - name: thumb
   joints: [thumb_proximal_yaw_joint, thumb_proximal_pitch_joint]
   couplings:
@@ -43,7 +47,9 @@ fingers:
   sensor_frame: thumb_distal
   weld: thumb_distal_joint
   surface: !CapsuleSurface
-    {{radius: 0.0055, length: 0.012, X_SF: {{translation: [0.013, 0.006, -0.006], rotation: !Rpy {{deg: [-90, 0, -45]}}}}}}
+    radius: 0.0055
+    length: 0.012
+    X_SF: {{translation: [0.013, 0.006, -0.006], rotation: !Rpy {{deg: [-90, 0, -45]}}}}
 """
 
 

@@ -1,6 +1,7 @@
 """From the triangles of a source to the arrays of an object's model."""
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,8 @@ from tactopose_drake.core.shape.signed_distance import build_grid
 from tactopose_drake.core.shape.surface_samples import sample_surface
 from tactopose_drake.core.shape.symmetry import RotationalSymmetry, symmetry_group
 from tactopose_drake.core.shape.symmetry_detection import SymmetryDetectionParams, detect_symmetries
-from tactopose_drake.errors import InvalidFileError
+from tactopose_drake.core.validation import instance_of
+from tactopose_drake.errors import InvalidFileError, UnknownNameError
 
 # Formats whose geometry is all in the one file, so that the file's bytes identify it and need not be parsed again.
 _SELF_CONTAINED = {".obj", ".off", ".ply", ".stl"}
@@ -68,3 +70,17 @@ def build_arrays(
         "content_hash": np.frombuffer(content_hash(mesh.vertices, mesh.faces).encode(), dtype=np.uint8),
     }
     return arrays
+
+
+def given_symmetries(symmetry: object) -> tuple[RotationalSymmetry, ...] | None:
+    """The symmetries of a list; None where they are named."""
+    names = ("auto", "none", "a list of RotationalSymmetry")
+    if isinstance(symmetry, str):
+        if symmetry not in names[:2]:
+            raise UnknownNameError("symmetry", symmetry, names)
+        return None
+    if not isinstance(symmetry, Sequence):
+        raise UnknownNameError("symmetry", symmetry, names)
+    for i, one in enumerate(symmetry):
+        instance_of(f"symmetry[{i}]", one, RotationalSymmetry)
+    return tuple(symmetry)

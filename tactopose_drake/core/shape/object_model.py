@@ -22,7 +22,7 @@ from tactopose_drake.core.poses import transform_points
 from tactopose_drake.core.shape import model_cache
 from tactopose_drake.core.shape.coarse_field import CoarseField, coarsen
 from tactopose_drake.core.shape.model_arrays import describe_a_model
-from tactopose_drake.core.shape.model_building import build_arrays, file_content, scaled
+from tactopose_drake.core.shape.model_building import build_arrays, file_content, given_symmetries, scaled
 from tactopose_drake.core.shape.pair_features import PairFeatures, build_pair_features
 from tactopose_drake.core.shape.signed_distance import DistanceGrid
 from tactopose_drake.core.shape.surface_samples import SurfaceSamples
@@ -30,7 +30,6 @@ from tactopose_drake.core.shape.surfels import Surfels, make_surfels, surfel_spa
 from tactopose_drake.core.shape.symmetry import RotationalSymmetry, sampled_turns, symmetry_group
 from tactopose_drake.core.shape.symmetry_detection import SymmetryDetectionParams
 from tactopose_drake.core.validation import FARTHEST, FloatArray, instance_of, limited, positive_number, whole_number
-from tactopose_drake.errors import UnknownNameError
 
 # What is allowed: more samples take all memory there is, other masses are those of nothing that a hand holds, kg.
 _MOST_SAMPLES = 10**6
@@ -86,8 +85,7 @@ class ObjectModel:
     @cached_property
     def middle(self) -> FloatArray:
         """Of the bounding box, in O, shape (3,), m."""
-        middle: FloatArray = 0.5 * (self.vertices.min(axis=0) + self.vertices.max(axis=0))
-        return middle
+        return np.asarray(0.5 * (self.vertices.min(axis=0) + self.vertices.max(axis=0)))
 
     @cached_property
     def about_middle(self) -> ObjectModel:
@@ -198,7 +196,7 @@ class ObjectModel:
         scale = positive_number("scale", scale, least=_LEAST_SCALE, most=_MOST_SCALE)
         if center_of_mass is not None:
             center_of_mass = limited("center_of_mass", center_of_mass, (3,), most=FARTHEST)
-        given = _given_symmetries(symmetry)
+        given = given_symmetries(symmetry)
         poses = symmetry_group(given or ())
         samples = whole_number("samples", samples, least=100, most=_MOST_SAMPLES)
         max_grid_bytes = whole_number("max_grid_bytes", max_grid_bytes, least=1)
@@ -260,36 +258,42 @@ class ObjectModel:
 
     @classmethod
     def from_box(cls, size: ArrayLike, **options: Any) -> ObjectModel:
-        """A box of these sides, shape (3,), m, about O's origin and along its axes; options as of `from_mesh`."""
+        """A box about O's origin, along its axes.
+
+        Args:
+            size: its sides, shape (3,), m.
+            options: as of `from_mesh`.
+        """
         return cls.from_mesh(box_mesh(size), **{"name": "box"} | options)
 
     @classmethod
     def from_cylinder(cls, radius: float, length: float, **options: Any) -> ObjectModel:
-        """A cylinder along z of O, its middle at the origin, m; options as of `from_mesh`."""
+        """A cylinder along z of O, its middle at the origin.
+
+        Args:
+            radius: m.
+            length: m.
+            options: as of `from_mesh`.
+        """
         return cls.from_mesh(cylinder_mesh(radius, length), **{"name": "cylinder"} | options)
 
     @classmethod
     def from_sphere(cls, radius: float, **options: Any) -> ObjectModel:
-        """A sphere about O's origin, m; options as of `from_mesh`."""
+        """A sphere about O's origin.
+
+        Args:
+            radius: m.
+            options: as of `from_mesh`.
+        """
         return cls.from_mesh(sphere_mesh(radius), **{"name": "sphere"} | options)
 
     @classmethod
     def from_capsule(cls, radius: float, length: float, **options: Any) -> ObjectModel:
-        """Hemispheres on a cylinder of this length along z of O, its middle at the origin, m; options as of
-        `from_mesh`.
+        """Hemispheres on a cylinder along z of O, its middle at the origin.
+
+        Args:
+            radius: m.
+            length: of the cylinder, m.
+            options: as of `from_mesh`.
         """
         return cls.from_mesh(capsule_mesh(radius, length), **{"name": "capsule"} | options)
-
-
-def _given_symmetries(symmetry: object) -> tuple[RotationalSymmetry, ...] | None:
-    """The symmetries of a list; None where they are named."""
-    names = ("auto", "none", "a list of RotationalSymmetry")
-    if isinstance(symmetry, str):
-        if symmetry not in names[:2]:
-            raise UnknownNameError("symmetry", symmetry, names)
-        return None
-    if not isinstance(symmetry, Sequence):
-        raise UnknownNameError("symmetry", symmetry, names)
-    for i, one in enumerate(symmetry):
-        instance_of(f"symmetry[{i}]", one, RotationalSymmetry)
-    return tuple(symmetry)

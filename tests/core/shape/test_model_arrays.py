@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from tactopose_drake.core.mesh.repair import RepairedMesh
-from tactopose_drake.core.shape import model_cache
-from tactopose_drake.core.shape import object_model as objects
+from tactopose_drake.core.shape import model_building, model_cache
 from tactopose_drake.core.shape.model_arrays import describe_a_model
 from tactopose_drake.core.shape.model_cache import Arrays
 from tactopose_drake.core.shape.object_model import ObjectModel
@@ -89,5 +88,5 @@ def test_a_signed_file_that_holds_no_model_is_built_anew(
     def fail(*_: object) -> RepairedMesh:
         raise AssertionError("built anew")
 
-    monkeypatch.setattr(objects, "repair_mesh", fail)
+    monkeypatch.setattr(model_building, "repair_mesh", fail)
     np.testing.assert_array_equal(model().faces, built.faces)

@@ -11,8 +11,7 @@ import pytest
 import trimesh
 
 from tactopose_drake.core.mesh.repair import MeshRepairWarning
-from tactopose_drake.core.shape import model_cache
-from tactopose_drake.core.shape import object_model as objects
+from tactopose_drake.core.shape import model_building, model_cache
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.shape.symmetry import RotationalSymmetry
 from tactopose_drake.errors import (
@@ -44,7 +43,7 @@ def no_building(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[], None]]
         def fail(*_: object, **__: object) -> None:
             raise AssertionError("the costly work began")
 
-        monkeypatch.setattr(objects, "build_grid", fail)
+        monkeypatch.setattr(model_building, "build_grid", fail)
 
     return forbid
 
