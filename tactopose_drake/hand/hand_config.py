@@ -84,7 +84,7 @@ class PadConfig:
 
     name: str = ""  # of the pad, by which ports are called
     frame: str = ""  # T, the frame of the array's layout: a frame or link of the model, on the pad's own body
-    array: str = ""  # one of the package's tactile arrays by name, or a file by path
+    array: str = ""  # one of the package's tactile arrays by name, or a file by path; a path begins at the YAML file
     alpha: float = 0.0  # depth over pressure of the pad, m/Pa: its soft layer's thickness over its modulus
 
 
@@ -174,7 +174,7 @@ class Hand:
 def load_hand_config(name_or_path: str | Path) -> HandConfig:
     """Reads a `*.hand.yaml`: one of the package's hands by name, or any file by path.
 
-    A model that the file names by a relative path is looked for beside the file.
+    Models and arrays that the file names by relative paths are looked for from the file's folder on.
 
     Raises:
         InvalidFileError: if the file cannot be read or does not fit `HandConfig`, or a value is out of its range.
@@ -193,6 +193,9 @@ def load_hand_config(name_or_path: str | Path) -> HandConfig:
         raise InvalidFileError(f"{path}: {error}") from None
     if "://" not in config.model:
         config.model = str(path.parent / config.model)
+    for pad in config.pads:
+        if Path(pad.array).suffix:
+            pad.array = str(path.parent / pad.array)
     return config
 
 

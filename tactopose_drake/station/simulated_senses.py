@@ -9,7 +9,7 @@ from pydrake.systems.primitives import AddRandomInputs, Demultiplexer
 from tactopose_drake.hand.hand_config import Hand
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
 from tactopose_drake.station.scenario import Scenario
-from tactopose_drake.systems.force_torque_sensor import ForceTorqueSensor, load_force_torque_model
+from tactopose_drake.systems.force_torque_sensor import ForceTorqueSensor
 from tactopose_drake.systems.simulated_array import TactileArray
 
 
@@ -27,7 +27,7 @@ def add_senses(
     builder.Connect(plant.get_state_output_port(hand.model_instance), positions.get_input_port())
     senses = {"joint_positions": positions.get_output_port(0)}
 
-    sensor_model = load_force_torque_model(scenario.sensor.calibration)
+    sensor_model = scenario.sensor.model()
     for finger, frame in hand.sensor_frames.items():
         sensor = builder.AddNamedSystem(
             f"sensor_{finger}",

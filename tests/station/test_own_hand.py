@@ -68,3 +68,17 @@ def test_a_rigid_hand_is_refused_where_the_object_is_rigid_too(tmp_path: Path) -
         check_bodies(scenario)
     scenario.plant.contact_model = "hydroelastic_with_fallback"
     check_bodies(scenario)
+
+
+def test_a_scenario_names_its_own_sensors_file(tmp_path: Path) -> None:
+    (tmp_path / "own.yaml").write_text(
+        "calibrations: {mine: {range: [1, 1, 1, 20, 20, 20], resolution: [0, 0, 0, 0, 0, 0], noise: "
+        "[0.001, 0.001, 0.001, 0.1, 0.1, 0.1]}}"
+    )
+    scenario = scenario_for(str(write_gripper(tmp_path)), "cube")
+    scenario.sensor.file, scenario.sensor.calibration = str(tmp_path / "own.yaml"), "mine"
+    scenario.validate()
+    assert list(scenario.sensor.model().range) == [1, 1, 1, 20, 20, 20]
+    scenario.sensor.calibration = "SI-12-0.12"
+    with pytest.raises(InvalidInputError, match=r"own\.yaml: calibration"):
+        scenario.validate()
