@@ -20,7 +20,7 @@ _STYLES = {"ok": "green", "note": "yellow", "fault": "red"}
 @click.argument("hand", type=str)
 @click.option("--html", type=_path, help="Writes a page that shows the hand with its frames and fingertips, by name.")
 def check_hand_command(hand: str, html: Path | None) -> None:
-    """Checks HAND, a *.hand.yaml by path or a hand of the package by name: the exit status is 2 if it has a fault."""
+    """Checks HAND, a hand's YAML file, or one of the package by name: the exit status is 2 if it has a fault."""
     check_outputs((html,), inputs=(Path(hand),))
     with ERRORS.status(f"checking {hand}"):
         check = check_hand(hand)

@@ -18,7 +18,7 @@ _path = click.Path(path_type=Path)
 
 
 @click.command()
-@click.option("--hand", default="shadow", show_default=True, help="shadow, barrett, or a *.hand.yaml by its path.")
+@click.option("--hand", default="shadow", show_default=True, help="shadow, barrett, or a hand's YAML file by its path.")
 @click.option(
     "--object", "name", help="A shipped object by name, or a mesh or model by path; by default a shipped one."
 )

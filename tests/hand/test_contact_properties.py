@@ -9,8 +9,16 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
-from tactopose_drake.hand.contact_properties import let_overlap, make_compliant, self_collisions, unsaid_shapes
+from tactopose_drake.hand.contact_properties import (
+    let_overlap,
+    make_compliant,
+    make_meshes_rigid,
+    rigid_shapes,
+    self_collisions,
+    unsaid_shapes,
+)
 from tactopose_drake.hand.hand_config import add_hand, load_hand_config
+from tactopose_drake.resources import add_model, make_parser
 from tests.hand.grippers import write_gripper
 
 SOFT = """<drake:proximity_properties><drake:compliant_hydroelastic/>
@@ -60,3 +68,22 @@ def test_what_overlaps_at_rest_passes_through_itself(tmp_path: Path) -> None:
     assert overlaps() == [("left_tip", "right_tip")]
     let_overlap(plant, scene_graph, plant.GetMyContextFromRoot(diagram.CreateDefaultContext()), hand.model_instance)
     assert overlaps() == []
+
+
+def test_an_object_s_mesh_becomes_rigid_unless_its_file_says_otherwise(tmp_path: Path) -> None:
+    trimesh.creation.box((0.02, 0.02, 0.02)).export(tmp_path / "block.obj")
+    mesh = "<geometry><mesh><uri>block.obj</uri></mesh></geometry>"
+    ball = "<geometry><sphere><radius>0.01</radius></sphere></geometry>"
+    shapes = f'<collision name="mesh">{mesh}</collision><collision name="ball">{ball}</collision>'
+    (tmp_path / "block.sdf").write_text(
+        f'<sdf version="1.9"><model name="block"><link name="block">{shapes}</link></model></sdf>'
+    )
+    builder = DiagramBuilder()
+    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.001)
+    instance = add_model(make_parser(plant), tmp_path / "block.sdf")
+    make_meshes_rigid(plant, scene_graph, instance)
+    plant.Finalize()
+    inspector = scene_graph.model_inspector()
+    assert rigid_shapes(plant, inspector, instance) == ["'mesh' of link 'block'"]
+    assert unsaid_shapes(plant, inspector, instance) == ["block"]  # the ball, which the station makes compliant
+    builder.Build()
