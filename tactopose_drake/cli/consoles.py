@@ -1,5 +1,6 @@
 """What the command line prints on: no name of a file or finger is taken for markup, or tells the terminal anything."""
 
+import logging
 from typing import Any
 
 from rich.console import Console
@@ -37,6 +38,22 @@ def printable(text: str) -> str:
         letter if letter.isprintable() or letter == "\n" else letter.encode("unicode_escape").decode()
         for letter in text
     )
+
+
+class OnceFilter(logging.Filter):
+    """Lets each message of a log through once: Drake repeats its own whenever a model is read again."""
+
+    def __init__(self) -> None:
+        """Has seen nothing."""
+        super().__init__()
+        self._seen: set[str] = set()
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Whether the message is new."""
+        message = record.getMessage()
+        is_new = message not in self._seen
+        self._seen.add(message)
+        return is_new
 
 
 OUT = PlainConsole()

@@ -8,21 +8,23 @@ from pydrake.geometry import Meshcat, MeshcatParams
 
 from tactopose_drake.cli.consoles import ERRORS, OUT
 from tactopose_drake.cli.demo_run import DemoResult, earlier_results, prepare_demo, run_demo, save_demo
+from tactopose_drake.cli.demo_scenario import demo_scenario
 from tactopose_drake.cli.reports import fingers_table, pads_table, poses_table
 from tactopose_drake.estimation.descriptions import free_line, sigma_line, status_line
-from tactopose_drake.station.scenario import load_scenario
 from tactopose_drake.station.simulated import check_bodies
 from tactopose_drake.visualization.presentation import open_page
 
-# The demo's scenarios by the hand's name on the command line.
-_DEMO_SCENARIOS = {"shadow": "shadow_like", "barrett": "barrett_like"}
 _FOLDER = "tactopose_demo"
 _path = click.Path(path_type=Path)
 
 
 @click.command()
-@click.option("--hand", type=click.Choice(list(_DEMO_SCENARIOS)), default="shadow", show_default=True, help="Hand.")
-@click.option("--object", "name", help="One of the shipped objects; by default one that suits the hand.")
+@click.option("--hand", default="shadow", show_default=True, help="shadow, barrett, or a hand's YAML file by its path.")
+@click.option(
+    "--object", "name", help="A shipped object by name, or a mesh or model by path; by default a shipped one."
+)
+@click.option("--scale", type=float, default=1.0, show_default=True, help="Metres in the unit of the object's mesh.")
+@click.option("--mass", type=float, help="Of the object, kg; by default what its file says, or water's.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the grasp and all noise.")
 @click.option(
     "--out",
@@ -32,13 +34,22 @@ _path = click.Path(path_type=Path)
 )
 @click.option("--meshcat", "keep", is_flag=True, help="Shows the run live in Meshcat, until you press Enter.")
 @click.option("--no-open", is_flag=True, help="Does not open the web page at the end.")
-def demo(hand: str, name: str | None, seed: int, out: Path | None, keep: bool, no_open: bool) -> None:
+def demo(
+    hand: str,
+    name: str | None,
+    scale: float,
+    mass: float | None,
+    seed: int,
+    out: Path | None,
+    keep: bool,
+    no_open: bool,
+) -> None:
     """Closes a simulated hand on an object and corrects the camera's doubtful pose by touch."""
-    scenario = load_scenario(_DEMO_SCENARIOS[hand])
-    scenario.object, scenario.seed = name or scenario.object, seed
-    scenario.validate()
     out = _free_folder() if out is None else out
     replaced = prepare_demo(out)
+    with ERRORS.status("reading the hand"):
+        scenario = demo_scenario(hand, name, seed, out, scale, mass)
+    scenario.validate()
     check_bodies(scenario)
     meshcat = Meshcat(MeshcatParams(host="localhost"))
     if keep:
@@ -50,7 +61,7 @@ def demo(hand: str, name: str | None, seed: int, out: Path | None, keep: bool, n
     for reason in result.grasp.failed_attempts:
         OUT.print(f"A grasp failed ({reason}); the next one was taken.")
     OUT.print(
-        f"{' and '.join(_holders(result))} hold the {scenario.object.replace('_', ' ')}; "
+        f"{' and '.join(_holders(result))} hold the {result.grasp.station.model.name.replace('_', ' ')}; "
         f"the hand hides {result.hidden_share:.0%} of it from the camera."
     )
     if result.fingers:

@@ -10,18 +10,22 @@ import click
 from tactopose_drake import visualization
 from tactopose_drake.cli.consoles import ERRORS, OUT
 from tactopose_drake.cli.reports import hypotheses_table
+from tactopose_drake.cli.symmetry_option import SYMMETRY_HELP, parse_symmetries
 from tactopose_drake.core.mesh.repair import MeshRepairWarning
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.estimation.descriptions import false_contacts_line, free_line, status_line
 from tactopose_drake.estimation.estimate import METHODS, estimate_pose
 from tactopose_drake.estimation.files import load_contacts, load_prior, save_result
+from tactopose_drake.estimation.object_files import load_object
 from tactopose_drake.estimation.output_files import check_outputs
 
 _path = click.Path(path_type=Path)
 
 
 @click.command()
-@click.option("--object", "mesh", type=_path, required=True, help="Mesh of the object, in metres.")
+@click.option("--object", "mesh", type=_path, required=True, help="Mesh of the object, or its SDF or URDF.")
+@click.option("--scale", type=float, default=1.0, show_default=True, help="Metres in the mesh's unit: 0.001 for mm.")
+@click.option("--symmetry", multiple=True, default=("auto",), show_default=True, help=SYMMETRY_HELP)
 @click.option("--contacts", "contacts_file", type=_path, required=True, help="contacts.yaml: the touch.")
 @click.option("--prior", "prior_file", type=_path, help="prior.yaml: what is known of the pose without touch.")
 @click.option("--method", type=click.Choice(list(METHODS)), default="pair_search", show_default=True, help="Search.")
@@ -33,6 +37,8 @@ _path = click.Path(path_type=Path)
 @click.option("--meshcat-url", help="Draws the scene into the meshcat-server there, e.g. tcp://127.0.0.1:6000.")
 def estimate(
     mesh: Path,
+    scale: float,
+    symmetry: tuple[str, ...],
     contacts_file: Path,
     prior_file: Path | None,
     method: str,
@@ -49,7 +55,7 @@ def estimate(
     if meshcat_url is not None:
         remote = click.get_current_context().with_resource(visualization.RemoteMeshcat(meshcat_url))
     with _progress(f"reading {mesh}"):
-        model = ObjectModel.from_mesh(mesh)
+        model = _load(mesh, scale, symmetry)
     with _progress("searching (the first run on a machine compiles its kernels, about a minute)"):
         found = estimate_pose(model, contacts, prior=prior, method=method, seed=seed)
     is_false = found.best.inlier_probability[: len(contacts)] < 0.5
@@ -67,6 +73,16 @@ def estimate(
     if remote is not None:
         visualization.draw_scene(remote, visualization.scene_of(found))
         OUT.print(f"Drawn into the meshcat-server whose page is {remote.web_url()}", soft_wrap=True)
+
+
+def _load(mesh: Path, scale: float, symmetry: tuple[str, ...]) -> ObjectModel:
+    if symmetry == ("auto",):
+        return load_object(mesh, scale=scale)
+    model = load_object(mesh, scale=scale, symmetry="none")
+    if symmetry == ("none",):
+        return model
+    given = parse_symmetries(symmetry, model.center_of_mass)
+    return load_object(mesh, scale=scale, symmetry=given)
 
 
 @contextmanager

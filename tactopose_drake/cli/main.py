@@ -1,7 +1,7 @@
 """The command line, `tactopose`.
 
-Exit status: 0 an estimate was made; 2 unusable input, with one line on stderr that says what and where; 1 anything
-else.
+Exit status: 0 an estimate was made, or a hand is usable; 2 unusable input, with a line on stderr that says what and
+where; 1 anything else.
 """
 
 import importlib
@@ -12,7 +12,7 @@ from typing import Any, NoReturn
 
 import click
 
-from tactopose_drake.cli.consoles import ERRORS
+from tactopose_drake.cli.consoles import ERRORS, OnceFilter
 from tactopose_drake.errors import InvalidInputError, TactoposeError
 
 _UNUSABLE_INPUT = 2
@@ -20,6 +20,7 @@ _UNUSABLE_INPUT = 2
 # The function of each command, and the file that it is in.
 _COMMANDS = {
     "cache": "cache_command.cache_command",
+    "check-hand": "check_hand_command.check_hand_command",
     "demo": "demo_command.demo",
     "estimate": "estimate_command.estimate",
     "export": "export_command.export",
@@ -63,6 +64,7 @@ def cli() -> None:
 def main() -> None:
     """The entry point of `tactopose`."""
     logging.getLogger("drake").setLevel(logging.WARNING)
+    logging.getLogger("drake").addFilter(OnceFilter())
     logging.getLogger("can").setLevel(logging.ERROR)  # What a damaged log holds is said once, at its end.
     try:
         # It gives back what `Context.exit` and `click.exceptions.Exit` were given; commands give nothing.

@@ -47,5 +47,7 @@ def showing(monitor: bool) -> Iterator[tuple[Observer, Progress]]:
 def print_end(view: RunView) -> None:
     """Says what the last estimate is; the exit status tells whether there is one."""
     OUT.print(f"{view.context.get_time():.2f} s: {estimate_line(view)}", soft_wrap=True, highlight=False)
+    if view.outcome:
+        OUT.print(f"{view.outcome[0].upper()}{view.outcome[1:]}.", soft_wrap=True, highlight=False)
     if view.diagram.GetOutputPort("hypotheses").Eval(view.context) is None:
         raise click.exceptions.Exit(1)

@@ -13,6 +13,7 @@ from .identification import check_likelihood as check_likelihood
 from .identification import identify as identify
 from .identities import Identification as Identification
 from .many import estimate_poses as estimate_poses
+from .object_files import load_object as load_object
 from .object_library import LibraryWarning as LibraryWarning
 from .object_library import ObjectLibrary as ObjectLibrary
 from .object_library import forget_models as forget_models

@@ -37,6 +37,7 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import instance_of, known_name, positive_number, whole_number
 from tactopose_drake.errors import InvalidInputError, TooFewContactsError
 from tactopose_drake.estimation.direct_search import Direct
+from tactopose_drake.estimation.far_origins import has_far_origin, prior_about_middle, reported_for_origin
 from tactopose_drake.estimation.mathematical_program import PoseProgram
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.estimation.question import Question
@@ -115,12 +116,19 @@ def estimate_pose(
             f"prior: is None; the method {method!r} starts from one. Without: {', '.join(sorted(GLOBAL_METHODS))}."
         )
 
-    evidence = Evidence(contacts, prior, hand, untouched, balance, friction, patches, outlier_probability)
+    is_far = has_far_origin(model)
+    about = prior_about_middle(prior, model.middle) if is_far else prior
+    evidence = Evidence(contacts, about, hand, untouched, balance, friction, patches, outlier_probability)
     if len(evidence.touch) < 1:
         raise TooFewContactsError("contacts: there are 0; the estimate needs at least 1, or a patch that is felt.")
     check_units(evidence, model.size)
-    estimate = weigh_poses(model, evidence, method, seed, max_hypotheses, limit)
-    return dataclasses.replace(estimate, question=Question(model, evidence))
+    if is_far:
+        found = weigh_poses(model.about_middle, evidence, method, seed, max_hypotheses, limit)
+        found = reported_for_origin(found, model.middle)
+    else:
+        found = weigh_poses(model, evidence, method, seed, max_hypotheses, limit)
+    asked = dataclasses.replace(evidence, prior=prior) if is_far else evidence
+    return dataclasses.replace(found, question=Question(model, asked))
 
 
 def check_units(evidence: Evidence, size: float) -> None:

@@ -19,7 +19,8 @@ from tactopose_drake.core.identification.library_index import SAMPLES, LibraryIn
 from tactopose_drake.core.mesh.loading import load_mesh
 from tactopose_drake.core.mesh.repair import MeshRepairWarning
 from tactopose_drake.core.shape import model_cache
-from tactopose_drake.core.shape.object_model import ObjectModel, file_content
+from tactopose_drake.core.shape.model_building import file_content
+from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
 from tactopose_drake.estimation.library_files import LibraryEntry, SkippedObject, make_symmetries, read_library
 

@@ -3,9 +3,13 @@ from .collision import HandCollision as HandCollision
 from .collision import check_collisions as check_collisions
 from .collision import keep_clear as keep_clear
 from .contact_pressure import pressure_field as pressure_field
+from .findings import Finding as Finding
 from .fingertip_weights import FingertipWeights as FingertipWeights
 from .geometry import BodySpheres as BodySpheres
 from .geometry import HandGeometry as HandGeometry
+from .hand_check import CheckedHand as CheckedHand
+from .hand_check import HandCheck as HandCheck
+from .hand_check import check_hand as check_hand
 from .hand_config import CapsuleSurface as CapsuleSurface
 from .hand_config import Coupling as Coupling
 from .hand_config import EllipsoidSurface as EllipsoidSurface
@@ -22,6 +26,7 @@ from .hand_joints import HandJoints as HandJoints
 from .hand_reach import make_hand_reach as make_hand_reach
 from .hand_reach import rest_positions as rest_positions
 from .joint_matrices import joint_matrix as joint_matrix
+from .joint_matrices import joint_offsets as joint_offsets
 from .kinematics import HandKinematics as HandKinematics
 from .named_joints import NamedJoints as NamedJoints
 from .pad_calibration import DEPTH_SHARES as DEPTH_SHARES

@@ -3,9 +3,10 @@
 import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import RevoluteJoint, WeldJoint
+from pydrake.multibody.tree import Frame, PrismaticJoint, RevoluteJoint, WeldJoint
 
 from tactopose_drake.core.grasping.serial_chain import SerialChain
+from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.hand_config import FingerConfig, Hand
 
@@ -19,8 +20,8 @@ def finger_chain(plant: MultibodyPlant, hand: Hand, finger: str) -> SerialChain:
         finger: its name.
 
     Raises:
-        InvalidInputError: if a joint between palm and sensor is neither revolute nor fixed, or is not among the
-            finger's joints.
+        InvalidInputError: if a joint between palm and sensor is not revolute, prismatic or fixed, or is not among the
+            finger's joints, or the palm does not carry the sensor.
     """
     config = hand.config.finger(finger)
     joint_of_child = {
@@ -29,11 +30,17 @@ def finger_chain(plant: MultibodyPlant, hand: Hand, finger: str) -> SerialChain:
     }
     sensor_frame, body = hand.sensor_frames[finger], hand.sensor_frames[finger].body()
     X_last: RigidTransform = sensor_frame.GetFixedPoseInBodyFrame()
-    joints: list[RevoluteJoint] = []
+    joints: list[RevoluteJoint | PrismaticJoint] = []
     X_parents: list[RigidTransform] = []
     X_children: list[RigidTransform] = []
     coupling: list[list[float]] = []
+    offsets: list[float] = []
     while body.index() != hand.palm_frame.body().index():
+        if body.index() not in joint_of_child:
+            raise InvalidInputError(
+                f"finger {finger!r}: its sensor frame {sensor_frame.name()!r} is not carried by the palm's link "
+                f"{hand.palm_frame.body().name()!r}."
+            )
         joint = joint_of_child[body.index()]
         X_parent = joint.frame_on_parent().GetFixedPoseInBodyFrame()
         X_child = joint.frame_on_child().GetFixedPoseInBodyFrame().inverse()
@@ -44,35 +51,72 @@ def finger_chain(plant: MultibodyPlant, hand: Hand, finger: str) -> SerialChain:
                 X_parents[-1] = offset @ X_parents[-1]
             else:
                 X_last = offset @ X_last
-        elif isinstance(joint, RevoluteJoint):
+        elif isinstance(joint, RevoluteJoint | PrismaticJoint):
             joints.append(joint)
             X_parents.append(X_parent)
             X_children.append(X_child)
-            coupling.append(_ratios(config, joint.name()))
+            ratios, offset = _following(config, joint.name())
+            coupling.append(ratios)
+            offsets.append(offset)
         else:
             raise InvalidInputError(
-                f"joint {joint.name()!r}: is {joint.type_name()}; allowed on a finger are revolute and fixed joints."
+                f"joint {joint.name()!r}: is {joint.type_name()}; "
+                "allowed on a finger are revolute, prismatic and fixed joints."
             )
         body = joint.parent_body()
+    if not joints:
+        raise InvalidInputError(f"finger {finger!r}: no joint moves its sensor frame {sensor_frame.name()!r}.")
+    joints.reverse()
     X_parents[-1] = hand.palm_frame.GetFixedPoseInBodyFrame().inverse() @ X_parents[-1]
     actuated = [plant.GetJointByName(name, hand.model_instance) for name in config.joints]
     return SerialChain(
         np.array([X.GetAsMatrix34() for X in reversed(X_parents)]),
-        np.array([joint.revolute_axis() for joint in reversed(joints)]),
+        np.array([_axis(joint) for joint in joints]),
         np.array([X.GetAsMatrix34() for X in reversed(X_children)]),
         np.array(coupling[::-1]),
         X_last.GetAsMatrix34(),
         np.array([joint.position_lower_limits()[0] for joint in actuated]),
         np.array([joint.position_upper_limits()[0] for joint in actuated]),
-        tuple(joint.child_body().name() for joint in reversed(joints)),
+        tuple(joint.child_body().name() for joint in joints),
+        frozenset(i for i, joint in enumerate(joints) if isinstance(joint, PrismaticJoint)),
+        np.array(offsets[::-1]),
     )
 
 
-def _ratios(config: FingerConfig, joint: str) -> list[float]:
-    """What a joint's position is of those of the finger's actuated joints."""
+def joints_towards(plant: MultibodyPlant, hand: Hand, frame: Frame, start: str | None = None) -> list[str]:
+    """The joints that move a frame, from the palm outwards.
+
+    Args:
+        plant: finalized plant that holds the hand.
+        hand: the hand in it.
+        frame: on the hand.
+        start: link from which on joints count; the palm's by default.
+    """
+    joint_of_child = {
+        plant.get_joint(index).child_body().index(): plant.get_joint(index)
+        for index in plant.GetJointIndices(hand.model_instance)
+    }
+    first = hand.palm_frame.body() if start is None else plant.GetFrameByName(start, hand.model_instance).body()
+    body, names = frame.body(), []
+    while body.index() != first.index() and body.index() in joint_of_child:
+        joint = joint_of_child[body.index()]
+        if joint.num_positions():
+            names.append(joint.name())
+        body = joint.parent_body()
+    return names[::-1]
+
+
+def _axis(joint: RevoluteJoint | PrismaticJoint) -> FloatArray:
+    """Along which a joint slides or about which it turns, in its frame, shape (3,)."""
+    axis: FloatArray = joint.translation_axis() if isinstance(joint, PrismaticJoint) else joint.revolute_axis()
+    return axis
+
+
+def _following(config: FingerConfig, joint: str) -> tuple[list[float], float]:
+    """What a joint's position is of those of the finger's actuated joints, and what is added."""
     follows = {coupling.joint: coupling for coupling in config.couplings}
     leader = follows[joint].follows if joint in follows else joint
     if leader not in config.joints:
         raise InvalidInputError(f"finger {config.name!r}: joint {joint!r} is none of its joints {config.joints}.")
-    ratio = follows[joint].ratio if joint in follows else 1.0
-    return [ratio * (name == leader) for name in config.joints]
+    ratio, offset = (follows[joint].ratio, follows[joint].offset) if joint in follows else (1.0, 0.0)
+    return [ratio * (name == leader) for name in config.joints], offset

@@ -3,7 +3,7 @@
 import numpy as np
 from pydrake.math import RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import Frame, WeldJoint
+from pydrake.multibody.tree import Frame, Joint
 
 from tactopose_drake.core.sensing.force_torque import weight_wrench
 from tactopose_drake.core.validation import FloatArray
@@ -13,12 +13,12 @@ from tactopose_drake.hand.kinematics import HandKinematics
 _GRAVITY_W = np.array([0.0, 0.0, -9.81])  # m/s^2, Drake's default
 
 
-def fingertip_mass(plant: MultibodyPlant, weld: WeldJoint, sensor_frame: Frame) -> tuple[float, FloatArray]:
+def fingertip_mass(plant: MultibodyPlant, weld: Joint, sensor_frame: Frame) -> tuple[float, FloatArray]:
     """Mass, kg, and centre of mass p_STipcm, shape (3,), m, of the fingertip behind a weld.
 
     Args:
         plant: finalized plant that holds the hand.
-        weld: joint between finger (parent) and fingertip (child).
+        weld: joint between finger (parent) and fingertip (child); S is on the fingertip if it moves.
         sensor_frame: S, fixed on the finger or on the fingertip.
     """
     tip, context = weld.child_body(), plant.CreateDefaultContext()

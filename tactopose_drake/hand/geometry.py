@@ -2,7 +2,8 @@
 
 import dataclasses
 import functools
-from collections.abc import Sequence
+import itertools
+from collections.abc import Collection, Sequence
 from typing import Self
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from pydrake.geometry import Box, Capsule, Convex, Cylinder, Ellipsoid, Mesh, Role, SceneGraphInspector, Shape, Sphere
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
-from pydrake.multibody.tree import Frame, ModelInstanceIndex
+from pydrake.multibody.tree import BodyIndex, Frame, ModelInstanceIndex
 from pydrake.systems.framework import Context
 
 from tactopose_drake.core.evidence import hand_geometry
@@ -23,6 +24,11 @@ from tactopose_drake.resources import passing_builder
 # Points of the unit circle and sphere that stand for a cylinder and an ellipsoid.
 _CIRCLE = np.stack([np.cos(np.arange(24) * np.pi / 12), np.sin(np.arange(24) * np.pi / 12)], axis=1)
 _LATITUDES = np.linspace(-np.pi / 2, np.pi / 2, 13)
+# The corners of a cube and the middles of its edges.
+_BOX_EDGES = np.array([sides for sides in itertools.product((-1, 0, 1), repeat=3) if np.count_nonzero(sides) >= 2])
+_CORNER = 0.0005  # radius of the spheres that stand for corners, m
+_MOST_CORNERS = 30  # of a hull
+_HARDLY = (0.0015, 0.003, 0.0045, 0.006)  # that a sphere sticks out of another, m
 
 
 class HandGeometry(hand_geometry.HandGeometry):
@@ -109,6 +115,37 @@ class BodySpheres:
             plant.Finalize()
             return cls.from_inspector(plant, scene_graph.model_inspector(), hand.model_instance)
 
+    def of(self, bodies: Collection[int]) -> Self:
+        """Those on some bodies."""
+        chosen = np.isin(self.body, sorted(bodies))
+        return type(self)(self.body[chosen], self.p_BH[chosen], self.radius[chosen])
+
+    def joined(self, others: Self) -> Self:
+        """These and others."""
+        return type(self)(
+            np.concatenate([self.body, others.body]),
+            np.concatenate([self.p_BH, others.p_BH]),
+            np.concatenate([self.radius, others.radius]),
+        )
+
+    def thinned(self, most: int) -> Self:
+        """Without what hardly sticks out of larger spheres of the same body, where there are more than so many."""
+        kept = np.arange(len(self.radius))
+        for hardly in _HARDLY:
+            if len(kept) > most:
+                kept = np.array(self._that_stick_out(hardly))
+        return type(self)(self.body[kept], self.p_BH[kept], self.radius[kept])
+
+    def _that_stick_out(self, least: float) -> list[int]:
+        """Those, largest first, that stick out of those before them on the same body by so much, m."""
+        kept: list[int] = []
+        for i in np.argsort(-self.radius, kind="stable"):
+            rest = [k for k in kept if self.body[k] == self.body[i]]
+            out = np.linalg.norm(self.p_BH[rest] - self.p_BH[i], axis=1) + self.radius[i] - self.radius[rest]
+            if out.min(initial=np.inf) > least:
+                kept.append(int(i))
+        return kept
+
     def positions(self, X_WB: Sequence[RigidTransform]) -> FloatArray:
         """Centres in the world, shape (h, 3), m, for the poses of all bodies (the plant's port `body_poses`)."""
         bodies, of_sphere = self._bodies
@@ -121,6 +158,40 @@ class BodySpheres:
         """The bodies that have spheres, and which of them each sphere is on."""
         bodies, of_sphere = np.unique(self.body, return_inverse=True)
         return bodies, of_sphere
+
+
+def corner_spheres(plant: MultibodyPlant, inspector: SceneGraphInspector, bodies: Sequence[int]) -> BodySpheres:
+    """Small spheres at the corners of boxes and hulls, and in the middles of boxes' edges, which packed spheres leave.
+
+    Args:
+        plant: finalized plant that holds the hand.
+        inspector: of its geometry.
+        bodies: indices of the bodies whose shapes count.
+    """
+    body, centres = [np.zeros(0, dtype=np.int64)], [np.zeros((0, 3))]
+    for index in bodies:
+        for geometry in inspector.GetGeometries(plant.GetBodyFrameIdOrThrow(BodyIndex(index)), Role.kProximity):
+            shape = inspector.GetShape(geometry)
+            points = np.zeros((0, 3))
+            if isinstance(shape, Box):
+                points = (0.5 * np.asarray(shape.size()) - _CORNER) * _BOX_EDGES
+            elif isinstance(shape, Mesh | Convex):
+                hull = shape.GetConvexHull()
+                vertices = np.array([hull.vertex(i) for i in range(hull.num_vertices())])
+                points = vertices[farthest_points(vertices, _MOST_CORNERS)]
+            body.append(np.full(len(points), index, dtype=np.int64))
+            centres.append(inspector.GetPoseInFrame(geometry).multiply(points.T).T)
+    return BodySpheres(np.concatenate(body), np.concatenate(centres), np.full(sum(map(len, body)), _CORNER))
+
+
+def farthest_points(points: FloatArray, count: int) -> NDArray[np.intp]:
+    """Indices of at most `count` of some points (n, 3) that are far from each other."""
+    chosen = [int(np.argmax(np.linalg.norm(points - points.mean(axis=0), axis=1)))]
+    distance = np.full(len(points), np.inf)
+    while len(chosen) < min(count, len(points)):
+        distance = np.minimum(distance, np.linalg.norm(points - points[chosen[-1]], axis=1))
+        chosen.append(int(np.argmax(distance)))
+    return np.array(chosen, dtype=np.intp)
 
 
 def _pack(shape: Shape) -> Spheres:

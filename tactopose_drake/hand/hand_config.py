@@ -8,7 +8,7 @@ from pathlib import Path
 from pydrake.common.schema import Transform
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import Frame, ModelInstanceIndex, WeldJoint
+from pydrake.multibody.tree import Frame, Joint, ModelInstanceIndex, WeldJoint
 
 from tactopose_drake.core.surfaces import Capsule, Ellipsoid, Sphere, Surface
 from tactopose_drake.core.validation import finite_array, positive_number
@@ -56,11 +56,12 @@ class CapsuleSurface:
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class Coupling:
-    """A joint without an actuator of its own: q_joint = ratio * q_follows."""
+    """A joint without an actuator of its own: q_joint = ratio * q_follows + offset."""
 
     joint: str = ""  # that follows
     follows: str = ""  # an actuated joint
     ratio: float = 1.0  # of their positions
+    offset: float = 0.0  # position of the joint where the one that it follows is at 0, rad or m
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -71,7 +72,9 @@ class FingerConfig:
     joints: list[str] = dataclasses.field(default_factory=list)  # actuated, from the palm outwards
     couplings: list[Coupling] = dataclasses.field(default_factory=list)  # the model itself must hold them
     sensor_frame: str = ""  # S, the frame that the wrench is measured about and in; empty: there is no sensor
-    weld: str = ""  # fixed joint between finger (parent) and fingertip (child), whose reaction the sensor measures
+    # Joint between finger (parent) and fingertip (child), whose reaction the sensor measures: a fixed one, or one that
+    # moves if the sensor frame is fixed on the fingertip.
+    weld: str = ""
     surface: SphereSurface | EllipsoidSurface | CapsuleSurface = dataclasses.field(default_factory=SphereSurface)
 
 
@@ -81,7 +84,7 @@ class PadConfig:
 
     name: str = ""  # of the pad, by which ports are called
     frame: str = ""  # T, the frame of the array's layout: a frame or link of the model, on the pad's own body
-    array: str = ""  # one of the package's tactile arrays by name, or a file by path
+    array: str = ""  # one of the package's tactile arrays by name, or a file by path; a path begins at the YAML file
     alpha: float = 0.0  # depth over pressure of the pad, m/Pa: its soft layer's thickness over its modulus
 
 
@@ -116,6 +119,7 @@ class HandConfig:
                 )
             for coupling in finger.couplings:
                 positive_number(f"coupling of {coupling.joint!r}: ratio", abs(coupling.ratio))
+                finite_array(f"coupling of {coupling.joint!r}: offset", [coupling.offset], (1,))
                 if coupling.follows not in finger.joints:
                     raise UnknownNameError(f"coupling of {coupling.joint!r}: follows", coupling.follows, finger.joints)
             if bool(finger.sensor_frame) != bool(finger.weld):
@@ -157,7 +161,7 @@ class Hand:
     model_instance: ModelInstanceIndex
     palm_frame: Frame
     sensor_frames: Mapping[str, Frame]
-    welds: Mapping[str, WeldJoint]
+    welds: Mapping[str, Joint]
     surfaces: Mapping[str, Surface]
     pad_frames: Mapping[str, Frame]
 
@@ -170,7 +174,7 @@ class Hand:
 def load_hand_config(name_or_path: str | Path) -> HandConfig:
     """Reads a `*.hand.yaml`: one of the package's hands by name, or any file by path.
 
-    A model that the file names by a relative path is looked for beside the file.
+    Models and arrays that the file names by relative paths are looked for from the file's folder on.
 
     Raises:
         InvalidFileError: if the file cannot be read or does not fit `HandConfig`, or a value is out of its range.
@@ -189,6 +193,9 @@ def load_hand_config(name_or_path: str | Path) -> HandConfig:
         raise InvalidFileError(f"{path}: {error}") from None
     if "://" not in config.model:
         config.model = str(path.parent / config.model)
+    for pad in config.pads:
+        if Path(pad.array).suffix:
+            pad.array = str(path.parent / pad.array)
     return config
 
 
@@ -206,7 +213,8 @@ def add_hand(plant: MultibodyPlant, config: HandConfig, X_WBase: RigidTransform 
     Raises:
         UnknownNameError: if the model lacks a name of the configuration.
         InvalidFileError: if Drake cannot read the model.
-        InvalidInputError: if a package of the model is not installed, or a weld is a joint that moves.
+        InvalidInputError: if a package of the model is not installed, or a weld is a joint that moves and the sensor is
+            not behind it.
     """
     config.validate()
     model_instance = add_model(make_parser(plant, config.packages), config.model)
@@ -214,7 +222,8 @@ def add_hand(plant: MultibodyPlant, config: HandConfig, X_WBase: RigidTransform 
     # Asked for one model's actuators, an unfinished plant says that there is none.
     actuators = (plant.get_joint_actuator(index) for index in plant.GetJointActuatorIndices())
     actuated = {actuator.joint().name() for actuator in actuators if actuator.model_instance() == model_instance}
-    for name in (name for finger in config.fingers for name in finger.joints if name not in actuated):
+    driven = dict.fromkeys(name for finger in config.fingers for name in finger.joints)  # fingers may share one
+    for name in (name for name in driven if name not in actuated):
         plant.AddJointActuator(name, plant.GetJointByName(name, model_instance))
     if X_WBase is not None:
         plant.WeldFrames(plant.world_frame(), plant.GetFrameByName(config.base_link, model_instance), X_WBase)
@@ -226,7 +235,7 @@ def find_hand(plant: MultibodyPlant, config: HandConfig, model_instance: ModelIn
 
     Raises:
         UnknownNameError: if the model lacks a name of the configuration.
-        InvalidInputError: if a weld is a joint that moves.
+        InvalidInputError: if a weld is a joint that moves and the sensor is not behind it.
     """
     frames = {plant.get_frame(index).name(): plant.get_frame(index) for index in plant.GetFrameIndices(model_instance)}
     joints = {plant.get_joint(index).name(): plant.get_joint(index) for index in plant.GetJointIndices(model_instance)}
@@ -237,16 +246,18 @@ def find_hand(plant: MultibodyPlant, config: HandConfig, model_instance: ModelIn
         for name in needed:
             if name not in joints:
                 raise UnknownNameError(f"joint of finger {finger.name!r}", name, sorted(joints))
-    for finger in sensing:
-        if not isinstance(joints[finger.weld], WeldJoint):
-            fixed = ", ".join(sorted(name for name, joint in joints.items() if isinstance(joint, WeldJoint))) or "none"
-            raise InvalidInputError(
-                f"HandConfig.fingers[{finger.name}].weld: the joint {finger.weld!r} moves; the fixed ones are {fixed}."
-            )
     pads = {pad.name: pad.frame for pad in config.pads}
     for name in [config.base_link, config.palm_frame, *(finger.sensor_frame for finger in sensing), *pads.values()]:
         if name not in frames:
             raise UnknownNameError("frame of the hand", name, sorted(frames))
+    for finger in sensing:
+        tip, is_fixed = joints[finger.weld].child_body(), isinstance(joints[finger.weld], WeldJoint)
+        if not is_fixed and frames[finger.sensor_frame].body().index() != tip.index():
+            fixed = ", ".join(sorted(name for name, joint in joints.items() if isinstance(joint, WeldJoint))) or "none"
+            raise InvalidInputError(
+                f"HandConfig.fingers[{finger.name}].weld: the joint {finger.weld!r} moves; allowed are those that are "
+                f"fixed ({fixed}), or a sensor frame on the link {tip.name()!r} that it moves."
+            )
     return Hand(
         config,
         model_instance,

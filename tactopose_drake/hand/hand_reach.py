@@ -1,39 +1,54 @@
 """What the grasp planner needs to know of a hand, from its model."""
 
 import numpy as np
+from pydrake.geometry import SceneGraphInspector
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 
+from tactopose_drake.core import poses
 from tactopose_drake.core.grasping.finger_reach import FingerGeometry, FingerReach, ReachParams
 from tactopose_drake.core.grasping.grasp_planner import HandReach, Spheres
+from tactopose_drake.core.grasping.grip_region import find_grip_region
+from tactopose_drake.core.grasping.serial_chain import SerialChain
 from tactopose_drake.core.surfaces import Capsule, Surface
+from tactopose_drake.core.surfaces.surface import random_directions
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.finger_chain import finger_chain
-from tactopose_drake.hand.geometry import BodySpheres
+from tactopose_drake.hand.geometry import BodySpheres, corner_spheres
 from tactopose_drake.hand.hand_config import Hand, HandConfig, add_hand
 from tactopose_drake.hand.kinematics import HandKinematics
 from tactopose_drake.resources import passing_builder
 
 # Samples of a finger's workspace for each of its joints.
 _SAMPLES_PER_JOINT = 1200
+# A fingertip whose sensor is nearer to its round end than this share of its radius has no axis from there.
+_LEAST_AXIS = 0.5
+_LONGEST_AXIS = 1.5  # of a fingertip whose axis does not begin at the sensor, in radii
+_SAME_AXIS = 0.1  # rad between a capsule's axis and the way to its end that are the same
+_MOST_SPHERES = 150  # of a finger
+_MOST_PROTRUSION = 0.0015  # of the fingertip's link out of the fingertip's surface, m
+_DIRECTIONS = random_directions(np.random.default_rng(0), 64)
 
 
 def make_hand_reach(config: HandConfig, params: ReachParams, seed: int = 0) -> HandReach:
     """Samples what each finger of a hand can reach.
 
     Args:
-        config: the hand; it needs a grip region.
+        config: the hand; where it names no grip region, that is where most of its fingertips come together.
         params: what counts as a clean touch.
         seed: of the samples.
 
     Raises:
-        InvalidInputError: if the hand has no grip region.
+        InvalidInputError: if fewer than two fingers have a force-torque sensor, by which grasps are closed, or no place
+            is in reach of two.
     """
     params.validate()
-    if not config.grip_low or not config.grip_high:
+    sensing = [finger.name for finger in config.fingers if finger.sensor_frame]
+    if len(sensing) < 2:
         raise InvalidInputError(
-            "HandConfig.grip_low, grip_high: are empty; planned grasps need the hand's grip region."
+            f"HandConfig.fingers: {len(sensing)} of them have a force-torque sensor; planned grasps are closed by the "
+            "wrenches of two or more fingertips. A hand that senses otherwise is closed by Scenario.grip."
         )
     with passing_builder() as builder:
         plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.001)
@@ -41,31 +56,85 @@ def make_hand_reach(config: HandConfig, params: ReachParams, seed: int = 0) -> H
         plant.Finalize()
     spheres = BodySpheres.from_inspector(plant, scene_graph.model_inspector(), hand.model_instance)
     generator = np.random.default_rng(seed)
-    geometries = {finger: _finger_geometry(plant, hand, finger, spheres) for finger in hand.fingers}
+    geometries = {
+        finger: _finger_geometry(plant, scene_graph.model_inspector(), hand, finger, spheres) for finger in sensing
+    }
+    fingers = {
+        name: FingerReach(geometry, params, generator, _SAMPLES_PER_JOINT * len(geometry.chain.lower))
+        for name, geometry in geometries.items()
+    }
+    palm = _palm_spheres(plant, hand, spheres)
+    low, high = np.array(config.grip_low), np.array(config.grip_high)
+    if not config.grip_low or not config.grip_high:
+        low, high = find_grip_region({name: finger.reached for name, finger in fingers.items()}, palm)
     return HandReach(
-        {
-            name: FingerReach(geometry, params, generator, _SAMPLES_PER_JOINT * len(geometry.chain.lower))
-            for name, geometry in geometries.items()
-        },
-        _palm_spheres(plant, hand, spheres),
+        fingers,
+        palm,
         {name: _rest_spheres(geometry, rest_positions(config, name)) for name, geometry in geometries.items()},
-        np.array(config.grip_low),
-        np.array(config.grip_high),
+        low,
+        high,
     )
 
 
 def rest_positions(config: HandConfig, finger: str) -> FloatArray:
-    """Where a finger's actuated joints wait when it takes no part, rad."""
+    """Where a finger's actuated joints wait when it takes no part, rad or m."""
     return np.array([config.rest_positions.get(name, 0.0) for name in config.finger(finger).joints])
 
 
-def _finger_geometry(plant: MultibodyPlant, hand: Hand, finger: str, spheres: BodySpheres) -> FingerGeometry:
-    chain = finger_chain(plant, hand, finger)
+def _finger_geometry(
+    plant: MultibodyPlant, inspector: SceneGraphInspector, hand: Hand, finger: str, spheres: BodySpheres
+) -> FingerGeometry:
+    chain, surface = finger_chain(plant, hand, finger), hand.surfaces[finger]
     bodies = [int(plant.GetBodyByName(name, hand.model_instance).index()) for name in chain.bodies]
-    on_finger = np.isin(spheres.body, bodies)
+    tip = int(hand.welds[finger].child_body().index())
+    corners = corner_spheres(plant, inspector, [body for body in bodies if body != tip])
+    spheres = spheres.of(set(bodies) | {tip}).thinned(_MOST_SPHERES).joined(corners)
+    on_finger = np.isin(spheres.body, bodies) & (spheres.body != tip)
     place = np.array([bodies.index(body) for body in spheres.body[on_finger]], dtype=np.intp)
-    center, radius = _round_end(hand.surfaces[finger])
-    return FingerGeometry(chain, center, radius, place, spheres.p_BH[on_finger], spheres.radius[on_finger])
+    # What the fingertip's link has besides its surface must be clear of the object as the rest of the finger.
+    X_STip = plant.CalcRelativeTransform(
+        plant.CreateDefaultContext(), hand.sensor_frames[finger], hand.welds[finger].child_body().body_frame()
+    )
+    on_tip = spheres.body == tip
+    p_SH = X_STip.multiply(spheres.p_BH[on_tip].T).T
+    beside = protrusions(surface, p_SH, spheres.radius[on_tip]) > _MOST_PROTRUSION
+    p_BH = np.concatenate([spheres.p_BH[on_finger], poses.transform_points(chain.X_last_sensor, p_SH[beside])])
+    radius = np.concatenate([spheres.radius[on_finger], spheres.radius[on_tip][beside]])
+    place = np.append(place, np.full(np.count_nonzero(beside), len(bodies) - 1, dtype=np.intp))
+    center, tip_radius = _round_end(surface)
+    root = _root(chain, surface, center, tip_radius)
+    return FingerGeometry(chain, center, tip_radius, place, p_BH, radius, root)
+
+
+def protrusions(surface: Surface, p_SH: FloatArray, radius: FloatArray) -> FloatArray:
+    """How far spheres about p_SH (n, 3) with these radii (n,) stick out of a fingertip's surface, m, shape (n,)."""
+    on_spheres = p_SH[:, None] + radius[:, None, None] * _DIRECTIONS
+    gauge = np.sqrt(1.0 + surface.value(on_spheres.reshape(-1, 3))).reshape(len(p_SH), -1)
+    farthest: FloatArray = surface.half_width * (gauge.max(axis=1, initial=0.0) - 1.0)
+    return farthest
+
+
+def _root(chain: SerialChain, surface: Surface, p_ST: FloatArray, radius: float) -> FloatArray:
+    """The root in S of the axis that ends in p_ST.
+
+    It is at the sensor; where that is at the end itself, towards the last joint's axis; of a capsule on its own axis.
+    """
+    length = float(np.linalg.norm(p_ST))
+    if isinstance(surface, Capsule) and length * np.cos(_SAME_AXIS) > surface.X_SF[:, 2] @ p_ST:
+        return p_ST - min(surface.length, _LONGEST_AXIS * radius) * surface.X_SF[:, 2]
+    if length > _LEAST_AXIS * radius:
+        return np.zeros(3)
+    last = len(chain.bodies) - 1
+    if last in chain.sliding:
+        return p_ST
+    X_SJ = poses.inverse(poses.compose(chain.X_child[last], chain.X_last_sensor))
+    axis, p_SJ = X_SJ[:, :3] @ chain.axis[last], X_SJ[:, 3]
+    to_axis = p_SJ + axis * (axis @ (p_ST - p_SJ)) - p_ST
+    distance = float(np.linalg.norm(to_axis))
+    if distance < _LEAST_AXIS * radius:
+        return p_ST
+    root: FloatArray = p_ST + to_axis * min(1.0, _LONGEST_AXIS * radius / distance)
+    return root
 
 
 def _round_end(surface: Surface) -> tuple[FloatArray, float]:
@@ -78,7 +147,7 @@ def _round_end(surface: Surface) -> tuple[FloatArray, float]:
 def _palm_spheres(plant: MultibodyPlant, hand: Hand, spheres: BodySpheres) -> Spheres:
     """The spheres that no finger moves, where zero joint positions put them."""
     of_fingers: set[int] = set()
-    for finger in hand.fingers:
+    for finger in hand.welds:
         chain = finger_chain(plant, hand, finger)
         of_fingers |= {int(plant.GetBodyByName(name, hand.model_instance).index()) for name in chain.bodies}
         of_fingers.add(int(hand.welds[finger].child_body().index()))

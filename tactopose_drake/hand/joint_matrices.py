@@ -13,7 +13,8 @@ from tactopose_drake.hand.hand_config import Hand
 def joint_matrix(plant: MultibodyPlant, hand: Hand, measured: Sequence[str]) -> FloatArray:
     """What turns the joints that a hand measures, in its own order, into the plant's positions: q = matrix @ measured.
 
-    A joint that is not measured follows its leader as the hand's description says. The matrix fits a `MatrixGain`.
+    A joint that is not measured follows its leader as the hand's description says; where a coupling has an offset, that
+    of `joint_offsets` is to be added. The matrix fits a `MatrixGain`.
 
     Args:
         plant: finalized plant of the hand alone.
@@ -34,13 +35,30 @@ def joint_matrix(plant: MultibodyPlant, hand: Hand, measured: Sequence[str]) -> 
             raise UnknownNameError("measured joint", name, sorted(start))
     if len(set(measured)) < len(measured):
         raise InvalidInputError(f"measured: holds {list(measured)}; allowed are different joints.")
-    followed = {coupling.joint: coupling for finger in hand.config.fingers for coupling in finger.couplings}
     matrix = np.zeros((plant.num_positions(), len(measured)))
     for name, row in start.items():
-        leader, ratio = name, 1.0
-        while leader not in measured and leader in followed:
-            leader, ratio = followed[leader].follows, ratio * followed[leader].ratio
+        leader, ratio, _ = _leader(hand, name, measured)
         if leader not in measured:
             raise InvalidInputError(f"measured: lacks {leader!r}, which follows none of {list(measured)}.")
         matrix[row, list(measured).index(leader)] = ratio
     return matrix
+
+
+def joint_offsets(plant: MultibodyPlant, hand: Hand, measured: Sequence[str]) -> FloatArray:
+    """What is added to `joint_matrix(...) @ measured`: the offsets of the couplings, shape (nq,), rad or m."""
+    offsets = np.zeros(plant.num_positions())
+    for index in plant.GetJointIndices(hand.model_instance):
+        joint = plant.get_joint(index)
+        if joint.num_positions() == 1:
+            offsets[joint.position_start()] = _leader(hand, joint.name(), measured)[2]
+    return offsets
+
+
+def _leader(hand: Hand, joint: str, measured: Sequence[str]) -> tuple[str, float, float]:
+    """The measured joint that a joint follows, or is; the ratio of their positions, and the offset."""
+    followed = {coupling.joint: coupling for finger in hand.config.fingers for coupling in finger.couplings}
+    leader, ratio, offset = joint, 1.0, 0.0
+    while leader not in measured and leader in followed:
+        coupling = followed[leader]
+        leader, ratio, offset = coupling.follows, ratio * coupling.ratio, offset + ratio * coupling.offset
+    return leader, ratio, offset

@@ -42,7 +42,12 @@ class NamedJoints:
         Raises:
             InvalidInputError: if it is of another shape, a name is no joint's, or a value no number.
         """
-        return self._in_order(name, values)
+        ordered = self._in_order(name, values)
+        if isinstance(values, Mapping):
+            for coupling in self._couplings:
+                if coupling.joint not in values:
+                    ordered[self._place[coupling.joint]] += coupling.offset
+        return ordered
 
     def velocities(self, name: str, values: Mapping[str, float] | ArrayLike) -> FloatArray:
         """Velocities likewise, rad/s, m/s."""

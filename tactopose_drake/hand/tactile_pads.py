@@ -4,6 +4,7 @@ import dataclasses
 import os
 from pathlib import Path
 
+from tactopose_drake.core.sensing.cell_patterns import CornerPattern, PointPattern
 from tactopose_drake.core.sensing.tactile_array import TactileModel
 from tactopose_drake.core.sensing.tactile_layout import TactileLayout
 from tactopose_drake.core.sensing.tactile_patterns import CapsulePattern, RowPattern
@@ -16,7 +17,7 @@ from tactopose_drake.resources import load_typed_yaml, model_path
 class TactilePadFile:
     """A tactile array's YAML file."""
 
-    pattern: RowPattern | CapsulePattern = dataclasses.field(default_factory=RowPattern)
+    pattern: RowPattern | CapsulePattern | CornerPattern | PointPattern = dataclasses.field(default_factory=RowPattern)
     model: TactileModel = dataclasses.field(default_factory=TactileModel)
     period: float = 0.025  # between two readings, s
 

@@ -18,6 +18,8 @@ from tactopose_drake.station.grasp_planning import plan_scenario
 from tactopose_drake.station.scenario import Scenario
 from tactopose_drake.station.simulated import Station, make_station
 
+_FALLEN = 0.3  # slip after which nothing more is to be seen, m
+
 
 @dataclass(frozen=True, eq=False)
 class GraspResult:
@@ -129,16 +131,18 @@ def run_grasp(
             X_PO_release = station.object_pose(context)
             if not station.object_joint.is_locked(plant_context):
                 release_time = context.get_time()
-        elif context.get_time() >= release_time + check.hold_time and _is_still(station, plant_context):
+        elif _slip(station.object_pose(context), X_PO_release) > _FALLEN or (
+            context.get_time() >= release_time + check.hold_time and _is_still(station, plant_context)
+        ):
             break
     if meshcat is not None:
         meshcat.StopRecording()
         meshcat.PublishRecording()
     truth = contact_truth(station.plant, plant_context, station.hand, station.object_body)
     X_PO = station.object_pose(context)
-    slip = float(np.linalg.norm(X_PO.translation() - X_PO_release.translation()))
+    slip = _slip(X_PO, X_PO_release)
     speed, _ = _motion(station, plant_context)
-    reason = _judge(station, plant_context, release_time, truth, slip)
+    reason = judge_grasp(station, plant_context, release_time, truth, slip)
     return GraspResult(
         reason == "ok",
         reason,
@@ -154,6 +158,10 @@ def run_grasp(
     )
 
 
+def _slip(X_PO: RigidTransform, X_PO_release: RigidTransform) -> float:
+    return float(np.linalg.norm(X_PO.translation() - X_PO_release.translation()))
+
+
 def _motion(station: Station, plant_context: Context) -> tuple[float, float]:
     """Speed, m/s, and angular speed, rad/s, of the object in the palm."""
     palm = station.hand.palm_frame
@@ -166,9 +174,18 @@ def _is_still(station: Station, plant_context: Context) -> bool:
     return speed <= station.scenario.check.most_speed and spin <= station.scenario.check.most_angular_speed
 
 
-def _judge(
+def judge_grasp(
     station: Station, plant_context: Context, release_time: float | None, truth: ContactTruth, slip: float
 ) -> str:
+    """Why a grasp is not stable; "ok" where it is.
+
+    Args:
+        station: the diagram.
+        plant_context: of its plant, at the end.
+        release_time: when the object was let go, s; None if never.
+        truth: the contacts.
+        slip: of the object since, m.
+    """
     check = station.scenario.check
     if release_time is None:
         return "the fingers did not close in time"
@@ -176,7 +193,7 @@ def _judge(
         return f"the object slipped by {1e3 * slip:.1f} mm"
     parts = truth.tips | truth.pads
     carrying = [name for name, part in parts.items() if np.linalg.norm(part.f_PC) >= check.least_force]
-    if len(carrying) < check.least_fingers:
+    if len(carrying) < min(check.least_fingers, len(station.hand.sensor_frames) + len(station.hand.pad_frames)):
         return f"only {len(carrying)} {'pads' if truth.pads else 'fingertips'} carry the object"
     # A plan is for the fingertips alone; a grip takes what comes.
     if truth.other_contacts and station.plan is not None:

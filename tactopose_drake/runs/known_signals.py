@@ -9,7 +9,7 @@ from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
 from tactopose_drake.estimation.files import load_prior
 from tactopose_drake.hand.hand_config import load_hand_config, make_hand_plant
-from tactopose_drake.hand.joint_matrices import joint_matrix
+from tactopose_drake.hand.joint_matrices import joint_matrix, joint_offsets
 from tactopose_drake.station.scenario import Scenario
 from tactopose_drake.station.senses import CanSenses, FixedJoints, JointFile
 from tactopose_drake.systems.signals import Signal
@@ -51,8 +51,9 @@ def _positions(scenario: Scenario, names: list[str], rows: FloatArray) -> FloatA
         for joint in joints
         if joint.num_positions() == 1 and joint.name() not in names and joint.name() not in followers
     ]
-    matrix = joint_matrix(plant, hand, [*names, *resting])
-    positions: FloatArray = np.column_stack([rows, np.zeros((len(rows), len(resting)))]) @ matrix.T
+    measured = [*names, *resting]
+    values = np.column_stack([rows, np.zeros((len(rows), len(resting)))])
+    positions: FloatArray = values @ joint_matrix(plant, hand, measured).T + joint_offsets(plant, hand, measured)
     return positions
 
 

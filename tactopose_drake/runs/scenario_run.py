@@ -8,6 +8,7 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.runs.device_run import check_devices, run_devices
+from tactopose_drake.runs.grasp_watch import GraspWatch
 from tactopose_drake.runs.lcm_run import publishing, run_lcm
 from tactopose_drake.runs.recording import Recording
 from tactopose_drake.runs.scenario_replay import replay
@@ -92,4 +93,11 @@ def _run_simulated(
     simulator = start_simulation(station, None if recording is None else recording.write)
     tell("simulating")
     until = scenario.duration if duration is None else duration
-    return advance(simulator, None, scenario.estimation.estimator.period, until, observer)
+    watch = GraspWatch(station)
+
+    def watch_and_show(view: RunView) -> None:
+        watch.see(view.context)
+        observer(view)
+
+    view = advance(simulator, None, scenario.estimation.estimator.period, until, watch_and_show)
+    return dataclasses.replace(view, outcome=watch.outcome(view.context))

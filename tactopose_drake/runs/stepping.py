@@ -18,12 +18,14 @@ class RunView:
         context: its root context.
         devices: of a run on CAN devices or from their logs; None else.
         lost: what of a finished run could not be recorded, and why, in sentences.
+        outcome: how the grasp of a finished run went, where a simulator knows the truth.
     """
 
     diagram: Diagram
     context: Context
     devices: CanDevices | None = None
     lost: tuple[str, ...] = ()
+    outcome: str = ""
 
 
 Observer = Callable[[RunView], None]

@@ -101,5 +101,5 @@ def _followed(plant: MultibodyPlant, hand: Hand, q: FloatArray) -> FloatArray:
     places, q = HandJoints.of(plant, hand).position, q.copy()
     for finger in hand.config.fingers:
         for coupling in finger.couplings:
-            q[places[coupling.joint]] = coupling.ratio * q[places[coupling.follows]]
+            q[places[coupling.joint]] = coupling.ratio * q[places[coupling.follows]] + coupling.offset
     return q

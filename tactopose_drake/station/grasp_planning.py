@@ -4,6 +4,7 @@ import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 
 from tactopose_drake.core.grasping.grasp_planner import GraspPlan, plan_grasps
+from tactopose_drake.core.grasping.refusals import Refusals
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.hand_config import load_hand_config, make_hand_plant
@@ -29,11 +30,12 @@ def plan_scenario(scenario: Scenario, model: ObjectModel | None = None) -> list[
     R_WP = fixed_pose("Scenario.X_WBase", scenario.X_WBase).rotation() @ X_BaseP.rotation()
     load_P = R_WP.inverse() @ (_object_mass(scenario) * plant.gravity_field().gravity_vector())
     reach = make_hand_reach(config, scenario.reach)
-    plans = plan_grasps(model, reach, load_P, scenario.planner, np.random.default_rng(scenario.seed))
+    refusals = Refusals()
+    plans = plan_grasps(model, reach, load_P, scenario.planner, np.random.default_rng(scenario.seed), refusals)
     if not plans:
         raise InvalidInputError(
-            f"Scenario.object: the hand {scenario.hand!r} finds no way to hold {scenario.object!r} "
-            f"in {scenario.planner.most_poses} poses; allowed are objects that fit between its fingers."
+            f"Scenario.object: the hand {scenario.hand!r} finds no way to hold {scenario.object!r}, "
+            f"{refusals.explanation()}; allowed are objects that fit between its fingers."
         )
     return plans
 

@@ -13,7 +13,7 @@ from tactopose_drake.drivers.netcanoem import NetCanOemForceTorque
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
 from tactopose_drake.hand.fingertip_weights import FingertipWeights
 from tactopose_drake.hand.hand_config import Hand, HandConfig, load_hand_config, make_hand_plant
-from tactopose_drake.hand.joint_matrices import joint_matrix
+from tactopose_drake.hand.joint_matrices import joint_matrix, joint_offsets
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
 from tactopose_drake.resources import fixed_pose
 from tactopose_drake.station.can_devices import CanDevices
@@ -135,7 +135,8 @@ def _add_barrett_hand(
         if pad not in hand.pad_frames:
             raise UnknownNameError(f"scenario: the hand {scenario.hand!r} lacks a pad", pad, hand.pad_frames)
     system = builder.AddNamedSystem("barrett_hand", CanBarrettHand(driver, pucks.period, pucks.max_age))
-    joints = builder.AddNamedSystem("joint_positions", MeasuredJoints(joint_matrix(plant, hand, pucks.joints)))
+    matrix, offsets = joint_matrix(plant, hand, pucks.joints), joint_offsets(plant, hand, pucks.joints)
+    joints = builder.AddNamedSystem("joint_positions", MeasuredJoints(matrix, offsets))
     builder.Connect(system.GetOutputPort("joint_positions"), joints.get_input_port())
     ports = {"joint_positions": joints.get_output_port()}
     for name in (*(f"pressures_{pad}" for pad in PADS), "fingertip_torques"):

@@ -9,6 +9,7 @@ from pydrake.multibody.plant import MultibodyPlantConfig
 
 from tactopose_drake.core.grasping.finger_reach import ReachParams
 from tactopose_drake.core.grasping.grasp_planner import PlannerParams
+from tactopose_drake.core.sensing.force_torque import ForceTorqueModel
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
 from tactopose_drake.hand.hand_config import load_hand_config
@@ -28,8 +29,17 @@ from tactopose_drake.systems.simulated_vision import SimulatedVisionParams
 class SensorConfig:
     """The force-torque sensors in the fingers."""
 
-    calibration: str = "SI-12-0.12"  # of the ATI Nano17
+    file: str = ""  # of their calibrations, by its path from where you run; empty: the ATI Nano17's
+    calibration: str = "SI-12-0.12"  # by its name in that file
     period: float = 0.008  # s between two samples
+
+    def model(self) -> ForceTorqueModel:
+        """What the sensors are good for.
+
+        Raises:
+            InvalidInputError: if the file cannot be read, or has no such calibration.
+        """
+        return load_force_torque_model(self.calibration, Path(self.file) if self.file else None)
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -50,7 +60,7 @@ class GraspCheck:
     """When a simulated grasp counts as stable."""
 
     hold_time: float = 0.8  # from the object's release to the judgement, s
-    least_fingers: int = 3  # fingertips and pads that carry at least `least_force`
+    least_fingers: int = 3  # fingertips and pads that carry at least `least_force`; of a hand with fewer, all
     least_force: float = 1.0  # N
     most_speed: float = 0.001  # of the object's origin in the palm, m/s
     most_angular_speed: float = 0.02  # rad/s
@@ -116,7 +126,7 @@ class Scenario:
             self.grip.validate()
             for name, X_PO in self.grip.X_PO.items():
                 drawn_pose(f"Scenario.grip.X_PO[{name}]", X_PO, self.seed)
-        load_force_torque_model(self.sensor.calibration)
+        self.sensor.model()
         hand = load_hand_config(self.hand)
         for pad in hand.pads:
             load_tactile_pad(pad.array)

@@ -13,16 +13,23 @@ from pydrake.geometry import (
 )
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant
-from pydrake.multibody.tree import Joint, RigidBody
+from pydrake.multibody.tree import Joint, ModelInstanceIndex, RigidBody
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus, OutputPort
 
 from tactopose_drake.core.grasping.grasp_planner import GraspPlan
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.hand.contact_properties import (
+    let_overlap,
+    make_compliant,
+    make_meshes_rigid,
+    rigid_shapes,
+)
 from tactopose_drake.hand.hand_config import Hand, add_hand, load_hand_config
 from tactopose_drake.resources import add_model, fixed_pose, make_parser, passing_builder
 from tactopose_drake.station.grasp import GraspStart, add_grip, add_planned_grasp
 from tactopose_drake.station.grasp_planning import plan_scenario
+from tactopose_drake.station.motor_inertia import add_motor_inertia
 from tactopose_drake.station.scenario import Scenario
 from tactopose_drake.station.simulated_senses import add_noise, add_senses
 from tactopose_drake.station.tracking import add_tracking
@@ -138,6 +145,8 @@ def make_station(
     if meshcat is not None:
         _add_display(builder, plant, scene_graph, hand, object_body, model, meshcat)
     diagram = finish_station("station", builder, scenario, plant, scene_graph, hand)
+    posture = plant.GetMyContextFromRoot(diagram.CreateDefaultContext())
+    let_overlap(plant, scene_graph, posture, hand.model_instance)
     return Station(diagram, plant, scene_graph, hand, object_body, object_joint, model, start, plan, scenario)
 
 
@@ -165,8 +174,12 @@ def _add_bodies(builder: DiagramBuilder, scenario: Scenario) -> tuple[MultibodyP
     )
     hand = add_hand(plant, load_hand_config(scenario.hand), fixed_pose("Scenario.X_WBase", scenario.X_WBase))
     object_instance = add_model(make_parser(plant), scenario.object_sdf())
+    make_compliant(plant, scene_graph, hand.model_instance)
+    make_meshes_rigid(plant, scene_graph, object_instance)
     if scenario.grip is not None:
         set_motor_gains(plant, hand, scenario.grip.controller)
+    else:
+        add_motor_inertia(plant, hand, scenario.controller)
     try:
         plant.Finalize()
     except RuntimeError as error:
@@ -174,7 +187,25 @@ def _add_bodies(builder: DiagramBuilder, scenario: Scenario) -> tuple[MultibodyP
     joints = [plant.get_joint(index) for index in plant.GetJointIndices(object_instance)]
     if len(joints) != 1 or joints[0].num_positions() != 7:
         raise InvalidInputError(f"{scenario.object_sdf()}: has joints; allowed is one free body.")
+    if scenario.plant.contact_model == "hydroelastic":
+        _check_compliance(plant, scene_graph, hand, object_instance)
     return plant, scene_graph, hand, joints[0]
+
+
+def _check_compliance(
+    plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand, object_instance: ModelInstanceIndex
+) -> None:
+    """Raises InvalidInputError where hand and object are both rigid: the simulator cannot tell their contact."""
+    inspector = scene_graph.model_inspector()
+    of_hand, of_object = (
+        rigid_shapes(plant, inspector, instance) for instance in (hand.model_instance, object_instance)
+    )
+    if of_hand and of_object:
+        raise InvalidInputError(
+            f"{hand.config.model}: says that {', '.join(of_hand)} is rigid, as the object is; with the contact_model "
+            "hydroelastic one of two that touch must be compliant. Leave out <drake:rigid_hydroelastic/>, or choose "
+            "the contact_model hydroelastic_with_fallback."
+        )
 
 
 def _add_vision(

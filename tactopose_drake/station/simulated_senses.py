@@ -9,7 +9,6 @@ from pydrake.systems.primitives import AddRandomInputs, Demultiplexer
 from tactopose_drake.hand.hand_config import Hand
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
 from tactopose_drake.station.scenario import Scenario
-from tactopose_drake.systems.force_torque_sensor import load_force_torque_model
 from tactopose_drake.systems.plant_senses import add_touch_sensors
 
 
@@ -27,8 +26,7 @@ def add_senses(
     builder.Connect(plant.get_state_output_port(hand.model_instance), positions.get_input_port())
     senses = {"joint_positions": positions.get_output_port(0)}
 
-    model = load_force_torque_model(scenario.sensor.calibration)
-    return senses | add_touch_sensors(builder, plant, hand, model, scenario.sensor.period)
+    return senses | add_touch_sensors(builder, plant, hand, scenario.sensor.model(), scenario.sensor.period)
 
 
 def add_noise(builder: DiagramBuilder, scenario: Scenario, hand: Hand) -> None:

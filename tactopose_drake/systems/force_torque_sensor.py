@@ -9,7 +9,7 @@ from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import Frame, WeldJoint
+from pydrake.multibody.tree import Frame, Joint
 from pydrake.systems.framework import Context, EventStatus, State
 
 from tactopose_drake.core.sensing.force_torque import ForceTorqueModel, measure, shift_wrench, weight_wrench
@@ -79,13 +79,13 @@ class ForceTorqueSensor(CollectableSystem):
     """
 
     def __init__(
-        self, plant: MultibodyPlant, weld: WeldJoint, sensor_frame: Frame, model: ForceTorqueModel, period: float = 0.01
+        self, plant: MultibodyPlant, weld: Joint, sensor_frame: Frame, model: ForceTorqueModel, period: float = 0.01
     ) -> None:
         """Takes numbers from a finalized plant; keeps no reference to it.
 
         Args:
             plant: finalized plant.
-            weld: joint between finger (parent) and fingertip (child).
+            weld: joint between finger (parent) and fingertip (child); S is on the fingertip if it moves.
             sensor_frame: S, fixed on the finger or on the fingertip.
             model: noise, range and quantisation; `load_force_torque_model` reads one.
             period: sampling period, s.

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import PrismaticJoint
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, EventStatus
 
 from tactopose_drake.core.grasping.grasp_law import (
@@ -15,6 +16,7 @@ from tactopose_drake.core.grasping.grasp_law import (
     joint_torques,
     update_push,
 )
+from tactopose_drake.core.grasping.serial_chain import SLIDING_ARM
 from tactopose_drake.core.validation import FloatArray, positive_number
 from tactopose_drake.errors import UnknownNameError
 from tactopose_drake.hand.hand_config import Hand
@@ -26,7 +28,7 @@ from tactopose_drake.systems.collectable_system import CollectableSystem
 class GraspControllerParams:
     """Gains and times of the grasp controller."""
 
-    finger_stiffness: float = 5.0  # of each joint that moves a fingertip, N m/rad
+    finger_stiffness: float = 5.0  # of each joint that moves a fingertip, N m/rad; a radian is 5 cm if it slides
     finger_damping: float = 0.02  # N m s/rad
     other_stiffness: float = 300.0  # of the wrist and whatever else moves no fingertip alone, N m/rad
     other_damping: float = 0.5  # N m s/rad
@@ -101,8 +103,13 @@ class GraspController(CollectableSystem):
         self._joints_of_finger = {finger.name: joints.positions(finger.joints) for finger in hand.config.fingers}
         of_fingers = {name for finger in hand.config.fingers for name in finger.joints}
         on_finger = np.array([name in of_fingers for name in joints.actuated])
-        self._stiffness = np.where(on_finger, self._params.finger_stiffness, self._params.other_stiffness)
-        self._damping = np.where(on_finger, self._params.finger_damping, self._params.other_damping)
+        slides = [
+            isinstance(plant.GetJointByName(name, hand.model_instance), PrismaticJoint) for name in joints.actuated
+        ]
+        arms = np.where(slides, SLIDING_ARM, 1.0)
+        stiffness = np.where(on_finger, self._params.finger_stiffness, self._params.other_stiffness)
+        damping = np.where(on_finger, self._params.finger_damping, self._params.other_damping)
+        self._stiffness, self._damping = stiffness / arms**2, damping / arms**2
 
         self._nq = plant.num_positions(hand.model_instance)
         self._state_port = self.DeclareVectorInputPort("hand_state", plant.num_multibody_states(hand.model_instance))

@@ -24,19 +24,21 @@ class MeasuredJoints(CollectableSystem):
     - joint_positions: of the plant, shape (nq,), rad; NaN where what it follows is not known.
     """
 
-    def __init__(self, matrix: FloatArray) -> None:
+    def __init__(self, matrix: FloatArray, offsets: FloatArray | float = 0.0) -> None:
         """Takes the order and the ratios from a matrix.
 
         Args:
             matrix: `joint_matrix` of the hand, shape (nq, k): each row has one entry.
+            offsets: `joint_offsets` of the hand, shape (nq,), where its couplings have any.
         """
         super().__init__()
         self._column = np.argmax(matrix != 0.0, axis=1)
         self._ratio = matrix[np.arange(len(matrix)), self._column]
+        self._offsets = offsets
         self._measured = self.DeclareVectorInputPort("measured", matrix.shape[1])
         self.DeclareVectorOutputPort(
             "joint_positions", len(matrix), self._calc, prerequisites_of_calc={self._measured.ticket()}
         )
 
     def _calc(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._ratio * self._measured.Eval(context)[self._column])
+        output.SetFromVector(self._ratio * self._measured.Eval(context)[self._column] + self._offsets)

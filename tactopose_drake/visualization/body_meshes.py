@@ -29,6 +29,8 @@ from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
 
 _GREY = (0.62, 0.64, 0.67)
+READABLE_MESHES = (".obj", ".vtk", ".gltf")
+"""Formats of meshes of which Drake makes hulls."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -68,15 +70,25 @@ class BodyMeshes:
 
     @classmethod
     def from_inspector(
-        cls, plant: MultibodyPlant, inspector: SceneGraphInspector, model_instance: ModelInstanceIndex
+        cls,
+        plant: MultibodyPlant,
+        inspector: SceneGraphInspector,
+        model_instance: ModelInstanceIndex,
+        *,
+        colliding: bool = False,
     ) -> Self:
-        """The shapes of one model instance: what is shown, or what collides where nothing is shown."""
+        """The shapes of one model instance: what is shown; or what collides, where nothing that Drake can read is shown
+        or where that is asked for.
+        """
         body, meshes = [], []
         for index in plant.GetBodyIndices(model_instance):
             frame = plant.GetBodyFrameIdOrThrow(index)
-            shown = inspector.GetGeometries(frame, Role.kIllustration)
-            for geometry in shown or inspector.GetGeometries(frame, Role.kProximity):
-                mesh = _mesh(inspector.GetShape(geometry))
+            shown, solid = (
+                [(g, _mesh(inspector.GetShape(g))) for g in inspector.GetGeometries(frame, role)]
+                for role in (Role.kIllustration, Role.kProximity)
+            )
+            use_shown = not colliding and any(mesh is not None for _, mesh in shown)
+            for geometry, mesh in shown if use_shown else solid:
                 if mesh is not None:
                     vertices = inspector.GetPoseInFrame(geometry).multiply(np.array(mesh.vertices).T).T
                     colour = np.tile(_diffuse(inspector.GetIllustrationProperties(geometry)), (len(vertices), 1))
@@ -85,8 +97,10 @@ class BodyMeshes:
         return cls(tuple(body), tuple(meshes))
 
     @classmethod
-    def in_palm(cls, plant: MultibodyPlant, context: Context, palm_frame: Frame) -> Triangles:
-        """The palm's model instance, where the context's joints put it, in P.
+    def in_palm(
+        cls, plant: MultibodyPlant, context: Context, palm_frame: Frame, *, colliding: bool = False
+    ) -> Triangles:
+        """The palm's model instance, what is shown of it or what collides, where the context's joints put it, in P.
 
         Raises:
             InvalidInputError: if the plant is not connected to a SceneGraph.
@@ -96,7 +110,8 @@ class BodyMeshes:
             raise InvalidInputError(
                 "context: its plant is not connected to a SceneGraph, which holds the hand's shapes."
             )
-        meshes = cls.from_inspector(plant, query_port.Eval(context).inspector(), palm_frame.model_instance())
+        inspector = query_port.Eval(context).inspector()
+        meshes = cls.from_inspector(plant, inspector, palm_frame.model_instance(), colliding=colliding)
         X_PW = palm_frame.CalcPoseInWorld(context).inverse()
         X_WB = plant.get_body_poses_output_port().Eval(context)
         return meshes.merged([X_PW @ X for X in X_WB])
@@ -121,7 +136,7 @@ def _diffuse(properties: IllustrationProperties | None) -> tuple[float, float, f
 
 
 def _mesh(shape: Shape) -> trimesh.Trimesh | None:
-    """The shape's surface in its own frame; None for one without an end."""
+    """The shape's surface in its own frame; None for one without an end, or a mesh that Drake cannot read."""
     mesh: trimesh.Trimesh | None = None
     if isinstance(shape, Sphere):
         mesh = trimesh.creation.icosphere(subdivisions=3, radius=shape.radius())
@@ -135,7 +150,7 @@ def _mesh(shape: Shape) -> trimesh.Trimesh | None:
     elif isinstance(shape, Ellipsoid):
         mesh = trimesh.creation.icosphere(subdivisions=3)
         mesh.apply_scale([shape.a(), shape.b(), shape.c()])
-    elif isinstance(shape, Mesh | Convex):
+    elif isinstance(shape, Mesh | Convex) and shape.extension() in READABLE_MESHES:
         hull = shape.GetConvexHull()
         mesh = trimesh.convex.convex_hull(np.array([hull.vertex(i) for i in range(hull.num_vertices())]))
     return mesh

@@ -146,7 +146,7 @@ def test_a_grasp_that_fails_says_why() -> None:
             ["--hand", "barrett", "--object", "pencil"],
             "is 'pencil', for which Scenario.grip.X_PO has no place in the hand",
         ),
-        (["--hand", "claw"], "'claw' is not one of 'shadow', 'barrett'"),
+        (["--hand", "claw"], "claw: there is no such file; the package's hands are allegro, barrett_like, shadow_like"),
     ],
 )
 def test_a_wrong_call_ends_with_status_2(

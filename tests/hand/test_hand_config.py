@@ -221,7 +221,12 @@ def test_bad_descriptors_are_refused(tmp_path):
     [
         ("base_link: base", "base_link: bass", UnknownNameError, "'bass' is unknown; valid names: .*base, left"),
         ("palm_frame: base", "palm_frame: bass", UnknownNameError, "'bass' is unknown; valid names: .*base, left"),
-        ("weld: left_weld", "weld: left_hinge", InvalidInputError, "'left_hinge' moves; the fixed ones are left_weld"),
+        (
+            "weld: left_weld",
+            "weld: left_hinge",
+            InvalidInputError,
+            r"'left_hinge' moves; .* fixed \(left_weld",
+        ),
         ("gripper.sdf", "griper.sdf", InvalidFileError, r"griper\.sdf: is no model that Drake can read"),
     ],
 )

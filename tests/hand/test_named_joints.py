@@ -1,10 +1,8 @@
-import dataclasses
-
 import numpy as np
 import pytest
 
 from tactopose_drake.errors import InvalidInputError
-from tactopose_drake.hand.hand_config import Coupling, load_hand_config, make_hand_plant
+from tactopose_drake.hand.hand_config import load_hand_config, make_hand_plant
 from tactopose_drake.hand.joint_matrices import joint_matrix
 from tactopose_drake.hand.named_joints import NamedJoints
 
@@ -40,9 +38,19 @@ def test_what_is_not_known_is_nan_with_what_follows_it(name: str) -> None:
     assert q[coupling.joint] == 0.123  # A joint that is measured does not follow.
 
 
-def test_all_that_a_coupling_says_is_followed() -> None:
-    """Whoever gives couplings another number has `NamedJoints` follow it too, in positions but not in velocities."""
-    assert {field.name for field in dataclasses.fields(Coupling)} == {"joint", "follows", "ratio"}
+def test_a_coupling_with_an_offset_shifts_positions_and_not_velocities() -> None:
+    plant, hand = make_hand_plant(load_hand_config("shadow_like"))
+    coupling = next(coupling for finger in hand.config.fingers for coupling in finger.couplings)
+    plain = NamedJoints(plant, hand)
+    coupling.offset = 0.2
+    shifted = NamedJoints(plant, hand)
+    leader = {coupling.follows: 0.5}
+    place = plain.names.index(coupling.joint)
+    expected = joint_matrix(plant, hand, [coupling.follows])[place] @ [0.5]
+    assert plain.velocities("joints", leader)[place] == pytest.approx(expected)
+    assert shifted.velocities("joints", leader)[place] == pytest.approx(expected)
+    assert shifted.positions("joints", leader)[place] == pytest.approx(expected + 0.2)
+    assert shifted.positions("joints", leader | {coupling.joint: 0.1})[place] == 0.1
 
 
 def test_mistakes_are_named() -> None:

@@ -8,6 +8,7 @@ from tactopose_drake.errors import InvalidFileError, InvalidInputError
 from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
 from tactopose_drake.resources import model_path
+from tests.hand.grippers import YAML, write_gripper
 
 
 @pytest.mark.parametrize(("name", "cells"), [("bh280_finger", 24), ("bh280_palm", 24), ("fingertip_1mm", 513)])
@@ -84,3 +85,64 @@ def test_the_fine_array_lies_on_the_shadow_like_hands_fingertips() -> None:
 def test_the_barrett_like_hands_pads_are_these_arrays() -> None:
     pads = {pad.name: pad.array for pad in load_hand_config("barrett_like").pads}
     assert pads == dict.fromkeys(("finger_1", "finger_2", "finger_3"), "bh280_finger") | {"palm": "bh280_palm"}
+
+
+POINTS = """pattern: !PointPattern
+  points: [[0, 0, 0], [0.004, 0, 0], [0, 0.004, 0.001]]
+  cell: 0.003
+"""
+
+CORNERS = """pattern: !CornerPattern
+  cells:
+  - [[0, 0, 0], [0.004, 0, 0], [0.004, 0.003, 0], [0, 0.003, 0]]
+  - [[0.004, 0, 0], [0.004, 0, -0.004], [0.004, 0.003, -0.004], [0.004, 0.003, 0]]
+"""
+
+
+def test_cells_by_their_middles(tmp_path: Path) -> None:
+    path = tmp_path / "pad.yaml"
+    path.write_text(POINTS)
+    layout = load_tactile_pad(path).layout
+    np.testing.assert_allclose(layout.p_TC, [[0, 0, 0], [0.004, 0, 0], [0, 0.004, 0.001]], atol=1e-12)
+    np.testing.assert_allclose(layout.areas, 9e-6)
+    np.testing.assert_allclose(layout.n_T, np.tile([0, 0, 1], (3, 1)), atol=1e-12)
+    path.write_text(POINTS + "  normals: [[0, 0.6, 0.8]]\n")
+    tilted = load_tactile_pad(path).layout
+    np.testing.assert_allclose(tilted.n_T, np.tile([0, 0.6, 0.8], (3, 1)), atol=1e-12)
+    np.testing.assert_allclose(tilted.areas, 9e-6)
+
+
+def test_cells_by_their_corners_share_the_wall_between_them(tmp_path: Path) -> None:
+    path = tmp_path / "pad.yaml"
+    path.write_text(CORNERS)
+    layout = load_tactile_pad(path).layout
+    np.testing.assert_allclose(layout.areas, [12e-6, 12e-6])
+    np.testing.assert_allclose(layout.n_T, [[0, 0, 1], [1, 0, 0]], atol=1e-12)
+    # Around the bend a point is felt by one of them, and by one alone.
+    points = np.array([[0.0045, 0.0015, 0.0002], [0.0042, 0.0015, 0.0006], [0.0021, 0.001, 0.0]])
+    height = np.einsum("mki,qi->mqk", layout.planes[..., :3], points) + layout.planes[:, None, :, 3]
+    np.testing.assert_array_equal(np.all(height >= 0, axis=2), [[False, True, True], [True, False, False]])
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("pattern: !PointPattern {}", "PointPattern.points: are 0"),
+        (POINTS + "  normals: [[0, 0, 1], [0, 0, 1]]", "are 2 for 3 points"),
+        (POINTS + "  along: [0, 0, 1]", "is the normal of cell 0"),
+        ("pattern: !CornerPattern {cells: []}", "CornerPattern.cells: are 0"),
+        (CORNERS + "  - [[0, 0, 0], [0, 0, 0], [0, 0, 0], [0, 0, 0]]", r"corners\[2\]: the cell is not convex"),
+    ],
+)
+def test_cells_that_cannot_be_are_named(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "pad.yaml"
+    path.write_text(text)
+    with pytest.raises(InvalidInputError, match=message):
+        load_tactile_pad(path)
+
+
+def test_an_array_lies_beside_the_hand_that_names_it(tmp_path: Path) -> None:
+    (tmp_path / "pad.yaml").write_text(POINTS)
+    hand = write_gripper(tmp_path, yaml=YAML + "pads: [{name: tip, frame: left_tip, array: pad.yaml, alpha: 1e-8}]\n")
+    (pad,) = load_hand_config(hand).pads
+    assert len(load_tactile_pad(pad.array).layout) == 3

@@ -7,9 +7,14 @@ import pytest
 from pydrake.math import RigidTransform
 
 import tactopose_drake as tp
+from tactopose_drake.core.poses import increments_between
+from tactopose_drake.core.posterior.hypotheses import determined_part
 from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.hand.hand_check import check_hand
 from tactopose_drake.hand.hand_config import HandConfig, load_hand_config, make_hand_plant
 from tactopose_drake.resources import ModelPackage, model_path
+from tactopose_drake.runs.grasp_simulation import simulate_grasp
+from tactopose_drake.station.own_hand import scenario_for
 from tactopose_drake.systems.pose_estimation import MakePoseEstimation
 
 RADIUS = 0.012
@@ -53,6 +58,21 @@ def test_fingertips_are_where_the_kinematics_say_and_feel_what_touches_them(conf
         np.testing.assert_allclose(contacts.p_PC[i], X_PS @ (RADIUS * outward_S), atol=1e-6)
         # The object's normal points into the finger.
         np.testing.assert_allclose(contacts.n_PC[i], -(X_PS.rotation() @ outward_S), atol=1e-6)
+
+
+def test_its_files_have_no_fault(config: HandConfig) -> None:
+    check = check_hand("allegro")
+    assert not check.faults
+    assert any("up to 10 N m s/rad" in finding.text for finding in check.findings)
+
+
+def test_it_holds_a_cube_and_feels_where_it_is(config: HandConfig) -> None:
+    result = simulate_grasp(scenario_for("allegro", "cube"))
+    assert result.stable, result.reason
+    estimate = result.station.diagram.GetOutputPort("hypotheses").Eval(result.context)
+    off = increments_between(estimate.best.X_PO.GetAsMatrix34(), result.X_PO.GetAsMatrix34())
+    determined = determined_part(off, estimate.best.free_directions, result.station.model.size)
+    assert np.linalg.norm(determined[3:]) < 0.005
 
 
 def test_a_distribution_that_is_missing_is_named() -> None:

@@ -1,12 +1,19 @@
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialForce
-from pydrake.multibody.plant import ExternallyAppliedSpatialForce
+from pydrake.multibody.plant import (
+    AddMultibodyPlant,
+    ExternallyAppliedSpatialForce,
+    MultibodyPlant,
+    MultibodyPlantConfig,
+)
+from pydrake.multibody.tree import Frame, Joint, RevoluteJoint, SpatialInertia
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import Context, Diagram
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.primitives import AddRandomInputs, LogVectorOutput
 
 from tactopose_drake.core.sensing.force_torque import ForceTorqueModel
@@ -16,6 +23,14 @@ from tactopose_drake.systems.random_sources import seed_random_sources
 
 F_W = np.array([0.4, -1.5, 0.7])
 p_TipQ = np.array([0.002, -0.004, 0.011])
+
+
+@dataclass
+class FingerBehindJoint:
+    builder: DiagramBuilder
+    plant: MultibodyPlant
+    weld: Joint
+    sensor_frame: Frame
 
 
 def make_sensor(finger, model: ForceTorqueModel) -> ForceTorqueSensor:
@@ -142,3 +157,29 @@ def test_a_broken_file_is_named(tmp_path: Path, text: str) -> None:
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(InvalidFileError, match=r"none\.yaml"):
         load_force_torque_model("a", tmp_path / "none.yaml")
+
+
+@pytest.mark.parametrize("torque", [0.0, 0.02])
+def test_a_sensor_behind_a_joint_that_moves_reads_the_fingertip_s_load_too(torque: float) -> None:
+    builder = DiagramBuilder()
+    plant, _ = AddMultibodyPlant(MultibodyPlantConfig(time_step=1e-3), builder)
+    link = plant.AddRigidBody("link", SpatialInertia.SolidSphereWithMass(0.05, 0.01))
+    tip = plant.AddRigidBody("tip", SpatialInertia.SolidSphereWithMass(0.02, 0.01))
+    plant.WeldFrames(plant.world_frame(), link.body_frame(), RigidTransform([0.0, 0.0, 0.3]))
+    joint = plant.AddJoint(RevoluteJoint("hinge", link.body_frame(), tip.body_frame(), [1.0, 0.0, 0.0]))
+    plant.AddJointActuator("motor", joint)
+    plant.Finalize()
+    hinge = FingerBehindJoint(builder, plant, joint, tip.body_frame())
+    sensor = make_sensor(hinge, ForceTorqueModel())
+    diagram = builder.Build()
+    context = diagram.CreateDefaultContext()
+    plant_context = plant.GetMyContextFromRoot(context)
+    # A pure couple about the joint balances the motor, so the fingertip stays where it is.
+    couple = ExternallyAppliedSpatialForce()
+    couple.body_index, couple.p_BoBq_B = tip.index(), np.zeros(3)
+    couple.F_Bq_W = SpatialForce(np.array([-torque, 0.0, 0.0]), np.array([0.3, 0.0, 0.5]))
+    plant.get_applied_spatial_force_input_port().FixValue(plant_context, [couple])
+    plant.get_actuation_input_port().FixValue(plant_context, [torque])
+    simulate(diagram, context, 0.02)
+    reading = sensor.GetOutputPort("wrench").Eval(sensor.GetMyContextFromRoot(context))
+    np.testing.assert_allclose(reading, [-torque, 0.0, 0.0, 0.3, 0.0, 0.5], atol=1e-9)

@@ -21,6 +21,8 @@ from .quality import ClosureProbability as ClosureProbability
 from .quality import GraspQuality as GraspQuality
 from .quality import force_closure_probability as force_closure_probability
 from .quality import grasp_quality as grasp_quality
+from .refusals import Refusals as Refusals
+from .serial_chain import SLIDING_ARM as SLIDING_ARM
 from .serial_chain import SerialChain as SerialChain
 from .stall_law import close_until_stalled as close_until_stalled
 from .wrench_space import HullGrowthParams as HullGrowthParams

@@ -1,6 +1,8 @@
 """Where one finger can touch an object that is in a given pose in the palm."""
 
-from dataclasses import dataclass, fields
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +11,9 @@ from tactopose_drake.core import poses
 from tactopose_drake.core.grasping.serial_chain import SerialChain
 from tactopose_drake.core.shape.signed_distance import DistanceGrid
 from tactopose_drake.core.validation import FloatArray, positive_number
+
+# The cosine between a finger's axis and the direction to the contact that is best: at the fingertip's shoulder.
+_BEST_FACING = 0.6
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,6 +27,8 @@ class FingerGeometry:
         body: which body of the chain each sphere is fixed on, shape (s,).
         p_BH: centres of spheres that fill the finger without its tip, in their bodies, shape (s, 3), m.
         radius: their radii, shape (s,), m.
+        p_SR: root of the fingertip's axis, which ends in p_ST, in the sensor's frame, shape (3,), m; p_ST itself where
+            the fingertip has no axis and may touch with any of its sides.
     """
 
     chain: SerialChain
@@ -30,6 +37,12 @@ class FingerGeometry:
     body: NDArray[np.intp]
     p_BH: FloatArray
     radius: FloatArray
+    p_SR: FloatArray = field(default_factory=lambda: np.zeros(3))
+
+    @property
+    def has_axis(self) -> bool:
+        """Whether the fingertip has an axis."""
+        return bool(np.any(self.p_ST != self.p_SR))
 
     def spheres(self, q: FloatArray) -> FloatArray:
         """Centres in P, shape (B, s, 3), for positions q (B, m), rad."""
@@ -37,9 +50,15 @@ class FingerGeometry:
         centres: FloatArray = np.einsum("bsij,sj->bsi", X_PB[..., :3], self.p_BH) + X_PB[..., 3]
         return centres
 
+    def axis(self, q: FloatArray) -> FloatArray:
+        """Points in P on the finger's axis from its last two joints to the round end's centre, (B, 4, 3) or less."""
+        on_links = self.chain.body_poses(q)[:, -2:, :, 3]
+        return np.concatenate([on_links, self.tip(q, 0.0)[:, None], self.tip(q)[:, None]], axis=1)
+
     def tip(self, q: FloatArray, height: float = 1.0) -> FloatArray:
-        """Points in P on the line from the sensor's origin (height 0) to the round end's centre (1), shape (B, 3)."""
-        return poses.transform_points(self.chain.sensor_poses(q), height * self.p_ST[None])[:, 0]
+        """Points in P on the line from the root of the axis (height 0) to the round end's centre (1), shape (B, 3)."""
+        p_SQ = self.p_SR + height * (self.p_ST - self.p_SR)
+        return poses.transform_points(self.chain.sensor_poses(q), p_SQ[None])[:, 0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +72,6 @@ class Touches:
         p_PC: contact points, shape (n, 3), m.
         n_PC: the object's outward normals, shape (n, 3).
         cost: how far each is from a clean touch, shape (n,); 0 is best.
-        body_points: points on the finger's axis in P, to keep fingers apart, shape (n, b, 3), m.
     """
 
     q: FloatArray
@@ -62,7 +80,6 @@ class Touches:
     p_PC: FloatArray
     n_PC: FloatArray
     cost: FloatArray
-    body_points: FloatArray
 
     def __len__(self) -> int:
         return len(self.q)
@@ -76,13 +93,13 @@ class Touches:
 class ReachParams:
     """What counts as a clean touch."""
 
-    stiffness: float = 5.0  # of each joint under the grasp controller, N m/rad
+    stiffness: float = 5.0  # of each joint under the grasp controller, N m/rad; a radian is 5 cm of a sliding joint
     lift: float = 0.015  # distance of the open fingertip from the object, m
     clearance: float = 0.002  # least distance of the rest of the finger from the object, m
     least_alignment: float = 0.75  # cosine between the normal and the way the closing fingertip goes
     least_facing: float = 0.12  # cosine between the finger's axis and the direction to the contact: 0 at its side
     most_facing: float = 0.97  # 1 at its very end
-    limit_margin: float = 0.03  # distance from the joint limits in contact, rad
+    limit_margin: float = 0.03  # distance from the joint limits in contact, rad; a radian is 5 cm of a sliding joint
     steps: int = 4  # of the search for exact contact
     contact_tolerance: float = 1e-4  # distance of the fingertip from the surface after them, m
     approach_stops: int = 3  # on the way from closed to open, both included, at which the finger must be clear
@@ -95,8 +112,8 @@ class ReachParams:
 
     def validate(self) -> None:
         """Raises InvalidInputError if a value is not positive."""
-        for field in fields(self):
-            positive_number(f"ReachParams.{field.name}", getattr(self, field.name))
+        for parameter in fields(self):
+            positive_number(f"ReachParams.{parameter.name}", getattr(self, parameter.name))
 
 
 class FingerReach:
@@ -114,16 +131,27 @@ class FingerReach:
             samples: how many joint positions.
         """
         chain = geometry.chain
-        lower, upper = chain.lower + params.limit_margin, chain.upper - params.limit_margin
-        self.geometry, self._params = geometry, params
-        self._q = generator.uniform(lower, upper, (samples, len(lower)))
+        self.geometry, self._params, self._arms = geometry, params, chain.arms
+        margin = np.minimum(params.limit_margin * self._arms, 0.45 * (chain.upper - chain.lower))
+        self._lower, self._upper = chain.lower + margin, chain.upper - margin
+        self._q = generator.uniform(self._lower, self._upper, (samples, len(margin)))
         self._p_PT, J = chain.point_jacobians(self._q, geometry.p_ST)
-        self._axis = poses.compose(chain.body_poses(self._q)[:, -1], chain.X_last_sensor)[:, :, :3] @ _unit(
-            geometry.p_ST
-        )
-        self._compliance = J @ np.swapaxes(J, 1, 2) / params.stiffness
+        self._axis = chain.sensor_poses(self._q)[:, :, :3] @ _unit(geometry.p_ST - geometry.p_SR)
+        self._compliance = self._compliances(J)
 
-    def touches(self, grid: DistanceGrid, X_PO: FloatArray, generator: np.random.Generator, count: int) -> Touches:
+    @property
+    def reached(self) -> FloatArray:
+        """Samples of where the fingertip's round end can be, in P, shape (samples, 3), m."""
+        return self._p_PT
+
+    def touches(
+        self,
+        grid: DistanceGrid,
+        X_PO: FloatArray,
+        generator: np.random.Generator,
+        count: int,
+        refused: Counter[str] | None = None,
+    ) -> Touches:
         """Up to `count` touches, by rising cost.
 
         Args:
@@ -131,50 +159,83 @@ class FingerReach:
             X_PO: the object's pose, shape (3, 4).
             generator: chooses among the samples near the surface.
             count: the largest number wanted.
+            refused: what is wrong with the touches that are not taken is counted there.
         """
         params, radius = self._params, self.geometry.tip_radius
         distance, normal = _distance(grid, X_PO, self._p_PT)
         alignment = _alignment(self._compliance, normal)
-        near = (np.abs(distance - radius) < 0.006) & (alignment > params.least_alignment)
-        near &= np.einsum("ni,ni->n", self._axis, -normal) > params.least_facing - 0.2
-        index = np.flatnonzero(near)
+        wanted = {
+            "the fingertip does not reach the surface": np.abs(distance - radius) < 0.006,
+            "pressing moves the fingertip another way": alignment > params.least_alignment,
+        }
+        if self.geometry.has_axis:
+            facing = np.einsum("ni,ni->n", self._axis, -normal)
+            wanted["the finger would touch with its side or back"] = facing > params.least_facing - 0.2
+        index = _that_pass(wanted, refused)
         if len(index) > 6 * count:
             index = generator.choice(index, 6 * count, replace=False)
-        touches = self._refine(grid, X_PO, self._q[index])
+        touches = self._refine(grid, X_PO, self._q[index], refused)
         return touches.take(np.argsort(touches.cost, kind="stable")[:count])
 
-    def _refine(self, grid: DistanceGrid, X_PO: FloatArray, q: FloatArray) -> Touches:
+    def _compliances(self, J: FloatArray) -> FloatArray:
+        """How far the fingertip gives way to forces, shape (n, 3, 3), m/N, from its Jacobians (n, 3, m)."""
+        weighted = J * self._arms
+        compliance: FloatArray = weighted @ np.swapaxes(weighted, 1, 2) / self._params.stiffness
+        return compliance
+
+    def _onto_surface(self, grid: DistanceGrid, X_PO: FloatArray, q: FloatArray) -> FloatArray:
+        """The joint positions (n, m), moved so that the fingertip is on the surface where it can be."""
+        geometry = self.geometry
+        for _ in range(self._params.steps):
+            p_PT, J = geometry.chain.point_jacobians(q, geometry.p_ST)
+            distance, normal = _distance(grid, X_PO, p_PT)
+            row = np.einsum("ni,nim->nm", normal, J) * self._arms
+            gain = (geometry.tip_radius - distance) / np.sum(row * row, axis=1)
+            q = np.clip(q + gain[:, None] * row * self._arms, self._lower, self._upper)
+        return q
+
+    def _refine(self, grid: DistanceGrid, X_PO: FloatArray, q: FloatArray, refused: Counter[str] | None) -> Touches:
         """Moves the fingertip onto the surface, and keeps what is clean."""
         geometry, params, chain = self.geometry, self._params, self.geometry.chain
-        for _ in range(params.steps):
-            p_PT, J = chain.point_jacobians(q, geometry.p_ST)
-            distance, normal = _distance(grid, X_PO, p_PT)
-            row = np.einsum("ni,nim->nm", normal, J)
-            gain = (geometry.tip_radius - distance) / np.sum(row * row, axis=1)
-            q = np.clip(q + gain[:, None] * row, chain.lower + params.limit_margin, chain.upper - params.limit_margin)
+        q = self._onto_surface(grid, X_PO, q)
         p_PT, J = chain.point_jacobians(q, geometry.p_ST)
         distance, normal = _distance(grid, X_PO, p_PT)
-        compliance = J @ np.swapaxes(J, 1, 2) / params.stiffness
+        compliance = self._compliances(J)
         alignment = _alignment(compliance, normal)
-        p_PS = geometry.tip(q, 0.0)
-        facing = np.einsum("ni,ni->n", _unit(p_PT - p_PS), -normal)
-        closing = -np.einsum("nim,ni->nm", J, normal) / params.stiffness
+        facing = np.full(len(q), _BEST_FACING)
+        if geometry.has_axis:
+            facing = np.einsum("ni,ni->n", _unit(p_PT - geometry.tip(q, 0.0)), -normal)
+        closing = -np.einsum("nim,ni->nm", J, normal) / params.stiffness * self._arms**2
         lift = params.lift / np.einsum("ni,nij,nj->n", normal, compliance, normal)
         q_open = np.clip(q - lift[:, None] * closing, chain.lower, chain.upper)
-        keep = np.abs(distance - geometry.tip_radius) < params.contact_tolerance
-        keep &= (alignment > params.least_alignment) & (facing > params.least_facing) & (facing < params.most_facing)
         p_PC = p_PT - geometry.tip_radius * normal
-        keep &= self._is_open(grid, X_PO, p_PT, normal) & self._is_smooth(grid, X_PO, p_PC, normal)
-        side, _ = _distance(grid, X_PO, np.stack([p_PS, 0.5 * (p_PS + p_PT)], axis=1))
-        keep &= np.all(side > geometry.tip_radius + 0.0005, axis=1)
-        keep &= _distance(grid, X_PO, geometry.tip(q_open))[0] > geometry.tip_radius + 0.4 * params.lift
-        for share in np.linspace(0.0, 1.0, params.approach_stops):
-            clear, _ = _distance(grid, X_PO, geometry.spheres(q + share * (q_open - q)))
-            keep &= np.all(clear > geometry.radius + params.clearance, axis=1)
+        opened = _distance(grid, X_PO, geometry.tip(q_open))[0]
+        clean = {
+            "a joint limit keeps the fingertip off": np.abs(distance - geometry.tip_radius) < params.contact_tolerance,
+            "pressing moves the fingertip another way": alignment > params.least_alignment,
+            "the finger would touch with its side or back": facing > params.least_facing,
+            "the finger would touch with its very end": facing < params.most_facing,
+            "the fingertip would touch an edge or a corner": self._is_open(grid, X_PO, p_PT, normal)
+            & self._is_smooth(grid, X_PO, p_PC, normal),
+            "the finger cannot open so far": opened > geometry.tip_radius + 0.4 * params.lift,
+            "the finger behind the fingertip would touch": self._is_clear(grid, X_PO, q, q_open),
+        }
         # A fingertip meets best with its shoulder, not with its very end or its side.
-        cost = 6.0 * (1.0 - alignment) + 2.0 * np.abs(facing - 0.6)
-        body_points = np.concatenate([p_PT[:, None], p_PS[:, None], chain.body_poses(q)[:, -2:, :, 3]], axis=1)
-        return Touches(q, closing, q_open, p_PC, normal, cost, body_points).take(np.flatnonzero(keep))
+        cost = 6.0 * (1.0 - alignment) + 2.0 * np.abs(facing - _BEST_FACING)
+        touches = Touches(q, closing, q_open, p_PC, normal, cost)
+        return touches.take(_that_pass(clean, refused))
+
+    def _is_clear(self, grid: DistanceGrid, X_PO: FloatArray, q: FloatArray, q_open: FloatArray) -> NDArray[np.bool_]:
+        """Whether the finger behind its round end is off the object, closed at q and on its way to q_open, (n,)."""
+        geometry, params = self.geometry, self._params
+        clear = np.ones(len(q), dtype=np.bool_)
+        if geometry.has_axis:
+            side, _ = _distance(grid, X_PO, np.stack([geometry.tip(q, 0.0), geometry.tip(q, 0.5)], axis=1))
+            clear &= np.all(side > geometry.tip_radius + 0.0005, axis=1)
+        for share in np.linspace(0.0, 1.0, params.approach_stops):
+            distance, _ = _distance(grid, X_PO, geometry.spheres(q + share * (q_open - q)))
+            clear &= np.all(distance > geometry.radius + params.clearance, axis=1)
+        return clear
 
     def _is_open(self, grid: DistanceGrid, X_PO: FloatArray, p_PT: FloatArray, normal: FloatArray) -> NDArray[np.bool_]:
         """Whether fingertips about p_PT touch one place only, shape (n,)."""
@@ -193,6 +254,16 @@ class FingerReach:
         return np.asarray(np.einsum("nki,ni->nk", normals, normal).min(axis=1) > np.cos(self._params.most_turn))
 
 
+def _that_pass(wanted: Mapping[str, NDArray[np.bool_]], refused: Counter[str] | None) -> NDArray[np.intp]:
+    """Which of n touches are all that is wanted; of the others, what is wanting first is counted."""
+    passed = np.ones(len(next(iter(wanted.values()))), dtype=np.bool_)
+    for reason, good in wanted.items():
+        if refused is not None:
+            refused[reason] += int(np.count_nonzero(passed & ~good))
+        passed &= good
+    return np.flatnonzero(passed)
+
+
 def _distance(grid: DistanceGrid, X_PO: FloatArray, p_PQ: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Signed distances (...) and normals in P (..., 3) of the object at points (..., 3) in P."""
     R_PO = X_PO[:, :3]
@@ -208,5 +279,5 @@ def _alignment(compliance: FloatArray, normal: FloatArray) -> FloatArray:
 
 
 def _unit(v: FloatArray) -> FloatArray:
-    unit: FloatArray = v / np.linalg.norm(v, axis=-1, keepdims=True)
+    unit: FloatArray = v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-12)
     return unit

@@ -7,17 +7,22 @@ import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tactopose_drake.core import poses
 from tactopose_drake.core.grasping.finger_reach import FingerReach, Touches
+from tactopose_drake.core.grasping.finger_sides import are_apart, sides
 from tactopose_drake.core.grasping.grasp_law import ClosingMotion
 from tactopose_drake.core.grasping.grasp_score import GraspScore, ScoreParams, score_grasp
+from tactopose_drake.core.grasping.refusals import Refusals
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray, positive_number
 from tactopose_drake.errors import InvalidInputError
+
+_GAP = 0.0005  # between the sides of two fingers, m
+_IMBALANCE_OF_TWO = 0.05  # the most of what two fingers hold, N
 
 Spheres = tuple[FloatArray, FloatArray]  # centres in P (n, 3) and radii (n,), m
 
@@ -33,19 +38,21 @@ class PlannerParams:
     least_force: float = 1.8  # N
     most_force: float = 7.0  # N
     friction: float = 0.5  # of the planned grasp, below the true one for the sake of a margin
-    finger_distance: float = 0.0185  # least distance between the axes of two fingers, m
+    # Least distance between the axes of two fingers, m; null: their widths decide.
+    finger_distance: float | None = None
     palm_clearance: float = 0.004  # m
     tilt_deg: float = 25.0  # largest angle between the object's z axis and up, deg
-    least_fingers: int = 4  # that take part
+    least_fingers: int = 4  # that take part; of a hand with fewer, all
     restarts: int = 2  # of the choice of one touch a finger, each from another order of the fingers
     rounds: int = 2  # of each, in which every finger's touch is chosen anew
 
     def validate(self) -> None:
         """Raises InvalidInputError if a value is out of its range."""
         for name in PlannerParams.__dataclass_fields__:
-            positive_number(f"PlannerParams.{name}", getattr(self, name), allow_zero=name == "tilt_deg")
-        if self.least_fingers < 3:
-            raise InvalidInputError(f"PlannerParams.least_fingers: is {self.least_fingers}; allowed are numbers >= 3.")
+            if name != "finger_distance" or self.finger_distance is not None:
+                positive_number(f"PlannerParams.{name}", getattr(self, name), allow_zero=name == "tilt_deg")
+        if self.least_fingers < 2:
+            raise InvalidInputError(f"PlannerParams.least_fingers: is {self.least_fingers}; allowed are numbers >= 2.")
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +104,7 @@ def plan_grasps(
     load_P: FloatArray,
     params: PlannerParams,
     generator: np.random.Generator,
+    refusals: Refusals | None = None,
 ) -> list[GraspPlan]:
     """Grasps by falling score; fewer than asked for, or none, where the hand can hardly hold the object.
 
@@ -106,11 +114,13 @@ def plan_grasps(
         load_P: the object's weight, shape (3,), N, in P.
         params: see there.
         generator: source of all random choices.
+        refusals: why poses are not taken is counted there.
     """
     params.validate()
+    search = _Search(model, hand, load_P, params, generator, Refusals() if refusals is None else refusals)
     plans: list[GraspPlan] = []
     for _ in range(params.most_poses):
-        plan = _plan_at(model, hand, _sample_pose(model, hand, -load_P, params, generator), load_P, params, generator)
+        plan = search.plan_at(_sample_pose(model, hand, -load_P, params, generator))
         if plan is not None:
             plans.append(plan)
         if len(plans) >= params.grasps:
@@ -138,91 +148,107 @@ def _sample_pose(
     return poses.make_poses(R_PO, p_PG - R_PO @ p_OG)
 
 
-def _plan_at(
-    model: ObjectModel,
-    hand: HandReach,
-    X_PO: FloatArray,
-    load_P: FloatArray,
-    params: PlannerParams,
-    generator: np.random.Generator,
-) -> GraspPlan | None:
-    if _least_distance(model, X_PO, hand.palm_spheres) < params.palm_clearance:
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """What a search for grasps goes by."""
+
+    model: ObjectModel
+    hand: HandReach
+    load_P: FloatArray
+    params: PlannerParams
+    generator: np.random.Generator
+    refusals: Refusals
+
+    @cached_property
+    def least_fingers(self) -> int:
+        return min(self.params.least_fingers, len(self.hand.fingers))
+
+    @cached_property
+    def scoring(self) -> ScoreParams:
+        # Two fingers hold no torque about the line between them.
+        usual = ScoreParams.most_imbalance
+        return ScoreParams(
+            friction=self.params.friction,
+            normal_force=self.params.normal_force,
+            least_force=self.params.least_force,
+            most_force=self.params.most_force,
+            least_contacts=min(3, self.least_fingers),
+            most_imbalance=_IMBALANCE_OF_TWO if self.least_fingers == 2 else usual,
+        )
+
+    def plan_at(self, X_PO: FloatArray) -> GraspPlan | None:
+        """The best grasp of the object in a pose; None where there is none, and why is counted."""
+        clearance = self.params.palm_clearance
+        if _least_distance(self.model, X_PO, self.hand.palm_spheres) < clearance:
+            return self._refused("the object would be in the palm")
+        touches: dict[str, Touches] = {}
+        idle = 0
+        for name, finger in self.hand.fingers.items():
+            refused = self.refusals.touches[name]
+            found = finger.touches(self.model.grid, X_PO, self.generator, self.params.touches, refused)
+            if len(found):
+                touches[name] = found
+            else:
+                idle += 1
+                if len(self.hand.fingers) - idle < self.least_fingers:
+                    return self._refused(f"fewer than {self.least_fingers} fingers can touch it")
+                if _least_distance(self.model, X_PO, self.hand.rest_spheres[name]) < clearance:
+                    return self._refused("a finger that takes no part is in its way")
+        best = self._combine(touches, X_PO[:, :3] @ self.model.center_of_mass + X_PO[:, 3])
+        if best is None:
+            return self._refused("no choice of touches keeps the fingers apart and the forces in balance")
+        chosen, score = best
+        left_out = [name for name in touches if name not in chosen]
+        if any(_least_distance(self.model, X_PO, self.hand.rest_spheres[name]) < clearance for name in left_out):
+            return self._refused("a finger that takes no part is in its way")
+        fingers = {}
+        for (name, i), force in zip(chosen.items(), score.force, strict=True):
+            touch = touches[name]
+            motion = ClosingMotion(touch.q_open[i], touch.q[i], touch.closing[i], float(force))
+            fingers[name] = FingerPlan(motion, touch.p_PC[i], touch.n_PC[i])
+        return GraspPlan(X_PO, fingers, score.value)
+
+    def _refused(self, reason: str) -> GraspPlan | None:
+        self.refusals.poses[reason] += 1
         return None
-    touches: dict[str, Touches] = {}
-    idle = 0
-    for name, finger in hand.fingers.items():
-        found = finger.touches(model.grid, X_PO, generator, params.touches)
-        if len(found):
-            touches[name] = found
-        else:
-            idle += 1
-            at_rest = _least_distance(model, X_PO, hand.rest_spheres[name])
-            if len(hand.fingers) - idle < params.least_fingers or at_rest < params.palm_clearance:
-                return None
-    p_PG = X_PO[:, :3] @ model.center_of_mass + X_PO[:, 3]
-    scoring = ScoreParams(
-        friction=params.friction,
-        normal_force=params.normal_force,
-        least_force=params.least_force,
-        most_force=params.most_force,
-    )
-    best = _combine(touches, p_PG, load_P, scoring, params, generator)
-    if best is None:
-        return None
-    chosen, score = best
-    left_out = [name for name in touches if name not in chosen]
-    if any(_least_distance(model, X_PO, hand.rest_spheres[name]) < params.palm_clearance for name in left_out):
-        return None
-    fingers = {}
-    for (name, i), force in zip(chosen.items(), score.force, strict=True):
-        touch = touches[name]
-        motion = ClosingMotion(touch.q_open[i], touch.q[i], touch.closing[i], float(force))
-        fingers[name] = FingerPlan(motion, touch.p_PC[i], touch.n_PC[i])
-    return GraspPlan(X_PO, fingers, score.value)
 
+    def _combine(self, touches: Mapping[str, Touches], p_PG: FloatArray) -> tuple[dict[str, int], GraspScore] | None:
+        """The best choice found of one touch a finger, by changing one finger at a time."""
+        placed = {name: self._sides(name, touch.q) for name, touch in touches.items()}
+        apart = {(a, b): are_apart(placed[a], placed[b], _GAP) for a, b in itertools.combinations(touches, 2)}
+        apart |= {(b, a): free.T for (a, b), free in apart.items()}
 
-def _combine(
-    touches: Mapping[str, Touches],
-    p_PG: FloatArray,
-    load_P: FloatArray,
-    scoring: ScoreParams,
-    params: PlannerParams,
-    generator: np.random.Generator,
-) -> tuple[dict[str, int], GraspScore] | None:
-    """The best choice found of one touch a finger, by changing one finger at a time."""
-    apart = {
-        (a, b): _apart(touches[a], touches[b], params.finger_distance) for a, b in itertools.permutations(touches, 2)
-    }
+        def judge(chosen: Mapping[str, int]) -> GraspScore:
+            rows = [(touches[name].p_PC[i], touches[name].n_PC[i], touches[name].cost[i]) for name, i in chosen.items()]
+            p, n, cost = (np.array(column) for column in zip(*rows, strict=True))
+            return score_grasp(p - p_PG, n, float(cost.sum()), self.load_P, self.scoring)
 
-    def judge(chosen: Mapping[str, int]) -> GraspScore:
-        rows = [(touches[name].p_PC[i], touches[name].n_PC[i], touches[name].cost[i]) for name, i in chosen.items()]
-        p, n, cost = (np.array(column) for column in zip(*rows, strict=True))
-        return score_grasp(p - p_PG, n, float(cost.sum()), load_P, scoring)
+        names = list(touches)
+        best: tuple[dict[str, int], GraspScore] | None = None
+        for _ in range(self.params.restarts):
+            chosen: dict[str, int] = {}
+            for _ in range(self.params.rounds):
+                for k in self.generator.permutation(len(names)):
+                    others = {name: i for name, i in chosen.items() if name != names[k]}
+                    free = np.ones(len(touches[names[k]]), dtype=bool)
+                    for name, i in others.items():
+                        free &= apart[name, names[k]][i]
+                    options = [{**others, names[k]: int(i)} for i in np.flatnonzero(free)]
+                    if options:
+                        chosen = max(options, key=lambda option: judge(option).value)
+            if len(chosen) >= self.least_fingers:
+                score = judge(chosen)
+                if score.balanced and (best is None or score.value > best[1].value):
+                    best = chosen, score
+        return best
 
-    names = list(touches)
-    best: tuple[dict[str, int], GraspScore] | None = None
-    for _ in range(params.restarts):
-        chosen: dict[str, int] = {}
-        for _ in range(params.rounds):
-            for k in generator.permutation(len(names)):
-                others = {name: i for name, i in chosen.items() if name != names[k]}
-                free = np.ones(len(touches[names[k]]), dtype=bool)
-                for name, i in others.items():
-                    free &= apart[name, names[k]][i]
-                options = [{**others, names[k]: int(i)} for i in np.flatnonzero(free)]
-                if options:
-                    chosen = max(options, key=lambda option: judge(option).value)
-        if len(chosen) >= params.least_fingers:
-            score = judge(chosen)
-            if score.balanced and (best is None or score.value > best[1].value):
-                best = chosen, score
-    return best
-
-
-def _apart(a: Touches, b: Touches, least: float) -> NDArray[np.bool_]:
-    """Which touches of two fingers keep the fingers apart, shape (len(a), len(b))."""
-    gap = np.linalg.norm(a.body_points[:, None, :, None] - b.body_points[None, :, None, :], axis=-1)
-    return np.asarray(gap.min(axis=(2, 3)) > least)
+    def _sides(self, finger: str, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Spheres that stand for a finger in some postures, to keep fingers apart."""
+        geometry = self.hand.fingers[finger].geometry
+        if self.params.finger_distance is None:
+            return sides(geometry, q)
+        axis = geometry.axis(q)
+        return axis, np.full(axis.shape[1], 0.5 * (self.params.finger_distance - _GAP))
 
 
 def _least_distance(model: ObjectModel, X_PO: FloatArray, spheres: Spheres) -> float:

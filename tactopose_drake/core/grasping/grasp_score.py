@@ -18,6 +18,7 @@ class ScoreParams:
     normal_force: float  # wanted of each finger, N
     least_force: float  # N
     most_force: float  # N
+    least_contacts: int = 3  # of a grasp that may be balanced
     cone_edges: int = 6  # of the pyramid that stands for a friction cone
     arm: float = 0.04  # lever that turns torques into forces, m: about an object's half width
     balance_weight: float = 10.0  # of the balance of forces against their being near the wanted one
@@ -57,7 +58,7 @@ def score_grasp(p_GC: FloatArray, n: FloatArray, cost: float, load: FloatArray, 
         params: see there.
     """
     value = 0.5 * _information(p_GC, n, params) + len(n) - cost
-    if len(n) < 3:
+    if len(n) < params.least_contacts:
         return GraspScore(value, np.zeros(len(n)), False)
     force, imbalance = balance(p_GC, n, load, params)
     clipped = np.clip(force, params.least_force, params.most_force)

@@ -7,22 +7,28 @@ import numpy as np
 from tactopose_drake.core import poses
 from tactopose_drake.core.validation import FloatArray
 
+SLIDING_ARM = 0.05
+"""The arm at which a sliding joint moves what it carries as a turning one would, m: about a finger's length."""
+
 
 @dataclass(frozen=True, eq=False)
 class SerialChain:
-    """Revolute joints in a row from the palm P to a sensor frame S; some may follow others.
+    """Joints in a row from the palm P to a sensor frame S; some may follow others.
 
-    The chain's own positions q, shape (m,), are those of its actuated joints; all k joints turn by `coupling @ q`.
+    The chain's own positions q, shape (m,), are those of its actuated joints; all k joints turn or slide by
+    `coupling @ q + offset`.
 
     Attributes:
         X_parent: pose of each joint's frame in the body before it (in P for the first), shape (k, 3, 4).
         axis: unit axis of each joint in its frame, shape (k, 3).
-        X_child: pose of the body behind each joint in the frame that the joint turns, shape (k, 3, 4).
+        X_child: pose of the body behind each joint in the frame that the joint moves, shape (k, 3, 4).
         coupling: shape (k, m).
         X_last_sensor: pose of S in the last body, shape (3, 4).
-        lower: least actuated positions, shape (m,), rad.
-        upper: largest actuated positions, shape (m,), rad.
+        lower: least actuated positions, shape (m,), rad or m.
+        upper: largest actuated positions, shape (m,), rad or m.
         bodies: names of the k bodies behind the joints.
+        sliding: which of the k joints slide along their axis; the others turn about it.
+        offset: positions of the joints where all q are zero, shape (k,), rad or m.
     """
 
     X_parent: FloatArray
@@ -33,41 +39,52 @@ class SerialChain:
     lower: FloatArray
     upper: FloatArray
     bodies: tuple[str, ...]
+    sliding: frozenset[int] = frozenset()
+    offset: FloatArray | float = 0.0
+
+    @property
+    def arms(self) -> FloatArray:
+        """What motion of each actuated joint counts as a radian, shape (m,): 1, or `SLIDING_ARM` where it slides."""
+        slides = [any(self.coupling[i, k] for i in self.sliding) for k in range(self.coupling.shape[1])]
+        return np.where(slides, SLIDING_ARM, 1.0)
 
     def body_poses(self, q: FloatArray) -> FloatArray:
-        """X_PB of the body behind each joint, shape (B, k, 3, 4), for positions q (B, m), rad."""
+        """X_PB of the body behind each joint, shape (B, k, 3, 4), for positions q (B, m), rad or m."""
         return self._sweep(q)[0]
 
     def sensor_poses(self, q: FloatArray) -> FloatArray:
-        """X_PS, shape (B, 3, 4), for positions q (B, m), rad."""
+        """X_PS, shape (B, 3, 4), for positions q (B, m), rad or m."""
         return poses.compose(self._sweep(q)[0][:, -1], self.X_last_sensor)
 
     def point_jacobians(self, q: FloatArray, p_SQ: FloatArray) -> tuple[FloatArray, FloatArray]:
         """A point fixed in S, in P, and how it moves with the joints.
 
         Args:
-            q: positions, shape (B, m), rad.
+            q: positions, shape (B, m), rad or m.
             p_SQ: the point, shape (3,), m.
 
         Returns:
-            p_PQ, shape (B, 3), m, and J with v_PQ = J dq/dt, shape (B, 3, m), m/rad.
+            p_PQ, shape (B, 3), m, and J with v_PQ = J dq/dt, shape (B, 3, m), m/rad or m/m.
         """
         X_PB, axis_P, p_PJ = self._sweep(q)
         X_PS = poses.compose(X_PB[:, -1], self.X_last_sensor)
         p_PQ = X_PS[:, :, :3] @ p_SQ + X_PS[:, :, 3]
         per_joint = np.cross(axis_P, p_PQ[:, None] - p_PJ)  # (B, k, 3)
+        for i in self.sliding:
+            per_joint[:, i] = axis_P[:, i]
         return p_PQ, np.einsum("bki,km->bim", per_joint, self.coupling)
 
     def _sweep(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Poses of the bodies (B, k, 3, 4), axes (B, k, 3) and origins (B, k, 3) of the joints, all in P."""
-        angles = q @ self.coupling.T
+        positions = q @ self.coupling.T + self.offset
         X_PB, axis_P, p_PJ = [], [], []
         X = np.broadcast_to(np.eye(3, 4), (len(q), 3, 4))
         for i, axis in enumerate(self.axis):
             X = poses.compose(X, self.X_parent[i])
             axis_P.append(X[:, :, :3] @ axis)
             p_PJ.append(X[:, :, 3])
-            turn = poses.make_poses(poses.exp_so3(angles[:, i, None] * axis), np.zeros((len(q), 3)))
-            X = poses.compose(poses.compose(X, turn), self.X_child[i])
+            motion = positions[:, i, None] * axis
+            turn, slide = (np.zeros_like(motion), motion) if i in self.sliding else (motion, np.zeros_like(motion))
+            X = poses.compose(poses.compose(X, poses.make_poses(poses.exp_so3(turn), slide)), self.X_child[i])
             X_PB.append(X)
         return np.stack(X_PB, axis=1), np.stack(axis_P, axis=1), np.stack(p_PJ, axis=1)

@@ -1,3 +1,5 @@
+from .cell_patterns import CornerPattern as CornerPattern
+from .cell_patterns import PointPattern as PointPattern
 from .contact_noise import NANO17_SIGMA_FORCE as NANO17_SIGMA_FORCE
 from .contact_noise import NANO17_SIGMA_MOMENT as NANO17_SIGMA_MOMENT
 from .contact_noise import contact_covariance as contact_covariance

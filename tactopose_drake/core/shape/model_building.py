@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactopose_drake.core.mesh.loading import RawMesh
+from tactopose_drake.core.mesh.loading import RawMesh, mesh_file
 from tactopose_drake.core.mesh.repair import repair_mesh
 from tactopose_drake.core.poses import transform_points
 from tactopose_drake.core.shape.coarse_field import coarsen
@@ -18,7 +20,27 @@ from tactopose_drake.core.shape.signed_distance import DistanceGrid, build_grid
 from tactopose_drake.core.shape.surface_samples import SurfaceSamples, sample_surface
 from tactopose_drake.core.shape.symmetry import RotationalSymmetry, symmetry_group
 from tactopose_drake.core.shape.symmetry_detection import SymmetryDetectionParams, detect_symmetries
-from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.core.validation import FloatArray, instance_of
+from tactopose_drake.errors import InvalidFileError, UnknownNameError
+
+# Formats whose geometry is all in the one file, so that the file's bytes identify it and need not be parsed again.
+_SELF_CONTAINED = {".obj", ".off", ".ply", ".stl"}
+
+
+def file_content(path: str | Path) -> tuple[bytes, str] | None:
+    """The bytes of a mesh file and its ending, if they alone say what the mesh is."""
+    file = mesh_file(path)
+    if file.suffix.lower() not in _SELF_CONTAINED:
+        return None
+    try:
+        return file.read_bytes(), file.suffix.lower()
+    except OSError as error:
+        raise InvalidFileError(f"{file}: cannot be read ({error.strerror}).") from error
+
+
+def scaled(raw: RawMesh, scale: float) -> RawMesh:
+    """Triangles whose unit has so many metres, in metres."""
+    return raw if scale == 1.0 else RawMesh(scale * raw.vertices, raw.faces)
 
 
 def build_arrays(
@@ -72,3 +94,17 @@ def misfits(grid: DistanceGrid, samples: SurfaceSamples, poses: FloatArray) -> F
     distance = grid.distance(turned.reshape(-1, 3)).reshape(len(turned), -1)
     off: FloatArray = np.sqrt(np.mean(distance**2, axis=1))
     return off
+
+
+def given_symmetries(symmetry: object) -> tuple[RotationalSymmetry, ...] | None:
+    """The symmetries of a list; None where they are named."""
+    names = ("auto", "none", "a list of RotationalSymmetry")
+    if isinstance(symmetry, str):
+        if symmetry not in names[:2]:
+            raise UnknownNameError("symmetry", symmetry, names)
+        return None
+    if not isinstance(symmetry, Sequence):
+        raise UnknownNameError("symmetry", symmetry, names)
+    for i, one in enumerate(symmetry):
+        instance_of(f"symmetry[{i}]", one, RotationalSymmetry)
+    return tuple(symmetry)

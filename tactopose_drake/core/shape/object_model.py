@@ -5,22 +5,23 @@ from __future__ import annotations
 import json
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tactopose_drake.core.mesh.bodies import cross_products
-from tactopose_drake.core.mesh.loading import MeshSource, load_mesh, mesh_file, mesh_name
+from tactopose_drake.core.mesh.loading import MeshSource, load_mesh, mesh_name
+from tactopose_drake.core.mesh.primitives import box_mesh, capsule_mesh, cylinder_mesh, sphere_mesh
 from tactopose_drake.core.mesh.repair import MeshRepairWarning
 from tactopose_drake.core.mesh.solid import DENSITY
 from tactopose_drake.core.shape import kept_parts, model_cache
 from tactopose_drake.core.shape.coarse_field import CoarseField, over_grid
 from tactopose_drake.core.shape.model_arrays import describe_a_model
-from tactopose_drake.core.shape.model_building import build_arrays, misfits
+from tactopose_drake.core.shape.model_building import build_arrays, file_content, given_symmetries, misfits, scaled
 from tactopose_drake.core.shape.pair_features import PairFeatures, build_pair_features
 from tactopose_drake.core.shape.signed_distance import DistanceGrid
 from tactopose_drake.core.shape.surface_samples import SurfaceSamples
@@ -28,14 +29,11 @@ from tactopose_drake.core.shape.surfels import Surfels, make_surfels, surfel_spa
 from tactopose_drake.core.shape.symmetry import RotationalSymmetry, sampled_turns, symmetry_group
 from tactopose_drake.core.shape.symmetry_detection import SymmetryDetectionParams
 from tactopose_drake.core.validation import FARTHEST, FloatArray, instance_of, limited, positive_number, whole_number
-from tactopose_drake.errors import InvalidFileError, UnknownNameError
 
 # What is allowed: more samples take all memory there is, other masses are those of nothing that a hand holds, kg.
 _MOST_SAMPLES = 10**6
 _LEAST_MASS, _MOST_MASS = 1e-6, 1e4
-
-# Formats whose geometry is all in the one file, so that the file's bytes identify it and need not be parsed again.
-_SELF_CONTAINED = {".obj", ".off", ".ply", ".stl"}
+_LEAST_SCALE, _MOST_SCALE = 1e-6, 1e6
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,6 +98,29 @@ class ObjectModel:
         return 0.5 * float(np.linalg.norm(cross_products(self.vertices, self.faces), axis=1).sum())
 
     @cached_property
+    def middle(self) -> FloatArray:
+        """Of the bounding box, in O, shape (3,), m."""
+        return np.asarray(0.5 * (self.vertices.min(axis=0) + self.vertices.max(axis=0)))
+
+    @cached_property
+    def about_middle(self) -> ObjectModel:
+        """The same in a frame with O's axes at the middle of the bounding box."""
+        p_OC = self.middle
+        symmetry_poses = self.symmetry_poses.copy()
+        symmetry_poses[:, :, 3] += symmetry_poses[:, :, :3] @ p_OC - p_OC
+        grid = DistanceGrid(self.grid.values, self.grid.origin - p_OC, self.grid.spacing)
+        return replace(
+            self,
+            vertices=self.vertices - p_OC,
+            grid=grid,
+            coarse_field=over_grid(grid, self.coarse_field.values),
+            samples=SurfaceSamples(self.samples.points - p_OC, self.samples.normals),
+            center_of_mass=self.center_of_mass - p_OC,
+            symmetries=tuple(RotationalSymmetry(s.axis, s.point - p_OC, s.order) for s in self.symmetries),
+            symmetry_poses=symmetry_poses,
+        )
+
+    @cached_property
     def sample_spread(self) -> tuple[FloatArray, float, float]:
         """Of the samples the middle (3,), m, the largest distance from O's origin, m, and a coordinate's mean variance,
         m^2.
@@ -143,6 +164,7 @@ class ObjectModel:
         mesh: MeshSource,
         *,
         name: str | None = None,
+        scale: float = 1.0,
         mass: float | None = None,
         center_of_mass: ArrayLike | None = None,
         symmetry: Literal["auto", "none"] | Sequence[RotationalSymmetry] = "auto",
@@ -152,12 +174,13 @@ class ObjectModel:
         max_grid_bytes: int = 64 * 2**20,
         cache: bool = True,
     ) -> ObjectModel:
-        """Builds the model of a mesh in metres, or takes it from the cache, by the mesh's content.
+        """Builds the model of a mesh, or takes it from the cache, by the mesh's content.
 
         Args:
             mesh: a file (obj, stl, ply, off, glb, gltf, dae, zae, 3mf or xaml), a `trimesh.Trimesh`, or a
                 `trimesh.Scene`: its meshes joined.
             name: what to call the object.
+            scale: how many metres the mesh's unit has: 0.001 for one in millimetres.
             mass: kg.
             center_of_mass: in O, shape (3,), m.
             symmetry: "auto" detects the rotations that leave the object unchanged, "none" assumes there are none, a
@@ -182,9 +205,10 @@ class ObjectModel:
         """
         if mass is not None:
             mass = positive_number("mass", mass, least=_LEAST_MASS, most=_MOST_MASS)
+        scale = positive_number("scale", scale, least=_LEAST_SCALE, most=_MOST_SCALE)
         if center_of_mass is not None:
             center_of_mass = limited("center_of_mass", center_of_mass, (3,), most=FARTHEST)
-        given = _given_symmetries(symmetry)
+        given = given_symmetries(symmetry)
         poses = symmetry_group(given or ())
         samples = whole_number("samples", samples, least=100, most=_MOST_SAMPLES)
         max_grid_bytes = whole_number("max_grid_bytes", max_grid_bytes, least=1)
@@ -197,14 +221,18 @@ class ObjectModel:
         name = mesh_name(mesh) if name is None else name
 
         content = file_content(mesh) if isinstance(mesh, str | Path) else None
-        raw = load_mesh(mesh) if content is None else None
+        raw = scaled(load_mesh(mesh), scale) if content is None else None
         identity = content if raw is None else (raw.vertices, raw.faces)
         options = f"{tolerance} {samples} {spacing} {max_grid_bytes}"
+        if content is not None and scale != 1.0:
+            options += f" {scale!r}"
         key = model_cache.content_key(*(identity or ()), options)
         arrays = model_cache.load(key) if cache else None
         if arrays is None or not describe_a_model(arrays, samples):
             label = str(mesh) if isinstance(mesh, str | Path) else name
-            arrays = build_arrays(raw or load_mesh(mesh), label, tolerance, samples, spacing, max_grid_bytes)
+            arrays = build_arrays(
+                raw or scaled(load_mesh(mesh), scale), label, tolerance, samples, spacing, max_grid_bytes
+            )
             if cache:
                 model_cache.store(key, arrays)
 
@@ -245,27 +273,44 @@ class ObjectModel:
             array.setflags(write=False)
         return model
 
+    @classmethod
+    def from_box(cls, size: ArrayLike, **options: Any) -> ObjectModel:
+        """A box about O's origin, along its axes.
 
-def _given_symmetries(symmetry: object) -> tuple[RotationalSymmetry, ...] | None:
-    """The symmetries of a list; None where they are named."""
-    names = ("auto", "none", "a list of RotationalSymmetry")
-    if isinstance(symmetry, str):
-        if symmetry not in names[:2]:
-            raise UnknownNameError("symmetry", symmetry, names)
-        return None
-    if not isinstance(symmetry, Sequence):
-        raise UnknownNameError("symmetry", symmetry, names)
-    for i, one in enumerate(symmetry):
-        instance_of(f"symmetry[{i}]", one, RotationalSymmetry)
-    return tuple(symmetry)
+        Args:
+            size: its sides, shape (3,), m.
+            options: as of `from_mesh`.
+        """
+        return cls.from_mesh(box_mesh(size), **{"name": "box"} | options)
 
+    @classmethod
+    def from_cylinder(cls, radius: float, length: float, **options: Any) -> ObjectModel:
+        """A cylinder along z of O, its middle at the origin.
 
-def file_content(path: str | Path) -> tuple[bytes, str] | None:
-    """The bytes of a mesh file and its ending, if they alone say what the mesh is."""
-    file = mesh_file(path)
-    if file.suffix.lower() not in _SELF_CONTAINED:
-        return None
-    try:
-        return file.read_bytes(), file.suffix.lower()
-    except OSError as error:
-        raise InvalidFileError(f"{file}: cannot be read ({error.strerror}).") from error
+        Args:
+            radius: m.
+            length: m.
+            options: as of `from_mesh`.
+        """
+        return cls.from_mesh(cylinder_mesh(radius, length), **{"name": "cylinder"} | options)
+
+    @classmethod
+    def from_sphere(cls, radius: float, **options: Any) -> ObjectModel:
+        """A sphere about O's origin.
+
+        Args:
+            radius: m.
+            options: as of `from_mesh`.
+        """
+        return cls.from_mesh(sphere_mesh(radius), **{"name": "sphere"} | options)
+
+    @classmethod
+    def from_capsule(cls, radius: float, length: float, **options: Any) -> ObjectModel:
+        """Hemispheres on a cylinder along z of O, its middle at the origin.
+
+        Args:
+            radius: m.
+            length: of the cylinder, m.
+            options: as of `from_mesh`.
+        """
+        return cls.from_mesh(capsule_mesh(radius, length), **{"name": "capsule"} | options)

@@ -4,11 +4,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tactopose_drake.core import poses
-from tactopose_drake.core.grasping.serial_chain import SerialChain
+from tactopose_drake.core.grasping.serial_chain import SLIDING_ARM, SerialChain
 
 
-def make_chain(generator: np.random.Generator, joints: int = 4, actuated: int = 3) -> SerialChain:
-    """Random joints; the last one follows the one before it."""
+def make_chain(
+    generator: np.random.Generator, joints: int = 4, actuated: int = 3, sliding: frozenset[int] = frozenset()
+) -> SerialChain:
+    """Random joints; the last one follows the one before it, with an offset."""
     coupling = np.eye(joints, actuated)
     coupling[actuated:, -1] = 0.7
     axes = generator.normal(size=(joints, 3))
@@ -21,6 +23,8 @@ def make_chain(generator: np.random.Generator, joints: int = 4, actuated: int = 
         np.full(actuated, -1.0),
         np.full(actuated, 1.0),
         tuple(f"body_{i}" for i in range(joints)),
+        sliding,
+        np.append(np.zeros(joints - 1), 0.2),
     )
 
 
@@ -41,16 +45,25 @@ def test_planar_arm_by_hand():
     np.testing.assert_allclose(X_PS[0, :, :3], np.eye(3), atol=1e-12)
 
 
+@pytest.mark.parametrize("sliding", [frozenset(), frozenset({1}), frozenset({0, 3})])
 @pytest.mark.parametrize("angle", [0.0, 1e-8, 1.0, np.pi])
-def test_jacobian_against_central_differences(angle):
+def test_jacobian_against_central_differences(angle, sliding):
     generator = np.random.default_rng(3)
-    chain = make_chain(generator)
+    chain = make_chain(generator, sliding=sliding)
     q, p_SQ, h = np.array([[angle, -0.4, angle]]), generator.normal(size=3) * 0.02, 1e-6
     _, J = chain.point_jacobians(q, p_SQ)
     for k in range(3):
         step = h * np.eye(3)[k]
         ahead, behind = chain.point_jacobians(q + step, p_SQ)[0], chain.point_jacobians(q - step, p_SQ)[0]
         np.testing.assert_allclose(J[:, :, k], (ahead - behind) / (2 * h), atol=1e-8)
+
+
+def test_a_sliding_joint_moves_along_its_axis_and_counts_by_its_arm():
+    chain = make_chain(np.random.default_rng(3), sliding=frozenset({0}))
+    at, moved = chain.sensor_poses(np.array([[0.0, 0.3, -0.2], [0.05, 0.3, -0.2]]))
+    np.testing.assert_allclose(moved[:, :3], at[:, :3], atol=1e-12)
+    np.testing.assert_allclose(moved[:, 3] - at[:, 3], 0.05 * chain.X_parent[0, :, :3] @ chain.axis[0], atol=1e-12)
+    np.testing.assert_array_equal(chain.arms, [SLIDING_ARM, 1.0, 1.0])
 
 
 @given(seed=st.integers(0, 1000))

@@ -1,0 +1,44 @@
+"""`tactopose check-hand`: what is right and wrong with a hand's files, as a table and as a page."""
+
+from pathlib import Path
+
+import click
+from rich import box
+from rich.table import Table
+
+from tactopose_drake.cli.consoles import ERRORS, OUT
+from tactopose_drake.cli.hand_page import save_hand_page
+from tactopose_drake.estimation.output_files import check_outputs
+from tactopose_drake.hand.findings import Finding
+from tactopose_drake.hand.hand_check import check_hand
+
+_path = click.Path(path_type=Path)
+_STYLES = {"ok": "green", "note": "yellow", "fault": "red"}
+
+
+@click.command("check-hand")
+@click.argument("hand", type=str)
+@click.option("--html", type=_path, help="Writes a page that shows the hand with its frames and fingertips, by name.")
+def check_hand_command(hand: str, html: Path | None) -> None:
+    """Checks HAND, a hand's YAML file, or one of the package by name: the exit status is 2 if it has a fault."""
+    check_outputs((html,), inputs=(Path(hand),))
+    with ERRORS.status(f"checking {hand}"):
+        check = check_hand(hand)
+    OUT.print(findings_table(hand, check.findings))
+    if html is not None and check.parts is not None:
+        save_hand_page(html, check.parts)
+        OUT.print(f"Written: {html}", soft_wrap=True)
+    for fault in check.faults:
+        ERRORS.print(f"error: {hand}: {fault.part}: {fault.text}.", style="red")
+    if check.faults:
+        raise click.exceptions.Exit(2)
+
+
+def findings_table(hand: str, findings: tuple[Finding, ...]) -> Table:
+    """One row a finding."""
+    table = Table(title=f"The hand {hand}", box=box.SIMPLE_HEAD, pad_edge=False)
+    for heading in ("", "part", "what was found"):
+        table.add_column(heading)
+    for finding in findings:
+        table.add_row(finding.verdict, finding.part, finding.text, style=_STYLES[finding.verdict])
+    return table

@@ -1,0 +1,40 @@
+"""Which scenario a demonstration runs: one of the package, or one made for the user's own hand or object."""
+
+from pathlib import Path
+
+from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.estimation.object_files import load_object
+from tactopose_drake.station.own_hand import scenario_for
+from tactopose_drake.station.own_object import write_simulated_object
+from tactopose_drake.station.scenario import Scenario, load_scenario
+
+# The demo's scenarios by the hand's name on the command line.
+_SHIPPED = {"shadow": "shadow_like", "barrett": "barrett_like"} | {
+    name: name for name in ("shadow_like", "barrett_like")
+}
+_OBJECT = "cube"  # of a hand of one's own, unless another is asked for
+
+
+def demo_scenario(hand: str, name: str | None, seed: int, folder: Path, scale: float, mass: float | None) -> Scenario:
+    """The scenario of a demonstration.
+
+    Args:
+        hand: "shadow", "barrett", another hand of the package by name, or a *.hand.yaml by path.
+        name: an object of the package by name, or a mesh or model by path; None: one that suits the hand.
+        seed: of the grasp and all noise.
+        folder: receives the SDF and OBJ of an object that is given by path.
+        scale: how many metres the unit of the object's mesh has.
+        mass: of the object, kg; by default what its file says, or that of water.
+
+    Raises:
+        InvalidInputError: if the files cannot be used, or a scale or mass is given for an object of the package.
+    """
+    if name is not None and Path(name).suffix:
+        name = str(write_simulated_object(load_object(name, scale=scale, mass=mass), folder))
+    elif scale != 1.0 or mass is not None:
+        raise InvalidInputError("--scale, --mass: are for an object that --object names by its path.")
+    if hand not in _SHIPPED:
+        return scenario_for(hand, name or _OBJECT, seed)
+    scenario = load_scenario(_SHIPPED[hand])
+    scenario.object, scenario.seed = name or scenario.object, seed
+    return scenario

@@ -1,0 +1,38 @@
+"""The option `--symmetry`: the axes about which the user knows that an object may be turned."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tactopose_drake.core.shape.symmetry import RotationalSymmetry
+from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.errors import InvalidInputError
+
+SYMMETRY_HELP = (
+    "auto, none, or an axis through the object's middle, with the number of turns that leave it unchanged: z for "
+    "every turn, z:4, or 0,0.6,0.8:2. May be given several times."
+)
+_AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+
+
+def parse_symmetries(texts: Sequence[str], middle: FloatArray) -> tuple[RotationalSymmetry, ...]:
+    """The axes that the option names, through the object's centre of mass, shape (3,), m, in O.
+
+    Raises:
+        InvalidInputError: if one is no axis, or its order none.
+    """
+    return tuple(_parse(text, middle) for text in texts)
+
+
+def _parse(text: str, middle: FloatArray) -> RotationalSymmetry:
+    name, _, order = text.partition(":")
+    try:
+        axis = np.array(_AXES[name] if name in _AXES else [float(part) for part in name.split(",")])
+        length = float(np.linalg.norm(axis))
+        if axis.shape != (3,) or not 0.0 < length < np.inf:
+            raise ValueError
+        return RotationalSymmetry(axis / length, middle, int(order) if order else 0)
+    except ValueError:
+        raise InvalidInputError(
+            f"--symmetry: is {text!r}; allowed are auto, none, and axes such as z, z:4 or 0,0.6,0.8:2."
+        ) from None

@@ -1,0 +1,85 @@
+"""Cells one by one, for arrays that have no pattern."""
+
+import dataclasses
+
+import numpy as np
+
+from tactopose_drake.core.sensing.tactile_layout import TactileLayout
+from tactopose_drake.core.validation import FloatArray, finite_array, positive_number, unit_vectors
+from tactopose_drake.errors import InvalidInputError
+
+_MAX_CELLS = 10_000  # of an array; the finest ones have some hundreds
+_SAME = 1e-6  # distance of corners that are one, m
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class CornerPattern:
+    """Quadrilateral cells by their corners, `!CornerPattern` in YAML; numbered as they stand there.
+
+    Neighbours that share corners share the wall between them.
+    """
+
+    # Of each cell four corners, counterclockwise for who looks at the pad from outside, m.
+    cells: list[list[list[float]]] = dataclasses.field(default_factory=list)
+
+    def make(self) -> TactileLayout:
+        """The layout.
+
+        Raises:
+            InvalidInputError: a value out of its range; the message names it.
+        """
+        _check_count("CornerPattern.cells", len(self.cells))
+        corners = finite_array("CornerPattern.cells", self.cells, (None, 4, 3))
+        across = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
+        length = np.linalg.norm(across, axis=1, keepdims=True)
+        normals = across / np.where(length > 0.0, length, 1.0)
+        _, corner = np.unique(np.round(corners.reshape(-1, 3) / _SAME), axis=0, return_inverse=True)
+        rays = np.zeros((corner.max() + 1, 3))
+        np.add.at(rays, corner.ravel(), np.repeat(normals, 4, axis=0))
+        return TactileLayout(corners, rays[corner.ravel()].reshape(-1, 4, 3))
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class PointPattern:
+    """Square cells by their middles, `!PointPattern` in YAML; numbered as they stand there."""
+
+    points: list[list[float]] = dataclasses.field(default_factory=list)  # the cells' middles, m
+    normals: list[list[float]] = dataclasses.field(default_factory=list)  # out of the pad, unit vectors; one for all
+    along: list[float] = dataclasses.field(default_factory=lambda: [1.0, 0.0, 0.0])  # that two edges are nearest to
+    cell: float = 0.001  # edge of a cell, m
+
+    def make(self) -> TactileLayout:
+        """The layout.
+
+        Raises:
+            InvalidInputError: a value out of its range; the message names it.
+        """
+        _check_count("PointPattern.points", len(self.points))
+        points = finite_array("PointPattern.points", self.points, (None, 3))
+        normals = unit_vectors("PointPattern.normals", self.normals or [[0.0, 0.0, 1.0]], (None, 3))
+        if len(normals) not in (1, len(points)):
+            raise InvalidInputError(
+                f"PointPattern.normals: are {len(normals)} for {len(points)} points; allowed are one, or one a point."
+            )
+        edge = positive_number("PointPattern.cell", self.cell)
+        along = unit_vectors("PointPattern.along", self.along, (3,))
+        first, second = _edges(np.broadcast_to(normals, points.shape), along)
+        halves = ((-1, -1), (1, -1), (1, 1), (-1, 1))
+        corners = np.stack([points + 0.5 * edge * (a * first + b * second) for a, b in halves], axis=1)
+        return TactileLayout(corners, np.broadcast_to(normals[:, None], corners.shape))
+
+
+def _edges(normals: FloatArray, along: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Unit vectors along the edges of cells with these normals (m, 3), the first as near to `along` as can be."""
+    first = along - (normals @ along)[:, None] * normals
+    length = np.linalg.norm(first, axis=1, keepdims=True)
+    if not np.all(length > 1e-3):
+        cell = int(np.argmin(length))
+        raise InvalidInputError(f"PointPattern.along: is the normal of cell {cell}; allowed is another direction.")
+    first /= length
+    return first, np.cross(normals, first)
+
+
+def _check_count(name: str, count: int) -> None:
+    if not 1 <= count <= _MAX_CELLS:
+        raise InvalidInputError(f"{name}: are {count}; allowed are 1 to {_MAX_CELLS}.")

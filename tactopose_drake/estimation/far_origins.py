@@ -1,0 +1,52 @@
+"""Objects whose frame has its origin far away, as scans have that were never moved to theirs.
+
+A small turn about such an origin moves the whole object, so that turns and shifts can hardly be told apart, neither by
+numbers nor by people. The search takes its increments about the object's middle C then; what it finds is reported for
+the file's own frame O all the same.
+"""
+
+import dataclasses
+
+import numpy as np
+from pydrake.math import RigidTransform
+
+from tactopose_drake.core.poses import skew
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.estimation.prior import PosePrior
+from tactopose_drake.estimation.results import PoseEstimate, PoseHypothesis
+
+_FAR = 1.0  # from the origin to the object's middle, in its sizes
+
+
+def has_far_origin(model: ObjectModel) -> bool:
+    """Whether the object is farther from its frame's origin than it is large."""
+    return float(np.linalg.norm(model.middle)) > _FAR * model.size
+
+
+def prior_about_middle(prior: PosePrior | None, p_OC: FloatArray) -> PosePrior | None:
+    """The prior of C's pose: its sigmas are taken for those of the object's middle."""
+    if prior is None:
+        return None
+    return PosePrior(prior.X_PO @ RigidTransform(p_OC), prior.sigma_translation, prior.sigma_rotation)
+
+
+def reported_for_origin(estimate: PoseEstimate, p_OC: FloatArray) -> PoseEstimate:
+    """An estimate of the pose of C, which is at p_OC, shape (3,), m, with O's axes, as one of O's."""
+    hypotheses = tuple(_of_origin(hypothesis, p_OC) for hypothesis in estimate.hypotheses)
+    return dataclasses.replace(estimate, hypotheses=hypotheses)
+
+
+def _of_origin(hypothesis: PoseHypothesis, p_OC: FloatArray) -> PoseHypothesis:
+    # p_PO = p_PC - R p_OC, so with R exp(w) its increment is v_O = v_C + R [p_OC]x w.
+    J = np.eye(6)
+    J[3:, :3] = hypothesis.X_PO.rotation().matrix() @ skew(p_OC)
+    free = hypothesis.free_directions @ J.T
+    if len(free):
+        free = np.linalg.qr(free.T)[0].T
+    return dataclasses.replace(
+        hypothesis,
+        X_PO=hypothesis.X_PO @ RigidTransform(-p_OC),
+        covariance=J @ hypothesis.covariance @ J.T,
+        free_directions=free,
+    )

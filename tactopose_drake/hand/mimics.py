@@ -1,0 +1,63 @@
+"""Which joints follow others by a model's own account: the `mimic` entries of a URDF or an SDF."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree import ElementTree
+
+from tactopose_drake.errors import InvalidFileError
+
+_LARGEST = 2**26  # bytes
+
+
+@dataclass(frozen=True)
+class Mimic:
+    """q_joint = ratio * q_follows + offset, rad or m."""
+
+    joint: str
+    follows: str
+    ratio: float
+    offset: float
+
+
+def read_mimics(path: Path) -> tuple[Mimic, ...] | None:
+    """The mimic entries of a model's file; None where it is neither a URDF nor an SDF.
+
+    Raises:
+        InvalidFileError: if the file cannot be read, or an entry has no number where one belongs.
+    """
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise InvalidFileError(f"{path}: cannot be read ({error.strerror}).") from None
+    if b"<!ENTITY" in content:
+        raise InvalidFileError(f"{path}: declares entities; allowed are plain elements.")
+    if len(content) > _LARGEST:
+        raise InvalidFileError(f"{path}: is longer than {_LARGEST} bytes, which is the most that is allowed.")
+    try:
+        root = ElementTree.fromstring(content)
+    except ElementTree.ParseError as error:
+        raise InvalidFileError(f"{path}: is no XML ({error}).") from None
+    if root.tag not in ("robot", "sdf"):
+        return None
+    found = [(joint, mimic) for joint in root.iter("joint") for mimic in joint.iterfind(".//{*}mimic")]
+    try:
+        return tuple(
+            _by_attributes(*entry) if "multiplier" in entry[1].attrib or root.tag == "robot" else _by_elements(*entry)
+            for entry in found
+        )
+    except ValueError as error:
+        raise InvalidFileError(f"{path}: a mimic entry is no number ({error}).") from None
+
+
+def _by_attributes(joint: ElementTree.Element, mimic: ElementTree.Element) -> Mimic:
+    """As in a URDF, and in Drake's own entries of an SDF."""
+    ratio, offset = float(mimic.get("multiplier", "1")), float(mimic.get("offset", "0"))
+    return Mimic(joint.get("name", ""), mimic.get("joint", ""), ratio, offset)
+
+
+def _by_elements(joint: ElementTree.Element, mimic: ElementTree.Element) -> Mimic:
+    ratio, offset, reference = (
+        float(mimic.findtext(name) or default)
+        for name, default in (("multiplier", "1"), ("offset", "0"), ("reference", "0"))
+    )
+    return Mimic(joint.get("name", ""), mimic.get("joint", ""), ratio, offset - ratio * reference)

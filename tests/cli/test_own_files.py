@@ -1,0 +1,108 @@
+"""The command line with a hand and an object that the package has never seen."""
+
+import json
+import logging
+import re
+from pathlib import Path
+
+import pytest
+import trimesh
+
+from tactopose_drake.cli.consoles import OnceFilter
+from tests.cli.test_cli import run
+from tests.hand.grippers import YAML, write_gripper
+
+
+def test_check_hand_shows_a_usable_hand(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    hand = write_gripper(tmp_path)
+    assert run("check-hand", hand, "--html", tmp_path / "hand.html") == 0
+    printed = capsys.readouterr()
+    assert "region where it holds things" in " ".join(printed.out.split())
+    assert "error" not in printed.err
+    page = (tmp_path / "hand.html").read_text()
+    assert page.lower().startswith("<!doctype html>")
+    assert len(page) > 1_000_000
+
+
+def test_check_hand_ends_with_a_line_for_each_fault(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    hand = write_gripper(tmp_path, yaml=YAML.replace("radius: 0.012", "radius: 0.03"))
+    assert run("check-hand", hand) == 2
+    lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("error: ")]
+    assert len(lines) == 2
+    assert all(re.search(r"two_finger\.hand\.yaml: fingertip (left|right): of its surface 0%", line) for line in lines)
+
+
+def test_check_hand_of_a_file_that_is_not_there(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("check-hand", "no_such.hand.yaml") == 2
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert "there is no such file" in line
+
+
+def test_demo_with_an_own_hand_and_a_mesh_in_millimetres(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    hand = write_gripper(tmp_path)
+    trimesh.creation.box((45.0, 55.0, 90.0)).export(tmp_path / "my block.stl")
+    arguments = ["--hand", hand, "--object", tmp_path / "my block.stl", "--scale", 0.001, "--mass", 0.2]
+    assert run("demo", *arguments, "--out", tmp_path / "out", "--no-open") == 0
+    printed = capsys.readouterr().out
+    assert "2 fingertips hold the my block" in printed
+    assert json.loads((tmp_path / "out" / "result.json").read_text())["status"] in ("ok", "ambiguous")
+    assert {"my_block.sdf", "my_block.obj", "picture.png", "scene.html"} <= {
+        path.name for path in (tmp_path / "out").iterdir()
+    }
+    assert "<mass>0.2</mass>" in (tmp_path / "out" / "my_block.sdf").read_text()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["--hand", "no_such_hand"], "there is no such file; the package's hands are"),
+        (["--object", "no_such.stl"], "no_such.stl"),
+        (["--object", "mug", "--scale", "0.001"], "--scale, --mass: are for an object that --object names by its path"),
+    ],
+)
+def test_demo_says_what_it_cannot_use(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], text: str
+) -> None:
+    assert run("demo", *arguments, "--out", tmp_path, "--no-open") == 2
+    assert text in " ".join(capsys.readouterr().err.split())
+
+
+def test_run_says_how_the_grasp_went(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    hand = write_gripper(tmp_path)
+    scenario = tmp_path / "grip.scenario.yaml"
+    scenario.write_text(f"hand: {hand}\nobject: cube\nX_WBase: {{rotation: !Rpy {{deg: [90, 0, 90]}}}}\n")
+    assert run("run", scenario, "--duration", 1.8) == 0
+    last = capsys.readouterr().out.strip().splitlines()[-1]
+    assert re.fullmatch(
+        r"The grasp is stable; the estimate is off the truth by [\d.]+ mm and [\d.]+ deg, "
+        r"where the touch determines it by [\d.]+ mm and [\d.]+ deg\.",
+        last,
+    )
+
+
+def test_estimate_takes_a_scale_and_known_symmetries(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    # A tin that is 2 % off round: no symmetry is found, and one is declared.
+    tin = trimesh.creation.cylinder(radius=30.0, height=120.0, sections=96)
+    tin.apply_scale([1.0, 1.02, 1.0])
+    tin.export(tmp_path / "tin.stl")
+    contacts = [
+        "{position: [0.030, 0.0, 0.02], normal: [1.0, 0.0, 0.0]}",
+        "{position: [0.0, 0.0303, -0.01], normal: [0.0, 1.0, 0.0]}",
+        "{position: [-0.030, 0.0, 0.03], normal: [-1.0, 0.0, 0.0]}",
+        "{position: [0.0, 0.01, 0.06], normal: [0.0, 0.0, 1.0]}",
+    ]
+    (tmp_path / "contacts.yaml").write_text("contacts:\n" + "\n".join(f"- {contact}" for contact in contacts))
+    arguments = ["--object", tmp_path / "tin.stl", "--scale", 0.001, "--contacts", tmp_path / "contacts.yaml"]
+    assert run("estimate", *arguments, "--symmetry", "z") == 0
+    assert "turn about the object's z" in " ".join(capsys.readouterr().out.split())
+    assert run("estimate", *arguments, "--symmetry", "z:2", "--symmetry", "x:2") == 0
+    capsys.readouterr()
+    for wrong in ("w", "z:1", "0,0,0"):
+        assert run("estimate", *arguments, "--symmetry", wrong) == 2
+        assert f"--symmetry: is '{wrong}'" in capsys.readouterr().err
+
+
+def test_a_message_of_drake_is_shown_once() -> None:
+    once = OnceFilter()
+    records = [logging.makeLogRecord({"msg": "no %s", "args": (what,)}) for what in ("mesh", "mesh", "mass")]
+    assert [once.filter(record) for record in records] == [True, False, True]

@@ -1,0 +1,65 @@
+"""An object's pose does not depend on where its file has the origin."""
+
+import numpy as np
+import pytest
+import trimesh
+from pydrake.math import RigidTransform
+
+import tactopose_drake as tp
+from tactopose_drake.core.poses import make_poses, matrix_from_quaternion
+from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
+from tactopose_drake.estimation.far_origins import has_far_origin
+from tactopose_drake.resources import model_path
+
+OFFSET = np.array([1.2, -0.9, 0.8])
+X_PO = make_poses(matrix_from_quaternion(np.array([0.8, 0.2, -0.4, 0.4])), np.array([0.01, -0.03, 0.09]))
+
+
+@pytest.fixture(scope="module")
+def models() -> tuple[tp.ObjectModel, tp.ObjectModel]:
+    """A bottle about its middle, and the same in a frame 1.7 m away."""
+    mesh = trimesh.load(model_path("objects", "spray_bottle.obj"), force="mesh")
+    mesh.apply_translation(-mesh.bounds.mean(axis=0))
+    far = mesh.copy()
+    far.apply_translation(OFFSET)
+    return tp.ObjectModel.from_mesh(mesh, cache=False), tp.ObjectModel.from_mesh(far, cache=False)
+
+
+@pytest.mark.parametrize("with_prior", [False, True])
+def test_a_far_origin_changes_nothing(models: tuple[tp.ObjectModel, tp.ObjectModel], with_prior: bool) -> None:
+    near, far = models
+    assert not has_far_origin(near)
+    assert has_far_origin(far)
+    contacts = touch_surface(near, X_PO, 6, np.random.default_rng(3))
+    found = []
+    for model, offset in ((near, np.zeros(3)), (far, OFFSET)):
+        X_prior = RigidTransform(X_PO) @ RigidTransform([0.02, 0.01, -0.02]) @ RigidTransform(-offset)
+        estimate = tp.estimate_pose(model, contacts, prior=tp.PosePrior(X_prior) if with_prior else None)
+        X_PM = estimate.best.X_PO @ RigidTransform(offset)  # of the bottle's middle
+        found.append((estimate, X_PM))
+    (a, X_a), (b, X_b) = found
+    assert X_a.IsNearlyEqualTo(X_b, 0.01)
+    np.testing.assert_allclose(X_a.translation(), X_PO[:, 3], atol=4e-3)
+    assert a.best.free_directions.shape == b.best.free_directions.shape == (0, 6)
+    assert b.status == a.status
+    # The spread of the middle is the same; that of the far origin is what its lever makes of the rotation's.
+    R = b.best.X_PO.rotation().matrix()
+    x, y, z = OFFSET
+    to_middle = np.eye(6)
+    to_middle[3:, :3] = -R @ np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    spread = to_middle @ b.best.covariance @ to_middle.T
+    np.testing.assert_allclose(np.sqrt(np.diag(spread)), np.sqrt(np.diag(a.best.covariance)), rtol=0.3)
+    assert np.sqrt(np.trace(b.best.covariance[3:, 3:])) > 5.0 * np.sqrt(np.trace(spread[3:, 3:]))
+
+
+def test_a_free_turn_about_a_far_axis_stays_one_free_direction() -> None:
+    mesh = trimesh.creation.cylinder(radius=0.03, height=0.12, sections=96)
+    mesh.apply_translation(OFFSET)
+    model = tp.ObjectModel.from_mesh(mesh, cache=False)
+    contacts = touch_surface(model, make_poses(np.eye(3), -OFFSET), 6, np.random.default_rng(0))
+    estimate = tp.estimate_pose(model, contacts)
+    (free,) = estimate.best.free_directions
+    assert np.linalg.norm(free) == pytest.approx(1.0)
+    # The turn that leaves the cylinder's middle where it is.
+    v_middle = free[3:] - estimate.best.X_PO.rotation().matrix() @ np.cross(OFFSET, free[:3])
+    assert np.linalg.norm(v_middle) < 1e-2 * np.linalg.norm(free[:3])

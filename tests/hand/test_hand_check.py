@@ -1,0 +1,99 @@
+"""What is found right and wrong with a hand's files."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from tactopose_drake.hand.hand_check import HandCheck, check_hand
+from tests.hand.grippers import YAML, write_gripper
+
+
+def verdicts(check: HandCheck, part: str) -> list[tuple[str, str]]:
+    return [(finding.verdict, finding.text) for finding in check.findings if finding.part == part]
+
+
+@pytest.mark.parametrize("hand", ["shadow_like", "barrett_like"])
+def test_the_package_s_own_hands_have_no_fault(hand: str) -> None:
+    check = check_hand(hand)
+    assert not check.faults
+    assert check.parts is not None
+    assert ("ok", "all shapes are compliant") in verdicts(check, "contact")
+
+
+def test_a_gripper_is_usable_and_described(tmp_path: Path) -> None:
+    check = check_hand(write_gripper(tmp_path))
+    assert not check.faults
+    assert verdicts(check, "joints") == [("ok", "order of joint_positions: left_slide, right_slide")]
+    ((fit, text),) = (found for found in verdicts(check, "fingertip left") if "surface" in found[1])
+    assert fit == "ok"
+    assert text.startswith("of its surface 100%")
+    ((verdict, text),) = verdicts(check, "grip")
+    assert verdict == "ok"
+    low, high = (int(number) for number in re.findall(r"x (-?\d+) to (-?\d+)", text)[0])
+    assert -15 < low < 0 < high < 15  # between the fingers
+    assert ("note", "5 shapes do not say whether they are compliant; the simulation takes them for hard rubber") in (
+        verdicts(check, "contact")
+    )
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "part", "text"),
+    [
+        ("sensor_frame: left_tip", "sensor_frame: left_top", "model", "'left_top' is unknown"),
+        ("joints: [left_slide]", "joints: [right_slide]", "finger left", "'left_slide' is none of its joints"),
+        ("palm_frame: base", "palm_frame: left_finger", "finger right", "not carried by the palm's link"),
+        ("model: two_finger.urdf", "model: three_finger.urdf", "model", "three_finger.urdf"),
+        ("surface: !SphereSurface {radius: 0.012}", "surface: !SphereSurface {radius: 0.03}", "fingertip left", "0%"),
+        ("base_link: base", "base_lonk: base", "file", "key 'base_lonk' is unknown"),
+        ("joints: [left_slide]", "joints: [1]", "file", "two_finger.hand.yaml: line 6: fingers[0].joints[0]: is '1'"),
+    ],
+)
+def test_what_is_wrong_is_named(tmp_path: Path, right: str, wrong: str, part: str, text: str) -> None:
+    check = check_hand(write_gripper(tmp_path, yaml=YAML.replace(right, wrong)))
+    assert any(fault.part == part and text in fault.text for fault in check.faults), check.faults
+
+
+def test_couplings_are_compared_with_the_model(tmp_path: Path) -> None:
+    mimic = '<mimic joint="left_slide" multiplier="0.5" offset="0.01"/>'
+    check = check_hand(write_gripper(tmp_path, mimic=mimic))
+    assert [fault.part for fault in check.faults] == ["couplings"]
+    assert "lets 'right_slide' follow 'left_slide'" in check.faults[0].text
+
+    both = YAML.replace("joints: [right_slide]", "joints: [left_slide]")
+    coupled = both.replace(
+        "  sensor_frame: right_tip", "  couplings: [{joint: right_slide, follows: left_slide, ratio: 0.5%s}]\n"
+        "  sensor_frame: right_tip"
+    )  # fmt: skip
+    right = check_hand(write_gripper(tmp_path, mimic=mimic, yaml=coupled % ", offset: 0.01"))
+    assert ("ok", "right_slide = 0.5 left_slide + 0.01, as the model has it") in verdicts(right, "couplings")
+    wrong = check_hand(write_gripper(tmp_path, mimic=mimic, yaml=coupled % ""))
+    assert "the file says right_slide = 0.5 left_slide, the model right_slide = 0.5 left_slide + 0.01" in (
+        wrong.faults[0].text
+    )
+    dangling = check_hand(write_gripper(tmp_path, yaml=coupled % ""))
+    assert "the model has no mimic for it" in dangling.faults[0].text
+
+
+def test_rigid_shapes_are_named(tmp_path: Path) -> None:
+    hint = '<drake:mesh_resolution_hint value="0.003"/>'
+    rigid = f"<drake:proximity_properties><drake:rigid_hydroelastic/>{hint}</drake:proximity_properties>"
+    check = check_hand(write_gripper(tmp_path, property=rigid))
+    (fault,) = check.faults
+    assert "'left_ball' of link 'left_tip'" in fault.text
+
+
+def test_overlapping_links_are_named(tmp_path: Path) -> None:
+    path = write_gripper(tmp_path)
+    model = tmp_path / "two_finger.urdf"
+    model.write_text(model.read_text().replace('xyz="0.06 0 0.1"', 'xyz="-0.05 0 0.1"'))
+    notes = [text for verdict, text in verdicts(check_hand(path), "contact") if verdict == "note"]
+    assert any("left_tip and right_tip" in text for text in notes)
+
+
+def test_a_mesh_that_drake_cannot_read_is_told(tmp_path: Path) -> None:
+    path = write_gripper(tmp_path)
+    model = tmp_path / "two_finger.urdf"
+    model.write_text(model.read_text().replace('<sphere radius="0.012"/>', '<mesh filename="ball.stl"/>', 1))
+    check = check_hand(path)
+    assert any(finding.part == "model" and "ball.stl" in finding.text for finding in check.findings)

@@ -1,0 +1,98 @@
+"""What the grasp planner takes from a hand's model: of fingers that slide, of thick ones, and of sensors anywhere."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from tactopose_drake.core.grasping.finger_reach import ReachParams
+from tactopose_drake.core.grasping.finger_sides import are_apart, half_width, sides
+from tactopose_drake.core.grasping.grasp_planner import PlannerParams, plan_grasps
+from tactopose_drake.core.grasping.refusals import Refusals
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.hand.finger_chain import finger_chain
+from tactopose_drake.hand.hand_config import load_hand_config, make_hand_plant
+from tactopose_drake.hand.hand_reach import make_hand_reach
+from tactopose_drake.hand.joint_matrices import joint_matrix, joint_offsets
+from tests.hand.grippers import YAML, write_gripper
+
+WEIGHT = np.array([0.0, -1.0, 0.0])
+
+
+@pytest.fixture(scope="module")
+def cube() -> ObjectModel:
+    return ObjectModel.from_mesh(trimesh.creation.box((0.05, 0.05, 0.05)), cache=False)
+
+
+def test_a_sliding_finger_reaches_where_the_plant_says(tmp_path: Path) -> None:
+    plant, hand = make_hand_plant(load_hand_config(write_gripper(tmp_path)))
+    chain = finger_chain(plant, hand, "right")
+    X_PS = chain.sensor_poses(np.array([[0.0], [0.02]]))
+    np.testing.assert_allclose(X_PS[:, :, 3], [[0.06, 0.0, 0.1], [0.04, 0.0, 0.1]], atol=1e-12)
+    _, J = chain.point_jacobians(np.array([[0.01]]), np.array([0.0, 0.01, 0.0]))
+    np.testing.assert_allclose(J[0, :, 0], [-1.0, 0.0, 0.0], atol=1e-12)
+
+
+def test_two_sliding_fingers_with_sensors_at_their_middles_hold_a_cube(tmp_path: Path, cube: ObjectModel) -> None:
+    reach = make_hand_reach(load_hand_config(write_gripper(tmp_path)), ReachParams())
+    assert not reach.fingers["left"].geometry.has_axis
+    plans = plan_grasps(cube, reach, WEIGHT, PlannerParams(), np.random.default_rng(0))
+    assert plans
+    for plan in plans:
+        (p_a, n_a), (p_b, n_b) = ((finger.p_PC, finger.n_PC) for finger in plan.fingers.values())
+        assert n_a @ n_b < -0.9
+        for p in (p_a, p_b):  # on a face of the cube
+            assert np.abs((p - plan.X_PO[:, 3]) @ plan.X_PO[:, :3]).max() == pytest.approx(0.025, abs=1e-3)
+
+
+def test_a_sensor_elsewhere_on_the_fingertip_changes_nothing_but_its_own_frame(tmp_path: Path) -> None:
+    middle = make_hand_reach(load_hand_config(write_gripper(tmp_path)), ReachParams()).fingers["left"]
+    beside = YAML.replace("sensor_frame: left_tip", "sensor_frame: left_finger").replace(
+        "surface: !SphereSurface {radius: 0.012}",
+        "surface: !SphereSurface {radius: 0.012, X_SF: {translation: [-0.06, 0, 0.1]}}",
+        1,
+    )
+    there = make_hand_reach(load_hand_config(write_gripper(tmp_path, yaml=beside)), ReachParams()).fingers["left"]
+    np.testing.assert_allclose(there.reached, middle.reached, atol=1e-12)
+    assert there.geometry.has_axis  # from the sensor's frame
+
+
+def test_why_nothing_was_found_is_counted(tmp_path: Path) -> None:
+    reach = make_hand_reach(load_hand_config(write_gripper(tmp_path)), ReachParams())
+    wide = ObjectModel.from_mesh(trimesh.creation.box((0.11, 0.11, 0.05)), cache=False)
+    refusals = Refusals()
+    assert not plan_grasps(wide, reach, WEIGHT, PlannerParams(most_poses=20), np.random.default_rng(0), refusals)
+    assert refusals.poses.total() == 20
+    assert "of 20 poses: " in refusals.explanation()
+    assert refusals.touches["left"].total() > 0
+    assert "touches of 'left': " in refusals.explanation()
+    assert "because the finger" in refusals.explanation()
+
+
+def test_fingers_as_thick_as_they_are_stay_apart(tmp_path: Path) -> None:
+    reach = make_hand_reach(load_hand_config(write_gripper(tmp_path)), ReachParams())
+    left, right = (reach.fingers[name].geometry for name in ("left", "right"))
+    assert half_width(left) > 0.012  # its box does not stand on the line through its joint
+    q = np.array([[0.0], [0.04]])
+    gap = 0.12 - 0.024 - 2 * 0.04  # between the fingertips' balls
+    assert are_apart(sides(left, q), sides(right, q), gap - 1e-6)[1, 1]
+    assert not are_apart(sides(left, q), sides(right, q), gap + 1e-6)[1, 1]
+
+
+def test_a_coupling_with_an_offset_is_followed(tmp_path: Path) -> None:
+    mimic = '<mimic joint="left_slide" multiplier="0.5" offset="0.01"/>'
+    coupling = "couplings: [{joint: right_slide, follows: left_slide, ratio: 0.5, offset: 0.01}]"
+    yaml = YAML.replace("joints: [right_slide]", f"joints: [left_slide]\n  {coupling}")
+    plant, hand = make_hand_plant(load_hand_config(write_gripper(tmp_path, mimic=mimic, yaml=yaml)))
+    chain = finger_chain(plant, hand, "right")
+    np.testing.assert_allclose(chain.sensor_poses(np.array([[0.02]]))[0, :, 3], [0.04, 0.0, 0.1], atol=1e-12)
+    matrix, offsets = (function(plant, hand, ["left_slide"]) for function in (joint_matrix, joint_offsets))
+    np.testing.assert_allclose(matrix @ [0.02] + offsets, [0.02, 0.02])
+    np.testing.assert_allclose(joint_offsets(plant, hand, ["left_slide", "right_slide"]), 0.0)
+
+
+def test_a_hand_whose_fingers_feel_no_forces_cannot_be_planned_for() -> None:
+    with pytest.raises(InvalidInputError, match=r"0 of them have a force-torque sensor.*Scenario\.grip"):
+        make_hand_reach(load_hand_config("barrett_like"), ReachParams())

@@ -1,0 +1,84 @@
+"""Scenarios and simulations for hands that nobody has prepared."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pydrake.multibody.plant import MultibodyPlant
+
+from tactopose_drake.core.grasping.finger_reach import ReachParams
+from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.hand.hand_config import add_hand, load_hand_config
+from tactopose_drake.hand.hand_reach import make_hand_reach
+from tactopose_drake.resources import fixed_pose
+from tactopose_drake.station.motor_inertia import add_motor_inertia
+from tactopose_drake.station.own_hand import object_axis, scenario_for
+from tactopose_drake.station.simulated import check_bodies
+from tactopose_drake.systems.grasp_controller import GraspControllerParams
+from tests.hand.grippers import write_gripper
+
+
+def test_objects_stand_across_the_fingers_and_the_palm(tmp_path: Path) -> None:
+    path = write_gripper(tmp_path)
+    reach = make_hand_reach(load_hand_config(path), ReachParams())
+    np.testing.assert_allclose(np.abs(object_axis(reach)), [0.0, 1.0, 0.0], atol=0.1)
+    scenario = scenario_for(str(path), "cube", seed=3)
+    scenario.validate()
+    up_P = fixed_pose("X", scenario.X_WBase).rotation().inverse() @ np.array([0.0, 0.0, 1.0])
+    np.testing.assert_allclose(up_P, object_axis(reach), atol=1e-3)
+    assert scenario.seed == 3
+    # The camera looks at the grip region.
+    X_WC = fixed_pose("X", scenario.X_WC)
+    p_CG = X_WC.inverse() @ (fixed_pose("X", scenario.X_WBase) @ (0.5 * (reach.grip_low + reach.grip_high)))
+    np.testing.assert_allclose(p_CG, [0.0, 0.0, 0.4], atol=1e-3)
+
+
+def test_damped_joints_get_a_stiffer_spring(tmp_path: Path) -> None:
+    path = write_gripper(tmp_path)
+    slack = scenario_for(str(path), "cube").controller.finger_stiffness
+    model = tmp_path / "two_finger.urdf"
+    model.write_text(model.read_text().replace("</joint>", '<dynamics damping="4"/></joint>'))
+    scenario = scenario_for(str(path), "cube")
+    assert slack == 5.0
+    assert scenario.reach.stiffness == scenario.controller.finger_stiffness == pytest.approx(40.0)
+
+
+def test_light_joints_get_their_motor_s_inertia(tmp_path: Path) -> None:
+    config = load_hand_config(write_gripper(tmp_path))
+
+    def added(step: float) -> dict[str, float]:
+        plant = MultibodyPlant(step)
+        return add_motor_inertia(plant, add_hand(plant, config), GraspControllerParams())
+
+    assert added(0.001) == {}
+    heavy = added(0.02)
+    assert set(heavy) == {"left_slide", "right_slide"}
+    # Half of what spring and damper do in a step, at 5 cm from the axis, less the finger's own 60 g.
+    assert heavy["left_slide"] == pytest.approx(0.5 * 0.02 * (0.02 * 5.0 + 0.02) / 0.05**2 - 0.06)
+    shadow = load_hand_config("shadow_like")
+    plant = MultibodyPlant(0.004)
+    assert add_motor_inertia(plant, add_hand(plant, shadow), GraspControllerParams()) == {}
+
+
+def test_a_rigid_hand_is_refused_where_the_object_is_rigid_too(tmp_path: Path) -> None:
+    hint = '<drake:mesh_resolution_hint value="0.003"/>'
+    rigid = f"<drake:proximity_properties><drake:rigid_hydroelastic/>{hint}</drake:proximity_properties>"
+    scenario = scenario_for(str(write_gripper(tmp_path, property=rigid)), "cube")
+    with pytest.raises(InvalidInputError, match=r"'left_ball' of link 'left_tip'.* is rigid, as the object is"):
+        check_bodies(scenario)
+    scenario.plant.contact_model = "hydroelastic_with_fallback"
+    check_bodies(scenario)
+
+
+def test_a_scenario_names_its_own_sensors_file(tmp_path: Path) -> None:
+    (tmp_path / "own.yaml").write_text(
+        "calibrations: {mine: {range: [1, 1, 1, 20, 20, 20], resolution: [0, 0, 0, 0, 0, 0], noise: "
+        "[0.001, 0.001, 0.001, 0.1, 0.1, 0.1]}}"
+    )
+    scenario = scenario_for(str(write_gripper(tmp_path)), "cube")
+    scenario.sensor.file, scenario.sensor.calibration = str(tmp_path / "own.yaml"), "mine"
+    scenario.validate()
+    assert list(scenario.sensor.model().range) == [1, 1, 1, 20, 20, 20]
+    scenario.sensor.calibration = "SI-12-0.12"
+    with pytest.raises(InvalidInputError, match=r"own\.yaml: calibration"):
+        scenario.validate()
