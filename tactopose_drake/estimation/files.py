@@ -38,7 +38,7 @@ def load_contacts(path: Path) -> Contacts:
         _mapping(path, f"contacts[{i}]", entry, required=("position",), optional=("normal", "force"))
         for i, entry in enumerate(entries)
     ]
-    sigmas: dict[str, float] = {}
+    sigmas: dict[str, Any] = {}
     if "sigma_position" in data:
         sigmas["sigma_position"] = _number(path, "sigma_position", data)
     if "sigma_normal_deg" in data:
@@ -61,7 +61,7 @@ def load_prior(path: Path) -> PosePrior:
     """
     data = _mapping(path, "", _read(path), required=("X_PO",), optional=("sigma_translation", "sigma_rotation_deg"))
     pose = _mapping(path, "X_PO", data["X_PO"], required=("translation", "quaternion_wxyz"), optional=())
-    sigmas: dict[str, float] = {}
+    sigmas: dict[str, Any] = {}
     if "sigma_translation" in data:
         sigmas["sigma_translation"] = _number(path, "sigma_translation", data)
     if "sigma_rotation_deg" in data:

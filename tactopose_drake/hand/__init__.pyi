@@ -3,6 +3,7 @@ from .collision import HandCollision as HandCollision
 from .collision import check_collisions as check_collisions
 from .collision import keep_clear as keep_clear
 from .contact_pressure import pressure_field as pressure_field
+from .contact_uncertainty import ContactUncertainty as ContactUncertainty
 from .findings import Finding as Finding
 from .fingertip_weights import FingertipWeights as FingertipWeights
 from .geometry import BodySpheres as BodySpheres
@@ -16,6 +17,7 @@ from .hand_config import EllipsoidSurface as EllipsoidSurface
 from .hand_config import FingerConfig as FingerConfig
 from .hand_config import Hand as Hand
 from .hand_config import HandConfig as HandConfig
+from .hand_config import HandUncertainty as HandUncertainty
 from .hand_config import PadConfig as PadConfig
 from .hand_config import SphereSurface as SphereSurface
 from .hand_config import add_hand as add_hand

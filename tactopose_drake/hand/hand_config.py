@@ -65,6 +65,22 @@ class Coupling:
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
+class HandUncertainty:
+    """By how much a hand is off from what its files say: standard deviations of a good research hand by default."""
+
+    encoder_offset_deg: float = 1.0  # of each measured joint's zero, deg; of one that slides, 1 deg counts as 1 mm
+    mounting: float = 0.0003  # of where each fingertip sits on its sensor, along each axis, m
+    fingertip_radius: float = 0.0001  # of how thick each fingertip is, m
+    sensor_force: float = 0.05  # of each component of the force, bias and noise together, N
+    sensor_moment: float = 0.0005  # of each component of the moment, bias and noise together, N m
+
+    def validate(self) -> None:
+        """Raises InvalidInputError if a value is below 0 or not finite."""
+        for field in dataclasses.fields(self):
+            positive_number(f"HandUncertainty.{field.name}", getattr(self, field.name), allow_zero=True)
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
 class FingerConfig:
     """One finger: the joints that move it and, where it has a force-torque sensor, that and its fingertip."""
 
@@ -103,6 +119,9 @@ class HandConfig:
     rest_positions: dict[str, float] = dataclasses.field(default_factory=dict)  # of joints whose rest is not at 0, rad
     grip_low: list[float] = dataclasses.field(default_factory=list)  # lower corner of where it holds things, m, in P
     grip_high: list[float] = dataclasses.field(default_factory=list)  # upper corner; both only for planned grasps
+    # By how much all of this may be off: it says how far each contact can be trusted. Null: every contact is as certain
+    # as the parameters of `ContactsInPalm` say.
+    uncertainty: HandUncertainty | None = None
 
     def validate(self) -> None:
         """Raises InvalidInputError if a name is missing or double, or a surface has impossible dimensions."""
@@ -128,6 +147,8 @@ class HandConfig:
                     f"{finger.weld!r}; allowed are both names or neither."
                 )
             finger.surface.make()
+        if self.uncertainty is not None:
+            self.uncertainty.validate()
         pads = [pad.name for pad in self.pads]
         if "" in pads or len(set(pads)) < len(pads):
             raise InvalidInputError(f"HandConfig.pads: have the names {pads}; allowed are different names.")

@@ -64,6 +64,17 @@ class HandKinematics:
         p_FH: FloatArray = X_FW.multiply(spheres.positions(X_WB).T).T
         return p_FH
 
+    def jacobian(self, frame: Frame, p_FC: FloatArray) -> FloatArray:
+        """How the joints' velocities move a part and its point at p_FC, shape (3,), m, in that frame.
+
+        Returns:
+            Shape (6, nv): of the angular velocity, then of the point's, in the kinematics' own frame.
+        """
+        J: FloatArray = self._plant.CalcJacobianSpatialVelocity(
+            self._context, JacobianWrtVariable.kV, frame, p_FC, self._frame, self._frame
+        )
+        return J
+
     def velocity(self, frame: Frame, v: FloatArray) -> FloatArray:
         """Spatial velocity [w, v] of a part at the origin of the kinematics' own frame, shape (6,), rad/s and m/s.
 

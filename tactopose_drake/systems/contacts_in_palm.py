@@ -15,9 +15,13 @@ from pydrake.systems.framework import Context
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.sensing.intrinsic_contact import ContactSolution
 from tactopose_drake.core.validation import positive_number
+from tactopose_drake.hand.contact_uncertainty import ContactUncertainty
 from tactopose_drake.systems.collectable_system import CollectableSystem, declare_cache
 from tactopose_drake.systems.hand_kinematics import declare_kinematics
 from tactopose_drake.systems.ports import eval_input
+
+# Variances of a contact of a hand that errs in nothing: of where its point is, m^2, and of its normal, rad^2.
+_LEAST = np.repeat([1e-5**2, 1e-3**2], 3)
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -75,6 +79,7 @@ class ContactsInPalm(CollectableSystem):
         sensor_frames: Mapping[str, Frame],
         palm_frame: Frame,
         params: ContactsInPalmParams | None = None,
+        uncertainty: ContactUncertainty | None = None,
     ) -> None:
         """Keeps a reference to the plant.
 
@@ -83,8 +88,10 @@ class ContactsInPalm(CollectableSystem):
             sensor_frames: the frame S of each finger's contact solution, by finger.
             palm_frame: P.
             params: standard deviations.
+            uncertainty: the hand's errors, which say of each contact how far it can be trusted, in place of `params`.
         """
         super().__init__()
+        self._uncertainty = uncertainty
         self._params = ContactsInPalmParams() if params is None else params
         self._params.validate()
         self._sensor_frames = dict(sensor_frames)
@@ -114,12 +121,18 @@ class ContactsInPalm(CollectableSystem):
         fingers = tuple(finger for finger in X_PS if finger in solutions and solutions[finger].valid)
         rows = [_move(X_PS[finger], solutions[finger]) for finger in fingers]
         p_PC, n_PC, f_PC = np.array(rows).reshape(-1, 3, 3).transpose(1, 0, 2)
+        covariance = None
+        if self._uncertainty is not None:
+            kinematics = self._kinematics.Eval(context)
+            each = [self._uncertainty.covariance(f, solutions[f], X_PS[f], kinematics) for f in fingers]
+            covariance = np.array(each).reshape(-1, 6, 6) + np.diag(_LEAST)
         contacts = Contacts(
             p_PC,
             n_PC,
             f_PC,
             sigma_position=self._params.sigma_position,
             sigma_normal=math.radians(self._params.sigma_normal_deg),
+            covariance=covariance,
         )
         untouched = tuple(finger for finger in X_PS if finger in solutions and solutions[finger].is_untouched)
         reasons = {finger: _reason(finger, X_PS, solutions) for finger in self._sensor_frames}

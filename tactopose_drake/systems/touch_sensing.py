@@ -5,6 +5,7 @@ import dataclasses
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
+from tactopose_drake.hand.contact_uncertainty import ContactUncertainty
 from tactopose_drake.hand.geometry import BodySpheres
 from tactopose_drake.hand.hand_config import Hand, HandConfig, make_hand_plant
 from tactopose_drake.systems.contact_solver import ContactSolver, ContactSolverParams
@@ -48,8 +49,9 @@ def add_touch(
     """
     plant, parts = make_hand_plant(hand)
     solver = builder.AddNamedSystem("contact_solver", ContactSolver(parts.surfaces, params.solver))
+    errors = None if hand.uncertainty is None else ContactUncertainty(plant, parts, hand.uncertainty)
     contacts = builder.AddNamedSystem(
-        "contacts_in_palm", ContactsInPalm(plant, parts.sensor_frames, parts.palm_frame, params.contacts)
+        "contacts_in_palm", ContactsInPalm(plant, parts.sensor_frames, parts.palm_frame, params.contacts, errors)
     )
     builder.Connect(solver.GetOutputPort("contact_solutions"), contacts.GetInputPort("contact_solutions"))
     posed: list[LeafSystem] = [contacts]

@@ -9,10 +9,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from tactopose_drake.core.plain_values import PlainValue
 from tactopose_drake.core.validation import FloatArray, limited, points_near, positive_numbers, unit_vectors
+from tactopose_drake.errors import InvalidInputError
 
 # What a sigma may be: m, rad, N. Beyond, the information of a contact and of the rest do not fit into one double.
 _SIGMAS = {"sigma_position": (1e-7, 1e6), "sigma_normal": (1e-5, 1e6), "sigma_force": (1e-6, 1e6)}
 _MOST_FORCE = 1e6
+_MOST_COVARIANCE = 1e12
+_ROUNDING = 1e-9  # of a matrix's largest entry, by which it may be off its transpose
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -28,10 +31,16 @@ class Contacts(PlainValue):
         sigma_normal: standard deviation of a small rotation of n_PC about each axis, a number or shape (k,),
             rad, from 1e-5 to 1e6.
         sigma_force: standard deviation of each component of f_PC, a number or shape (k,), N, from 1e-6 to 1e6.
+        covariance: of each contact's point and a small rotation of its normal, shape (k, 6, 6), m and rad; None where
+            the sigmas say it. It takes their place: `sigma_position` is then the point's standard deviation along the
+            normal, for across it nothing is measured, or the mean one where there is no normal; `sigma_normal` is the
+            root mean square of the rotations about the two axes across the normal. What the point's error tells of the
+            normal's is not used.
 
     Raises:
         InvalidInputError: what is not of finite numbers, a shape that does not fit, a normal whose length differs from
-            1 by more than 1e-3, or a number out of its range.
+            1 by more than 1e-3, a number out of its range, or a covariance that is not symmetric, or of a point or a
+            normal that no sigma in its range has.
     """
 
     p_PC: FloatArray
@@ -40,15 +49,22 @@ class Contacts(PlainValue):
     sigma_position: FloatArray | float = 0.0009
     sigma_normal: FloatArray | float = math.radians(5.0)
     sigma_force: FloatArray | float = 0.05
+    covariance: FloatArray | None = None
 
     def __post_init__(self) -> None:
         p_PC = points_near("p_PC", self.p_PC, (None, 3))
         shape, count = (len(p_PC), 3), len(p_PC)
+        n_PC = None if self.n_PC is None else unit_vectors("n_PC", self.n_PC, shape)
+        covariance = None if self.covariance is None else _covariances(self.covariance, count)
+        sigmas = {name: getattr(self, name) for name in _SIGMAS}
+        if covariance is not None:
+            sigmas["sigma_position"], sigmas["sigma_normal"] = _sigmas_of(covariance, n_PC)
         values: dict[str, FloatArray | None] = {
             "p_PC": p_PC,
-            "n_PC": None if self.n_PC is None else unit_vectors("n_PC", self.n_PC, shape),
+            "n_PC": n_PC,
             "f_PC": None if self.f_PC is None else limited("f_PC", self.f_PC, shape, most=_MOST_FORCE),
-            **{name: _sigmas(name, getattr(self, name), count, *limits) for name, limits in _SIGMAS.items()},
+            **{name: _sigmas(name, sigmas[name], count, *limits) for name, limits in _SIGMAS.items()},
+            "covariance": covariance,
         }
         for name, value in values.items():
             if value is not None:
@@ -68,8 +84,9 @@ class Contacts(PlainValue):
     def chosen(self, index: NDArray[np.intp]) -> Self:
         """Some of the contacts, in the order of the index."""
         normals, forces = (None if rows is None else rows[index] for rows in (self.n_PC, self.f_PC))
-        sigmas = (np.asarray(getattr(self, name))[index] for name in _SIGMAS)
-        return type(self)(self.p_PC[index], normals, forces, *sigmas)
+        sigmas: dict[str, Any] = {name: np.asarray(getattr(self, name))[index] for name in _SIGMAS}
+        covariance = None if self.covariance is None else self.covariance[index]
+        return type(self)(self.p_PC[index], normals, forces, **sigmas, covariance=covariance)
 
     def __repr__(self) -> str:
         known = [
@@ -98,6 +115,32 @@ def _span(values: FloatArray) -> str:
     """A number, or the least and the largest of several."""
     least, most = f"{values.min():.3g}", f"{values.max():.3g}"
     return least if least == most else f"{least} to {most}"
+
+
+def _covariances(value: ArrayLike, count: int) -> FloatArray:
+    """Symmetric matrices (k, 6, 6)."""
+    covariance = limited("covariance", value, (count, 6, 6), most=_MOST_COVARIANCE)
+    off = np.abs(covariance - np.swapaxes(covariance, 1, 2)).max(initial=0.0)
+    if off > _ROUNDING * np.abs(covariance).max(initial=0.0):
+        raise InvalidInputError(f"covariance: is not symmetric, by up to {off:.3g}; allowed are symmetric matrices.")
+    return covariance
+
+
+def _sigmas_of(covariance: FloatArray, n_PC: FloatArray | None) -> tuple[FloatArray, FloatArray]:
+    """What of covariances (k, 6, 6) counts for the distance and for the turn of the normal, shape (k,)."""
+    point, turn = covariance[:, :3, :3], covariance[:, 3:, 3:]
+    mean = np.trace(point, axis1=1, axis2=2) / 3.0, np.trace(turn, axis1=1, axis2=2) / 3.0
+    variances = mean
+    if n_PC is not None:
+        along = [np.einsum("ki,kij,kj->k", n_PC, part, n_PC) for part in (point, turn)]
+        variances = along[0], 0.5 * (3.0 * mean[1] - along[1])
+    for name, variance in zip(("point", "normal"), variances, strict=True):
+        if np.any(variance <= 0.0):
+            row = int(np.argmin(variance))
+            raise InvalidInputError(
+                f"covariance[{row}]: says {variance[row]:.3g} of the {name}; allowed are variances above 0."
+            )
+    return np.sqrt(variances[0]), np.sqrt(variances[1])
 
 
 def _sigmas(name: str, value: ArrayLike, count: int, least: float, most: float) -> FloatArray:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.poses import random_rotations
 from tactopose_drake.errors import InvalidInputError
 
 POINTS = np.array([[0.0, 0.0, 0.1], [0.02, 0.0, 0.1]])
@@ -64,3 +65,50 @@ def test_copies_are_equal_and_read_only(again: Callable[[Contacts], Contacts]) -
     for name in ("p_PC", "n_PC", "sigma_position", "sigma_normal"):
         np.testing.assert_array_equal(getattr(copied, name), getattr(contacts, name))
         assert not getattr(copied, name).flags.writeable
+
+
+def test_a_covariance_says_how_far_a_contact_is_off_across_the_surface_and_its_normal() -> None:
+    n_PC = np.array([[0.0, 0.0, 1.0], [0.6, 0.0, 0.8]])
+    covariance = np.zeros((2, 6, 6))
+    covariance[:, range(6), range(6)] = [4e-6, 9e-6, 1e-6, 0.01, 0.03, 0.5]
+    covariance[:, 0, 4] = covariance[:, 4, 0] = 1e-5
+    contacts = Contacts(np.zeros((2, 3)), n_PC, covariance=covariance)
+    along = np.array([1e-6, 0.36 * 4e-6 + 0.64 * 1e-6])
+    np.testing.assert_allclose(contacts.sigma_position, np.sqrt(along))
+    turned = np.array([0.02, 0.5 * (0.54 - 0.36 * 0.01 - 0.64 * 0.5)])
+    np.testing.assert_allclose(contacts.sigma_normal, np.sqrt(turned))
+    assert not contacts.covariance.flags.writeable
+    second = contacts.chosen(np.array([1]))
+    np.testing.assert_array_equal(second.covariance, covariance[1:])
+    np.testing.assert_array_equal(second.sigma_normal, contacts.sigma_normal[1:])
+    without = Contacts(np.zeros((2, 3)), covariance=covariance)
+    np.testing.assert_allclose(without.sigma_position, np.sqrt(14e-6 / 3.0))
+
+
+def test_a_turn_of_the_palm_changes_nothing_of_a_covariance() -> None:
+    generator = np.random.default_rng(0)
+    root = generator.normal(size=(4, 6, 6))
+    covariance = 1e-6 * root @ np.swapaxes(root, 1, 2)
+    n_PC = generator.normal(size=(4, 3))
+    n_PC /= np.linalg.norm(n_PC, axis=1, keepdims=True)
+    R = random_rotations(generator, 1)[0]
+    both = np.kron(np.eye(2), R)
+    here = Contacts(np.zeros((4, 3)), n_PC, covariance=covariance)
+    there = Contacts(np.zeros((4, 3)), n_PC @ R.T, covariance=both @ covariance @ both.T)
+    np.testing.assert_allclose(there.sigma_position, here.sigma_position, rtol=1e-9)
+    np.testing.assert_allclose(there.sigma_normal, here.sigma_normal, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("covariance", "message"),
+    [
+        (np.zeros((2, 6, 6)), r"covariance\[0\]: says 0 of the point"),
+        (np.eye(6), r"covariance: .*shape"),
+        (np.triu(np.ones((2, 6, 6))), "covariance: is not symmetric"),
+        (np.full((2, 6, 6), np.nan), "covariance"),
+        (np.tile(-np.eye(6), (2, 1, 1)), r"covariance\[0\]: says -1 of the point"),
+    ],
+)
+def test_a_covariance_that_is_none_is_refused(covariance: np.ndarray, message: str) -> None:
+    with pytest.raises(InvalidInputError, match=message):
+        Contacts(np.zeros((2, 3)), np.tile([0.0, 0.0, 1.0], (2, 1)), covariance=covariance)

@@ -1,0 +1,124 @@
+"""How far a hand's errors move its contacts, against the same errors drawn at random."""
+
+import math
+
+import numpy as np
+import pytest
+from pydrake.math import RigidTransform
+
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.poses import log_so3
+from tactopose_drake.core.sensing.intrinsic_contact import ContactSolution, solve_contacts
+from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.hand.contact_uncertainty import ContactUncertainty
+from tactopose_drake.hand.hand_config import HandUncertainty, load_hand_config, make_hand_plant
+from tactopose_drake.hand.kinematics import HandKinematics
+
+NONE = {"encoder_offset_deg": 0.0, "mounting": 0.0, "fingertip_radius": 0.0, "sensor_force": 0.0, "sensor_moment": 0.0}
+
+
+def touch(hand, finger: str, force: float = 2.0) -> tuple[np.ndarray, ContactSolution]:  # type: ignore[no-untyped-def]
+    """A wrench on the side of a fingertip, and the contact that it is."""
+    surface = hand.surfaces[finger]
+    n = np.array([0.6, 0.64, 0.48])
+    p_SC = surface.X_SF[:, 3] + surface.X_SF[:, :3] @ (n * np.max(getattr(surface, "radius", 0.009)))
+    f_S = -force * surface.X_SF[:, :3] @ n
+    wrench = np.concatenate([np.cross(p_SC, f_S), f_S])
+    return wrench, solve_contacts(wrench[None], surface)[0]
+
+
+def test_joint_offsets_move_contacts_as_drawn_offsets_do() -> None:
+    plant, hand = make_hand_plant(load_hand_config("shadow_like"))
+    kinematics = HandKinematics(plant, hand.palm_frame)
+    errors = HandUncertainty(**NONE | {"encoder_offset_deg": 0.5})
+    uncertainty = ContactUncertainty(plant, hand, errors)
+    generator = np.random.default_rng(0)
+    finger = hand.fingers[0]
+    _, solution = touch(hand, finger)
+    assert solution.valid
+    q = plant.GetPositions(plant.CreateDefaultContext()) + 0.3
+    followers = {coupling.joint: coupling for f in hand.config.fingers for coupling in f.couplings}
+    place = {plant.get_joint(i).name(): plant.get_joint(i).position_start() for i in plant.GetJointIndices()}
+    kinematics.move(q)
+    X_PS = kinematics.poses(hand.sensor_frames)[finger]
+    said = uncertainty.covariance(finger, solution, X_PS, kinematics)
+    drawn = []
+    for _ in range(3000):
+        offset = np.zeros(len(q))
+        for name, start in place.items():
+            if plant.GetJointByName(name).num_positions() and name not in followers:
+                offset[start] = math.radians(0.5) * generator.normal()
+        for coupling in followers.values():
+            offset[place[coupling.joint]] = coupling.ratio * offset[place[coupling.follows]]
+        kinematics.move(q + offset)
+        X = kinematics.poses(hand.sensor_frames)[finger]
+        turn = log_so3((X.rotation() @ X_PS.rotation().inverse()).matrix())
+        drawn.append(np.concatenate([X @ solution.p_SC - X_PS @ solution.p_SC, turn]))
+    scale = np.sqrt(np.outer(np.diag(said), np.diag(said)))
+    np.testing.assert_allclose(np.cov(np.array(drawn).T) / scale, said / scale, atol=0.12)
+    # What moves the point turns the normal by the same joints.
+    assert np.abs(said[:3, 3:] / scale[:3, 3:]).max() > 0.5
+
+
+def test_a_sensors_errors_move_the_contact_on_its_fingertip() -> None:
+    plant, hand = make_hand_plant(load_hand_config("shadow_like"))
+    errors = HandUncertainty(**NONE | {"sensor_force": 0.02, "sensor_moment": 0.0002})
+    uncertainty = ContactUncertainty(plant, hand, errors)
+    kinematics = HandKinematics(plant, hand.palm_frame)
+    finger = hand.fingers[1]
+    wrench, solution = touch(hand, finger)
+    X_PS = kinematics.poses(hand.sensor_frames)[finger]
+    said = uncertainty.covariance(finger, solution, X_PS, kinematics)
+    noise = np.random.default_rng(1).normal(size=(4000, 6)) * np.repeat([0.0002, 0.02], 3)
+    others = solve_contacts(wrench + noise, hand.surfaces[finger])
+    R = X_PS.rotation().matrix()
+    points = (others.p_SC - solution.p_SC) @ R.T
+    turns = np.cross(R @ solution.n_S, others.n_S @ R.T)
+    scale = np.sqrt(np.trace(said[:3, :3])), np.sqrt(np.trace(said[3:, 3:]))
+    np.testing.assert_allclose(np.cov(points.T) / scale[0] ** 2, said[:3, :3] / scale[0] ** 2, atol=0.05)
+    np.testing.assert_allclose(np.cov(turns.T) / scale[1] ** 2, said[3:, 3:] / scale[1] ** 2, atol=0.05)
+
+
+def test_a_thicker_fingertip_moves_the_point_along_its_normal_and_a_mounting_anywhere() -> None:
+    plant, hand = make_hand_plant(load_hand_config("shadow_like"))
+    kinematics = HandKinematics(plant, hand.palm_frame)
+    finger = hand.fingers[0]
+    _, solution = touch(hand, finger)
+    X_PS = kinematics.poses(hand.sensor_frames)[finger]
+    n = X_PS.rotation() @ solution.n_S
+    thick = ContactUncertainty(plant, hand, HandUncertainty(**NONE | {"fingertip_radius": 0.001}))
+    said = thick.covariance(finger, solution, X_PS, kinematics)
+    np.testing.assert_allclose(said[:3, :3], 1e-6 * np.outer(n, n), atol=1e-15)
+    np.testing.assert_array_equal(said[3:], 0.0)
+    mounted = ContactUncertainty(plant, hand, HandUncertainty(**NONE | {"mounting": 0.002}))
+    said = mounted.covariance(finger, solution, X_PS, kinematics)
+    np.testing.assert_allclose(said[:3, :3], 4e-6 * np.eye(3), atol=1e-15)
+
+
+def test_the_defaults_give_a_contact_that_a_good_hand_has() -> None:
+    plant, hand = make_hand_plant(load_hand_config("shadow_like"))
+    kinematics = HandKinematics(plant, hand.palm_frame)
+    uncertainty = ContactUncertainty(plant, hand, HandUncertainty())
+    for finger, X_PS in kinematics.poses(hand.sensor_frames).items():
+        _, solution = touch(hand, finger)
+        said = uncertainty.covariance(finger, solution, X_PS, kinematics)
+        p_PC, n_PC = X_PS @ solution.p_SC, -(X_PS.rotation() @ solution.n_S)
+        contacts = Contacts(p_PC[None], n_PC[None], covariance=said[None])
+        assert 0.0003 < float(np.asarray(contacts.sigma_position)[0]) < 0.004
+        assert math.radians(0.5) < float(np.asarray(contacts.sigma_normal)[0]) < math.radians(6.0)
+
+
+@pytest.mark.parametrize("name", list(NONE))
+def test_an_uncertainty_below_zero_is_refused(name: str) -> None:
+    plant, hand = make_hand_plant(load_hand_config("shadow_like"))
+    with pytest.raises(InvalidInputError, match=rf"HandUncertainty\.{name}"):
+        ContactUncertainty(plant, hand, HandUncertainty(**NONE | {name: -1.0}))
+
+
+def test_a_pose_is_used_as_given() -> None:
+    plant, hand = make_hand_plant(load_hand_config("shadow_like"))
+    kinematics = HandKinematics(plant, hand.palm_frame)
+    _, solution = touch(hand, hand.fingers[0])
+    uncertainty = ContactUncertainty(plant, hand, HandUncertainty(**NONE | {"fingertip_radius": 0.001}))
+    said = uncertainty.covariance(hand.fingers[0], solution, RigidTransform(), kinematics)
+    np.testing.assert_allclose(said[:3, :3], 1e-6 * np.outer(solution.n_S, solution.n_S), atol=1e-15)
