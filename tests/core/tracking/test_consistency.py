@@ -22,7 +22,7 @@ def update(step: np.ndarray, nis: float = 3.0) -> ContactUpdate:
 
 def test_corrections_all_one_way_are_a_slip_and_those_to_and_fro_are_none() -> None:
     for sign, slips in ((1.0, True), (-1.0, False)):
-        modes, step = make_modes(), np.array([0.0006, 0.0, 0.0])
+        modes, step = make_modes(), np.array([0.0009, 0.0, 0.0])
         for _ in range(20):
             # Each prediction is where the last one was.
             modes = record_innovations(modes, update(step), 3, PARAMS)

@@ -28,7 +28,7 @@ def update_modes(model, contacts, source, bias, X, P, C, roughness) -> ContactUp
         surface_normal_deg=math.degrees(bias.surface[1]),
     )
     even = np.zeros(len(X))
-    modes = TrackedModes.make(X, P, C, roughness, even, even)
+    modes = TrackedModes.make(X, P, C, roughness, even)
     names = tuple(map(str, range(roughness.shape[1])))
     return update_with_contacts(model, params, ContactReading(contacts, source, names, True), modes)
 
