@@ -2,8 +2,8 @@
 
 python examples/belief_study.py --objects bust mug spray_bottle tea_box light_bulb wine_glass --placements 10
 
-A hand closes on an object that was laid into it, in Drake's physics: contacts arrive one by one, and the object moves by
-centimetres meanwhile. Each grasp is felt with a prior of where the object was laid, and without. From half a second
+A hand closes on an object that was laid into it, in Drake's physics: contacts arrive one by one, and the object moves
+by centimetres meanwhile. Each grasp is felt with a prior of where the object was laid, and without. From half a second
 after the last finger's first contact the belief's best pose is compared with the truth at those instants at which the
 one-shot estimate of the same instant is right: within 10 mm and 10 degrees, up to what the touch leaves free. Of all
 instants it is asked whether the belief says "ok" while it is off by 20 mm or 20 degrees.

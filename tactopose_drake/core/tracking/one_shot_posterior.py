@@ -63,7 +63,9 @@ def one_shot_posterior(
     explains = explain_touch(model, evidence, found.X_PO, params.plausibility)
     if not explains.any():
         return None
-    found = SearchResult(*(part[explains] for part in found))
+    found = SearchResult(
+        found.X_PO[explains], found.cost[explains], found.iterations[explains], found.converged[explains]
+    )
     modes = find_modes(
         found,
         problem.determining.normal_equations(found.X_PO).hessian,

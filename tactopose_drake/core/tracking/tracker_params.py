@@ -107,7 +107,7 @@ class MixtureParams:
     """How many modes there are, and how wide they may be."""
 
     max_modes: int = 8  # kept at the most
-    least_share: float = 1e-7  # of the mass of the best mode; less is dropped
+    least_share: float = 1e-5  # of the mass of the best mode; less is dropped
     same_sigmas: float = 3.0  # standard deviations of the window's evidence within which two poses are one mode
     max_sigma_translation: float = 0.3  # m; of a translation with this standard deviation nothing is known
 

@@ -17,7 +17,7 @@ def update(step: np.ndarray, nis: float = 3.0) -> ContactUpdate:
     """One that halves the covariance, and moves the pose."""
     X_PO = np.eye(3, 4)[None].copy()
     X_PO[0, :, 3] = step
-    return ContactUpdate(X_PO, 0.5 * P, np.zeros((1, 6, 6)), np.zeros(1), np.array([nis]), np.zeros((1, 1, 2)), 0.5)
+    return ContactUpdate(X_PO, 0.5 * P, np.zeros((1, 6, 6)), np.array([nis]), np.zeros((1, 1, 2)))
 
 
 def test_corrections_all_one_way_are_a_slip_and_those_to_and_fro_are_none() -> None:
