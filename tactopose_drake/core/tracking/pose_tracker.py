@@ -86,6 +86,7 @@ class PoseTracker:
         if duration > 0.0:
             history = history.followed_by(motion, frame.time, self._params.vision.max_age)
         modes = belief.modes.with_sources(len(reading.sources))
+        was_taken = not reading.has_contact and -np.inf < belief.touch_time < frame.time - self._params.lost_time
         return dataclasses.replace(
             belief,
             time=frame.time,
@@ -93,7 +94,7 @@ class PoseTracker:
             sources=reading.sources,
             modes=predict_modes(modes, motion, self._params.mixture.max_sigma_translation),
             keyframes=tuple(keyframe.moved(motion) for keyframe in belief.keyframes),
-            standing=move_standing(belief, motion, frame.time),
+            standing=move_standing(belief, motion, frame.time, was_taken=was_taken),
             X_WP=frame.X_WP,
         )
 

@@ -105,9 +105,16 @@ def fuse(standing: PoseMeasurement | None, measurement: PoseMeasurement, params:
     return PoseMeasurement(measurement.time, X_PO, 0.5 * (covariance + covariance.T))
 
 
-def move_standing(belief: PoseBelief, motion: Motion, time: float) -> PoseMeasurement | None:
-    """What vision said, after a motion of the object; before it was felt, it rests and stays as well known."""
-    if belief.standing is None:
+def move_standing(belief: PoseBelief, motion: Motion, time: float, *, was_taken: bool) -> PoseMeasurement | None:
+    """What vision said, after a motion of the object; before it was felt, it rests and stays as well known.
+
+    Args:
+        belief: before.
+        motion: since then.
+        time: now, s.
+        was_taken: whether the object has left the touch, and may have been moved: what was said is of another grasp.
+    """
+    if belief.standing is None or (was_taken and belief.vision.accepted_time <= belief.touch_time):
         return None
     if belief.touch_time == -np.inf:
         motion = motion._replace(covariance=np.zeros((6, 6)))
