@@ -69,6 +69,7 @@ class BeliefInputs:
         self._patches = declare("patches", ())
         self._pads = declare("pads", ())
         self._statuses = [declare(name, "") for name in ("contact_status", "patch_status")]
+        self._prior = declare("prior", None)
         self._vision = declare("vision", None)
         self._hand = declare("hand", None)
         self._untouched = declare("untouched", None)
@@ -87,7 +88,11 @@ class BeliefInputs:
         contacts, patches, sources = self._read_touch(context)
         untouched = eval_optional_input(self._untouched, context, HandGeometry)
         evidence = Evidence(
-            contacts, hand=eval_optional_input(self._hand, context, HandGeometry), untouched=untouched, patches=patches
+            contacts,
+            prior=self._read_prior(context),
+            hand=eval_optional_input(self._hand, context, HandGeometry),
+            untouched=untouched,
+            patches=patches,
         )
         remarks, points = [], evidence.touch.p_PC
         if np.array_equal(points, before.points):
@@ -130,9 +135,17 @@ class BeliefInputs:
                 f"{self._name(self._vision)}: holds a {type(seen).__name__}; allowed are PoseMeasurement, PosePrior "
                 "and None."
             )
+        now = context.get_time()
         if before.prior is None or not np.array_equal(before.prior.X_PO, seen.mean):
-            before = dataclasses.replace(before, prior=PoseMeasurement.from_prior(seen, context.get_time()))
-        return before.prior, before
+            before = dataclasses.replace(before, prior=PoseMeasurement.from_prior(seen, now))
+        # One that stays as it is is no new measurement, nor a late one.
+        return (before.prior if before.prior is not None and now < before.prior.time + _FROZEN else None), before
+
+    def _read_prior(self, context: Context) -> PosePrior | None:
+        """What is known of the pose before it is felt: the prior, or vision where that gives such a one."""
+        prior = eval_optional_input(self._prior, context, PosePrior)
+        seen = eval_optional_input(self._vision, context, object)
+        return seen if prior is None and isinstance(seen, PosePrior) else prior
 
     def _read_velocities(self, context: Context, remarks: list[str]) -> dict[str, FloatArray] | None:
         if not self._tips.HasValue(context):

@@ -66,6 +66,7 @@ class PoseBeliefEstimator(CollectableSystem):
         - pads
         - contact_status
         - patch_status
+        - prior
         - vision
         - hand
         - untouched
@@ -73,6 +74,7 @@ class PoseBeliefEstimator(CollectableSystem):
         - palm_pose
         output_ports:
         - object_pose
+        - object_pose_vector
         - object_pose_in_world
         - covariance
         - hypotheses
@@ -87,14 +89,16 @@ class PoseBeliefEstimator(CollectableSystem):
     - pads: tuple of the names of those pads, by which a patch is known again.
     - contact_status, patch_status: str, "ok", or which fingers and pads do not feel the object and why; remarks of the
       status.
-    - vision: `PoseMeasurement`, with the time of its picture, or `PosePrior`, which counts as of when it changes; None
-      while there is none.
+    - prior: `PosePrior`, or None while there is none. It counts once, and as well as it says until the object is felt.
+    - vision: `PoseMeasurement`, with the time of its picture, or `PosePrior`, which counts as of when it changes, and
+      the first as a prior; None while there is none.
     - hand: `HandGeometry` in P, where the object is not, or None.
     - untouched: `HandGeometry` in P, the parts of the hand that feel no contact, or None.
     - tip_velocities: dict of the fingertips' spatial velocities [w, v] in P by finger, or None: the object then moves
       with the palm.
     - palm_pose: `RigidTransform` X_WP; a NaN where it is not known.
     - object_pose: `RigidTransform` X_PO of the best mode; the identity before the first.
+    - object_pose_vector: the same, size 7: the quaternion w, x, y, z, and the position, m.
     - object_pose_in_world: `RigidTransform` X_WO, by palm_pose at the time that it is asked for; NaN where that is.
     - covariance: size 36, that of the increment (w, v) of the best mode row by row, rad and m; before there is one,
       infinite variances.
@@ -137,6 +141,7 @@ class PoseBeliefEstimator(CollectableSystem):
         ):
             self.DeclareAbstractOutputPort(name, make(model_value).Clone, calc, shown)
         self.DeclareVectorOutputPort("covariance", 36, self._calc_covariance, shown)
+        self.DeclareVectorOutputPort("object_pose_vector", 7, self._calc_pose_vector, shown)
         self.DeclareAbstractOutputPort(
             "object_pose_in_world",
             make(RigidTransform()).Clone,
@@ -222,6 +227,10 @@ class PoseBeliefEstimator(CollectableSystem):
 
     def _calc_pose(self, context: Context, output: AbstractValue) -> None:
         output.set_value(_pose(self._belief(context)))
+
+    def _calc_pose_vector(self, context: Context, output: BasicVector) -> None:
+        X_PO = _pose(self._belief(context))
+        output.SetFromVector(np.concatenate([X_PO.rotation().ToQuaternion().wxyz(), X_PO.translation()]))
 
     def _calc_pose_in_world(self, context: Context, output: AbstractValue) -> None:
         palm = eval_optional_input(self._inputs.palm, context, RigidTransform)

@@ -144,13 +144,20 @@ def test_sensors_that_drop_out_and_vision_that_fails_change_the_status_alone(box
     assert bench.read("hypotheses").status == "no_solution"
 
 
-def test_a_prior_without_a_time_counts_when_it_changes(box: ObjectModel) -> None:
+def test_a_prior_without_a_time_counts_once_and_again_when_it_changes(box: ObjectModel) -> None:
     bench = Bench(PoseBeliefEstimator(box))
     bench.fix(contacts=Contacts.empty(), fingers_in_contact=(), vision=SEEN)
     bench.simulator.AdvanceTo(0.05)
     once = bench.read("belief").covariance[0]
-    bench.simulator.AdvanceTo(0.1)
-    assert np.trace(bench.read("belief").covariance[0]) > np.trace(once)
+    bench.simulator.AdvanceTo(1.5)
+    # It does not age while nothing was felt, nor does it grow surer.
+    np.testing.assert_array_equal(bench.read("belief").covariance[0], once)
+    assert bench.read("status") == "no_contact"
+    other = PosePrior(SEEN.X_PO @ RigidTransform([0.0, 0.02, 0.0]), SEEN.sigma_translation, SEEN.sigma_rotation)
+    bench.fix(vision=other)
+    bench.simulator.AdvanceTo(1.6)
+    moved = bench.read("object_pose").translation() - SEEN.X_PO.translation()
+    assert 0.005 < np.linalg.norm(moved) < 0.021
     assert bench.read("status") == "no_contact"
 
 

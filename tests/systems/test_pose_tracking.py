@@ -10,6 +10,7 @@ from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.systems.pose_belief_estimator import PoseBeliefParams
+from tactopose_drake.systems.pose_estimation import MakePoseEstimation
 from tactopose_drake.systems.pose_tracking import AddPoseTracking, MakePoseTracking, PoseTrackingParams
 from tests.core.tracking.boxes import make_box
 from tests.pressed_ball import SILENT, make_ball, press
@@ -43,7 +44,30 @@ def test_a_hand_that_feels_nothing_knows_what_vision_says(box: ObjectModel, hand
     simulator.AdvanceTo(0.05)
     assert tracking.GetOutputPort("status").Eval(context) == f"no_contact: {silent}"
     assert tracking.GetOutputPort("object_pose").Eval(context).IsNearlyEqualTo(X_PO, 1e-9)
+    np.testing.assert_allclose(
+        tracking.GetOutputPort("object_pose_vector").Eval(context), [1.0, 0, 0, 0, 0, -0.5, 0], atol=1e-9
+    )
     assert tracking.GetOutputPort("object_pose_in_world").Eval(context).IsNearlyEqualTo(X_WP @ X_PO, 1e-9)
+
+
+def test_a_prior_never_ages_while_nothing_was_felt_and_no_port_of_the_estimation_is_missing(box: ObjectModel) -> None:
+    config = load_hand_config("shadow_like")
+    diagram, estimation = MakePoseTracking(config, box), MakePoseEstimation(config, box)
+    names = {estimation.get_input_port(i).get_name() for i in range(estimation.num_input_ports())}
+    assert all(diagram.HasInputPort(name) for name in names)
+    simulator = Simulator(diagram)
+    context = simulator.get_mutable_context()
+    for name in names - {"prior"}:
+        port = diagram.GetInputPort(name)
+        port.FixValue(context, np.zeros(port.size()))
+    X_PO = RigidTransform([0.0, -0.5, 0.0])
+    diagram.GetInputPort("prior").FixValue(context, AbstractValue.Make(PosePrior(X_PO)))
+    spread = []
+    for time in (0.1, 2.0):
+        simulator.AdvanceTo(time)
+        assert str(diagram.GetOutputPort("status").Eval(context)).startswith("no_contact")
+        spread.append(diagram.GetOutputPort("covariance").Eval(context).copy())
+    np.testing.assert_array_equal(spread[0], spread[1])
 
 
 def test_a_frame_that_is_old_counts_for_nothing_and_is_named() -> None:

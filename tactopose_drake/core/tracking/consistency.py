@@ -4,7 +4,7 @@ The NIS test asks whether innovations are larger than noise makes them: their sq
 summed, in units of the sum's standard deviation. The drift test asks whether corrections go one way: with a prediction
 of covariance P- and an update to P+, a correction has the covariance P- - P+ and is independent of the next, so the
 squared length of their sum is chi-square with six degrees of freedom at most. Slow slip hides from the first test and
-shows in the second.
+shows in the second. A mode that was just found still goes to where the filter wants it: its first frames do not count.
 
 Source: [B01] Y. Bar-Shalom et al., Estimation with Applications to Tracking and Navigation, 2001, section 5.4
 (consistency of a filter; the normalised innovation squared, NIS, over a time that fades).
@@ -35,15 +35,17 @@ def record_innovations(
     factor, wandering = params.forgetting_factor, 1.0 + params.process_share
     correction = increments_between(predicted.X_PO, update.X_PO)
     excess = np.stack([update.nis - degrees, np.full(len(predicted), 2.0 * degrees)], axis=1)
-    return dataclasses.replace(
+    updated = dataclasses.replace(
         predicted,
         X_PO=update.X_PO,
         covariance=update.covariance,
         cross_covariance=update.cross_covariance,
+        frames=predicted.frames + 1.0,
         nis_excess=predicted.nis_excess * [factor, factor**2] + excess,
         drift=factor * predicted.drift + correction,
         drift_covariance=factor**2 * predicted.drift_covariance + wandering * predicted.covariance - update.covariance,
     )
+    return restart_test(updated, updated.frames <= params.first_frame)
 
 
 def are_inconsistent(modes: TrackedModes, params: ConsistencyParams) -> NDArray[np.bool_]:
@@ -60,11 +62,12 @@ def are_inconsistent(modes: TrackedModes, params: ConsistencyParams) -> NDArray[
     return inconsistent
 
 
-def restart_test(modes: TrackedModes) -> TrackedModes:
-    """The modes without the sums of the tests."""
+def restart_test(modes: TrackedModes, which: NDArray[np.bool_]) -> TrackedModes:
+    """The modes without the sums of the tests, for those of them (n,) that are to begin anew."""
+    kept = ~which
     return dataclasses.replace(
         modes,
-        nis_excess=np.zeros_like(modes.nis_excess),
-        drift=np.zeros_like(modes.drift),
-        drift_covariance=np.zeros_like(modes.drift_covariance),
+        nis_excess=modes.nis_excess * kept[:, None],
+        drift=modes.drift * kept[:, None],
+        drift_covariance=modes.drift_covariance * kept[:, None, None],
     )

@@ -80,21 +80,17 @@ class ContactUpdate(NamedTuple):
         X_PO: the minima, shape (n, 3, 4).
         covariance: of the increments there, shape (n, 6, 6).
         cross_covariance: of the increments with the biases, shape (n, 6, 6 s).
-        log_likelihood: of the contacts by each mode, up to a constant of all modes, shape (n,).
         nis: normalised innovation squared, the squared length of the whitened innovation, shape (n,): chi-square with
             as many degrees of freedom as the contacts are numbers.
         roughness: of the surface about each of k contacts: variances of its distance, m^2, and of its normal about
             each axis, rad^2, shape (n, k, 2).
-        lasting_share: of the contacts' variances, which is the same at all times.
     """
 
     X_PO: FloatArray
     covariance: FloatArray
     cross_covariance: FloatArray
-    log_likelihood: FloatArray
     nis: FloatArray
     roughness: FloatArray
-    lasting_share: float
 
 
 def update_with_contacts(
@@ -116,7 +112,7 @@ def update_with_contacts(
     """
     contacts, settings, bias = reading.contacts, params.contact_update, BiasModel.from_params(params)
     variances = bias.with_roughness(modes.roughness)
-    information, log_determinant = _joint_information(modes.covariance, modes.cross_covariance, variances)
+    information = _joint_information(modes.covariance, modes.cross_covariance, variances)
     count, size = information.shape[:2]
     weights = _noise_weights(contacts, bias, settings.least_noise_share)
     grid = model.grid.nodes
@@ -136,10 +132,8 @@ def update_with_contacts(
         X_PO,
         0.5 * (P + np.swapaxes(P, 1, 2)),
         np.swapaxes(joint[:, 6:], 1, 2),
-        0.5 * (log_determinant - np.linalg.slogdet(hessian)[1]) - regression.cost,
         2.0 * (regression.cost - regression.log_determinant),
         regression.roughness,
-        _lasting_share(variances.reshape(count, -1, 6)[:, reading.source], weights, contacts.n_PC is not None),
     )
 
 
@@ -173,8 +167,8 @@ def _regression_settings(params: PoseTrackerParams, size: float) -> RegressionSe
     )
 
 
-def _joint_information(P: FloatArray, C: FloatArray, variances: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The inverse of [P C; C^T B] by its Schur complement (n, m, m), and the logarithm of its determinant (n,).
+def _joint_information(P: FloatArray, C: FloatArray, variances: FloatArray) -> FloatArray:
+    """The inverse of [P C; C^T B] by its Schur complement, shape (n, m, m).
 
     Of B the diagonals are given, shape (n, m - 6).
     """
@@ -188,11 +182,4 @@ def _joint_information(P: FloatArray, C: FloatArray, variances: FloatArray) -> t
     information[:, 6:, 6:] = np.swapaxes(gain, 1, 2) @ A @ gain
     at = np.arange(6, 6 + biases)
     information[:, at, at] += 1.0 / variances
-    return information, np.linalg.slogdet(A)[1] - np.sum(np.log(variances), axis=1)
-
-
-def _lasting_share(variances: FloatArray, weights: tuple[FloatArray, FloatArray], has_normals: bool) -> float:
-    """The mean of B / (B + R) over what contacts measure, by variances B (n, k, 6) and 1 / sqrt(R), (k,) each."""
-    distance, normal = (variances[:, :, at] * weight**2 for at, weight in zip((0, 3), weights, strict=True))
-    share = float(np.mean(distance / (1.0 + distance)))
-    return (share + 2.0 * float(np.mean(normal / (1.0 + normal)))) / 3.0 if has_normals else share
+    return information

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from typing import Any, Literal
 
 import numpy as np
@@ -10,6 +11,8 @@ from numpy.typing import NDArray
 
 from tactopose_drake.core.plain_values import numbers
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
+from tactopose_drake.core.tracking.frame import PoseMeasurement
+from tactopose_drake.core.tracking.keyframes import Keyframe
 from tactopose_drake.core.tracking.motion_prediction import MotionHistory
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.validation import FloatArray
@@ -40,19 +43,23 @@ class PoseBelief:
 
     Attributes:
         time: s.
-        status: "ok"; "ambiguous" when no mode carries half of the mass; "slipping" when the touch is not what the
-            motion predicts, and the belief follows it; "no_contact" when nothing is touched, so that the pose is only
-            predicted; "lost" when no pose is known that explains the touch, or nothing has been touched for long: what
-            stands here is then no estimate.
+        status: "ok"; "ambiguous" when no mode carries nearly all of the mass, or the touch is too new; "slipping" when
+            the touch is not what the motion predicts, and the belief follows it; "no_contact" when nothing is touched,
+            so that the pose is only predicted; "lost" when no pose is known that explains the touch, or nothing has
+            been touched for long: what stands here is then no estimate.
         remarks: what else is to be known of the belief.
         mixture: the pose's modes by falling probability; none where nothing is known yet.
         explains_touch: which of them noise alone may separate from the touch, shape (n,).
         modes: what is carried on of them: the same without what bounds the pose at this time only.
+        keyframes: touches of the past that told something new, oldest first.
+        standing: what a prior and vision said, as of now; None where they said nothing, or of another grasp.
         sources: the names of the contacts' sources, in the order of the modes' biases.
         history: the latest motions.
         p_PC: the last contacts' points, shape (k, 3), m.
         touch_time, explained_time, slip_time: when something was last touched, and explained, and when it last slipped,
             s.
+        unsettled_time: when another finger came to touch, or the best mode became another one, s.
+        felt_time: of each source by its name, when it last touched, s.
         search_time: when modes were last searched for, s.
         searches: how many searches there were.
         vision: what vision has said.
@@ -66,11 +73,15 @@ class PoseBelief:
     mixture: GaussianMixture = dataclasses.field(default_factory=GaussianMixture.empty)
     explains_touch: NDArray[np.bool_] = dataclasses.field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
     modes: TrackedModes = dataclasses.field(default_factory=TrackedModes.empty)
+    keyframes: tuple[Keyframe, ...] = ()
+    standing: PoseMeasurement | None = None
     sources: tuple[str, ...] = ()
     p_PC: FloatArray = dataclasses.field(default_factory=lambda: np.zeros((0, 3)))
     touch_time: float = -np.inf
     explained_time: float = -np.inf
     slip_time: float = -np.inf
+    unsettled_time: float = -np.inf
+    felt_time: Mapping[str, float] = dataclasses.field(default_factory=dict)
     search_time: float = -np.inf
     searches: int = 0
     vision: VisionRecord = dataclasses.field(default_factory=VisionRecord)

@@ -8,11 +8,14 @@ import numpy as np
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.kernel_library import make_kernels_ready
+from tactopose_drake.core.poses import increments_between
 from tactopose_drake.core.posterior.plausibility import explain_touch
+from tactopose_drake.core.shape.free_spin import nearest_images
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.belief_summary import summarise
-from tactopose_drake.core.tracking.frame import ContactReading, Frame, PoseMeasurement, read_contacts
-from tactopose_drake.core.tracking.measurement_update import MeasurementUpdate, update_modes
+from tactopose_drake.core.tracking.frame import ContactReading, Frame, read_contacts
+from tactopose_drake.core.tracking.keyframes import Keyframe, follow_touch, make_window
+from tactopose_drake.core.tracking.measurement_update import update_modes
 from tactopose_drake.core.tracking.motion_prediction import (
     Motion,
     MotionHistory,
@@ -22,11 +25,10 @@ from tactopose_drake.core.tracking.motion_prediction import (
     predict_modes,
 )
 from tactopose_drake.core.tracking.pose_belief import PoseBelief
-from tactopose_drake.core.tracking.relocalisation import add_proposals, choose_region, propose_modes
-from tactopose_drake.core.tracking.tracked_modes import TrackedModes
+from tactopose_drake.core.tracking.relocalisation import relocalise
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
-from tactopose_drake.core.tracking.vision_update import read_vision, update_with_vision
-from tactopose_drake.core.validation import instance_of
+from tactopose_drake.core.tracking.vision_update import move_standing, see
+from tactopose_drake.core.validation import FloatArray, instance_of
 from tactopose_drake.errors import InvalidInputError
 
 
@@ -74,13 +76,9 @@ class PoseTracker:
             )
         reading = read_contacts(frame, belief.sources, belief.p_PC)
         belief = self._predict(belief, frame, reading, duration)
-        measurement, record = read_vision(belief.vision, frame.vision, belief.history, frame.time, params.vision)
-        modes, is_outlier = belief.modes, False
-        if measurement is not None:
-            modes, record, is_outlier = update_with_vision(modes, reading, measurement, record, params.vision)
-        belief = dataclasses.replace(belief, modes=modes, vision=record)
+        belief, is_outlier = see(belief, frame, reading, params.vision)
         if reading.is_new:
-            belief = self._update_with_touch(belief, frame, reading, measurement, duration, is_outlier=is_outlier)
+            belief = self._update_with_touch(belief, frame, reading, duration, is_outlier=is_outlier)
         elif reading.has_contact:
             belief = dataclasses.replace(belief, touch_time=frame.time)
         return summarise(self._model, params, belief, frame.evidence, has_contact=reading.has_contact)
@@ -91,12 +89,15 @@ class PoseTracker:
         if duration > 0.0:
             history = history.followed_by(motion, frame.time, self._params.vision.max_age)
         modes = belief.modes.with_sources(len(reading.sources))
+        was_taken = not reading.has_contact and -np.inf < belief.touch_time < frame.time - self._params.lost_time
         return dataclasses.replace(
             belief,
             time=frame.time,
             history=history,
             sources=reading.sources,
             modes=predict_modes(modes, motion, self._params.mixture.max_sigma_translation),
+            keyframes=tuple(keyframe.moved(motion) for keyframe in belief.keyframes),
+            standing=move_standing(belief, motion, frame.time, was_taken=was_taken),
             X_WP=frame.X_WP,
         )
 
@@ -113,55 +114,46 @@ class PoseTracker:
         return move_with_fingertips(forces, frame.sources, frame.tip_velocity, noise, duration, slips=slips)
 
     def _update_with_touch(
-        self,
-        belief: PoseBelief,
-        frame: Frame,
-        reading: ContactReading,
-        measurement: PoseMeasurement | None,
-        duration: float,
-        *,
-        is_outlier: bool,
+        self, belief: PoseBelief, frame: Frame, reading: ContactReading, duration: float, *, is_outlier: bool
     ) -> PoseBelief:
-        """The belief with new contacts, by what vision measured and whether that is an outlier."""
-        time, params, mixture = frame.time, self._params, self._params.mixture
-        update: MeasurementUpdate | None = None
-        modes = belief.modes
+        """The belief with new contacts; `is_outlier`: of the best mode vision has just said something else."""
+        time, params, modes, slips = frame.time, self._params, belief.modes, False
         if len(modes):
             update = update_modes(self._model, params, reading, modes, duration)
-            modes = update.modes
-        slips = update is not None and update.is_inconsistent
-        best = modes.X_PO[:1]
-        explained = bool(len(modes) and explain_touch(self._model, frame.evidence, best, params.plausibility)[0])
-        is_urgent = slips or is_outlier or not explained or time > belief.touch_time + params.lost_time
-        searches, search_time = belief.searches, belief.search_time
-        settings = params.relocalisation
-        if time >= search_time + (settings.urgent_period if is_urgent else settings.period):
-            modes = self._relocalise(belief, frame, reading, measurement, update, is_urgent=is_urgent)
+            modes, slips = update.modes, update.is_inconsistent
+        assert frame.sources is not None
+        now = Keyframe.of_now(reading.contacts, frame.sources)
+        keyframes = follow_touch(() if slips else belief.keyframes, now, params.window)
+        window = make_window(keyframes, params.window)
+        X_best = modes.X_PO[:1]
+        explained = bool(len(modes) and explain_touch(self._model, frame.evidence, X_best, params.plausibility)[0])
+        is_new = any(time > belief.felt_time.get(name, -np.inf) + params.lost_time for name in frame.sources)
+        unsettled_time = time if is_new else belief.unsettled_time
+        is_urgent = slips or is_outlier or not explained or time < unsettled_time + params.settling_time
+        searches, search_time, settings = belief.searches, belief.search_time, params.relocalisation
+        if time >= search_time + (settings.urgent_period if is_urgent else settings.period) - 1e-9:
+            modes = relocalise(self._model, params, frame.evidence, reading, window, modes, belief.standing, searches)
             searches, search_time = searches + 1, time
-        modes = modes.merged(self._model.symmetry_poses, mixture.same_sigmas) if len(modes) else modes
+        if len(modes):
+            modes = modes.pruned(params.mixture)
+            if not len(X_best) or self._has_moved(X_best, modes.X_PO[:1]):
+                unsettled_time = time
         return dataclasses.replace(
             belief,
-            modes=modes.pruned(mixture),
+            modes=modes,
+            keyframes=keyframes,
             p_PC=reading.contacts.p_PC,
             touch_time=time,
             slip_time=time if slips else belief.slip_time,
+            unsettled_time=unsettled_time,
+            felt_time={**belief.felt_time, **dict.fromkeys(frame.sources, time)},
             searches=searches,
             search_time=search_time,
         )
 
-    def _relocalise(
-        self,
-        belief: PoseBelief,
-        frame: Frame,
-        reading: ContactReading,
-        measurement: PoseMeasurement | None,
-        update: MeasurementUpdate | None,
-        *,
-        is_urgent: bool,
-    ) -> TrackedModes:
-        """The modes after the touch with those that a search finds; the latter alone where there were none."""
-        modes = belief.modes if update is None else update.modes
-        prior, generator = frame.evidence.prior, np.random.default_rng([self._params.seed, belief.searches])
-        region = choose_region(belief, modes, measurement, prior, self._params, is_urgent=is_urgent)
-        proposed = propose_modes(self._model, self._params, frame.evidence, reading, region.near, generator)
-        return proposed if update is None else add_proposals(update, proposed, region)
+    def _has_moved(self, X_before: FloatArray, X_now: FloatArray) -> bool:
+        """Whether the best mode (1, 3, 4) is another one than before."""
+        X_near = nearest_images(X_now, X_before[0], self._model.symmetry_turns, self._model.symmetries)
+        u = increments_between(X_before, X_near)[0]
+        moved = np.linalg.norm(u[3:]) + self._params.lever_arm * self._model.size * np.linalg.norm(u[:3])
+        return bool(moved > self._params.settled_distance)

@@ -1,205 +1,161 @@
-"""Relocalisation: where the modes may be that a belief lacks, the search for them, and how probable they are.
+"""Relocalisation: the one-shot posterior runs beside the filter, and its modes and the filter's compete by evidence.
 
-Either the object jumped, or the belief was wrong all along: too sure of its best mode, or without the right one from
-the start. What jumped may be anywhere within the Gaussian in which is searched, and a mode that foretold the touch is
-rightly far more probable. A belief that was wrong has no right to that: what is found is then weighed among itself.
-
-A proposed mode is one minimum of a wide Gaussian with the touch of this instant, just as an old one is of its
-prediction with the touch; so the masses of both compare. That an object is suddenly elsewhere has a small prior
-probability.
+A mode's weight is what the one-shot estimate gives it by the touch of now, and what it would have had by the touches of
+the window. What it was worth before has no part in that: so one that was led astray, and since then only foretells what
+it is itself led by, loses against one that explains the touch better, whenever that is found. Of each mode of the
+posterior that the filter has already, the filter's pose stays, which has learnt from many frames, unless the window
+contradicts it.
 """
 
 import dataclasses
 import math
-from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
-from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
-from tactopose_drake.core.poses import retract
-from tactopose_drake.core.posterior.hypotheses import find_modes
-from tactopose_drake.core.posterior.plausibility import explain_touch
-from tactopose_drake.core.searches.pair_search import PairSearch
-from tactopose_drake.core.searches.patch_searches import patch_search
+from tactopose_drake.core.kernels.matrix_kernels import inverses
+from tactopose_drake.core.objectives.surface_contact import SurfaceContact
+from tactopose_drake.core.poses import compose, increments_between
+from tactopose_drake.core.posterior.hypotheses import Modes
 from tactopose_drake.core.searches.pose_problem import make_problem
-from tactopose_drake.core.shape.free_spin import turn_toward
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.contact_update import update_with_contacts
 from tactopose_drake.core.tracking.frame import ContactReading, PoseMeasurement
-from tactopose_drake.core.tracking.measurement_update import MeasurementUpdate
-from tactopose_drake.core.tracking.pose_belief import PoseBelief
+from tactopose_drake.core.tracking.keyframes import TouchWindow
+from tactopose_drake.core.tracking.one_shot_posterior import SearchSlice, one_shot_posterior
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
-from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams, RelocalisationParams
+from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tactopose_drake.core.validation import FloatArray
 
 
-class SearchRegion(NamedTuple):
-    """Where modes are searched for.
-
-    Attributes:
-        near: a Gaussian; None for anywhere.
-        probability: that the object is there and no mode has it, a priori.
-        jumped: whether it would have jumped there; otherwise the belief was wrong.
-    """
-
-    near: PoseMeasurement | None
-    probability: float
-    jumped: bool
-
-
-def choose_region(
-    belief: PoseBelief,
-    modes: TrackedModes,
-    vision: PoseMeasurement | None,
-    prior: GaussianPrior | None,
-    params: PoseTrackerParams,
-    *,
-    is_urgent: bool,
-) -> SearchRegion:
-    """Where vision or a prior says, near the best mode, or anywhere.
-
-    Args:
-        belief: as of now, but for the touch.
-        modes: after the touch, by falling weight.
-        vision: what it says now.
-        prior: of a belief that has no pose yet.
-        params: what is assumed.
-        is_urgent: whether the modes do not explain the touch or contradict it.
-    """
-    near, time, settings = vision, belief.time, params.relocalisation
-    if near is None:
-        local_time = settings.local_share * params.lost_time
-        if not len(modes):
-            near = None if prior is None else PoseMeasurement.from_prior(prior, time)
-        elif time > belief.touch_time + params.lost_time:
-            near = PoseMeasurement(time, belief.modes.X_PO[0], belief.modes.covariance[0])
-        # It slips before it is anywhere: that is asked when near the best there is no explanation.
-        elif time < belief.explained_time + local_time if is_urgent else belief.searches % settings.global_interval > 0:
-            near = _slipped(modes.X_PO[0], time, settings)
-    if near is None:
-        return SearchRegion(None, settings.unnoticed_jump_probability, True)
-    jumped = is_urgent or vision is not None
-    return SearchRegion(near, settings.jump_probability if jumped else settings.wrong_probability, jumped)
-
-
-def _slipped(X_PO: FloatArray, time: float, settings: RelocalisationParams) -> PoseMeasurement:
-    """The Gaussian about a pose in which an object is that has slipped."""
-    variances = math.radians(settings.sigma_rotation_deg) ** 2, settings.sigma_translation**2
-    return PoseMeasurement(time, X_PO, np.diag(np.repeat(variances, 3)))
-
-
-def propose_modes(
+def relocalise(
     model: ObjectModel,
     params: PoseTrackerParams,
     evidence: Evidence,
     reading: ContactReading,
-    near: PoseMeasurement | None,
-    generator: np.random.Generator,
+    window: TouchWindow,
+    modes: TrackedModes,
+    standing: PoseMeasurement | None,
+    searches: int,
 ) -> TrackedModes:
-    """Modes that explain the touch, weighed among themselves and against predictions by the same touch.
+    """The modes of the posterior by the window, by falling weight; none where no pose explains the touch.
 
     Args:
         model: the object.
         params: what is assumed.
-        evidence: the touch and what bounds the pose; a prior in it is left out.
-        reading: the touch by its sources.
-        near: where to search, as a Gaussian; None for anywhere.
-        generator: of the search's random numbers.
+        evidence: of now.
+        reading: its touch by sources.
+        window: the touches by which poses are judged.
+        modes: the filter's, after the touch.
+        standing: what vision said, as of now.
+        searches: how many slices there were.
     """
-    evidence = dataclasses.replace(evidence, prior=None if near is None else near.as_prior())
-    problem = make_problem(model, evidence)
-    search = patch_search(model, evidence.felt, evidence.contacts) if evidence.felt else None
-    found = (search or PairSearch(model=model, contacts=evidence.contacts)).minimize(
-        problem.objective, problem.space, generator
-    )
-    if near is None:
-        X_found = turn_toward(found.X_PO, found.X_PO[0], model.symmetries)
-        found = found._replace(X_PO=X_found, cost=problem.objective.cost(X_found)).ranked()
-    modes = find_modes(
-        found,
-        problem.determining.normal_equations(found.X_PO).hessian,
-        problem.space.information,
-        model.symmetry_poses,
-        model.size,
-        params.mixture.max_modes,
-    )
-    X_start = modes.mixture.X_PO[explain_touch(model, evidence, modes.mixture.X_PO, params.plausibility)]
-    if not len(X_start):
-        return TrackedModes.empty(len(reading.sources))
-
-    spread = np.asarray(np.linalg.inv(problem.space.information), dtype=np.float64)
-    first = _refine_proposals(model, params, reading, _wide_priors(X_start, near, spread, reading), X_start)
-    X_start = np.concatenate([first.X_PO, _beside(first, params, model.size)])
-    proposed = _refine_proposals(model, params, reading, _wide_priors(X_start, near, spread, reading), X_start)
-    ranked = proposed.chosen(np.argsort(-proposed.log_weight, kind="stable"))
-    return ranked.distinct(model.symmetry_poses, params.mixture.same_sigmas)
+    prior = None if standing is None else standing.as_prior()
+    contacts = window.now if len(evidence.contacts) == len(window.now) else evidence.contacts
+    evidence = dataclasses.replace(evidence, contacts=_with_forces(contacts, evidence.contacts), prior=prior)
+    near = evidence
+    if searches % 2:
+        near = dataclasses.replace(evidence, prior=None)
+    search = SearchSlice(near, modes.X_PO, np.random.default_rng([params.seed, searches]))
+    posterior = one_shot_posterior(model, params, evidence, search)
+    if posterior is None:
+        return modes
+    X_PO, weights = posterior.mixture.X_PO, posterior.mixture.weights
+    log_weight = np.log(np.maximum(weights, 1e-300)) - past_cost(model, params, window, X_PO)
+    kept = np.flatnonzero(log_weight > log_weight.max() + math.log(params.mixture.least_share))
+    kept = kept[np.argsort(-log_weight[kept], kind="stable")][: params.mixture.max_modes]
+    joined = _match(model, params, evidence, reading, posterior, kept, modes, standing)
+    return dataclasses.replace(joined, log_weight=log_weight[kept])
 
 
-def _wide_priors(
-    X_start: FloatArray, near: PoseMeasurement | None, spread: FloatArray, reading: ContactReading
+def past_cost(model: ObjectModel, params: PoseTrackerParams, window: TouchWindow, X_PO: FloatArray) -> FloatArray:
+    """The cost of poses (n, 3, 4) by the touches of the past, shape (n,).
+
+    One of them may be of before a slip that nobody noticed: each is a mixture of what it says and of saying nothing.
+    The hand's calibration is the same at all times: of so many touches each counts by the effective sample size.
+    """
+    if window.count == 1:
+        return np.zeros(len(X_PO))
+    touch = SurfaceContact(model.grid, window.contacts)
+    residuals = touch.residuals(np.ascontiguousarray(X_PO)).reshape(len(X_PO), len(window.contacts), -1)
+    costs = np.zeros((window.count, len(X_PO)))
+    np.add.at(costs, window.keyframe, 0.5 * np.square(residuals).sum(axis=2).T)
+    numbers = np.bincount(window.keyframe) * (1 if window.contacts.n_PC is None else 3)
+    limits = 0.5 * numbers - math.log(params.window.slip_probability)
+    share = 1.0 / (1.0 + (window.count - 1) * params.window.lasting_share)
+    total: FloatArray = share * np.minimum(costs, limits[:, None])[1:].sum(axis=0)
+    return total
+
+
+def _match(
+    model: ObjectModel,
+    params: PoseTrackerParams,
+    evidence: Evidence,
+    reading: ContactReading,
+    posterior: Modes,
+    kept: NDArray[np.intp],
+    modes: TrackedModes,
+    standing: PoseMeasurement | None,
 ) -> TrackedModes:
-    """The Gaussian in which is searched, once for each start (n, 3, 4); or about each start one of a spread (6, 6)."""
-    n = len(X_start)
-    if near is None:
-        return TrackedModes.independent(X_start, np.tile(spread, (n, 1, 1)), len(reading.sources))
-    X_PO, covariance = np.tile(near.X_PO, (n, 1, 1)), np.tile(near.covariance, (n, 1, 1))
-    return TrackedModes.independent(X_PO, covariance, len(reading.sources))
+    """For each of the posterior's modes that are kept the filter's that it is, or a new one."""
+    X_PO, information = posterior.mixture.X_PO[kept], inverses(posterior.mixture.covariance[kept])[0]
+    new = _make_modes(model, params, reading, standing, X_PO).widened(posterior.mixture.covariance[kept])
+    if not len(modes):
+        return new
+    problem = make_problem(model, evidence)
+    cost = problem.objective.cost(np.ascontiguousarray(modes.X_PO))
+    least = problem.objective.cost(np.ascontiguousarray(X_PO))
+    images = compose(modes.X_PO[:, None], model.symmetry_poses[None])
+    chosen: list[TrackedModes] = []
+    free = np.ones(len(modes), dtype=np.bool_)
+    for j in range(len(kept)):
+        u = increments_between(X_PO[j], images.reshape(-1, 3, 4)).reshape(*images.shape[:2], 6)
+        distance = np.einsum("msi,ij,msj->ms", u, information[j], u).min(axis=1)
+        same = np.flatnonzero(free & (distance < params.mixture.same_sigmas**2))
+        if not len(same):
+            chosen.append(new.chosen([j]))
+            continue
+        i = int(same[np.argmin(cost[same])])
+        free[i] = False
+        if cost[i] < least[j] + params.relocalisation.least_gain:
+            chosen.append(modes.chosen([i]))
+        else:
+            chosen.append(new.chosen([j]).after(modes.chosen([i])))
+    joined = chosen[0]
+    for other in chosen[1:]:
+        joined = joined.joined(other)
+    return joined
 
 
-def _refine_proposals(
+def _with_forces(contacts: Contacts, measured: Contacts) -> Contacts:
+    """Contacts with the forces of now."""
+    return dataclasses.replace(contacts, f_PC=measured.f_PC, sigma_force=measured.sigma_force)
+
+
+def _make_modes(
     model: ObjectModel,
     params: PoseTrackerParams,
     reading: ContactReading,
-    priors: TrackedModes,
+    near: PoseMeasurement | None,
     X_start: FloatArray,
 ) -> TrackedModes:
-    """Modes near poses (n, 3, 4), of the touch with their priors."""
+    """Modes at poses (n, 3, 4), of which all is known by the touch and what vision said."""
+    n = len(X_start)
+    if near is None:
+        problem = make_problem(model, Evidence(reading.contacts))
+        spread = np.asarray(np.linalg.inv(problem.space.information), dtype=np.float64)
+        priors = TrackedModes.independent(X_start, np.tile(spread, (n, 1, 1)), len(reading.sources))
+    else:
+        X_PO, covariance = np.tile(near.X_PO, (n, 1, 1)), np.tile(near.covariance, (n, 1, 1))
+        priors = TrackedModes.independent(X_PO, covariance, len(reading.sources))
     # How rough the surface is where they touch is known once they have been there.
     roughness = np.zeros_like(priors.roughness)
     first = update_with_contacts(model, params, reading, priors, X_start)
     roughness[:, reading.source] = first.roughness
     priors = dataclasses.replace(priors, roughness=roughness)
     update = update_with_contacts(model, params, reading, priors, X_start)
-    log_likelihood = -0.5 * update.nis
     return dataclasses.replace(
-        priors,
-        X_PO=update.X_PO,
-        covariance=update.covariance,
-        cross_covariance=update.cross_covariance,
-        log_prior=update.log_likelihood - log_likelihood,
-        log_likelihood=log_likelihood,
-        frames=np.ones(len(priors)),
+        priors, X_PO=X_start, covariance=update.covariance, cross_covariance=update.cross_covariance
     )
-
-
-def _beside(modes: TrackedModes, params: PoseTrackerParams, size: float) -> FloatArray:
-    """Poses (4 n, 3, 4) at both sides of modes, along the two directions in which each is widest.
-
-    A wide mode may hide others, which the search found alike or not at all.
-    """
-    scale = np.repeat([params.lever_arm * size, 1.0], 3)
-    variances, axes = np.linalg.eigh(modes.covariance * scale[:, None] * scale)
-    out = params.relocalisation.beside_sigmas
-    steps = (out * np.sqrt(variances)[:, None, :] * axes / scale[:, None])[:, :, -2:]
-    increments = np.concatenate([steps, -steps], axis=2).transpose(2, 0, 1)
-    return np.concatenate([retract(modes.X_PO, increment) for increment in increments])
-
-
-def add_proposals(update: MeasurementUpdate, proposed: TrackedModes, region: SearchRegion) -> TrackedModes:
-    """The modes and those that were proposed by the same touch, with what the best has felt before.
-
-    Args:
-        update: the modes after the touch.
-        proposed: those of a search.
-        region: where it was, and how probable it is that the object is there and no mode has it.
-    """
-    if not len(proposed):
-        return update.modes
-    log_likelihood = update.log_likelihood if region.jumped else np.logaddexp.reduce(proposed.log_weight)
-    total = np.logaddexp.reduce(update.modes.log_weight) + math.log(region.probability)
-    weight = total + proposed.log_weight - log_likelihood
-    log_touch = update.log_before + update.frame_weight * proposed.log_likelihood
-    frames = np.full(len(proposed), update.modes.frames[0])
-    proposed = dataclasses.replace(proposed, log_prior=weight - log_touch, log_likelihood=log_touch, frames=frames)
-    return update.modes.joined(proposed)

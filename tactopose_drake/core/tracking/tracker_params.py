@@ -51,7 +51,6 @@ class ForgettingParams:
     # Information of a frame over what is known of a direction, at which the direction is forgotten by half. Where the
     # touch was all that told of it, a frame tells about the share that lasts, some three tenths.
     half_information: float = 0.1
-    evidence_frames: float = 50.0  # over which evidence is averaged: until a fingertip is elsewhere on the surface
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -60,26 +59,36 @@ class ConsistencyParams:
 
     forgetting_factor: float = 0.9  # of the sums, each frame: half of them is of the last seven frames
     process_share: float = 0.1  # of its variance that a frame adds to the pose, where the touch tells nothing
+    first_frame: int = 3  # of a mode since it was found, that does not count yet
     nis_threshold: float = 6.0  # of the innovations' excess, in its standard deviations
-    # Of the corrections' squared sum. Motion noise is stated wider than it is, so that of an object that is held it is
-    # far below its six degrees of freedom on average.
-    drift_threshold: float = 6.0
+    drift_threshold: float = 8.0  # of the corrections' squared sum; of an object that is held it is far below six
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class WindowParams:
+    """Which touches of the past judge a pose, and how."""
+
+    max_keyframes: int = 5  # beside the touch of now
+    max_frames: int = 8  # of which the touch of now is the mean, while it stays the same
+    least_distance: float = 0.004  # of a contact on the object from where it was, that tells something new, m
+    least_turn_deg: float = 20.0  # likewise of its normal, deg
+    max_sigma: float = 0.004  # of the motion since, at the contacts, beyond which a touch tells nothing, m
+    lasting_share: float = 0.3  # of the contacts' variances, that is of the hand's calibration
+    slip_probability: float = 0.01  # prior, that a touch is of before a slip that nobody noticed
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class RelocalisationParams:
     """When and where modes are searched for that the belief lacks."""
 
-    period: float = 0.4  # s between two searches, while all is well
-    urgent_period: float = 0.05  # s between two searches, while it is not
-    global_interval: int = 8  # while all is well every so many-th search is anywhere, the others near the best mode
-    local_share: float = 0.5  # of `lost_time` without an explanation during which is searched near the best mode only
-    unnoticed_jump_probability: float = 1e-4  # prior, that the object jumped and nothing says so
-    jump_probability: float = 0.1  # prior, that it jumped when touch or vision say so
-    wrong_probability: float = 0.02  # prior, that the belief was wrong since the last search
+    period: float = 0.1  # s between two slices, while all is well
+    urgent_period: float = 0.03  # s between two slices, while it is not
+    starts: int = 120  # poses with which a slice begins, at the most
+    found: int = 16  # poses that a slice ends with, at the most
+    rounds: int = 2  # of samples by which these are weighed, at the most
+    least_gain: float = 1.0  # of the cost, for which what is found takes the place of the filter's mode that it is
     sigma_translation: float = 0.012  # m that an object has slipped when the touch first contradicts its prediction
     sigma_rotation_deg: float = 15.0  # likewise, deg
-    beside_sigmas: float = 1.5  # standard deviations from a wide mode at which another is tried on both sides
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -90,17 +99,8 @@ class VisionParams:
     max_age: float = 1.0  # s; what vision saw earlier is of no use
     outlier_probability: float = 0.05  # that a pose is an error, turned at random,
     outlier_volume: float = 1.0  # and anywhere within so many m^3
+    gate: float = 22.5  # NIS of a pose by the earlier ones, beyond which they contradict it (chi-square, 0.1 %)
     remembered: int = 16  # times of poses by which repeated ones are known
-
-
-@dataclasses.dataclass(kw_only=True, slots=True)
-class ConstraintParams:
-    """How much work goes into what bounds the pose at one time."""
-
-    least_cost: float = 1e-3  # a mode whose cost is lower is not moved
-    least_share: float = 1e-4  # of the mass; a mode with less is not worth moving
-    max_iterations: int = 10  # of Levenberg-Marquardt, for each mode
-    tolerance: float = 1e-3  # of its decrease of the cost, relative
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -108,10 +108,8 @@ class MixtureParams:
     """How many modes there are, and how wide they may be."""
 
     max_modes: int = 8  # kept at the most
-    least_share: float = 1e-7  # of the mass of the best mode; less is dropped
-    # Poses closer than so many standard deviations are one mode; what is farther off may be another minimum, on the
-    # flank of a mode that is still wide.
-    same_sigmas: float = 2.0
+    least_share: float = 1e-5  # of the mass of the best mode; less is dropped
+    same_sigmas: float = 3.0  # standard deviations of the window's evidence within which two poses are one mode
     max_sigma_translation: float = 0.3  # m; of a translation with this standard deviation nothing is known
 
 
@@ -124,6 +122,8 @@ class PoseTrackerParams:
     surface_position: float = 0.0001  # how far the model's surface is from the object's, m
     surface_normal_deg: float = 1.0  # how far its normals are about each axis, deg
     lever_arm: float = 0.25  # of the object's size: so far from O a turn moves the surface, by which m and rad compare
+    settling_time: float = 0.04  # s after a finger has come to touch, or the best mode has become another, until it is
+    settled_distance: float = 0.01  # of the surface between two best modes that are not the same, m
     slip_time: float = 0.1  # s for which a slip that was found is taken to go on
     lost_time: float = 0.2  # s without an explanation of the touch, after which the pose is lost
     unobserved_time: float = 1.0  # s without touch or vision, after which the pose is lost
@@ -133,9 +133,9 @@ class PoseTrackerParams:
     contact_update: ContactUpdateParams = dataclasses.field(default_factory=ContactUpdateParams)
     forgetting: ForgettingParams = dataclasses.field(default_factory=ForgettingParams)
     consistency: ConsistencyParams = dataclasses.field(default_factory=ConsistencyParams)
+    window: WindowParams = dataclasses.field(default_factory=WindowParams)
     relocalisation: RelocalisationParams = dataclasses.field(default_factory=RelocalisationParams)
     vision: VisionParams = dataclasses.field(default_factory=VisionParams)
-    constraints: ConstraintParams = dataclasses.field(default_factory=ConstraintParams)
     mixture: MixtureParams = dataclasses.field(default_factory=MixtureParams)
 
     @property
@@ -152,7 +152,7 @@ class PoseTrackerParams:
 
 
 # What has such a name is a part of one.
-_PARTS_OF_ONE = ("_share", "_probability", "_factor", "_gain", "_margin")
+_PARTS_OF_ONE = ("_share", "_probability", "_factor", "_margin")
 
 
 def _check_numbers(params: Any) -> None:

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactopose_drake.core.poses import increments_between, retract
-from tactopose_drake.core.tracking.frame import ContactReading, PoseMeasurement
-from tactopose_drake.core.tracking.motion_prediction import MotionHistory
-from tactopose_drake.core.tracking.pose_belief import VisionRecord
+from tactopose_drake.core.tracking.frame import ContactReading, Frame, PoseMeasurement
+from tactopose_drake.core.tracking.motion_prediction import Motion, MotionHistory, predict_poses
+from tactopose_drake.core.tracking.pose_belief import PoseBelief, VisionRecord
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import VisionParams
 from tactopose_drake.core.validation import FloatArray
@@ -58,27 +58,68 @@ def read_vision(
     return now, record
 
 
-def update_with_vision(
-    modes: TrackedModes,
-    reading: ContactReading,
-    measurement: PoseMeasurement,
-    record: VisionRecord,
-    params: VisionParams,
-) -> tuple[TrackedModes, VisionRecord, bool]:
-    """The modes with what vision says now, the record of it, and whether the best mode takes it for an outlier.
+def see(belief: PoseBelief, frame: Frame, reading: ContactReading, params: VisionParams) -> tuple[PoseBelief, bool]:
+    """The belief with what vision and a prior say now, and whether the best mode takes that for an outlier.
 
-    Where there is no mode, and no contact that could say more, vision makes one.
+    Args:
+        belief: as it is predicted.
+        frame: all that is sensed now.
+        reading: its contacts.
+        params: what is assumed of vision.
     """
-    if len(modes):
-        log_outlier = math.log(params.outlier_probability / (8.0 * math.pi**2 * params.outlier_volume))
-        modes, is_inlier = update_with_pose(modes, measurement, log_outlier)
-        if not is_inlier[0]:
-            return modes, dataclasses.replace(record, remark="vision is not believed"), True
-    elif reading.has_contact:
-        return modes, record, False
-    else:
-        modes = TrackedModes.independent(measurement.X_PO[None], measurement.covariance[None], len(reading.sources))
-    return modes, dataclasses.replace(record, accepted_time=measurement.time), False
+    standing, modes, is_outlier = belief.standing, belief.modes, False
+    never_felt = belief.touch_time == -np.inf
+    prior = frame.evidence.prior
+    if standing is None and never_felt and prior is not None:
+        standing = PoseMeasurement.from_prior(prior, frame.time)
+    measurement, record = read_vision(belief.vision, frame.vision, belief.history, frame.time, params)
+    if measurement is not None:
+        if len(modes):
+            log_outlier = math.log(params.outlier_probability / (8.0 * math.pi**2 * params.outlier_volume))
+            modes, is_inlier = update_with_pose(modes, measurement, log_outlier)
+            is_outlier = not is_inlier[0]
+        if is_outlier:
+            record = dataclasses.replace(record, remark="vision is not believed")
+        else:
+            # A prior is a guess of the same kind, which the first picture takes the place of.
+            standing = measurement if len(record.times) == 1 else fuse(standing, measurement, params)
+            record = dataclasses.replace(record, accepted_time=measurement.time)
+    if never_felt and standing is not None and not reading.has_contact:
+        modes = TrackedModes.independent(standing.X_PO[None], standing.covariance[None], len(reading.sources))
+        if prior is not None:
+            record = dataclasses.replace(record, accepted_time=frame.time)
+    return dataclasses.replace(belief, modes=modes, standing=standing, vision=record), is_outlier
+
+
+def fuse(standing: PoseMeasurement | None, measurement: PoseMeasurement, params: VisionParams) -> PoseMeasurement:
+    """What vision said, with one more of its poses; of two that contradict each other the later one."""
+    if standing is None:
+        return measurement
+    u = increments_between(standing.X_PO[None], measurement.X_PO[None])[0]
+    expected = standing.covariance + measurement.covariance
+    if u @ np.linalg.solve(expected, u) > params.gate:
+        return measurement
+    gain = np.linalg.solve(expected, standing.covariance).T
+    covariance = standing.covariance - gain @ standing.covariance
+    X_PO = retract(standing.X_PO[None], (gain @ u)[None])[0]
+    return PoseMeasurement(measurement.time, X_PO, 0.5 * (covariance + covariance.T))
+
+
+def move_standing(belief: PoseBelief, motion: Motion, time: float, *, was_taken: bool) -> PoseMeasurement | None:
+    """What vision said, after a motion of the object; before it was felt, it rests and stays as well known.
+
+    Args:
+        belief: before.
+        motion: since then.
+        time: now, s.
+        was_taken: whether the object has left the touch, and may have been moved: what was said is of another grasp.
+    """
+    if belief.standing is None or (was_taken and belief.vision.accepted_time <= belief.touch_time):
+        return None
+    if belief.touch_time == -np.inf:
+        motion = motion._replace(covariance=np.zeros((6, 6)))
+    X_PO, covariance = predict_poses(belief.standing.X_PO[None], belief.standing.covariance[None], motion)
+    return PoseMeasurement(time, X_PO[0], covariance[0])
 
 
 def update_with_pose(
@@ -108,6 +149,6 @@ def update_with_pose(
         X_PO=retract(modes.X_PO, np.einsum("nij,nj->ni", gain, innovation)),
         covariance=0.5 * (covariance + np.swapaxes(covariance, 1, 2)),
         cross_covariance=modes.cross_covariance - gain @ modes.cross_covariance,
-        log_prior=modes.log_prior + np.maximum(log_density, log_outlier),
+        log_weight=modes.log_weight + np.maximum(log_density, log_outlier),
     )
     return after, is_inlier

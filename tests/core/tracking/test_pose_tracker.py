@@ -100,6 +100,15 @@ def test_without_touch_the_covariance_grows_until_it_is_lost(tracker: PoseTracke
     assert error(belief, X_PO)[0] < 0.005
 
 
+def test_a_prior_is_of_one_grasp(tracker: PoseTracker) -> None:
+    follower = Follower(tracker)
+    assert follower.feel(X_PO, 20).standing is not None
+    # A finger that lets go for a moment has not given the object away.
+    assert follower.feel(None, 10).standing is not None
+    assert follower.feel(None, 20).standing is None
+    assert follower.feel(X_PO, 5).standing is None
+
+
 @pytest.mark.parametrize("gap", [20.0, 1e9])
 def test_after_a_long_gap_the_pose_is_found_anew(tracker: PoseTracker, gap: float) -> None:
     """Fingertip velocities say nothing of so long a time, however slow they are."""

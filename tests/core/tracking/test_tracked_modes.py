@@ -8,18 +8,20 @@ from tactopose_drake.core.tracking.tracker_params import MixtureParams
 from tests.core.tracking.rough_modes import SOURCES, make_rough_modes
 
 
-def test_equal_modes_found_twice_count_once_and_those_that_met_count_both() -> None:
-    modes = make_rough_modes(0.0).chosen([0, 0, 1])
-    symmetry = np.eye(3, 4)[None]
-    np.testing.assert_allclose(modes.distinct(symmetry, 2.0).log_weight, [0.0, 0.0])
-    np.testing.assert_allclose(modes.merged(symmetry, 2.0).log_weight, [np.log(2.0), 0.0])
-    # Wider than the distance between them, all of them would be one.
-    assert len(modes.merged(symmetry, 1e9)) == 1
+def test_widened_modes_are_as_wide_as_either() -> None:
+    modes = make_rough_modes(1.0)
+    other = modes.covariance[::-1].copy()
+    wider = modes.widened(other)
+    for before in (modes.covariance, other):
+        scale = np.abs(before).max()
+        assert np.linalg.eigvalsh(wider.covariance - before).min() > -1e-9 * scale
+    np.testing.assert_allclose(modes.widened(0.5 * modes.covariance).covariance, modes.covariance, rtol=1e-9)
+    np.testing.assert_allclose(modes.widened(3.0 * modes.covariance).covariance, 3.0 * modes.covariance, rtol=1e-9)
 
 
 def test_pruned_are_the_heaviest_and_sum_to_one() -> None:
     modes = make_rough_modes(0.0).chosen([0, 1, 0, 1])
-    modes = dataclasses.replace(modes, log_prior=np.array([-1.0, 3.0, -40.0, 2.0]), log_likelihood=np.full(4, 7.0))
+    modes = dataclasses.replace(modes, log_weight=np.array([6.0, 10.0, -33.0, 9.0]))
     pruned = modes.pruned(MixtureParams(max_modes=3, least_share=0.05))
     np.testing.assert_array_equal(pruned.X_PO, modes.X_PO[[1, 3]])
     assert np.logaddexp.reduce(pruned.log_weight) == pytest.approx(0.0, abs=1e-12)

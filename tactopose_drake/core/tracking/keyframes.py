@@ -1,0 +1,151 @@
+"""The fixed-lag window: the last few touches that told something new, joined by the motion since.
+
+A pose is judged by all of them together: what one touch leaves open, another tells. The motion between them is
+measured, not known. Its error adds to that of each contact, so that a touch counts the less, the more the object has
+moved since, and a touch of the time when the fingers were still closing counts for next to nothing.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.poses import compose, skew
+from tactopose_drake.core.tracking.motion_prediction import Motion
+from tactopose_drake.core.tracking.tracker_params import WindowParams
+from tactopose_drake.core.validation import FloatArray
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Keyframe:
+    """A touch of the past.
+
+    Attributes:
+        contacts: as they were in P then.
+        sources: what made each of them.
+        X_PP: the motion of the object in P since then, which acts from the left, shape (3, 4).
+        covariance: of the small twist [rotation vector, translation] about the origin of P that comes after it, which
+            is its error, shape (6, 6).
+        frames: how many the contacts are the mean of.
+    """
+
+    contacts: Contacts
+    sources: tuple[str, ...]
+    X_PP: FloatArray
+    covariance: FloatArray
+    frames: int = 1
+
+    @classmethod
+    def of_now(cls, contacts: Contacts, sources: tuple[str, ...]) -> Keyframe:
+        """A touch of this time."""
+        return cls(contacts, sources, np.eye(3, 4), np.zeros((6, 6)))
+
+    def moved(self, motion: Motion) -> Keyframe:
+        """The same after a further motion."""
+        pose = motion.pose
+        adjoint = np.zeros((6, 6))
+        adjoint[:3, :3] = adjoint[3:, 3:] = pose[:, :3]
+        adjoint[3:, :3] = skew(pose[:, 3]) @ pose[:, :3]
+        covariance = adjoint @ self.covariance @ adjoint.T + motion.covariance
+        return dataclasses.replace(self, X_PP=compose(pose, self.X_PP), covariance=covariance)
+
+    @property
+    def points(self) -> FloatArray:
+        """Where the contacts' points are now, shape (k, 3), m."""
+        points: FloatArray = self.contacts.p_PC @ self.X_PP[:, :3].T + self.X_PP[:, 3]
+        return points
+
+    @property
+    def normals(self) -> FloatArray | None:
+        """The contacts' normals now, shape (k, 3)."""
+        return None if self.contacts.n_PC is None else self.contacts.n_PC @ self.X_PP[:, :3].T
+
+    @property
+    def variances(self) -> tuple[FloatArray, FloatArray]:
+        """What the motion's error adds: to the variance of each point's distance, m^2, and of each normal, rad^2."""
+        points, normals = self.points, self.normals
+        arms = np.concatenate([-skew(points), np.tile(np.eye(3), (len(points), 1, 1))], axis=2)
+        error = arms @ self.covariance @ np.swapaxes(arms, 1, 2)
+        if normals is None:
+            across = np.trace(error, axis1=1, axis2=2) / 3.0
+        else:
+            across = np.einsum("ki,kij,kj->k", normals, error, normals)
+        return across, np.full(len(points), np.trace(self.covariance[:3, :3]) / 3.0)
+
+    def joined_by(self, now: Keyframe, max_frames: int) -> Keyframe:
+        """The touch of now, averaged with this one, which is of the same fingers at the same places."""
+        order = [self.sources.index(source) for source in now.sources]
+        frames = min(self.frames + 1, max_frames)
+        points, normals = self.points[order], self.normals
+        p_PC = points + (now.points - points) / frames
+        n_PC = now.normals
+        if n_PC is not None and normals is not None:
+            n_PC = normals[order] + (n_PC - normals[order]) / frames
+            n_PC = n_PC / np.linalg.norm(n_PC, axis=1, keepdims=True)
+        contacts = dataclasses.replace(now.contacts, p_PC=p_PC, n_PC=n_PC)
+        return dataclasses.replace(Keyframe.of_now(contacts, now.sources), frames=frames)
+
+    def tells_other_than(self, now: Keyframe, params: WindowParams) -> bool:
+        """Whether other fingers touch now, or one of them elsewhere on the object."""
+        if set(self.sources) != set(now.sources):
+            return True
+        order = [self.sources.index(source) for source in now.sources]
+        if np.any(np.linalg.norm(self.points[order] - now.points, axis=1) > params.least_distance):
+            return True
+        mine, others = self.normals, now.normals
+        if mine is None or others is None:
+            return False
+        return bool(np.any(np.einsum("ki,ki->k", mine[order], others) < np.cos(np.radians(params.least_turn_deg))))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class TouchWindow:
+    """All that the window tells of the pose, as of now.
+
+    Attributes:
+        now: the touch of now.
+        contacts: the same, and then those of the past, which are less sure.
+        keyframe: which of the touches each is of, 0 for that of now, shape (k,).
+        count: how many touches there are.
+    """
+
+    now: Contacts
+    contacts: Contacts
+    keyframe: NDArray[np.intp]
+    count: int
+
+
+def follow_touch(keyframes: tuple[Keyframe, ...], now: Keyframe, params: WindowParams) -> tuple[Keyframe, ...]:
+    """The keyframes, oldest first, of which the last is that of now; without those that tell nothing.
+
+    While the touch stays the same the last one is its mean, in which the noise of single frames averages out.
+    """
+    kept = [frame for frame in keyframes if np.sqrt(frame.variances[0].mean()) < params.max_sigma]
+    if kept and not kept[-1].tells_other_than(now, params):
+        return (*kept[:-1], kept[-1].joined_by(now, params.max_frames))
+    return (*kept[-params.max_keyframes :], now)
+
+
+def make_window(keyframes: tuple[Keyframe, ...], params: WindowParams) -> TouchWindow:
+    """The touch of now, which is the last of the keyframes, with those that tell other things."""
+    now = keyframes[-1]
+    touches = [now, *(frame for frame in keyframes[:-1] if frame.tells_other_than(now, params))]
+    if len(touches) == 1:
+        return TouchWindow(now.contacts, now.contacts, np.zeros(len(now.contacts), dtype=np.intp), 1)
+    added = [frame.variances for frame in touches]
+    normals = [frame.normals for frame in touches]
+    contacts = Contacts(
+        np.concatenate([frame.points for frame in touches]),
+        None if any(n is None for n in normals) else np.concatenate([n for n in normals if n is not None]),
+        sigma_position=np.sqrt(
+            np.concatenate([f.contacts.sigma_position**2 + d for f, (d, _) in zip(touches, added, strict=True)])
+        ),
+        sigma_normal=np.sqrt(
+            np.concatenate([f.contacts.sigma_normal**2 + d for f, (_, d) in zip(touches, added, strict=True)])
+        ),
+    )
+    keyframe = np.repeat(np.arange(len(touches)), [len(frame.contacts) for frame in touches])
+    return TouchWindow(now.contacts, contacts, keyframe, len(touches))
