@@ -32,22 +32,7 @@ class ReportedContact(NamedTuple):
 
 
 class Contacts(core_contacts.Contacts):
-    """Measured contacts, in the palm frame P, given or read from a simulation.
-
-    Attributes:
-        p_PC: contact points, shape (k, 3), m; coordinates up to 10 m, for larger ones must be millimetres.
-        n_PC: outward unit normals of the object's surface at the contacts, shape (k, 3), or None. They point out of
-            the object into the finger, which is the direction of the normal force on the fingertip.
-        f_PC: forces on the fingertips, shape (k, 3), N, up to 1e6; or None.
-        sigma_position: standard deviation of each coordinate of p_PC, a number or shape (k,), m, from 1e-7 to 1e6.
-        sigma_normal: standard deviation of a small rotation of n_PC about each axis, a number or shape (k,),
-            rad, from 1e-5 to 1e6.
-        sigma_force: standard deviation of each component of f_PC, a number or shape (k,), N, from 1e-6 to 1e6.
-
-    Raises:
-        InvalidInputError: what is not of finite numbers, a shape that does not fit, a normal whose length differs from
-            1 by more than 1e-3, or a number out of its range.
-    """
+    __doc__ = core_contacts.Contacts.__doc__  # The same, which can also be read from a simulation.
 
     @classmethod
     def from_contact_results(

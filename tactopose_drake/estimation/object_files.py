@@ -4,18 +4,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
-import numpy as np
-import trimesh
-from pydrake.geometry import Box, Capsule, Convex, Cylinder, Ellipsoid, Mesh, Role, SceneGraphInspector, Shape, Sphere
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
-from pydrake.multibody.tree import RigidBody
-
-from tactopose_drake.core.mesh.loading import load_mesh
-from tactopose_drake.core.mesh.primitives import box_mesh, capsule_mesh, cylinder_mesh, sphere_mesh
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.shape.symmetry import RotationalSymmetry
 from tactopose_drake.errors import InvalidFileError
-from tactopose_drake.resources import add_model, make_parser, passing_builder
 
 _SIMULATED = {".sdf", ".urdf", ".xml"}
 
@@ -44,53 +35,14 @@ def load_object(
         return ObjectModel.from_mesh(path, scale=scale, symmetry=symmetry, mass=mass)
     if scale != 1.0:
         raise InvalidFileError(f"{path}: is in metres; a scale is for meshes alone.")
-    with passing_builder() as builder:
-        plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.001)
-        instance = add_model(make_parser(plant), path)
-        plant.Finalize()
-        bodies = [plant.get_body(index) for index in plant.GetBodyIndices(instance)]
-        if len(bodies) != 1:
-            raise InvalidFileError(f"{path}: holds {len(bodies)} links; allowed is one.")
-        shape = _union(path, plant, scene_graph.model_inspector(), bodies[0])
+    # As late as such a file is asked for: it loads what meshes do not need.
+    from tactopose_drake.estimation.simulated_body import read_body
+
+    body = read_body(path)
     return ObjectModel.from_mesh(
-        shape,
+        body.shape,
         name=path.stem,
         symmetry=symmetry,
-        mass=bodies[0].default_mass() or None if mass is None else mass,
-        center_of_mass=bodies[0].default_com() if bodies[0].default_mass() else None,
+        mass=body.mass if mass is None else mass,
+        center_of_mass=body.center_of_mass,
     )
-
-
-def _union(path: Path, plant: MultibodyPlant, inspector: SceneGraphInspector, body: RigidBody) -> trimesh.Trimesh:
-    """The collision shapes of a body as one mesh, in the body's frame."""
-    meshes = []
-    for geometry in inspector.GetGeometries(plant.GetBodyFrameIdOrThrow(body.index()), Role.kProximity):
-        mesh = _mesh(path, inspector.GetShape(geometry))
-        mesh.apply_transform(inspector.GetPoseInFrame(geometry).GetAsMatrix4())
-        meshes.append(mesh)
-    if not meshes:
-        raise InvalidFileError(f"{path}: has no collision shape.")
-    return meshes[0] if len(meshes) == 1 else trimesh.boolean.union(meshes, engine="manifold")
-
-
-def _mesh(path: Path, shape: Shape) -> trimesh.Trimesh:
-    if isinstance(shape, Box):
-        return box_mesh(shape.size())
-    if isinstance(shape, Cylinder):
-        return cylinder_mesh(shape.radius(), shape.length())
-    if isinstance(shape, Sphere):
-        return sphere_mesh(shape.radius())
-    if isinstance(shape, Capsule):
-        return capsule_mesh(shape.radius(), shape.length())
-    if isinstance(shape, Ellipsoid):
-        ball = sphere_mesh(1.0)
-        return trimesh.Trimesh(ball.vertices * [shape.a(), shape.b(), shape.c()], ball.faces, process=False)
-    if isinstance(shape, Convex):
-        hull = shape.GetConvexHull()
-        vertices = np.array([hull.vertex(i) for i in range(hull.num_vertices())])
-        of_hull: trimesh.Trimesh = trimesh.convex.convex_hull(vertices)
-        return of_hull
-    if isinstance(shape, Mesh) and shape.source().is_path():
-        raw = load_mesh(shape.source().path())
-        return trimesh.Trimesh(raw.vertices * shape.scale3(), raw.faces, process=False)
-    raise InvalidFileError(f"{path}: has a collision shape without an inside, a {type(shape).__name__}.")

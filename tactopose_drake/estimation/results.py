@@ -35,8 +35,8 @@ class PoseHypothesis(PlainValue):
             determined. Along them the pose is the prior's, or arbitrary.
         explains_touch: whether noise may leave the contacts' residuals as large as this pose does, those of as many
             false contacts as there may well be left out.
-        inlier_probability: that each contact is what it claims to be if this is the pose, shape (k,), then that of each
-            patch. Patches are not doubted: theirs is 1.
+        inlier_probability: the probability of each contact, shape (k,), to be what it claims to be if this is the pose,
+            then that of each patch. Patches are not doubted: theirs is 1.
     """
 
     X_PO: RigidTransform
@@ -86,7 +86,8 @@ class PoseEstimate(PlainValue, Presentable):
         finished: whether the search ended by itself, rather than at the time limit.
         log_evidence: the natural logarithm of how well the object explains the touch in all its poses together; see
             `core.identification.model_evidence`. It compares objects for one touch, and means nothing by itself.
-        noise_scale: by how much the contacts' points seem noisier than told, on average; 1 where they are as told.
+        noise_scale: the ratio of the noise that the contacts' points seem to have to what is told; 1 where they are as
+            told.
         standard_error: the largest that is left of a hypothesis' probability by sampling; infinite where the time limit
             left no time for it.
         question: what `estimate_pose` was asked, by which the estimate can show itself; None where it is not known.

@@ -38,7 +38,7 @@ class ShownHypothesis:
         probability: its weight among all hypotheses, 0 to 1.
         covariance: (6, 6) of the increment, as `PoseHypothesis.covariance`; None where it is not to be drawn.
         free_directions: increments that the touch does not determine, unit rows (f, 6).
-        inlier_probability: that each contact is one of the object, shape (k,); None where all are.
+        inlier_probability: that each contact is one of the object, shape (k,); None where nothing is said of them.
     """
 
     X_PO: RigidTransform
@@ -55,7 +55,7 @@ class ShownHypothesis:
             hypothesis.probability,
             hypothesis.covariance,
             hypothesis.free_directions,
-            getattr(hypothesis, "inlier_probability", None),
+            hypothesis.inlier_probability if len(hypothesis.inlier_probability) else None,
         )
 
 

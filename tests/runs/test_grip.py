@@ -162,7 +162,7 @@ def test_impossible_grips_are_refused() -> None:
     ):
         with pytest.raises(error, match=message):
             make_station(dataclasses.replace(scenario, grip=dataclasses.replace(scenario.grip, controller=params)))
-    with pytest.raises(InvalidInputError, match="grip region"):
+    with pytest.raises(InvalidInputError, match="0 of them have a force-torque sensor"):
         make_station(dataclasses.replace(scenario, grip=None))
 
 
