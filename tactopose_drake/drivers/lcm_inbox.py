@@ -72,10 +72,19 @@ class LcmInbox:
             connection.subscribe(vision_channel, self._on_vision)
 
     def wait(self, timeout: float) -> None:
-        """Takes in all that is there; waits for a first message for as long as that, s."""
-        if self._connection.handle_timeout(max(0, round(1e3 * timeout))) > 0:
-            while self._connection.handle_timeout(0) > 0:
-                pass
+        """Takes in all that is there; waits for a first message for as long as that, s.
+
+        Raises:
+            BusError: if the network can no longer be read.
+        """
+        try:
+            if self._connection.handle_timeout(max(0, round(1e3 * timeout))) > 0:
+                while self._connection.handle_timeout(0) > 0:
+                    pass
+        except OSError as error:
+            # Where a signal ended the wait, its handler runs with the next call, which is this one.
+            fault = BusError(f"LCM: cannot be read ({error}).")
+            raise fault from None
 
     def take(self) -> HandSensesMessage | None:
         """The newest message of senses, once; None where there is no new one."""
