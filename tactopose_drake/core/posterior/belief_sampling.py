@@ -207,14 +207,22 @@ def _tails(X_mode: FloatArray, share: FloatArray, posterior: Posterior) -> tuple
     """Densities for what a mode reaches if one of the contacts is false: of little mass, but far from its middle.
 
     Returns:
-        Which mode each is about, shape (t,), and its information, shape (t, 6, 6).
+        Which mode each is about, shape (t,), and its information, shape (t, 6, 6); of many those that reach farthest.
     """
     likely = np.flatnonzero(share > posterior.params.sampling.least_tailed_share)
     if posterior.doubted_information is None:
         return likely[:0], np.empty((0, 6, 6))
     X_PO = X_mode[likely]
-    left = posterior.doubted_information(X_PO, posterior.objective.normal_equations(X_PO).hessian)
-    return np.repeat(likely, left.shape[1]), left.reshape(-1, 6, 6)
+    hessian = posterior.objective.normal_equations(X_PO).hessian
+    left = posterior.doubted_information(X_PO, hessian)
+    owner, left, most = np.repeat(likely, left.shape[1]), left.reshape(-1, 6, 6), posterior.params.sampling.tail_samples
+    if len(left) > most:
+        kept = np.linalg.slogdet(_widened(left, posterior))[1]
+        whole = np.linalg.slogdet(_widened(hessian, posterior))[1]
+        lost = np.repeat(whole, len(left) // len(likely)) - kept
+        far = np.sort(np.argsort(-lost, kind="stable")[:most])
+        owner, left = owner[far], left[far]
+    return owner, left
 
 
 def _to_the_floor(X_PO: FloatArray, posterior: Posterior) -> FloatArray:

@@ -92,6 +92,9 @@ def make_posterior(
             cost = cost + term.cost(X_PO)
         return cost
 
+    sampling, count = params.sampling, max(len(evidence.contacts), 1)
+    rounds = min(sampling.most_rounds, max(sampling.most_densities // (sampling.samples * count), 1))
+    params = dataclasses.replace(params, sampling=dataclasses.replace(sampling, most_rounds=rounds))
     # A prior tells the turns about a continuous axis apart; no other evidence does.
     axes = [] if evidence.prior is not None else [symmetry for symmetry in model.symmetries if symmetry.is_continuous]
     return Posterior(

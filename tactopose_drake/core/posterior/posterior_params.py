@@ -39,13 +39,15 @@ class SamplingParams:
     standard_error: float = 0.02
     effective_samples: float = 40.0
     most_rounds: int = 12
+    most_densities: int = 30_000  # of contacts at samples, which is where the time goes; one round at the least
     tiles: int = 16  # densities that cover the modes, beside one at each
     steps: int = 3  # of Gauss and Newton, that bring the tiles to the valley's floor
     # Modes that hold less than this share of the mass by Laplace's approximation are taken at its word; those that hold
     # less than the second share of the best one's are not weighed again either.
     least_sampled_share: float = 1e-4
     least_weighed_share: float = 1e-7
-    tail_samples: int = 48  # beside these so many, in the first round, for the tails that false contacts leave
+    # Beside these so many, in the first round, for the tails that false contacts leave, of which there are no more.
+    tail_samples: int = 48
     least_tail_samples: int = 2  # of these for each
     least_tailed_share: float = 0.02  # of the mass; about modes that hold less the tails are left out
     tile_scatter: float = 2.0  # over Laplace's standard deviations: a valley may have long ends, and bumps on its floor
