@@ -135,7 +135,7 @@ def _contacts(scene: Scene) -> PageTable:
     if contacts.f_PC is not None:
         columns.append(("force, N", [f"{force:.2f}" for force in np.linalg.norm(contacts.f_PC, axis=1)]))
     inlier = scene.hypotheses[0].inlier_probability if scene.hypotheses else None
-    if inlier is not None:
+    if inlier is not None and len(inlier) >= len(contacts):
         columns.append(("is one", [f"{share:.0%}" for share in inlier[: len(contacts)]]))
     rows = tuple(Row(cells) for cells in zip(*(cells for _, cells in columns), strict=True))
     return PageTable("Contacts in the palm frame", tuple(heading for heading, _ in columns), rows)

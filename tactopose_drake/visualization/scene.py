@@ -150,9 +150,12 @@ def worth_drawing(hypotheses: Sequence[ShownHypothesis]) -> tuple[ShownHypothesi
 
 
 def false_contacts(hypotheses: tuple[ShownHypothesis, ...], count: int) -> NDArray[np.bool_]:
-    """Which of so many contacts are probably none of the object by the first hypothesis, shape (k,)."""
+    """Which of so many contacts are probably none of the object by the first hypothesis, shape (k,).
+
+    A hypothesis of an earlier touch, of fewer contacts, says nothing of them.
+    """
     inlier = hypotheses[0].inlier_probability if hypotheses else None
-    if inlier is None:
+    if inlier is None or len(inlier) < count:
         return np.zeros(count, dtype=np.bool_)
     return np.asarray(inlier)[:count] < LEAST_INLIER_PROBABILITY
 

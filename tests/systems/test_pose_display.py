@@ -1,3 +1,5 @@
+import dataclasses
+
 import numpy as np
 import pytest
 import trimesh
@@ -121,6 +123,20 @@ def test_the_hypotheses_say_more_than_the_pose(model: ObjectModel) -> None:
     assert [meshcat.visible(f"/tactopose/alternatives/{row}") for row in range(2)] == [True, False]
     assert meshcat.visible("/tactopose/estimate/uncertainty/0")
     assert [meshcat.visible(f"/tactopose/free/0/{kind}") for kind in ("turn", "slide")] == [True, False]
+
+
+@pytest.mark.parametrize(("inlier", "crossed"), [([0.1, 0.9, 0.8], True), ([0.1], False)])
+def test_a_false_contact_is_crossed_and_one_that_came_later_is_not_judged(
+    model: ObjectModel, inlier: list[float], crossed: bool
+) -> None:
+    meshcat = RecordingMeshcat()
+    estimate = estimate_at(X_PO, 1.0)
+    doubted = dataclasses.replace(estimate.hypotheses[0], inlier_probability=np.array(inlier[: len(TOUCH)]))
+    estimate = dataclasses.replace(estimate, hypotheses=(doubted,))
+    contacts = TOUCH if crossed else Contacts(np.concatenate([TOUCH.p_PC, TOUCH.p_PC]))
+    run(PoseDisplay(meshcat, model), contacts=contacts, object_pose=RigidTransform(), hypotheses=estimate)
+    assert meshcat.visible("/tactopose/touch/0/point") != crossed
+    assert meshcat.visible("/tactopose/touch/0/false") == crossed
 
 
 def test_without_a_hypothesis_no_estimate_is_shown(model: ObjectModel) -> None:
