@@ -39,7 +39,7 @@ class SamplingParams:
     standard_error: float = 0.02
     effective_samples: float = 40.0
     most_rounds: int = 12
-    most_densities: int = 30_000  # of contacts at samples, which is where the time goes; one round at the least
+    most_densities: int = 15_000  # of contacts at samples, which is where the time goes; one round at the least
     tiles: int = 16  # densities that cover the modes, beside one at each
     steps: int = 3  # of Gauss and Newton, that bring the tiles to the valley's floor
     # Modes that hold less than this share of the mass by Laplace's approximation are taken at its word; those that hold
