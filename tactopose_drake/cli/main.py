@@ -46,6 +46,7 @@ class _Commands(click.Group):
             return None
         file, function = _COMMANDS[cmd_name].split(".")
         command: click.Command = getattr(importlib.import_module(f"tactopose_drake.cli.{file}"), function)
+        logging.getLogger("drake").setLevel(logging.WARNING)  # Drake sets it when it is loaded, which it is now.
         return command
 
     def invoke(self, ctx: click.Context) -> Any:
@@ -63,7 +64,6 @@ def cli() -> None:
 
 def main() -> None:
     """The entry point of `tactopose`."""
-    logging.getLogger("drake").setLevel(logging.WARNING)
     logging.getLogger("drake").addFilter(OnceFilter())
     logging.getLogger("can").setLevel(logging.ERROR)  # What a damaged log holds is said once, at its end.
     try:

@@ -1,5 +1,6 @@
 """What a machine keeps for later: `tactopose cache`, `tactopose warm-up`, and how little a command loads."""
 
+import logging
 import subprocess
 import sys
 from pathlib import Path
@@ -93,3 +94,13 @@ def test_help_names_all_commands(capsys: pytest.CaptureFixture[str]) -> None:
     for name in ("cache", "demo", "estimate", "identify", "replay", "run", "warm-up"):
         assert f"\n  {name} " in shown
     assert run("no-such-command") == 2
+
+
+def test_drake_says_nothing_but_warnings_once_a_command_is_loaded() -> None:
+    """Loading Drake sets what its logger says; a command is loaded with it."""
+    code = (
+        "import logging; from tactopose_drake.cli.main import cli; cli.get_command(None, 'demo');"
+        "import pydrake.geometry; print(logging.getLogger('drake').level)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == [str(logging.WARNING)]
