@@ -95,8 +95,9 @@ def estimate_pose(
         max_hypotheses: how many hypotheses are kept at the most.
         time_limit: after so long, s, the search ends with the best that it has; None for as long as it takes. It is
             asked between rounds, and at least one is made.
-        outlier_probability: that a contact is of something else, or its normal is any; that it is displaced, as by an
-            error of the finger's joints, is taken to be three times as likely. 0 switches all of that off.
+        outlier_probability: over that of a contact as told, the probability that its normal is any; of something else
+            it is taken to be three times as often, and displaced, as by an error of the finger's joints, six times. 0
+            switches all of that off.
 
     Raises:
         TooFewContactsError: no contact, and no patch that is felt.
