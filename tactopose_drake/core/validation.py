@@ -16,6 +16,8 @@ from tactopose_drake.errors import InvalidInputError, UnknownNameError
 
 FloatArray = NDArray[np.float64]
 
+# Coordinates, m, and components of unit vectors count in steps of this: about 1e-9, and exact in binary.
+_STEP = 2.0**-30
 _DEEPEST = 8
 _LONG = 1e3
 
@@ -264,3 +266,9 @@ def pose_matrix(name: str, value: object) -> FloatArray:
             f"{name}: its last row is {X[3].tolist()}; allowed is [0, 0, 0, 1]. Transpose a matrix of columns."
         )
     return X[:3].copy()
+
+
+def in_steps(values: FloatArray) -> FloatArray:
+    """Coordinates, m, or components of unit vectors, rounded to about 1e-9."""
+    rounded: FloatArray = np.rint(values / _STEP) * _STEP
+    return rounded

@@ -154,7 +154,8 @@ def weigh_poses(
     Raises:
         InvalidInputError: balance of an object whose mass is not known, or whose symmetries move its centre of mass.
     """
-    deadline, prior, params = _Deadline(time_limit), evidence.prior, DEFAULT_PARAMS
+    deadline, evidence, params = _Deadline(time_limit), evidence.rounded(), DEFAULT_PARAMS
+    prior = evidence.prior
     problem = make_problem(model, evidence)
     search = METHODS[method](model, evidence)
     generator = np.random.default_rng(seed)

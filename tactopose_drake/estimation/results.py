@@ -80,8 +80,8 @@ class PoseEstimate(PlainValue, Presentable):
     Attributes:
         hypotheses: by falling probability; never empty.
         status: "ok"; "ambiguous" when the best hypothesis carries less than 90 % of the mass, or when fewer than three
-            contacts stand against no prior; "no_solution" when even the best one does not explain the touch, with
-            as many false contacts as there may well be.
+            contacts stand against no prior; "no_solution" when those that explain the touch, with as many false
+            contacts as there may well be, carry no more than 10 %.
         duration: s.
         finished: whether the search ended by itself, rather than at the time limit.
         log_evidence: the natural logarithm of how well the object explains the touch in all its poses together; see
@@ -213,8 +213,10 @@ def _row(hypothesis: PoseHypothesis) -> tuple[str, ...]:
 
 def status_of(hypotheses: Sequence[PoseHypothesis], undetermined: bool) -> Status:
     """Of hypotheses by falling probability; `undetermined`: however they are weighed."""
-    if not hypotheses[0].explains_touch:
+    share = DEFAULT_PARAMS.modes.answer_share
+    best, explained = hypotheses[0], sum(each.probability for each in hypotheses if each.explains_touch)
+    if explained <= 1.0 - share:
         return "no_solution"
-    if undetermined or hypotheses[0].probability < DEFAULT_PARAMS.modes.answer_share:
+    if undetermined or best.probability < share or not best.explains_touch:
         return "ambiguous"
     return "ok"

@@ -54,9 +54,10 @@ def test_a_touch_that_the_near_search_does_not_explain_is_looked_at_again(bottle
     prior = tp.PosePrior(displaced(X_PO, 3))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("tactopose_drake.estimation.estimate.PairSearch", Stuck)
-        estimate = tp.estimate_pose(bottle, contacts, prior=prior)
+        # Where contacts may be false, one such may explain where the starts lead.
+        estimate = tp.estimate_pose(bottle, contacts, prior=prior, outlier_probability=0.0)
     assert estimate.best.explains_touch
-    direct = tp.estimate_pose(bottle, contacts, prior=prior).best
+    direct = tp.estimate_pose(bottle, contacts, prior=prior, outlier_probability=0.0).best
     off = error(estimate, direct.X_PO.GetAsMatrix34())
     assert off @ np.linalg.inv(direct.covariance) @ off < 1.0
 
@@ -156,7 +157,8 @@ def test_moving_the_palm_frame_moves_the_estimate(blob: tp.ObjectModel) -> None:
     one = tp.estimate_pose(blob, contacts, prior=prior)
     other = tp.estimate_pose(blob, moved, prior=tp.PosePrior(X_QO_prior))
     expected = RigidTransform(X_QP).multiply(one.best.X_PO)
-    assert expected.IsNearlyEqualTo(other.best.X_PO, 5e-3)
+    off = error(other, expected.GetAsMatrix34())
+    assert off @ np.linalg.inv(other.best.covariance) @ off < 0.5
     assert one.best.cost == pytest.approx(other.best.cost, abs=0.3)
 
 

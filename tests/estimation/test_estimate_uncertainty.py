@@ -78,3 +78,19 @@ def test_one_contact_is_enough_for_a_prior(blob: tp.ObjectModel) -> None:
     estimate = tp.estimate_pose(blob, contacts, prior=tp.PosePrior(displaced(X_PO, 9, 0.005, 3.0)))
     assert len(estimate.best.free_directions) >= 3
     assert rotation_angles(estimate.best.X_PO.rotation().matrix(), X_PO[:, :3]) < math.radians(20)
+
+
+@pytest.mark.parametrize("with_prior", [True, False])
+def test_nothing_hangs_on_the_last_digits_of_a_touch(blob: tp.ObjectModel, with_prior: bool) -> None:
+    for seed in range(10):
+        X_PO = random_pose(seed)
+        generator = np.random.default_rng(seed)
+        contacts = touch_surface(blob, X_PO, 3, generator)
+        # In the middle of the steps that coordinates count in, so that the moved ones are in the same step.
+        p_PC = np.round(contacts.p_PC * 2.0**30) / 2.0**30
+        moved = p_PC + 1e-10 * generator.uniform(-1.0, 1.0, size=p_PC.shape)
+        prior = tp.PosePrior(displaced(X_PO, seed, 0.005, 3.0)) if with_prior else None
+        answers = [
+            tp.estimate_pose(blob, tp.Contacts(p, contacts.n_PC), prior=prior).best.to_dict() for p in (p_PC, moved)
+        ]
+        assert answers[0] == answers[1]

@@ -1,5 +1,6 @@
 """Contacts of the hand with the object at one instant, in the palm frame."""
 
+import copy
 import dataclasses
 import math
 from typing import Any, Self
@@ -8,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tactopose_drake.core.plain_values import PlainValue
-from tactopose_drake.core.validation import FloatArray, limited, points_near, positive_numbers, unit_vectors
+from tactopose_drake.core.validation import FloatArray, in_steps, limited, points_near, positive_numbers, unit_vectors
 from tactopose_drake.errors import InvalidInputError
 
 # What a sigma may be: m, rad, N. Beyond, the information of a contact and of the rest do not fit into one double.
@@ -87,6 +88,16 @@ class Contacts(PlainValue):
         sigmas: dict[str, Any] = {name: np.asarray(getattr(self, name))[index] for name in _SIGMAS}
         covariance = None if self.covariance is None else self.covariance[index]
         return type(self)(self.p_PC[index], normals, forces, **sigmas, covariance=covariance)
+
+    def rounded(self) -> Self:
+        """The contacts with their points to a nanometre and their normals to a nanoradian."""
+        other = copy.copy(self)
+        p_PC, n_PC = in_steps(self.p_PC), None if self.n_PC is None else in_steps(self.n_PC)
+        for name, value in (("p_PC", p_PC), ("n_PC", n_PC)):
+            if value is not None:
+                value.setflags(write=False)
+            object.__setattr__(other, name, value)
+        return other
 
     def __repr__(self) -> str:
         known = [

@@ -12,7 +12,7 @@ from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.evidence.patch_contacts import with_patches
 from tactopose_drake.core.sensing.patches import Patch
-from tactopose_drake.core.validation import MOST_FRICTION, MOST_OUTLIERS, positive_number
+from tactopose_drake.core.validation import MOST_FRICTION, MOST_OUTLIERS, in_steps, positive_number
 from tactopose_drake.errors import InvalidInputError, TooFewContactsError
 
 # What each may be, and what its users call that.
@@ -77,6 +77,17 @@ class Evidence:
         for i, patch in enumerate(self.patches):
             if not isinstance(patch, Patch):
                 raise InvalidInputError(f"patches[{i}]: is a {type(patch).__name__}; allowed is a Patch.")
+
+    def rounded(self) -> "Evidence":
+        """The evidence with contacts and prior to a nanometre, and their directions to a nanoradian.
+
+        Descents among many minima part over a difference in the last digit. So that no answer hangs on that, what
+        differs by less is the same.
+        """
+        prior = self.prior
+        if prior is not None:
+            prior = GaussianPrior(in_steps(prior.mean), prior.sigma_translation, prior.sigma_rotation)
+        return dataclasses.replace(self, contacts=self.contacts.rounded(), prior=prior)
 
     def without_contact(self, index: int) -> "Evidence":
         """The evidence without one contact, nor what is said of all their forces together."""
