@@ -41,7 +41,7 @@ from touch_study import (
 )
 
 import tactopose_drake as tp
-from tactopose_drake.core.exploration import choose_touch
+from tactopose_drake.core.exploration import Hold, choose_touch
 from tactopose_drake.core.posterior import GaussianMixture
 from tactopose_drake.visualization import (
     Scene,
@@ -161,7 +161,7 @@ def show(meshcat: Meshcat, grasp: Grasp, belief: GaussianMixture) -> str:
     add_touch(meshcat, "/touch", len(grasp.contacts))
     move_touch(meshcat, "/touch", grasp.contacts, len(grasp.contacts))
     moves = sample_moves(grasp, np.random.default_rng(0))
-    found = choose_touch(grasp.model, grasp.contacts, grasp.fingers, belief, moves, friction=FRICTION)
+    found = choose_touch(grasp.model, Hold(grasp.contacts, grasp.fingers, FRICTION), belief, moves)
     set_stage(meshcat, grasp.X_PO @ [*grasp.model.center_of_mass, 1.0], 0.22, np.array([0.7, -0.6, 0.5]))
     masses = " and ".join(f"{share:.0%}" for share in belief.weights[:2])
     if found is None:

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import tactopose_drake as tp
-from tactopose_drake.core.exploration import GuardedMoves, choose_touch, is_allowed
+from tactopose_drake.core.exploration import GuardedMoves, Hold, choose_touch, is_allowed
 from tactopose_drake.core.grasping import GraspPlan, HandReach, PlannerParams, ReachParams, plan_grasps
 from tactopose_drake.core.poses import compose, exp_so3, increments_between, retract
 from tactopose_drake.core.posterior import GaussianMixture
@@ -214,7 +214,7 @@ def choose_best(
     grasp: Grasp, belief: GaussianMixture, moves: dict[str, GuardedMoves], generator: np.random.Generator
 ) -> Choice | None:
     """By the expected information."""
-    found = choose_touch(grasp.model, grasp.contacts, grasp.fingers, belief, moves, friction=FRICTION)
+    found = choose_touch(grasp.model, Hold(grasp.contacts, grasp.fingers, FRICTION), belief, moves)
     return None if found is None else (found.finger, found.move)
 
 
@@ -225,7 +225,7 @@ def choose_at_random(
     options = []
     for name, motions in moves.items():
         allowed = (
-            is_allowed(grasp.model, grasp.contacts, grasp.fingers, belief, name, motions, friction=FRICTION)
+            is_allowed(grasp.model, Hold(grasp.contacts, grasp.fingers, FRICTION), belief, name, motions)
             & motions.feel(grasp.model, belief.X_PO[:1]).is_hit[0]
         )
         options += [(name, int(i)) for i in np.flatnonzero(allowed)]

@@ -1,9 +1,11 @@
 """The kinematics of one finger, taken from a plant for whole batches of joint positions."""
 
+import dataclasses
+
 import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import Frame, PrismaticJoint, RevoluteJoint, WeldJoint
+from pydrake.multibody.tree import BodyIndex, Frame, Joint, PrismaticJoint, RevoluteJoint, WeldJoint
 
 from tactopose_drake.core.grasping.serial_chain import SerialChain
 from tactopose_drake.core.validation import FloatArray
@@ -24,17 +26,42 @@ def finger_chain(plant: MultibodyPlant, hand: Hand, finger: str) -> SerialChain:
             finger's joints, or the palm does not carry the sensor.
     """
     config = hand.config.finger(finger)
-    joint_of_child = {
-        plant.get_joint(index).child_body().index(): plant.get_joint(index)
-        for index in plant.GetJointIndices(hand.model_instance)
-    }
+    links, X_last = _links(plant, hand, finger)
+    follows = [_following(config, link.joint.name()) for link in links]
+    actuated = [plant.GetJointByName(name, hand.model_instance) for name in config.joints]
+    return SerialChain(
+        np.array([link.X_parent.GetAsMatrix34() for link in links]),
+        np.array([_axis(link.joint) for link in links]),
+        np.array([link.X_child.GetAsMatrix34() for link in links]),
+        np.array([ratios for ratios, _ in follows]),
+        X_last.GetAsMatrix34(),
+        np.array([joint.position_lower_limits()[0] for joint in actuated]),
+        np.array([joint.position_upper_limits()[0] for joint in actuated]),
+        tuple(link.joint.child_body().name() for link in links),
+        frozenset(i for i, link in enumerate(links) if isinstance(link.joint, PrismaticJoint)),
+        np.array([offset for _, offset in follows]),
+    )
+
+
+@dataclasses.dataclass
+class _Link:
+    """A joint that moves, the pose of its frame in what comes before it, and of the child's body in its frame."""
+
+    joint: RevoluteJoint | PrismaticJoint
+    X_parent: RigidTransform
+    X_child: RigidTransform
+
+
+def _links(plant: MultibodyPlant, hand: Hand, finger: str) -> tuple[list[_Link], RigidTransform]:
+    """The moving joints from the palm frame to the finger's sensor frame, and that frame in the last child.
+
+    Raises:
+        InvalidInputError: as `finger_chain`.
+    """
+    joint_of_child = _joints_by_child(plant, hand)
     sensor_frame, body = hand.sensor_frames[finger], hand.sensor_frames[finger].body()
     X_last: RigidTransform = sensor_frame.GetFixedPoseInBodyFrame()
-    joints: list[RevoluteJoint | PrismaticJoint] = []
-    X_parents: list[RigidTransform] = []
-    X_children: list[RigidTransform] = []
-    coupling: list[list[float]] = []
-    offsets: list[float] = []
+    links: list[_Link] = []
     while body.index() != hand.palm_frame.body().index():
         if body.index() not in joint_of_child:
             raise InvalidInputError(
@@ -46,41 +73,23 @@ def finger_chain(plant: MultibodyPlant, hand: Hand, finger: str) -> SerialChain:
         X_child = joint.frame_on_child().GetFixedPoseInBodyFrame().inverse()
         if isinstance(joint, WeldJoint):
             # A fixed joint adds to the constant pose of whatever comes after it.
-            offset = X_parent @ joint.X_FM() @ X_child
-            if X_parents:
-                X_parents[-1] = offset @ X_parents[-1]
+            fixed = X_parent @ joint.X_FM() @ X_child
+            if links:
+                links[-1].X_parent = fixed @ links[-1].X_parent
             else:
-                X_last = offset @ X_last
+                X_last = fixed @ X_last
         elif isinstance(joint, RevoluteJoint | PrismaticJoint):
-            joints.append(joint)
-            X_parents.append(X_parent)
-            X_children.append(X_child)
-            ratios, offset = _following(config, joint.name())
-            coupling.append(ratios)
-            offsets.append(offset)
+            links.append(_Link(joint, X_parent, X_child))
         else:
             raise InvalidInputError(
                 f"joint {joint.name()!r}: is {joint.type_name()}; "
                 "allowed on a finger are revolute, prismatic and fixed joints."
             )
         body = joint.parent_body()
-    if not joints:
+    if not links:
         raise InvalidInputError(f"finger {finger!r}: no joint moves its sensor frame {sensor_frame.name()!r}.")
-    joints.reverse()
-    X_parents[-1] = hand.palm_frame.GetFixedPoseInBodyFrame().inverse() @ X_parents[-1]
-    actuated = [plant.GetJointByName(name, hand.model_instance) for name in config.joints]
-    return SerialChain(
-        np.array([X.GetAsMatrix34() for X in reversed(X_parents)]),
-        np.array([_axis(joint) for joint in joints]),
-        np.array([X.GetAsMatrix34() for X in reversed(X_children)]),
-        np.array(coupling[::-1]),
-        X_last.GetAsMatrix34(),
-        np.array([joint.position_lower_limits()[0] for joint in actuated]),
-        np.array([joint.position_upper_limits()[0] for joint in actuated]),
-        tuple(joint.child_body().name() for joint in joints),
-        frozenset(i for i, joint in enumerate(joints) if isinstance(joint, PrismaticJoint)),
-        np.array(offsets[::-1]),
-    )
+    links[-1].X_parent = hand.palm_frame.GetFixedPoseInBodyFrame().inverse() @ links[-1].X_parent
+    return links[::-1], X_last
 
 
 def joints_towards(plant: MultibodyPlant, hand: Hand, frame: Frame, start: str | None = None) -> list[str]:
@@ -92,10 +101,7 @@ def joints_towards(plant: MultibodyPlant, hand: Hand, frame: Frame, start: str |
         frame: on the hand.
         start: link from which on joints count; the palm's by default.
     """
-    joint_of_child = {
-        plant.get_joint(index).child_body().index(): plant.get_joint(index)
-        for index in plant.GetJointIndices(hand.model_instance)
-    }
+    joint_of_child = _joints_by_child(plant, hand)
     first = hand.palm_frame.body() if start is None else plant.GetFrameByName(start, hand.model_instance).body()
     body, names = frame.body(), []
     while body.index() != first.index() and body.index() in joint_of_child:
@@ -104,6 +110,12 @@ def joints_towards(plant: MultibodyPlant, hand: Hand, frame: Frame, start: str |
             names.append(joint.name())
         body = joint.parent_body()
     return names[::-1]
+
+
+def _joints_by_child(plant: MultibodyPlant, hand: Hand) -> dict[BodyIndex, Joint]:
+    """The hand's joints by the index of the body that each one moves."""
+    joints = [plant.get_joint(index) for index in plant.GetJointIndices(hand.model_instance)]
+    return {joint.child_body().index(): joint for joint in joints}
 
 
 def _axis(joint: RevoluteJoint | PrismaticJoint) -> FloatArray:

@@ -52,6 +52,38 @@ class SafetyParams:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
+class Hold:
+    """What holds the object.
+
+    Attributes:
+        contacts: k of them, in the palm frame.
+        fingers: the names of those that make them, k of them.
+        friction: coefficient of friction.
+
+    Raises:
+        InvalidInputError: as many names as contacts are needed.
+    """
+
+    contacts: Contacts
+    fingers: Sequence[str]
+    friction: float
+
+    def __post_init__(self) -> None:
+        if len(self.fingers) != len(self.contacts):
+            raise InvalidInputError(
+                f"fingers: are {len(self.fingers)} names; allowed are as many as contacts, {len(self.contacts)}."
+            )
+
+    def is_stable_without(self, finger: str, model: ObjectModel, X_PO: FloatArray) -> bool:
+        """Whether the others keep force closure at each of the poses (n, 3, 4); a finger that holds nothing may go."""
+        kept = np.array([name != finger for name in self.fingers], dtype=np.bool_)
+        rest = Contacts(self.contacts.p_PC[kept])
+        return bool(kept.all()) or all(
+            grasp_quality(model, rest, X, friction=self.friction).force_closure for X in X_PO
+        )
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
 class NextTouch:
     """The best motion that is allowed.
 
@@ -79,12 +111,10 @@ class NextTouch:
 
 def choose_touch(
     model: ObjectModel,
-    contacts: Contacts,
-    fingers: Sequence[str],
+    hold: Hold,
     belief: GaussianMixture,
     moves: Mapping[str, GuardedMoves],
     *,
-    friction: float,
     noise: TouchNoise | None = None,
     others: Mapping[str, HandGeometry] | None = None,
     safety: SafetyParams = SafetyParams(),
@@ -95,33 +125,21 @@ def choose_touch(
 
     Args:
         model: the object.
-        contacts: of the fingers that hold it, in the palm frame.
-        fingers: their names.
+        hold: the fingers that hold it.
         belief: of the object's pose; `PoseEstimate.modes`, or `PoseBelief.mixture`.
         moves: what each finger could do.
-        friction: coefficient of friction.
         noise: of a touch.
         others: for each finger the rest of the hand, which it must not meet; None to leave that to the caller.
         safety: which modes are likely.
 
     Raises:
-        InvalidInputError: as many names as contacts are needed, and a mode of the belief.
+        InvalidInputError: a belief without a mode.
     """
     belief = checked_mixture("belief", belief)
-    if len(fingers) != len(contacts):
-        raise InvalidInputError(f"fingers: are {len(fingers)} names; allowed are as many as contacts, {len(contacts)}.")
     value = {finger: information(model, belief, options, noise) for finger, options in moves.items()}
     allowed = {
         finger: is_allowed(
-            model,
-            contacts,
-            fingers,
-            belief,
-            finger,
-            options,
-            friction=friction,
-            others=None if others is None else others[finger],
-            safety=safety,
+            model, hold, belief, finger, options, others=None if others is None else others[finger], safety=safety
         )
         for finger, options in moves.items()
     }
@@ -139,13 +157,11 @@ def choose_touch(
 
 def is_allowed(
     model: ObjectModel,
-    contacts: Contacts,
-    fingers: Sequence[str],
+    hold: Hold,
     belief: GaussianMixture,
     finger: str,
     moves: GuardedMoves,
     *,
-    friction: float,
     others: HandGeometry | None = None,
     safety: SafetyParams = SafetyParams(),
 ) -> NDArray[np.bool_]:
@@ -154,12 +170,9 @@ def is_allowed(
     With the rest of the hand given, the finger must not meet `others` either before its motion ends.
     """
     belief = checked_mixture("belief", belief)
-    held = np.array([name != finger for name in fingers], dtype=np.bool_)
     X_likely = belief.X_PO[belief.likely(safety.likely)]
-    if not held.all():
-        rest = Contacts(contacts.p_PC[held])
-        if not all(grasp_quality(model, rest, X, friction=friction).force_closure for X in X_likely):
-            return np.zeros(len(moves), dtype=np.bool_)
+    if not hold.is_stable_without(finger, model, X_likely):
+        return np.zeros(len(moves), dtype=np.bool_)
     clear: NDArray[np.bool_] = np.logical_and.reduce(moves.are_clear(model, X_likely))
     if others is not None:
         clear[clear] = moves.take(np.flatnonzero(clear)).stay_apart(others, model, X_likely)

@@ -136,11 +136,12 @@ def _energies(grid, touch, X, i, q, m, field):
 
 
 @inlined
-def _energies_and_rows(grid, touch, X, residual, J, smooth, work, d, n):
-    """The contacts' residuals and their derivatives at one pose, and the energies that are half their squares."""
+def _energies_and_rows(grid, touch, X, rows, d, n):
+    """The contacts' rows (residual, J, smooth, work) at one pose, and the energies that are half their squares."""
+    residual, J, smooth, work = rows
     for i in range(touch.p.shape[0]):
-        rows = Rows(residual[i], J[i], smooth[i], work)
-        contact_rows(grid, touch.p[i], touch.n[i], touch.weight_p[i], touch.weight_n[i], X, rows)
+        own = Rows(residual[i], J[i], smooth[i], work)
+        contact_rows(grid, touch.p[i], touch.n[i], touch.weight_p[i], touch.weight_n[i], X, own)
         d[i] = 0.5 * residual[i, 0] ** 2
         n[i] = 0.0
         for a in range(1, 5):
@@ -166,7 +167,7 @@ def mixture_equations(
     d, n, S = np.empty(k), np.empty(k), MOST_DOUBLINGS + 1
     point, turn, far, total = np.empty((k, S)), np.empty((k, S)), np.empty(k), np.empty(len(doubts.s))
     for b in range(X.shape[0]):
-        _energies_and_rows(grid, touch, X[b], residual, J, smooth, work, d, n)
+        _energies_and_rows(grid, touch, X[b], (residual, J, smooth, work), d, n)
         cost[b] = _mix(d, n, doubts, point, turn, far, total)
         for c in range(6):
             gradient[b, c] = 0.0
@@ -236,7 +237,7 @@ def doubted_information(
     d, n, S = np.empty(k), np.empty(k), MOST_DOUBLINGS + 1
     point, turn, far, total = np.empty((k, S)), np.empty((k, S)), np.empty(k), np.empty(len(doubts.s))
     for b in range(X.shape[0]):
-        _energies_and_rows(grid, touch, X[b], residual, J, smooth, work, d, n)
+        _energies_and_rows(grid, touch, X[b], (residual, J, smooth, work), d, n)
         _mix(d, n, doubts, point, turn, far, total)
         for i in range(k):
             _, weight_d, weight_n = _shares(doubts, i, point, turn, far, total)

@@ -8,7 +8,7 @@ they were sampled: often they are much wider than the curvature at their minima 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactopose_drake.core.posterior.joining_kernels import JoinedMoments, join
+from tactopose_drake.core.posterior.joining_kernels import Joined, join
 from tactopose_drake.core.posterior.mode_moments import Moments
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, MomentParams
 from tactopose_drake.core.validation import FloatArray
@@ -41,5 +41,5 @@ def join_overlapping(
     spread = spread - moments.first[:, :, None] * moments.first[:, None]
     limits = params.peak_sigmas, params.widest_turn
     order, owner = np.argsort(cost, kind="stable"), np.empty(len(X_PO), dtype=np.intp)
-    join(X_PO, order, symmetry_poses, limits, mass, spread, JoinedMoments(*joint), owner)
+    join(X_PO, order, symmetry_poses, limits, Joined(mass, spread, *joint), owner)
     return mass, joint, owner

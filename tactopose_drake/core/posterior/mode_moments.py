@@ -54,12 +54,11 @@ def toward_the_mean(
         The poses, their costs, and the mean products (g, 6, 6) of the increments from them.
     """
     g, mean, way = len(X_PO), moments.first, np.array(params.tried_shares)
-    shares, tried = np.empty((g, len(way))), np.empty((g, len(way), 3, 4))
-    effective = moments.effective_samples
-    sampling_weight_kernels.try_shares(X_PO, laplace, mean, effective, way, params.chance, shares, tried)
-    costs = objective.cost(tried.reshape(-1, 3, 4)).reshape(g, len(way))
+    tried = sampling_weight_kernels.Tried(np.empty((g, len(way))), np.empty((g, len(way), 3, 4)))
+    sampling_weight_kernels.try_shares(X_PO, laplace, mean, moments.effective_samples, way, params.chance, tried)
+    costs = objective.cost(tried.X.reshape(-1, 3, 4)).reshape(g, len(way))
     costs[:, -1] = cost
     chosen = np.arange(g), (costs <= cost[:, None] + params.as_good).argmax(axis=1)
-    share = shares[chosen]
+    share = tried.shares[chosen]
     left = (share * (2.0 - share))[:, None, None] * mean[:, :, None] * mean[:, None]
-    return tried[chosen], costs[chosen], moments.second - left
+    return tried.X[chosen], costs[chosen], moments.second - left

@@ -10,6 +10,8 @@ Of a mean m of increments with the covariance S, over an effective sample size n
 max(0, 1 - chance / (n m^T S^-1 m)) is not by chance [JS61].
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from tactopose_drake.core.compilation import (
@@ -63,18 +65,18 @@ def add_variances(weights: Floats2, share: Floats1, count: Longs1, variance: Out
             first += count[j]
 
 
+class Tried(NamedTuple):
+    """What `try_shares` fills: shares of the means, shape (n, s), and poses so far toward them, shape (n, s, 3, 4)."""
+
+    shares: OutFloats2
+    X: OutFloats4
+
+
 @kernel
 def try_shares(
-    X: Floats3,
-    laplace: Floats3,
-    mean: Floats2,
-    effective_samples: Floats1,
-    way: Floats1,
-    chance: float,
-    shares: OutFloats2,
-    tried: OutFloats4,
+    X: Floats3, laplace: Floats3, mean: Floats2, effective_samples: Floats1, way: Floats1, chance: float, tried: Tried
 ) -> None:
-    """The share of each mean that counts times those of the way (s,), into (n, s); poses so far from X (n, s, 3, 4)."""
+    """The share of each mean that counts, times those of the way (s,), and the poses so far from X (n, 3, 4)."""
     L, information, u = np.empty((6, 6)), np.empty((6, 6)), np.empty(6)
     for j in range(X.shape[0]):
         cholesky(laplace[j], L)
@@ -85,10 +87,10 @@ def try_shares(
                 square += mean[j, i] * information[i, k] * mean[j, k]
         certain = max(0.0, 1.0 - chance / max(effective_samples[j] * square, chance))
         for t in range(way.shape[0]):
-            shares[j, t] = certain * way[t]
+            tried.shares[j, t] = certain * way[t]
             for i in range(6):
-                u[i] = shares[j, t] * mean[j, i]
-            pose_kernels.retract_one(X[j], u, tried[j, t])
+                u[i] = tried.shares[j, t] * mean[j, i]
+            pose_kernels.retract_one(X[j], u, tried.X[j, t])
 
 
 @kernel

@@ -6,6 +6,7 @@ from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.exploration.guarded_moves import GuardedMoves
 from tactopose_drake.core.exploration.next_touch import (
+    Hold,
     SafetyParams,
     TouchNoise,
     choose_touch,
@@ -120,7 +121,7 @@ NAMES = ("thumb", "first", "middle", "ring")
 def test_the_best_allowed_motion_is_chosen(mug: ObjectModel) -> None:
     belief = spins(0.0, np.pi)
     moves = {"little": inward(1.2, 1.9), "ring": inward(np.pi, 2.0)}
-    found = choose_touch(mug, Contacts(HELD), NAMES, belief, moves, friction=0.7)
+    found = choose_touch(mug, Hold(Contacts(HELD), NAMES, 0.7), belief, moves)
     assert found is not None
     assert (found.finger, found.move) == ("ring", 0)
     assert found.information == found.value["ring"].max()
@@ -131,20 +132,20 @@ def test_the_best_allowed_motion_is_chosen(mug: ObjectModel) -> None:
 def test_a_belief_without_a_mode_is_refused(mug: ObjectModel) -> None:
     nothing, contacts = GaussianMixture.empty(), Contacts(HELD)
     with pytest.raises(InvalidInputError, match="belief: has no mode"):
-        choose_touch(mug, contacts, NAMES, nothing, {"ring": inward(np.pi)}, friction=0.7)
+        choose_touch(mug, Hold(contacts, NAMES, 0.7), nothing, {"ring": inward(np.pi)})
     with pytest.raises(InvalidInputError, match="belief: has no mode"):
-        is_allowed(mug, contacts, NAMES, nothing, "ring", inward(np.pi), friction=0.7)
+        is_allowed(mug, Hold(contacts, NAMES, 0.7), nothing, "ring", inward(np.pi))
 
 
 def test_a_finger_that_is_needed_stays(mug: ObjectModel) -> None:
     belief, contacts = spins(0.0, np.pi), Contacts(HELD)
-    assert is_allowed(mug, contacts, NAMES, belief, "ring", inward(np.pi), friction=0.7).all()
-    assert not is_allowed(mug, contacts, NAMES, belief, "thumb", inward(np.pi), friction=0.7).any()
-    found = choose_touch(mug, contacts, NAMES, belief, {"thumb": inward(np.pi)}, friction=0.7)
+    assert is_allowed(mug, Hold(contacts, NAMES, 0.7), belief, "ring", inward(np.pi)).all()
+    assert not is_allowed(mug, Hold(contacts, NAMES, 0.7), belief, "thumb", inward(np.pi)).any()
+    found = choose_touch(mug, Hold(contacts, NAMES, 0.7), belief, {"thumb": inward(np.pi)})
     assert found is None
     # With three fingers none may go.
     for name in NAMES[:3]:
-        assert not is_allowed(mug, Contacts(HELD[:3]), NAMES[:3], belief, name, inward(np.pi), friction=0.7).any()
+        assert not is_allowed(mug, Hold(Contacts(HELD[:3]), NAMES[:3], 0.7), belief, name, inward(np.pi)).any()
 
 
 def test_a_motion_must_be_clear_at_each_likely_mode(mug: ObjectModel) -> None:
@@ -154,24 +155,24 @@ def test_a_motion_must_be_clear_at_each_likely_mode(mug: ObjectModel) -> None:
     moves = GuardedMoves(tips.tip, TIP, body, np.array([0.01]))
     contacts = Contacts(HELD)
     here, there = spins(0.0), spins(np.pi)
-    assert not is_allowed(mug, contacts, NAMES, here, "little", moves, friction=0.7).any()
-    assert is_allowed(mug, contacts, NAMES, there, "little", moves, friction=0.7).all()
+    assert not is_allowed(mug, Hold(contacts, NAMES, 0.7), here, "little", moves).any()
+    assert is_allowed(mug, Hold(contacts, NAMES, 0.7), there, "little", moves).all()
     both = spins(0.0, np.pi, probability=[0.1, 0.9])
-    assert not is_allowed(mug, contacts, NAMES, both, "little", moves, friction=0.7).any()
+    assert not is_allowed(mug, Hold(contacts, NAMES, 0.7), both, "little", moves).any()
     unlikely = spins(0.0, np.pi, probability=[0.01, 0.99])
-    assert is_allowed(mug, contacts, NAMES, unlikely, "little", moves, friction=0.7).all()
+    assert is_allowed(mug, Hold(contacts, NAMES, 0.7), unlikely, "little", moves).all()
     safer = SafetyParams(likely=0.005)
-    assert not is_allowed(mug, contacts, NAMES, unlikely, "little", moves, friction=0.7, safety=safer).any()
-    assert choose_touch(mug, contacts, NAMES, unlikely, {"little": moves}, friction=0.7) is not None
-    assert choose_touch(mug, contacts, NAMES, unlikely, {"little": moves}, friction=0.7, safety=safer) is None
+    assert not is_allowed(mug, Hold(contacts, NAMES, 0.7), unlikely, "little", moves, safety=safer).any()
+    assert choose_touch(mug, Hold(contacts, NAMES, 0.7), unlikely, {"little": moves}) is not None
+    assert choose_touch(mug, Hold(contacts, NAMES, 0.7), unlikely, {"little": moves}, safety=safer) is None
 
 
 def test_a_finger_that_would_meet_another_takes_another_way(mug: ObjectModel) -> None:
     belief, contacts = spins(0.0, np.pi), Contacts(HELD)
     moves = {"ring": inward(np.pi, 0.0)}
     barred = {"ring": HandGeometry(np.array([[-0.06, 0.0, 0.0]]), np.array([0.005]))}
-    free = choose_touch(mug, contacts, NAMES, belief, moves, friction=0.7)
-    found = choose_touch(mug, contacts, NAMES, belief, moves, friction=0.7, others=barred)
+    free = choose_touch(mug, Hold(contacts, NAMES, 0.7), belief, moves)
+    found = choose_touch(mug, Hold(contacts, NAMES, 0.7), belief, moves, others=barred)
     assert free is not None
     assert found is not None
     assert list(free.allowed["ring"]) == [True, True]
@@ -181,4 +182,4 @@ def test_a_finger_that_would_meet_another_takes_another_way(mug: ObjectModel) ->
 
 def test_each_contact_has_a_name(mug: ObjectModel) -> None:
     with pytest.raises(InvalidInputError, match="fingers: are 2 names; allowed are as many as contacts, 4"):
-        choose_touch(mug, Contacts(HELD), NAMES[:2], spins(0.0), {}, friction=0.7)
+        choose_touch(mug, Hold(Contacts(HELD), NAMES[:2], 0.7), spins(0.0), {})
