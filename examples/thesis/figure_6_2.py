@@ -79,7 +79,7 @@ def print_numbers(result: DemoResult, qualities: dict[str, tp.GraspQuality], con
 def draw(result: DemoResult, quality: tp.GraspQuality) -> Meshcat:
     """The grasp, and beside it the wrench space's projections."""
     meshcat = Meshcat(MeshcatParams(host="localhost"))
-    draw_scene(meshcat, dataclasses.replace(result.scene, prior=None), friction=FRICTION)
+    draw_scene(meshcat, dataclasses.replace(result.scene, prior=None, friction=FRICTION))
     draw_wrench_space(meshcat, "/tactopose/wrenches", quality.space, scale=SCALE)
     assert result.scene.estimate is not None
     X_WP = upright(result.scene)

@@ -35,7 +35,9 @@ from tactopose_drake.station.scenario import Scenario
 from tactopose_drake.systems.pose_display import PoseDisplayParams
 from tactopose_drake.visualization.body_meshes import BodyMeshes, Triangles
 from tactopose_drake.visualization.estimate_page import page_of
-from tactopose_drake.visualization.page import PageTable, Row, save_html
+from tactopose_drake.visualization.frame_marks import add_frames
+from tactopose_drake.visualization.page import save_html
+from tactopose_drake.visualization.page_tables import PageTable, Row
 from tactopose_drake.visualization.picture import save_picture
 from tactopose_drake.visualization.scene import Scene, ShownHypothesis, touch_of
 from tactopose_drake.visualization.timeline import Timeline
@@ -173,13 +175,13 @@ def save_demo(result: DemoResult, folder: Path, meshcat: Meshcat | None = None) 
             contacts=touch_of(contacts, result.scene.patches),
             hypotheses=result.scene.hypotheses[: 1 + PoseDisplayParams().max_alternatives],
         )
+        add_frames(meshcat, PoseDisplayParams().path)
         page = page_of(
             shown,
             result.estimate,
             title=f"{name[0].upper()}{name[1:]} in the simulated {hand} hand",
             X_WP=_palm_pose(result.grasp),
             tables=(_errors_table(result),),
-            when=f"At {result.grasp.context.get_time():.2f} s",
             timeline=result.timeline,
         )
         save_html(paths[2], meshcat, page)
@@ -194,7 +196,7 @@ def _errors_table(result: DemoResult) -> PageTable:
         ("angle, deg", [np.degrees(report.determined_rotation) for report in both]),
     ]
     rows = tuple(Row((name, *(f"{value:.1f}" for value in pair))) for name, pair in values)
-    return PageTable("Error where the touch determines the pose", ("against the truth", "vision", "touch"), rows)
+    return PageTable("Error at the end, where determined", ("against the truth", "vision", "touch"), rows)
 
 
 def _read_pads(grasp: GraspResult) -> dict[str, tuple[Patch, FloatArray]]:

@@ -8,12 +8,12 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import FixedOffsetFrame
 from pydrake.systems.analysis import Simulator
+from tactopose_drake.systems.patch_display import PatchDisplay, PatchDisplayParams
 
 from tactopose_drake.core.sensing.patches import Patch, describe_patch
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.hand_config import Hand, add_hand, load_hand_config, make_hand_plant
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
-from tactopose_drake.systems.patch_display import PatchDisplay, PatchDisplayParams
 from tactopose_drake.visualization.patch_marks import plate_edges
 from tests.recording_meshcat import RecordingMeshcat
 
