@@ -17,7 +17,7 @@ from tactopose_drake.hand.findings import Finding
 from tactopose_drake.hand.hand_check import CheckedHand, HandCheck
 from tactopose_drake.visualization.appearance import FRAMES, HAND, Look
 from tactopose_drake.visualization.body_meshes import BodyMeshes
-from tactopose_drake.visualization.frame_marks import add_frame
+from tactopose_drake.visualization.frame_marks import add_frame, bring_forward
 from tactopose_drake.visualization.page import Label, Page, Switch, hand_switch, save_html
 from tactopose_drake.visualization.page_tables import Instant, PageTable, Row
 
@@ -85,6 +85,7 @@ def _frames(meshcat: Meshcat, checked: CheckedHand, context: Context) -> list[tu
         X_PS = _pose(plant, context, P, hand.sensor_frames[finger])
         X_PF = X_PS @ RigidTransform(RotationMatrix(tip.X_SF[:, :3]), tip.X_SF[:, 3])
         meshcat.SetObject(f"/tactopose/fingertips/{finger}", _shape(tip), Rgba(*_TIP.colour, _TIP_OPACITY))
+        bring_forward(meshcat, f"/tactopose/fingertips/{finger}")  # the hand's own shape lies where it lies
         meshcat.SetTransform(f"/tactopose/fingertips/{finger}", X_PF)
         is_same = X_PF.IsNearlyEqualTo(X_PS, 1e-6)
         frames.append(("S", f"S = F {finger}" if is_same else f"S {finger}", X_PS))
@@ -97,10 +98,9 @@ def _said(findings: tuple[Finding, ...]) -> Instant:
     """Whether the hand can be used, and what is wrong with it."""
     faults = [finding for finding in findings if finding.verdict == "fault"]
     notes = [finding for finding in findings if finding.verdict == "note"]
-    counts = (
-        f"{len(faults)} faults, {len(notes)} notes, {len(findings) - len(faults) - len(notes)} parts as they should be"
-    )
-    sentences = [f"{'It cannot be used as it is' if faults else 'It can be used'}: {counts}."]
+    right = len(findings) - len(faults) - len(notes)
+    usable = "cannot be used as it is" if faults else "can be used"
+    sentences = [f"It {usable}. Faults: {len(faults)}, notes: {len(notes)}, found right: {right}."]
     sentences += [f"{finding.part}: {finding.text}." for finding in (*faults, *notes)]
     nothing = PageTable("", (), ())
     return Instant("fault" if faults else "ok", tuple(sentences), nothing, nothing)
@@ -108,7 +108,7 @@ def _said(findings: tuple[Finding, ...]) -> Instant:
 
 def _table(findings: tuple[Finding, ...]) -> PageTable:
     rows = tuple(Row((finding.part, finding.text)) for finding in findings if finding.verdict == "ok")
-    return PageTable("What was found right", ("part", "what"), rows)
+    return PageTable("What was found right", ("part", "what"), rows, of_words=True)
 
 
 def _pose(plant: MultibodyPlant, context: Context, P: Frame, frame: Frame) -> RigidTransform:

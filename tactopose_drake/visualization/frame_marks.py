@@ -9,8 +9,9 @@ from tactopose_drake.visualization.remote_meshcat import RemoteMeshcat
 
 PALM_AXES, OBJECT_AXES = 0.05, 0.04
 """Lengths of the axes of P and O, m."""
+THICKNESS = 0.02
+"""Radius of an axis, of its length."""
 
-_THICKNESS = 0.02  # radius of a bar, of its length
 _FORWARD = -2.5e3  # steps of the depth buffer: some 3 mm at half a metre
 _NEARLY_OPAQUE = 0.95  # what is translucent is drawn last
 
@@ -25,7 +26,7 @@ def add_frame(meshcat: Meshcat | RemoteMeshcat, path: str, length: float) -> Non
     """
     for axis, colour in enumerate(AXIS_COLOURS):
         at = f"{path}/{'xyz'[axis]}"
-        meshcat.SetObject(at, Cylinder(_THICKNESS * length, length), Rgba(*colour, _NEARLY_OPAQUE))
+        meshcat.SetObject(at, Cylinder(THICKNESS * length, length), Rgba(*colour, _NEARLY_OPAQUE))
         direction = np.eye(3)[axis]
         meshcat.SetTransform(
             at, RigidTransform(RotationMatrix.MakeFromOneVector(direction, 2), 0.5 * length * direction)

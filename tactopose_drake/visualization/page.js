@@ -202,7 +202,7 @@
     window.addEventListener("resize", () => { clearTimeout(resized); resized = setTimeout(frame, 60); });
     const render = viewer.render.bind(viewer);
     viewer.render = () => { render(); moveLabels(); };
-    viewer.set_dirty();
+    viewer.render();
     root.dataset.ready = "yes";
   }
   const wait = () => (tactoposeTold >= page.commands ? start() : setTimeout(wait, 20));

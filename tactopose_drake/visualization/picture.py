@@ -31,7 +31,7 @@ from tactopose_drake.visualization.appearance import (
     Colour,
     Look,
 )
-from tactopose_drake.visualization.picture_marks import certainty_surface, smooth, touch_surface
+from tactopose_drake.visualization.picture_marks import certainty_surface, frames_surface, smooth, touch_surface
 from tactopose_drake.visualization.pose_marks import opacity_of
 from tactopose_drake.visualization.scene import Scene, scene_of
 from tactopose_drake.visualization.uncertainty import free_arrows
@@ -47,6 +47,7 @@ _OVERSAMPLING = 2
 _BACKGROUND = (np.array([0.985, 0.988, 0.992]), np.array([0.900, 0.915, 0.935]))  # top, bottom
 _HAND_OPACITY = 0.38
 _MARKER_THROUGH = 0.55  # opacity of a marker that lies behind something
+_FRAME_OPACITY = 0.9  # through whatever covers them
 _CERTAINTY_OPACITY = 0.75  # of ellipsoids and arrows
 _GHOSTS = 3  # hypotheses beside the best that are drawn at the most
 
@@ -129,6 +130,8 @@ class _Overlay:
         hand, touch, certainty = scene.hand, touch_surface(scene), certainty_surface(scene)
         self._hand = None if hand is None else render(smooth(hand.vertices, hand.faces, hand.colour), camera)
         self._markers = None if touch is None else render(touch, camera)
+        frames = frames_surface(scene)
+        self._frames = None if frames is None else render(frames, camera)
         self._certainty = None if certainty is None else render(certainty, camera)
         ghosts = scene.alternatives[:_GHOSTS]
         ghost = smooth(scene.model.vertices, scene.model.faces, ALTERNATIVE.colour) if ghosts else None
@@ -155,6 +158,8 @@ class _Overlay:
             opacity = _HAND_OPACITY + (1.0 - _HAND_OPACITY) * (1.0 - self._hand.facing) ** 3
             image = _blended(image, self._hand.colour, np.where(self._hand.inverse_depth > nearest, opacity, 0.0))
             nearest = np.maximum(nearest, self._hand.inverse_depth)
+        if is_estimate and self._frames is not None:
+            image = _blended(image, self._frames.colour, _FRAME_OPACITY * self._frames.covered)
         self._nearest = nearest
         return image
 
@@ -235,7 +240,14 @@ def _handle(look: Look, scene: Scene, prior_label: str) -> Patch | Line2D:
         label = f"force on the {'pad' if scene.patches else 'finger'} (longest {largest:.1f} N)"
     if look.mark == "line":
         return Line2D([], [], color=look.colour, linewidth=2.5, label=label)
-    markers = {"ball": "o", "cross": "x", "arrow": r"$\rightarrow$", "turn": r"$\circlearrowleft$", "ellipsoid": "o"}
+    markers = {
+        "ball": "o",
+        "cross": "x",
+        "arrow": r"$\rightarrow$",
+        "turn": r"$\circlearrowleft$",
+        "ellipsoid": "o",
+        "frame": "+",
+    }
     if look.mark in markers:
         size = 16 if look.mark in ("arrow", "turn") else 8
         return Line2D([], [], color=look.colour, marker=markers[look.mark], linestyle="", markersize=size, label=label)

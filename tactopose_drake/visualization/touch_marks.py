@@ -15,12 +15,15 @@ from tactopose_drake.visualization.frame_marks import shine_through
 from tactopose_drake.visualization.remote_meshcat import RemoteMeshcat
 from tactopose_drake.visualization.scene import arrow_lengths
 
+CONE_LENGTH = 0.018
+"""Of a friction cone, m."""
+
 _CONTACT_RADIUS = 0.003
 _HIDDEN_OPACITY = 0.3  # of a contact behind something
 _ARROW_RADIUS = 0.0012
 _HEAD_RADIUS, _HEAD_LENGTH = 0.0036, 0.009
 _NORMAL_RADIUS, _NORMAL_LENGTH = 0.0006, 0.02
-_CONE_LENGTH, _CONE_OPACITY = 0.018, 0.2
+_CONE_OPACITY = 0.2
 _CROSS_RADIUS, _CROSS_LENGTH = 0.0008, 0.016
 _FLIPPED = RotationMatrix.MakeXRotation(np.pi)
 
@@ -42,8 +45,8 @@ def add_touch(meshcat: Meshcat | RemoteMeshcat, path: str, count: int, *, fricti
         meshcat.SetObject(f"{at}/normal/line", Cylinder(_NORMAL_RADIUS, _NORMAL_LENGTH), Rgba(*NORMAL.colour))
         meshcat.SetTransform(f"{at}/normal/line", RigidTransform([0.0, 0.0, _NORMAL_LENGTH / 2]))
         if friction is not None:
-            radius, colour = friction * _CONE_LENGTH, Rgba(*CONE.colour, _CONE_OPACITY)
-            meshcat.SetObject(f"{at}/normal/cone", MeshcatCone(_CONE_LENGTH, radius, radius), colour)
+            radius, colour = friction * CONE_LENGTH, Rgba(*CONE.colour, _CONE_OPACITY)
+            meshcat.SetObject(f"{at}/normal/cone", MeshcatCone(CONE_LENGTH, radius, radius), colour)
         meshcat.SetObject(f"{at}/force/shaft", Cylinder(_ARROW_RADIUS, 1.0), Rgba(*FORCE.colour))
         head = MeshcatCone(_HEAD_LENGTH, _HEAD_RADIUS, _HEAD_RADIUS)
         meshcat.SetObject(f"{at}/force/head", head, Rgba(*FORCE.colour))
