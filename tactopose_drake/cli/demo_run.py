@@ -17,6 +17,7 @@ from tactopose_drake.cli.demo_reports import (
     report_pad,
     report_pose,
 )
+from tactopose_drake.cli.titles import grasp_title
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.patch_contacts import with_patches
 from tactopose_drake.core.sensing.patches import Patch
@@ -166,8 +167,6 @@ def save_demo(result: DemoResult, folder: Path, meshcat: Meshcat | None = None) 
     save_picture(paths[1], result.scene, captions=("before: vision", "after: touch"))
     if meshcat is not None:
         paths.append(folder / _FILES[2])
-        scenario = result.grasp.station.scenario
-        name, hand = scenario.object.replace("_", " "), Path(scenario.hand).name.split(".")[0].replace("_", "-")
         contacts = result.grasp.station.diagram.GetOutputPort("contacts").Eval(result.grasp.context)
         # What the station's display shows of it.
         shown = dataclasses.replace(
@@ -179,7 +178,7 @@ def save_demo(result: DemoResult, folder: Path, meshcat: Meshcat | None = None) 
         page = page_of(
             shown,
             result.estimate,
-            title=f"{name[0].upper()}{name[1:]} in the simulated {hand} hand",
+            title=grasp_title(result.grasp.station.scenario, "simulated"),
             X_WP=_palm_pose(result.grasp),
             tables=(_errors_table(result),),
             timeline=result.timeline,

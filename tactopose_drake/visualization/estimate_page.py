@@ -67,9 +67,11 @@ def page_of(
     """
     name = scene.model.name.replace("_", " ")
     X_WP = upright(scene) if X_WP is None else X_WP
+    said = instant_of(scene, estimate)
+    unknown = ("Which hand holds it is not told, so none is drawn.",) if scene.hand is None else ()
     return Page(
         title=title or f"{name[0].upper()}{name[1:]} in the hand: pose by touch",
-        said=instant_of(scene, estimate),
+        said=said._replace(sentences=(*said.sentences, *unknown)),
         tables=tables,
         switches=scene_switches(scene),
         labels=_labels(scene),

@@ -147,7 +147,7 @@ def _side(page: Page) -> str:
     lines += [table_html(table) for table in page.details]
     lines.append(
         '<div class="tp-buttons"><button id="tp-frame">First view</button><button id="tp-theme">Light / dark</button>'
-        '<button id="tp-expert">Meshcat\'s controls</button></div>'
+        '<button id="tp-expert">More controls</button></div>'
         '<p class="tp-more">Drag to turn, scroll to zoom, drag with the right button to move.</p></aside>'
     )
     return "\n".join(lines)
