@@ -49,6 +49,7 @@ _HAND_OPACITY = 0.38
 _MARKER_THROUGH = 0.55  # opacity of a marker that lies behind something
 _FRAME_OPACITY = 0.9  # through whatever covers them
 _CERTAINTY_OPACITY = 0.75  # of ellipsoids and arrows
+_LINE = 13.0  # between numbers, one above the other, pixels
 _GHOSTS = 3  # hypotheses beside the best that are drawn at the most
 
 
@@ -213,9 +214,16 @@ def _write(axes: Axes, scene: Scene, camera: Camera, is_estimate: bool) -> None:
     if is_estimate and scene.hypotheses:
         arrows = free_arrows(scene.model, scene.hypotheses[0])
         texts += [(arrow.X_PA.multiply(arrow.p_AT), arrow.name, FREE.colour) for arrow in arrows]
+    placed: list[FloatArray] = []
     for point, text, colour in texts:
         p_C = camera.X_CP[:, :3] @ point + camera.X_CP[:, 3]
         at = (camera.focal_length * p_C[:2] / p_C[2] + 0.5 * np.array([camera.width, camera.height])) / _OVERSAMPLING
+        # One above the other where contacts are too near each other for their numbers.
+        steps = next(
+            n for n in range(len(texts)) if not any(np.all(np.abs(at - [0, n * _LINE] - q) < _LINE) for q in placed)
+        )
+        at = at - [0.0, steps * _LINE]
+        placed.append(at)
         is_right = at[0] > 0.6 * camera.width / _OVERSAMPLING
         axes.annotate(
             text,
