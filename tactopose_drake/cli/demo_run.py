@@ -111,16 +111,6 @@ def run_demo(
     if estimate is None:
         status = diagram.GetOutputPort("status").Eval(context)
         raise GraspFailedError(f"the hand holds the {scenario.object} but feels too little of it: {status}.")
-    scene = Scene(
-        model=grasp.station.model,
-        contacts=touch,
-        patches=tuple(patch for patch, _ in pads.values()),
-        prior=prior.X_PO,
-        hypotheses=tuple(ShownHypothesis.of(hypothesis) for hypothesis in estimate.hypotheses),
-        truth=grasp.X_PO,
-        hand=_hand_surface(grasp),
-        up_P=_palm_pose(grasp).rotation().inverse() @ np.array([0.0, 0.0, 1.0]),
-    )
     vision, touched = (
         report_pose(name, X_PO, grasp.X_PO, grasp.station.model, touch, estimate.best.free_directions)
         for name, X_PO in (("vision", prior.mean), ("touch", estimate.best.X_PO.GetAsMatrix34()))
@@ -134,7 +124,7 @@ def run_demo(
         touch=touched,
         hidden_share=float(diagram.GetOutputPort("hidden_share").Eval(context)[0]),
         estimate=estimate,
-        scene=scene,
+        scene=_scene(grasp, touch, tuple(patch for patch, _ in pads.values()), prior, estimate),
         timeline=recorder.timeline(),
     )
 
@@ -215,6 +205,21 @@ def _join(contacts: Contacts, pads: list[tuple[Patch, FloatArray]]) -> Contacts:
     forces = [pad_force(patch, areas) for patch, areas in pads if patch.is_felt]
     touch = with_patches(contacts, [patch for patch, _ in pads])
     return dataclasses.replace(touch, f_PC=np.concatenate([contacts.f_PC, np.reshape(forces, (-1, 3))]))
+
+
+def _scene(
+    grasp: GraspResult, touch: Contacts, patches: tuple[Patch, ...], prior: PosePrior, estimate: PoseEstimate
+) -> Scene:
+    return Scene(
+        model=grasp.station.model,
+        contacts=touch,
+        patches=patches,
+        prior=prior.X_PO,
+        hypotheses=tuple(ShownHypothesis.of(hypothesis) for hypothesis in estimate.hypotheses),
+        truth=grasp.X_PO,
+        hand=_hand_surface(grasp),
+        up_P=_palm_pose(grasp).rotation().inverse() @ np.array([0.0, 0.0, 1.0]),
+    )
 
 
 def _hand_surface(grasp: GraspResult) -> Triangles:

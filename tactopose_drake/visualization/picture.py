@@ -24,6 +24,7 @@ from tactopose_drake.visualization.appearance import (
     ESTIMATE,
     FALSE_CONTACT,
     FORCE,
+    FRAMES,
     FREE,
     NORMAL,
     PRIOR,
@@ -206,7 +207,7 @@ def _placed(surface: Surface, X_PO: RigidTransform) -> Surface:
 
 
 def _write(axes: Axes, scene: Scene, camera: Camera, is_estimate: bool) -> None:
-    """The contacts' numbers, and the names of what is not determined."""
+    """The contacts' numbers, and the names of what is not determined and of frames."""
     texts: list[tuple[FloatArray, str, Colour]] = [
         (point, str(row + 1), FALSE_CONTACT.colour if is_false else CONTACT.colour)
         for row, (point, is_false) in enumerate(zip(scene.contacts.p_PC, scene.is_false, strict=True))
@@ -214,6 +215,9 @@ def _write(axes: Axes, scene: Scene, camera: Camera, is_estimate: bool) -> None:
     if is_estimate and scene.hypotheses:
         arrows = free_arrows(scene.model, scene.hypotheses[0])
         texts += [(arrow.X_PA.multiply(arrow.p_AT), arrow.name, FREE.colour) for arrow in arrows]
+        if scene.frames:
+            origins = np.zeros(3), scene.hypotheses[0].X_PO.translation()
+            texts += [(origin, name, FRAMES.colour) for origin, name in zip(origins, "PO", strict=True)]
     placed: list[FloatArray] = []
     for point, text, colour in texts:
         p_C = camera.X_CP[:, :3] @ point + camera.X_CP[:, 3]
