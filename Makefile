@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test test-portable bench docs report full-report format clean
+.PHONY: demo test test-portable bench docs notebooks report full-report format clean
 
 demo: $(STAMP)
 	$(BIN)/tactopose demo
@@ -43,6 +43,13 @@ full-report: $(STAMP)
 docs: $(STAMP)
 	$(BIN)/sphinx-build -b html -q -W docs out/docs
 	@echo "The documentation is out/docs/index.html."
+
+# Runs the notebooks and stores what they print and draw, but for the cells with the tag `page`, whose pages are too large.
+notebooks: $(STAMP)
+	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[notebook]'
+	$(BIN)/jupyter nbconvert --to notebook --execute --inplace --ExecutePreprocessor.record_timing=False notebooks/*.ipynb
+	$(BIN)/jupyter nbconvert --to notebook --inplace --TagRemovePreprocessor.enabled=True \
+	  --TagRemovePreprocessor.remove_all_outputs_tags=page notebooks/*.ipynb
 
 format: $(STAMP)
 	$(BIN)/ruff format .

@@ -107,7 +107,7 @@ def save_figure(runs: dict[str, list[list[Instant]]], path: Path) -> None:
         ):
             ax.plot(t, error, label="error")
             ax.plot(t, said, "--", label="standard deviation that the belief states")
-            for name, color in (("slipping", "tab:orange"), ("ambiguous", "tab:purple"), ("lost", "tab:red")):
+            for name, color in (("slipping", "#b9589f"), ("ambiguous", "#e8b23a"), ("lost", "#9b2226")):
                 there = [instant.status == name for instant in run]
                 if any(there):
                     ax.fill_between(t, 0, 1, where=there, transform=ax.get_xaxis_transform(), alpha=0.2, color=color)

@@ -91,8 +91,8 @@ def save_figure(runs: dict[str, list[Row]], path: Path) -> None:
         ax.plot(load, [1e3 * row.said for row in rows], "--", label="standard deviation that it states")
         slipping: list[bool] = [row.status == "slipping" for row in rows]
         where: NDArray[np.bool_] = np.array(slipping)
-        ax.fill_between(load, 0, 1, where=where, transform=ax.get_xaxis_transform(), alpha=0.2, color="tab:orange")
-        ax.plot([], [], color="tab:orange", alpha=0.4, linewidth=6, label="it says slipping")
+        ax.fill_between(load, 0, 1, where=where, transform=ax.get_xaxis_transform(), alpha=0.2, color="#b9589f")
+        ax.plot([], [], color="#b9589f", alpha=0.4, linewidth=6, label="it says slipping")
         ax.set(xlabel="load, in weights of the object", ylabel="mm", title=name)
         ax.legend(fontsize=8)
     FigureCanvasAgg(figure).print_png(path)

@@ -12,6 +12,7 @@ class RecordingMeshcat:
         self.properties: dict[tuple[str, str], object] = {}
         self.objects: dict[str, object] = {}
         self.times: set[float | None] = set()
+        self.cameras: list[np.ndarray] = []
 
     def Delete(self, path: str) -> None:
         for held in (self.transforms, self.objects):
@@ -35,6 +36,7 @@ class RecordingMeshcat:
 
     def SetCameraPose(self, camera: np.ndarray, target: np.ndarray) -> None:
         self.camera, self.target = camera, target
+        self.cameras.append(camera)
 
     def pose(self, path: str) -> RigidTransform:
         """Of a path in the world: the product along it."""

@@ -1,8 +1,9 @@
-"""The notebooks run from top to bottom, keep no outputs, and hold no logic that belongs into the package."""
+"""The notebooks run from top to bottom, store small outputs, and hold no logic that belongs into the package."""
 
 import ast
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -34,10 +35,27 @@ def test_runs(path: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_outputs_are_stripped(path: Path) -> None:
+def test_what_it_stores_reads_well_and_is_small(path: Path) -> None:
     cells = code_cells(path)
-    assert cells
-    assert all(not cell["outputs"] and cell["execution_count"] is None for cell in cells)
+    counts = [cell["execution_count"] for cell in cells if "page" not in cell["metadata"].get("tags", [])]
+    assert counts == sorted(counts)
+    outputs = [output for cell in cells for output in cell["outputs"]]
+    assert {output["output_type"] for output in outputs} <= {"stream", "display_data", "execute_result"}
+    assert path.stat().st_size < 400_000
+    text = json.dumps(outputs)
+    assert not re.search(r"/root/|/home/|/tmp/|/work/|Warning", text)
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_it_shows_its_hypothesis_as_a_picture_and_as_a_page(path: Path) -> None:
+    cells = code_cells(path)
+    tables = [
+        "".join(output["data"].get("text/html", "")) for cell in cells for output in cell["outputs"] if "data" in output
+    ]
+    assert any("<table>" in table and "data:image/png;base64" in table for table in tables)
+    pages = [cell for cell in cells if "page" in cell["metadata"].get("tags", [])]
+    assert pages
+    assert all("".join(cell["source"]).endswith(".show()") and not cell["outputs"] for cell in pages)
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)

@@ -241,7 +241,7 @@ def save_plot(tracks: dict[tuple[str, str], Track], path: Path) -> None:
     )
     for (name, tracker), track in tracks.items():
         axis = axes[names.index(name), list(TRACKERS).index(tracker)]
-        for i, (letter, colour, dots) in enumerate((("x", "tab:blue", "red"), ("y", "tab:green", "cyan"))):
+        for i, (letter, colour, dots) in enumerate((("x", "#0072b2", "#56b4e9"), ("y", "#d55e00", "#e69f00"))):
             axis.plot(track.time, track.vision[:, i], "o", fillstyle="none", color=colour, label=f"{letter}, vision")
             axis.plot(track.time, track.corrected[:, i], color=colour, label=f"{letter}, corrected")
             place = track.at_place

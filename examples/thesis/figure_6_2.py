@@ -79,7 +79,7 @@ def print_numbers(result: DemoResult, qualities: dict[str, tp.GraspQuality], con
 def draw(result: DemoResult, quality: tp.GraspQuality) -> Meshcat:
     """The grasp, and beside it the wrench space's projections."""
     meshcat = Meshcat(MeshcatParams(host="localhost"))
-    draw_scene(meshcat, dataclasses.replace(result.scene, prior=None), friction=FRICTION)
+    draw_scene(meshcat, dataclasses.replace(result.scene, prior=None, friction=FRICTION))
     draw_wrench_space(meshcat, "/tactopose/wrenches", quality.space, scale=SCALE)
     assert result.scene.estimate is not None
     X_WP = upright(result.scene)
@@ -95,7 +95,7 @@ def draw(result: DemoResult, quality: tp.GraspQuality) -> Meshcat:
 def plot(quality: tp.GraspQuality, path: Path) -> None:
     """The projections, with the ball of the radius."""
     figure = Figure(figsize=(10, 5), layout="constrained")
-    for column, (part, colour) in enumerate((("force", "tab:green"), ("torque", "tab:red"))):
+    for column, (part, colour) in enumerate((("force", "#009e73"), ("torque", "#d55e00"))):
         axis = figure.add_subplot(1, 2, column + 1, projection="3d")
         hull = quality.space.projection(part)  # type: ignore[arg-type]
         if hull is not None:
@@ -107,7 +107,8 @@ def plot(quality: tp.GraspQuality, path: Path) -> None:
         ball = quality.radius * np.array([np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v)])
         axis.plot_wireframe(*ball, color="k", linewidth=0.5)
         unit = "N" if part == "force" else f"N over {1e3 * quality.length:.0f} mm"
-        axis.set(title=f"{part}s, {unit}; radius {quality.radius:.3f}", xlabel="x", ylabel="y", zlabel="z")
+        labels = {f"{letter}label": f"{letter}, {unit}" for letter in "xyz"}
+        axis.set(title=f"{part}s; radius {quality.radius:.3f}", **labels)
         reach = 1.0 if hull is None else float(np.abs(hull.vertices).max())
         axis.set(xlim=(-reach, reach), ylim=(-reach, reach), zlim=(-reach, reach))
         axis.set_box_aspect((1, 1, 1))

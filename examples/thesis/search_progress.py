@@ -31,7 +31,7 @@ SIGMA_POSITION, SIGMA_NORMAL = 0.0009, np.radians(5.0)
 AVERAGED = 200  # particles in the running average. [B16] figure 4.5
 BINS = 60  # of each parameter, for the line of least cost
 PARAMETERS = ("q_w", "q_x", "q_y", "q_z", "t_x, mm", "t_y, mm", "t_z, mm")
-BLUE, RED, GREEN = "#1f77b4", "#c0392b", "#2e7d32"
+BLUE, RED, GREEN = "#0072b2", "#d55e00", "#009e73"  # that are told apart without one kind of cone
 # [B16] sections 4.2.6 and 4.3.3.
 THESIS_PARTICLES = 15_000
 

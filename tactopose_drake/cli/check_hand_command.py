@@ -26,7 +26,7 @@ def check_hand_command(hand: str, html: Path | None) -> None:
         check = check_hand(hand)
     OUT.print(findings_table(hand, check.findings))
     if html is not None and check.parts is not None:
-        save_hand_page(html, check.parts)
+        save_hand_page(html, hand, check)
         OUT.print(f"Written: {html}", soft_wrap=True)
     for fault in check.faults:
         ERRORS.print(f"error: {hand}: {fault.part}: {fault.text}.", style="red")

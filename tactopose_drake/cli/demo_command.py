@@ -1,7 +1,9 @@
 """`tactopose demo`: a simulated hand closes on an object, and corrects the camera's pose by touch."""
 
+import dataclasses
 import sys
 from pathlib import Path
+from typing import Any
 
 import click
 from pydrake.geometry import Meshcat, MeshcatParams
@@ -16,6 +18,20 @@ from tactopose_drake.visualization.presentation import open_page
 
 _FOLDER = "tactopose_demo"
 _path = click.Path(path_type=Path)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class _Options:
+    """What the command is given, by the names of its options below."""
+
+    hand: str
+    name: str | None
+    scale: float
+    mass: float | None
+    seed: int
+    out: Path | None
+    keep: bool
+    no_open: bool
 
 
 @click.command()
@@ -34,25 +50,17 @@ _path = click.Path(path_type=Path)
 )
 @click.option("--meshcat", "keep", is_flag=True, help="Shows the run live in Meshcat, until you press Enter.")
 @click.option("--no-open", is_flag=True, help="Does not open the web page at the end.")
-def demo(
-    hand: str,
-    name: str | None,
-    scale: float,
-    mass: float | None,
-    seed: int,
-    out: Path | None,
-    keep: bool,
-    no_open: bool,
-) -> None:
+def demo(**given: Any) -> None:
     """Closes a simulated hand on an object and corrects the camera's doubtful pose by touch."""
-    out = _free_folder() if out is None else out
+    options = _Options(**given)
+    out = _free_folder() if options.out is None else options.out
     replaced = prepare_demo(out)
     with ERRORS.status("reading the hand"):
-        scenario = demo_scenario(hand, name, seed, out, scale, mass)
+        scenario = demo_scenario(options.hand, options.name, options.seed, out, options.scale, options.mass)
     scenario.validate()
     check_bodies(scenario)
     meshcat = Meshcat(MeshcatParams(host="localhost"))
-    if keep:
+    if options.keep:
         OUT.print(f"Meshcat shows the run at {meshcat.web_url()}")
     with ERRORS.status("reading the object") as status:
         result = run_demo(scenario, meshcat=meshcat, on_progress=status.update)
@@ -75,9 +83,9 @@ def demo(
     OUT.print("Written: " + ", ".join(str(path) for path in paths), soft_wrap=True)
     if replaced:
         OUT.print("Replaced, of an earlier run: " + ", ".join(str(path) for path in replaced), soft_wrap=True)
-    if not no_open and sys.stdout.isatty():
+    if not options.no_open and sys.stdout.isatty():
         open_page(paths[-1])
-    if keep:
+    if options.keep:
         click.pause("Press Enter to end.")
 
 

@@ -17,6 +17,7 @@ from tactopose_drake.cli.demo_reports import (
     report_pad,
     report_pose,
 )
+from tactopose_drake.cli.titles import grasp_title
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.patch_contacts import with_patches
 from tactopose_drake.core.sensing.patches import Patch
@@ -35,7 +36,9 @@ from tactopose_drake.station.scenario import Scenario
 from tactopose_drake.systems.pose_display import PoseDisplayParams
 from tactopose_drake.visualization.body_meshes import BodyMeshes, Triangles
 from tactopose_drake.visualization.estimate_page import page_of
-from tactopose_drake.visualization.page import PageTable, Row, save_html
+from tactopose_drake.visualization.frame_marks import add_frames
+from tactopose_drake.visualization.page import save_html
+from tactopose_drake.visualization.page_tables import PageTable, Row
 from tactopose_drake.visualization.picture import save_picture
 from tactopose_drake.visualization.scene import Scene, ShownHypothesis, touch_of
 from tactopose_drake.visualization.timeline import Timeline
@@ -108,16 +111,6 @@ def run_demo(
     if estimate is None:
         status = diagram.GetOutputPort("status").Eval(context)
         raise GraspFailedError(f"the hand holds the {scenario.object} but feels too little of it: {status}.")
-    scene = Scene(
-        model=grasp.station.model,
-        contacts=touch,
-        patches=tuple(patch for patch, _ in pads.values()),
-        prior=prior.X_PO,
-        hypotheses=tuple(ShownHypothesis.of(hypothesis) for hypothesis in estimate.hypotheses),
-        truth=grasp.X_PO,
-        hand=_hand_surface(grasp),
-        up_P=_palm_pose(grasp).rotation().inverse() @ np.array([0.0, 0.0, 1.0]),
-    )
     vision, touched = (
         report_pose(name, X_PO, grasp.X_PO, grasp.station.model, touch, estimate.best.free_directions)
         for name, X_PO in (("vision", prior.mean), ("touch", estimate.best.X_PO.GetAsMatrix34()))
@@ -131,7 +124,7 @@ def run_demo(
         touch=touched,
         hidden_share=float(diagram.GetOutputPort("hidden_share").Eval(context)[0]),
         estimate=estimate,
-        scene=scene,
+        scene=_scene(grasp, touch, tuple(patch for patch, _ in pads.values()), prior, estimate),
         timeline=recorder.timeline(),
     )
 
@@ -164,8 +157,6 @@ def save_demo(result: DemoResult, folder: Path, meshcat: Meshcat | None = None) 
     save_picture(paths[1], result.scene, captions=("before: vision", "after: touch"))
     if meshcat is not None:
         paths.append(folder / _FILES[2])
-        scenario = result.grasp.station.scenario
-        name, hand = scenario.object.replace("_", " "), Path(scenario.hand).name.split(".")[0].replace("_", "-")
         contacts = result.grasp.station.diagram.GetOutputPort("contacts").Eval(result.grasp.context)
         # What the station's display shows of it.
         shown = dataclasses.replace(
@@ -173,13 +164,13 @@ def save_demo(result: DemoResult, folder: Path, meshcat: Meshcat | None = None) 
             contacts=touch_of(contacts, result.scene.patches),
             hypotheses=result.scene.hypotheses[: 1 + PoseDisplayParams().max_alternatives],
         )
+        add_frames(meshcat, PoseDisplayParams().path)
         page = page_of(
             shown,
             result.estimate,
-            title=f"{name[0].upper()}{name[1:]} in the simulated {hand} hand",
+            title=grasp_title(result.grasp.station.scenario, "simulated"),
             X_WP=_palm_pose(result.grasp),
             tables=(_errors_table(result),),
-            when=f"At {result.grasp.context.get_time():.2f} s",
             timeline=result.timeline,
         )
         save_html(paths[2], meshcat, page)
@@ -194,7 +185,7 @@ def _errors_table(result: DemoResult) -> PageTable:
         ("angle, deg", [np.degrees(report.determined_rotation) for report in both]),
     ]
     rows = tuple(Row((name, *(f"{value:.1f}" for value in pair))) for name, pair in values)
-    return PageTable("Error where the touch determines the pose", ("against the truth", "vision", "touch"), rows)
+    return PageTable("Error at the end, where determined", ("against the truth", "vision", "touch"), rows)
 
 
 def _read_pads(grasp: GraspResult) -> dict[str, tuple[Patch, FloatArray]]:
@@ -214,6 +205,21 @@ def _join(contacts: Contacts, pads: list[tuple[Patch, FloatArray]]) -> Contacts:
     forces = [pad_force(patch, areas) for patch, areas in pads if patch.is_felt]
     touch = with_patches(contacts, [patch for patch, _ in pads])
     return dataclasses.replace(touch, f_PC=np.concatenate([contacts.f_PC, np.reshape(forces, (-1, 3))]))
+
+
+def _scene(
+    grasp: GraspResult, touch: Contacts, patches: tuple[Patch, ...], prior: PosePrior, estimate: PoseEstimate
+) -> Scene:
+    return Scene(
+        model=grasp.station.model,
+        contacts=touch,
+        patches=patches,
+        prior=prior.X_PO,
+        hypotheses=tuple(ShownHypothesis.of(hypothesis) for hypothesis in estimate.hypotheses),
+        truth=grasp.X_PO,
+        hand=_hand_surface(grasp),
+        up_P=_palm_pose(grasp).rotation().inverse() @ np.array([0.0, 0.0, 1.0]),
+    )
 
 
 def _hand_surface(grasp: GraspResult) -> Triangles:

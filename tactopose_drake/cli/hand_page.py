@@ -1,9 +1,8 @@
-"""A page that shows a hand with its palm, sensor and fingertip frames, drawn and named."""
+"""A page that shows a hand with its palm, sensor and fingertip frames, and what was found of its files."""
 
 from pathlib import Path
 
 import numpy as np
-from matplotlib.textpath import TextPath
 from pydrake.geometry import Capsule, Ellipsoid, Meshcat, MeshcatParams, Rgba, Shape, Sphere
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
@@ -14,57 +13,102 @@ from tactopose_drake.core.surfaces import Capsule as CapsuleTip
 from tactopose_drake.core.surfaces import Ellipsoid as EllipsoidTip
 from tactopose_drake.core.surfaces import Surface
 from tactopose_drake.core.validation import FloatArray
-from tactopose_drake.hand.hand_check import CheckedHand
+from tactopose_drake.hand.findings import Finding
+from tactopose_drake.hand.hand_check import CheckedHand, HandCheck
+from tactopose_drake.visualization.appearance import FRAMES, HAND, Look
 from tactopose_drake.visualization.body_meshes import BodyMeshes
-from tactopose_drake.visualization.meshcat import set_stage
-from tactopose_drake.visualization.page import save_html
+from tactopose_drake.visualization.frame_marks import add_frame, bring_forward
+from tactopose_drake.visualization.page import Label, Page, Switch, hand_switch, save_html
+from tactopose_drake.visualization.page_tables import Instant, PageTable, Row
 
-_TIP_COLOUR = Rgba(0.95, 0.55, 0.15, 1.0)
-_HAND_COLOUR = Rgba(0.62, 0.64, 0.67, 0.45)
-_TEXT_COLOUR = Rgba(0.1, 0.1, 0.15, 1.0)
-_TEXT_HEIGHT = 0.007  # m
-_LABEL_DISTANCE = 0.012  # of a name from its frame's origin, m
-_AXIS_COLOURS = (Rgba(0.85, 0.2, 0.2, 1.0), Rgba(0.2, 0.65, 0.2, 1.0), Rgba(0.2, 0.35, 0.9, 1.0))
+_TIP = Look("fingertip surface", (0.90, 0.45, 0.10), "solid", "as the hand's file has it, where contacts are sought")
+_KINDS = {
+    "P": Look("palm frame P", FRAMES.colour, "frame", "in which poses are told: x red, y green, z blue"),
+    "S": Look("sensor frames S", FRAMES.colour, "frame", "of the force-torque sensors"),
+    "F": Look("fingertip frames F", FRAMES.colour, "frame", "of the fingertips' surfaces; S = F where they are one"),
+    "T": Look("pad frames T", FRAMES.colour, "frame", "of the tactile arrays"),
+}
+_LENGTHS = {"P": 0.05, "S": 0.02, "F": 0.012, "T": 0.02}  # of the axes, m
+_TIP_OPACITY = 0.6
 
 
-def save_hand_page(path: Path, checked: CheckedHand) -> None:
+def save_hand_page(path: Path, name: str, check: HandCheck) -> None:
     """Writes the page: the collision shapes at zero joint positions, the fingertips' surfaces on them, and the frames.
+
+    Args:
+        path: the file.
+        name: of the hand.
+        check: what was found of it, with its parts.
 
     Raises:
         InvalidFileError: if the file cannot be written.
     """
+    assert check.parts is not None
     meshcat = Meshcat(MeshcatParams(host="localhost"))
-    draw_hand(meshcat, checked)
-    save_html(path, meshcat)
+    save_html(path, meshcat, draw_hand(meshcat, name, check.parts, check.findings))
 
 
-def draw_hand(meshcat: Meshcat, checked: CheckedHand) -> None:
-    """Draws a hand in its palm frame P with its sensors' frames S, fingertips' F and pads' T, all named."""
+def draw_hand(meshcat: Meshcat, name: str, checked: CheckedHand, findings: tuple[Finding, ...]) -> Page:
+    """Draws a hand in its palm frame P with its sensors' frames S, fingertips' F and pads' T; gives the page of it."""
     plant, hand = checked.plant, checked.hand
     context = plant.GetMyContextFromRoot(checked.diagram.CreateDefaultContext())
-    P = hand.palm_frame
-    surface = BodyMeshes.in_palm(plant, context, P, colliding=True)
-    meshcat.SetTriangleMesh(
-        "/hand/shapes", np.asfortranarray(surface.vertices.T), np.asfortranarray(surface.faces.T), _HAND_COLOUR
+    surface = BodyMeshes.in_palm(plant, context, hand.palm_frame, colliding=True)
+    vertices, faces = np.asfortranarray(surface.vertices.T), np.asfortranarray(surface.faces.T)
+    meshcat.SetTriangleMesh("/tactopose/hand", vertices, faces, Rgba(*HAND.colour))
+    frames = _frames(meshcat, checked, context)
+    kinds = list(dict.fromkeys(kind for kind, _, _ in frames))
+    for kind, text, X in frames:
+        add_frame(meshcat, f"/tactopose/{kind}/{text}", _LENGTHS[kind])
+        meshcat.SetTransform(f"/tactopose/{kind}/{text}", X)
+    switches = [Switch(_KINDS[kind], f"^/tactopose/{kind}/") for kind in kinds]
+    if hand.surfaces:
+        switches.insert(0, Switch(_TIP, "^/tactopose/fingertips/"))
+    low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
+    return Page(
+        title=f"The hand {name}: frames and fingertips",
+        said=_said(findings),
+        switches=(*switches, hand_switch(HAND._replace(meaning="what collides, at zero joint positions"))),
+        details=(_table(findings),),
+        labels=tuple(Label(f"/tactopose/{kind}/{text}", text, FRAMES.colour) for kind, text, _ in frames),
+        direction_W=_view([X.translation() for _, _, X in frames], 0.5 * (low + high)),
+        p_WQ=_held(surface.vertices, [X.translation() for _, _, X in frames]),
     )
-    poses = {"P": (RigidTransform(), 0.04)}
-    poses |= {f"T {pad}": (_pose(plant, context, P, frame), 0.02) for pad, frame in hand.pad_frames.items()}
+
+
+def _frames(meshcat: Meshcat, checked: CheckedHand, context: Context) -> list[tuple[str, str, RigidTransform]]:
+    """Kind, name and pose in P of each frame; draws the fingertips' surfaces."""
+    plant, hand = checked.plant, checked.hand
+    P = hand.palm_frame
+    frames = [("P", "P", RigidTransform())]
+    frames += [("T", f"T {pad}", _pose(plant, context, P, frame)) for pad, frame in hand.pad_frames.items()]
     for finger, tip in hand.surfaces.items():
         X_PS = _pose(plant, context, P, hand.sensor_frames[finger])
         X_PF = X_PS @ RigidTransform(RotationMatrix(tip.X_SF[:, :3]), tip.X_SF[:, 3])
-        meshcat.SetObject(f"/hand/fingertips/{finger}", _shape(tip), _TIP_COLOUR)
-        meshcat.SetTransform(f"/hand/fingertips/{finger}", X_PF)
+        meshcat.SetObject(f"/tactopose/fingertips/{finger}", _shape(tip), Rgba(*_TIP.colour, _TIP_OPACITY))
+        bring_forward(meshcat, f"/tactopose/fingertips/{finger}")  # the hand's own shape lies where it lies
+        meshcat.SetTransform(f"/tactopose/fingertips/{finger}", X_PF)
         is_same = X_PF.IsNearlyEqualTo(X_PS, 1e-6)
-        poses[f"S = F {finger}" if is_same else f"S {finger}"] = (X_PS, 0.02)
+        frames.append(("S", f"S = F {finger}" if is_same else f"S {finger}", X_PS))
         if not is_same:
-            poses[f"F {finger}"] = (X_PF, 0.012)
-    low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
-    direction = _view([X.translation() for X, _ in poses.values()], 0.5 * (low + high))
-    facing = _facing(direction)
-    for name, (X, length) in poses.items():
-        _draw_frame(meshcat, f"/hand/frames/{name}", X, length)
-        _draw_name(meshcat, f"/hand/names/{name}", name, X.translation() + _LABEL_DISTANCE * direction, facing)
-    set_stage(meshcat, 0.5 * (low + high), float(np.linalg.norm(high - low)), direction)
+            frames.append(("F", f"F {finger}", X_PF))
+    return frames
+
+
+def _said(findings: tuple[Finding, ...]) -> Instant:
+    """Whether the hand can be used, and what is wrong with it."""
+    faults = [finding for finding in findings if finding.verdict == "fault"]
+    notes = [finding for finding in findings if finding.verdict == "note"]
+    right = len(findings) - len(faults) - len(notes)
+    usable = "cannot be used as it is" if faults else "can be used"
+    sentences = [f"It {usable}. Faults: {len(faults)}, notes: {len(notes)}, found right: {right}."]
+    sentences += [f"{finding.part}: {finding.text}." for finding in (*faults, *notes)]
+    nothing = PageTable("", (), ())
+    return Instant("fault" if faults else "ok", tuple(sentences), nothing, nothing)
+
+
+def _table(findings: tuple[Finding, ...]) -> PageTable:
+    rows = tuple(Row((finding.part, finding.text)) for finding in findings if finding.verdict == "ok")
+    return PageTable("What was found right", ("part", "what"), rows, of_words=True)
 
 
 def _pose(plant: MultibodyPlant, context: Context, P: Frame, frame: Frame) -> RigidTransform:
@@ -80,36 +124,18 @@ def _shape(surface: Surface) -> Shape:
     return Sphere(surface.half_width)
 
 
+def _held(vertices: FloatArray, origins: list[FloatArray]) -> FloatArray:
+    """What a view of the hand holds: the fingers and the palm, but of a long forearm only its beginning, (n, 3), m."""
+    frames = np.array(origins)
+    reach = float(np.linalg.norm(np.ptp(frames, axis=0)))
+    near = np.min(np.linalg.norm(vertices[:, None] - frames, axis=2), axis=1) < max(0.5 * reach, 0.08)
+    held: FloatArray = np.concatenate([vertices[near], frames])
+    return held
+
+
 def _view(points: list[FloatArray], middle: FloatArray) -> FloatArray:
     """From where frames are seen side by side: across the plane that they lie nearest to, and not from above."""
     _, _, axes = np.linalg.svd(np.array(points) - np.mean(points, axis=0), full_matrices=True)
     normal = axes[-1] if axes[-1] @ (np.mean(points, axis=0) - middle) >= 0 else -axes[-1]
     tilted: FloatArray = normal + 0.25 * np.array([0.3, -0.5, 0.6])
     return tilted / np.linalg.norm(tilted)
-
-
-def _facing(direction: FloatArray) -> RotationMatrix:
-    """The orientation of letters, x to the right and y up, that face a camera in that direction; up is z."""
-    right = np.cross([0.0, 0.0, 1.0], direction)
-    right /= np.linalg.norm(right)
-    return RotationMatrix(np.column_stack([right, np.cross(direction, right), direction]))
-
-
-def _draw_frame(meshcat: Meshcat, path: str, X: RigidTransform, length: float) -> None:
-    for axis, colour in enumerate(_AXIS_COLOURS):
-        end = length * np.eye(3)[axis]
-        meshcat.SetLine(f"{path}/{'xyz'[axis]}", np.column_stack([np.zeros(3), end]), 3.0, colour)
-    meshcat.SetObject(f"{path}/origin", Sphere(0.05 * length), _TEXT_COLOUR)
-    meshcat.SetTransform(path, X)
-
-
-def _draw_name(meshcat: Meshcat, path: str, name: str, position: FloatArray, facing: RotationMatrix) -> None:
-    """The outlines of letters."""
-    starts, ends = [], []
-    for outline in TextPath((0.0, 0.0), name, size=_TEXT_HEIGHT).to_polygons(closed_only=False):
-        corners = np.asarray(outline, dtype=np.float64)
-        points = np.column_stack([corners, np.zeros(len(corners))])
-        starts.append(points[:-1])
-        ends.append(points[1:])
-    meshcat.SetLineSegments(path, np.concatenate(starts).T, np.concatenate(ends).T, 1.5, _TEXT_COLOUR)
-    meshcat.SetTransform(path, RigidTransform(facing, position))

@@ -18,8 +18,10 @@ from tactopose_drake.resources import fixed_pose
 from tactopose_drake.runs.stepping import RunView
 from tactopose_drake.runs.timeline_recorder import TimelineRecorder, belief_port
 from tactopose_drake.station.scenario import Scenario
+from tactopose_drake.visualization.appearance import MOVING_ALTERNATIVES
 from tactopose_drake.visualization.body_meshes import BodyMeshes
 from tactopose_drake.visualization.estimate_page import page_of
+from tactopose_drake.visualization.frame_marks import add_frames
 from tactopose_drake.visualization.meshcat import upright
 from tactopose_drake.visualization.page import save_html
 from tactopose_drake.visualization.patch_marks import add_patches, move_patches
@@ -30,7 +32,6 @@ from tactopose_drake.visualization.touch_marks import add_touch, move_touch
 _PATH = "/tactopose"
 _PERIOD = 0.04  # s between two moments at the least; it doubles where a run is long
 _MOST_MOMENTS = 130  # of a page, which stays below 6 MB with them
-_ALTERNATIVES = 2  # hypotheses beside the best that are drawn at each moment
 
 
 class Moment(NamedTuple):
@@ -112,7 +113,7 @@ class PageRecorder:
         meshcat.PublishRecording()
         scene = self._scene(last)
         meshcat.SetTransform(_PATH, upright(scene))
-        page = page_of(scene, last.estimate, title=title, when=f"At {last.time:.2f} s", timeline=timeline)
+        page = page_of(scene, last.estimate, title=title, timeline=timeline)
         save_html(path, meshcat, page)
         return True
 
@@ -123,7 +124,7 @@ class PageRecorder:
             model=self._model,
             contacts=moment.contacts,
             patches=moment.patches,
-            hypotheses=_shown(moment)[: 1 + _ALTERNATIVES],
+            hypotheses=_shown(moment)[: 1 + MOVING_ALTERNATIVES],
             prior=moment.prior,
             hand=self._meshes.merged(X_PB),
             up_P=X_WP.rotation().inverse() @ np.array([0.0, 0.0, 1.0]),
@@ -131,10 +132,11 @@ class PageRecorder:
 
     def _add_parts(self, meshcat: Meshcat) -> None:
         add_object(meshcat, f"{_PATH}/prior", self._model, "prior")
-        add_hypotheses(meshcat, _PATH, self._model, _ALTERNATIVES)
+        add_hypotheses(meshcat, _PATH, self._model, MOVING_ALTERNATIVES)
         add_touch(meshcat, f"{_PATH}/touch", self._most_contacts)
         pads, cells = self._pads()
         add_patches(meshcat, f"{_PATH}/patches", pads, cells)
+        add_frames(meshcat, _PATH)
         for row, mesh in enumerate(self._meshes.meshes):
             vertices, faces = np.asfortranarray(mesh.vertices.T), np.asfortranarray(mesh.faces.T)
             meshcat.SetTriangleMesh(f"{_PATH}/hand/{row}", vertices, faces, Rgba(*mesh.colour.mean(axis=0)))
@@ -142,7 +144,7 @@ class PageRecorder:
     def _draw(self, meshcat: Meshcat, moment: Moment) -> None:
         time, hypotheses = moment.time, _shown(moment)
         scene = Scene(model=self._model, contacts=moment.contacts, hypotheses=hypotheses)
-        move_hypotheses(meshcat, _PATH, self._model, hypotheses[:1] + scene.alternatives, _ALTERNATIVES, time)
+        move_hypotheses(meshcat, _PATH, self._model, hypotheses[:1] + scene.alternatives, MOVING_ALTERNATIVES, time)
         place(meshcat, f"{_PATH}/prior", moment.prior, time)
         move_touch(meshcat, f"{_PATH}/touch", moment.contacts, self._most_contacts, time, scene.is_false)
         move_patches(meshcat, f"{_PATH}/patches", moment.patches, *self._pads(), time)
@@ -151,9 +153,10 @@ class PageRecorder:
             meshcat.SetTransform(f"{_PATH}/hand/{row}", X_PB[body], time)
 
     def _pads(self) -> tuple[int, int]:
-        """How many pads there are, and how many cells the largest has."""
-        patches = self._moments[-1].patches
-        return len(patches), max((len(patch.p_PT) for patch in patches), default=0)
+        """How many pads have felt something at once, and how many cells the largest has."""
+        felt = [moment.patches for moment in self._moments]
+        cells = max((len(patch.p_PT) for patches in felt for patch in patches), default=0)
+        return max(map(len, felt)), cells
 
     def _body_poses(self, q: FloatArray) -> list[RigidTransform]:
         """Poses of all bodies in P."""

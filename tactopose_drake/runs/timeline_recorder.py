@@ -1,6 +1,6 @@
 """What a station says over a run, for the timeline of a page."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -10,8 +10,20 @@ from tactopose_drake.estimation.descriptions import determined_sigmas
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.hand.hand_config import HandConfig
 from tactopose_drake.runs.stepping import RunView
-from tactopose_drake.visualization.appearance import MOST_FREE
+from tactopose_drake.visualization.appearance import MOST_FREE, MOVING_ALTERNATIVES
+from tactopose_drake.visualization.estimate_page import instant_of
+from tactopose_drake.visualization.page_tables import Instant
+from tactopose_drake.visualization.scene import Scene, ShownHypothesis, touch_of
 from tactopose_drake.visualization.timeline import Curve, Plot, Timeline
+
+
+class _Noted(NamedTuple):
+    """What is noted of a moment: its time, s, the status, the curves' values by name, and what a page says."""
+
+    time: float
+    status: str
+    values: dict[str, float]
+    said: Instant
 
 
 class TimelineRecorder:
@@ -25,16 +37,17 @@ class TimelineRecorder:
         """Keeps the hand, by whose fingers and pads the curves are named, and the object."""
         self._fingers = [finger.name for finger in config.fingers if finger.sensor_frame]
         self._pads = [pad.name for pad in config.pads]
-        self._size = model.size
-        self._rows: list[tuple[float, str, dict[str, float]]] = []
+        self._model = model
+        self._rows: list[_Noted] = []
 
     def show(self, view: RunView) -> None:
         """Notes the present."""
         time = view.context.get_time()
-        if self._rows and time <= self._rows[-1][0]:
+        if self._rows and time <= self._rows[-1].time:
             self._rows.clear()
-        values = self._forces(view) | self._pressures(view) | self._widths(_now(view, belief_port(view, "hypotheses")))
-        self._rows.append((time, _now(view, belief_port(view, "status")), values))
+        estimate, status = _now(view, belief_port(view, "hypotheses")), _now(view, belief_port(view, "status"))
+        values = self._forces(view) | self._pressures(view) | self._widths(estimate)
+        self._rows.append(_Noted(time, status, values, instant_of(self._scene(view, estimate), estimate, status)))
 
     def thin(self) -> None:
         """Forgets every second moment."""
@@ -50,10 +63,18 @@ class TimelineRecorder:
         plots = [Plot("contact force", "N", curves["force"])] if self._fingers else []
         plots += [Plot("highest pressure", "kPa", curves["pressure"])] if self._pads else []
         plots += [Plot("\u00b1 position", "mm", (position,)), Plot("\u00b1 angle", "deg", (angle,))]
-        return Timeline(np.array([row[0] for row in self._rows]), tuple(row[1] for row in self._rows), tuple(plots))
+        times, states, said = zip(*((row.time, row.status, row.said) for row in self._rows), strict=True)
+        return Timeline(np.array(times), states, tuple(plots), said)
 
     def _values(self, name: str) -> FloatArray:
-        return np.array([row[2].get(name, np.nan) for row in self._rows])
+        return np.array([row.values.get(name, np.nan) for row in self._rows])
+
+    def _scene(self, view: RunView, estimate: PoseEstimate | None) -> Scene:
+        """What is drawn of the present, but for the hand."""
+        patches = _now(view, "patches") if view.diagram.HasOutputPort("patches") else ()
+        hypotheses = () if estimate is None else estimate.hypotheses[: 1 + MOVING_ALTERNATIVES]
+        shown = tuple(map(ShownHypothesis.of, hypotheses))
+        return Scene(model=self._model, contacts=touch_of(_now(view, "contacts"), patches), hypotheses=shown)
 
     def _forces(self, view: RunView) -> dict[str, float]:
         contacts, names = _now(view, "contacts"), _now(view, "fingers_in_contact")
@@ -75,7 +96,7 @@ class TimelineRecorder:
     def _widths(self, estimate: PoseEstimate | None) -> dict[str, float]:
         if estimate is None or len(estimate.best.free_directions) > MOST_FREE:
             return {}  # Of a pose of which next to nothing is determined, what is says nothing.
-        rotation, translation = determined_sigmas(estimate.best, self._size)
+        rotation, translation = determined_sigmas(estimate.best, self._model.size)
         return {"width_position": 1e3 * translation, "width_angle": float(np.degrees(rotation))}
 
 

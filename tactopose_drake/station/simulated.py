@@ -26,6 +26,7 @@ from tactopose_drake.hand.contact_properties import (
     rigid_shapes,
 )
 from tactopose_drake.hand.hand_config import Hand, add_hand, load_hand_config
+from tactopose_drake.hand.tactile_pads import load_tactile_pad
 from tactopose_drake.resources import add_model, fixed_pose, make_parser, passing_builder
 from tactopose_drake.station.grasp import GraspStart, add_grip, add_planned_grasp
 from tactopose_drake.station.grasp_planning import plan_scenario
@@ -36,8 +37,7 @@ from tactopose_drake.station.tracking import add_tracking
 from tactopose_drake.systems.camera_view import CameraView
 from tactopose_drake.systems.grip_controller import set_motor_gains
 from tactopose_drake.systems.palm_pose import PalmPose
-from tactopose_drake.systems.patch_display import PatchDisplay
-from tactopose_drake.systems.pose_display import PoseDisplay
+from tactopose_drake.systems.pose_display import PoseDisplay, PoseDisplayParams
 from tactopose_drake.systems.pose_estimation import AddPoseEstimation
 from tactopose_drake.systems.random_sources import seed_random_sources
 from tactopose_drake.systems.simulated_vision import SimulatedVision
@@ -285,16 +285,11 @@ def _add_display(
     for geometry in plant.GetVisualGeometriesForBody(object_body):
         scene_graph.RemoveRole(plant.get_source_id(), geometry, Role.kIllustration)
     MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat)
-    display = builder.AddNamedSystem(
-        "pose_display", PoseDisplay(meshcat, model, hand.palm_frame, object_body=object_body)
-    )
+    cells = [len(load_tactile_pad(pad.array).layout) for pad in hand.config.pads]
+    params = PoseDisplayParams(max_pads=len(cells), max_cells=max(cells, default=0))
+    display = builder.AddNamedSystem("pose_display", PoseDisplay(meshcat, model, hand.palm_frame, params, object_body))
     estimation = builder.GetSubsystemByName("pose_estimation")
-    for name in ("contacts", "object_pose", "hypotheses"):
+    for name in ("contacts", "object_pose", "hypotheses", *(["patches"] if cells else [])):
         builder.Connect(estimation.GetOutputPort(name), display.GetInputPort(name))
     builder.Connect(builder.GetSubsystemByName("vision").GetOutputPort("prior"), display.GetInputPort("prior"))
     builder.Connect(plant.get_body_poses_output_port(), display.GetInputPort("body_poses"))
-    if hand.config.pads:
-        patches = builder.AddNamedSystem("patch_display", PatchDisplay(meshcat, hand))
-        for shown in (display, patches):
-            builder.Connect(estimation.GetOutputPort("patches"), shown.GetInputPort("patches"))
-        builder.Connect(plant.get_body_poses_output_port(), patches.GetInputPort("body_poses"))

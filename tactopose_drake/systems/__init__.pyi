@@ -36,8 +36,6 @@ from .object_tracker import ObjectTracker as ObjectTracker
 from .palm_pose import PalmPose as PalmPose
 from .patch_descriptor import PatchDescriptor as PatchDescriptor
 from .patch_descriptor import PatchDescriptorParams as PatchDescriptorParams
-from .patch_display import PatchDisplay as PatchDisplay
-from .patch_display import PatchDisplayParams as PatchDisplayParams
 from .played_signal import PlayedValue as PlayedValue
 from .played_signal import PlayedVector as PlayedVector
 from .ports import eval_input as eval_input

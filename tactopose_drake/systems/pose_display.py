@@ -17,8 +17,10 @@ from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.ports import eval_input, eval_optional_input
-from tactopose_drake.visualization.appearance import MOST_ALTERNATIVES
+from tactopose_drake.visualization.appearance import MOST_ALTERNATIVES, MOVING_ALTERNATIVES
+from tactopose_drake.visualization.frame_marks import add_frames
 from tactopose_drake.visualization.meshcat import aim_camera
+from tactopose_drake.visualization.patch_marks import add_patches, move_patches
 from tactopose_drake.visualization.pose_marks import add_hypotheses, add_object, move_hypotheses, place
 from tactopose_drake.visualization.scene import Scene, ShownHypothesis, false_contacts, touch_of, worth_drawing
 from tactopose_drake.visualization.touch_marks import add_touch, move_touch
@@ -33,15 +35,19 @@ class PoseDisplayParams:
     max_contacts: int = 10  # that can be shown at once
     friction_coefficient: float | None = None  # of the friction cones; no cones without
     aim_camera: bool = True  # once, at what is known of the object's pose when a simulation is initialized
-    max_alternatives: int = 2  # hypotheses beside the best that can be shown at once, 0 to 8
+    max_alternatives: int = MOVING_ALTERNATIVES  # hypotheses beside the best that can be shown at once, 0 to 5
+    max_pads: int = 4  # tactile pads whose pressed cells can be shown at once
+    max_cells: int = 24  # of each pad that can be shown
+    frames: bool = False  # whether the frames of palm and object are shown
 
     def validate(self) -> None:
         """Raises InvalidInputError if a value is out of its range."""
         positive_number("PoseDisplayParams.period", self.period)
-        if self.max_contacts < 0:
-            raise InvalidInputError(
-                f"PoseDisplayParams.max_contacts: is {self.max_contacts}; allowed are numbers >= 0."
-            )
+        for name in ("max_contacts", "max_pads", "max_cells"):
+            if getattr(self, name) < 0:
+                raise InvalidInputError(
+                    f"PoseDisplayParams.{name}: is {getattr(self, name)}; allowed are numbers >= 0."
+                )
         if self.friction_coefficient is not None:
             positive_number("PoseDisplayParams.friction_coefficient", self.friction_coefficient)
         if not 0 <= self.max_alternatives <= MOST_ALTERNATIVES:
@@ -69,8 +75,8 @@ class PoseDisplay(CollectableSystem):
         - body_poses
 
     - contacts: `Contacts` in P.
-    - patches: tuple of `Patch` in P; may stay unconnected. Their middles are shown as contacts; `PatchDisplay` shows
-      their cells.
+    - patches: tuple of `Patch` in P; may stay unconnected. Their middles are shown as contacts, their pressed cells as
+      plates as large as the pressure, and their principal axes as bars.
     - prior: `PosePrior` X_PO or None; nothing is shown for it when it is not connected or None.
     - object_pose: `RigidTransform` X_PO, the estimate.
     - hypotheses: `PoseEstimate` or None; where it is connected, the estimate and all that is said of it, in place of
@@ -123,6 +129,10 @@ class PoseDisplay(CollectableSystem):
             add_object(self._meshcat, f"{path}/truth", self._model, "truth")
         add_hypotheses(self._meshcat, path, self._model, params.max_alternatives)
         add_touch(self._meshcat, f"{path}/touch", params.max_contacts, friction=params.friction_coefficient)
+        if self._patches.HasValue(context):
+            add_patches(self._meshcat, f"{path}/patches", params.max_pads, params.max_cells)
+        if params.frames:
+            add_frames(self._meshcat, path)
         if params.aim_camera:
             self._aim(context)
         return EventStatus.Succeeded()
@@ -148,12 +158,13 @@ class PoseDisplay(CollectableSystem):
         if self._object_body is not None:
             X_PO = None if X_WB is None else X_WP.inverse() @ X_WB[self._object_body]
             place(meshcat, f"{path}/truth", X_PO, time)
-        contacts = self._touch(context)
-        hypotheses = self._shown(context)
-        count = self._params.max_alternatives
-        move_hypotheses(meshcat, path, self._model, hypotheses, count, time)
+        contacts, hypotheses, params = self._touch(context), self._shown(context), self._params
+        move_hypotheses(meshcat, path, self._model, hypotheses, params.max_alternatives, time)
         is_false = false_contacts(hypotheses, len(contacts))
-        move_touch(meshcat, f"{path}/touch", contacts, self._params.max_contacts, time, is_false)
+        move_touch(meshcat, f"{path}/touch", contacts, params.max_contacts, time, is_false)
+        if self._patches.HasValue(context):
+            patches = eval_input(self._patches, context, tuple)
+            move_patches(meshcat, f"{path}/patches", patches, params.max_pads, params.max_cells, time)
         return EventStatus.Succeeded()
 
     def _touch(self, context: Context) -> Contacts:

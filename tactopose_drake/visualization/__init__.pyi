@@ -3,6 +3,8 @@ from .body_meshes import BodyMeshes as BodyMeshes
 from .body_meshes import Triangles as Triangles
 from .body_meshes import sphere_triangles as sphere_triangles
 from .estimate_page import page_of as page_of
+from .frame_marks import add_frame as add_frame
+from .frame_marks import add_frames as add_frames
 from .likelihood_bars import add_bars as add_bars
 from .likelihood_bars import set_bars as set_bars
 from .meshcat import aim_camera as aim_camera

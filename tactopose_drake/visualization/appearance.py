@@ -7,7 +7,7 @@ solid, what it is compared with are lines, and what was felt are balls and arrow
 from typing import Literal, NamedTuple
 
 Colour = tuple[float, float, float]
-Mark = Literal["solid", "ghost", "line", "ball", "cross", "pin", "arrow", "turn", "ellipsoid", "cell"]
+Mark = Literal["solid", "ghost", "line", "ball", "cross", "pin", "arrow", "turn", "ellipsoid", "cell", "frame", "cone"]
 
 
 class Look(NamedTuple):
@@ -42,10 +42,15 @@ FALSE_CONTACT = Look("false contact", (0.50, 0.51, 0.53), "cross", "probably not
 NORMAL = Look("contact normal", (0.36, 0.38, 0.43), "pin", "out of the object, as it was felt")
 FORCE = Look("contact force", (0.85, 0.10, 0.20), "arrow", "of the object on the finger")
 PRESSURE = Look("pressed cells", (0.98, 0.80, 0.08), "cell", "of a tactile pad; the larger, the more pressure")
+CONE = Look("friction cones", (0.36, 0.38, 0.43), "cone", "in which the forces lie where nothing slips")
+FRAMES = Look("frames", (0.36, 0.38, 0.43), "frame", "of palm P and object O: x red, y green, z blue")
 HAND = Look("hand", (0.62, 0.64, 0.67), "solid", "at this instant")
 
 ROLES = {"estimate": ESTIMATE, "prior": PRIOR, "truth": TRUTH}
 """The looks of the poses of an object by the name of what they are."""
+
+AXIS_COLOURS: tuple[Colour, Colour, Colour] = ((0.85, 0.15, 0.15), (0.10, 0.60, 0.20), (0.15, 0.30, 0.85))
+"""Of x, y and z."""
 
 LEAST_INLIER_PROBABILITY = 0.5
 """A contact that is probably less than this one of the object is drawn as a false one."""
@@ -57,3 +62,5 @@ MOST_ALTERNATIVES = 5
 """Hypotheses beside the best that are drawn at the most,"""
 LEAST_ALTERNATIVE = 0.01
 """and how probable each is at the least."""
+MOVING_ALTERNATIVES = 2
+"""Hypotheses beside the best that are drawn of what moves, so that its recording stays small."""

@@ -1,5 +1,7 @@
 """The page of an estimate: what it says of a scene, in words and numbers, and the switches of what is drawn."""
 
+import dataclasses
+
 import numpy as np
 from pydrake.geometry import Meshcat, MeshcatParams
 from pydrake.math import RigidTransform
@@ -16,7 +18,8 @@ from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.visualization import appearance
 from tactopose_drake.visualization.appearance import Look
 from tactopose_drake.visualization.meshcat import draw_scene, upright
-from tactopose_drake.visualization.page import Label, Page, PageTable, Row, Switch, hand_switch
+from tactopose_drake.visualization.page import Label, Page, Switch, hand_switch
+from tactopose_drake.visualization.page_tables import Instant, PageTable, Row
 from tactopose_drake.visualization.scene import Scene
 from tactopose_drake.visualization.timeline import Timeline
 from tactopose_drake.visualization.uncertainty import free_arrows
@@ -31,12 +34,15 @@ _PARTS: dict[Look, str] = {
     appearance.TRUTH: r"^/tactopose/truth(/|$)",
     appearance.CONTACT: r"^/tactopose/touch/\d+/point",
     appearance.FALSE_CONTACT: r"^/tactopose/touch/\d+/false",
-    appearance.NORMAL: r"^/tactopose/touch/\d+/normal",
+    appearance.NORMAL: r"^/tactopose/touch/\d+/normal/line",
+    appearance.CONE: r"^/tactopose/touch/\d+/normal/cone",
+    appearance.FRAMES: r"^/tactopose/(palm|estimate/frame)/",
     appearance.FORCE: r"^/tactopose/touch/\d+/force",
-    appearance.PRESSURE: r"^/tactopose(_|/)patches/",
+    appearance.PRESSURE: r"^/tactopose/patches/",
 }
 # Hypotheses beside the best that are shown at first: so many at the most, and so probable at the least.
 _SHOWN, _LEAST_SHOWN = 3, 0.1
+_AT_FIRST_OFF = (appearance.CONE, appearance.FRAMES)  # what is shown on request
 _DIRECTIONS = 60  # along each of which the outermost point is framed
 
 
@@ -47,7 +53,6 @@ def page_of(
     title: str = "",
     X_WP: RigidTransform | None = None,
     tables: tuple[PageTable, ...] = (),
-    when: str = "",
     timeline: Timeline | None = None,
 ) -> Page:
     """The page of an estimate.
@@ -58,25 +63,17 @@ def page_of(
         title: what the page is; by default the object's name, and that touch put it there.
         X_WP: the palm in Meshcat's world; by default where `draw_scene` has it.
         tables: further ones, before that of the hypotheses.
-        when: of a recording, the time of what the page says beside the scene.
         timeline: of a recording.
     """
-    name, best = scene.model.name.replace("_", " "), estimate.best
+    name = scene.model.name.replace("_", " ")
     X_WP = upright(scene) if X_WP is None else X_WP
-    lines = (
-        f"{meaning(estimate)[0].upper()}{meaning(estimate)[1:]}.",
-        sigma_line(best, scene.model.size),
-        free_line(best),
-        false_contacts_line(scene.is_false),
-    )
+    said = instant_of(scene, estimate)
+    unknown = ("Which hand holds it is not told, so none is drawn.",) if scene.hand is None else ()
     return Page(
         title=title or f"{name[0].upper()}{name[1:]} in the hand: pose by touch",
-        status=estimate.status,
-        when=when,
-        sentences=tuple(line for line in lines if line),
+        said=said._replace(sentences=(*said.sentences, *unknown)),
+        tables=tables,
         switches=scene_switches(scene),
-        tables=(*tables, _hypotheses(estimate, scene.model.size, len(scene.alternatives))),
-        details=(_contacts(scene),),
         labels=_labels(scene),
         direction_W=X_WP.rotation() @ choose_view(scene),
         p_WQ=_outermost(X_WP.multiply(points_of_interest(scene).T).T),
@@ -85,10 +82,37 @@ def page_of(
 
 
 def estimate_meshcat(scene: Scene) -> Meshcat:
-    """A Meshcat of its own, in which a scene is drawn."""
+    """A Meshcat of its own, in which a scene is drawn, with its frames."""
     meshcat = Meshcat(MeshcatParams(host="localhost"))
-    draw_scene(meshcat, scene)
+    draw_scene(meshcat, dataclasses.replace(scene, frames=True))
     return meshcat
+
+
+def instant_of(scene: Scene, estimate: PoseEstimate | None, status: str = "") -> Instant:
+    """What a page says of a scene.
+
+    Args:
+        scene: what is drawn.
+        estimate: the result; None where there is none yet.
+        status: what a station says, a word and maybe ": " and why; by default the estimate's.
+    """
+    word, _, why = status.partition(": ")
+    sentences = [why[0].upper() + why[1:] + "."] if why else []
+    if estimate is not None:
+        word = word or estimate.status
+        believed = meaning(estimate)
+        sentences += [
+            f"{believed[0].upper()}{believed[1:]}.",
+            sigma_line(estimate.best, scene.model.size),
+            free_line(estimate.best),
+            false_contacts_line(scene.is_false),
+        ]
+    return Instant(
+        status=word,
+        sentences=tuple(sentence for sentence in sentences if sentence),
+        hypotheses=_hypotheses(estimate, scene.model.size, len(scene.alternatives)),
+        contacts=_contacts(scene),
+    )
 
 
 def scene_switches(scene: Scene) -> tuple[Switch, ...]:
@@ -100,14 +124,17 @@ def scene_switches(scene: Scene) -> tuple[Switch, ...]:
             f"{appearance.FORCE.meaning}; the longest is {float(np.linalg.norm(forces, axis=1).max()):.1f} N"
         )
     return tuple(
-        hand_switch(look) if look is appearance.HAND else Switch(look, _PARTS[look], details.get(look, ""))
-        for look in scene.looks
+        hand_switch(look)
+        if look is appearance.HAND
+        else Switch(look, _PARTS[look], details.get(look, ""), look not in _AT_FIRST_OFF)
+        for look in dataclasses.replace(scene, frames=True).looks
     )
 
 
-def _hypotheses(estimate: PoseEstimate, size: float, count: int) -> PageTable:
+def _hypotheses(estimate: PoseEstimate | None, size: float, count: int) -> PageTable:
+    found = () if estimate is None else estimate.hypotheses
     rows = []
-    for index, hypothesis in enumerate(estimate.hypotheses[: 1 + count]):
+    for index, hypothesis in enumerate(found[: 1 + count]):
         rotation, translation = determined_sigmas(hypothesis, size)
         cells = (
             f"{hypothesis.probability:.1%}",
@@ -117,7 +144,7 @@ def _hypotheses(estimate: PoseEstimate, size: float, count: int) -> PageTable:
         )
         hides = f"^/tactopose/alternatives/{index - 1}(/|$)" if index else ""
         rows.append(Row(cells, hides, index <= _SHOWN and hypothesis.probability >= _LEAST_SHOWN))
-    hidden = len(estimate.hypotheses) - len(rows)
+    hidden = len(found) - len(rows)
     return PageTable(
         "Hypotheses in the palm frame",
         ("prob.", "x y z, mm", "\u00b1 mm", "\u00b1 deg"),
@@ -136,7 +163,7 @@ def _contacts(scene: Scene) -> PageTable:
         columns.append(("force, N", [f"{force:.2f}" for force in np.linalg.norm(contacts.f_PC, axis=1)]))
     inlier = scene.hypotheses[0].inlier_probability if scene.hypotheses else None
     if inlier is not None and len(inlier) >= len(contacts):
-        columns.append(("is one", [f"{share:.0%}" for share in inlier[: len(contacts)]]))
+        columns.append(("of object", [f"{share:.0%}" for share in inlier[: len(contacts)]]))
     rows = tuple(Row(cells) for cells in zip(*(cells for _, cells in columns), strict=True))
     return PageTable("Contacts in the palm frame", tuple(heading for heading, _ in columns), rows)
 
@@ -164,7 +191,11 @@ def _labels(scene: Scene) -> tuple[Label, ...]:
         )
         for row, arrow in enumerate(arrows)
     ]
-    return (*contacts, *free)
+    frames = [
+        Label(f"/tactopose/{path}", name, appearance.FRAMES.colour)
+        for path, name in (("palm", "P"), ("estimate/frame", "O"))
+    ]
+    return (*contacts, *free, *frames)
 
 
 def _outermost(points: FloatArray) -> FloatArray:

@@ -8,6 +8,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.visualization.appearance import HAND
+from tactopose_drake.visualization.frame_marks import add_frames
 from tactopose_drake.visualization.patch_marks import add_patches, move_patches
 from tactopose_drake.visualization.pose_marks import add_hypotheses, add_object, move_hypotheses
 from tactopose_drake.visualization.remote_meshcat import RemoteMeshcat
@@ -20,16 +21,13 @@ _FIELD_OF_VIEW = np.radians(75.0)
 _HAND_OPACITY = 0.5
 
 
-def draw_scene(
-    meshcat: Meshcat | RemoteMeshcat, scene: Scene, *, path: str = "/tactopose", friction: float | None = None
-) -> None:
+def draw_scene(meshcat: Meshcat | RemoteMeshcat, scene: Scene, *, path: str = "/tactopose") -> None:
     """Draws a scene, in the palm frame, upright.
 
     Args:
         meshcat: receives it; what was at the path is deleted.
         scene: what to draw.
         path: where.
-        friction: coefficient of the friction cones; none are drawn without.
     """
     meshcat.Delete(path)
     meshcat.SetTransform(path, upright(scene))
@@ -49,11 +47,13 @@ def draw_scene(
             np.asfortranarray(scene.hand.faces.T),
             Rgba(*HAND.colour, _HAND_OPACITY),
         )
-    add_touch(meshcat, f"{path}/touch", len(scene.contacts), friction=friction)
+    add_touch(meshcat, f"{path}/touch", len(scene.contacts), friction=scene.friction)
     move_touch(meshcat, f"{path}/touch", scene.contacts, len(scene.contacts), is_false=scene.is_false)
     cells = max((len(patch.p_PT) for patch in scene.patches), default=0)
     add_patches(meshcat, f"{path}/patches", len(scene.patches), cells)
     move_patches(meshcat, f"{path}/patches", scene.patches, len(scene.patches), cells)
+    if scene.frames:
+        add_frames(meshcat, path)
 
 
 def upright(scene: Scene) -> RigidTransform:

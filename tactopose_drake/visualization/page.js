@@ -14,9 +14,37 @@
     return found;
   }
 
-  const switches = [...document.querySelectorAll("[data-hides]")];
+  // What each box of legend and tables says, by what it hides; tables change with the time of a recording.
+  const isOn = new Map();
+  const boxes = () => [...document.querySelectorAll("[data-hides]")];
+  const isPart = (box, group) => box !== group && box.dataset.hides.startsWith(group.dataset.hides);
+  function readBoxes() {
+    for (const box of boxes()) {
+      if (isOn.has(box.dataset.hides)) box.checked = isOn.get(box.dataset.hides);
+      else isOn.set(box.dataset.hides, box.checked);
+    }
+    // A legend's entry that stands for the rows of a table is on where one of them is.
+    for (const group of boxes()) {
+      const parts = boxes().filter((box) => isPart(box, group));
+      if (parts.length) setBox(group, parts.some((box) => box.checked));
+    }
+  }
+  function setBox(box, on) {
+    box.checked = on;
+    isOn.set(box.dataset.hides, on);
+  }
+  function onBox(event) {
+    const box = event.target;
+    if (box.dataset.hides) {
+      setBox(box, box.checked);
+      for (const part of boxes().filter((other) => isPart(other, box))) setBox(part, box.checked);
+      readBoxes();
+    }
+    applySwitches();
+  }
+
   function applySwitches() {
-    const off = switches.filter((box) => !box.checked).map((box) => new RegExp(box.dataset.hides));
+    const off = [...isOn].filter(([, on]) => !on).map(([hides]) => new RegExp(hides));
     const thin = document.getElementById("tp-see-through");
     for (const [path, object] of leaves(viewer.scene_tree, "", [])) {
       if (!path.startsWith("/tactopose") && !path.startsWith("/drake")) continue;
@@ -89,20 +117,28 @@
     const width = viewer.dom_element.offsetWidth, height = viewer.dom_element.offsetHeight;
     viewer.camera.updateMatrixWorld();
     viewer.scene.updateMatrixWorld();
+    const taken = [];
     for (const { path, element, at: place } of labels) {
       const node = viewer.scene_tree.find(path.split("/").filter(Boolean));
       const mesh = leaves(node, "", []).map(([, object]) => object).find(isShown);
       const at = node.object.localToWorld(vector().fromArray(place)).project(viewer.camera);
       const shown = mesh && Math.abs(at.z) < 1 && Math.abs(at.x) < 1 && Math.abs(at.y) < 1;
       element.style.display = shown ? "" : "none";
-      const x = Math.min((0.5 + 0.5 * at.x) * width + 7, width - element.offsetWidth - 4);
-      element.style.transform = `translate(${x}px, ${(0.5 - 0.5 * at.y) * height - 20}px)`;
+      if (!shown) continue;
+      const wide = element.offsetWidth, high = element.offsetHeight;
+      const x = Math.min((0.5 + 0.5 * at.x) * width + 7, width - wide - 4);
+      const y = (0.5 - 0.5 * at.y) * height - 20;
+      // The nearest place above or below at which no other text stands.
+      const isFree = (top) => !taken.some((other) => Math.abs(other.x - x) < (x < other.x ? wide : other.wide) && Math.abs(other.y - top) < high - 3);
+      const top = [0, -1, 1, -2, 2, -3, 3].map((step) => y + step * (high - 2)).find(isFree) ?? y;
+      taken.push({ x, y: top, wide });
+      element.style.transform = `translate(${x}px, ${top}px)`;
     }
   }
 
   // The time of a recording: the page drives Meshcat's animation itself.
   const slider = document.getElementById("tp-time");
-  let playedFrom = null;
+  let playedFrom = null, lastSaid = null;
   function setTime(time) {
     for (const action of viewer.animator.actions) {
       action.enabled = true;
@@ -112,6 +148,12 @@
     viewer.animator.mixer.update(0);
     slider.value = time;
     document.getElementById("tp-seconds").textContent = `${time.toFixed(2)} s`;
+    const said = page.timeline.said.findLast((instant) => instant.from <= time + 1e-9);
+    if (said && said !== lastSaid) {
+      for (const part of ["said", "hypotheses", "contacts"]) document.getElementById(`tp-${part}`).innerHTML = said[part];
+      lastSaid = said;
+      readBoxes();
+    }
     const status = page.timeline.strip.findLast((piece) => piece.from <= time + 1e-9);
     document.getElementById("tp-now").textContent = status ? status.text : "";
     for (const cursor of document.querySelectorAll(".tp-cursor")) cursor.style.left = `${(100 * time) / page.timeline.end}%`;
@@ -145,11 +187,12 @@
     viewer.set_property(["Grid"], "visible", false);
     viewer.set_property(["Axes"], "visible", false);
     setTheme(window.matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
+    readBoxes();
     applySwitches();
     if (slider) startTimeline();
     viewer.set_3d_pane_size();
     frame();
-    for (const box of document.querySelectorAll("#tp-side input")) box.addEventListener("change", applySwitches);
+    document.getElementById("tp-side").addEventListener("change", onBox);
     document.getElementById("tp-frame").addEventListener("click", frame);
     document.getElementById("tp-theme").addEventListener("click", () => setTheme(root.dataset.theme === "dark" ? "light" : "dark"));
     document.getElementById("tp-expert").addEventListener("click", () => {
@@ -159,7 +202,7 @@
     window.addEventListener("resize", () => { clearTimeout(resized); resized = setTimeout(frame, 60); });
     const render = viewer.render.bind(viewer);
     viewer.render = () => { render(); moveLabels(); };
-    viewer.set_dirty();
+    viewer.render();
     root.dataset.ready = "yes";
   }
   const wait = () => (tactoposeTold >= page.commands ? start() : setTimeout(wait, 20));

@@ -15,7 +15,8 @@ from pydrake.geometry import Meshcat
 
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.estimation.output_files import written_beside
-from tactopose_drake.visualization.appearance import Colour, Look
+from tactopose_drake.visualization.appearance import AXIS_COLOURS, Colour, Look
+from tactopose_drake.visualization.page_tables import Instant, PageTable, said_html, table_html
 from tactopose_drake.visualization.timeline import Timeline, timeline_html
 
 _HAND = "^(/tactopose/hand|/drake/visualizer)(/|$)"
@@ -38,41 +39,13 @@ class Switch(NamedTuple):
         look: what it names.
         hides: pattern of the paths in Meshcat that it switches.
         detail: what the legend says of it; the look's meaning by default.
+        is_on: whether it is shown at first.
     """
 
     look: Look
     hides: str
     detail: str = ""
-
-
-class Row(NamedTuple):
-    """A row of a page's table.
-
-    Attributes:
-        cells: its texts.
-        hides: pattern of the paths in Meshcat that a switch in the row shows and hides; none without.
-        is_on: whether that is shown at first.
-    """
-
-    cells: tuple[str, ...]
-    hides: str = ""
     is_on: bool = True
-
-
-class PageTable(NamedTuple):
-    """A table of a page.
-
-    Attributes:
-        title: what it holds.
-        headings: of its columns.
-        rows: its rows.
-        more: what is said below it.
-    """
-
-    title: str
-    headings: tuple[str, ...]
-    rows: tuple[Row, ...]
-    more: str = ""
 
 
 class Label(NamedTuple):
@@ -97,12 +70,10 @@ class Page:
 
     Attributes:
         title: what the page is.
-        status: in a word, such as "ok"; empty for none.
-        when: the time of what is said, of a recording.
-        sentences: what is believed, how sure, and what is not determined.
+        said: what is believed, how sure, and what was felt; of a recording, at its end.
+        tables: further numbers, above the legend.
         switches: the legend.
-        tables: the result in numbers, above the legend.
-        details: more numbers, below it.
+        details: more of them, below it.
         labels: texts in the scene.
         direction_W: from the scene to the camera, in Meshcat's world, shape (3,).
         p_WQ: points that are seen at first, shape (n, 3), m; empty where Meshcat's own camera is kept.
@@ -110,11 +81,9 @@ class Page:
     """
 
     title: str
-    status: str = ""
-    when: str = ""
-    sentences: tuple[str, ...] = ()
-    switches: tuple[Switch, ...] = ()
+    said: Instant
     tables: tuple[PageTable, ...] = ()
+    switches: tuple[Switch, ...] = ()
     details: tuple[PageTable, ...] = ()
     labels: tuple[Label, ...] = ()
     direction_W: FloatArray
@@ -163,23 +132,22 @@ def with_panel(static: str, page: Page) -> str:
 
 def _side(page: Page) -> str:
     """The panel beside the scene."""
+    when = "" if page.timeline is None else f"At {page.timeline.end:.2f} s"
     lines = ['<aside id="tp-side">', f"<h1>{html.escape(page.title)}</h1>"]
-    if page.status:
-        words = html.escape(page.status.replace("_", " "))
-        when = f"{html.escape(page.when)}: " if page.when else ""
-        lines.append(f'<p>{when}<span class="tp-status tp-{html.escape(page.status)}">{words}</span></p>')
-    lines += [f"<p>{html.escape(sentence)}</p>" for sentence in page.sentences]
-    lines += [_table(table) for table in page.tables]
+    lines.append(f'<div id="tp-said">{said_html(page.said, when)}</div>')
+    lines += [table_html(table) for table in page.tables]
+    lines.append(f'<div id="tp-hypotheses">{table_html(page.said.hypotheses)}</div>')
     lines.append('<h2>What is shown</h2><ul class="tp-legend">')
     lines += [_switch(switch) for switch in page.switches]
     if any(switch.hides == _HAND for switch in page.switches):
         box = f'<input type="checkbox" id="tp-see-through" data-thins="{html.escape(_HAND)}" checked>'
         lines.append(f"<li><label>{box}<span></span><span>see through the hand</span></label></li>")
     lines.append("</ul>")
-    lines += [_table(table) for table in page.details]
+    lines.append(f'<div id="tp-contacts">{table_html(page.said.contacts)}</div>')
+    lines += [table_html(table) for table in page.details]
     lines.append(
         '<div class="tp-buttons"><button id="tp-frame">First view</button><button id="tp-theme">Light / dark</button>'
-        '<button id="tp-expert">Meshcat\'s controls</button></div>'
+        '<button id="tp-expert">More controls</button></div>'
         '<p class="tp-more">Drag to turn, scroll to zoom, drag with the right button to move.</p></aside>'
     )
     return "\n".join(lines)
@@ -191,32 +159,11 @@ def hand_switch(look: Look) -> Switch:
 
 
 def _switch(switch: Switch) -> str:
-    look = switch.look
+    look, on = switch.look, " checked" if switch.is_on else ""
     return (
-        f'<li><label><input type="checkbox" data-hides="{html.escape(switch.hides)}" checked>{_swatch(look)}'
+        f'<li><label><input type="checkbox" data-hides="{html.escape(switch.hides)}"{on}>{_swatch(look)}'
         f"<span>{html.escape(look.name)}<small>{html.escape(switch.detail or look.meaning)}</small></span></label></li>"
     )
-
-
-def _table(table: PageTable) -> str:
-    has_switches = any(row.hides for row in table.rows)
-    headings = ([""] if has_switches else []) + [html.escape(heading) for heading in table.headings]
-    lines = [
-        f"<h2>{html.escape(table.title)}</h2><table><tr>",
-        *(f"<th>{heading}</th>" for heading in headings),
-        "</tr>",
-    ]
-    for row in table.rows:
-        cells = [html.escape(cell) for cell in row.cells]
-        if has_switches:
-            on = " checked" if row.is_on else ""
-            box = f'<input type="checkbox" data-hides="{html.escape(row.hides)}"{on}>' if row.hides else ""
-            cells.insert(0, box)
-        lines.append("<tr>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>")
-    lines.append("</table>")
-    if table.more:
-        lines.append(f'<div class="tp-more">{html.escape(table.more)}</div>')
-    return "".join(lines)
 
 
 def _swatch(look: Look) -> str:
@@ -235,6 +182,11 @@ def _swatch(look: Look) -> str:
         "turn": f'<path d="M17 11A6 5 0 1 1 17 5" fill="none" stroke="{colour}" stroke-width="2"/>'
         f'<path d="M14 10L20 9L18 15Z" fill="{colour}"/>',
         "ellipsoid": f'<ellipse cx="12" cy="8" rx="7" ry="4.5" fill="{colour}" stroke="#8fa3c8" stroke-width="0.8"/>',
+        "frame": "".join(
+            f'<path d="M9 10{to}" stroke="{_css(axis)}" stroke-width="2"/>'
+            for to, axis in zip(("H20", "L3 15", "V1"), AXIS_COLOURS, strict=True)
+        ),
+        "cone": f'<path d="M3 8L20 2V14Z" fill="{colour}" opacity="0.45"/>',
         "cell": f'<path d="M5 2h6v5h-6zM13 2h6v5h-6zM5 9h6v5h-6z" fill="{colour}"/>',
     }
     return f'<svg viewBox="0 0 24 16" aria-hidden="true">{drawings[look.mark]}</svg>'

@@ -13,16 +13,17 @@ from scipy.spatial.distance import pdist
 
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.validation import FloatArray
-from tactopose_drake.visualization.appearance import PRESSURE
+from tactopose_drake.visualization.appearance import AXIS_COLOURS, PRESSURE
+from tactopose_drake.visualization.frame_marks import shine_through
+from tactopose_drake.visualization.remote_meshcat import RemoteMeshcat
 
-_PLATE_HEIGHT = 0.0004
+_PLATE_HEIGHT, _OPACITY = 0.0004, 0.85  # of the plates
 _AXIS_RADIUS = 0.0007
-_AXIS_COLOURS = ((0.85, 0.15, 0.15, 1.0), (0.1, 0.6, 0.2, 1.0), (0.15, 0.3, 0.85, 1.0))
 # The third axis is shorter than the pad is deep: it is drawn at least this long, m.
 _LEAST_LENGTH = 0.004
 
 
-def add_patches(meshcat: Meshcat, path: str, patches: int, cells: int) -> None:
+def add_patches(meshcat: Meshcat | RemoteMeshcat, path: str, patches: int, cells: int) -> None:
     """Adds the parts that show patches, hidden until `move_patches` places them.
 
     Args:
@@ -35,14 +36,22 @@ def add_patches(meshcat: Meshcat, path: str, patches: int, cells: int) -> None:
     for slot in range(patches):
         at = f"{path}/{slot}"
         for cell in range(cells):
-            meshcat.SetObject(f"{at}/cells/{cell}", Box(1.0, 1.0, _PLATE_HEIGHT), Rgba(*PRESSURE.colour))
-        for k, colour in enumerate(_AXIS_COLOURS):
+            plate = f"{at}/cells/{cell}"
+            meshcat.SetObject(plate, Box(1.0, 1.0, _PLATE_HEIGHT), Rgba(*PRESSURE.colour, _OPACITY))
+            # The object is pressed into the pad, and would hide the plates.
+            shine_through(meshcat, plate)
+        for k, colour in enumerate(AXIS_COLOURS):
             meshcat.SetObject(f"{at}/axes/{k}", Cylinder(_AXIS_RADIUS, 1.0), Rgba(*colour))
         meshcat.SetProperty(at, "visible", False)
 
 
 def move_patches(
-    meshcat: Meshcat, path: str, patches: Sequence[Patch], slots: int, cells: int, time: float | None = None
+    meshcat: Meshcat | RemoteMeshcat,
+    path: str,
+    patches: Sequence[Patch],
+    slots: int,
+    cells: int,
+    time: float | None = None,
 ) -> None:
     """Places the parts that `add_patches` has added, and hides those that are not needed.
 
@@ -75,7 +84,7 @@ def plate_edges(patch: Patch) -> FloatArray:
     return edges
 
 
-def _move_plates(meshcat: Meshcat, path: str, patch: Patch, cells: int, time: float | None) -> None:
+def _move_plates(meshcat: Meshcat | RemoteMeshcat, path: str, patch: Patch, cells: int, time: float | None) -> None:
     edges = plate_edges(patch)
     for cell in range(cells):
         shown = cell < len(edges) and bool(edges[cell] > 0)
@@ -86,7 +95,7 @@ def _move_plates(meshcat: Meshcat, path: str, patch: Patch, cells: int, time: fl
             meshcat.SetProperty(f"{path}/{cell}", "scale", [float(edges[cell]), float(edges[cell]), 1.0], time)
 
 
-def _move_axes(meshcat: Meshcat, path: str, patch: Patch, time: float | None) -> None:
+def _move_axes(meshcat: Meshcat | RemoteMeshcat, path: str, patch: Patch, time: float | None) -> None:
     for k in range(3):
         axis = patch.eigenvectors[:, k]
         known = bool(np.all(np.isfinite(axis)))

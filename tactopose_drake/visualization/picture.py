@@ -24,6 +24,7 @@ from tactopose_drake.visualization.appearance import (
     ESTIMATE,
     FALSE_CONTACT,
     FORCE,
+    FRAMES,
     FREE,
     NORMAL,
     PRIOR,
@@ -31,7 +32,7 @@ from tactopose_drake.visualization.appearance import (
     Colour,
     Look,
 )
-from tactopose_drake.visualization.picture_marks import certainty_surface, smooth, touch_surface
+from tactopose_drake.visualization.picture_marks import certainty_surface, frames_surface, smooth, touch_surface
 from tactopose_drake.visualization.pose_marks import opacity_of
 from tactopose_drake.visualization.scene import Scene, scene_of
 from tactopose_drake.visualization.uncertainty import free_arrows
@@ -47,7 +48,9 @@ _OVERSAMPLING = 2
 _BACKGROUND = (np.array([0.985, 0.988, 0.992]), np.array([0.900, 0.915, 0.935]))  # top, bottom
 _HAND_OPACITY = 0.38
 _MARKER_THROUGH = 0.55  # opacity of a marker that lies behind something
+_FRAME_OPACITY = 0.9  # through whatever covers them
 _CERTAINTY_OPACITY = 0.75  # of ellipsoids and arrows
+_LINE = 13.0  # between numbers, one above the other, pixels
 _GHOSTS = 3  # hypotheses beside the best that are drawn at the most
 
 
@@ -129,6 +132,8 @@ class _Overlay:
         hand, touch, certainty = scene.hand, touch_surface(scene), certainty_surface(scene)
         self._hand = None if hand is None else render(smooth(hand.vertices, hand.faces, hand.colour), camera)
         self._markers = None if touch is None else render(touch, camera)
+        frames = frames_surface(scene)
+        self._frames = None if frames is None else render(frames, camera)
         self._certainty = None if certainty is None else render(certainty, camera)
         ghosts = scene.alternatives[:_GHOSTS]
         ghost = smooth(scene.model.vertices, scene.model.faces, ALTERNATIVE.colour) if ghosts else None
@@ -155,6 +160,8 @@ class _Overlay:
             opacity = _HAND_OPACITY + (1.0 - _HAND_OPACITY) * (1.0 - self._hand.facing) ** 3
             image = _blended(image, self._hand.colour, np.where(self._hand.inverse_depth > nearest, opacity, 0.0))
             nearest = np.maximum(nearest, self._hand.inverse_depth)
+        if is_estimate and self._frames is not None:
+            image = _blended(image, self._frames.colour, _FRAME_OPACITY * self._frames.covered)
         self._nearest = nearest
         return image
 
@@ -200,7 +207,7 @@ def _placed(surface: Surface, X_PO: RigidTransform) -> Surface:
 
 
 def _write(axes: Axes, scene: Scene, camera: Camera, is_estimate: bool) -> None:
-    """The contacts' numbers, and the names of what is not determined."""
+    """The contacts' numbers, and the names of what is not determined and of frames."""
     texts: list[tuple[FloatArray, str, Colour]] = [
         (point, str(row + 1), FALSE_CONTACT.colour if is_false else CONTACT.colour)
         for row, (point, is_false) in enumerate(zip(scene.contacts.p_PC, scene.is_false, strict=True))
@@ -208,9 +215,19 @@ def _write(axes: Axes, scene: Scene, camera: Camera, is_estimate: bool) -> None:
     if is_estimate and scene.hypotheses:
         arrows = free_arrows(scene.model, scene.hypotheses[0])
         texts += [(arrow.X_PA.multiply(arrow.p_AT), arrow.name, FREE.colour) for arrow in arrows]
+        if scene.frames:
+            origins = np.zeros(3), scene.hypotheses[0].X_PO.translation()
+            texts += [(origin, name, FRAMES.colour) for origin, name in zip(origins, "PO", strict=True)]
+    placed: list[FloatArray] = []
     for point, text, colour in texts:
         p_C = camera.X_CP[:, :3] @ point + camera.X_CP[:, 3]
         at = (camera.focal_length * p_C[:2] / p_C[2] + 0.5 * np.array([camera.width, camera.height])) / _OVERSAMPLING
+        # One above the other where contacts are too near each other for their numbers.
+        steps = next(
+            n for n in range(len(texts)) if not any(np.all(np.abs(at - [0, n * _LINE] - q) < _LINE) for q in placed)
+        )
+        at = at - [0.0, steps * _LINE]
+        placed.append(at)
         is_right = at[0] > 0.6 * camera.width / _OVERSAMPLING
         axes.annotate(
             text,
@@ -235,7 +252,14 @@ def _handle(look: Look, scene: Scene, prior_label: str) -> Patch | Line2D:
         label = f"force on the {'pad' if scene.patches else 'finger'} (longest {largest:.1f} N)"
     if look.mark == "line":
         return Line2D([], [], color=look.colour, linewidth=2.5, label=label)
-    markers = {"ball": "o", "cross": "x", "arrow": r"$\rightarrow$", "turn": r"$\circlearrowleft$", "ellipsoid": "o"}
+    markers = {
+        "ball": "o",
+        "cross": "x",
+        "arrow": r"$\rightarrow$",
+        "turn": r"$\circlearrowleft$",
+        "ellipsoid": "o",
+        "frame": "+",
+    }
     if look.mark in markers:
         size = 16 if look.mark in ("arrow", "turn") else 8
         return Line2D([], [], color=look.colour, marker=markers[look.mark], linestyle="", markersize=size, label=label)

@@ -9,12 +9,24 @@ from pydrake.math import RigidTransform, RotationMatrix
 
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.core.vision.rasterizer import Surface
-from tactopose_drake.visualization.appearance import CONTACT, FALSE_CONTACT, FORCE, FREE, PRESSURE, UNCERTAINTY, Colour
+from tactopose_drake.visualization.appearance import (
+    AXIS_COLOURS,
+    CONE,
+    CONTACT,
+    FALSE_CONTACT,
+    FORCE,
+    FREE,
+    PRESSURE,
+    UNCERTAINTY,
+    Colour,
+)
 from tactopose_drake.visualization.arrow_shapes import slide_arrow, turn_arrow
+from tactopose_drake.visualization.frame_marks import OBJECT_AXES, PALM_AXES, THICKNESS
 from tactopose_drake.visualization.object_shapes import CREASE
 from tactopose_drake.visualization.patch_marks import plate_edges
 from tactopose_drake.visualization.scene import Scene
 from tactopose_drake.visualization.scene import arrow_lengths as force_lengths
+from tactopose_drake.visualization.touch_marks import CONE_LENGTH
 from tactopose_drake.visualization.uncertainty import ellipsoids, free_arrows, shown_points
 
 _CONTACT_RADIUS = 0.0032
@@ -31,7 +43,7 @@ def touch_surface(scene: Scene) -> Surface | None:
 
 
 def certainty_surface(scene: Scene) -> Surface | None:
-    """Where points of the estimate may be as ellipsoids, and what is not determined of it as arrows."""
+    """Where points of the estimate may be, as ellipsoids, and what is not determined; friction cones on request."""
     if not scene.hypotheses:
         return None
     best = scene.hypotheses[0]
@@ -44,7 +56,12 @@ def certainty_surface(scene: Scene) -> Surface | None:
         vertices, faces = turn_arrow() if arrow.is_turn else slide_arrow()
         vertices = arrow.X_PA.multiply(arrow.scale * vertices.T).T
         parts.append((trimesh.Trimesh(vertices, faces, process=False), FREE.colour))
-    return _joined(parts)
+    return _joined([*parts, *_cones(scene)])
+
+
+def frames_surface(scene: Scene) -> Surface | None:
+    """The frames of palm and estimate, where they are to be drawn."""
+    return _joined(list(_frames(scene, scene.hypotheses[0].X_PO))) if scene.hypotheses else None
 
 
 def smooth(vertices: FloatArray, faces: NDArray[np.int32], colour: Colour | FloatArray) -> Surface:
@@ -74,6 +91,28 @@ def _contacts(scene: Scene) -> Iterable[Painted]:
         elif contacts.f_PC is not None and length > 4 * _ARROW_RADIUS:
             X_PArrow = RigidTransform(RotationMatrix.MakeFromOneVector(contacts.f_PC[row], 2), contacts.p_PC[row])
             yield from ((_moved(part, X_PArrow), FORCE.colour) for part in _arrow(length))
+
+
+def _cones(scene: Scene) -> Iterable[Painted]:
+    """Friction cones at the contacts, where a coefficient of friction is to be drawn."""
+    n_PC = scene.contacts.n_PC
+    if scene.friction is None or n_PC is None:
+        return
+    for point, normal in zip(scene.contacts.p_PC, n_PC, strict=True):
+        cone = trimesh.creation.cone(radius=scene.friction * CONE_LENGTH, height=CONE_LENGTH)
+        cone.vertices = [0.0, 0.0, CONE_LENGTH] - cone.vertices  # on its tip, with its outside outside
+        cone.invert()
+        yield _moved(cone, RigidTransform(RotationMatrix.MakeFromOneVector(normal, 2), point)), CONE.colour
+
+
+def _frames(scene: Scene, X_PO: RigidTransform) -> Iterable[Painted]:
+    """The frames of palm and object, where they are to be drawn."""
+    if scene.frames:
+        for X_PFrame, length in ((RigidTransform(), PALM_AXES), (X_PO, OBJECT_AXES)):
+            for axis, colour in enumerate(AXIS_COLOURS):
+                segment = np.array([np.zeros(3), length * np.eye(3)[axis]])
+                bar = trimesh.creation.cylinder(radius=THICKNESS * length, segment=segment)
+                yield _moved(bar, X_PFrame), colour
 
 
 def _plates(scene: Scene) -> Iterable[Painted]:

@@ -16,6 +16,7 @@ from pydrake.math import RigidTransform
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.visualization.appearance import ALTERNATIVE, FREE, MOST_FREE, ROLES, UNCERTAINTY, Colour
 from tactopose_drake.visualization.arrow_shapes import slide_arrow, turn_arrow
+from tactopose_drake.visualization.frame_marks import bring_forward
 from tactopose_drake.visualization.object_shapes import Mesh, smooth_mesh, wire_cage
 from tactopose_drake.visualization.remote_meshcat import RemoteMeshcat
 from tactopose_drake.visualization.scene import ShownHypothesis
@@ -44,6 +45,8 @@ def add_object(
     """
     mesh = smooth_mesh(model) if role == "estimate" else wire_cage(model)
     _set_smooth(meshcat, path, mesh, ROLES[role].colour, opacity)
+    if role != "estimate":
+        bring_forward(meshcat, path)  # wires of a pose near the estimate's are seen whole
 
 
 def add_hypotheses(meshcat: Meshcat | RemoteMeshcat, path: str, model: ObjectModel, count: int) -> None:

@@ -1,6 +1,7 @@
 """How an estimate shows itself: as a page in a browser or a notebook, and as a small table with a picture."""
 
 import base64
+import dataclasses
 import html
 import importlib
 import os
@@ -16,7 +17,7 @@ from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.visualization.estimate_page import estimate_meshcat, page_of
 from tactopose_drake.visualization.page import save_html, with_panel
 from tactopose_drake.visualization.picture import small_picture
-from tactopose_drake.visualization.scene import scene_of
+from tactopose_drake.visualization.scene import Scene, scene_of
 
 _MOST_ROWS = 5
 _FRAME = '<iframe srcdoc="{page}" width="100%" height="620" style="border:1px solid #ccc"></iframe>'
@@ -24,7 +25,7 @@ _FRAME = '<iframe srcdoc="{page}" width="100%" height="620" style="border:1px so
 
 def show(estimate: PoseEstimate) -> Path | None:
     """Shows an estimate's page below a notebook's cell, or else in the web browser, and tells the file in that case."""
-    scene = scene_of(estimate)
+    scene = _page_scene(estimate)
     page = page_of(scene, estimate)
     if "ipykernel" in sys.modules:
         content = with_panel(estimate_meshcat(scene).StaticHtml(), page)
@@ -50,7 +51,7 @@ def save_estimate(path: Path, estimate: PoseEstimate) -> None:
         InvalidInputError: if the estimate does not know what it was made from.
         InvalidFileError: if the file cannot be written.
     """
-    scene = scene_of(estimate)
+    scene = _page_scene(estimate)
     save_html(path, estimate_meshcat(scene), page_of(scene, estimate))
 
 
@@ -82,3 +83,10 @@ def notebook_html(estimate: PoseEstimate) -> str:
         data = base64.b64encode(small_picture(scene_of(estimate))).decode()
         lines.append(f'<img alt="the estimate" src="data:image/png;base64,{data}">')
     return "<div>" + "<br>".join(lines[:2]) + "".join(lines[2:]) + "</div>"
+
+
+def _page_scene(estimate: PoseEstimate) -> Scene:
+    """With the friction cones, where the estimate reckons with friction; a switch shows them."""
+    scene = scene_of(estimate)
+    assert estimate.question is not None
+    return dataclasses.replace(scene, friction=estimate.question.evidence.friction)

@@ -9,7 +9,7 @@ import numpy as np
 import trimesh
 import umsgpack
 import zmq
-from pydrake.geometry import Cylinder, MeshcatCone, Rgba, Shape, Sphere
+from pydrake.geometry import Box, Cylinder, MeshcatCone, Rgba, Shape, Sphere
 from pydrake.math import RigidTransform
 
 from tactopose_drake.core.validation import FloatArray
@@ -53,7 +53,7 @@ class RemoteMeshcat:
         self._at(path).delete()
 
     def SetObject(self, path: str, shape: Shape, rgba: Rgba) -> None:
-        """Draws a sphere, a cylinder or a cone."""
+        """Draws a sphere, a cylinder, a box or a cone."""
         mesh = _mesh(shape)
         self.SetTriangleMesh(path, mesh.vertices.T, mesh.faces.T, rgba)
 
@@ -128,10 +128,14 @@ def _mesh(shape: Shape) -> trimesh.Trimesh:
         mesh = trimesh.creation.icosphere(subdivisions=2, radius=shape.radius())
     elif isinstance(shape, Cylinder):
         mesh = trimesh.creation.cylinder(radius=shape.radius(), height=shape.length(), sections=24)
+    elif isinstance(shape, Box):
+        mesh = trimesh.creation.box(shape.size())
     elif isinstance(shape, MeshcatCone):
         mesh = trimesh.creation.cone(radius=1.0, height=1.0, sections=24)
         # Drake's stands on its tip: two turned axes keep the outside outside.
         mesh.vertices = (mesh.vertices - [0.0, 0.0, 1.0]) * [shape.a(), -shape.b(), -shape.height()]
     else:
-        raise InvalidInputError(f"shape: is a {type(shape).__name__}; allowed are Sphere, Cylinder and MeshcatCone.")
+        raise InvalidInputError(
+            f"shape: is a {type(shape).__name__}; allowed are Sphere, Cylinder, Box and MeshcatCone."
+        )
     return mesh

@@ -72,6 +72,8 @@ class Scene:
         truth: true pose X_PO, if it is known.
         hand: the hand's surface in P, if it is known.
         up_P: direction in P that is up in pictures, shape (3,).
+        friction: coefficient of the friction cones at the contacts; none are drawn without.
+        frames: whether the frames of palm and object are drawn.
     """
 
     model: ObjectModel
@@ -82,6 +84,8 @@ class Scene:
     truth: RigidTransform | None = None
     hand: Triangles | None = None
     up_P: FloatArray = dataclasses.field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
+    friction: float | None = None
+    frames: bool = False
 
     @property
     def estimate(self) -> RigidTransform | None:
@@ -115,6 +119,8 @@ class Scene:
             appearance.NORMAL: contacts.n_PC is not None and len(contacts) > 0,
             appearance.FORCE: contacts.f_PC is not None and len(contacts) > 0,
             appearance.PRESSURE: any(patch.is_felt for patch in self.patches),
+            appearance.CONE: self.friction is not None and contacts.n_PC is not None and len(contacts) > 0,
+            appearance.FRAMES: self.frames,
             appearance.HAND: self.hand is not None,
         }
         return [look for look, is_seen in seen.items() if is_seen]

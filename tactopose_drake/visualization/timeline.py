@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.visualization.page_tables import Instant, said_html, state_name, table_html
 
 # Of states by their first word; colours that are told apart without red and green, and each piece says its name.
 _STATES = {
@@ -20,7 +21,8 @@ _STATES = {
 _OTHER_STATE = "#9aa3ad"
 # Okabe and Ito's, but for those too light for a white ground.
 _LINES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#7a7a7a")
-_STRIP_HEIGHT = 78  # px
+_HEIGHT, _KEY_HEIGHT = 100, 18  # px, without plots, and of the names of a plot's curves
+_MOST_TICKS = 8  # of the axis of time
 
 
 class Curve(NamedTuple):
@@ -57,11 +59,13 @@ class Timeline:
         times: rising, shape (n,), s.
         states: what was said at each; its first word decides the colour.
         plots: curves on the same axis.
+        said: what the page says at each; empty where it says the same throughout.
     """
 
     times: FloatArray
     states: tuple[str, ...]
     plots: tuple[Plot, ...] = ()
+    said: tuple[Instant, ...] = ()
 
     @property
     def end(self) -> float:
@@ -79,11 +83,16 @@ class Timeline:
         return {
             "end": self.end,
             "strip": [{"from": start, "text": text.replace("_", " ")} for start, _, text in self.pieces()],
+            "said": [
+                {"from": float(time), **_parts(said, float(time))}
+                for time, said in zip(self.times, self.said, strict=False)
+            ],
         }
 
     def css(self) -> str:
         """How high it is."""
-        return f":root {{ --foot: calc({_STRIP_HEIGHT}px + {len(self.plots)} * var(--plot)); }}"
+        keys = sum(len(plot.curves) > 1 for plot in self.plots)
+        return f":root {{ --foot: calc({_HEIGHT + keys * _KEY_HEIGHT}px + {len(self.plots)} * var(--plot)); }}"
 
 
 def timeline_html(timeline: Timeline) -> str:
@@ -96,19 +105,38 @@ def timeline_html(timeline: Timeline) -> str:
     )
     names = dict.fromkeys(_word(text) for _, _, text in timeline.pieces() if text)
     key = " ".join(
-        f'<span style="color:{state_colour(name)}">\u25a0</span> {html.escape(name.replace("_", " "))}'
-        for name in names
+        f'<span style="color:{state_colour(name)}">\u25a0</span> {html.escape(state_name(name))}' for name in names
     )
     rows = [
-        '<div class="tp-row"><span><button id="tp-play">Play</button> <b id="tp-seconds"></b></span>'
+        '<div class="tp-row"><span class="tp-wide"><button id="tp-play">Play</button> <b id="tp-seconds"></b></span>'
         f'<div class="tp-track"><input type="range" id="tp-time" min="0" max="{end:.4f}" step="0.01" '
         f'aria-label="time, s"></div></div>',
-        f'<div class="tp-row"><span>status</span><div class="tp-track"><div class="tp-strip">{strip}</div>'
-        '<div class="tp-cursor"></div></div></div>',
-        f'<div class="tp-row"><span>{key}</span><div id="tp-now" class="tp-more"></div></div>',
+        f'<div class="tp-row"><span class="tp-wide">status</span><div class="tp-track"><div class="tp-strip">{strip}'
+        '</div><div class="tp-cursor"></div></div></div>',
+        f'<div class="tp-row"><span class="tp-wide"></span><div class="tp-key">{key} <i id="tp-now"></i></div></div>',
         *(_plot(plot, timeline.times) for plot in timeline.plots),
+        f'<div class="tp-row"><span class="tp-wide">time, s</span><div class="tp-track tp-axis">'
+        f"{_time_axis(end)}</div></div>",
     ]
     return '<footer id="tp-foot">' + "".join(rows) + "</footer>"
+
+
+def _parts(said: Instant, time: float) -> dict[str, str]:
+    """What an instant changes of the page, by the ends of its elements' ids."""
+    return {
+        "said": said_html(said, f"At {time:.2f} s"),
+        "hypotheses": table_html(said.hypotheses),
+        "contacts": table_html(said.contacts),
+    }
+
+
+def _time_axis(end: float) -> str:
+    """Round numbers along the axis of time."""
+    rough = end / _MOST_TICKS
+    decade = 10.0 ** np.floor(np.log10(rough))
+    step = next(times * decade for times in (1.0, 2.0, 5.0, 10.0) if times * decade >= rough)
+    ticks = step * np.arange(int(end / step + 1e-9) + 1)
+    return "".join(f'<i style="left:{100 * tick / end:.3f}%">{tick:.6g}</i>' for tick in ticks)
 
 
 def state_colour(text: str) -> str:
@@ -130,15 +158,16 @@ def _plot(plot: Plot, times: FloatArray) -> str:
         key.append(f'<span style="color:{colour}">\u2015 {html.escape(curve.name)}</span>')
         for rows in _finite_runs(curve.values):
             points = " ".join(
-                f"{1000 * times[row] / times[-1]:.1f},{100 - 92 * curve.values[row] / most:.1f}" for row in rows
+                f"{1000 * times[row] / times[-1]:.1f},{100 - 96 * curve.values[row] / most:.1f}" for row in rows
             )
             lines.append(f'<polyline points="{points}" stroke="{colour}"/>')
-    title, unit = html.escape(plot.title), html.escape(plot.unit)
-    names = " ".join(key) if len(key) > 1 else ""
+    names = f'<div class="tp-row"><span class="tp-wide"></span><div class="tp-key">{" ".join(key)}</div></div>'
     return (
-        f'<div class="tp-row tp-plot"><span>{title}, {unit}</span><div class="tp-track">'
+        (names if len(key) > 1 else "")
+        + f'<div class="tp-row tp-plot"><span>{html.escape(plot.title)}, {html.escape(plot.unit)}</span>'
+        f'<span class="tp-ticks"><i>{most:.2g}</i><i>0</i></span><div class="tp-track">'
         f'<svg viewBox="0 0 1000 100" preserveAspectRatio="none">{"".join(lines)}</svg>'
-        f'<span class="tp-most">{most:.2g} {unit} {names}</span><div class="tp-cursor"></div></div></div>'
+        '<div class="tp-cursor"></div></div></div>'
     )
 
 

@@ -10,15 +10,20 @@ from pydrake.math import RigidTransform, RotationMatrix
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.validation import FloatArray
-from tactopose_drake.visualization.appearance import CONTACT, FALSE_CONTACT, FORCE, NORMAL
+from tactopose_drake.visualization.appearance import CONE, CONTACT, FALSE_CONTACT, FORCE, NORMAL, Look
+from tactopose_drake.visualization.frame_marks import shine_through
 from tactopose_drake.visualization.remote_meshcat import RemoteMeshcat
 from tactopose_drake.visualization.scene import arrow_lengths
 
+CONE_LENGTH = 0.018
+"""Of a friction cone, m."""
+
 _CONTACT_RADIUS = 0.003
+_HIDDEN_OPACITY = 0.3  # of a contact behind something
 _ARROW_RADIUS = 0.0012
 _HEAD_RADIUS, _HEAD_LENGTH = 0.0036, 0.009
 _NORMAL_RADIUS, _NORMAL_LENGTH = 0.0006, 0.02
-_CONE_LENGTH, _CONE_OPACITY = 0.018, 0.2
+_CONE_OPACITY = 0.2
 _CROSS_RADIUS, _CROSS_LENGTH = 0.0008, 0.016
 _FLIPPED = RotationMatrix.MakeXRotation(np.pi)
 
@@ -35,13 +40,13 @@ def add_touch(meshcat: Meshcat | RemoteMeshcat, path: str, count: int, *, fricti
     meshcat.Delete(path)
     for row in range(count):
         at = f"{path}/{row}"
-        meshcat.SetObject(f"{at}/point", Sphere(_CONTACT_RADIUS), Rgba(*CONTACT.colour))
+        _add_ball(meshcat, f"{at}/point", CONTACT)
         _add_cross(meshcat, f"{at}/false")
         meshcat.SetObject(f"{at}/normal/line", Cylinder(_NORMAL_RADIUS, _NORMAL_LENGTH), Rgba(*NORMAL.colour))
         meshcat.SetTransform(f"{at}/normal/line", RigidTransform([0.0, 0.0, _NORMAL_LENGTH / 2]))
         if friction is not None:
-            radius, colour = friction * _CONE_LENGTH, Rgba(*NORMAL.colour, _CONE_OPACITY)
-            meshcat.SetObject(f"{at}/normal/cone", MeshcatCone(_CONE_LENGTH, radius, radius), colour)
+            radius, colour = friction * CONE_LENGTH, Rgba(*CONE.colour, _CONE_OPACITY)
+            meshcat.SetObject(f"{at}/normal/cone", MeshcatCone(CONE_LENGTH, radius, radius), colour)
         meshcat.SetObject(f"{at}/force/shaft", Cylinder(_ARROW_RADIUS, 1.0), Rgba(*FORCE.colour))
         head = MeshcatCone(_HEAD_LENGTH, _HEAD_RADIUS, _HEAD_RADIUS)
         meshcat.SetObject(f"{at}/force/head", head, Rgba(*FORCE.colour))
@@ -99,8 +104,15 @@ def along(direction: FloatArray) -> RigidTransform:
 def _add_cross(meshcat: Meshcat | RemoteMeshcat, path: str) -> None:
     """A grey ball with three bars across it, which look like a cross from every side."""
     colour = Rgba(*FALSE_CONTACT.colour)
-    meshcat.SetObject(f"{path}/ball", Sphere(_CONTACT_RADIUS), colour)
+    _add_ball(meshcat, path, FALSE_CONTACT)
     for axis in range(3):
         meshcat.SetObject(f"{path}/bar_{axis}", Cylinder(_CROSS_RADIUS, _CROSS_LENGTH), colour)
         meshcat.SetTransform(f"{path}/bar_{axis}", along(np.eye(3)[axis]))
     meshcat.SetProperty(path, "visible", False)
+
+
+def _add_ball(meshcat: Meshcat | RemoteMeshcat, path: str, look: Look) -> None:
+    """A ball that shines through what hides it."""
+    meshcat.SetObject(f"{path}/ball", Sphere(_CONTACT_RADIUS), Rgba(*look.colour))
+    meshcat.SetObject(f"{path}/through", Sphere(_CONTACT_RADIUS), Rgba(*look.colour, _HIDDEN_OPACITY))
+    shine_through(meshcat, f"{path}/through")

@@ -98,17 +98,6 @@ def test_the_motion_is_recorded_at_the_simulations_time(model: ObjectModel) -> N
     assert {time for time in meshcat.times if time is not None} == {0.0, 0.25, 0.5}
 
 
-def test_meshcat_itself_takes_and_records_all_of_it(model: ObjectModel) -> None:
-    meshcat = Meshcat(MeshcatParams(host="localhost"))
-    meshcat.StartRecording()
-    display = PoseDisplay(meshcat, model)
-    run(display, duration=0.1, contacts=TOUCH, prior=PosePrior(X_PO), object_pose=X_PO)
-    meshcat.PublishRecording()
-    for part in ("prior", "estimate", "touch/1/point", "touch/1/normal/line", "touch/1/force/shaft"):
-        assert meshcat.HasPath(f"/tactopose/{part}")
-    assert "set_animation" in meshcat.StaticHtml()
-
-
 def estimate_at(X_PO: RigidTransform, *shares: float) -> PoseEstimate:
     spin = np.array([[0.0, 0.0, 1.0, 0.0, 0.0, 0.0]])
     hypotheses = (PoseHypothesis(X_PO, 1.0, share, 1e-6 * np.eye(6), spin) for share in shares)
@@ -152,7 +141,7 @@ def test_the_camera_is_aimed_once_at_what_is_known(model: ObjectModel, aims: boo
     prior = PosePrior(RigidTransform([0.0, 0.0, 0.2]))
     display = PoseDisplay(meshcat, model, params=PoseDisplayParams(aim_camera=aims))
     run(display, 0.1, contacts=Contacts.empty(), prior=prior, object_pose=X_PO, hypotheses=None)
-    assert hasattr(meshcat, "camera") == aims
+    assert len(meshcat.cameras) == aims
     if aims:
         assert np.linalg.norm(meshcat.target - [0.0, 0.0, 0.2]) < 0.01
         assert 0.05 < np.linalg.norm(meshcat.camera - meshcat.target) < 0.5
@@ -171,6 +160,46 @@ def test_the_middles_of_patches_are_contacts(model: ObjectModel) -> None:
     assert not meshcat.visible("/tactopose/touch/2/force")
 
 
+def test_the_pressed_cells_of_patches_are_shown_and_move_with_the_palm(model: ObjectModel) -> None:
+    cells = [[0.0, 0.0, 0.05], [0.01, 0.0, 0.05], [0.0, 0.01, 0.05]]
+    patch = describe_patch(cells, [1e4, 0.0, 2e4], alpha=1e-8, n_PT=np.tile([0.0, 0.0, -1.0], (3, 1)))
+    plant = MultibodyPlant(0.0)
+    palm = plant.AddRigidBody("palm", SpatialInertia.SolidSphereWithMass(1.0, 0.1))
+    plant.Finalize()
+    meshcat = RecordingMeshcat()
+    params = PoseDisplayParams(max_pads=2, max_cells=5, period=0.25)
+    display = PoseDisplay(meshcat, model, palm.body_frame(), params)
+    inputs = {"patches": (patch,), "body_poses": [RigidTransform(), X_WPalm]}
+    run(display, 0.6, contacts=TOUCH, object_pose=X_PO, **inputs)
+    at = "/tactopose/patches/{}/cells/{}"
+    assert [meshcat.visible(at.format(0, cell)) for cell in range(5)] == [True, False, True, False, False]
+    assert not meshcat.visible(at.format(1, 0))
+    np.testing.assert_allclose(meshcat.pose(at.format(0, 2)).translation(), X_WPalm @ cells[2])
+    assert {time for time in meshcat.times if time is not None} == {0.0, 0.25, 0.5}
+
+
+def test_meshcat_itself_takes_and_records_all_of_it(model: ObjectModel) -> None:
+    patch = describe_patch(0.01 * np.eye(3), [1e4, 0.0, 2e4], alpha=1e-8, n_PT=np.tile([0.0, 0.0, -1.0], (3, 1)))
+    meshcat = Meshcat(MeshcatParams(host="localhost"))
+    meshcat.StartRecording()
+    display = PoseDisplay(meshcat, model, params=PoseDisplayParams(frames=True, friction_coefficient=0.5))
+    run(display, 0.1, contacts=TOUCH, patches=(patch,), object_pose=X_PO)
+    meshcat.PublishRecording()
+    for part in ("patches/3/cells/23", "palm/x", "estimate/frame/z", "touch/0/normal/cone", "touch/0/point/through"):
+        assert meshcat.HasPath(f"/tactopose/{part}")
+    assert "set_animation" in meshcat.StaticHtml()
+
+
+def test_frames_and_cones_are_drawn_on_request_alone(model: ObjectModel) -> None:
+    meshcat = RecordingMeshcat()
+    run(PoseDisplay(meshcat, model), contacts=TOUCH, object_pose=X_PO)
+    assert not [path for path in meshcat.objects if "frame" in path or "palm" in path or "cone" in path]
+    run(PoseDisplay(meshcat, model, params=PoseDisplayParams(frames=True)), contacts=TOUCH, object_pose=X_PO)
+    z = meshcat.pose("/tactopose/estimate/frame/z")
+    np.testing.assert_allclose(z.rotation().matrix()[:, 2], X_PO.rotation().matrix()[:, 2], atol=1e-12)
+    assert "/tactopose/palm/x" in meshcat.objects
+
+
 def test_a_simulated_object_is_shown_as_wires_where_it_is(model: ObjectModel) -> None:
     plant = MultibodyPlant(0.0)
     bodies = [plant.AddRigidBody(name, SpatialInertia.SolidSphereWithMass(1.0, 0.1)) for name in ("palm", "object")]
@@ -184,7 +213,8 @@ def test_a_simulated_object_is_shown_as_wires_where_it_is(model: ObjectModel) ->
 
 
 @pytest.mark.parametrize(
-    ("name", "value"), [("period", 0.0), ("max_contacts", -1), ("friction_coefficient", 0.0), ("max_alternatives", 9)]
+    ("name", "value"),
+    [("period", 0.0), ("max_contacts", -1), ("friction_coefficient", 0.0), ("max_alternatives", 9), ("max_cells", -2)],
 )
 def test_a_bad_parameter_is_named(name: str, value: float) -> None:
     with pytest.raises(InvalidInputError, match=f"{name}: is {value:g}"):

@@ -81,7 +81,7 @@ def test_a_scene_is_drawn_with_up_upwards_and_the_camera_on_it(model: ObjectMode
     draw_scene(meshcat, scene)
     aim_camera(meshcat, scene, upright(scene))
     np.testing.assert_allclose(meshcat.pose("/tactopose").rotation() @ up_P, [0, 0, 1], atol=1e-12)
-    assert set(meshcat.objects) >= {"/tactopose/estimate", "/tactopose/prior", "/tactopose/touch/0/point"}
+    assert set(meshcat.objects) >= {"/tactopose/estimate", "/tactopose/prior", "/tactopose/touch/0/point/ball"}
     assert "/tactopose/truth" not in meshcat.objects
     p_WO = meshcat.pose("/tactopose/estimate").translation()
     assert np.linalg.norm(meshcat.target - p_WO) < 0.1
@@ -105,12 +105,18 @@ def test_a_scene_of_nothing_but_contacts_is_drawn(model: ObjectModel) -> None:
 def test_the_page_holds_its_scene_and_needs_no_network(model: ObjectModel, tmp_path: Path) -> None:
     meshcat = Meshcat(MeshcatParams(host="localhost"))
     hand = Triangles(np.eye(3) * 0.05, np.array([[0, 1, 2]], dtype=np.int32), np.full((3, 3), 0.5))
-    draw_scene(
-        meshcat,
-        Scene(model=model, contacts=TOUCH, hypotheses=(ShownHypothesis(X_PO),), prior=X_PO, truth=X_PO, hand=hand),
-        friction=0.5,
-    )
-    for part in ("estimate", "prior", "truth", "hand", "touch/2/point"):
+    poses = {"hypotheses": (ShownHypothesis(X_PO),), "prior": X_PO, "truth": X_PO}
+    draw_scene(meshcat, Scene(model=model, contacts=TOUCH, hand=hand, friction=0.5, frames=True, **poses))
+    for part in (
+        "estimate",
+        "prior",
+        "truth",
+        "hand",
+        "touch/2/point",
+        "touch/2/normal/cone",
+        "palm/x",
+        "estimate/frame/x",
+    ):
         assert meshcat.HasPath(f"/tactopose/{part}")
     save_html(tmp_path / "scene.html", meshcat)
     page = (tmp_path / "scene.html").read_text()

@@ -11,10 +11,11 @@ from pydrake.geometry import Meshcat, MeshcatParams
 from pydrake.math import RigidTransform, RollPitchYaw
 
 from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.sensing.patches import describe_patch
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.estimation.results import PoseEstimate, PoseHypothesis
 from tactopose_drake.visualization.body_meshes import sphere_triangles
-from tactopose_drake.visualization.estimate_page import estimate_meshcat, page_of
+from tactopose_drake.visualization.estimate_page import estimate_meshcat, instant_of, page_of
 from tactopose_drake.visualization.meshcat import draw_scene
 from tactopose_drake.visualization.page import save_html
 from tactopose_drake.visualization.scene import Scene, ShownHypothesis
@@ -120,7 +121,75 @@ def test_the_legend_names_what_is_seen_and_no_more(browser: Browser, path: Path,
     names = browser.evaluate(
         "[...document.querySelectorAll('.tp-legend li')].map((li) => li.innerText.split('\\n')[0].trim())"
     )
-    assert names == [*(look.name for look in scene.looks), "see through the hand"]
+    looks = dataclasses.replace(scene, frames=True).looks
+    assert names == [*(look.name for look in looks), "see through the hand"]
+
+
+def test_frames_and_friction_cones_are_shown_on_request(
+    browser: Browser, scene: Scene, estimate: PoseEstimate, tmp_path: Path
+) -> None:
+    rubbed = dataclasses.replace(scene, friction=0.6)
+    save_html(tmp_path / "page.html", estimate_meshcat(rubbed), page_of(rubbed, estimate))
+    browser.open(tmp_path / "page.html", 900, 700)
+    names = "[...document.querySelectorAll('.tp-label')].filter((at) => !at.style.display).map((at) => at.innerText)"
+    for name in ("frames", "friction cones"):
+        box, before = switch(browser, name), pane(browser)
+        assert not browser.evaluate(f"{box}.checked")
+        browser.evaluate(f"{box}.click()")
+        assert changed(before, pane(browser)) > 200, name
+    assert {"P", "O"} <= set(browser.evaluate(names))
+
+
+def test_a_contact_behind_the_object_shines_through_it(
+    browser: Browser, scene: Scene, estimate: PoseEstimate, tmp_path: Path
+) -> None:
+    # One on each side: one of them is behind, from wherever it is seen.
+    touch = Contacts([[0.03, 0, 0.01], [-0.03, 0, 0.01], [0, 0.03, 0.01], [0, -0.03, 0.01]])
+    bare = Scene(model=scene.model, contacts=touch, hypotheses=(ShownHypothesis(POSES[0]),))
+    save_html(tmp_path / "page.html", estimate_meshcat(bare), page_of(bare, estimate))
+    browser.open(tmp_path / "page.html", 900, 700)
+    for row in range(4):
+        before = pane(browser)
+        ball = f"viewer.scene_tree.find(['tactopose', 'touch', '{row}']).object"
+        browser.evaluate(f"{ball}.visible = false; viewer.set_dirty();")
+        assert changed(before, pane(browser)) > 100, row
+
+
+def test_pressed_cells_are_seen_within_the_object(
+    browser: Browser, scene: Scene, estimate: PoseEstimate, tmp_path: Path
+) -> None:
+    p_PT = [[0.027, y, z] for y in (-0.005, 0.005) for z in (-0.005, 0.005)]
+    patch = describe_patch(p_PT, np.full(4, 5e4), alpha=1e-8, n_PT=np.tile([-1.0, 0.0, 0.0], (4, 1)))
+    pressed = Scene(
+        model=scene.model, contacts=Contacts.empty(), patches=(patch,), hypotheses=(ShownHypothesis(POSES[0]),)
+    )
+    save_html(tmp_path / "page.html", estimate_meshcat(pressed), page_of(pressed, estimate))
+    browser.open(tmp_path / "page.html", 900, 700)
+    before = pane(browser)
+    browser.evaluate(f"{switch(browser, 'pressed cells')}.click()")
+    assert changed(before, pane(browser)) > 300
+
+
+def test_the_legends_hypotheses_are_those_of_the_table(browser: Browser, path: Path) -> None:
+    browser.open(path)
+    group, rows = switch(browser, "another hypothesis"), "[...document.querySelectorAll('#tp-side td input')]"
+    checked = f"[{group}.checked, ...{rows}.map((box) => box.checked)]"
+    assert browser.evaluate(checked) == [True, True, True]
+    browser.evaluate(f"{group}.click()")
+    assert browser.evaluate(checked) == [False, False, False]
+    browser.evaluate(f"{rows}[1].click()")
+    assert browser.evaluate(checked) == [True, False, True]
+
+
+def test_labels_do_not_cover_each_other(browser: Browser, scene: Scene, estimate: PoseEstimate, tmp_path: Path) -> None:
+    near = Contacts([[0.03, 0, 0.01], [0.03, 0.001, 0.01], [0.03, 0, 0.011]], [[1, 0, 0]] * 3)
+    crowded = dataclasses.replace(scene, contacts=near)
+    save_html(tmp_path / "page.html", estimate_meshcat(crowded), page_of(crowded, estimate))
+    browser.open(tmp_path / "page.html")
+    tops = browser.evaluate(
+        "[...document.querySelectorAll('.tp-label')].slice(0, 3).map((at) => at.getBoundingClientRect().y)"
+    )
+    assert min(np.diff(np.sort(tops))) > 8
 
 
 def test_each_switch_shows_and_hides_something(browser: Browser, path: Path, scene: Scene) -> None:
@@ -231,7 +300,11 @@ def test_the_slider_moves_through_a_recording(
     states = tuple("held: no contact" if time < 0.95 else "ok" for time in times)
     width = np.where(times < 0.95, np.nan, 3.0 - times)
     plots = (Plot("contact force", "N", (Curve("thumb", times), Curve("first", 2 * times))),)
-    timeline = Timeline(times, states, (*plots, Plot("\u00b1 position", "mm", (Curve("position", width),))))
+    plots += (Plot("\u00b1 position", "mm", (Curve("position", width),)),)
+    said = tuple(
+        instant_of(scene, None if time < 0.95 else estimate, state) for time, state in zip(times, states, strict=True)
+    )
+    timeline = Timeline(times, states, plots, said)
     save_html(tmp_path / "page.html", meshcat, page_of(scene, estimate, timeline=timeline))
     browser.open(tmp_path / "page.html")
     height = "viewer.scene_tree.find(['tactopose', 'estimate']).object.position.z"
@@ -243,9 +316,17 @@ def test_the_slider_moves_through_a_recording(
         assert browser.evaluate(height) == pytest.approx(0.02 * time, abs=1e-4)
         assert browser.evaluate("document.getElementById('tp-now').innerText") == state
         assert browser.evaluate("document.getElementById('tp-seconds').innerText") == f"{time:.2f} s"
+        text = browser.evaluate("document.getElementById('tp-said').innerText")
+        assert f"At {time:.2f} s: {'ok' if state == 'ok' else 'no new estimate'}" in text
+        assert ("No contact." in text) == (state != "ok")
+        rows = browser.evaluate("document.querySelectorAll('#tp-hypotheses tr').length")
+        assert rows == (4 if state == "ok" else 0)
     assert browser.evaluate("document.querySelectorAll('.tp-strip i').length") == 2
     assert browser.evaluate("document.querySelectorAll('.tp-plot polyline').length") == 3
-    assert "contact force, N" in browser.evaluate("document.getElementById('tp-foot').innerText")
+    foot = browser.evaluate("document.getElementById('tp-foot').innerText")
+    assert all(text in foot for text in ("contact force, N", "time, s", "thumb", "no new estimate"))
+    ticks = browser.evaluate("[...document.querySelectorAll('.tp-axis i')].map((tick) => tick.innerText)")
+    assert ticks == ["0", "0.5", "1", "1.5", "2"]
     browser.evaluate("document.getElementById('tp-play').click()")
     browser.wait_for(f"{height} > 0.0399")
     browser.wait_for("document.getElementById('tp-play').innerText === 'Play'")

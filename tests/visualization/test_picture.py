@@ -1,3 +1,4 @@
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from tactopose_drake.estimation.estimate import estimate_pose
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.visualization.appearance import (
     ALTERNATIVE,
+    AXIS_COLOURS,
     CONTACT,
     ESTIMATE,
     FREE,
@@ -242,3 +244,27 @@ def test_contacts_are_on_the_side_that_is_seen(model: ObjectModel, side: float) 
     touch = Contacts([[0.03 * side, 0, 0], [0.03 * side, 0.02, 0], [0.03 * side, 0, 0.03]], n_PC)
     view = choose_view(Scene(model=model, contacts=touch, hypotheses=(ShownHypothesis(RigidTransform()),)))
     assert view[0] * side > 0.1
+
+
+def test_frames_and_friction_cones_are_drawn_on_request(model: ObjectModel, tmp_path: Path) -> None:
+    bare = Scene(model=model, contacts=Contacts(TOUCH.p_PC, TOUCH.n_PC), hypotheses=(ShownHypothesis(X_off),))
+    without = draw(tmp_path / "picture.png", bare)
+    framed = draw(tmp_path / "picture.png", dataclasses.replace(bare, frames=True))
+    green = AXIS_COLOURS[1]
+    assert share(without, green) == 0.0
+    assert share(framed, green) > 0.0005
+    coned = draw(tmp_path / "picture.png", dataclasses.replace(bare, friction=0.8))
+    assert np.mean(np.abs(without[60:-90] - coned[60:-90]).max(axis=2) > 0.06) > 0.002
+
+
+def test_numbers_of_near_contacts_do_not_cover_each_other(model: ObjectModel, tmp_path: Path) -> None:
+    inks = []
+    for gap in (0.0, 0.04):
+        touch = Contacts([[0.03, 0.0, 0.0], [0.03, gap, 0.0]], [[1.0, 0.0, 0.0]] * 2)
+        image = draw(
+            tmp_path / "picture.png",
+            Scene(model=model, contacts=touch, hypotheses=(ShownHypothesis(RigidTransform()),)),
+        )
+        # What is written is white around dark red letters.
+        inks.append(np.count_nonzero(np.all(image[60:-90, 150:-150] > 0.995, axis=2)))
+    assert inks[0] > 0.7 * inks[1] > 0

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import umsgpack
 import zmq
-from pydrake.geometry import Box, Cylinder, MeshcatCone, Rgba, Sphere
+from pydrake.geometry import Cylinder, Ellipsoid, MeshcatCone, Rgba, Sphere
 from pydrake.math import RigidTransform, RotationMatrix
 
 from tactopose_drake.core.evidence.contacts import Contacts
@@ -104,9 +104,9 @@ def test_shapes_lie_as_drake_has_them(server: Server, shape: object, low: list[f
 def test_other_shapes_are_an_error(server: Server) -> None:
     with (
         RemoteMeshcat(server.url) as meshcat,
-        pytest.raises(InvalidInputError, match="is a Box; allowed are Sphere, Cylinder and MeshcatCone"),
+        pytest.raises(InvalidInputError, match="is a Ellipsoid; allowed are Sphere, Cylinder, Box and MeshcatCone"),
     ):
-        meshcat.SetObject("/a", Box(1, 1, 1), Rgba(1, 1, 1))
+        meshcat.SetObject("/a", Ellipsoid(1, 1, 1), Rgba(1, 1, 1))
 
 
 def test_no_server_is_an_error_and_not_a_wait(monkeypatch: pytest.MonkeyPatch) -> None:

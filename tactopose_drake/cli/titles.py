@@ -1,0 +1,17 @@
+"""What pages of grasps are called."""
+
+from pathlib import Path
+
+from tactopose_drake.station.scenario import Scenario
+
+
+def grasp_title(scenario: Scenario, hand: str = "") -> str:
+    """The scenario's object in its hand, by their names, which may be given as paths.
+
+    Args:
+        scenario: of the grasp.
+        hand: a word on the hand, such as "simulated".
+    """
+    thing = Path(scenario.object).stem.replace("_", " ")
+    name = Path(scenario.hand).name.split(".")[0].replace("_", "-")
+    return f"{thing[0].upper()}{thing[1:]} in the {hand + ' ' if hand else ''}{name} hand"

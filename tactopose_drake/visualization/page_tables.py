@@ -1,0 +1,95 @@
+"""The words and numbers of a page: tables, and what is said of one instant."""
+
+import html
+from typing import NamedTuple
+
+_STATE_NAMES = {"held": "no new estimate"}  # where the word would mislead
+
+
+class Row(NamedTuple):
+    """A row of a page's table.
+
+    Attributes:
+        cells: its texts.
+        hides: pattern of the paths in Meshcat that a switch in the row shows and hides; none without.
+        is_on: whether that is shown at first.
+    """
+
+    cells: tuple[str, ...]
+    hides: str = ""
+    is_on: bool = True
+
+
+class PageTable(NamedTuple):
+    """A table of a page.
+
+    Attributes:
+        title: what it holds.
+        headings: of its columns.
+        rows: its rows.
+        more: what is said below it.
+        of_words: whether it holds sentences and not numbers.
+    """
+
+    title: str
+    headings: tuple[str, ...]
+    rows: tuple[Row, ...]
+    more: str = ""
+    of_words: bool = False
+
+
+class Instant(NamedTuple):
+    """What a page says of one instant.
+
+    Attributes:
+        status: in a word, such as "ok"; empty for none.
+        sentences: what is believed, how sure, and what is not determined.
+        hypotheses: the poses; without rows where there is no estimate.
+        contacts: what was felt.
+    """
+
+    status: str
+    sentences: tuple[str, ...]
+    hypotheses: PageTable
+    contacts: PageTable
+
+
+def state_name(word: str) -> str:
+    """What a page calls a status, by its first word."""
+    return _STATE_NAMES.get(word, word.replace("_", " "))
+
+
+def said_html(said: Instant, when: str = "") -> str:
+    """The status, at that time, and the sentences."""
+    lines = []
+    if said.status:
+        time = f"{html.escape(when)}: " if when else ""
+        name = html.escape(state_name(said.status))
+        lines.append(f'<p>{time}<span class="tp-status tp-{html.escape(said.status)}">{name}</span></p>')
+    lines += [f"<p>{html.escape(sentence)}</p>" for sentence in said.sentences]
+    return "".join(lines).replace("\u00b1 ", "\u00b1\u00a0")  # which is not parted from its number
+
+
+def table_html(table: PageTable) -> str:
+    """A table under its title; nothing for one without rows."""
+    if not table.rows:
+        return ""
+    has_switches = any(row.hides for row in table.rows)
+    headings = ([""] if has_switches else []) + [html.escape(heading) for heading in table.headings]
+    kind = ' class="tp-words"' if table.of_words else ""
+    lines = [
+        f"<h2>{html.escape(table.title)}</h2><table{kind}><tr>",
+        *(f"<th>{text}</th>" for text in headings),
+        "</tr>",
+    ]
+    for row in table.rows:
+        cells = [html.escape(cell) for cell in row.cells]
+        if has_switches:
+            on = " checked" if row.is_on else ""
+            box = f'<input type="checkbox" data-hides="{html.escape(row.hides)}"{on}>' if row.hides else ""
+            cells.insert(0, box)
+        lines.append("<tr>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>")
+    lines.append("</table>")
+    if table.more:
+        lines.append(f'<div class="tp-more">{html.escape(table.more)}</div>')
+    return "".join(lines)
