@@ -10,8 +10,10 @@ from pydrake.multibody.plant import MultibodyPlantConfig
 from tactopose_drake.core.grasping.finger_reach import ReachParams
 from tactopose_drake.core.grasping.grasp_planner import PlannerParams
 from tactopose_drake.core.sensing.force_torque import ForceTorqueModel
+from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
+from tactopose_drake.estimation.simulated_body import read_mass
 from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
 from tactopose_drake.resources import drawn_pose, fixed_pose, load_typed_yaml, model_path, resource_root
@@ -153,6 +155,16 @@ class Scenario:
     def object_mesh(self) -> Path:
         """The object's mesh for the estimator."""
         return self.object_sdf().with_suffix(".obj")
+
+    def object_model(self) -> ObjectModel:
+        """The object for the estimator, with the mass that the simulator's model has where the forces' balance counts.
+
+        Raises:
+            InvalidInputError: if a file cannot be used.
+        """
+        if not self.estimation.estimator.balance:
+            return ObjectModel.from_mesh(self.object_mesh())
+        return ObjectModel.from_mesh(self.object_mesh(), **read_mass(self.object_sdf())._asdict())
 
 
 def scenario_file(name_or_path: str | Path) -> Path:

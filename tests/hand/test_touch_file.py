@@ -1,3 +1,4 @@
+import re
 from pathlib import Path
 
 import numpy as np
@@ -6,6 +7,8 @@ import pytest
 from tactopose_drake.core.poses import make_poses, matrix_from_quaternion, transform_points
 from tactopose_drake.core.sensing.patches import describe_patch
 from tactopose_drake.errors import InvalidFileError
+from tactopose_drake.estimation import load_prior
+from tactopose_drake.hand import load_hand_volume
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
 from tactopose_drake.hand.touch_file import load_touch
 
@@ -65,6 +68,17 @@ def test_contacts_and_patches_go_together(tmp_path: Path) -> None:
     np.testing.assert_array_equal(touch.contacts.p_PC, [[0.0, 0.0, 0.1]])
     np.testing.assert_array_equal(touch.contacts.sigma_position, 0.002)
     assert len(touch.patches) == 2
+
+
+def test_the_files_of_the_reference_can_be_read(tmp_path: Path) -> None:
+    text = (Path(__file__).parents[2] / "docs" / "reference" / "touch_files.md").read_text()
+    readers = {"contacts": load_touch, "prior": load_prior, "volume": load_hand_volume, "spheres": load_hand_volume}
+    files = re.findall(r"```yaml\n# (\w+)\.yaml\n(.*?)```", text, re.DOTALL)
+    assert [name for name, _ in files] == list(readers)
+    read = {name: readers[name](write(tmp_path, content)) for name, content in files}
+    assert [patch.status for patch in read["contacts"].patches] == ["area", "row"]
+    assert read["volume"].untouched is not None
+    assert len(read["spheres"].untouched.radius) == 1
 
 
 @pytest.mark.parametrize(
