@@ -7,13 +7,13 @@ from pathlib import Path
 import click
 
 from tactopose_drake.cli.consoles import OUT
-from tactopose_drake.cli.run_command import print_end, showing
+from tactopose_drake.cli.run_command import print_end, sentence_case, showing
 from tactopose_drake.estimation.output_files import check_outputs, written_beside
 from tactopose_drake.runs.estimate_writer import EstimateWriter
 from tactopose_drake.runs.page_recorder import PageRecorder
 from tactopose_drake.runs.scenario_replay import replay as replay_recording
 from tactopose_drake.runs.stepping import RunView
-from tactopose_drake.station.scenario import Scenario, load_scenario, scenario_file
+from tactopose_drake.station.scenario import load_scenario, scenario_file
 
 _path = click.Path(path_type=Path)
 
@@ -49,7 +49,11 @@ def replay(log: Path, scenario: str, speed: str, out: Path | None, html: Path | 
         OUT.print(end, style=None if played.whole else "yellow", soft_wrap=True, markup=False)
     if played.difference:
         OUT.print(played.difference, style="yellow", soft_wrap=True, markup=False)
-    if page is not None and html is not None and not page.save(html, _title(log, loaded)):
+    if (
+        page is not None
+        and html is not None
+        and not page.save(html, f"{sentence_case(loaded.object)} in the hand: recording {log.absolute().name}")
+    ):
         OUT.print(f"{html}: not written, since there never was an estimate.", style="yellow", soft_wrap=True)
     if replaced:
         OUT.print(f"Replaced: {', '.join(replaced)}", soft_wrap=True)
@@ -68,9 +72,3 @@ def _written(out: Path) -> Iterator[EstimateWriter]:
             yield writer
         if writer.file.problem:
             raise OSError(writer.file.problem)
-
-
-def _title(log: Path, scenario: Scenario) -> str:
-    """What the page of a recording is."""
-    name = scenario.object.replace("_", " ")
-    return f"{name[0].upper()}{name[1:]} in the hand: recording {log.absolute().name}"

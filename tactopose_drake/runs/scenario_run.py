@@ -97,7 +97,7 @@ def _run_simulated(
 
     def watch_and_show(view: RunView) -> None:
         watch.see(view.context)
-        observer(view)
+        observer(dataclasses.replace(view, true_pose=station.object_pose(view.context)))
 
     view = advance(simulator, None, scenario.estimation.estimator.period, until, watch_and_show)
     return dataclasses.replace(view, outcome=watch.outcome(view.context))
