@@ -14,7 +14,7 @@ from tactopose_drake.runs.page_recorder import PageRecorder
 from tactopose_drake.runs.scenario_run import run_scenario
 from tactopose_drake.runs.stepping import Observer, Progress, RunView
 from tactopose_drake.station.scenario import Scenario, load_scenario, scenario_file
-from tactopose_drake.station.senses import LcmSenses
+from tactopose_drake.station.senses import LcmSenses, Ros2Senses
 
 _path = click.Path(path_type=Path)
 _seconds = click.FloatRange(min=0.0, min_open=True)
@@ -65,8 +65,8 @@ def sentence_case(name: str) -> str:
 
 
 def _recorder(scenario: Scenario) -> PageRecorder:
-    if isinstance(scenario.senses, LcmSenses):
-        raise InvalidInputError("--html, --picture: are of a station; a run over LCM has none.")
+    if isinstance(scenario.senses, LcmSenses | Ros2Senses):
+        raise InvalidInputError("--html, --picture: are of a station; a run on messages has none.")
     return PageRecorder(scenario, scenario.object_model())
 
 

@@ -9,13 +9,22 @@ from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.runs.device_run import check_devices, run_devices
 from tactopose_drake.runs.grasp_watch import GraspWatch
-from tactopose_drake.runs.lcm_run import publishing, run_lcm
+from tactopose_drake.runs.lcm_run import run_lcm
+from tactopose_drake.runs.publishing import publishing
 from tactopose_drake.runs.recording import Recording
+from tactopose_drake.runs.ros2_run import run_ros2
 from tactopose_drake.runs.scenario_replay import replay
 from tactopose_drake.runs.simulation import start_simulation
 from tactopose_drake.runs.stepping import Observer, Progress, RunView, advance
 from tactopose_drake.station.scenario import Scenario
-from tactopose_drake.station.senses import CanSenses, LcmSenses, RecordedSenses, SimulatedDevices, SimulatedSenses
+from tactopose_drake.station.senses import (
+    CanSenses,
+    LcmSenses,
+    RecordedSenses,
+    Ros2Senses,
+    SimulatedDevices,
+    SimulatedSenses,
+)
 from tactopose_drake.station.simulated import check_bodies, make_station
 
 
@@ -52,6 +61,12 @@ def run_scenario(
                 "record: the senses come over LCM, whose own `lcm-logger` records them; allowed are others."
             )
         return run_lcm(scenario, duration, observer, tell)
+    if isinstance(scenario.senses, Ros2Senses):
+        if record is not None:
+            raise InvalidInputError(
+                "record: the senses come over ROS 2, whose own `ros2 bag record` records them; allowed are others."
+            )
+        return run_ros2(scenario, duration, observer, tell)
     observer = publishing(scenario, observer)
     if isinstance(scenario.senses, RecordedSenses):
         if record is not None:

@@ -18,7 +18,15 @@ from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
 from tactopose_drake.resources import drawn_pose, fixed_pose, load_typed_yaml, model_path, resource_root
 from tactopose_drake.station.scenario_limits import check_limits, check_plant
-from tactopose_drake.station.senses import CanSenses, LcmPublishing, LcmSenses, RecordedSenses, SimulatedSenses
+from tactopose_drake.station.senses import (
+    CanSenses,
+    LcmPublishing,
+    LcmSenses,
+    RecordedSenses,
+    Ros2Publishing,
+    Ros2Senses,
+    SimulatedSenses,
+)
 from tactopose_drake.systems.force_torque_sensor import load_force_torque_model
 from tactopose_drake.systems.grasp_controller import GraspControllerParams
 from tactopose_drake.systems.grip_controller import GripControllerParams
@@ -95,10 +103,10 @@ class Scenario:
     seed: int = 0  # of the grasp and of all noise
     duration: float = 4.0  # longest simulated time, s
     # Where the estimation's inputs come from; all that follows on the hand's motion is of the simulator alone.
-    senses: SimulatedSenses | CanSenses | LcmSenses | RecordedSenses = dataclasses.field(
+    senses: SimulatedSenses | CanSenses | LcmSenses | Ros2Senses | RecordedSenses = dataclasses.field(
         default_factory=SimulatedSenses
     )
-    publish: LcmPublishing | None = None  # where the belief is sent to other processes; None: nowhere
+    publish: LcmPublishing | Ros2Publishing | None = None  # where the belief is sent to other processes; None: nowhere
     plant: MultibodyPlantConfig = dataclasses.field(default_factory=_default_plant)  # of the simulator
     X_WBase: Transform = dataclasses.field(default_factory=_palm_to_the_side)  # where the hand's base is welded
     X_WC: Transform = dataclasses.field(default_factory=_camera)  # the vision source's camera
@@ -132,7 +140,7 @@ class Scenario:
         hand = load_hand_config(self.hand)
         for pad in hand.pads:
             load_tactile_pad(pad.array)
-        if isinstance(self.senses, CanSenses):
+        if isinstance(self.senses, CanSenses | Ros2Senses):
             self.senses.validate(hand)
         if isinstance(self.senses, LcmSenses):
             self.senses.validate()

@@ -118,8 +118,7 @@ def _checked(depth: ArrayLike, mask: ArrayLike | None) -> FloatArray:
 def _middles(length: int, width: int) -> FloatArray:
     """Where the middles of the blocks are along one side of a map, from the map's middle on, in pixels."""
     count, first = length // width, (length % width) // 2
-    middles: FloatArray = first + width * (np.arange(count) + 0.5) - 0.5 * length
-    return middles
+    return np.asarray(first + width * (np.arange(count) + 0.5) - 0.5 * length, dtype=np.float64)
 
 
 def _block_means(depth: FloatArray, width: int) -> FloatArray:
