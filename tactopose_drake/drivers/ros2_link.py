@@ -1,7 +1,7 @@
 """Messages of ROS 2 over DDS, by CycloneDDS and without a ROS 2: what DDS calls topics and types is as ROS 2 has it.
 
-ROS 2's topic /joint_states is DDS' rt/joint_states, and its type sensor_msgs/JointState is
-sensor_msgs::msg::dds_::JointState_. The package `cyclonedds` is needed only where a link is opened.
+ROS 2's topic `/joint_states` is `rt/joint_states` of DDS, and its type `sensor_msgs/JointState` is
+`sensor_msgs::msg::dds_::JointState_`. The package `cyclonedds` is needed only where a link is opened.
 """
 
 import functools

@@ -3,6 +3,7 @@ from .body_meshes import BodyMeshes as BodyMeshes
 from .body_meshes import Triangles as Triangles
 from .body_meshes import sphere_triangles as sphere_triangles
 from .estimate_page import page_of as page_of
+from .layout_picture import save_layout_picture as save_layout_picture
 from .likelihood_bars import add_bars as add_bars
 from .likelihood_bars import set_bars as set_bars
 from .meshcat import aim_camera as aim_camera

@@ -24,6 +24,14 @@ def test_check_hand_shows_a_usable_hand(tmp_path: Path, capsys: pytest.CaptureFi
     assert len(page) > 1_000_000
 
 
+def test_check_hand_shows_the_cells_of_a_hand_that_has_some(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("check-hand", "barrett_like", "--cells", tmp_path / "cells.png") == 0
+    assert (tmp_path / "cells.png").read_bytes().startswith(b"\x89PNG")
+    assert run("check-hand", write_gripper(tmp_path), "--cells", tmp_path / "none.png") == 0
+    assert "not written, since the hand has no tactile pads" in capsys.readouterr().out
+    assert not (tmp_path / "none.png").exists()
+
+
 def test_check_hand_ends_with_a_line_for_each_fault(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     hand = write_gripper(tmp_path, yaml=YAML.replace("radius: 0.012", "radius: 0.03"))
     assert run("check-hand", hand) == 2
