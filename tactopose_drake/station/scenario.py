@@ -18,6 +18,7 @@ from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
 from tactopose_drake.resources import drawn_pose, fixed_pose, load_typed_yaml, model_path, resource_root
 from tactopose_drake.station.scenario_limits import check_limits, check_plant
+from tactopose_drake.station.scenario_paths import count_paths_from
 from tactopose_drake.station.senses import (
     CanSenses,
     LcmPublishing,
@@ -39,7 +40,7 @@ from tactopose_drake.systems.simulated_vision import SimulatedVisionParams
 class SensorConfig:
     """The force-torque sensors in the fingers."""
 
-    file: str = ""  # of their calibrations, by its path from where you run; empty: the ATI Nano17's
+    file: str = "nano17"  # of their calibrations: one of the package's sensors by name, or a YAML file by its path
     calibration: str = "SI-12-0.12"  # by its name in that file
     period: float = 0.008  # s between two samples
 
@@ -49,7 +50,8 @@ class SensorConfig:
         Raises:
             InvalidInputError: if the file cannot be read, or has no such calibration.
         """
-        return load_force_torque_model(self.calibration, Path(self.file) if self.file else None)
+        # Recordings of before sensors had names say nothing.
+        return load_force_torque_model(self.calibration, self.file or "nano17")
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -96,9 +98,9 @@ def _camera() -> Transform:
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class Scenario:
-    """Everything that `make_station` needs; only data."""
+    """Everything that `make_station` needs; only data. Paths in a file count from that file's folder."""
 
-    hand: str = "shadow_like"  # a hand of the package by name, or a *.hand.yaml by its path from where you run
+    hand: str = "shadow_like"  # a hand of the package by name, or a *.hand.yaml by its path from this file's folder
     object: str = "wine_glass"  # an object of the package by name, or an SDF by path; its mesh lies beside it as OBJ
     seed: int = 0  # of the grasp and of all noise
     duration: float = 4.0  # longest simulated time, s
@@ -193,11 +195,14 @@ def scenario_file(name_or_path: str | Path) -> Path:
 def load_scenario(name_or_path: str | Path) -> Scenario:
     """Reads a `*.scenario.yaml`: one of the package's diagrams by name, or any file by path.
 
+    Paths in the file count from its folder; those of a `Scenario` made otherwise, from where you run.
+
     Raises:
         InvalidFileError: if the file cannot be read or does not fit `Scenario`, or a value is out of its range.
     """
     path = scenario_file(name_or_path)
     scenario = load_typed_yaml(Scenario, path)
+    count_paths_from(path.parent, scenario)
     try:
         scenario.validate()
     except InvalidInputError as error:

@@ -43,7 +43,7 @@ class Ros2Senses:
     """Messages of ROS 2, `!Ros2Senses` in YAML; a belief is made for each joint state."""
 
     domain: int = 0  # ROS_DOMAIN_ID
-    config: str = ""  # CycloneDDS' own XML file, by its path from where you run; empty: for this machine alone
+    config: str = ""  # path of CycloneDDS' own XML file; empty: for this machine alone
     joints: str = "/joint_states"  # topic of sensor_msgs/JointState, by the names in the hand's model, rad
     # Topics of geometry_msgs/WrenchStamped by the hand's fingers: F_S on the fingertip in its sensor's frame, N, N m.
     wrenches: dict[str, str] = dataclasses.field(default_factory=dict)
@@ -71,7 +71,7 @@ class Ros2Publishing:
     """Where a run sends what is believed, as messages of ROS 2, `!Ros2Publishing` in YAML."""
 
     domain: int = 0  # ROS_DOMAIN_ID
-    config: str = ""  # CycloneDDS' own XML file, by its path from where you run; empty: for this machine alone
+    config: str = ""  # path of CycloneDDS' own XML file; empty: for this machine alone
     pose: str = "/object_pose"  # topic of geometry_msgs/PoseWithCovarianceStamped, of the best mode
     markers: str = "/object_markers"  # topic of visualization_msgs/MarkerArray: the mesh at each mode
     status: str = "/object_status"  # topic of std_msgs/String

@@ -108,7 +108,7 @@ def _schemas() -> tuple[tuple[str, str, Callable[[Path], object]], ...]:
 
 
 def _load_sensor(path: Path) -> object:
-    return load_force_torque_model(path=path)
+    return load_force_torque_model(name_or_path=path)
 
 
 def yaml_files(rng: np.random.Generator) -> None:
