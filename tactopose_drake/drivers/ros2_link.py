@@ -7,6 +7,7 @@ ROS 2's topic `/joint_states` is `rt/joint_states` of DDS, and its type `sensor_
 import functools
 import importlib
 import math
+import struct
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -29,7 +30,11 @@ _domains: dict[int, tuple[str, Any]] = {}
 
 
 class Ros2Link:
-    """A participant of a domain, with what it hears and what it says."""
+    """A participant of a domain, with what it hears and what it says.
+
+    Attributes:
+        damaged: topics of messages that could not be read, which are left out, in the order in which they came.
+    """
 
     def __init__(self, domain: int = 0, config: str = "") -> None:
         """Joins the domain.
@@ -42,7 +47,8 @@ class Ros2Link:
         Raises:
             InvalidInputError: if the package `cyclonedds` is not installed, or there is no such domain.
             InvalidFileError: if the file cannot be read.
-            BusError: if the domain cannot be joined.
+            BusError: if the domain cannot be joined, or something else in this process has opened it: its configuration
+                would not be this one.
         """
         if not 0 <= domain <= _MOST_DOMAIN:
             raise InvalidInputError(f"ROS 2: domain: is {domain}; allowed are integers from 0 to {_MOST_DOMAIN}.")
@@ -56,6 +62,7 @@ class Ros2Link:
             raise BusError(f"ROS 2: the domain {domain} cannot be joined ({error}).") from None
         # A reader, its condition, which lives as long as it is held, and who hears it.
         self._heard: list[tuple[Any, Any, Callable[[Any], None]]] = []
+        self.damaged: list[str] = []
 
     def subscribe(self, topic: str, kind: str, handler: Callable[[Any], None]) -> None:
         """Has a handler called with each message, whose fields are its attributes.
@@ -110,13 +117,26 @@ class Ros2Link:
         try:
             self._waiting.wait(self._dds["util"].duration(nanoseconds=max(0, math.ceil(1e9 * timeout))))
             for reader, _, handler in self._heard:
-                for sample in reader.take(N=_DEPTH):
-                    if sample.sample_info.valid_data:
-                        handler(sample)
-                        count += 1
+                for sample in self._taken(reader):
+                    handler(sample)
+                    count += 1
         except self._fault as error:
             raise BusError(f"ROS 2: cannot be read ({error}).") from None
         return count
+
+    def _taken(self, reader: Any) -> list[Any]:
+        """All messages that are there, one by one, so that a damaged one takes no other with it."""
+        found: list[Any] = []
+        for _ in range(_DEPTH):
+            try:
+                samples = reader.take(N=1)
+            except (ValueError, IndexError, struct.error):  # such as text that is not UTF-8
+                self.damaged.append(reader.topic.name.removeprefix("rt"))
+                continue
+            if not samples:
+                break
+            found += [sample for sample in samples if sample.sample_info.valid_data]
+        return found
 
     def _topic(self, topic: str, kind: str) -> Any:
         if not topic.startswith("/") or topic.endswith("/"):

@@ -96,8 +96,10 @@ class Ros2Inbox:
 
     def take_remarks(self) -> tuple[str, ...]:
         """What is to be said of what came, once."""
-        remarks, self._remarks = tuple(dict.fromkeys(self._remarks)), []
-        return remarks
+        damaged, self._link.damaged = self._link.damaged, []
+        said = [*self._remarks, *(f"a message on {topic} is damaged" for topic in damaged)]
+        self._remarks = []
+        return tuple(dict.fromkeys(said))
 
     def _on_joints(self, said: Any) -> None:
         time = seconds_of(said.header.stamp)

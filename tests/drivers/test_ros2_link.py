@@ -73,6 +73,27 @@ def test_what_one_participant_says_another_hears() -> None:
     assert time.monotonic() - started < 5.0
 
 
+def test_a_damaged_message_is_left_out_and_the_next_is_heard() -> None:
+    from cyclonedds.domain import DomainParticipant
+    from cyclonedds.pub import DataWriter
+    from cyclonedds.topic import Topic
+
+    listener = Ros2Link(DOMAIN)  # first: it keeps the domain on this machine
+    kind, participant = message_type("std_msgs/String"), DomainParticipant(DOMAIN)
+    writer = DataWriter(participant, Topic(participant, "rt/hand/text", kind))
+    heard: list[Any] = []
+    listener.subscribe("/hand/text", "std_msgs/String", lambda said: heard.append(said.data))
+    damaged = kind(data="x")
+    damaged.serialize = lambda *_, **__: b"\x00\x01\x00\x00\x04\x00\x00\x00\xff\xfe\xfd\x00"
+    end = time.monotonic() + 20.0
+    while not (heard and listener.damaged) and time.monotonic() < end:
+        writer.write(damaged)
+        writer.write(kind(data="sound"))
+        listener.wait(0.1)
+    assert set(heard) == {"sound"}
+    assert set(listener.damaged) == {"/hand/text"}
+
+
 def test_what_cannot_be_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InvalidInputError, match="domain: is 300; allowed are integers from 0 to 232"):
         Ros2Link(300)

@@ -140,6 +140,7 @@ class Beside:
 
     def __init__(self) -> None:
         self.handlers: dict[str, Any] = {}
+        self.damaged: list[str] = []
 
     def subscribe(self, topic: str, kind: str, handler: Any) -> None:
         self.handlers[topic] = handler
@@ -185,7 +186,9 @@ def test_each_joint_state_goes_with_the_newest_of_the_rest() -> None:
     said = inbox.take()
     assert said is not None
     assert not said.wrenches
-    assert inbox.take_remarks() == ("the senses' sender began anew",)
+    link.damaged = ["/thumb", "/thumb"]
+    assert inbox.take_remarks() == ("the senses' sender began anew", "a message on /thumb is damaged")
+    assert inbox.take_remarks() == ()
     # A picture waits for the senses of its time.
     seen = {"header": {"stamp": stamp_of(1.2)}, "pose": {"pose": {"orientation": {"w": 1.0}}}}
     link.say("/seen", "geometry_msgs/PoseWithCovarianceStamped", seen)
