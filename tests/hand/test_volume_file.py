@@ -64,6 +64,8 @@ def test_a_link_behind_a_joint_that_is_not_given_is_not_known(tmp_path: Path) ->
     assert volumes[1].untouched is not None
     assert len(volumes[0].hand.radius) < len(volumes[1].hand.radius)
     assert len(volumes[1].untouched.radius) < len(volumes[1].hand.radius)
+    nowhere = load_hand_volume(write(tmp_path, f"hand: {hand.name}\njoints: {{}}\nuntouched: [left]"))
+    assert nowhere.untouched is None
 
 
 @pytest.mark.parametrize(

@@ -25,7 +25,7 @@ def test_a_ball_leaves_a_cap(ball: ObjectModel, depth: float) -> None:
     found = press_gel(ball, compose(X_PT, X_TO), X_PT, SENSOR, (120, 160), generator, sigma_depth=0.0)
     x, y = np.meshgrid((np.arange(160) - 79.5) * 1e-4 - 0.002, (np.arange(120) - 59.5) * 1e-4 + 0.001)
     height = RADIUS - np.sqrt(RADIUS**2 - x**2 - y**2)
-    np.testing.assert_allclose(found, np.clip(depth - height, 0.0, SENSOR.most_depth), atol=1e-4)
+    np.testing.assert_allclose(found, np.clip(depth - height, 0.0, SENSOR.most_depth), atol=4e-5)
     assert np.isclose(found.max(), min(depth, SENSOR.most_depth), atol=1e-4)
 
 
