@@ -11,6 +11,9 @@ from tactopose_drake.cli.hand_page import save_hand_page
 from tactopose_drake.estimation.output_files import check_outputs
 from tactopose_drake.hand.findings import Finding
 from tactopose_drake.hand.hand_check import check_hand
+from tactopose_drake.hand.hand_config import PadConfig
+from tactopose_drake.hand.tactile_pads import load_tactile_pad
+from tactopose_drake.visualization.layout_picture import save_layout_picture
 
 _path = click.Path(path_type=Path)
 _STYLES = {"ok": "green", "note": "yellow", "fault": "red"}
@@ -19,19 +22,35 @@ _STYLES = {"ok": "green", "note": "yellow", "fault": "red"}
 @click.command("check-hand")
 @click.argument("hand", type=str)
 @click.option("--html", type=_path, help="Writes a page that shows the hand with its frames and fingertips, by name.")
-def check_hand_command(hand: str, html: Path | None) -> None:
+@click.option("--cells", type=_path, help="Writes a picture of the tactile pads' cells with their numbers, as PNG.")
+def check_hand_command(hand: str, html: Path | None, cells: Path | None) -> None:
     """Checks HAND, a hand's YAML file, or one of the package by name: the exit status is 2 if it has a fault."""
-    check_outputs((html,), inputs=(Path(hand),))
+    check_outputs((html, cells), inputs=(Path(hand),))
     with ERRORS.status(f"checking {hand}"):
         check = check_hand(hand)
     OUT.print(findings_table(hand, check.findings))
     if html is not None and check.parts is not None:
         save_hand_page(html, hand, check)
         OUT.print(f"Written: {html}", soft_wrap=True)
+    if cells is not None and check.parts is not None:
+        _save_cells(cells, check.parts.hand.config.pads)
     for fault in check.faults:
         ERRORS.print(f"error: {hand}: {fault.part}: {fault.text}.", style="red")
     if check.faults:
         raise click.exceptions.Exit(2)
+
+
+def _save_cells(path: Path, pads: list[PadConfig]) -> None:
+    """Writes the picture; arrays that several pads have are in it once."""
+    arrays: dict[str, list[str]] = {}
+    for pad in pads:
+        arrays.setdefault(pad.array, []).append(pad.name)
+    if not arrays:
+        OUT.print(f"{path}: not written, since the hand has no tactile pads.", style="yellow", soft_wrap=True)
+        return
+    rows = {f"{', '.join(names)} ({Path(array).stem})": array for array, names in arrays.items()}
+    save_layout_picture(path, {row: load_tactile_pad(array).layout for row, array in rows.items()})
+    OUT.print(f"Written: {path}", soft_wrap=True)
 
 
 def findings_table(hand: str, findings: tuple[Finding, ...]) -> Table:

@@ -6,16 +6,18 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import click
+import numpy as np
 
-from tactopose_drake import visualization
+from tactopose_drake import hand, visualization
 from tactopose_drake.cli.consoles import ERRORS, OUT
 from tactopose_drake.cli.reports import hypotheses_table
 from tactopose_drake.cli.symmetry_option import SYMMETRY_HELP, parse_symmetries
+from tactopose_drake.core.evidence.force_balance import ForceBalance
 from tactopose_drake.core.mesh.repair import MeshRepairWarning
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.estimation.descriptions import false_contacts_line, free_line, status_line
 from tactopose_drake.estimation.estimate import METHODS, estimate_pose
-from tactopose_drake.estimation.files import load_contacts, load_prior, save_result
+from tactopose_drake.estimation.files import load_prior, save_result
 from tactopose_drake.estimation.object_files import load_object
 from tactopose_drake.estimation.output_files import check_outputs
 
@@ -26,8 +28,19 @@ _path = click.Path(path_type=Path)
 @click.option("--object", "mesh", type=_path, required=True, help="Mesh of the object, or its SDF or URDF.")
 @click.option("--scale", type=float, default=1.0, show_default=True, help="Metres in the mesh's unit: 0.001 for mm.")
 @click.option("--symmetry", multiple=True, default=("auto",), show_default=True, help=SYMMETRY_HELP)
-@click.option("--contacts", "contacts_file", type=_path, required=True, help="contacts.yaml: the touch.")
+@click.option("--mass", type=float, help="Of the object, kg; by default what its SDF or URDF says.")
+@click.option("--contacts", "contacts_file", type=_path, required=True, help="contacts.yaml: contacts, patches.")
 @click.option("--prior", "prior_file", type=_path, help="prior.yaml: what is known of the pose without touch.")
+@click.option(
+    "--hand-volume", "volume_file", type=_path, help="YAML of where the hand is, and which of its parts feel nothing."
+)
+@click.option("--friction", type=float, help="Coefficient of friction: no contact slips. Needs forces.")
+@click.option(
+    "--gravity",
+    type=float,
+    nargs=3,
+    help="In the palm frame, m/s^2: the object rests under the contacts' forces alone. Needs forces and its mass.",
+)
 @click.option("--method", type=click.Choice(list(METHODS)), default="pair_search", show_default=True, help="Search.")
 @click.option(
     "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the search's random numbers."
@@ -39,26 +52,43 @@ def estimate(
     mesh: Path,
     scale: float,
     symmetry: tuple[str, ...],
+    mass: float | None,
     contacts_file: Path,
     prior_file: Path | None,
+    volume_file: Path | None,
+    friction: float | None,
+    gravity: tuple[float, float, float] | None,
     method: str,
     seed: int,
     out: Path | None,
     html: Path | None,
     meshcat_url: str | None,
 ) -> None:
-    """Estimates the pose of an object from contacts."""
-    contacts = load_contacts(contacts_file)
+    """Estimates the pose of an object from what touches it."""
+    touch = hand.load_touch(contacts_file)
     prior = None if prior_file is None else load_prior(prior_file)
-    check_outputs((out, html), inputs=(mesh, contacts_file, prior_file))
+    volumes = None if volume_file is None else hand.load_hand_volume(volume_file)
+    balance = None if gravity is None else ForceBalance(np.array(gravity))
+    check_outputs((out, html), inputs=(mesh, contacts_file, prior_file, volume_file))
     remote = None
     if meshcat_url is not None:
         remote = click.get_current_context().with_resource(visualization.RemoteMeshcat(meshcat_url))
     with _progress(f"reading {mesh}"):
-        model = _load(mesh, scale, symmetry)
+        model = _load(mesh, scale, symmetry, mass)
     with _progress("searching (the first run on a machine compiles its kernels, about a minute)"):
-        found = estimate_pose(model, contacts, prior=prior, method=method, seed=seed)
-    is_false = found.best.inlier_probability[: len(contacts)] < 0.5
+        found = estimate_pose(
+            model,
+            touch.contacts,
+            patches=touch.patches,
+            prior=prior,
+            hand=None if volumes is None else volumes.hand,
+            untouched=None if volumes is None else volumes.untouched,
+            balance=balance,
+            friction=friction,
+            method=method,
+            seed=seed,
+        )
+    is_false = found.best.inlier_probability[: len(touch.contacts)] < 0.5
     OUT.print(hypotheses_table(found, model))
     for line in (free_line(found.best), false_contacts_line(is_false), status_line(found)):
         if line:
@@ -75,14 +105,14 @@ def estimate(
         OUT.print(f"Drawn into the meshcat-server whose page is {remote.web_url()}", soft_wrap=True)
 
 
-def _load(mesh: Path, scale: float, symmetry: tuple[str, ...]) -> ObjectModel:
+def _load(mesh: Path, scale: float, symmetry: tuple[str, ...], mass: float | None) -> ObjectModel:
     if symmetry == ("auto",):
-        return load_object(mesh, scale=scale)
-    model = load_object(mesh, scale=scale, symmetry="none")
+        return load_object(mesh, scale=scale, mass=mass)
+    model = load_object(mesh, scale=scale, symmetry="none", mass=mass)
     if symmetry == ("none",):
         return model
     given = parse_symmetries(symmetry, model.center_of_mass)
-    return load_object(mesh, scale=scale, symmetry=given)
+    return load_object(mesh, scale=scale, symmetry=given, mass=mass)
 
 
 @contextmanager

@@ -15,10 +15,10 @@ from rich.table import Table
 from tactopose_drake.cli.consoles import ERRORS, OUT
 from tactopose_drake.cli.workers import processes
 from tactopose_drake.core.mesh.repair import MeshRepairWarning
-from tactopose_drake.estimation.files import load_contacts
 from tactopose_drake.estimation.identification import Likelihood, identify
 from tactopose_drake.estimation.identities import Identification
 from tactopose_drake.estimation.object_library import LibraryWarning, ObjectLibrary
+from tactopose_drake.hand.touch_file import load_touch
 
 _MOST_ROWS = 12
 _BAR = 12  # Characters of the longest.
@@ -27,7 +27,7 @@ _path = click.Path(path_type=Path)
 
 @click.command(name="identify")
 @click.option("--library", "folder", type=_path, required=True, help="Folder of meshes in metres, or a manifest.")
-@click.option("--contacts", "contacts_file", type=_path, required=True, help="contacts.yaml: the touch.")
+@click.option("--contacts", "contacts_file", type=_path, required=True, help="contacts.yaml: contacts, patches.")
 @click.option(
     "--jobs",
     type=click.IntRange(min=1),
@@ -43,13 +43,13 @@ _path = click.Path(path_type=Path)
     help="What ranks the objects; the inverse of the lowest cost is the thesis' measure.",
 )
 def identify_command(folder: Path, contacts_file: Path, jobs: int, likelihood: Likelihood) -> None:
-    """Tells which object of a library the contacts are on."""
-    contacts = load_contacts(contacts_file)
+    """Tells which object of a library the touch is on."""
+    contacts, patches = load_touch(contacts_file)
     with contextlib.nullcontext() if jobs == 1 else processes(jobs) as executor:
         library = _open(folder, executor)
     # The few candidates are estimated here: processes would take longer to start than they save.
     with ERRORS.status(f"comparing {len(library)} objects (the first run on a machine compiles its kernels)"):
-        found = identify(library, contacts, likelihood=likelihood)
+        found = identify(library, contacts, patches=patches, likelihood=likelihood)
     OUT.print(_table(found))
     OUT.print(_line(found))
 

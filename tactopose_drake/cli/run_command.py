@@ -7,10 +7,14 @@ from pathlib import Path
 import click
 
 from tactopose_drake.cli.consoles import ERRORS, OUT
+from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.estimation.output_files import check_outputs
 from tactopose_drake.runs.monitor import Monitor, estimate_line
+from tactopose_drake.runs.page_recorder import PageRecorder
 from tactopose_drake.runs.scenario_run import run_scenario
 from tactopose_drake.runs.stepping import Observer, Progress, RunView
-from tactopose_drake.station.scenario import load_scenario
+from tactopose_drake.station.scenario import Scenario, load_scenario, scenario_file
+from tactopose_drake.station.senses import LcmSenses, Ros2Senses
 
 _path = click.Path(path_type=Path)
 _seconds = click.FloatRange(min=0.0, min_open=True)
@@ -20,17 +24,55 @@ _seconds = click.FloatRange(min=0.0, min_open=True)
 @click.argument("scenario", type=str)
 @click.option("--duration", type=_seconds, help="s; the scenario's by default, with real devices until Ctrl-C.")
 @click.option("--record", type=_path, help="Folder for a recording, new or empty: CAN logs, other signals, manifest.")
+@click.option("--html", type=_path, help="Writes a page here: hand, touch and belief at any time, with a slider.")
+@click.option("--picture", type=_path, help="Writes a picture of the last estimate here, as PNG.")
 @click.option("--monitor", is_flag=True, help="Shows rates, ages, forces, pressures and the estimate live.")
-def run(scenario: str, duration: float | None, record: Path | None, monitor: bool) -> None:
-    """Runs a SCENARIO, simulated or on CAN devices: one of the package by name, or a YAML file."""
+def run(
+    scenario: str, duration: float | None, record: Path | None, html: Path | None, picture: Path | None, monitor: bool
+) -> None:
+    """Runs a SCENARIO, simulated or on CAN devices: one of the package by name, or a YAML file.
+
+    Of a simulated run it says whether the grasp is stable, and how far the estimate is off the truth.
+    """
     loaded = load_scenario(scenario)
+    check_outputs((html, picture), inputs=(scenario_file(scenario), record))
+    drawn = _recorder(loaded) if html is not None or picture is not None else None
+    replaced = [str(path) for path in (html, picture) if path is not None and path.is_file()]
     with showing(monitor) as (show, tell):
-        view = run_scenario(loaded, duration=duration, record=record, observer=show, tell=tell)
+
+        def keep_and_show(view: RunView) -> None:
+            if drawn is not None:
+                drawn.show(view)
+            show(view)
+
+        view = run_scenario(loaded, duration=duration, record=record, observer=keep_and_show, tell=tell)
+        if drawn is not None:
+            tell("writing the results")
+            _save(drawn, html, picture, f"{grasp_title(loaded)}: {Path(scenario).name}")
+    if replaced:
+        OUT.print(f"Replaced: {', '.join(replaced)}", soft_wrap=True)
     if record is not None:
         OUT.print(f"Recorded: {record}", soft_wrap=True)
     for lost in view.lost:
         ERRORS.print(f"not recorded: {lost}", style="yellow")
     print_end(view)
+
+
+def _recorder(scenario: Scenario) -> PageRecorder:
+    if isinstance(scenario.senses, LcmSenses | Ros2Senses):
+        raise InvalidInputError("--html, --picture: are of a station; a run on messages has none.")
+    return PageRecorder(scenario, scenario.object_model())
+
+
+def _save(drawn: PageRecorder, html: Path | None, picture: Path | None, title: str) -> None:
+    """Writes what is asked for, or says why not."""
+    missing = []
+    if html is not None and not drawn.save(html, title):
+        missing.append(html)
+    if picture is not None and not drawn.save_picture(picture):
+        missing.append(picture)
+    for path in missing:
+        OUT.print(f"{path}: not written, since there never was an estimate.", style="yellow", soft_wrap=True)
 
 
 @contextlib.contextmanager

@@ -32,6 +32,7 @@ from .netcanoem_protocol import Opcode as Opcode
 from .netcanoem_protocol import StatusBit as StatusBit
 from .netcanoem_protocol import TorqueUnit as TorqueUnit
 from .replay_bus import open_log as open_log
+from .ros2_link import Ros2Link as Ros2Link
 from .simulation.device_server import DeviceServer as DeviceServer
 from .simulation.simulated_barrett_hand import HandState as HandState
 from .simulation.simulated_barrett_hand import SimulatedBarrettHand as SimulatedBarrettHand

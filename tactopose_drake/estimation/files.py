@@ -5,20 +5,28 @@ Every fault of a file is one `InvalidFileError` that says the file, the place in
 
 import json
 import math
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.poses import make_poses, matrix_from_quaternion
-from tactopose_drake.core.validation import FloatArray, finite_array
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
+from tactopose_drake.estimation.data_checks import (
+    check_column,
+    check_list,
+    check_mapping,
+    check_number,
+    check_pose,
+    check_vector,
+    read_data,
+)
 from tactopose_drake.estimation.output_files import written_beside
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.estimation.results import PoseEstimate
-from tactopose_drake.resources.yaml_files import plain_data, read_yaml, shown
+
+SIGMA_KEYS = ("sigma_position", "sigma_normal_deg")
+"""What contacts.yaml says of all contacts."""
 
 
 def load_contacts(path: Path) -> Contacts:
@@ -28,23 +36,30 @@ def load_contacts(path: Path) -> Contacts:
     their defaults where they are absent.
 
     Raises:
-        InvalidFileError: the file cannot be read, or does not fit.
+        InvalidFileError: the file cannot be read, or does not fit; patches are for `load_touch` of the hand.
     """
-    data = _mapping(path, "", _read(path), required=("contacts",), optional=("sigma_position", "sigma_normal_deg"))
-    entries = data["contacts"]
-    if not isinstance(entries, list) or not entries:
-        raise InvalidFileError(f"{path}: contacts: is {shown(entries)}; allowed is a list of at least one contact.")
+    data = check_mapping(path, "", read_data(path), required=("contacts",), optional=SIGMA_KEYS)
+    return contacts_in(path, data)
+
+
+def contacts_in(path: Path, data: dict[str, Any]) -> Contacts:
+    """The contacts of contacts.yaml, when it is read and its keys are checked.
+
+    Raises:
+        InvalidFileError: if they do not fit.
+    """
+    entries = check_list(path, "contacts", data["contacts"], "contact")
     rows = [
-        _mapping(path, f"contacts[{i}]", entry, required=("position",), optional=("normal", "force"))
+        check_mapping(path, f"contacts[{i}]", entry, ("position",), ("normal", "force"))
         for i, entry in enumerate(entries)
     ]
     sigmas: dict[str, Any] = {}
     if "sigma_position" in data:
-        sigmas["sigma_position"] = _number(path, "sigma_position", data)
+        sigmas["sigma_position"] = check_number(path, "sigma_position", data)
     if "sigma_normal_deg" in data:
-        sigmas["sigma_normal"] = math.radians(_number(path, "sigma_normal_deg", data))
-    position = [_vector(path, f"contacts[{i}].position", row["position"], 3) for i, row in enumerate(rows)]
-    normal, force = (_column(path, rows, key) for key in ("normal", "force"))
+        sigmas["sigma_normal"] = math.radians(check_number(path, "sigma_normal_deg", data))
+    position = [check_vector(path, f"contacts[{i}].position", row["position"], 3) for i, row in enumerate(rows)]
+    normal, force = (check_column(path, rows, key) for key in ("normal", "force"))
     try:
         return Contacts(np.stack(position), normal, force, **sigmas)
     except InvalidInputError as error:
@@ -59,20 +74,15 @@ def load_prior(path: Path) -> PosePrior:
     Raises:
         InvalidFileError: the file cannot be read, or does not fit.
     """
-    data = _mapping(path, "", _read(path), required=("X_PO",), optional=("sigma_translation", "sigma_rotation_deg"))
-    pose = _mapping(path, "X_PO", data["X_PO"], required=("translation", "quaternion_wxyz"), optional=())
+    data = check_mapping(path, "", read_data(path), ("X_PO",), ("sigma_translation", "sigma_rotation_deg"))
     sigmas: dict[str, Any] = {}
     if "sigma_translation" in data:
-        sigmas["sigma_translation"] = _number(path, "sigma_translation", data)
+        sigmas["sigma_translation"] = check_number(path, "sigma_translation", data)
     if "sigma_rotation_deg" in data:
-        sigmas["sigma_rotation"] = math.radians(_number(path, "sigma_rotation_deg", data))
-    translation = _vector(path, "X_PO.translation", pose["translation"], 3)
-    quaternion = _vector(path, "X_PO.quaternion_wxyz", pose["quaternion_wxyz"], 4)
-    length = float(np.linalg.norm(quaternion))
-    if abs(length - 1.0) > 1e-3:
-        raise InvalidFileError(f"{path}: X_PO.quaternion_wxyz: has length {length:.6g}; allowed is 1 within 0.001.")
+        sigmas["sigma_rotation"] = math.radians(check_number(path, "sigma_rotation_deg", data))
+    X_PO = check_pose(path, "X_PO", data["X_PO"])
     try:
-        return PosePrior(make_poses(matrix_from_quaternion(quaternion), translation), **sigmas)
+        return PosePrior(X_PO, **sigmas)
     except InvalidInputError as error:
         raise InvalidFileError(f"{path}: {error}") from None
 
@@ -101,58 +111,3 @@ def hypotheses_data(estimate: PoseEstimate) -> list[dict[str, Any]]:
         }
         for hypothesis in estimate.hypotheses
     ]
-
-
-def _read(path: Path) -> Any:
-    _, root = read_yaml(path)
-    try:
-        return plain_data(root)
-    except InvalidFileError as error:
-        raise InvalidFileError(f"{path}: {error}") from None
-
-
-def _mapping(path: Path, where: str, value: Any, required: Iterable[str], optional: Iterable[str]) -> dict[str, Any]:
-    required, known = list(required), [*required, *optional]
-    place = f"{path}: {where}: " if where else f"{path}: "
-    if not isinstance(value, dict):
-        raise InvalidFileError(f"{place}is {shown(value)}; allowed is a mapping with the keys {', '.join(known)}.")
-    for key in value:
-        if key not in known:
-            raise InvalidFileError(f"{place}key {shown(key)} is unknown; allowed are {', '.join(known)}.")
-    for key in required:
-        if key not in value:
-            raise InvalidFileError(f"{place}key {key!r} is missing.")
-    return value
-
-
-def _vector(path: Path, where: str, value: Any, length: int) -> FloatArray:
-    return _numbers(path, where, value if isinstance(value, list) else [value], (length,))
-
-
-def _number(path: Path, key: str, data: dict[str, Any]) -> float:
-    return float(_numbers(path, key, [data[key]], (1,))[0])
-
-
-def _numbers(path: Path, where: str, values: list[Any], shape: tuple[int]) -> FloatArray:
-    for i, value in enumerate(values):
-        # NumPy would take a boolean and the text of a number for one.
-        if not isinstance(value, float | int) or isinstance(value, bool):
-            place = where if len(values) == 1 else f"{where}[{i}]"
-            raise InvalidFileError(f"{path}: {place}: is {shown(value)}; allowed are numbers.")
-    try:
-        return finite_array(where, values, shape)
-    except InvalidInputError as error:
-        raise InvalidFileError(f"{path}: {error}") from None
-
-
-def _column(path: Path, rows: list[dict[str, Any]], key: str) -> FloatArray | None:
-    """One vector of every contact, shape (k, 3); None where no contact has it."""
-    given = [i for i, row in enumerate(rows) if row.get(key) is not None]
-    if not given:
-        return None
-    if len(given) < len(rows):
-        missing = next(i for i in range(len(rows)) if i not in given)
-        raise InvalidFileError(
-            f"{path}: contacts[{missing}]: has no {key}, but contacts[{given[0]}] has; allowed is one for all or none."
-        )
-    return np.stack([_vector(path, f"contacts[{i}].{key}", row[key], 3) for i, row in enumerate(rows)])

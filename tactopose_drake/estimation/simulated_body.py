@@ -7,7 +7,7 @@ import numpy as np
 import trimesh
 from pydrake.geometry import Box, Capsule, Convex, Cylinder, Ellipsoid, Mesh, Role, SceneGraphInspector, Shape, Sphere
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
-from pydrake.multibody.tree import RigidBody
+from pydrake.multibody.tree import ModelInstanceIndex, RigidBody
 
 from tactopose_drake.core.mesh.loading import load_mesh
 from tactopose_drake.core.mesh.primitives import box_mesh, capsule_mesh, cylinder_mesh, sphere_mesh
@@ -24,6 +24,13 @@ class SimulatedBody(NamedTuple):
     center_of_mass: FloatArray | None
 
 
+class BodyMass(NamedTuple):
+    """A body's mass, kg, and mass centre in its own frame, shape (3,), m; None where it has no mass."""
+
+    mass: float | None
+    center_of_mass: FloatArray | None
+
+
 def read_body(path: Path) -> SimulatedBody:
     """The one body of an SDF, URDF or MJCF file.
 
@@ -34,12 +41,33 @@ def read_body(path: Path) -> SimulatedBody:
         plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.001)
         instance = add_model(make_parser(plant), path)
         plant.Finalize()
-        bodies = [plant.get_body(index) for index in plant.GetBodyIndices(instance)]
-        if len(bodies) != 1:
-            raise InvalidFileError(f"{path}: holds {len(bodies)} links; allowed is one.")
-        shape = _union(path, plant, scene_graph.model_inspector(), bodies[0])
-    mass = bodies[0].default_mass()
-    return SimulatedBody(shape, mass or None, bodies[0].default_com() if mass else None)
+        body = _only_body(path, plant, instance)
+        shape = _union(path, plant, scene_graph.model_inspector(), body)
+    return SimulatedBody(shape, *_mass_of(body))
+
+
+def read_mass(path: Path) -> BodyMass:
+    """The mass of the one body of an SDF, URDF or MJCF file.
+
+    Raises:
+        InvalidFileError: if the file cannot be read, or holds more than one body.
+    """
+    plant = MultibodyPlant(time_step=0.001)
+    instance = add_model(make_parser(plant), path)
+    plant.Finalize()
+    return _mass_of(_only_body(path, plant, instance))
+
+
+def _only_body(path: Path, plant: MultibodyPlant, instance: ModelInstanceIndex) -> RigidBody:
+    bodies = [plant.get_body(index) for index in plant.GetBodyIndices(instance)]
+    if len(bodies) != 1:
+        raise InvalidFileError(f"{path}: holds {len(bodies)} links; allowed is one.")
+    return bodies[0]
+
+
+def _mass_of(body: RigidBody) -> BodyMass:
+    mass = body.default_mass()
+    return BodyMass(mass or None, body.default_com() if mass else None)
 
 
 def _union(path: Path, plant: MultibodyPlant, inspector: SceneGraphInspector, body: RigidBody) -> trimesh.Trimesh:

@@ -43,3 +43,7 @@ from .pad_calibration import simulate_presses as simulate_presses
 from .pad_calibration import tilt_errors as tilt_errors
 from .tactile_pads import TactilePad as TactilePad
 from .tactile_pads import load_tactile_pad as load_tactile_pad
+from .touch_file import Touch as Touch
+from .touch_file import load_touch as load_touch
+from .volume_file import HandVolumes as HandVolumes
+from .volume_file import load_hand_volume as load_hand_volume

@@ -1,37 +1,15 @@
-"""Runs a scenario whose senses are messages over LCM: a belief for each, as fast as it goes; and sends beliefs."""
+"""Runs a scenario whose senses are messages over LCM."""
 
-import contextlib
-import dataclasses
-import math
-import time
-
-import numpy as np
-from pydrake.math import RigidTransform
-
-from tactopose_drake.core.poses import make_poses, matrix_from_quaternion
-from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.tracking.frame import PoseMeasurement
-from tactopose_drake.drivers.lcm_inbox import LcmConnection, LcmInbox, open_lcm
-from tactopose_drake.drivers.lcm_messages import HandSensesMessage, ObjectBeliefMessage, ObjectPoseMessage
-from tactopose_drake.errors import InvalidInputError
-from tactopose_drake.hand.hand_config import HandConfig, load_hand_config
-from tactopose_drake.hand.tactile_pads import load_tactile_pad
+from tactopose_drake.drivers.lcm_inbox import LcmInbox, open_lcm
+from tactopose_drake.runs.message_run import run_messages
+from tactopose_drake.runs.publishing import open_publisher
 from tactopose_drake.runs.stepping import Observer, Progress, RunView
 from tactopose_drake.station.scenario import Scenario
-from tactopose_drake.station.senses import LcmPublishing, LcmSenses
-from tactopose_drake.systems.lcm_belief import belief_message
-from tactopose_drake.systems.lcm_hand_senses import misfits
-from tactopose_drake.systems.object_tracker import ObjectTracker
-
-_HEARTBEAT = 0.1  # s between two messages while nothing comes in
+from tactopose_drake.station.senses import LcmSenses
 
 
 def run_lcm(scenario: Scenario, duration: float | None, observer: Observer, tell: Progress) -> RunView:
-    """Runs until the duration is over, or the keyboard interrupts.
-
-    Every message of the senses is taken in. A belief is made of the newest that is there, and sent at once where the
-    scenario publishes; during a silence one is sent ten times a second whose status is "lost". The run begins when all
-    is prepared, however long the senses are silent then.
+    """Runs as `run_messages` does, with messages `lcmt_hand_senses` and `lcmt_object_pose`.
 
     Args:
         scenario: with `LcmSenses`.
@@ -43,160 +21,12 @@ def run_lcm(scenario: Scenario, duration: float | None, observer: Observer, tell
         InvalidInputError: if the scenario cannot be run.
         BusError: if LCM cannot be opened.
     """
-    assert isinstance(scenario.senses, LcmSenses)
-    link = open_lcm(scenario.senses.url)
-    out = None if scenario.publish is None else _Publisher(scenario.publish, scenario.senses.url, link)
-    tell("reading the object")
-    hand, model = load_hand_config(scenario.hand), ObjectModel.from_mesh(scenario.object_mesh())
-    tell("preparing the estimate")
-    _warm_up(ObjectTracker(hand, model, scenario.tracking))
-    run = _LcmRun(scenario.senses, hand, ObjectTracker(hand, model, scenario.tracking), link, out)
-    view = RunView(run.tracker.diagram, run.tracker.context)
-    end = math.inf if duration is None else time.monotonic() + duration
-    tell("waiting for senses")
-    with contextlib.suppress(KeyboardInterrupt):
-        while time.monotonic() < end:
-            if run.step(min(_HEARTBEAT, end - time.monotonic())):
-                tell("running")
-                observer(view)
-    return view
+    senses = scenario.senses
+    assert isinstance(senses, LcmSenses)
+    link = open_lcm(senses.url)
+    out = open_publisher(scenario, senses.url, link)
 
+    def inbox() -> LcmInbox:
+        return LcmInbox(link, senses.channel, senses.vision)
 
-def publishing(scenario: Scenario, observer: Observer) -> Observer:
-    """An observer that also sends what a station believes, where the scenario publishes.
-
-    Args:
-        scenario: of any senses but LCM's.
-        observer: is shown the same.
-
-    Raises:
-        BusError: if LCM cannot be opened.
-    """
-    if scenario.publish is None:
-        return observer
-    out = _Publisher(scenario.publish)
-    prefix = "" if scenario.tracking is None else "tracked_"
-
-    def publish_and_show(view: RunView) -> None:
-        estimate, status = (
-            view.diagram.GetOutputPort(prefix + name).Eval(view.context) for name in ("hypotheses", "status")
-        )
-        message = belief_message(estimate, status, out.max_modes)
-        message.utime = round(1e6 * view.context.get_time())
-        out.send(message)
-        observer(view)
-
-    return publish_and_show
-
-
-class _Publisher:
-    """Sends beliefs, all of one session."""
-
-    def __init__(self, params: LcmPublishing, known_url: str = "", known: LcmConnection | None = None) -> None:
-        """Opens LCM, unless a connection to the same URL is at hand."""
-        self._link = known if known is not None and params.url == known_url else open_lcm(params.url)
-        self._channel, self.max_modes = params.channel, params.max_modes
-        self._session = time.time_ns()
-
-    def send(self, message: ObjectBeliefMessage) -> None:
-        message.session = self._session
-        self._link.publish(self._channel, message.encode())
-
-
-class _LcmRun:
-    """Takes messages in, and sends beliefs."""
-
-    def __init__(
-        self, senses: LcmSenses, hand: HandConfig, tracker: ObjectTracker, link: LcmConnection, out: _Publisher | None
-    ) -> None:
-        self.tracker = tracker
-        self._max_age, self._out = senses.max_age, out
-        self._inbox = LcmInbox(link, senses.channel, senses.vision)
-        self._fingers = tuple(finger.name for finger in hand.fingers if finger.sensor_frame)
-        self._cells = {pad.name: len(load_tactile_pad(pad.array).layout) for pad in hand.pads}
-        self._last, self._last_time, self._beat_time = ObjectBeliefMessage(), -math.inf, -math.inf
-        self._is_silent = False
-
-    def step(self, timeout: float) -> bool:
-        """Waits for a message, s; makes a belief of it. Whether there is a new one."""
-        self._inbox.wait(timeout)
-        senses = self._inbox.take()
-        if senses is None:
-            self._be_patient()
-            return False
-        remarks = list(self._inbox.take_remarks())
-        if self._is_silent:
-            remarks.append(f"the senses are back after {time.monotonic() - self._last_time:.1f} s")
-        message = self._believe(senses, remarks)
-        self._last, self._last_time, self._is_silent = message, time.monotonic(), False
-        self._send(message)
-        return True
-
-    def _believe(self, senses: HandSensesMessage, remarks: list[str]) -> ObjectBeliefMessage:
-        """A belief of one message; what of it does not fit the hand is left out, and remarked."""
-        joints = self.tracker.joint_names
-        remarks += misfits(senses, joints, self._fingers, self._cells)
-        vision = _measurement(self._inbox.take_vision(senses.utime), remarks)
-        pressures = {name: values for name, values in senses.pressures.items() if self._cells.get(name) == len(values)}
-        try:
-            belief = self.tracker.update(
-                {name: F_S for name, F_S in senses.wrenches.items() if name in self._fingers},
-                {name: value for name, value in senses.joints.items() if name in joints},
-                1e-6 * senses.utime,
-                pressures=pressures,
-                vision=vision,
-            )
-        except InvalidInputError as error:  # a time that is none
-            return ObjectBeliefMessage(status=f"lost: {str(error).removesuffix('.')}")
-        status = belief.message + "".join(
-            ("; " if belief.remarks or i else ": ") + text for i, text in enumerate(remarks)
-        )
-        message = belief_message(self.tracker.estimate, status, 64 if self._out is None else self._out.max_modes)
-        message.utime, message.sequence = senses.utime, senses.sequence
-        return message
-
-    def _be_patient(self) -> None:
-        """Says that nothing comes in, now and then."""
-        now = time.monotonic()
-        silence = now - self._last_time
-        if silence <= self._max_age or now - self._beat_time < _HEARTBEAT:
-            return
-        self._beat_time = now
-        self._is_silent = math.isfinite(silence)
-        text = f"no senses for {silence:.1f} s" if self._is_silent else "no senses yet"
-        remarks = "".join(f"; {remark}" for remark in self._inbox.take_remarks())
-        self._send(dataclasses.replace(self._last, status=f"lost: {text}{remarks}"))
-
-    def _send(self, message: ObjectBeliefMessage) -> None:
-        if self._out is None:
-            return
-        inbox = self._inbox
-        message.received, message.lost, message.passed_over = inbox.received, inbox.lost, inbox.passed_over
-        self._out.send(message)
-
-
-def _measurement(message: ObjectPoseMessage | None, remarks: list[str]) -> PoseMeasurement | None:
-    """What vision says; None where it says nothing, or what cannot be."""
-    if message is None:
-        return None
-    length = float(np.linalg.norm(message.quaternion_wxyz))
-    if not abs(length - 1.0) < 1e-3:
-        remarks.append(f"vision: its quaternion has the length {length:g}")
-        return None
-    try:
-        R_PO = matrix_from_quaternion(message.quaternion_wxyz)
-        return PoseMeasurement(1e-6 * message.utime, make_poses(R_PO, message.position), message.covariance)
-    except InvalidInputError as error:
-        remarks.append(f"vision: {str(error).removesuffix('.')}")
-        return None
-
-
-def _warm_up(tracker: ObjectTracker) -> None:
-    """Some beliefs of a made-up touch, which compile the kernels and prepare the model before anything is measured."""
-    joints = np.zeros(len(tracker.joint_names))
-    touch = np.array([0.0, 0.0, 0.0, 0.0, 2.0, -2.0])
-    names = [tracker.diagram.get_input_port(index).get_name() for index in range(tracker.diagram.num_input_ports())]
-    fingers = [name.removeprefix("wrench_") for name in names if name.startswith("wrench_")]
-    vision = PoseMeasurement(0.0, RigidTransform().GetAsMatrix34(), np.eye(6) * 1e-3)
-    for k in range(3):
-        tracker.update(dict.fromkeys(fingers, touch + 1e-3 * k), joints, 0.01 * k, vision=vision)
+    return run_messages(scenario, senses.max_age, inbox, out, duration, observer, tell)

@@ -11,14 +11,14 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 
 from tactopose_drake.core.poses import make_poses, matrix_from_quaternion
-from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.drivers.ros2_messages import TRIANGLE_LIST, definition, encode
 from tactopose_drake.estimation.output_files import written_beside
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.hand.hand_config import add_hand, load_hand_config
 from tactopose_drake.resources import fixed_pose, passing_builder
 from tactopose_drake.runs.recorded_senses import RecordedRun
-from tactopose_drake.runs.ros2_messages import TRIANGLE_LIST, definition, encode
+from tactopose_drake.runs.ros2_poses import ros_covariance, ros_pose, ros_xyz
 from tactopose_drake.visualization.body_meshes import BodyMeshes, Triangles
 
 _OBJECT_COLOUR = (0.85, 0.55, 0.25)
@@ -101,7 +101,7 @@ def _messages(run: RecordedRun) -> Iterator[_Message]:
                 yield _tf(time, [_transform(header(time, parent), *link) for parent, *link in hand.links(value)])
             elif name.startswith("wrench_"):
                 finger = name.removeprefix("wrench_")
-                wrench = {"torque": _xyz(value[:3]), "force": _xyz(value[3:])}
+                wrench = {"torque": ros_xyz(value[:3]), "force": ros_xyz(value[3:])}
                 stamped = {"header": header(time, hand.sensor_frames[finger]), "wrench": wrench}
                 yield _Message(time, f"/wrench/{finger}", "geometry_msgs/WrenchStamped", stamped)
             elif name.startswith("pressures_"):
@@ -111,12 +111,12 @@ def _messages(run: RecordedRun) -> Iterator[_Message]:
                     time, f"/pressure/{name.removeprefix('pressures_')}", "std_msgs/Float64MultiArray", array
                 )
             elif isinstance(value, PosePrior):
-                covariance = _ros_covariance(np.diag(value.sigmas**2), value.mean)
-                pose = {"pose": _pose(value.X_PO), "covariance": covariance}
+                covariance = ros_covariance(np.diag(value.sigmas**2), value.mean[:, :3])
+                pose = {"pose": ros_pose(value.X_PO), "covariance": covariance}
                 stamped = {"header": header(time, hand.palm), "pose": pose}
                 yield _Message(time, "/prior", "geometry_msgs/PoseWithCovarianceStamped", stamped)
             elif name == "true_pose":
-                stamped = {"header": header(time, hand.palm), "pose": _pose(value)}
+                stamped = {"header": header(time, hand.palm), "pose": ros_pose(value)}
                 yield _Message(time, "/true_pose", "geometry_msgs/PoseStamped", stamped)
     for line in run.estimates:
         time = float(line["time"])
@@ -125,10 +125,10 @@ def _messages(run: RecordedRun) -> Iterator[_Message]:
         if not poses:
             continue
         covariance = np.array(line["hypotheses"][0]["covariance"])
-        best = {"pose": _pose(poses[0]), "covariance": _ros_covariance(covariance, poses[0].GetAsMatrix34())}
+        best = {"pose": ros_pose(poses[0]), "covariance": ros_covariance(covariance, poses[0].rotation().matrix())}
         stamped = {"header": header(time, hand.palm), "pose": best}
         yield _Message(time, "/object_pose", "geometry_msgs/PoseWithCovarianceStamped", stamped)
-        array = {"header": header(time, hand.palm), "poses": [_pose(X_PO) for X_PO in poses]}
+        array = {"header": header(time, hand.palm), "poses": [ros_pose(X_PO) for X_PO in poses]}
         yield _Message(time, "/hypotheses", "geometry_msgs/PoseArray", array)
         yield _tf(time, [_transform(header(time, hand.palm), "object", poses[0])])
 
@@ -173,7 +173,7 @@ class _Hand:
 
 def _scene(run: RecordedRun, hand: _Hand, header: dict[str, Any]) -> list[dict[str, Any]]:
     """Markers of the hand's links and of the object."""
-    model = ObjectModel.from_mesh(run.manifest.scenario.object_mesh())
+    model = run.manifest.scenario.object_model()
     colour = np.tile(_OBJECT_COLOUR, (len(model.vertices), 1))
     shapes = [*hand.shapes, ("object", Triangles(model.vertices, model.faces, colour))]
     return [
@@ -182,8 +182,8 @@ def _scene(run: RecordedRun, hand: _Hand, header: dict[str, Any]) -> list[dict[s
             "ns": "object" if link == "object" else "hand",
             "id": number,
             "type": TRIANGLE_LIST,
-            "pose": _pose(RigidTransform()),
-            "scale": _xyz(np.ones(3)),
+            "pose": ros_pose(RigidTransform()),
+            "scale": ros_xyz(np.ones(3)),
             "color": dict(zip("rgba", (*mesh.colour[0].tolist(), 1.0), strict=True)),
             "frame_locked": True,
             "points": np.asarray(mesh.vertices[mesh.faces].reshape(-1, 3)),
@@ -197,7 +197,7 @@ def _tf(time: float, transforms: list[dict[str, Any]]) -> _Message:
 
 
 def _transform(header: dict[str, Any], child: str, X: RigidTransform) -> dict[str, Any]:
-    pose = _pose(X)
+    pose = ros_pose(X)
     return {
         "header": header,
         "child_frame_id": child,
@@ -208,19 +208,3 @@ def _transform(header: dict[str, Any], child: str, X: RigidTransform) -> dict[st
 def _recorded_pose(hypothesis: dict[str, Any]) -> RigidTransform:
     R_PO = matrix_from_quaternion(np.array(hypothesis["quaternion_wxyz"]))
     return RigidTransform(make_poses(R_PO, np.array(hypothesis["translation"])))
-
-
-def _pose(X: RigidTransform) -> dict[str, Any]:
-    w, *xyz = X.rotation().ToQuaternion().wxyz().tolist()
-    return {"position": _xyz(X.translation()), "orientation": {**dict(zip("xyz", xyz, strict=True)), "w": w}}
-
-
-def _xyz(vector: FloatArray) -> dict[str, float]:
-    return dict(zip("xyz", vector.tolist(), strict=True))
-
-
-def _ros_covariance(covariance: FloatArray, X_PO: FloatArray) -> FloatArray:
-    """Of the position and a rotation about P's axes, shape (36,), from that of (w, v) with w about O's axes."""
-    turn = np.zeros((6, 6))
-    turn[:3, 3:], turn[3:, :3] = np.eye(3), X_PO[:, :3]
-    return (turn @ covariance @ turn.T).reshape(-1)

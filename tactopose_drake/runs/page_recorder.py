@@ -25,6 +25,7 @@ from tactopose_drake.visualization.frame_marks import add_frames
 from tactopose_drake.visualization.meshcat import upright
 from tactopose_drake.visualization.page import save_html
 from tactopose_drake.visualization.patch_marks import add_patches, move_patches
+from tactopose_drake.visualization.picture import save_picture
 from tactopose_drake.visualization.pose_marks import add_hypotheses, add_object, move_hypotheses, place
 from tactopose_drake.visualization.scene import Scene, ShownHypothesis, touch_of
 from tactopose_drake.visualization.touch_marks import add_touch, move_touch
@@ -43,6 +44,7 @@ class Moment(NamedTuple):
     patches: tuple[Patch, ...]
     prior: RigidTransform | None
     estimate: PoseEstimate | None
+    truth: RigidTransform | None
 
 
 class PageRecorder:
@@ -82,10 +84,12 @@ class PageRecorder:
 
         self._timeline.show(view)
         patches = tuple(now("patches")) if view.diagram.HasOutputPort("patches") else ()
-        prior, estimate = now("prior"), now(belief_port(view, "hypotheses"))
+        prior = now("prior") if view.diagram.HasOutputPort("prior") else None
+        estimate = now(belief_port(view, "hypotheses"))
         contacts = touch_of(now("contacts"), patches)
         X_PO = None if prior is None else prior.X_PO
-        self._moments.append(Moment(time, now("joint_positions"), contacts, patches, X_PO, estimate))
+        q, truth = now("joint_positions"), view.true_pose
+        self._moments.append(Moment(time, q, contacts, patches, X_PO, estimate, truth))
         if len(self._moments) > _MOST_MOMENTS:
             self._moments = self._moments[::2]
             self._timeline.thin()
@@ -117,6 +121,17 @@ class PageRecorder:
         save_html(path, meshcat, page)
         return True
 
+    def save_picture(self, path: Path) -> bool:
+        """Writes a picture of the last estimate, if there has ever been one; tells whether it did.
+
+        Raises:
+            InvalidFileError: if it cannot be written.
+        """
+        estimated = [moment for moment in self._moments if moment.estimate is not None]
+        if estimated:
+            save_picture(path, self._scene(estimated[-1]))
+        return bool(estimated)
+
     def _scene(self, moment: Moment) -> Scene:
         X_PB = self._body_poses(moment.q)
         X_WP = self._hand.palm_frame.CalcPoseInWorld(self._context)
@@ -126,12 +141,15 @@ class PageRecorder:
             patches=moment.patches,
             hypotheses=_shown(moment)[: 1 + MOVING_ALTERNATIVES],
             prior=moment.prior,
+            truth=moment.truth,
             hand=self._meshes.merged(X_PB),
             up_P=X_WP.rotation().inverse() @ np.array([0.0, 0.0, 1.0]),
         )
 
     def _add_parts(self, meshcat: Meshcat) -> None:
         add_object(meshcat, f"{_PATH}/prior", self._model, "prior")
+        if self._moments[-1].truth is not None:
+            add_object(meshcat, f"{_PATH}/truth", self._model, "truth")
         add_hypotheses(meshcat, _PATH, self._model, MOVING_ALTERNATIVES)
         add_touch(meshcat, f"{_PATH}/touch", self._most_contacts)
         pads, cells = self._pads()
@@ -146,6 +164,8 @@ class PageRecorder:
         scene = Scene(model=self._model, contacts=moment.contacts, hypotheses=hypotheses)
         move_hypotheses(meshcat, _PATH, self._model, hypotheses[:1] + scene.alternatives, MOVING_ALTERNATIVES, time)
         place(meshcat, f"{_PATH}/prior", moment.prior, time)
+        if moment.truth is not None:
+            place(meshcat, f"{_PATH}/truth", moment.truth, time)
         move_touch(meshcat, f"{_PATH}/touch", moment.contacts, self._most_contacts, time, scene.is_false)
         move_patches(meshcat, f"{_PATH}/patches", moment.patches, *self._pads(), time)
         X_PB = self._body_poses(moment.q)

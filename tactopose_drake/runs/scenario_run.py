@@ -9,13 +9,22 @@ from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.runs.device_run import check_devices, run_devices
 from tactopose_drake.runs.grasp_watch import GraspWatch
-from tactopose_drake.runs.lcm_run import publishing, run_lcm
+from tactopose_drake.runs.lcm_run import run_lcm
+from tactopose_drake.runs.publishing import publishing
 from tactopose_drake.runs.recording import Recording
+from tactopose_drake.runs.ros2_run import run_ros2
 from tactopose_drake.runs.scenario_replay import replay
 from tactopose_drake.runs.simulation import start_simulation
 from tactopose_drake.runs.stepping import Observer, Progress, RunView, advance
 from tactopose_drake.station.scenario import Scenario
-from tactopose_drake.station.senses import CanSenses, LcmSenses, RecordedSenses, SimulatedDevices, SimulatedSenses
+from tactopose_drake.station.senses import (
+    CanSenses,
+    LcmSenses,
+    RecordedSenses,
+    Ros2Senses,
+    SimulatedDevices,
+    SimulatedSenses,
+)
 from tactopose_drake.station.simulated import check_bodies, make_station
 
 
@@ -52,6 +61,12 @@ def run_scenario(
                 "record: the senses come over LCM, whose own `lcm-logger` records them; allowed are others."
             )
         return run_lcm(scenario, duration, observer, tell)
+    if isinstance(scenario.senses, Ros2Senses):
+        if record is not None:
+            raise InvalidInputError(
+                "record: the senses come over ROS 2, whose own `ros2 bag record` records them; allowed are others."
+            )
+        return run_ros2(scenario, duration, observer, tell)
     observer = publishing(scenario, observer)
     if isinstance(scenario.senses, RecordedSenses):
         if record is not None:
@@ -72,7 +87,7 @@ def run_scenario(
             observer(view)
 
         tell("reading the object")
-        model = ObjectModel.from_mesh(scenario.object_mesh())
+        model = scenario.object_model()
         run = run_devices if isinstance(scenario.senses, CanSenses) else _run_simulated
         view = run(scenario, model, duration, recording, record_and_show, tell)
     return view if recording is None else dataclasses.replace(view, lost=recording.lost)
@@ -97,7 +112,7 @@ def _run_simulated(
 
     def watch_and_show(view: RunView) -> None:
         watch.see(view.context)
-        observer(view)
+        observer(dataclasses.replace(view, true_pose=station.object_pose(view.context)))
 
     view = advance(simulator, None, scenario.estimation.estimator.period, until, watch_and_show)
     return dataclasses.replace(view, outcome=watch.outcome(view.context))

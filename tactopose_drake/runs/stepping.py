@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram
 
@@ -19,6 +20,7 @@ class RunView:
         devices: of a run on CAN devices or from their logs; None else.
         lost: what of a finished run could not be recorded, and why, in sentences.
         outcome: how the grasp of a finished run went, where a simulator knows the truth.
+        true_pose: X_PO, where a simulator knows it.
     """
 
     diagram: Diagram
@@ -26,6 +28,7 @@ class RunView:
     devices: CanDevices | None = None
     lost: tuple[str, ...] = ()
     outcome: str = ""
+    true_pose: RigidTransform | None = None
 
 
 Observer = Callable[[RunView], None]

@@ -39,6 +39,8 @@ from .senses import JointPort as JointPort
 from .senses import LcmPublishing as LcmPublishing
 from .senses import LcmSenses as LcmSenses
 from .senses import RecordedSenses as RecordedSenses
+from .senses import Ros2Publishing as Ros2Publishing
+from .senses import Ros2Senses as Ros2Senses
 from .senses import SimulatedDevices as SimulatedDevices
 from .senses import SimulatedSenses as SimulatedSenses
 from .simulated import Station as Station

@@ -24,6 +24,7 @@ from tactopose_drake.systems.can_barrett_hand import PADS, CanBarrettHand
 from tactopose_drake.systems.can_force_torque import CanForceTorque
 from tactopose_drake.systems.fingertip_weight import FingertipWeight
 from tactopose_drake.systems.measured_joints import MeasuredJoints
+from tactopose_drake.systems.palm_on_base import PalmOnBase
 from tactopose_drake.systems.played_signal import PlayedValue, PlayedVector
 from tactopose_drake.systems.pose_estimation import AddPoseEstimation
 from tactopose_drake.systems.pose_tracking import PoseTrackingParams
@@ -70,7 +71,7 @@ def make_hardware_station(
         InvalidInputError: if the scenario cannot be built, or a signal does not fit the hand.
     """
     scenario.validate()
-    model = ObjectModel.from_mesh(scenario.object_mesh()) if model is None else model
+    model = scenario.object_model() if model is None else model
     config = load_hand_config(scenario.hand)
     plant, hand = make_hand_plant(config)
     builder = DiagramBuilder()
@@ -97,6 +98,11 @@ def make_hardware_station(
             builder.Connect(port, estimation.GetInputPort(name))
     if "prior" not in known:
         builder.ExportInput(estimation.GetInputPort("prior"), "prior")
+    if scenario.estimation.estimator.balance:
+        X_WBase = fixed_pose("Scenario.X_WBase", scenario.X_WBase)
+        palm = builder.AddNamedSystem("palm_pose", PalmOnBase(plant, hand, X_WBase))
+        builder.Connect(known["joint_positions"], palm.get_input_port())
+        builder.Connect(palm.get_output_port(), estimation.GetInputPort("palm_pose"))
     for index in range(estimation.num_output_ports()):
         port = estimation.get_output_port(index)
         builder.ExportOutput(port, port.get_name())

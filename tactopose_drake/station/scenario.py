@@ -10,13 +10,24 @@ from pydrake.multibody.plant import MultibodyPlantConfig
 from tactopose_drake.core.grasping.finger_reach import ReachParams
 from tactopose_drake.core.grasping.grasp_planner import PlannerParams
 from tactopose_drake.core.sensing.force_torque import ForceTorqueModel
+from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
+from tactopose_drake.estimation.simulated_body import read_mass
 from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
 from tactopose_drake.resources import drawn_pose, fixed_pose, load_typed_yaml, model_path, resource_root
 from tactopose_drake.station.scenario_limits import check_limits, check_plant
-from tactopose_drake.station.senses import CanSenses, LcmPublishing, LcmSenses, RecordedSenses, SimulatedSenses
+from tactopose_drake.station.scenario_paths import count_paths_from
+from tactopose_drake.station.senses import (
+    CanSenses,
+    LcmPublishing,
+    LcmSenses,
+    RecordedSenses,
+    Ros2Publishing,
+    Ros2Senses,
+    SimulatedSenses,
+)
 from tactopose_drake.systems.force_torque_sensor import load_force_torque_model
 from tactopose_drake.systems.grasp_controller import GraspControllerParams
 from tactopose_drake.systems.grip_controller import GripControllerParams
@@ -29,7 +40,7 @@ from tactopose_drake.systems.simulated_vision import SimulatedVisionParams
 class SensorConfig:
     """The force-torque sensors in the fingers."""
 
-    file: str = ""  # of their calibrations, by its path from where you run; empty: the ATI Nano17's
+    file: str = "nano17"  # of their calibrations: one of the package's sensors by name, or a YAML file by its path
     calibration: str = "SI-12-0.12"  # by its name in that file
     period: float = 0.008  # s between two samples
 
@@ -39,7 +50,8 @@ class SensorConfig:
         Raises:
             InvalidInputError: if the file cannot be read, or has no such calibration.
         """
-        return load_force_torque_model(self.calibration, Path(self.file) if self.file else None)
+        # Recordings of before sensors had names say nothing.
+        return load_force_torque_model(self.calibration, self.file or "nano17")
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -86,17 +98,17 @@ def _camera() -> Transform:
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class Scenario:
-    """Everything that `make_station` needs; only data."""
+    """Everything that `make_station` needs; only data. Paths in a file count from that file's folder."""
 
-    hand: str = "shadow_like"  # a hand of the package by name, or a *.hand.yaml by its path from where you run
+    hand: str = "shadow_like"  # a hand of the package by name, or a *.hand.yaml by its path from this file's folder
     object: str = "wine_glass"  # an object of the package by name, or an SDF by path; its mesh lies beside it as OBJ
     seed: int = 0  # of the grasp and of all noise
     duration: float = 4.0  # longest simulated time, s
     # Where the estimation's inputs come from; all that follows on the hand's motion is of the simulator alone.
-    senses: SimulatedSenses | CanSenses | LcmSenses | RecordedSenses = dataclasses.field(
+    senses: SimulatedSenses | CanSenses | LcmSenses | Ros2Senses | RecordedSenses = dataclasses.field(
         default_factory=SimulatedSenses
     )
-    publish: LcmPublishing | None = None  # where the belief is sent to other processes; None: nowhere
+    publish: LcmPublishing | Ros2Publishing | None = None  # where the belief is sent to other processes; None: nowhere
     plant: MultibodyPlantConfig = dataclasses.field(default_factory=_default_plant)  # of the simulator
     X_WBase: Transform = dataclasses.field(default_factory=_palm_to_the_side)  # where the hand's base is welded
     X_WC: Transform = dataclasses.field(default_factory=_camera)  # the vision source's camera
@@ -130,7 +142,7 @@ class Scenario:
         hand = load_hand_config(self.hand)
         for pad in hand.pads:
             load_tactile_pad(pad.array)
-        if isinstance(self.senses, CanSenses):
+        if isinstance(self.senses, CanSenses | Ros2Senses):
             self.senses.validate(hand)
         if isinstance(self.senses, LcmSenses):
             self.senses.validate()
@@ -154,6 +166,16 @@ class Scenario:
         """The object's mesh for the estimator."""
         return self.object_sdf().with_suffix(".obj")
 
+    def object_model(self) -> ObjectModel:
+        """The object for the estimator, with the mass that the simulator's model has where the forces' balance counts.
+
+        Raises:
+            InvalidInputError: if a file cannot be used.
+        """
+        if not self.estimation.estimator.balance:
+            return ObjectModel.from_mesh(self.object_mesh())
+        return ObjectModel.from_mesh(self.object_mesh(), **read_mass(self.object_sdf())._asdict())
+
 
 def scenario_file(name_or_path: str | Path) -> Path:
     """Where a scenario is read from: one of the package's diagrams by name, or any file by path.
@@ -173,11 +195,14 @@ def scenario_file(name_or_path: str | Path) -> Path:
 def load_scenario(name_or_path: str | Path) -> Scenario:
     """Reads a `*.scenario.yaml`: one of the package's diagrams by name, or any file by path.
 
+    Paths in the file count from its folder; those of a `Scenario` made otherwise, from where you run.
+
     Raises:
         InvalidFileError: if the file cannot be read or does not fit `Scenario`, or a value is out of its range.
     """
     path = scenario_file(name_or_path)
     scenario = load_typed_yaml(Scenario, path)
+    count_paths_from(path.parent, scenario)
     try:
         scenario.validate()
     except InvalidInputError as error:

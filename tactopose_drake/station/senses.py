@@ -2,6 +2,7 @@
 
 import dataclasses
 import os
+import re
 
 from tactopose_drake.core.validation import positive_number, whole_number
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
@@ -35,6 +36,63 @@ class LcmSenses:
             if not getattr(self, name):
                 raise InvalidInputError(f"LcmSenses.{name}: is empty; allowed is a text.")
         positive_number("LcmSenses.max_age", self.max_age)
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class Ros2Senses:
+    """Messages of ROS 2, `!Ros2Senses` in YAML; a belief is made for each joint state."""
+
+    domain: int = 0  # ROS_DOMAIN_ID
+    config: str = ""  # path of CycloneDDS' own XML file; empty: for this machine alone
+    joints: str = "/joint_states"  # topic of sensor_msgs/JointState, by the names in the hand's model, rad
+    # Topics of geometry_msgs/WrenchStamped by the hand's fingers: F_S on the fingertip in its sensor's frame, N, N m.
+    wrenches: dict[str, str] = dataclasses.field(default_factory=dict)
+    # Topics of std_msgs/Float64MultiArray by the hand's pads: of the cells in the layout's order, Pa.
+    pressures: dict[str, str] = dataclasses.field(default_factory=dict)
+    vision: str = ""  # topic of geometry_msgs/PoseWithCovarianceStamped, in the palm; empty: there is no vision
+    max_age: float = 0.1  # of a wrench or pressure; after a longer silence of the joints the belief is called lost, s
+
+    def validate(self, hand: HandConfig) -> None:
+        """Raises InvalidInputError if a value is out of its range, or a finger or pad is not of the hand."""
+        _check_domain("Ros2Senses.domain", self.domain)
+        positive_number("Ros2Senses.max_age", self.max_age)
+        sensing = [finger.name for finger in hand.fingers if finger.sensor_frame]
+        pads = [pad.name for pad in hand.pads]
+        for what, given, known in (("wrenches", self.wrenches, sensing), ("pressures", self.pressures, pads)):
+            for name in given:
+                if name not in known:
+                    raise UnknownNameError(f"Ros2Senses.{what}", name, known)
+        for topic in (self.joints, *self.wrenches.values(), *self.pressures.values(), *filter(None, [self.vision])):
+            _check_topic("Ros2Senses", topic)
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class Ros2Publishing:
+    """Where a run sends what is believed, as messages of ROS 2, `!Ros2Publishing` in YAML."""
+
+    domain: int = 0  # ROS_DOMAIN_ID
+    config: str = ""  # path of CycloneDDS' own XML file; empty: for this machine alone
+    pose: str = "/object_pose"  # topic of geometry_msgs/PoseWithCovarianceStamped, of the best mode
+    markers: str = "/object_markers"  # topic of visualization_msgs/MarkerArray: the mesh at each mode
+    status: str = "/object_status"  # topic of std_msgs/String
+    frame: str = "palm"  # what the palm's frame P is called there
+    max_modes: int = 8  # that are shown, the most probable ones
+
+    def validate(self) -> None:
+        """Raises InvalidInputError if a value is out of its range."""
+        _check_domain("Ros2Publishing.domain", self.domain)
+        for topic in (self.pose, self.markers, self.status):
+            _check_topic("Ros2Publishing", topic)
+        whole_number("Ros2Publishing.max_modes", self.max_modes, least=1)
+
+
+def _check_domain(name: str, domain: int) -> None:
+    whole_number(name, domain, least=0, most=232)
+
+
+def _check_topic(name: str, topic: str) -> None:
+    if not re.fullmatch(r"(/[A-Za-z_][A-Za-z0-9_]*)+", topic):
+        raise InvalidInputError(f"{name}: the topic is {topic!r}; allowed are names such as /hand/joint_states.")
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -170,4 +228,4 @@ class CanSenses:
             positive_number(f"{name}.{what}", getattr(device, what))
 
 
-Senses = SimulatedSenses | CanSenses | LcmSenses | RecordedSenses
+Senses = SimulatedSenses | CanSenses | LcmSenses | Ros2Senses | RecordedSenses

@@ -32,7 +32,7 @@ from tactopose_drake.station.grasp import GraspStart, add_grip, add_planned_gras
 from tactopose_drake.station.grasp_planning import plan_scenario
 from tactopose_drake.station.motor_inertia import add_motor_inertia
 from tactopose_drake.station.scenario import Scenario
-from tactopose_drake.station.simulated_senses import add_noise, add_senses
+from tactopose_drake.station.simulated_senses import add_noise, add_palm_pose, add_senses
 from tactopose_drake.station.tracking import add_tracking
 from tactopose_drake.systems.camera_view import CameraView
 from tactopose_drake.systems.grip_controller import set_motor_gains
@@ -116,7 +116,7 @@ def make_station(
         InvalidInputError: if the scenario cannot be built.
     """
     scenario.validate()
-    model = ObjectModel.from_mesh(scenario.object_mesh()) if model is None else model
+    model = scenario.object_model() if model is None else model
     if scenario.grip is None and plan is None:
         plan = plan_scenario(scenario, model)[0]
     builder = DiagramBuilder()
@@ -131,16 +131,12 @@ def make_station(
     else:
         start = add_planned_grasp(builder, scenario, plant, hand, senses, plan)
     _add_vision(builder, scenario, plant, scene_graph, hand, object_body, model)
-    _add_estimation(builder, scenario, hand, model, senses)
+    uses_palm = scenario.estimation.estimator.balance
+    palm = {"palm_pose": add_palm_pose(builder, plant, hand)} if uses_palm or scenario.tracking is not None else {}
+    _add_estimation(builder, scenario, hand, model, {**senses, **(palm if uses_palm else {})})
     if scenario.tracking is not None:
         joints, vision = (builder.GetSubsystemByName(name) for name in ("joint_positions", "vision"))
-        palm = builder.AddNamedSystem("palm_pose", PalmPose(hand.palm_frame))
-        builder.Connect(plant.get_body_poses_output_port(), palm.GetInputPort("body_poses"))
-        more = {
-            "joint_velocities": joints.get_output_port(1),
-            "vision": vision.GetOutputPort("prior"),
-            "palm_pose": palm.GetOutputPort("palm_pose"),
-        }
+        more = {"joint_velocities": joints.get_output_port(1), "vision": vision.GetOutputPort("prior"), **palm}
         add_tracking(builder, scenario.tracking, hand.config, model, {**senses, **more})
     if meshcat is not None:
         _add_display(builder, plant, scene_graph, hand, object_body, model, meshcat)

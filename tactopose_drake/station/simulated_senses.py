@@ -1,4 +1,4 @@
-"""The simulated senses of a station's hand, as named ports."""
+"""The simulated senses of a station's hand, and where its palm is, as named ports."""
 
 from collections.abc import Mapping
 
@@ -9,6 +9,7 @@ from pydrake.systems.primitives import AddRandomInputs, Demultiplexer
 from tactopose_drake.hand.hand_config import Hand
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
 from tactopose_drake.station.scenario import Scenario
+from tactopose_drake.systems.palm_pose import PalmPose
 from tactopose_drake.systems.plant_senses import add_touch_sensors
 
 
@@ -27,6 +28,13 @@ def add_senses(
     senses = {"joint_positions": positions.get_output_port(0)}
 
     return senses | add_touch_sensors(builder, plant, hand, scenario.sensor.model(), scenario.sensor.period)
+
+
+def add_palm_pose(builder: DiagramBuilder, plant: MultibodyPlant, hand: Hand) -> OutputPort:
+    """Adds what tells where the palm is in the world."""
+    palm = builder.AddNamedSystem("palm_pose", PalmPose(hand.palm_frame))
+    builder.Connect(plant.get_body_poses_output_port(), palm.GetInputPort("body_poses"))
+    return palm.GetOutputPort("palm_pose")
 
 
 def add_noise(builder: DiagramBuilder, scenario: Scenario, hand: Hand) -> None:

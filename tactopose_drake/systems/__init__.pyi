@@ -33,6 +33,7 @@ from .measured_joints import MeasuredJoints as MeasuredJoints
 from .object_identifier import ObjectIdentifier as ObjectIdentifier
 from .object_identifier import ObjectIdentifierParams as ObjectIdentifierParams
 from .object_tracker import ObjectTracker as ObjectTracker
+from .palm_on_base import PalmOnBase as PalmOnBase
 from .palm_pose import PalmPose as PalmPose
 from .patch_descriptor import PatchDescriptor as PatchDescriptor
 from .patch_descriptor import PatchDescriptorParams as PatchDescriptorParams

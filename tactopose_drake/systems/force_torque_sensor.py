@@ -1,6 +1,7 @@
 """A simulated six-axis force-torque sensor between a finger and its fingertip."""
 
 import dataclasses
+import os
 from pathlib import Path
 
 import numpy as np
@@ -30,19 +31,20 @@ class ForceTorqueModelFile:
     calibrations: dict[str, ForceTorqueModel] = dataclasses.field(default_factory=dict)
 
 
-def load_force_torque_model(calibration: str = "SI-12-0.12", path: Path | None = None) -> ForceTorqueModel:
+def load_force_torque_model(calibration: str = "SI-12-0.12", name_or_path: str | Path = "nano17") -> ForceTorqueModel:
     """Reads one calibration of a force-torque sensor.
 
     Args:
         calibration: its name in the file.
-        path: the file; by default that of the ATI Nano17.
+        name_or_path: one of the package's sensors by name, or any file by path.
 
     Raises:
         InvalidFileError: if the file cannot be read or does not fit the format.
         UnknownNameError: if it has no such calibration.
         InvalidInputError: if a value is out of its range.
     """
-    path = model_path("sensors", "nano17.yaml") if path is None else path
+    shipped = model_path("sensors", f"{name_or_path}.yaml")
+    path = shipped if os.path.isfile(shipped) else Path(name_or_path)
     file = load_typed_yaml(ForceTorqueModelFile, path)
     if calibration not in file.calibrations:
         raise UnknownNameError(f"{path}: calibration", calibration, sorted(file.calibrations))

@@ -47,6 +47,7 @@ def AddPoseEstimation(
         - age_<pad>
         - joint_positions
         - prior
+        - palm_pose
         output_ports:
         - object_pose
         - hypotheses
@@ -65,6 +66,7 @@ def AddPoseEstimation(
     - age_<pad>: of those pressures, s; an old frame counts for nothing.
     - joint_positions: measured positions of the hand's joints, in the order of a plant of the hand alone, rad.
     - prior: `PosePrior` X_PO; may stay unconnected where the method needs none.
+    - palm_pose: of `PoseEstimator`; there is such a port only where the estimator uses `balance`.
     - object_pose, hypotheses, status: of `PoseEstimator`; contact_solutions: of `ContactSolver`.
     - contacts, fingers_in_contact, contact_status: of `ContactsInPalm` (its `status`).
     - patches, patch_status: of `PatchDescriptor` (its `status`); only where the hand has pads.
@@ -75,7 +77,7 @@ def AddPoseEstimation(
         model: the object.
         params: parameters of each part.
         name: of the diagram in the other.
-        plant: finalized plant of the same diagram that holds the hand among whatever else: the joints are its.
+        plant: finalized plant of the same diagram that holds the hand among whatever else: joints and palm are its.
         simulated_senses: whether, with a plant, wrenches are those of sensors at its reaction forces, and pressures
             those of arrays at its contacts.
 
@@ -96,7 +98,8 @@ def MakePoseEstimation(hand: HandConfig, model: ObjectModel, params: PoseEstimat
     collision = HandCollision(hand, model) if params.check_collisions else None
     estimator = builder.AddNamedSystem("pose_estimator", PoseEstimator(model, params.estimator, collision))
     add_touch(builder, hand, params, estimator)
-    builder.ExportInput(estimator.GetInputPort("prior"), "prior")
+    for port in ("prior", *(("palm_pose",) if params.estimator.balance else ())):
+        builder.ExportInput(estimator.GetInputPort(port), port)
     diagram = builder.Build()
     diagram.set_name("pose_estimation")
     return diagram

@@ -8,10 +8,12 @@ from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, EventStatus, State
 
 from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.evidence.force_balance import ForceBalance
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
+from tactopose_drake.core.searches.pose_problem import check_mass
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import positive_number
+from tactopose_drake.core.validation import MOST_FRICTION, FloatArray, positive_number
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
 from tactopose_drake.estimation.estimate import METHODS, estimate_pose
 from tactopose_drake.estimation.prior import PosePrior
@@ -19,6 +21,8 @@ from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.hand.collision import HandCollision, keep_clear
 from tactopose_drake.systems.collectable_system import CollectableSystem, declare_cache
 from tactopose_drake.systems.ports import eval_input, eval_optional_input
+
+_GRAVITY = np.array([0.0, 0.0, -9.81])  # in the world, m/s^2
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -32,6 +36,8 @@ class PoseEstimatorParams:
     seed: int = 0  # of the search's random numbers, the same at each estimate
     max_duration: float | None = None  # s after which the search ends with the best that it has; None: never
     collision_tolerance: float = 0.003  # depth in the hand that is no collision yet, m: three sigma of where it is
+    friction: float | None = None  # coefficient of friction, by which no contact slips; None: nothing is known of it
+    balance: bool = False  # whether the object rests on the sensing fingertips alone; its mass must be known
 
     def validate(self) -> None:
         """Raises InvalidInputError if a number is out of its range or the method unknown."""
@@ -43,6 +49,8 @@ class PoseEstimatorParams:
         positive_number("PoseEstimatorParams.collision_tolerance", self.collision_tolerance, allow_zero=True)
         if self.max_duration is not None:
             positive_number("PoseEstimatorParams.max_duration", self.max_duration)
+        if self.friction is not None:
+            positive_number("PoseEstimatorParams.friction", self.friction, allow_zero=True, most=MOST_FRICTION)
         for name in ("min_contacts", "max_hypotheses"):
             if getattr(self, name) < 1:
                 raise InvalidInputError(
@@ -65,6 +73,7 @@ class PoseEstimator(CollectableSystem):
         - hand
         - untouched
         - joint_positions
+        - palm_pose
         output_ports:
         - object_pose
         - hypotheses
@@ -80,6 +89,8 @@ class PoseEstimator(CollectableSystem):
     - hand: `HandGeometry` in P, where the object is not, or None; may stay unconnected.
     - untouched: `HandGeometry` in P, the parts of the hand that feel no contact, or None; may stay unconnected.
     - joint_positions: of the hand, shape (nq,), rad; there is such a port only where collisions are checked.
+    - palm_pose: `RigidTransform` X_WP, z of the world upwards; there is such a port only with `balance`, which counts
+      while the pose is finite, a contact is felt, and no patch, whose force would be missing.
     - object_pose: `RigidTransform` X_PO, the most probable hypothesis; held between updates, and while the touch gives
       no better one. Before the first estimate the prior's, before the first prior the identity.
     - hypotheses: `PoseEstimate`, the last one made; None before the first. Hypotheses that collide with the hand are
@@ -98,11 +109,17 @@ class PoseEstimator(CollectableSystem):
             model: the object.
             params: method and period.
             collision: checks the hypotheses against the hand; they are not checked without.
+
+        Raises:
+            InvalidInputError: parameters out of their range, or balance of an object whose mass is not known, or whose
+                symmetries move its centre of mass.
         """
         super().__init__()
         self._params = PoseEstimatorParams() if params is None else params
         self._params.validate()
         self._model = model
+        if self._params.balance:
+            check_mass(model)
         model.make_ready()
         self._contacts = self.DeclareAbstractInputPort("contacts", AbstractValue.Make(Contacts.empty()))
         self._patches = self.DeclareAbstractInputPort("patches", AbstractValue.Make(()))
@@ -112,6 +129,11 @@ class PoseEstimator(CollectableSystem):
         self._prior = self.DeclareAbstractInputPort("prior", AbstractValue.Make(None))
         self._hand = self.DeclareAbstractInputPort("hand", AbstractValue.Make(None))
         self._untouched = self.DeclareAbstractInputPort("untouched", AbstractValue.Make(None))
+        self._palm_pose = (
+            self.DeclareAbstractInputPort("palm_pose", AbstractValue.Make(RigidTransform()))
+            if self._params.balance
+            else None
+        )
         self._collision = collision
         if collision is not None:
             self._positions = self.DeclareVectorInputPort("joint_positions", collision.num_positions)
@@ -178,11 +200,24 @@ class PoseEstimator(CollectableSystem):
             prior=prior,
             hand=eval_optional_input(self._hand, context, HandGeometry),
             untouched=eval_optional_input(self._untouched, context, HandGeometry),
+            balance=self._balance(context, contacts, patches),
+            friction=None if contacts.f_PC is None else self._params.friction,
             method=self._params.method,
             seed=self._params.seed,
             max_hypotheses=self._params.max_hypotheses,
             time_limit=self._params.max_duration,
         )
+
+    def _balance(self, context: Context, contacts: Contacts, patches: tuple[Patch, ...]) -> ForceBalance | None:
+        """That the forces carry the object, where that is so and they are all felt."""
+        if self._palm_pose is None or not len(contacts) or contacts.f_PC is None:
+            return None
+        X_WP = eval_optional_input(self._palm_pose, context, RigidTransform)
+        is_known = X_WP is not None and np.isfinite(X_WP.translation()).all()
+        if X_WP is None or not is_known or any(patch.is_felt for patch in patches):
+            return None
+        gravity_P: FloatArray = X_WP.rotation().inverse() @ _GRAVITY
+        return ForceBalance(gravity_P)
 
     def _joints_are_known(self, context: Context) -> bool:
         return bool(np.all(np.isfinite(self._positions.Eval(context))))

@@ -5,6 +5,7 @@ from .body_meshes import sphere_triangles as sphere_triangles
 from .estimate_page import page_of as page_of
 from .frame_marks import add_frame as add_frame
 from .frame_marks import add_frames as add_frames
+from .layout_picture import save_layout_picture as save_layout_picture
 from .likelihood_bars import add_bars as add_bars
 from .likelihood_bars import set_bars as set_bars
 from .meshcat import aim_camera as aim_camera

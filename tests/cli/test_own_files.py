@@ -24,6 +24,14 @@ def test_check_hand_shows_a_usable_hand(tmp_path: Path, capsys: pytest.CaptureFi
     assert len(page) > 1_000_000
 
 
+def test_check_hand_shows_the_cells_of_a_hand_that_has_some(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("check-hand", "barrett_like", "--cells", tmp_path / "cells.png") == 0
+    assert (tmp_path / "cells.png").read_bytes().startswith(b"\x89PNG")
+    assert run("check-hand", write_gripper(tmp_path), "--cells", tmp_path / "none.png") == 0
+    assert "not written, since the hand has no tactile pads" in capsys.readouterr().out
+    assert not (tmp_path / "none.png").exists()
+
+
 def test_check_hand_ends_with_a_line_for_each_fault(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     hand = write_gripper(tmp_path, yaml=YAML.replace("radius: 0.012", "radius: 0.03"))
     assert run("check-hand", hand) == 2
@@ -71,13 +79,27 @@ def test_run_says_how_the_grasp_went(tmp_path: Path, capsys: pytest.CaptureFixtu
     hand = write_gripper(tmp_path)
     scenario = tmp_path / "grip.scenario.yaml"
     scenario.write_text(f"hand: {hand}\nobject: cube\nX_WBase: {{rotation: !Rpy {{deg: [90, 0, 90]}}}}\n")
-    assert run("run", scenario, "--duration", 1.8) == 0
+    page, picture = tmp_path / "grip.html", tmp_path / "grip.png"
+    assert run("run", scenario, "--duration", 1.8, "--html", page, "--picture", picture) == 0
+    assert "<title>Cube in the hand: grip.scenario.yaml</title>" in page.read_text()
+    assert "/tactopose/truth" in page.read_text()
+    assert picture.read_bytes().startswith(b"\x89PNG")
     last = capsys.readouterr().out.strip().splitlines()[-1]
     assert re.fullmatch(
         r"The grasp is stable; the estimate is off the truth by [\d.]+ mm and [\d.]+ deg, "
         r"where the touch determines it by [\d.]+ mm and [\d.]+ deg\.",
         last,
     )
+
+
+def test_run_says_what_it_cannot_draw(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scenario = tmp_path / "live.scenario.yaml"
+    scenario.write_text("object: cube\nsenses: !LcmSenses {}\ntracking: {use_joint_velocities: false}\n")
+    assert run("run", scenario, "--html", tmp_path / "live.html") == 2
+    assert "--html, --picture: are of a station; a run on messages has none." in capsys.readouterr().err
+    scenario.write_text("object: cube\n")
+    assert run("run", scenario, "--picture", scenario) == 2
+    assert "is an input, or in one" in capsys.readouterr().err
 
 
 def test_estimate_takes_a_scale_and_known_symmetries(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

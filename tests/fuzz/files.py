@@ -23,6 +23,8 @@ from tactopose_drake.estimation.library_files import read_library
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.hand.hand_config import load_hand_config, make_hand_plant
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
+from tactopose_drake.hand.touch_file import load_touch
+from tactopose_drake.hand.volume_file import load_hand_volume
 from tactopose_drake.resources import model_path, resource_root
 from tactopose_drake.runs.manifest import MANIFEST, SIGNALS, load_manifest, save_manifest
 from tactopose_drake.runs.scenario_replay import replay
@@ -41,6 +43,28 @@ CONTACTS = """contacts:
 - {position: [0.031, 0.052, 0.094], normal: [0.0, 1.0, 0.0], force: [0.0, 2.1, 0.3]}
 sigma_position: 0.0005
 sigma_normal_deg: 3.0
+"""
+TOUCH = """contacts:
+- {position: [0.031, 0.002, 0.094]}
+patches:
+- array: bh280_finger
+  X_PT: {translation: [0.02, 0.01, 0.08], quaternion_wxyz: [1.0, 0.0, 0.0, 0.0]}
+  pressures: [0, 0, 0, 0, 9e3, 0, 0, 12e3, 8e3, 0, 4e3, null, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
+  alpha: 2.0e-8
+- points: [[0, 0, 0], [0.004, 0, 0], [0, 0.004, 0]]
+  normals: [[0, 0, 1], [0, 0, 1], [0, 0, 1]]
+  pressures: [0, 5e3, 7e3]
+  alpha: 2.0e-8
+  threshold: 100
+  saturation: 250e3
+"""
+SPHERES = """spheres: [{center: [0.0, -0.03, 0.02], radius: 0.015}, {center: [0.02, -0.03, 0.05], radius: 0.009}]
+untouched: [{center: [0.05, 0.0, 0.11], radius: 0.008}]
+sigma: 0.001
+"""
+VOLUME = """hand: shadow_like
+joints: {FFJ4: 0.0, FFJ3: 0.5, FFJ2: 0.1}
+untouched: [first]
 """
 PRIOR = """X_PO: {translation: [0.1, 0.2, 0.3], quaternion_wxyz: [0.0, 1.0, 0.0, 0.0]}
 sigma_translation: 0.02
@@ -69,6 +93,9 @@ def _schemas() -> tuple[tuple[str, str, Callable[[Path], object]], ...]:
     scenarios = [path.read_text() for path in sorted((resource_root() / "diagrams").glob("*.scenario.yaml"))]
     found: list[tuple[str, str, Callable[[Path], object]]] = [
         ("contacts.yaml", CONTACTS, load_contacts),
+        ("touch.yaml", TOUCH, load_touch),
+        ("spheres.yaml", SPHERES, load_hand_volume),
+        ("volume.yaml", VOLUME, load_hand_volume),
         ("prior.yaml", PRIOR, load_prior),
         ("library.yaml", LIBRARY, read_library),
         ("nano17.yaml", (models / "sensors/nano17.yaml").read_text(), _load_sensor),
@@ -81,7 +108,7 @@ def _schemas() -> tuple[tuple[str, str, Callable[[Path], object]], ...]:
 
 
 def _load_sensor(path: Path) -> object:
-    return load_force_torque_model(path=path)
+    return load_force_torque_model(name_or_path=path)
 
 
 def yaml_files(rng: np.random.Generator) -> None:

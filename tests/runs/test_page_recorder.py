@@ -158,3 +158,23 @@ def test_the_page_switches_the_hypotheses_that_it_draws(
     page = (tmp_path / "page.html").read_text()
     assert re.findall(r'data-hides="\^/tactopose/alternatives/(\d+)', page) == ["0", "1"]
     assert "and 2 less probable" in page
+
+
+def test_the_truth_is_drawn_where_it_is_known(
+    scenario: Scenario, model: ObjectModel, station: Station, tmp_path: Path
+) -> None:
+    del station.values["prior"]  # as of a run on devices
+    pages, pictures = [], []
+    for true_pose in (None, RigidTransform([0.01, 0.0, 0.1])):
+        recorder = PageRecorder(scenario, model)
+        assert not recorder.save_picture(tmp_path / "picture.png")
+        for time in (0.1, 0.2):
+            station.time = time
+            touch(station, 1.0, estimate_at(0.1, 0.001))
+            recorder.show(RunView(station, station, true_pose=true_pose))
+        assert recorder.save(tmp_path / "page.html", "Truth")
+        assert recorder.save_picture(tmp_path / "picture.png")
+        pages.append("/tactopose/truth" in (tmp_path / "page.html").read_text())
+        pictures.append((tmp_path / "picture.png").read_bytes())
+    assert pages == [False, True]
+    assert pictures[0] != pictures[1]

@@ -110,12 +110,16 @@ def balance_term(model: ObjectModel, evidence: Evidence) -> LeastSquaresObjectiv
         InvalidInputError: an object whose mass is not known, or whose symmetries move its centre of mass.
     """
     assert evidence.balance is not None
-    _check_mass(model)
+    check_mass(model)
     return WrenchBalance(evidence.contacts, evidence.balance, model.mass, model.center_of_mass)
 
 
-def _check_mass(model: ObjectModel) -> None:
-    """The forces' balance needs a true mass, and tells apart what the surface alone does not."""
+def check_mass(model: ObjectModel) -> None:
+    """Checks that the forces' balance can be told: it needs a true mass, and tells apart what the surface does not.
+
+    Raises:
+        InvalidInputError: an object whose mass is not known, or whose symmetries move its centre of mass.
+    """
     if not model.mass_is_known:
         raise InvalidInputError(
             f"model: the mass of {model.name!r} is not known; balance needs it: `ObjectModel.from_mesh(mass=...)`."

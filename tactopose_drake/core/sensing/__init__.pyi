@@ -7,6 +7,7 @@ from .force_torque import ForceTorqueModel as ForceTorqueModel
 from .force_torque import measure as measure
 from .force_torque import shift_wrench as shift_wrench
 from .force_torque import weight_wrench as weight_wrench
+from .height_maps import HeightMapSensor as HeightMapSensor
 from .intrinsic_contact import MIN_FORCE as MIN_FORCE
 from .intrinsic_contact import ContactSolution as ContactSolution
 from .intrinsic_contact import solve_contacts as solve_contacts

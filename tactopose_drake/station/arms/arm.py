@@ -19,7 +19,7 @@ from tactopose_drake.resources import add_model, load_typed_yaml, make_parser, m
 class ArmConfig:
     """An arm's model file and the names in it."""
 
-    model: str = ""  # URL or path of an SDF or URDF file; it limits each joint's speed
+    model: str = ""  # URL, or path from this file's folder, of an SDF or URDF file; it limits each joint's speed
     base_link: str = ""  # the link that stands on the ground
     flange_frame: str = ""  # F, the frame or link that carries the hand's base
 
@@ -52,6 +52,8 @@ def load_arm_config(name_or_path: str | Path) -> ArmConfig:
         config.validate()
     except InvalidInputError as error:
         raise InvalidFileError(f"{path}: {error}") from None
+    if "://" not in config.model:
+        config.model = str(path.parent / config.model)
     return config
 
 

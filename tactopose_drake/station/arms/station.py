@@ -20,8 +20,7 @@ from tactopose_drake.station.arms.arm import Arm, add_arm, hand_inertia, load_ar
 from tactopose_drake.station.grasp import add_planned_grasp
 from tactopose_drake.station.scenario import Scenario
 from tactopose_drake.station.simulated import Station, feed_estimation, finish_station
-from tactopose_drake.station.simulated_senses import add_senses
-from tactopose_drake.systems.palm_pose import PalmPose
+from tactopose_drake.station.simulated_senses import add_palm_pose, add_senses
 from tactopose_drake.systems.pose_estimation import AddPoseEstimation
 from tactopose_drake.systems.pose_tracking import AddPoseTracking, PoseTrackingParams
 
@@ -141,7 +140,7 @@ def make_arm_station(
     """
     scenario.validate()
     setup.validate()
-    model = ObjectModel.from_mesh(scenario.object_mesh()) if model is None else model
+    model = scenario.object_model() if model is None else model
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlant(config=scenario.plant, builder=builder)
     config, X_WBase = load_arm_config(setup.arm), fixed_pose("ArmSetup.X_WBase", setup.X_WBase)
@@ -161,6 +160,8 @@ def make_arm_station(
     start = add_planned_grasp(builder, scenario, plant, hand, senses, plan)
     if setup.tracking is None:
         estimation = AddPoseEstimation(builder, hand.config, model, scenario.estimation)
+        if scenario.estimation.estimator.balance:
+            builder.Connect(add_palm_pose(builder, plant, hand), estimation.GetInputPort("palm_pose"))
     else:
         estimation = _add_tracking(builder, plant, hand, model, setup.tracking)
     feed_estimation(builder, estimation, senses)
@@ -184,9 +185,7 @@ def _add_tracking(
     if params.use_joint_velocities:
         velocities = builder.GetSubsystemByName("joint_positions").get_output_port(1)
         builder.Connect(velocities, tracking.GetInputPort("joint_velocities"))
-    palm = builder.AddNamedSystem("palm_pose", PalmPose(hand.palm_frame))
-    builder.Connect(plant.get_body_poses_output_port(), palm.GetInputPort("body_poses"))
-    builder.Connect(palm.GetOutputPort("palm_pose"), tracking.GetInputPort("palm_pose"))
+    builder.Connect(add_palm_pose(builder, plant, hand), tracking.GetInputPort("palm_pose"))
     return tracking
 
 

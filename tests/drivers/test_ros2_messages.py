@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from tactopose_drake.runs import ros2_messages
-from tactopose_drake.runs.ros2_messages import definition, encode
+from tactopose_drake.drivers import ros2_messages
+from tactopose_drake.drivers.ros2_messages import definition, encode
 
 rosbags_types = pytest.importorskip("rosbags.typesys")
 STORE = rosbags_types.get_typestore(rosbags_types.Stores.ROS2_HUMBLE)

@@ -1,4 +1,4 @@
-"""The ROS 2 messages that an exported recording is made of: their definitions, and their bytes in CDR.
+"""The ROS 2 messages that are sent, heard and exported: their definitions, and their bytes in CDR.
 
 Sources: the interface definitions of ROS 2 (common_interfaces, rcl_interfaces, geometry2), which are the same from
 Galactic on; OMG, Common Object Request Broker Architecture, part 2, 9.3 (CDR), little-endian.
@@ -67,7 +67,7 @@ def definition(kind: str) -> str:
     parts: dict[str, None] = {}
 
     def collect(of: str) -> None:
-        for part, _, _ in _fields(of):
+        for part, _, _ in fields_of(of):
             if part in _DEFINITIONS and part not in parts:
                 parts[part] = None
                 collect(part)
@@ -89,7 +89,12 @@ def encode(kind: str, value: Mapping[str, Any]) -> bytes:
     return _LITTLE_ENDIAN + bytes(out)
 
 
-def _fields(kind: str) -> Iterator[tuple[str, str | None, str]]:
+def is_message(part: str) -> bool:
+    """Whether the type of a field is a message, and not a number or text."""
+    return part in _DEFINITIONS
+
+
+def fields_of(kind: str) -> Iterator[tuple[str, str | None, str]]:
     """Type, length (None: one; empty: any), and name of each field."""
     for line in _DEFINITIONS[kind].splitlines():
         match = _FIELD.fullmatch(line)
@@ -99,7 +104,7 @@ def _fields(kind: str) -> Iterator[tuple[str, str | None, str]]:
 
 
 def _write(out: bytearray, kind: str, value: Mapping[str, Any]) -> None:
-    for part, length, name in _fields(kind):
+    for part, length, name in fields_of(kind):
         given = value.get(name)
         if length is None:
             _write_one(out, part, given)

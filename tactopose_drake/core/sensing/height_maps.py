@@ -1,0 +1,148 @@
+"""Height maps of camera-based tactile sensors (GelSight, DIGIT), as patches of a few cells.
+
+Such a sensor tells for each of many thousands of pixels how deep its gel is pressed in. Neighbouring pixels tell nearly
+the same, with errors in common, so that their means over square blocks hold what there is to know: as many blocks as a
+search can afford where the gel is touched, all blocks around, and some of the rest, which say where the object is not.
+"""
+
+import dataclasses
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tactopose_drake.core.sensing.patches import Patch, describe_patch
+from tactopose_drake.core.validation import FloatArray, number_array, pose_matrix, positive_number, whole_number
+from tactopose_drake.errors import InvalidInputError
+
+_DEEPEST = 0.1  # of a gel, m: what is deeper must be millimetres
+_MOST_PIXELS = 10**8
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class HeightMapSensor:
+    """What the height maps of a flat pad mean.
+
+    Frame T: its origin is where the middle of the image is on the gel's surface at rest; x along a row of the image, y
+    along a column, and z out of the finger, which is right-handed as the camera behind the gel sees it.
+
+    Attributes:
+        pixel: the gel's width for each pixel along a row, and its height for each along a column, m; or one number.
+        least_depth: a block that is less pressed in, on average, is not touched, m; well above the map's noise.
+        most_depth: where the gel gives way no more, m; a block as deep may be deeper.
+        alpha: depth over pressure of the gel, m/Pa: by it the patch's pressures are what would make the depths. It
+            scales what is drawn, and nothing that is estimated.
+        most_cells: of the blocks that are touched, about; of those that are not, about twice as many may be kept.
+
+    Raises:
+        InvalidInputError: a number out of its range.
+    """
+
+    pixel: float | tuple[float, float]
+    least_depth: float = 5e-5
+    most_depth: float = 0.004
+    alpha: float = 2e-8
+    most_cells: int = 64
+
+    def __post_init__(self) -> None:
+        for size in self.pixel_size:
+            positive_number("HeightMapSensor.pixel", size, most=0.01)
+        positive_number("HeightMapSensor.least_depth", self.least_depth)
+        positive_number("HeightMapSensor.most_depth", self.most_depth, most=_DEEPEST)
+        positive_number("HeightMapSensor.alpha", self.alpha, most=1.0)
+        whole_number("HeightMapSensor.most_cells", self.most_cells, least=8, most=10_000)
+        if self.most_depth <= self.least_depth:
+            raise InvalidInputError(
+                f"HeightMapSensor.most_depth: is {self.most_depth:g}; allowed are numbers > least_depth = "
+                f"{self.least_depth:g}."
+            )
+
+    @property
+    def pixel_size(self) -> tuple[float, float]:
+        """Along a row and along a column, m."""
+        return self.pixel if isinstance(self.pixel, tuple) else (self.pixel, self.pixel)
+
+    def patch(self, depth: ArrayLike, X_PT: object, mask: ArrayLike | None = None) -> Patch:
+        """What a height map says of the object's surface, as `estimate_pose(patches=...)` takes it.
+
+        Args:
+            depth: how deep the gel is pressed in at each pixel, shape (rows, columns), m; NaN where that is not known.
+            X_PT: the pad's pose in the palm, a RigidTransform or shape (3, 4).
+            mask: where the object touches, shape (rows, columns), of booleans; depths elsewhere count as 0. Without,
+                all depths count.
+
+        Raises:
+            InvalidInputError: shapes that do not fit, a map without a known pixel, depths that are infinite or
+                evidently not in metres, or a pose that is none.
+        """
+        depth = _checked(depth, mask)
+        X_PT = pose_matrix("X_PT", X_PT)
+        touched = np.count_nonzero(depth > self.least_depth)
+        width = min(max(1, math.ceil(math.sqrt((touched or depth.size) / self.most_cells))), *depth.shape)
+        blocks = _block_means(depth, width)
+        chosen = _worth_keeping(blocks > self.least_depth, self.most_cells)
+        along_rows, along_columns = self.pixel_size
+        x, y = _middles(depth.shape[1], width) * along_rows, _middles(depth.shape[0], width) * along_columns
+        rows, columns = np.nonzero(chosen)
+        p_TC = np.stack([x[columns], y[rows], np.zeros(len(rows))], axis=1)
+        return describe_patch(
+            p_TC @ X_PT[:, :3].T + X_PT[:, 3],
+            blocks[chosen] / self.alpha,
+            alpha=self.alpha,
+            n_PT=np.tile(X_PT[:, 2], (len(rows), 1)),
+            threshold=self.least_depth / self.alpha,
+            saturation=self.most_depth / self.alpha,
+        )
+
+
+def _checked(depth: ArrayLike, mask: ArrayLike | None) -> FloatArray:
+    """Depths (rows, columns), none negative, 0 where the mask says that nothing touches."""
+    values = number_array("depth", depth, (None, None))
+    if not 0 < values.size <= _MOST_PIXELS:
+        raise InvalidInputError(f"depth: has {values.size} pixels; allowed are 1 to {_MOST_PIXELS:g}.")
+    if mask is not None:
+        touches = np.asarray(mask)
+        if touches.dtype != np.bool_ or touches.shape != values.shape:
+            raise InvalidInputError(
+                f"mask: is of {touches.dtype} and shape {touches.shape}; allowed are booleans of shape {values.shape}."
+            )
+        values = np.where(touches, values, 0.0 * values)
+    deepest = np.nanmax(np.abs(values), initial=0.0)
+    if not deepest <= _DEEPEST:
+        raise InvalidInputError(f"depth: holds {deepest:g} m; allowed are numbers up to {_DEEPEST:g}, and NaN.")
+    if np.isnan(values).all():
+        raise InvalidInputError("depth: every pixel is NaN; a map has at least 1 that is known.")
+    return np.maximum(values, 0.0)
+
+
+def _middles(length: int, width: int) -> FloatArray:
+    """Where the middles of the blocks are along one side of a map, from the map's middle on, in pixels."""
+    count, first = length // width, (length % width) // 2
+    return np.asarray(first + width * (np.arange(count) + 0.5) - 0.5 * length, dtype=np.float64)
+
+
+def _block_means(depth: FloatArray, width: int) -> FloatArray:
+    """Means over blocks of so many pixels each way, as `_middles` has them; NaN where most pixels are."""
+    rows, columns = (length // width for length in depth.shape)
+    top, left = ((length % width) // 2 for length in depth.shape)
+    inner = depth[top : top + rows * width, left : left + columns * width]
+    known = ~np.isnan(inner)
+    blocks = (rows, width, columns, width)
+    counts = known.reshape(blocks).sum(axis=(1, 3))
+    sums = np.where(known, inner, 0.0).reshape(blocks).sum(axis=(1, 3))
+    means: FloatArray = np.where(2 * counts >= width * width, sums / np.maximum(counts, 1), np.nan)
+    return means
+
+
+def _worth_keeping(touched: NDArray[np.bool_], most: int) -> NDArray[np.bool_]:
+    """The blocks that are touched, those around them, and of the others each so many-th, about `most`."""
+    padded = np.pad(touched, 1)
+    rows, columns = touched.shape
+    near = np.zeros_like(touched)
+    for i in range(3):
+        for j in range(3):
+            near |= padded[i : i + rows, j : j + columns]
+    step = max(1, math.ceil(math.sqrt(np.count_nonzero(~near) / most)))
+    sparse = np.zeros_like(touched)
+    sparse[step // 2 :: step, step // 2 :: step] = True
+    return near | sparse

@@ -1,0 +1,99 @@
+"""Checks of what a YAML file holds: every fault is one `InvalidFileError` that says file, place and what is allowed."""
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tactopose_drake.core.poses import make_poses, matrix_from_quaternion
+from tactopose_drake.core.validation import FloatArray, finite_array
+from tactopose_drake.errors import InvalidFileError, InvalidInputError
+from tactopose_drake.resources.yaml_files import plain_data, read_yaml, shown
+
+
+def read_data(path: Path) -> Any:
+    """What a YAML file holds, as plain data."""
+    _, root = read_yaml(path)
+    try:
+        return plain_data(root)
+    except InvalidFileError as error:
+        raise InvalidFileError(f"{path}: {error}") from None
+
+
+def check_mapping(
+    path: Path, where: str, value: Any, required: Iterable[str], optional: Iterable[str] = ()
+) -> dict[str, Any]:
+    """A mapping with all keys that are required, and no other than these and the optional ones.
+
+    Args:
+        path: of the file, for messages.
+        where: the place in it; empty for all of it.
+        value: what stands there.
+        required: keys that must be there.
+        optional: keys that may be there.
+    """
+    required, known = list(required), [*required, *optional]
+    place = f"{path}: {where}: " if where else f"{path}: "
+    if not isinstance(value, dict):
+        raise InvalidFileError(f"{place}is {shown(value)}; allowed is a mapping with the keys {', '.join(known)}.")
+    for key in value:
+        if key not in known:
+            raise InvalidFileError(f"{place}key {shown(key)} is unknown; allowed are {', '.join(known)}.")
+    for key in required:
+        if key not in value:
+            raise InvalidFileError(f"{place}key {key!r} is missing.")
+    return value
+
+
+def check_list(path: Path, where: str, value: Any, what: str) -> list[Any]:
+    """A list of at least one of what it is a list of."""
+    if not isinstance(value, list) or not value:
+        raise InvalidFileError(f"{path}: {where}: is {shown(value)}; allowed is a list of at least one {what}.")
+    return value
+
+
+def check_vector(path: Path, where: str, value: Any, length: int) -> FloatArray:
+    """So many finite numbers, shape (length,)."""
+    return _numbers(path, where, value if isinstance(value, list) else [value], (length,))
+
+
+def check_number(path: Path, key: str, data: dict[str, Any], place: str = "") -> float:
+    """The finite number of a key in a mapping, which stands at a place of the file."""
+    return float(_numbers(path, f"{place}.{key}".lstrip("."), [data[key]], (1,))[0])
+
+
+def check_pose(path: Path, where: str, value: Any) -> FloatArray:
+    """A pose of `translation` (m) and `quaternion_wxyz`, shape (3, 4)."""
+    pose = check_mapping(path, where, value, required=("translation", "quaternion_wxyz"))
+    translation = check_vector(path, f"{where}.translation", pose["translation"], 3)
+    quaternion = check_vector(path, f"{where}.quaternion_wxyz", pose["quaternion_wxyz"], 4)
+    length = float(np.linalg.norm(quaternion))
+    if abs(length - 1.0) > 1e-3:
+        raise InvalidFileError(f"{path}: {where}.quaternion_wxyz: has length {length:.6g}; allowed is 1 within 0.001.")
+    return make_poses(matrix_from_quaternion(quaternion), translation)
+
+
+def _numbers(path: Path, where: str, values: list[Any], shape: tuple[int]) -> FloatArray:
+    for i, value in enumerate(values):
+        # NumPy would take a boolean and the text of a number for one.
+        if not isinstance(value, float | int) or isinstance(value, bool):
+            place = where if len(values) == 1 else f"{where}[{i}]"
+            raise InvalidFileError(f"{path}: {place}: is {shown(value)}; allowed are numbers.")
+    try:
+        return finite_array(where, values, shape)
+    except InvalidInputError as error:
+        raise InvalidFileError(f"{path}: {error}") from None
+
+
+def check_column(path: Path, rows: list[dict[str, Any]], key: str) -> FloatArray | None:
+    """One vector of every contact, shape (k, 3); None where no contact has it."""
+    given = [i for i, row in enumerate(rows) if row.get(key) is not None]
+    if not given:
+        return None
+    if len(given) < len(rows):
+        missing = next(i for i in range(len(rows)) if i not in given)
+        raise InvalidFileError(
+            f"{path}: contacts[{missing}]: has no {key}, but contacts[{given[0]}] has; allowed is one for all or none."
+        )
+    return np.stack([check_vector(path, f"contacts[{i}].{key}", row[key], 3) for i, row in enumerate(rows)])

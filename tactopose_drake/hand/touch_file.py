@@ -1,0 +1,130 @@
+"""The file of a touch, contacts.yaml: contacts at points, and what tactile arrays feel."""
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.poses import identity_poses, transform_points
+from tactopose_drake.core.sensing.patches import Patch, describe_patch
+from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.errors import InvalidFileError, InvalidInputError
+from tactopose_drake.estimation.data_checks import (
+    check_list,
+    check_mapping,
+    check_number,
+    check_pose,
+    check_vector,
+    read_data,
+)
+from tactopose_drake.estimation.files import SIGMA_KEYS, contacts_in
+from tactopose_drake.resources.yaml_files import shown
+
+_LIMITS = ("threshold", "saturation")
+
+
+class Touch(NamedTuple):
+    """What is felt at one instant, in the palm frame.
+
+    Attributes:
+        contacts: the touch at single points.
+        patches: of tactile arrays, those that feel nothing too.
+    """
+
+    contacts: Contacts
+    patches: tuple[Patch, ...]
+
+
+class _Pad(NamedTuple):
+    """Cells (n, 3), m, and their normals (n, 3); what the array's file says besides, Pa."""
+
+    points: FloatArray
+    normals: FloatArray
+    limits: dict[str, float]
+
+
+def load_touch(path: Path) -> Touch:
+    """Reads contacts.yaml: `contacts` and `patches`, of which one may be absent, in the palm frame, m, N and Pa.
+
+    Contacts, `sigma_position` and `sigma_normal_deg` are as `load_contacts` reads them. Each patch has
+
+    - `points`: the pad's cells, and `normals`, which point out of the finger, unless all are z; or `array`: a tactile
+      array of the package by name, or a file by its path from this one's folder;
+    - `X_PT`: the pose of the pad's frame T in the palm, in which they are given, of `translation` and
+      `quaternion_wxyz`; absent where they are in the palm frame;
+    - `pressures`: of each cell, Pa; null where one is dead;
+    - `alpha`: depth over pressure of the soft pad, m/Pa, as `describe_patch` takes it;
+    - `threshold`, `saturation`: Pa. A cell is active above the one, by default 0, and may feel any pressure at the
+      other, by default infinite, or with `array` the array's range.
+
+    Raises:
+        InvalidFileError: the file, or that of an array, cannot be read, or does not fit.
+    """
+    data = check_mapping(path, "", read_data(path), (), ("contacts", "patches", *SIGMA_KEYS))
+    if "contacts" not in data and "patches" not in data:
+        raise InvalidFileError(f"{path}: has neither contacts nor patches; allowed are one or both.")
+    contacts = contacts_in(path, data) if "contacts" in data else Contacts.empty()
+    entries = check_list(path, "patches", data["patches"], "patch") if "patches" in data else []
+    return Touch(contacts, tuple(_patch(path, f"patches[{i}]", entry) for i, entry in enumerate(entries)))
+
+
+def _patch(path: Path, where: str, entry: Any) -> Patch:
+    is_array = isinstance(entry, dict) and "array" in entry
+    own, optional = (("array",), ()) if is_array else (("points",), ("normals",))
+    given = check_mapping(path, where, entry, (*own, "pressures", "alpha"), (*optional, "X_PT", *_LIMITS))
+    pad = _array_pad(path, where, given) if is_array else _own_pad(path, where, given)
+    X_PT = check_pose(path, f"{where}.X_PT", given["X_PT"]) if "X_PT" in given else identity_poses(1)[0]
+    alpha = check_number(path, "alpha", given, where)
+    limits = pad.limits | {key: check_number(path, key, given, where) for key in _LIMITS if key in given}
+    threshold, saturation = limits.get("threshold", 0.0), limits.get("saturation")
+    pressure = _pressures(path, f"{where}.pressures", given["pressures"])
+    if len(pressure) != len(pad.points):
+        raise InvalidFileError(f"{path}: {where}.pressures: are {len(pressure)}; the pad has {len(pad.points)} cells.")
+    try:
+        return describe_patch(
+            transform_points(X_PT, pad.points),
+            pressure,
+            alpha=alpha,
+            n_PT=pad.normals @ X_PT[:, :3].T,
+            threshold=threshold,
+            saturation=saturation,
+        )
+    except InvalidInputError as error:
+        raise InvalidFileError(f"{path}: {where}: {error}") from None
+
+
+def _own_pad(path: Path, where: str, given: dict[str, Any]) -> _Pad:
+    """Cells that the file gives one by one."""
+    points = _rows(path, f"{where}.points", given["points"])
+    if "normals" not in given:
+        return _Pad(points, np.tile([0.0, 0.0, 1.0], (len(points), 1)), {})
+    return _Pad(points, _rows(path, f"{where}.normals", given["normals"]), {})
+
+
+def _array_pad(path: Path, where: str, given: dict[str, Any]) -> _Pad:
+    """The cells of an array that has a file of its own."""
+    # Contacts alone need nothing of what reads such a file.
+    from tactopose_drake.hand.tactile_pads import load_tactile_pad
+
+    array = given["array"]
+    if not isinstance(array, str):
+        raise InvalidFileError(f"{path}: {where}.array: is {shown(array)}; allowed is a name or a path.")
+    pad = load_tactile_pad(path.parent / array if Path(array).suffix else array)
+    return _Pad(pad.layout.p_TC, pad.layout.n_T, {"saturation": pad.model.range})
+
+
+def _rows(path: Path, where: str, value: Any) -> FloatArray:
+    """Points or normals, shape (n, 3)."""
+    rows = check_list(path, where, value, "row of three numbers")
+    return np.stack([check_vector(path, f"{where}[{i}]", row, 3) for i, row in enumerate(rows)])
+
+
+def _pressures(path: Path, where: str, value: Any) -> FloatArray:
+    """Of cells, Pa, shape (n,), NaN where one is null."""
+    cells = check_list(path, where, value, "pressure")
+    known = [i for i, cell in enumerate(cells) if cell is not None]
+    pressure = np.full(len(cells), np.nan)
+    for i in known:
+        pressure[i] = check_vector(path, f"{where}[{i}]", cells[i], 1)[0]
+    return pressure

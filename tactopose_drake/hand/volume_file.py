@@ -1,0 +1,111 @@
+"""The file of a hand's volume at one instant: spheres one by one, or a hand of a file and its joint positions."""
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.errors import InvalidFileError, InvalidInputError
+from tactopose_drake.estimation.data_checks import (
+    check_list,
+    check_mapping,
+    check_number,
+    check_vector,
+    read_data,
+)
+from tactopose_drake.hand.geometry import BodySpheres, HandGeometry
+from tactopose_drake.hand.hand_config import Hand, load_hand_config, make_hand_plant
+from tactopose_drake.hand.kinematics import HandKinematics
+from tactopose_drake.hand.named_joints import NamedJoints
+from tactopose_drake.resources.yaml_files import shown
+
+
+class HandVolumes(NamedTuple):
+    """Where a hand is, and which parts of it feel nothing; None where there are none.
+
+    Attributes:
+        hand: all of its links that are known.
+        untouched: its fingertips, or other parts, that feel no contact.
+    """
+
+    hand: HandGeometry | None
+    untouched: HandGeometry | None
+
+
+def load_hand_volume(path: Path) -> HandVolumes:
+    """Reads what fills a hand, in the palm frame, m and rad: of a hand that has a file, or sphere by sphere.
+
+    Of a hand: `hand`, one of the package by name or a *.hand.yaml by its path from this file's folder; `joints`, its
+    positions by the joints' names, where coupled joints follow and a link behind one that is left out is not known; and
+    `untouched`, the fingers that feel nothing, if there are any.
+
+    Spheres: `spheres`, a list of `center` and `radius`; `untouched`, such a list; and `sigma`, the standard deviation
+    of their surface. All but one of the lists may be absent.
+
+    Raises:
+        InvalidFileError: the file, or the hand's, cannot be read, or does not fit.
+    """
+    data = read_data(path)
+    return _of_hand(path, data) if isinstance(data, dict) and "hand" in data else _of_spheres(path, data)
+
+
+def _of_spheres(path: Path, data: Any) -> HandVolumes:
+    given = check_mapping(path, "", data, (), ("spheres", "untouched", "sigma"))
+    if not {"spheres", "untouched"} & given.keys():
+        raise InvalidFileError(f"{path}: has neither hand nor spheres nor untouched; allowed is one at the least.")
+    sigma = {"sigma": check_number(path, "sigma", given)} if "sigma" in given else {}
+
+    def volume(key: str) -> HandGeometry | None:
+        if key not in given:
+            return None
+        entries = check_list(path, key, given[key], "sphere")
+        spheres = [check_mapping(path, f"{key}[{i}]", entry, ("center", "radius")) for i, entry in enumerate(entries)]
+        centers = [check_vector(path, f"{key}[{i}].center", sphere["center"], 3) for i, sphere in enumerate(spheres)]
+        radii = [check_number(path, "radius", sphere, f"{key}[{i}]") for i, sphere in enumerate(spheres)]
+        try:
+            return HandGeometry(np.array(centers), np.array(radii), **sigma)
+        except InvalidInputError as error:
+            raise InvalidFileError(f"{path}: {key}: {error}") from None
+
+    return HandVolumes(volume("spheres"), volume("untouched"))
+
+
+def _of_hand(path: Path, data: dict[str, Any]) -> HandVolumes:
+    given = check_mapping(path, "", data, ("hand", "joints"), ("untouched",))
+    name, joints, untouched = given["hand"], given["joints"], given.get("untouched", [])
+    if not isinstance(name, str):
+        raise InvalidFileError(f"{path}: hand: is {shown(name)}; allowed is a name or a path.")
+    config = load_hand_config(path.parent / name if Path(name).suffix else name)
+    plant, hand = make_hand_plant(config)
+    try:
+        q = NamedJoints(plant, hand).positions("joints", _positions(path, joints))
+        tips = _tips(hand, untouched)
+    except InvalidInputError as error:
+        raise InvalidFileError(f"{path}: {error}") from None
+    spheres = BodySpheres.of_hand(config)
+    kinematics = HandKinematics(plant, hand.palm_frame)
+    kinematics.move(q)
+    p_PH, known = kinematics.positions(spheres), kinematics.is_known(spheres.body)
+    return HandVolumes(*(_chosen(p_PH, spheres, known & part) for part in (known, np.isin(spheres.body, tips))))
+
+
+def _positions(path: Path, joints: Any) -> dict[str, float]:
+    """By the joints' names, rad and m."""
+    if not isinstance(joints, dict):
+        raise InvalidFileError(f"{path}: joints: is {shown(joints)}; allowed is a mapping of names to positions.")
+    return {name: check_number(path, name, joints, "joints") for name in joints}
+
+
+def _tips(hand: Hand, untouched: Any) -> list[int]:
+    """The bodies of fingertips that feel nothing."""
+    tips = {finger: int(weld.child_body().index()) for finger, weld in hand.welds.items()}
+    if not isinstance(untouched, list) or not all(isinstance(name, str) and name in tips for name in untouched):
+        raise InvalidInputError(
+            f"untouched: is {shown(untouched)}; allowed is a list of fingers with a sensor: {', '.join(tips)}."
+        )
+    return [tips[name] for name in untouched]
+
+
+def _chosen(p_PH: FloatArray, spheres: BodySpheres, chosen: np.ndarray) -> HandGeometry | None:
+    return HandGeometry(p_PH[chosen], spheres.radius[chosen]) if chosen.any() else None

@@ -1,0 +1,72 @@
+"""Sends what is believed to other processes, over LCM or ROS 2, as the scenario says."""
+
+import time
+
+from tactopose_drake.drivers.lcm_inbox import LcmConnection, open_lcm
+from tactopose_drake.drivers.lcm_messages import ObjectBeliefMessage
+from tactopose_drake.runs.message_run import Publisher
+from tactopose_drake.runs.ros2_publisher import Ros2Publisher
+from tactopose_drake.runs.stepping import Observer, RunView
+from tactopose_drake.station.scenario import Scenario
+from tactopose_drake.station.senses import LcmPublishing, Ros2Publishing
+from tactopose_drake.systems.lcm_belief import belief_message
+
+
+class LcmPublisher:
+    """Sends beliefs as messages `lcmt_object_belief`, all of one session."""
+
+    def __init__(self, params: LcmPublishing, known_url: str = "", known: LcmConnection | None = None) -> None:
+        """Opens LCM, unless a connection to the same URL is at hand."""
+        self._link = known if known is not None and params.url == known_url else open_lcm(params.url)
+        self._channel, self.max_modes = params.channel, params.max_modes
+        self._session = time.time_ns()
+
+    def send(self, message: ObjectBeliefMessage) -> None:
+        """Sends one."""
+        message.session = self._session
+        self._link.publish(self._channel, message.encode())
+
+
+def open_publisher(scenario: Scenario, known_url: str = "", known: LcmConnection | None = None) -> Publisher | None:
+    """What sends the beliefs of a run; None where the scenario does not publish.
+
+    Args:
+        scenario: of the run.
+        known_url: of an LCM that is open already.
+        known: that one.
+
+    Raises:
+        InvalidInputError: if a package is not installed.
+        BusError: if LCM or DDS cannot be opened.
+    """
+    if isinstance(scenario.publish, Ros2Publishing):
+        return Ros2Publisher(scenario.publish, scenario.object_mesh())
+    return None if scenario.publish is None else LcmPublisher(scenario.publish, known_url, known)
+
+
+def publishing(scenario: Scenario, observer: Observer) -> Observer:
+    """An observer that also sends what a station believes, where the scenario publishes.
+
+    Args:
+        scenario: of senses that are no messages.
+        observer: is shown the same.
+
+    Raises:
+        InvalidInputError: if a package is not installed.
+        BusError: if LCM or DDS cannot be opened.
+    """
+    out = open_publisher(scenario)
+    if out is None:
+        return observer
+    prefix = "" if scenario.tracking is None else "tracked_"
+
+    def publish_and_show(view: RunView) -> None:
+        estimate, status = (
+            view.diagram.GetOutputPort(prefix + name).Eval(view.context) for name in ("hypotheses", "status")
+        )
+        message = belief_message(estimate, status, out.max_modes)
+        message.utime = round(1e6 * view.context.get_time())
+        out.send(message)
+        observer(view)
+
+    return publish_and_show

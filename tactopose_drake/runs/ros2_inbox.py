@@ -1,0 +1,128 @@
+"""What a hand senses and what vision says, as messages of ROS 2: each joint state with the newest of all else."""
+
+import functools
+import math
+from typing import Any
+
+import numpy as np
+
+from tactopose_drake.core.poses import matrix_from_quaternion
+from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.drivers.lcm_messages import HandSensesMessage, ObjectPoseMessage
+from tactopose_drake.drivers.ros2_link import Ros2Link, seconds_of
+from tactopose_drake.runs.ros2_poses import increment_covariance
+from tactopose_drake.station.senses import Ros2Senses
+
+_AHEAD = 0.5  # s that a picture may be newer than the senses and wait for them
+_BACK = 1.0  # s that a stamp may be older than the one before; beyond, the sender's clock began anew
+
+
+class Ros2Inbox:
+    """Takes messages in, in place of an `LcmInbox`; a belief is made for each joint state.
+
+    Attributes:
+        received: joint states so far.
+        lost: 0; messages of ROS 2 are not counted by who sends them.
+        passed_over: how many were received and not taken, since a newer one was there.
+    """
+
+    def __init__(self, link: Ros2Link, senses: Ros2Senses) -> None:
+        """Subscribes.
+
+        Args:
+            link: a participant.
+            senses: the topics, and how old a wrench or a pad's frame may be.
+        """
+        self.received = self.lost = self.passed_over = 0
+        self._link, self._max_age = link, senses.max_age
+        self._remarks: list[str] = []
+        self._newest: tuple[float, dict[str, float]] | None = None
+        self._vision: tuple[float, Any] | None = None
+        self._time = -math.inf
+        self._wrenches: dict[str, tuple[float, FloatArray]] = {}
+        self._pressures: dict[str, tuple[float, FloatArray]] = {}
+        link.subscribe(senses.joints, "sensor_msgs/JointState", self._on_joints)
+        for finger, topic in senses.wrenches.items():
+            link.subscribe(topic, "geometry_msgs/WrenchStamped", functools.partial(self._on_wrench, finger))
+        for pad, topic in senses.pressures.items():
+            link.subscribe(topic, "std_msgs/Float64MultiArray", functools.partial(self._on_pad, pad))
+        if senses.vision:
+            link.subscribe(senses.vision, "geometry_msgs/PoseWithCovarianceStamped", self._on_vision)
+
+    def wait(self, timeout: float) -> None:
+        """Takes in all that is there; waits for a first message for as long as that, s.
+
+        Raises:
+            BusError: if messages can no longer be read.
+        """
+        if self._link.wait(timeout) > 0:
+            while self._link.wait(0.0) > 0:
+                pass
+
+    def take(self) -> HandSensesMessage | None:
+        """The newest joint state with what else is not too old, once; None where there is no new one."""
+        if self._newest is None:
+            return None
+        (time, joints), self._newest = self._newest, None
+
+        def fresh(values: dict[str, tuple[float, FloatArray]]) -> dict[str, FloatArray]:
+            return {name: value for name, (then, value) in values.items() if time - then <= self._max_age}
+
+        return HandSensesMessage(
+            utime=round(1e6 * time),
+            sequence=self.received - 1,
+            joints=joints,
+            wrenches=fresh(self._wrenches),
+            pressures=fresh(self._pressures),
+        )
+
+    def take_vision(self, utime: int) -> ObjectPoseMessage | None:
+        """The newest pose by vision, once; one that is newer than the senses by less than half a second waits."""
+        if self._vision is None or 1e-6 * utime < self._vision[0] <= 1e-6 * utime + _AHEAD:
+            return None
+        (time, said), self._vision = self._vision, None
+        orientation, place = said.pose.orientation, said.pose.position
+        wxyz = np.array([orientation.w, orientation.x, orientation.y, orientation.z])
+        if not np.linalg.norm(wxyz) > 0.0:
+            self._remarks.append("vision: its quaternion is 0")
+            return None
+        covariance = increment_covariance(np.array(said.covariance), matrix_from_quaternion(wxyz))
+        return ObjectPoseMessage(
+            utime=round(1e6 * time),
+            position=np.array([place.x, place.y, place.z]),
+            quaternion_wxyz=wxyz,
+            covariance=covariance,
+        )
+
+    def take_remarks(self) -> tuple[str, ...]:
+        """What is to be said of what came, once."""
+        damaged, self._link.damaged = self._link.damaged, []
+        said = [*self._remarks, *(f"a message on {topic} is damaged" for topic in damaged)]
+        self._remarks = []
+        return tuple(dict.fromkeys(said))
+
+    def _on_joints(self, said: Any) -> None:
+        time = seconds_of(said.header.stamp)
+        if len(said.name) != len(said.position):
+            self._remarks.append(f"a joint state has {len(said.name)} names and {len(said.position)} positions")
+            return
+        if time < self._time - _BACK:
+            self._remarks.append("the senses' sender began anew")
+            self._wrenches.clear()
+            self._pressures.clear()
+        self.received += 1
+        self.passed_over += self._newest is not None
+        self._time = time
+        self._newest = time, dict(zip(said.name, said.position, strict=True))
+
+    def _on_wrench(self, finger: str, said: Any) -> None:
+        torque, force = said.wrench.torque, said.wrench.force
+        F_S = np.array([torque.x, torque.y, torque.z, force.x, force.y, force.z])
+        self._wrenches[finger] = seconds_of(said.header.stamp), F_S
+
+    def _on_pad(self, pad: str, said: Any) -> None:
+        # It has no stamp: it is as old as the joint state before it.
+        self._pressures[pad] = self._time, np.array(said.data)
+
+    def _on_vision(self, said: Any) -> None:
+        self._vision = seconds_of(said.header.stamp), said.pose

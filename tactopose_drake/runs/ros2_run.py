@@ -1,0 +1,29 @@
+"""Runs a scenario whose senses are messages of ROS 2."""
+
+from tactopose_drake.drivers.ros2_link import Ros2Link
+from tactopose_drake.runs.message_run import run_messages
+from tactopose_drake.runs.publishing import open_publisher
+from tactopose_drake.runs.ros2_inbox import Ros2Inbox
+from tactopose_drake.runs.stepping import Observer, Progress, RunView
+from tactopose_drake.station.scenario import Scenario
+from tactopose_drake.station.senses import Ros2Senses
+
+
+def run_ros2(scenario: Scenario, duration: float | None, observer: Observer, tell: Progress) -> RunView:
+    """Runs as `run_messages` does, with messages of ROS 2.
+
+    Args:
+        scenario: with `Ros2Senses`.
+        duration: s; until it is interrupted, if not given.
+        observer: is shown each belief.
+        tell: is told what begins.
+
+    Raises:
+        InvalidInputError: if the scenario cannot be run.
+        BusError: if the domain cannot be joined.
+    """
+    senses = scenario.senses
+    assert isinstance(senses, Ros2Senses)
+    link = Ros2Link(senses.domain, senses.config)
+    out = open_publisher(scenario)
+    return run_messages(scenario, senses.max_age, lambda: Ros2Inbox(link, senses), out, duration, observer, tell)

@@ -1,0 +1,40 @@
+"""The paths in a scenario: they count from the folder of its file, and names stay names."""
+
+import os
+from pathlib import Path
+from typing import Any
+
+from tactopose_drake.station.senses import CanSenses, JointFile, RecordedSenses, Ros2Publishing, Ros2Senses
+
+
+def count_paths_from(folder: Path, scenario: Any) -> None:
+    """Makes the paths of a `Scenario` that are relative count from a folder.
+
+    What may be a name of the package's (hand, object, sensor) is a path if it has an ending or a slash.
+    """
+    for part, key in ((scenario, "hand"), (scenario, "object"), (scenario.sensor, "file")):
+        setattr(part, key, _named(folder, getattr(part, key)))
+    if scenario.grip is not None:
+        scenario.grip.X_PO = {_named(folder, name): X_PO for name, X_PO in scenario.grip.X_PO.items()}
+    senses = scenario.senses
+    if isinstance(senses, RecordedSenses):
+        senses.folder = _path(folder, senses.folder)
+    if isinstance(senses, CanSenses):
+        senses.prior = _path(folder, senses.prior)
+        if isinstance(senses.joints, JointFile):
+            senses.joints.path = _path(folder, senses.joints.path)
+        if senses.simulated is not None:
+            senses.simulated.folder = _path(folder, senses.simulated.folder)
+    for link in (senses, scenario.publish):
+        if isinstance(link, Ros2Senses | Ros2Publishing):
+            link.config = _path(folder, link.config)
+
+
+def _named(folder: Path, name_or_path: str) -> str:
+    is_path = bool(Path(name_or_path).suffix) or "/" in name_or_path
+    return _path(folder, name_or_path) if is_path else name_or_path
+
+
+def _path(folder: Path, path: str) -> str:
+    """The same from anywhere; none stays none."""
+    return os.path.abspath(folder / path) if path else path

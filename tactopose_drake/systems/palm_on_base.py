@@ -1,0 +1,48 @@
+"""Where the palm of a hand on a fixed base is in the world."""
+
+import numpy as np
+from pydrake.common.value import AbstractValue
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.framework import Context
+
+from tactopose_drake.hand.hand_config import Hand
+from tactopose_drake.systems.collectable_system import CollectableSystem
+from tactopose_drake.systems.hand_kinematics import declare_kinematics
+
+
+class PalmOnBase(CollectableSystem):
+    """Finds the palm's pose by the measured joint positions, where the hand's base stands still.
+
+    .. pydrake_system::
+
+        name: PalmOnBase
+        input_ports:
+        - joint_positions
+        output_ports:
+        - palm_pose
+
+    - joint_positions: measured positions of the hand's joints, shape (nq,) of the hand's own plant, rad.
+    - palm_pose: `RigidTransform` X_WP; its position is NaN while a joint between base and palm is not known.
+    """
+
+    def __init__(self, plant: MultibodyPlant, hand: Hand, X_WBase: RigidTransform) -> None:
+        """Keeps a reference to the plant.
+
+        Args:
+            plant: finalized plant of the hand alone, for kinematics.
+            hand: the hand in it.
+            X_WBase: where its base is.
+        """
+        super().__init__()
+        self._X_WBase, self._palm = X_WBase, {"palm": hand.palm_frame}
+        base = plant.GetFrameByName(hand.config.base_link, hand.model_instance)
+        positions = self.DeclareVectorInputPort("joint_positions", plant.num_positions())
+        self._kinematics = declare_kinematics(self, plant, base, positions)
+        self.DeclareAbstractOutputPort(
+            "palm_pose", lambda: AbstractValue.Make(RigidTransform()), self._calc, {self._kinematics.ticket()}
+        )
+
+    def _calc(self, context: Context, output: AbstractValue) -> None:
+        poses = self._kinematics.Eval(context).poses(self._palm)
+        output.set_value(self._X_WBase @ poses["palm"] if poses else RigidTransform(np.full(3, np.nan)))

@@ -1,0 +1,100 @@
+"""The command line with all that may be known of a touch: patches, forces, the hand's volume, balance, friction."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+import tactopose_drake as tp
+from tactopose_drake.estimation import load_prior
+from tactopose_drake.hand import load_hand_volume, load_touch
+from tests.cli.test_cli import run
+
+TOUCH = """
+contacts:
+- {position: [0.020, 0.0, 0.01], normal: [1.0, 0.0, 0.0], force: [2.0, 0.0, -0.3]}
+- {position: [-0.020, 0.0, 0.01], normal: [-1.0, 0.0, 0.0], force: [-2.0, 0.0, -0.3]}
+"""
+PATCHES = """
+patches:
+- array: bh280_palm
+  X_PT: {translation: [0.0, -0.03, 0.0775], quaternion_wxyz: [0.0, 1.0, 0.0, 0.0]}
+  pressures: [0, 0, 0, 0, 0, 0, 0, 0, 1e4, 0, 0, 0, 0, 0, 0, 2e4, 0, 0, 0, 0, null, 0, 0, 0]
+  alpha: 2.0e-8
+"""
+VOLUME = """
+spheres: [{center: [0.05, 0.0, 0.0], radius: 0.02}]
+untouched: [{center: [0.0, 0.0, 0.06], radius: 0.01}]
+"""
+PRIOR = "X_PO: {translation: [0.002, 0.001, -0.003], quaternion_wxyz: [1, 0, 0, 0]}"
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    trimesh.creation.box((0.04, 0.06, 0.09)).export(tmp_path / "box.obj")
+    (tmp_path / "touch.yaml").write_text(TOUCH)
+    (tmp_path / "patches.yaml").write_text(TOUCH + PATCHES)
+    (tmp_path / "volume.yaml").write_text(VOLUME)
+    (tmp_path / "prior.yaml").write_text(PRIOR)
+    return tmp_path
+
+
+def poses(estimate: tp.PoseEstimate) -> list[list[float]]:
+    return [hypothesis.X_PO.translation().tolist() for hypothesis in estimate.hypotheses]
+
+
+def test_all_that_is_known_reaches_the_estimate(folder: Path) -> None:
+    common = ["--object", folder / "box.obj", "--prior", folder / "prior.yaml", "--out", folder / "out.json"]
+    model, prior = tp.ObjectModel.from_mesh(folder / "box.obj", mass=0.06), load_prior(folder / "prior.yaml")
+    touch, patched = load_touch(folder / "touch.yaml"), load_touch(folder / "patches.yaml")
+    volumes = load_hand_volume(folder / "volume.yaml")
+    gravity = np.array([0.0, 0.0, -9.81])
+    by_touch, by_all = ["--contacts", folder / "touch.yaml"], ["--contacts", folder / "patches.yaml"]
+    found = []
+    for options, expected in (
+        (by_touch, tp.estimate_pose(model, touch.contacts, prior=prior)),
+        (by_all, tp.estimate_pose(model, patched.contacts, patches=patched.patches, prior=prior)),
+        (
+            [*by_touch, "--hand-volume", folder / "volume.yaml"],
+            tp.estimate_pose(model, touch.contacts, prior=prior, hand=volumes.hand, untouched=volumes.untouched),
+        ),
+        ([*by_touch, "--friction", 0.2], tp.estimate_pose(model, touch.contacts, prior=prior, friction=0.2)),
+        (
+            [*by_touch, "--gravity", 0, 0, -9.81, "--mass", 0.06],
+            tp.estimate_pose(model, touch.contacts, prior=prior, balance=tp.ForceBalance(gravity)),
+        ),
+    ):
+        assert run("estimate", *common, *options) == 0
+        result = json.loads((folder / "out.json").read_text())
+        found.append([hypothesis["translation"] for hypothesis in result["hypotheses"]])
+        assert found[-1] == poses(expected)
+    assert all(other != found[0] for other in found[1:])
+
+
+def test_what_does_not_go_together_is_one_line(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    bare = folder / "bare.yaml"
+    bare.write_text("contacts: [{position: [0.02, 0, 0]}]")
+    common = ["--object", folder / "box.obj"]
+    for options, text in (
+        (["--contacts", bare, "--friction", 0.5], "contacts: have no forces; friction needs them."),
+        (["--contacts", folder / "touch.yaml", "--friction", -1], "friction: is -1"),
+        (["--contacts", folder / "touch.yaml", "--gravity", 0, 0, -9.81], "mass"),
+        (["--contacts", folder / "touch.yaml", "--gravity", 0, 0, "nan"], "gravity_P[2]: is nan"),
+        (["--contacts", folder / "touch.yaml", "--mass", -1], "mass: is -1"),
+        (["--contacts", folder / "touch.yaml", "--hand-volume", folder / "none.yaml"], "none.yaml: cannot be read"),
+    ):
+        assert run("estimate", *common, *options) == 2
+        (line,) = capsys.readouterr().err.strip().splitlines()
+        assert text in line
+
+
+def test_an_object_is_identified_by_patches_too(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    library = folder / "library"
+    library.mkdir()
+    trimesh.creation.box((0.04, 0.06, 0.09)).export(library / "box.obj")
+    trimesh.creation.icosphere(radius=0.02).export(library / "ball.obj")
+    options = ["--library", library, "--contacts", folder / "patches.yaml", "--jobs", 1]
+    assert run("identify", *options) == 0
+    assert "It is box." in capsys.readouterr().out

@@ -1,0 +1,123 @@
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tactopose_drake.core.poses import make_poses, matrix_from_quaternion, transform_points
+from tactopose_drake.core.sensing.patches import describe_patch
+from tactopose_drake.errors import InvalidFileError
+from tactopose_drake.estimation import load_prior
+from tactopose_drake.hand import load_hand_volume
+from tactopose_drake.hand.tactile_pads import load_tactile_pad
+from tactopose_drake.hand.touch_file import load_touch
+
+QUATERNION = [0.5, 0.5, -0.5, 0.5]
+X_PT = make_poses(matrix_from_quaternion(np.array(QUATERNION)), np.array([0.01, 0.02, 0.03]))
+POSE = f"{{translation: [0.01, 0.02, 0.03], quaternion_wxyz: {QUATERNION}}}"
+CELLS = "[[0, 0, 0], [0.004, 0, 0], [0, 0.004, 0], [0.004, 0.004, 0]]"
+PAD = f"points: {CELLS}, pressures: [0, 2e4, 1e4, null], alpha: 2e-8"
+
+
+def write(tmp_path: Path, text: str) -> Path:
+    path = tmp_path / "touch.yaml"
+    path.write_text(text)
+    return path
+
+
+def test_cells_are_read_in_the_pads_frame(tmp_path: Path) -> None:
+    touch = load_touch(write(tmp_path, f"patches: [{{{PAD}, X_PT: {POSE}, threshold: 100, saturation: 1.5e4}}]"))
+    assert len(touch.contacts) == 0
+    (patch,) = touch.patches
+    cells = np.array([[0, 0, 0], [0.004, 0, 0], [0, 0.004, 0], [0.004, 0.004, 0]])
+    np.testing.assert_allclose(patch.p_PT, transform_points(X_PT, cells), atol=1e-15)
+    np.testing.assert_allclose(patch.n_PT, np.tile(X_PT[:, 2], (4, 1)), atol=1e-15)
+    np.testing.assert_array_equal(patch.pressure, [0.0, 2e4, 1e4, np.nan])
+    assert (patch.alpha, patch.threshold, patch.saturation) == (2e-8, 100.0, 1.5e4)
+    np.testing.assert_array_equal(patch.active, [False, True, True, False])
+    np.testing.assert_array_equal(patch.saturated, [False, True, False, False])
+
+
+def test_normals_may_be_given_and_the_frame_left_out(tmp_path: Path) -> None:
+    normals = "[[0, 0, -1], [0, 0, -1], [0, 1, 0], [0, 1, 0]]"
+    (patch,) = load_touch(write(tmp_path, f"patches: [{{{PAD}, normals: {normals}}}]")).patches
+    np.testing.assert_array_equal(patch.n_PT, [[0, 0, -1], [0, 0, -1], [0, 1, 0], [0, 1, 0]])
+    np.testing.assert_array_equal(patch.p_PT[3], [0.004, 0.004, 0.0])
+    assert patch.threshold == 0.0
+    assert patch.saturation == np.inf
+
+
+def test_an_array_is_known_by_its_name_or_by_a_file_beside(tmp_path: Path) -> None:
+    pad = load_tactile_pad("bh280_palm")
+    pressure = np.linspace(0.0, 1e5, len(pad.layout))
+    read = f"pressures: {pressure.tolist()}, alpha: 1e-8, X_PT: {POSE}"
+    (patch,) = load_touch(write(tmp_path, f"patches: [{{array: bh280_palm, {read}}}]")).patches
+    p_PT, n_PT = transform_points(X_PT, pad.layout.p_TC), pad.layout.n_T @ X_PT[:, :3].T
+    expected = describe_patch(p_PT, pressure, alpha=1e-8, n_PT=n_PT, saturation=pad.model.range)
+    np.testing.assert_array_equal(patch.centroid, expected.centroid)
+    np.testing.assert_array_equal(patch.eigenvectors, expected.eigenvectors)
+    assert patch.saturation == expected.saturation
+    (tmp_path / "pad.yaml").write_text(f"pattern: !PointPattern {{points: {CELLS}, cell: 0.004}}")
+    text = "patches: [{array: pad.yaml, pressures: [1, 2, 3, 4], alpha: 1e-8}]"
+    assert len(load_touch(write(tmp_path, text)).patches[0].p_PT) == 4
+
+
+def test_contacts_and_patches_go_together(tmp_path: Path) -> None:
+    text = f"contacts: [{{position: [0, 0, 0.1]}}]\nsigma_position: 0.002\npatches: [{{{PAD}}}, {{{PAD}}}]"
+    touch = load_touch(write(tmp_path, text))
+    np.testing.assert_array_equal(touch.contacts.p_PC, [[0.0, 0.0, 0.1]])
+    np.testing.assert_array_equal(touch.contacts.sigma_position, 0.002)
+    assert len(touch.patches) == 2
+
+
+def test_the_files_of_the_reference_can_be_read(tmp_path: Path) -> None:
+    text = (Path(__file__).parents[2] / "docs" / "reference" / "touch_files.md").read_text()
+    readers = {"contacts": load_touch, "prior": load_prior, "volume": load_hand_volume, "spheres": load_hand_volume}
+    files = re.findall(r"```yaml\n# (\w+)\.yaml\n(.*?)```", text, re.DOTALL)
+    assert [name for name, _ in files] == list(readers)
+    read = {name: readers[name](write(tmp_path, content)) for name, content in files}
+    assert [patch.status for patch in read["contacts"].patches] == ["area", "row"]
+    assert read["volume"].untouched is not None
+    assert len(read["spheres"].untouched.radius) == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("sigma_position: 0.001", "has neither contacts nor patches; allowed are one or both"),
+        ("touches: []", "key 'touches' is unknown; allowed are contacts, patches, sigma_position, sigma_normal_deg"),
+        ("patches: {}", "patches: is {}; allowed is a list of at least one patch"),
+        ("patches: [3]", r"patches\[0\]: is 3; allowed is a mapping with the keys points, pressures, alpha"),
+        (f"patches: [{{{PAD}, depth: 2}}]", r"patches\[0\]: key 'depth' is unknown"),
+        (f"patches: [{{{PAD}, array: bh280_palm}}]", r"patches\[0\]: key 'points' is unknown; allowed are array"),
+        (f"patches: [{{points: {CELLS}, alpha: 1e-8}}]", r"patches\[0\]: key 'pressures' is missing"),
+        (
+            f"patches: [{{points: {CELLS}, pressures: [1, 2], alpha: 1e-8}}]",
+            r"patches\[0\].pressures: are 2; the pad has 4 cells",
+        ),
+        (
+            f"patches: [{{points: {CELLS}, pressures: [1, 2, x, 3], alpha: 1e-8}}]",
+            r"patches\[0\].pressures\[2\]: is 'x'; allowed are numbers",
+        ),
+        (
+            f"patches: [{{points: {CELLS}, pressures: [1, 2, -1, 3], alpha: 1e-8}}]",
+            r"patches\[0\]: pressure\[2\]: is -1; allowed are numbers >= 0, and NaN",
+        ),
+        (
+            f"patches: [{{points: {CELLS}, pressures: [null, null, null, null], alpha: 1e-8}}]",
+            r"patches\[0\]: pressure: every cell is NaN",
+        ),
+        ("patches: [{points: [[0, 0]], pressures: [1], alpha: 0}]", r"points\[0\]: has shape \(2,\); allowed is \(3,"),
+        (f"patches: [{{{PAD}, normals: [[0, 0, 1]]}}]", r"patches\[0\]: n_PT: has shape \(1, 3\)"),
+        (f"patches: [{{{PAD}, X_PT: {{translation: [0, 0, 0]}}}}]", r"X_PT: key 'quaternion_wxyz' is missing"),
+        ("patches: [{array: 7, pressures: [1], alpha: 0}]", r"array: is 7; allowed is a name or a path"),
+        ("patches: [{array: none.yaml, pressures: [1], alpha: 0}]", r"none.yaml: .*"),
+        (f"patches: [{{{PAD}, threshold: yes}}]", r"patches\[0\].threshold: is True; allowed are numbers"),
+    ],
+)
+def test_each_fault_is_one_line_with_its_place(tmp_path: Path, text: str, message: str) -> None:
+    path = write(tmp_path, text)
+    with pytest.raises(InvalidFileError, match=message) as caught:
+        load_touch(path)
+    assert str(tmp_path) in str(caught.value)
+    assert "\n" not in str(caught.value)

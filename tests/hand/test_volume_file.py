@@ -1,0 +1,92 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+from pydrake.systems.framework import DiagramBuilder
+
+from tactopose_drake.errors import InvalidFileError
+from tactopose_drake.hand import HandGeometry, add_hand, load_hand_config, load_hand_volume, make_hand_plant
+from tests.hand.grippers import write_gripper
+
+
+def write(tmp_path: Path, text: str) -> Path:
+    path = tmp_path / "volume.yaml"
+    path.write_text(text)
+    return path
+
+
+def test_spheres_are_read(tmp_path: Path) -> None:
+    text = """
+    spheres: [{center: [0.0, 0.01, 0.02], radius: 0.008}, {center: [0.1, 0.0, 0.0], radius: 0.02}]
+    untouched: [{center: [0.0, 0.0, 0.3], radius: 0.007}]
+    sigma: 0.002
+    """
+    volumes = load_hand_volume(write(tmp_path, text))
+    assert volumes.hand == HandGeometry(np.array([[0.0, 0.01, 0.02], [0.1, 0.0, 0.0]]), np.array([0.008, 0.02]), 0.002)
+    assert volumes.untouched == HandGeometry(np.array([[0.0, 0.0, 0.3]]), np.array([0.007]), 0.002)
+    assert load_hand_volume(write(tmp_path, "untouched: [{center: [0, 0, 0], radius: 1}]")).hand is None
+
+
+def test_a_hand_is_filled_where_its_joints_put_it(tmp_path: Path) -> None:
+    config = load_hand_config("barrett_like")
+    plant, hand = make_hand_plant(config)
+    joints = {plant.get_joint(index).name(): 0.3 for index in plant.GetJointIndices(hand.model_instance)}
+    given = {name: value for name, value in joints.items() if plant.GetJointByName(name).num_positions() == 1}
+    volumes = load_hand_volume(write(tmp_path, f"hand: barrett_like\njoints: {given}"))
+    builder = DiagramBuilder()
+    plant, _ = AddMultibodyPlantSceneGraph(builder, time_step=0.001)
+    hand = add_hand(plant, config, RigidTransform())
+    plant.Finalize()
+    diagram = builder.Build()
+    context = diagram.CreateDefaultContext()
+    own = plant.GetMyMutableContextFromRoot(context)
+    plant.SetPositions(own, np.full(plant.num_positions(), 0.3))
+    expected = HandGeometry.from_plant(plant, own, hand.palm_frame)
+    assert volumes.hand is not None
+    np.testing.assert_allclose(volumes.hand.p_PH, expected.p_PH, atol=1e-12)
+    np.testing.assert_array_equal(volumes.hand.radius, expected.radius)
+    assert volumes.untouched is None
+
+
+def test_a_link_behind_a_joint_that_is_not_given_is_not_known(tmp_path: Path) -> None:
+    hand = write_gripper(tmp_path)
+    plant, parts = make_hand_plant(load_hand_config(hand))
+    names = [plant.get_joint(index).name() for index in plant.GetJointIndices(parts.model_instance)]
+    names = [name for name in names if plant.GetJointByName(name).num_positions() == 1]
+    volumes = [
+        load_hand_volume(write(tmp_path, f"hand: {hand.name}\njoints: {joints}\nuntouched: {untouched}"))
+        for joints, untouched in (({}, []), (dict.fromkeys(names, 0.01), ["left"]))
+    ]
+    assert volumes[0].hand is not None
+    assert volumes[1].hand is not None
+    assert volumes[1].untouched is not None
+    assert len(volumes[0].hand.radius) < len(volumes[1].hand.radius)
+    assert len(volumes[1].untouched.radius) < len(volumes[1].hand.radius)
+    nowhere = load_hand_volume(write(tmp_path, f"hand: {hand.name}\njoints: {{}}\nuntouched: [left]"))
+    assert nowhere.untouched is None
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("3", "is 3; allowed is a mapping with the keys spheres, untouched, sigma"),
+        ("sigma: 0.001", "has neither hand nor spheres nor untouched"),
+        ("spheres: []", r"spheres: is \[\]; allowed is a list of at least one sphere"),
+        ("spheres: [{center: [0, 0, 0]}]", r"spheres\[0\]: key 'radius' is missing"),
+        ("spheres: [{center: [0, 0], radius: 1}]", r"spheres\[0\].center: has shape \(2,\)"),
+        ("spheres: [{center: [0, 0, 0], radius: -1}]", "spheres: radius: holds -1; allowed are numbers > 0"),
+        ("{hand: shadow_like}", "key 'joints' is missing"),
+        ("{hand: no_such_hand, joints: {}}", "no_such_hand: there is no such file; the package's hands are"),
+        ("{hand: 5, joints: {}}", "hand: is 5; allowed is a name or a path"),
+        ("{hand: shadow_like, joints: 5}", "joints: is 5; allowed is a mapping of names to positions"),
+        ("{hand: shadow_like, joints: {elbow: 0.1}}", "joints.*'elbow'"),
+        ("{hand: shadow_like, joints: {elbow: x}}", "joints.elbow: is 'x'; allowed are numbers"),
+        ("{hand: shadow_like, joints: {}, untouched: [toe]}", r"untouched: is \['toe'\]; allowed is a list of fingers"),
+    ],
+)
+def test_each_fault_is_one_line(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(InvalidFileError, match=message) as caught:
+        load_hand_volume(write(tmp_path, text))
+    assert "\n" not in str(caught.value)
