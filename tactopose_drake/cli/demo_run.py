@@ -92,7 +92,7 @@ def run_demo(
         InvalidInputError: if the scenario cannot be built.
         GraspFailedError: if no grasp that was tried holds the object, or what is felt gives no estimate.
     """
-    model = ObjectModel.from_mesh(scenario.object_mesh()) if model is None else model
+    model = scenario.object_model() if model is None else model
     recorder = TimelineRecorder(load_hand_config(scenario.hand), model)
     grasp = simulate_grasp(scenario, model=model, meshcat=meshcat, on_progress=on_progress, observer=recorder.show)
     if not grasp.stable:

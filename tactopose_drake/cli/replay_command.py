@@ -8,7 +8,6 @@ import click
 
 from tactopose_drake.cli.consoles import OUT
 from tactopose_drake.cli.run_command import print_end, showing
-from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.estimation.output_files import check_outputs, written_beside
 from tactopose_drake.runs.estimate_writer import EstimateWriter
 from tactopose_drake.runs.page_recorder import PageRecorder
@@ -33,7 +32,7 @@ def replay(log: Path, scenario: str, speed: str, out: Path | None, html: Path | 
     loaded = load_scenario(scenario)
     check_outputs((out, html), inputs=(log, scenario_file(scenario)))
     replaced = [str(path) for path in (out, html) if path is not None and path.is_file()]
-    page = None if html is None else PageRecorder(loaded, ObjectModel.from_mesh(loaded.object_mesh()))
+    page = None if html is None else PageRecorder(loaded, loaded.object_model())
     with contextlib.ExitStack() as parts:
         writer = None if out is None else parts.enter_context(_written(out))
         show, tell = parts.enter_context(showing(monitor))

@@ -81,7 +81,7 @@ def simulate_grasp(
         InvalidInputError: if the scenario cannot be built, or the hand finds no way to hold the object.
     """
     tell = on_progress or (lambda message: None)
-    model = ObjectModel.from_mesh(scenario.object_mesh()) if model is None else model
+    model = scenario.object_model() if model is None else model
     plans: Sequence[GraspPlan | None] = (None,)
     if scenario.grip is None:
         tell("planning a grasp")

@@ -9,7 +9,6 @@ import numpy as np
 from pydrake.math import RigidTransform
 
 from tactopose_drake.core.poses import make_poses, matrix_from_quaternion
-from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.frame import PoseMeasurement
 from tactopose_drake.drivers.lcm_inbox import LcmConnection, LcmInbox, open_lcm
 from tactopose_drake.drivers.lcm_messages import HandSensesMessage, ObjectBeliefMessage, ObjectPoseMessage
@@ -47,7 +46,7 @@ def run_lcm(scenario: Scenario, duration: float | None, observer: Observer, tell
     link = open_lcm(scenario.senses.url)
     out = None if scenario.publish is None else _Publisher(scenario.publish, scenario.senses.url, link)
     tell("reading the object")
-    hand, model = load_hand_config(scenario.hand), ObjectModel.from_mesh(scenario.object_mesh())
+    hand, model = load_hand_config(scenario.hand), scenario.object_model()
     tell("preparing the estimate")
     _warm_up(ObjectTracker(hand, model, scenario.tracking))
     run = _LcmRun(scenario.senses, hand, ObjectTracker(hand, model, scenario.tracking), link, out)

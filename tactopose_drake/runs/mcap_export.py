@@ -11,7 +11,6 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 
 from tactopose_drake.core.poses import make_poses, matrix_from_quaternion
-from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.estimation.output_files import written_beside
 from tactopose_drake.estimation.prior import PosePrior
@@ -173,7 +172,7 @@ class _Hand:
 
 def _scene(run: RecordedRun, hand: _Hand, header: dict[str, Any]) -> list[dict[str, Any]]:
     """Markers of the hand's links and of the object."""
-    model = ObjectModel.from_mesh(run.manifest.scenario.object_mesh())
+    model = run.manifest.scenario.object_model()
     colour = np.tile(_OBJECT_COLOUR, (len(model.vertices), 1))
     shapes = [*hand.shapes, ("object", Triangles(model.vertices, model.faces, colour))]
     return [

@@ -10,7 +10,6 @@ from typing import Any
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, EventStatus
 
-from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import InvalidFileError
 from tactopose_drake.hand.hand_config import load_hand_config, make_hand_plant
 from tactopose_drake.hand.named_joints import NamedJoints
@@ -77,9 +76,7 @@ def _play(folder: Path, manifest: Manifest, signals: dict[str, Signal]) -> tuple
         known = {name: signal for name, signal in signals.items() if name in ("joint_positions", "prior")}
         if devices.hand is not None:  # They are in the log.
             known.pop("joint_positions", None)
-        station = make_hardware_station(
-            scenario, devices, known, model=ObjectModel.from_mesh(manifest.scenario.object_mesh())
-        )
+        station = make_hardware_station(scenario, devices, known, model=manifest.scenario.object_model())
         simulator = Simulator(station.diagram)
         start_devices(parts.enter_context(devices), manifest.start, folder)
         ports = [port for port in sense_ports(station.diagram) if port.get_name() not in known]

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 from pydrake.systems.analysis import Simulator
 
-from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.drivers.device_bus import DeviceBus
 from tactopose_drake.errors import EndOfLogError, InvalidFileError, InvalidInputError
 from tactopose_drake.estimation.prior import PosePrior
@@ -127,7 +126,7 @@ def _make_station(
     Raises:
         InvalidFileError: if the recording's signals do not fit the scenario, which is valid by itself.
     """
-    model = ObjectModel.from_mesh(scenario.object_mesh())
+    model = scenario.object_model()
     try:
         return make_hardware_station(scenario, devices, signals, model=model)
     except InvalidInputError as error:

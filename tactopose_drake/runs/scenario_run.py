@@ -72,7 +72,7 @@ def run_scenario(
             observer(view)
 
         tell("reading the object")
-        model = ObjectModel.from_mesh(scenario.object_mesh())
+        model = scenario.object_model()
         run = run_devices if isinstance(scenario.senses, CanSenses) else _run_simulated
         view = run(scenario, model, duration, recording, record_and_show, tell)
     return view if recording is None else dataclasses.replace(view, lost=recording.lost)

@@ -21,7 +21,7 @@ def plan_scenario(scenario: Scenario, model: ObjectModel | None = None) -> list[
     """
     scenario.validate()
     config = load_hand_config(scenario.hand)
-    model = ObjectModel.from_mesh(scenario.object_mesh()) if model is None else model
+    model = scenario.object_model() if model is None else model
     plant, hand = make_hand_plant(config)
     context = plant.CreateDefaultContext()
     X_BaseP = plant.CalcRelativeTransform(

@@ -70,7 +70,7 @@ def make_hardware_station(
         InvalidInputError: if the scenario cannot be built, or a signal does not fit the hand.
     """
     scenario.validate()
-    model = ObjectModel.from_mesh(scenario.object_mesh()) if model is None else model
+    model = scenario.object_model() if model is None else model
     config = load_hand_config(scenario.hand)
     plant, hand = make_hand_plant(config)
     builder = DiagramBuilder()

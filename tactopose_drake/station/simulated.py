@@ -31,7 +31,7 @@ from tactopose_drake.station.grasp import GraspStart, add_grip, add_planned_gras
 from tactopose_drake.station.grasp_planning import plan_scenario
 from tactopose_drake.station.motor_inertia import add_motor_inertia
 from tactopose_drake.station.scenario import Scenario
-from tactopose_drake.station.simulated_senses import add_noise, add_senses
+from tactopose_drake.station.simulated_senses import add_noise, add_senses, simulate_errors
 from tactopose_drake.station.tracking import add_tracking
 from tactopose_drake.systems.camera_view import CameraView
 from tactopose_drake.systems.grip_controller import set_motor_gains
@@ -116,7 +116,7 @@ def make_station(
         InvalidInputError: if the scenario cannot be built.
     """
     scenario.validate()
-    model = ObjectModel.from_mesh(scenario.object_mesh()) if model is None else model
+    model = scenario.object_model() if model is None else model
     if scenario.grip is None and plan is None:
         plan = plan_scenario(scenario, model)[0]
     builder = DiagramBuilder()
@@ -176,6 +176,7 @@ def _add_bodies(builder: DiagramBuilder, scenario: Scenario) -> tuple[MultibodyP
     object_instance = add_model(make_parser(plant), scenario.object_sdf())
     make_compliant(plant, scene_graph, hand.model_instance)
     make_meshes_rigid(plant, scene_graph, object_instance)
+    simulate_errors(scenario, plant, scene_graph, hand, object_instance)
     if scenario.grip is not None:
         set_motor_gains(plant, hand, scenario.grip.controller)
     else:
@@ -229,7 +230,8 @@ def _add_vision(
                 palm_frame=hand.palm_frame,
                 X_WC=fixed_pose("Scenario.X_WC", scenario.X_WC),
             ),
-            params=scenario.vision,
+            scenario.vision,
+            None if scenario.errors is None else scenario.errors.vision_degrees_of_freedom,
         ),
     )
     builder.Connect(plant.get_body_poses_output_port(), vision.GetInputPort("body_poses"))
