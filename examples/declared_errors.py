@@ -130,6 +130,7 @@ def make_scenario(row: Row, name: str, seed: int, folder: Path) -> Scenario:
     scenario = load_scenario(HAND)
     scenario.hand, scenario.object, scenario.seed = str(path), name, seed
     scenario.scale_sigma, scenario.errors = row.scale, row.errors(seed)
+    scenario.estimation.estimator.period = 0.4  # s; only the last estimate counts
     return scenario
 
 

@@ -28,6 +28,7 @@ from tactopose_drake.core.shape.surface_samples import SurfaceSamples
 from tactopose_drake.core.shape.surfels import Surfels, make_surfels, surfel_spacing
 from tactopose_drake.core.shape.symmetry import RotationalSymmetry, sampled_turns, symmetry_group
 from tactopose_drake.core.shape.symmetry_detection import SymmetryDetectionParams
+from tactopose_drake.core.shape.unevenness import Unevenness, find_unevenness
 from tactopose_drake.core.validation import FARTHEST, FloatArray, instance_of, limited, positive_number, whole_number
 
 # What is allowed: more samples take all memory there is, other masses are those of nothing that a hand holds, kg.
@@ -126,10 +127,17 @@ class ObjectModel:
         )
 
     @cached_property
-    def normal_lever(self) -> float:
-        """By how much the surface moves along its normal where the object grows by 1, rms, m."""
+    def growth(self) -> tuple[float, float]:
+        """By how much the surface moves along its normal, and along each tangent, where the object grows by 1, rms, m."""
         arms = self.samples.points - self.center_of_mass
-        return float(np.sqrt(np.mean(np.einsum("ij,ij->i", arms, self.samples.normals) ** 2)))
+        outward = np.einsum("ij,ij->i", arms, self.samples.normals) ** 2
+        along = 0.5 * (np.einsum("ij,ij->i", arms, arms) - outward)
+        return float(np.sqrt(outward.mean())), float(np.sqrt(along.mean()))
+
+    @cached_property
+    def unevenness(self) -> Unevenness:
+        """How much the surface changes over a distance; made when first needed, in about 0.1 s."""
+        return find_unevenness(self.samples)
 
     @cached_property
     def sample_spread(self) -> tuple[FloatArray, float, float]:
