@@ -4,8 +4,8 @@ from .collision import check_collisions as check_collisions
 from .collision import keep_clear as keep_clear
 from .contact_pressure import pressure_field as pressure_field
 from .contact_uncertainty import ContactUncertainty as ContactUncertainty
-from .encoder_gains import EncoderGains as EncoderGains
-from .encoder_gains import encoder_gains as encoder_gains
+from .encoder_offsets import EncoderGains as EncoderGains
+from .encoder_offsets import encoder_gains as encoder_gains
 from .findings import Finding as Finding
 from .fingertip_surfaces import CapsuleSurface as CapsuleSurface
 from .fingertip_surfaces import EllipsoidSurface as EllipsoidSurface

@@ -16,7 +16,7 @@ from tactopose_drake.core.poses import skew
 from tactopose_drake.core.sensing.contact_noise import contact_covariance
 from tactopose_drake.core.sensing.intrinsic_contact import ContactSolution
 from tactopose_drake.core.validation import FloatArray
-from tactopose_drake.hand.encoder_gains import encoder_gains
+from tactopose_drake.hand.encoder_offsets import encoder_gains
 from tactopose_drake.hand.hand_config import Hand, HandUncertainty
 from tactopose_drake.hand.kinematics import HandKinematics
 

@@ -11,7 +11,7 @@ from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 from pydrake.systems.primitives import AddRandomInputs, Demultiplexer
 
-from tactopose_drake.hand.encoder_gains import encoder_gains
+from tactopose_drake.hand.encoder_offsets import encoder_gains
 from tactopose_drake.hand.hand_config import Hand, make_hand_plant
 from tactopose_drake.hand.other_fingertips import change_fingertips
 from tactopose_drake.hand.tactile_pads import load_tactile_pad

@@ -128,7 +128,7 @@ class ObjectModel:
 
     @cached_property
     def growth(self) -> tuple[float, float]:
-        """By how much the surface moves along its normal, and along each tangent, where the object grows by 1, rms, m."""
+        """By how much the surface moves along its normal and along each tangent where the object grows by 1, rms, m."""
         arms = self.samples.points - self.center_of_mass
         outward = np.einsum("ij,ij->i", arms, self.samples.normals) ** 2
         along = 0.5 * (np.einsum("ij,ij->i", arms, arms) - outward)
