@@ -32,8 +32,6 @@ def change_fingertips(
 ) -> None:
     """Makes the collision shapes of a hand's fingertips thicker, and moves them; the plant is not finalized yet.
 
-    They then pass through the hand's other links, as a grasp that is planned for the files' hand asks for.
-
     Args:
         plant: the simulator's plant.
         scene_graph: its geometry.
@@ -44,6 +42,11 @@ def change_fingertips(
     """
     alone, parts = make_hand_plant(hand.config)
     context, inspector = alone.CreateDefaultContext(), scene_graph.model_inspector()
+    of_hand = [
+        geometry
+        for body in map(plant.get_body, plant.GetBodyIndices(hand.model_instance))
+        for geometry in plant.GetCollisionGeometriesForBody(body)
+    ]
     for finger, frame in parts.sensor_frames.items():
         X_BS = alone.CalcRelativeTransform(context, parts.welds[finger].child_body().body_frame(), frame)
         surface = parts.surfaces[finger]
@@ -54,22 +57,11 @@ def change_fingertips(
             shape, is_scaled = _thicker(inspector.GetShape(geometry), radius[finger], scale)
             p_BG = middle_B + scale * (X_BG.translation() - middle_B) if is_scaled else X_BG.translation()
             X_BG = RigidTransform(X_BG.rotation(), p_BG + X_BS.rotation() @ np.asarray(mounting[finger]))
+            passed = [other for other in of_hand if inspector.CollisionFiltered(geometry, other)]
             scene_graph.ChangeShape(plant.get_source_id(), geometry, shape, X_BG)
-    _pass_through_the_hand(plant, scene_graph, hand)
-
-
-def _pass_through_the_hand(plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand) -> None:
-    """Lets fingertips pass through the hand's other links, from which their joints keep them but for what they err."""
-    tips = [weld.child_body() for weld in hand.welds.values()]
-    of_tips = [geometry for tip in tips for geometry in plant.GetCollisionGeometriesForBody(tip)]
-    others = [
-        geometry
-        for body in map(plant.get_body, plant.GetBodyIndices(hand.model_instance))
-        for geometry in plant.GetCollisionGeometriesForBody(body)
-        if geometry not in of_tips
-    ]
-    declaration = CollisionFilterDeclaration().ExcludeBetween(GeometrySet(of_tips), GeometrySet(others))
-    scene_graph.collision_filter_manager().Apply(declaration)
+            # A shape that is changed forgets what it may pass through.
+            apart = CollisionFilterDeclaration().ExcludeBetween(GeometrySet(geometry), GeometrySet(passed))
+            scene_graph.collision_filter_manager().Apply(apart)
 
 
 def _thicker(shape: Shape, radius: float, scale: float) -> tuple[Shape, bool]:
