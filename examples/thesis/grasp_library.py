@@ -105,7 +105,7 @@ def _save(path: Path, grasp: SimulatedGrasp | None) -> None:
 
 
 def make_scenario(name: str, seed: int = 0) -> Scenario:
-    """The hand takes an object by all five fingers; no pose is estimated."""
+    """A hand that errs in nothing takes an object by all five fingers; no pose is estimated."""
     scenario = load_scenario("shadow_like").without_errors()
     scenario.object, scenario.seed = name, seed
     scenario.planner.least_fingers = len(FINGERS)

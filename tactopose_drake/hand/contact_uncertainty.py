@@ -22,7 +22,7 @@ from tactopose_drake.hand.kinematics import HandKinematics
 
 
 class ContactUncertainty:
-    """The covariance of each contact of a hand, by what its description says of its errors."""
+    """How far a hand's contacts, and its surface, may be off by what its description says of its errors."""
 
     def __init__(self, plant: MultibodyPlant, hand: Hand, uncertainty: HandUncertainty) -> None:
         """Keeps no reference to the plant.
@@ -66,3 +66,16 @@ class ContactUncertainty:
         covariance[:3, :3] += R @ by_sensor.p @ R.T
         covariance[3:, 3:] += turned @ by_sensor.n @ turned.T
         return covariance
+
+    def surface_sigma(self, kinematics: HandKinematics) -> float:
+        """By how much the fingertips' surfaces are off along an axis, rms over the fingers, m.
+
+        Args:
+            kinematics: of the hand, moved to where the joints are.
+        """
+        moved = [
+            kinematics.jacobian(frame, self._surfaces[finger].X_SF[:, 3])[3:] @ self._offsets
+            for finger, frame in self._frames.items()
+        ]
+        by_joints = float(np.mean([np.sum(J**2) / 3.0 for J in moved])) if moved else 0.0
+        return math.sqrt(by_joints + self._errors.mounting**2 + self._errors.fingertip_radius**2)

@@ -20,6 +20,8 @@ from tactopose_drake.hand.collision import HandCollision, keep_clear
 from tactopose_drake.systems.collectable_system import CollectableSystem, declare_cache
 from tactopose_drake.systems.ports import eval_input, eval_optional_input
 
+_SIGMAS = 3.0  # of where the hand is, by which the object may be in it
+
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class PoseEstimatorParams:
@@ -31,7 +33,9 @@ class PoseEstimatorParams:
     max_hypotheses: int = 16  # kept at the most
     seed: int = 0  # of the search's random numbers, the same at each estimate
     max_duration: float | None = None  # s after which the search ends with the best that it has; None: never
-    collision_tolerance: float = 0.003  # depth in the hand that is no collision yet, m: three sigma of where it is
+    # Depth in the hand that is no collision yet, m: three sigma of where it is; it is that at least, where `hand` says
+    # how far it may be off.
+    collision_tolerance: float = 0.003
 
     def validate(self) -> None:
         """Raises InvalidInputError if a number is out of its range or the method unknown."""
@@ -190,7 +194,8 @@ class PoseEstimator(CollectableSystem):
     def _keep_clear(self, context: Context, estimate: PoseEstimate) -> tuple[PoseEstimate, bool]:
         """The estimate without colliding hypotheses, and whether any is left."""
         assert self._collision is not None
-        tolerance = self._params.collision_tolerance
+        hand = eval_optional_input(self._hand, context, HandGeometry)
+        tolerance = max(self._params.collision_tolerance, 0.0 if hand is None else _SIGMAS * hand.sigma)
         X_PO = np.array([hypothesis.X_PO.GetAsMatrix34() for hypothesis in estimate.hypotheses])
         scratch = self._scratch.Eval(context)
         collisions = self._collision.check(self._positions.Eval(context), X_PO, enough=tolerance, scratch=scratch)

@@ -71,7 +71,7 @@ def add_touch(
         for port in (f"{what}_{pad.name}" for pad in hand.pads for what in ("pressures", "age")):
             builder.ExportInput(descriptor.GetInputPort(port), port)
     if params.use_hand_volume:
-        volume = builder.AddNamedSystem("hand_volume", HandVolume(plant, parts, BodySpheres.of_hand(hand)))
+        volume = builder.AddNamedSystem("hand_volume", HandVolume(plant, parts, BodySpheres.of_hand(hand), errors))
         posed.append(volume)
         builder.Connect(contacts.GetOutputPort("fingers_untouched"), volume.GetInputPort("fingers_untouched"))
         known |= {name: volume.GetOutputPort(name) for name in ("hand", "untouched")}
