@@ -1,6 +1,7 @@
 """Simulated grasps of several objects with several seeds: how well touch corrects vision.
 
 python examples/grasp_study.py --objects bust mug --seeds 3
+python examples/grasp_study.py --perfect --seeds 5
 python examples/grasp_study.py --scenario barrett_like --objects soda_can --seeds 20
 """
 
@@ -13,7 +14,6 @@ from rich.progress import track
 from rich.table import Table
 
 from tactopose_drake.cli import DemoResult, GraspFailedError, run_demo
-from tactopose_drake.core.shape import ObjectModel
 from tactopose_drake.estimation import direction_names
 from tactopose_drake.station import load_scenario
 
@@ -21,15 +21,16 @@ OBJECTS = ("bust", "mug", "spray_bottle", "tea_box", "wine_glass")
 
 
 def study(
-    scenario_name: str, objects: list[str], first_seed: int, seeds: int
+    scenario_name: str, objects: list[str], first_seed: int, seeds: int, perfect: bool
 ) -> tuple[dict[tuple[str, int], DemoResult], list[str]]:
     """Runs each object with each seed; returns the results, and why the others failed."""
     results: dict[tuple[str, int], DemoResult] = {}
     failures: list[str] = []
     for name in objects:
         scenario = load_scenario(scenario_name)
+        scenario = scenario.without_errors() if perfect else scenario
         scenario.object = name
-        model = ObjectModel.from_mesh(scenario.object_mesh())
+        model = scenario.object_model()
         for seed in track(range(first_seed, first_seed + seeds), description=name):
             scenario.seed = seed
             try:
@@ -55,9 +56,12 @@ def main() -> None:
     parser.add_argument("--objects", nargs="+", default=list(OBJECTS))
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--perfect", action="store_true", help="a hand that errs in nothing")
     arguments = parser.parse_args()
     console, started = Console(), time.perf_counter()
-    results, failures = study(arguments.scenario, arguments.objects, arguments.first_seed, arguments.seeds)
+    results, failures = study(
+        arguments.scenario, arguments.objects, arguments.first_seed, arguments.seeds, arguments.perfect
+    )
     if not results:
         raise SystemExit("; ".join(failures))
 

@@ -52,7 +52,7 @@ class Report:
 
 def make_scenario(url: str) -> Scenario:
     """Senses come in and beliefs go out over LCM."""
-    scenario = load_scenario("shadow_like")
+    scenario = load_scenario("shadow_like").without_errors()
     scenario.senses, scenario.publish = LcmSenses(url=url, vision="VISION"), LcmPublishing(url=url)
     scenario.tracking = PoseTrackingParams(use_joint_velocities=False)
     return scenario
@@ -147,7 +147,7 @@ def measure(duration: float, rate: float, url: str, restarts: Mapping[str, float
     """Sends for `duration` s from the first answer on; at the times `sender` and `estimator` these begin anew."""
     scenario = make_scenario(url)
     joints = NamedJoints(*make_hand_plant(load_hand_config(scenario.hand))).names
-    felt = rehearse(scenario, tp.ObjectModel.from_mesh(scenario.object_mesh()))
+    felt = rehearse(scenario, scenario.object_model())
     hand, begun = Hand(url, felt, joints), time.monotonic()
     due = dict(restarts)
     with tempfile.TemporaryDirectory() as folder:

@@ -101,7 +101,7 @@ def write_collision_pencil(folder: Path) -> Path:
 
 def make_trial_station(closing: GraspPlan, pencil: Path, meshcat: Meshcat | None = None) -> ArmStation:
     """The whole diagram: sensing, estimate, decision, control; shown by Meshcat, if there is one."""
-    scenario = Scenario(object=str(pencil))
+    scenario = Scenario(object=str(pencil)).without_errors()
     scenario.controller.closing_time = 1.6
     # All of a pencil is within two millimetres of an edge, where the normal says little.
     scenario.estimation.contacts.sigma_position = 0.0006

@@ -151,8 +151,8 @@ def plan_route(parts: ArmParts, setup: ArmSetup, places: Array) -> list[Piecewis
 def make_carrying_station(name: str, knows_hand: bool, seed: int, places: Array) -> tuple[ArmStation, Route]:
     """The arm and hand, the tracker and the belief; the object is to be held."""
     scenario = Scenario(object=name, seed=seed)
-    model = tp.ObjectModel.from_mesh(scenario.object_mesh())
-    tracking = PoseTrackingParams()
+    model = scenario.object_model()
+    tracking = PoseTrackingParams(use_uncertainty=False)  # the hand errs in nothing, as the thesis has it
     tracking.contacts.sigma_position, tracking.contacts.sigma_normal_deg = 0.0005, 3.0
     setup = ArmSetup(scene=[SceneModel(model="package://tactopose_drake/models/scenes/table.sdf")], tracking=tracking)
     routes = []

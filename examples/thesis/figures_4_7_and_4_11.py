@@ -39,7 +39,7 @@ def far_pose(generator: np.random.Generator) -> Array:
 def draw(figure: str, experiment: Experiment, number: int, seed: int, path: Path) -> str:
     """Draws a trial of an experiment, and says how it went."""
     grasp = make_library(experiment.object, number + 1)[number]
-    model = tp.ObjectModel.from_mesh(make_scenario(experiment.object).object_mesh())
+    model = make_scenario(experiment.object).object_model()
     trial = make_trial(experiment.object, grasp, MAIN_CELL.fingers, MAIN_CELL.noise, (seed, number), experiment.guess)
     estimate = tp.estimate_pose(model, trial.contacts, prior=trial.prior, hand=trial.hand)
     best = estimate.best.X_PO

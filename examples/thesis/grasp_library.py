@@ -105,8 +105,8 @@ def _save(path: Path, grasp: SimulatedGrasp | None) -> None:
 
 
 def make_scenario(name: str, seed: int = 0) -> Scenario:
-    """The hand takes an object by all five fingers; no pose is estimated."""
-    scenario = load_scenario("shadow_like")
+    """A hand that errs in nothing takes an object by all five fingers; no pose is estimated."""
+    scenario = load_scenario("shadow_like").without_errors()
     scenario.object, scenario.seed = name, seed
     scenario.planner.least_fingers = len(FINGERS)
     scenario.check.least_fingers = len(FINGERS)
@@ -117,7 +117,7 @@ def make_scenario(name: str, seed: int = 0) -> Scenario:
 def simulate(name: str, seed: int) -> SimulatedGrasp | None:
     """The best grasp of a seed that holds and is wanted; None if none of its attempts does."""
     scenario = make_scenario(name, seed)
-    model = tp.ObjectModel.from_mesh(scenario.object_mesh())
+    model = scenario.object_model()
     plans = plan_scenario(scenario, model)
     wanted = (plan for plan in plans if is_wanted(name, plan.X_PO, plan.fingers["little"].p_PC))
     for plan in itertools.islice(wanted, scenario.check.attempts):
@@ -158,7 +158,7 @@ def main(count: int, folder: Path | None) -> None:
     """Simulates grasps of the bust and of the wine glass."""
     for name in OBJECTS:
         grasps = make_library(name, count, folder)
-        model = tp.ObjectModel.from_mesh(make_scenario(name).object_mesh())
+        model = make_scenario(name).object_model()
         p_OC = np.concatenate([(grasp.p_PC - grasp.X_PO[:, 3]) @ grasp.X_PO[:, :3] for grasp in grasps])
         off = 1e3 * np.abs(model.grid.distance(p_OC))
         print(

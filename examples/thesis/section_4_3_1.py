@@ -47,7 +47,6 @@ from rich.console import Console
 from rich.table import Table
 from trial_journal import TrialJournal
 
-import tactopose_drake as tp
 from tactopose_drake.errors import InvalidInputError
 
 COLUMNS = ("trials", "success, %", "found, %", "said, %", "mm", "deg", "ms")
@@ -204,7 +203,7 @@ def main(
         console.print(f"{journal}: has {len(kept)} trials of earlier runs.")
     for experiment, slow in zip((CORRECTION, GLOBAL), zip(thesis_trials, likelihood_trials, strict=True), strict=True):
         library = make_library(experiment.object, trials, grasps)
-        model = tp.ObjectModel.from_mesh(make_scenario(experiment.object).object_mesh())
+        model = make_scenario(experiment.object).object_model()
         most = dict(zip((PUBLISHED, SAME_COST), slow, strict=True))
         counts = {method: min(most.get(method, trials), trials) for method in METHODS}
         all_results.append(run_experiment(Bench(experiment, model, library, seed), counts, kept, jobs))

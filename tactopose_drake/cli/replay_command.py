@@ -9,7 +9,6 @@ import click
 from tactopose_drake.cli.consoles import OUT
 from tactopose_drake.cli.run_command import print_end, showing
 from tactopose_drake.cli.titles import grasp_title
-from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.estimation.output_files import check_outputs, written_beside
 from tactopose_drake.runs.estimate_writer import EstimateWriter
 from tactopose_drake.runs.page_recorder import PageRecorder

@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from tactopose_drake.cli.consoles import ERRORS, OUT
+from tactopose_drake.cli.titles import grasp_title
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.output_files import check_outputs
 from tactopose_drake.runs.monitor import Monitor, estimate_line

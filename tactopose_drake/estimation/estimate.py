@@ -42,6 +42,7 @@ from tactopose_drake.estimation.mathematical_program import PoseProgram
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.estimation.question import Question
 from tactopose_drake.estimation.results import PoseEstimate, PoseHypothesis, status_of
+from tactopose_drake.estimation.shape_errors import with_shape_errors
 
 # Contacts that are farther apart than a hand reaches, m, and than this many sizes of the object, are not in metres.
 _WIDEST_HAND, _WIDEST_TOUCH = 1.0, 30.0
@@ -119,7 +120,8 @@ def estimate_pose(
 
     is_far = has_far_origin(model)
     about = prior_about_middle(prior, model.middle) if is_far else prior
-    evidence = Evidence(contacts, about, hand, untouched, balance, friction, patches, outlier_probability)
+    felt = with_shape_errors(model, contacts)
+    evidence = Evidence(felt, about, hand, untouched, balance, friction, patches, outlier_probability)
     if len(evidence.touch) < 1:
         raise TooFewContactsError("contacts: there are 0; the estimate needs at least 1, or a patch that is felt.")
     check_units(evidence, model.size)

@@ -17,6 +17,8 @@ def load_object(
     scale: float = 1.0,
     symmetry: Literal["auto", "none"] | Sequence[RotationalSymmetry] = "auto",
     mass: float | None = None,
+    surface_sigma: float = 0.0,
+    scale_sigma: float = 0.0,
 ) -> ObjectModel:
     """The model of a mesh, or of one body in an SDF, URDF or MJCF file: its collision shapes, mass and mass centre.
 
@@ -25,6 +27,8 @@ def load_object(
         scale: how many metres the mesh's unit has; of the other files, which are in metres, 1.
         symmetry: as of `ObjectModel.from_mesh`.
         mass: kg; by default what the file says.
+        surface_sigma: by how much the surface may be off, m, as of `ObjectModel.from_mesh`.
+        scale_sigma: by which share the scale may be off, likewise.
 
     Raises:
         InvalidFileError: if the file cannot be read, or holds more than one body or no shape with an inside.
@@ -32,7 +36,9 @@ def load_object(
     """
     path = Path(path)
     if path.suffix.lower() not in _SIMULATED:
-        return ObjectModel.from_mesh(path, scale=scale, symmetry=symmetry, mass=mass)
+        return ObjectModel.from_mesh(
+            path, scale=scale, symmetry=symmetry, mass=mass, surface_sigma=surface_sigma, scale_sigma=scale_sigma
+        )
     if scale != 1.0:
         raise InvalidFileError(f"{path}: is in metres; a scale is for meshes alone.")
     # As late as such a file is asked for: it loads what meshes do not need.
@@ -45,4 +51,6 @@ def load_object(
         symmetry=symmetry,
         mass=body.mass if mass is None else mass,
         center_of_mass=body.center_of_mass,
+        surface_sigma=surface_sigma,
+        scale_sigma=scale_sigma,
     )

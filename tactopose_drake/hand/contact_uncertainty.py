@@ -11,21 +11,18 @@ import math
 import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import PrismaticJoint
 
 from tactopose_drake.core.poses import skew
 from tactopose_drake.core.sensing.contact_noise import contact_covariance
 from tactopose_drake.core.sensing.intrinsic_contact import ContactSolution
 from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.hand.encoder_offsets import encoder_gains
 from tactopose_drake.hand.hand_config import Hand, HandUncertainty
-from tactopose_drake.hand.joint_matrices import joint_matrix
 from tactopose_drake.hand.kinematics import HandKinematics
-
-_SLIDE = 0.001 / math.radians(1.0)  # m of a sliding joint that count as a radian
 
 
 class ContactUncertainty:
-    """The covariance of each contact of a hand, by what its description says of its errors."""
+    """How far a hand's contacts, and its surface, may be off by what its description says of its errors."""
 
     def __init__(self, plant: MultibodyPlant, hand: Hand, uncertainty: HandUncertainty) -> None:
         """Keeps no reference to the plant.
@@ -36,14 +33,10 @@ class ContactUncertainty:
             uncertainty: its errors.
         """
         uncertainty.validate()
-        followers = {coupling.joint for finger in hand.config.fingers for coupling in finger.couplings}
-        joints = [plant.get_joint(index) for index in plant.GetJointIndices(hand.model_instance)]
-        measured = [joint for joint in joints if joint.num_positions() == 1 and joint.name() not in followers]
-        units = np.array([_SLIDE if isinstance(joint, PrismaticJoint) else 1.0 for joint in measured])
-        gains = joint_matrix(plant, hand, [joint.name() for joint in measured])
         # What an offset of one standard deviation of each measured joint adds to the plant's positions, shape (nq, k).
-        self._offsets = gains * units * math.radians(uncertainty.encoder_offset_deg)
-        self._frames, self._surfaces, self._errors = hand.sensor_frames, hand.surfaces, uncertainty
+        self._offsets = encoder_gains(plant, hand).gains * math.radians(uncertainty.encoder_offset_deg)
+        self._frames, self._errors = hand.sensor_frames, uncertainty
+        self._surfaces, self._layers = hand.surfaces, hand.layers
 
     def covariance(
         self, finger: str, solution: ContactSolution, X_PS: RigidTransform, kinematics: HandKinematics
@@ -63,9 +56,26 @@ class ContactUncertainty:
         n = R @ solution.n_S
         covariance[:3, :3] += errors.mounting**2 * np.eye(3) + errors.fingertip_radius**2 * np.outer(n, n)
         by_sensor = contact_covariance(
-            solution, self._surfaces[finger], sigma_moment=errors.sensor_moment, sigma_force=errors.sensor_force
+            solution,
+            self._surfaces[finger],
+            layer=self._layers.get(finger),
+            sigma_moment=errors.sensor_moment,
+            sigma_force=errors.sensor_force,
         )
         turned = skew(n) @ R
         covariance[:3, :3] += R @ by_sensor.p @ R.T
         covariance[3:, 3:] += turned @ by_sensor.n @ turned.T
         return covariance
+
+    def surface_sigma(self, kinematics: HandKinematics) -> float:
+        """By how much the fingertips' surfaces are off along an axis, rms over the fingers, m.
+
+        Args:
+            kinematics: of the hand, moved to where the joints are.
+        """
+        moved = [
+            kinematics.jacobian(frame, self._surfaces[finger].X_SF[:, 3])[3:] @ self._offsets
+            for finger, frame in self._frames.items()
+        ]
+        by_joints = float(np.mean([np.sum(J**2) / 3.0 for J in moved])) if moved else 0.0
+        return math.sqrt(by_joints + self._errors.mounting**2 + self._errors.fingertip_radius**2)

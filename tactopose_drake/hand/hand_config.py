@@ -5,53 +5,16 @@ import os
 from collections.abc import Mapping
 from pathlib import Path
 
-from pydrake.common.schema import Transform
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, Joint, ModelInstanceIndex, WeldJoint
 
-from tactopose_drake.core.surfaces import Capsule, Ellipsoid, Sphere, Surface
+from tactopose_drake.core.sensing.soft_layer import SoftLayer
+from tactopose_drake.core.surfaces import Surface
 from tactopose_drake.core.validation import finite_array, positive_number
 from tactopose_drake.errors import InvalidFileError, InvalidInputError, UnknownNameError
-from tactopose_drake.resources import ModelPackage, add_model, fixed_pose, load_typed_yaml, make_parser, model_path
-
-
-@dataclasses.dataclass(kw_only=True, slots=True)
-class SphereSurface:
-    """A spherical fingertip, `!SphereSurface` in YAML."""
-
-    radius: float = 0.009  # m
-    X_SF: Transform = dataclasses.field(default_factory=Transform)  # its centre's frame in the sensor's frame
-
-    def make(self) -> Surface:
-        """The surface that the contact solver takes."""
-        return Sphere(self.radius, X_SF=fixed_pose("SphereSurface.X_SF", self.X_SF))
-
-
-@dataclasses.dataclass(kw_only=True, slots=True)
-class EllipsoidSurface:
-    """An ellipsoidal fingertip, `!EllipsoidSurface` in YAML."""
-
-    semi_axes: list[float] = dataclasses.field(default_factory=lambda: [0.009, 0.009, 0.009])  # m
-    X_SF: Transform = dataclasses.field(default_factory=Transform)  # its centre's frame in the sensor's frame
-
-    def make(self) -> Surface:
-        """The surface that the contact solver takes."""
-        a, b, c = finite_array("EllipsoidSurface.semi_axes", self.semi_axes, (3,)).tolist()
-        return Ellipsoid((a, b, c), X_SF=fixed_pose("EllipsoidSurface.X_SF", self.X_SF))
-
-
-@dataclasses.dataclass(kw_only=True, slots=True)
-class CapsuleSurface:
-    """A hemisphere on a cylinder along z of F, `!CapsuleSurface` in YAML; F's origin is the cylinder's middle."""
-
-    radius: float = 0.009  # m
-    length: float = 0.014  # of the cylindrical part, m
-    X_SF: Transform = dataclasses.field(default_factory=Transform)  # in the sensor's frame
-
-    def make(self) -> Surface:
-        """The surface that the contact solver takes."""
-        return Capsule(self.radius, self.length, X_SF=fixed_pose("CapsuleSurface.X_SF", self.X_SF))
+from tactopose_drake.hand.fingertip_surfaces import CapsuleSurface, EllipsoidSurface, SkinLayer, SphereSurface
+from tactopose_drake.resources import ModelPackage, add_model, load_typed_yaml, make_parser, model_path
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -92,6 +55,7 @@ class FingerConfig:
     # moves if the sensor frame is fixed on the fingertip.
     weld: str = ""
     surface: SphereSurface | EllipsoidSurface | CapsuleSurface = dataclasses.field(default_factory=SphereSurface)
+    layer: SkinLayer | None = None  # the soft skin on the fingertip, whose outside `surface` is; null: rigid
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -146,7 +110,9 @@ class HandConfig:
                     f"HandConfig.fingers[{finger.name}]: has sensor_frame {finger.sensor_frame!r} and weld "
                     f"{finger.weld!r}; allowed are both names or neither."
                 )
-            finger.surface.make()
+            surface = finger.surface.make()
+            if finger.layer is not None:
+                finger.layer.make(f"HandConfig.fingers[{finger.name}].layer", surface)
         if self.uncertainty is not None:
             self.uncertainty.validate()
         pads = [pad.name for pad in self.pads]
@@ -174,8 +140,8 @@ class HandConfig:
 class Hand:
     """A hand in a plant: where the names of its configuration have led.
 
-    `sensor_frames`, `welds` and `surfaces` are those of the fingers with a force-torque sensor, by finger; `pad_frames`
-    those of the tactile pads, by pad.
+    `sensor_frames`, `welds` and `surfaces` are those of the fingers with a force-torque sensor, by finger, `layers` of
+    those with a soft skin; `pad_frames` are those of the tactile pads, by pad.
     """
 
     config: HandConfig
@@ -185,6 +151,7 @@ class Hand:
     welds: Mapping[str, Joint]
     surfaces: Mapping[str, Surface]
     pad_frames: Mapping[str, Frame]
+    layers: Mapping[str, SoftLayer]
 
     @property
     def fingers(self) -> tuple[str, ...]:
@@ -287,6 +254,7 @@ def find_hand(plant: MultibodyPlant, config: HandConfig, model_instance: ModelIn
         {finger.name: joints[finger.weld] for finger in sensing},
         {finger.name: finger.surface.make() for finger in sensing},
         {name: frames[frame] for name, frame in pads.items()},
+        {finger.name: finger.layer.make(finger.name, finger.surface.make()) for finger in sensing if finger.layer},
     )
 
 

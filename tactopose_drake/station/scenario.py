@@ -28,6 +28,7 @@ from tactopose_drake.station.senses import (
     Ros2Senses,
     SimulatedSenses,
 )
+from tactopose_drake.station.simulated_errors import SimulatedErrors
 from tactopose_drake.systems.force_torque_sensor import load_force_torque_model
 from tactopose_drake.systems.grasp_controller import GraspControllerParams
 from tactopose_drake.systems.grip_controller import GripControllerParams
@@ -102,6 +103,8 @@ class Scenario:
 
     hand: str = "shadow_like"  # a hand of the package by name, or a *.hand.yaml by its path from this file's folder
     object: str = "wine_glass"  # an object of the package by name, or an SDF by path; its mesh lies beside it as OBJ
+    surface_sigma: float = 0.0  # by which the object's surface may be off its mesh, along the normal, m
+    scale_sigma: float = 0.0  # by which share the object may be larger or smaller than its mesh
     seed: int = 0  # of the grasp and of all noise
     duration: float = 4.0  # longest simulated time, s
     # Where the estimation's inputs come from; all that follows on the hand's motion is of the simulator alone.
@@ -118,6 +121,7 @@ class Scenario:
     controller: GraspControllerParams = dataclasses.field(default_factory=GraspControllerParams)
     check: GraspCheck = dataclasses.field(default_factory=GraspCheck)
     sensor: SensorConfig = dataclasses.field(default_factory=SensorConfig)
+    errors: SimulatedErrors | None = None  # of the simulated hand, object and camera; None: all are as told
     vision: SimulatedVisionParams = dataclasses.field(default_factory=SimulatedVisionParams)
     estimation: PoseEstimationParams = dataclasses.field(default_factory=PoseEstimationParams)
     tracking: PoseTrackingParams | None = None  # of the belief over time; None: there is none
@@ -126,6 +130,8 @@ class Scenario:
         """Raises InvalidInputError if a value is out of its range, or a file is missing."""
         check_limits("Scenario", self)
         positive_number("Scenario.duration", self.duration)
+        for name, most in (("surface_sigma", 0.1), ("scale_sigma", 0.5)):
+            positive_number(f"Scenario.{name}", getattr(self, name), allow_zero=True, most=most)
         check_plant("Scenario.plant", self.plant)
         fixed_pose("Scenario.X_WBase", self.X_WBase)
         fixed_pose("Scenario.X_WC", self.X_WC)
@@ -142,6 +148,8 @@ class Scenario:
         hand = load_hand_config(self.hand)
         for pad in hand.pads:
             load_tactile_pad(pad.array)
+        if self.errors is not None:
+            self.errors.validate(hand)
         if isinstance(self.senses, CanSenses | Ros2Senses):
             self.senses.validate(hand)
         if isinstance(self.senses, LcmSenses):
@@ -166,15 +174,22 @@ class Scenario:
         """The object's mesh for the estimator."""
         return self.object_sdf().with_suffix(".obj")
 
+    def without_errors(self) -> "Scenario":
+        """The same with a hand that is as its files say and is taken for that, as the thesis' experiments have it."""
+        tracking = None if self.tracking is None else dataclasses.replace(self.tracking, use_uncertainty=False)
+        estimation = dataclasses.replace(self.estimation, use_uncertainty=False)
+        return dataclasses.replace(self, errors=None, estimation=estimation, tracking=tracking)
+
     def object_model(self) -> ObjectModel:
         """The object for the estimator, with the mass that the simulator's model has where the forces' balance counts.
 
         Raises:
             InvalidInputError: if a file cannot be used.
         """
-        if not self.estimation.estimator.balance:
-            return ObjectModel.from_mesh(self.object_mesh())
-        return ObjectModel.from_mesh(self.object_mesh(), **read_mass(self.object_sdf())._asdict())
+        mass = read_mass(self.object_sdf())._asdict() if self.estimation.estimator.balance else {}
+        return ObjectModel.from_mesh(
+            self.object_mesh(), surface_sigma=self.surface_sigma, scale_sigma=self.scale_sigma, **mass
+        )
 
 
 def scenario_file(name_or_path: str | Path) -> Path:

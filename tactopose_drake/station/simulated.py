@@ -32,11 +32,10 @@ from tactopose_drake.station.grasp import GraspStart, add_grip, add_planned_gras
 from tactopose_drake.station.grasp_planning import plan_scenario
 from tactopose_drake.station.motor_inertia import add_motor_inertia
 from tactopose_drake.station.scenario import Scenario
-from tactopose_drake.station.simulated_senses import add_noise, add_palm_pose, add_senses
+from tactopose_drake.station.simulated_senses import add_noise, add_palm_pose, add_senses, simulate_errors
 from tactopose_drake.station.tracking import add_tracking
 from tactopose_drake.systems.camera_view import CameraView
 from tactopose_drake.systems.grip_controller import set_motor_gains
-from tactopose_drake.systems.palm_pose import PalmPose
 from tactopose_drake.systems.pose_display import PoseDisplay, PoseDisplayParams
 from tactopose_drake.systems.pose_estimation import AddPoseEstimation
 from tactopose_drake.systems.random_sources import seed_random_sources
@@ -172,6 +171,7 @@ def _add_bodies(builder: DiagramBuilder, scenario: Scenario) -> tuple[MultibodyP
     object_instance = add_model(make_parser(plant), scenario.object_sdf())
     make_compliant(plant, scene_graph, hand.model_instance)
     make_meshes_rigid(plant, scene_graph, object_instance)
+    simulate_errors(scenario, plant, scene_graph, hand, object_instance)
     if scenario.grip is not None:
         set_motor_gains(plant, hand, scenario.grip.controller)
     else:
@@ -225,7 +225,8 @@ def _add_vision(
                 palm_frame=hand.palm_frame,
                 X_WC=fixed_pose("Scenario.X_WC", scenario.X_WC),
             ),
-            params=scenario.vision,
+            scenario.vision,
+            None if scenario.errors is None else scenario.errors.vision_degrees_of_freedom,
         ),
     )
     builder.Connect(plant.get_body_poses_output_port(), vision.GetInputPort("body_poses"))

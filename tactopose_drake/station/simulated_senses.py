@@ -1,14 +1,24 @@
 """The simulated senses of a station's hand, and where its palm is, as named ports."""
 
+import dataclasses
+import math
 from collections.abc import Mapping
 
+import numpy as np
+from pydrake.geometry import SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 from pydrake.systems.primitives import AddRandomInputs, Demultiplexer
 
-from tactopose_drake.hand.hand_config import Hand
+from tactopose_drake.hand.encoder_offsets import encoder_gains
+from tactopose_drake.hand.hand_config import Hand, make_hand_plant
+from tactopose_drake.hand.other_fingertips import change_fingertips
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
+from tactopose_drake.station.other_object import change_object
 from tactopose_drake.station.scenario import Scenario
+from tactopose_drake.station.simulated_errors import HandErrors, SimulatedErrors, hand_errors
+from tactopose_drake.systems.joint_encoders import JointEncoders
 from tactopose_drake.systems.palm_pose import PalmPose
 from tactopose_drake.systems.plant_senses import add_touch_sensors
 
@@ -26,8 +36,59 @@ def add_senses(
     positions = builder.AddNamedSystem("joint_positions", Demultiplexer(sizes))
     builder.Connect(plant.get_state_output_port(hand.model_instance), positions.get_input_port())
     senses = {"joint_positions": positions.get_output_port(0)}
+    models = dict.fromkeys(hand.sensor_frames, scenario.sensor.model())
+    if scenario.errors is not None:
+        errors = hand_errors(scenario.errors, hand.config)
+        senses["joint_positions"] = _add_encoders(builder, scenario.errors, errors, hand, senses["joint_positions"])
+        for finger, model in models.items():
+            models[finger] = dataclasses.replace(
+                model,
+                bias=(np.asarray(model.bias) + errors.bias[finger]).tolist(),
+                drift=(np.asarray(model.drift) + errors.drift[finger]).tolist(),
+            )
+    return senses | add_touch_sensors(builder, plant, hand, models, scenario.sensor.period)
 
-    return senses | add_touch_sensors(builder, plant, hand, scenario.sensor.model(), scenario.sensor.period)
+
+def _add_encoders(
+    builder: DiagramBuilder, errors: SimulatedErrors, drawn: HandErrors, hand: Hand, positions: OutputPort
+) -> OutputPort:
+    """What is measured of the joint positions."""
+    joints, gains = encoder_gains(*make_hand_plant(hand.config))
+    offsets = np.array([drawn.offsets.get(joint, 0.0) for joint in joints])
+    noise = (math.radians(errors.encoder_noise_deg), math.radians(errors.encoder_step_deg))
+    encoders = builder.AddNamedSystem("joint_encoders", JointEncoders(gains, offsets, *noise))
+    builder.Connect(positions, encoders.GetInputPort("joint_positions"))
+    return encoders.GetOutputPort("measured")
+
+
+def simulate_errors(
+    scenario: Scenario,
+    plant: MultibodyPlant,
+    scene_graph: SceneGraph,
+    hand: Hand,
+    object_instance: ModelInstanceIndex,
+) -> None:
+    """Gives the simulator's hand and object other shapes than their files say, where the scenario says so.
+
+    Args:
+        scenario: what is simulated.
+        plant: the simulator's plant, not finalized yet.
+        scene_graph: its geometry.
+        hand: the hand in it.
+        object_instance: the object in it.
+
+    Raises:
+        InvalidInputError: if the object's collision shapes are not meshes of OBJ files, and were to change.
+    """
+    errors = scenario.errors
+    if errors is None:
+        return
+    drawn = hand_errors(errors, hand.config)
+    if any(drawn.radius.values()) or any(np.any(shift) for shift in drawn.mounting.values()):
+        change_fingertips(plant, scene_graph, hand, drawn.radius, drawn.mounting)
+    if errors.object_scale != 1.0 or errors.object_surface_sigma > 0.0:
+        change = (errors.object_scale, errors.object_surface_sigma, np.random.default_rng(errors.seed))
+        change_object(plant, scene_graph, object_instance, *change)
 
 
 def add_palm_pose(builder: DiagramBuilder, plant: MultibodyPlant, hand: Hand) -> OutputPort:

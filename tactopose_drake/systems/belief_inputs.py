@@ -14,10 +14,12 @@ from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.sensing.patches import Patch
+from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.frame import Frame, PoseMeasurement
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import PortTypeError
 from tactopose_drake.estimation.prior import PosePrior
+from tactopose_drake.estimation.shape_errors import with_shape_errors
 from tactopose_drake.systems.ports import eval_optional_input
 
 # Noise moves a reading that is alive within less than this, s.
@@ -57,9 +59,9 @@ class Reading:
 class BeliefInputs:
     """The input ports of a system that keeps a belief; `PoseBeliefEstimator` says what they hold."""
 
-    def __init__(self, system: LeafSystem) -> None:
-        """Declares the ports."""
-        self._system = system
+    def __init__(self, system: LeafSystem, model: ObjectModel) -> None:
+        """Declares the ports; keeps a reference to the object's model, whose surface may be off."""
+        self._system, self._model = system, model
 
         def declare(name: str, model: Any) -> Any:
             return system.DeclareAbstractInputPort(name, AbstractValue.Make(model))
@@ -88,7 +90,7 @@ class BeliefInputs:
         contacts, patches, sources = self._read_touch(context)
         untouched = eval_optional_input(self._untouched, context, HandGeometry)
         evidence = Evidence(
-            contacts,
+            with_shape_errors(self._model, contacts),
             prior=self._read_prior(context),
             hand=eval_optional_input(self._hand, context, HandGeometry),
             untouched=untouched,

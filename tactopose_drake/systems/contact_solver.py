@@ -49,19 +49,22 @@ class ContactSolver(CollectableSystem):
     """
 
     def __init__(
-        self, surfaces: Mapping[str, Surface], params: ContactSolverParams | None = None, layer: SoftLayer | None = None
+        self,
+        surfaces: Mapping[str, Surface],
+        params: ContactSolverParams | None = None,
+        layers: Mapping[str, SoftLayer] | None = None,
     ) -> None:
         """Declares one input port per finger.
 
         Args:
             surfaces: the surface of each fingertip, placed in its S, by finger.
             params: thresholds.
-            layer: soft layer on every fingertip; rigid without.
+            layers: soft layers on fingertips, by finger; the others are rigid.
         """
         super().__init__()
         self._params = ContactSolverParams() if params is None else params
         self._params.validate()
-        self._surfaces, self._layer = dict(surfaces), layer
+        self._surfaces, self._layers = dict(surfaces), dict(layers or {})
         self._wrenches = {finger: self.DeclareVectorInputPort(f"wrench_{finger}", 6) for finger in self._surfaces}
         self.DeclareAbstractOutputPort(
             "contact_solutions",
@@ -77,7 +80,7 @@ class ContactSolver(CollectableSystem):
                 finger: solve_contacts(
                     port.Eval(context)[None] if port.HasValue(context) else _NO_READING,
                     self._surfaces[finger],
-                    layer=self._layer,
+                    layer=self._layers.get(finger),
                     min_force=self._params.min_force,
                     friction_coefficient=self._params.friction_coefficient,
                 )[0]

@@ -56,9 +56,9 @@ def load_force_torque_model(calibration: str = "SI-12-0.12", name_or_path: str |
 class ForceTorqueSensor(CollectableSystem):
     """Measures the wrench that the environment exerts on a fingertip, as the sensor at its root does.
 
-    The load is the reaction at the weld between finger and fingertip. Noise, bias, range and quantisation act on it;
-    then the fingertip's weight is subtracted, as a calibrated driver does. Its inertial force (mass times acceleration)
-    is not: like the real instrument, the sensor reads it as a load.
+    The load is the reaction at the weld between finger and fingertip. Noise, bias, drift, range and quantisation act on
+    it; then the fingertip's weight is subtracted, as a calibrated driver does. Its inertial force (mass times
+    acceleration) is not: like the real instrument, the sensor reads it as a load.
 
     .. pydrake_system::
 
@@ -123,7 +123,7 @@ class ForceTorqueSensor(CollectableSystem):
         noise = self._noise.Eval(context) if self._noise.HasValue(context) else np.zeros(6)
 
         # At rest the finger holds the fingertip against the contact and the weight: the load is minus the reaction.
-        measurement = measure(-shift_wrench(F_TipJ_J, self._X_SJ), noise, self._model)
+        measurement = measure(-shift_wrench(F_TipJ_J, self._X_SJ), noise, self._model, context.get_time())
         weight = weight_wrench(self._tip_mass, self._p_STipcm, R_WS.inverse() @ self._g_W)
         state.get_mutable_discrete_state(self._wrench).SetFromVector(measurement.F_S - weight)
         state.get_mutable_abstract_state(self._status).set_value(measurement.status)

@@ -1,6 +1,7 @@
 """The hand's volume where its joints put it, as a system."""
 
 import dataclasses
+import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +10,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context
 
 from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.hand.contact_uncertainty import ContactUncertainty
 from tactopose_drake.hand.geometry import BodySpheres, HandGeometry
 from tactopose_drake.hand.hand_config import Hand
 from tactopose_drake.systems.collectable_system import CollectableSystem, declare_cache
@@ -23,10 +25,12 @@ class _Placed:
     Attributes:
         p_PH: centres of the spheres, shape (h, 3), m.
         known: whether a sphere's link is where it seems: all joints in between are known, shape (h,).
+        sigma: by how much the hand's surface is off, m.
     """
 
     p_PH: FloatArray
     known: NDArray[np.bool_]
+    sigma: float
 
 
 class HandVolume(CollectableSystem):
@@ -48,16 +52,23 @@ class HandVolume(CollectableSystem):
     - untouched: `HandGeometry` in P of the fingertips of those fingers; None where there are none.
     """
 
-    def __init__(self, plant: MultibodyPlant, hand: Hand, spheres: BodySpheres) -> None:
-        """Keeps references to all three.
+    def __init__(
+        self,
+        plant: MultibodyPlant,
+        hand: Hand,
+        spheres: BodySpheres,
+        uncertainty: ContactUncertainty | None = None,
+    ) -> None:
+        """Keeps references to plant, spheres and uncertainty.
 
         Args:
             plant: finalized plant of the hand alone, for kinematics.
             hand: the hand in it.
             spheres: what fills its links.
+            uncertainty: the hand's errors, by which its surface is off too.
         """
         super().__init__()
-        self._spheres = spheres
+        self._spheres, self._uncertainty = spheres, uncertainty
         tips = {finger: int(weld.child_body().index()) for finger, weld in hand.welds.items()}
         self._on_tip = {finger: spheres.body == tip for finger, tip in tips.items()}
         self._positions = self.DeclareVectorInputPort("joint_positions", plant.num_positions())
@@ -82,7 +93,10 @@ class HandVolume(CollectableSystem):
 
     def _place(self, context: Context, cached: AbstractValue) -> None:
         kinematics = self._kinematics.Eval(context)
-        cached.set_value(_Placed(kinematics.positions(self._spheres), kinematics.is_known(self._spheres.body)))
+        sigma = HandGeometry.sigma
+        if self._uncertainty is not None:
+            sigma = math.hypot(sigma, self._uncertainty.surface_sigma(kinematics))
+        cached.set_value(_Placed(kinematics.positions(self._spheres), kinematics.is_known(self._spheres.body), sigma))
 
     def _calc_hand(self, context: Context, output: AbstractValue) -> None:
         output.set_value(self._geometry(context, np.ones(len(self._spheres.radius), dtype=np.bool_)))
@@ -98,4 +112,6 @@ class HandVolume(CollectableSystem):
         """The spheres that are chosen (h,); None where there are none."""
         placed = self._placed.Eval(context)
         chosen = chosen & placed.known
-        return HandGeometry(placed.p_PH[chosen], self._spheres.radius[chosen]) if chosen.any() else None
+        if not chosen.any():
+            return None
+        return HandGeometry(placed.p_PH[chosen], self._spheres.radius[chosen], placed.sigma)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
@@ -24,7 +26,7 @@ def add_touch_sensors(
     builder: DiagramBuilder,
     plant: MultibodyPlant,
     hand: Hand,
-    model: ForceTorqueModel,
+    models: Mapping[str, ForceTorqueModel],
     period: float,
     prefix: str = "",
 ) -> dict[str, OutputPort]:
@@ -34,7 +36,8 @@ def add_touch_sensors(
         builder: of the plant's diagram.
         plant: finalized plant.
         hand: the hand in it.
-        model: noise, range and quantisation of the force-torque sensors; `AddRandomInputs` connects the noise.
+        models: noise, range and quantisation of the force-torque sensors, by finger; `AddRandomInputs` connects the
+            noise.
         period: between two of their samples, s.
         prefix: of the systems' names.
 
@@ -44,7 +47,7 @@ def add_touch_sensors(
     ports = {}
     for finger, frame in hand.sensor_frames.items():
         sensor = builder.AddNamedSystem(
-            f"{prefix}sensor_{finger}", ForceTorqueSensor(plant, hand.welds[finger], frame, model, period)
+            f"{prefix}sensor_{finger}", ForceTorqueSensor(plant, hand.welds[finger], frame, models[finger], period)
         )
         builder.Connect(plant.get_reaction_forces_output_port(), sensor.GetInputPort("reaction_forces"))
         builder.Connect(plant.get_body_poses_output_port(), sensor.GetInputPort("body_poses"))
@@ -91,7 +94,8 @@ def connect_plant(
         builder.Connect(palm.get_output_port(), estimation.GetInputPort("palm_pose"))
     if simulated_senses:
         period = max(plant.time_step(), _SENSOR_PERIOD)
-        sensors = add_touch_sensors(builder, plant, hand, load_force_torque_model(), period, f"{name}_")
+        models = dict.fromkeys(hand.sensor_frames, load_force_torque_model())
+        sensors = add_touch_sensors(builder, plant, hand, models, period, f"{name}_")
         for port, output in sensors.items():
             builder.Connect(output, estimation.GetInputPort(port))
 

@@ -124,7 +124,7 @@ class PoseBeliefEstimator(CollectableSystem):
         self._model = model
         self._tracker = PoseTracker(model, self._params.tracker)
         make = AbstractValue.Make
-        self._inputs = BeliefInputs(self)
+        self._inputs = BeliefInputs(self, model)
         start = TimedBelief(self._tracker.start())
         self._pending = self.DeclareAbstractState(make((start,)))  # beliefs, oldest first
         self._shown = self.DeclareAbstractState(make(start))

@@ -23,6 +23,7 @@ from tactopose_drake.systems.collectable_system import CollectableSystem, declar
 from tactopose_drake.systems.ports import eval_input, eval_optional_input
 
 _GRAVITY = np.array([0.0, 0.0, -9.81])  # in the world, m/s^2
+_SIGMAS = 3.0  # of where the hand is, by which the object may be in it
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -35,7 +36,9 @@ class PoseEstimatorParams:
     max_hypotheses: int = 16  # kept at the most
     seed: int = 0  # of the search's random numbers, the same at each estimate
     max_duration: float | None = None  # s after which the search ends with the best that it has; None: never
-    collision_tolerance: float = 0.003  # depth in the hand that is no collision yet, m: three sigma of where it is
+    # Depth in the hand that is no collision yet, m: three sigma of where it is; it is that at least, where `hand` says
+    # how far it may be off.
+    collision_tolerance: float = 0.003
     friction: float | None = None  # coefficient of friction, by which no contact slips; None: nothing is known of it
     balance: bool = False  # whether the object rests on the sensing fingertips alone; its mass must be known
 
@@ -225,7 +228,8 @@ class PoseEstimator(CollectableSystem):
     def _keep_clear(self, context: Context, estimate: PoseEstimate) -> tuple[PoseEstimate, bool]:
         """The estimate without colliding hypotheses, and whether any is left."""
         assert self._collision is not None
-        tolerance = self._params.collision_tolerance
+        hand = eval_optional_input(self._hand, context, HandGeometry)
+        tolerance = max(self._params.collision_tolerance, 0.0 if hand is None else _SIGMAS * hand.sigma)
         X_PO = np.array([hypothesis.X_PO.GetAsMatrix34() for hypothesis in estimate.hypotheses])
         scratch = self._scratch.Eval(context)
         collisions = self._collision.check(self._positions.Eval(context), X_PO, enough=tolerance, scratch=scratch)

@@ -10,7 +10,7 @@ from pydrake.systems.framework import Context, EventStatus, State
 
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.core.vision.occlusion import hidden_share
-from tactopose_drake.core.vision.vision_model import VisionModel, measure_pose
+from tactopose_drake.core.vision.vision_model import VisionModel, measure_pose, tail_stretch
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.hand.geometry import BodySpheres
 from tactopose_drake.systems.camera_view import CameraView
@@ -43,22 +43,28 @@ class SimulatedVision(CollectableSystem):
         input_ports:
         - body_poses
         - noise
+        - tail
         output_ports:
         - prior
         - hidden_share
 
     - body_poses: list of `RigidTransform` X_WB, the plant's port of that name; read at each frame.
     - noise: random input, six standard normal numbers (`AddRandomInputs` connects it): the directions of the error.
+    - tail: random input, a standard normal number: how far this error lies in the tails; there is such a port only
+      where there are tails.
     - prior: `PosePrior` X_PO in the palm frame; changes at each frame, first at t = 0; None before.
     - hidden_share: size 1, the share of the object's camera side that the hand hides, 0 to 1; changes with `prior`.
     """
 
-    def __init__(self, view: CameraView, params: SimulatedVisionParams) -> None:
+    def __init__(
+        self, view: CameraView, params: SimulatedVisionParams, degrees_of_freedom: float | None = None
+    ) -> None:
         """Takes numbers from a finalized plant; keeps no reference to it.
 
         Args:
             view: object, hand and camera, which looks everywhere.
             params: size of the error and frame rate.
+            degrees_of_freedom: of Student's t, whose heavy tails the error then has; None: as large as the prior says.
         """
         super().__init__()
         params.validate()
@@ -73,6 +79,10 @@ class SimulatedVision(CollectableSystem):
 
         self._body_poses = self.DeclareAbstractInputPort("body_poses", AbstractValue.Make([RigidTransform()]))
         self._noise = self.DeclareVectorInputPort("noise", 6, RandomDistribution.kGaussian)
+        self._degrees_of_freedom, self._tail = degrees_of_freedom, None
+        if degrees_of_freedom is not None:
+            positive_number("degrees_of_freedom", degrees_of_freedom)
+            self._tail = self.DeclareVectorInputPort("tail", 1, RandomDistribution.kGaussian)
         self._prior = self.DeclareAbstractState(AbstractValue.Make(None))
         self._hidden = self.DeclareDiscreteState(np.zeros(1))
         self.DeclarePeriodicUnrestrictedUpdateEvent(params.period, 0.0, self._take_frame)
@@ -89,7 +99,10 @@ class SimulatedVision(CollectableSystem):
             self._spheres.radius,
         )
         X_PO = (X_WB[self._palm] @ self._X_BP).inverse() @ X_WB[self._object]
-        seen = measure_pose(X_PO.GetAsMatrix34(), hidden, self._noise.Eval(context), self._model)
+        stretch = 1.0
+        if self._tail is not None and self._degrees_of_freedom is not None:
+            stretch = tail_stretch(float(self._tail.Eval(context)[0]), self._degrees_of_freedom)
+        seen = measure_pose(X_PO.GetAsMatrix34(), hidden, self._noise.Eval(context), self._model, stretch)
         state.get_mutable_abstract_state(self._prior).set_value(PosePrior.of(seen))
         state.get_mutable_discrete_state(self._hidden).SetFromVector([hidden])
         return EventStatus.Succeeded()

@@ -21,6 +21,8 @@ class TouchParams:
     solver: ContactSolverParams = dataclasses.field(default_factory=ContactSolverParams)
     contacts: ContactsInPalmParams = dataclasses.field(default_factory=ContactsInPalmParams)
     patches: PatchDescriptorParams = dataclasses.field(default_factory=PatchDescriptorParams)  # of a hand with pads
+    # Whether each contact is as certain as the hand's description says, where it does; else as `contacts` says.
+    use_uncertainty: bool = True
     use_hand_volume: bool = True  # whether it is evidence that the object is not in the hand, nor at silent fingertips
 
     def validate(self) -> None:
@@ -48,8 +50,10 @@ def add_touch(
         The plant of the hand alone, by which the kinematics are computed, and the hand in it.
     """
     plant, parts = make_hand_plant(hand)
-    solver = builder.AddNamedSystem("contact_solver", ContactSolver(parts.surfaces, params.solver))
-    errors = None if hand.uncertainty is None else ContactUncertainty(plant, parts, hand.uncertainty)
+    solver = builder.AddNamedSystem("contact_solver", ContactSolver(parts.surfaces, params.solver, parts.layers))
+    errors = None
+    if params.use_uncertainty and hand.uncertainty is not None:
+        errors = ContactUncertainty(plant, parts, hand.uncertainty)
     contacts = builder.AddNamedSystem(
         "contacts_in_palm", ContactsInPalm(plant, parts.sensor_frames, parts.palm_frame, params.contacts, errors)
     )
@@ -67,7 +71,7 @@ def add_touch(
         for port in (f"{what}_{pad.name}" for pad in hand.pads for what in ("pressures", "age")):
             builder.ExportInput(descriptor.GetInputPort(port), port)
     if params.use_hand_volume:
-        volume = builder.AddNamedSystem("hand_volume", HandVolume(plant, parts, BodySpheres.of_hand(hand)))
+        volume = builder.AddNamedSystem("hand_volume", HandVolume(plant, parts, BodySpheres.of_hand(hand), errors))
         posed.append(volume)
         builder.Connect(contacts.GetOutputPort("fingers_untouched"), volume.GetInputPort("fingers_untouched"))
         known |= {name: volume.GetOutputPort(name) for name in ("hand", "untouched")}

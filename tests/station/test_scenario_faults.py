@@ -52,6 +52,13 @@ FAULTS = {
     "senses: !Nonsense {}": "line 1: senses: the tag !Nonsense is unknown; allowed are !SimulatedSenses, !CanSenses",
     "seed: !Seed 3": "line 1: seed: the tag !Seed is unknown; allowed is none",
     "grip: !Grip {}": "line 1: grip: the tag !Grip is unknown; allowed is none",
+    "errors: {joint_offsets_deg: {J9: 1.0}}": "SimulatedErrors.joint_offsets_deg: 'J9' is unknown; valid names: FFJ2",
+    "errors: {object_scale: 9.0}": "SimulatedErrors.object_scale: is 9; allowed are numbers from 0.5 to 2",
+    "errors: {fingers: {toe: {radius: 0.1}}}": "SimulatedErrors.fingers: 'toe' is unknown; valid names: first",
+    "errors: {drawing: true}": "line 1: errors: key 'drawing' is unknown; allowed are drawn, seed",
+    "errors: {drawn: 2}": "line 1: errors.drawn: is '2'; allowed are true and false",
+    "hand: barrett_like\nerrors: {drawn: true}": "SimulatedErrors.drawn: is true, but the hand's file declares no",
+    "scale_sigma: -0.1": "Scenario.scale_sigma: is -0.1; allowed are",
     "object: 3": "line 1: object: is '3'; allowed is text, in quotes if need be",
     "object: 2026-11-22": "line 1: object: is '2026-11-22'; allowed is text",
 }

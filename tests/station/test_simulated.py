@@ -21,7 +21,7 @@ SCENARIOS = sorted((resource_root() / "diagrams").glob("*.scenario.yaml"))
 
 @pytest.fixture(scope="module")
 def scenario() -> Scenario:
-    scenario = load_scenario("shadow_like")
+    scenario = load_scenario("shadow_like").without_errors()
     scenario.object = "cube"
     scenario.planner.grasps = 2
     return scenario

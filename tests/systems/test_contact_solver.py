@@ -3,6 +3,7 @@ import pytest
 from pydrake.math import RigidTransform
 
 from tactopose_drake.core.sensing.intrinsic_contact import ContactSolution
+from tactopose_drake.core.sensing.soft_layer import SoftLayer
 from tactopose_drake.core.surfaces import Capsule, Sphere
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.systems.contact_solver import ContactSolver, ContactSolverParams
@@ -34,6 +35,21 @@ def test_each_finger_is_solved_on_its_own_surface() -> None:
     for finger, scale in (("first", 1), ("thumb", 2)):
         total = solutions[finger].normal_force + solutions[finger].friction_force
         np.testing.assert_allclose(total, scale * f, atol=1e-9)
+
+
+def test_a_soft_skin_is_pressed_in_where_a_finger_has_one() -> None:
+    layer = SoftLayer(thickness=0.002, stiffness=5000.0)
+    solver = ContactSolver(SURFACES, layers={"first": layer})
+    context = solver.CreateDefaultContext()
+    n, f = np.array([0.6, 0.0, 0.8]), 2.5
+    p_first, p_thumb = (0.009 - f / 5000.0) * n + X_SF[:, 3], 0.011 * n + X_SF[:, 3] + [0, 0, 0.005]
+    for finger, p_SC in (("first", p_first), ("thumb", p_thumb)):
+        solver.GetInputPort(f"wrench_{finger}").FixValue(context, push(p_SC, -f * n))
+    solutions = solver.GetOutputPort("contact_solutions").Eval(context)
+    np.testing.assert_allclose(solutions["first"].p_SC, p_first, atol=1e-8)
+    assert solutions["first"].deformation == pytest.approx(0.0005)
+    np.testing.assert_allclose(solutions["thumb"].p_SC, p_thumb, atol=1e-8)
+    assert solutions["thumb"].deformation == 0.0
 
 
 def test_a_finger_without_a_reading_is_invalid_and_says_so() -> None:

@@ -1,4 +1,4 @@
-"""The measurement of a six-axis force-torque sensor: load, noise, bias, range and quantisation.
+"""The measurement of a six-axis force-torque sensor: load, noise, bias, drift, range and quantisation.
 
 A load is a wrench F_S = [m_x, m_y, m_z, f_x, f_y, f_z] on the fingertip, about the origin of the sensor's frame S,
 expressed in S. The order of the steps is the instrument's: its strain gauges carry the fingertip's weight too, so range
@@ -28,6 +28,7 @@ class ForceTorqueModel:
     )  # quantisation step, N m and N; 0: none
     noise: list[float] = dataclasses.field(default_factory=lambda: [0.0] * 6)  # standard deviation, N m and N
     bias: list[float] = dataclasses.field(default_factory=lambda: [0.0] * 6)  # constant offset, N m and N
+    drift: list[float] = dataclasses.field(default_factory=lambda: [0.0] * 6)  # of the offset, N m/s and N/s
 
     def validate(self) -> None:
         """Checks every field.
@@ -35,7 +36,7 @@ class ForceTorqueModel:
         Raises:
             InvalidInputError: a list that is not six finite numbers, a range <= 0, a resolution or noise < 0.
         """
-        for name in ("range", "resolution", "noise", "bias"):
+        for name in ("range", "resolution", "noise", "bias", "drift"):
             values = finite_array(f"ForceTorqueModel.{name}", getattr(self, name), (6,))
             if name == "range" and values.min() <= 0:
                 raise InvalidInputError(f"ForceTorqueModel.range: holds {values.min():g}; allowed are numbers > 0.")
@@ -65,16 +66,18 @@ class Measurement:
         return "ok"
 
 
-def measure(F_S: FloatArray, normal_noise: FloatArray, model: ForceTorqueModel) -> Measurement:
+def measure(F_S: FloatArray, normal_noise: FloatArray, model: ForceTorqueModel, time: float = 0.0) -> Measurement:
     """What the sensor reads under the load F_S.
 
     Args:
         F_S: load, shape (6,), N m and N.
         normal_noise: standard normal numbers, shape (6,).
         model: the sensor's limits, valid.
+        time: that its bias has drifted, s.
     """
     largest, step = np.asarray(model.range), np.asarray(model.resolution)
-    signal = F_S + np.asarray(model.bias) + np.asarray(model.noise) * normal_noise
+    bias = np.asarray(model.bias) + time * np.asarray(model.drift)
+    signal = F_S + bias + np.asarray(model.noise) * normal_noise
     clipped = np.clip(signal, -largest, largest)
     rounded = np.where(step > 0, step * np.round(clipped / np.where(step > 0, step, 1.0)), clipped)
     return Measurement(F_S=rounded, saturated=np.abs(signal) >= largest)

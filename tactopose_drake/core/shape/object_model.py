@@ -28,12 +28,14 @@ from tactopose_drake.core.shape.surface_samples import SurfaceSamples
 from tactopose_drake.core.shape.surfels import Surfels, make_surfels, surfel_spacing
 from tactopose_drake.core.shape.symmetry import RotationalSymmetry, sampled_turns, symmetry_group
 from tactopose_drake.core.shape.symmetry_detection import SymmetryDetectionParams
+from tactopose_drake.core.shape.unevenness import Unevenness, find_unevenness
 from tactopose_drake.core.validation import FARTHEST, FloatArray, instance_of, limited, positive_number, whole_number
 
 # What is allowed: more samples take all memory there is, other masses are those of nothing that a hand holds, kg.
 _MOST_SAMPLES = 10**6
 _LEAST_MASS, _MOST_MASS = 1e-6, 1e4
 _LEAST_SCALE, _MOST_SCALE = 1e-6, 1e6
+_MOST_SURFACE_SIGMA, _MOST_SCALE_SIGMA = 0.1, 0.5  # m, and a share
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +63,8 @@ class ObjectModel:
         repairs: what was repaired in the mesh, one sentence each.
         content_hash: of the vertices and faces, 32 hexadecimal digits.
         is_kept: whether what is made of the model when first needed is kept on disk, as the model itself is.
+        surface_sigma: standard deviation of how far the surface is off the mesh, along its normal, m.
+        scale_sigma: standard deviation of how much larger the object is about its centre of mass, a share of 1.
     """
 
     name: str
@@ -81,6 +85,8 @@ class ObjectModel:
     content_hash: str
     mass_is_known: bool = False
     is_kept: bool = False
+    surface_sigma: float = 0.0
+    scale_sigma: float = 0.0
 
     def __repr__(self) -> str:
         low, high = self.vertices.min(axis=0), self.vertices.max(axis=0)
@@ -119,6 +125,19 @@ class ObjectModel:
             symmetries=tuple(RotationalSymmetry(s.axis, s.point - p_OC, s.order) for s in self.symmetries),
             symmetry_poses=symmetry_poses,
         )
+
+    @cached_property
+    def growth(self) -> tuple[float, float]:
+        """By how much the surface moves along its normal and along each tangent where the object grows by 1, rms, m."""
+        arms = self.samples.points - self.center_of_mass
+        outward = np.einsum("ij,ij->i", arms, self.samples.normals) ** 2
+        along = 0.5 * (np.einsum("ij,ij->i", arms, arms) - outward)
+        return float(np.sqrt(outward.mean())), float(np.sqrt(along.mean()))
+
+    @cached_property
+    def unevenness(self) -> Unevenness:
+        """How much the surface changes over a distance; made when first needed, in about 0.1 s."""
+        return find_unevenness(self.samples)
 
     @cached_property
     def sample_spread(self) -> tuple[FloatArray, float, float]:
@@ -172,6 +191,8 @@ class ObjectModel:
         samples: int = 3000,
         spacing: float | None = None,
         max_grid_bytes: int = 64 * 2**20,
+        surface_sigma: float = 0.0,
+        scale_sigma: float = 0.0,
         cache: bool = True,
     ) -> ObjectModel:
         """Builds the model of a mesh, or takes it from the cache, by the mesh's content.
@@ -190,6 +211,9 @@ class ObjectModel:
             samples: number of surface samples, at least 100.
             spacing: of the distance grid, m; chosen from the size and the walls' thickness if not given.
             max_grid_bytes: the largest size of the distance grid, bytes.
+            surface_sigma: standard deviation of how far the surface is off the mesh, along its normal, m: of a scan or
+                a worn object. It counts among the contacts' errors.
+            scale_sigma: standard deviation of the mesh's scale, a share: 0.03 where it may be 3 % too small.
             cache: whether to keep the result on disk (`TACTOPOSE_CACHE_DIR` says where).
 
         Raises:
@@ -208,6 +232,8 @@ class ObjectModel:
         scale = positive_number("scale", scale, least=_LEAST_SCALE, most=_MOST_SCALE)
         if center_of_mass is not None:
             center_of_mass = limited("center_of_mass", center_of_mass, (3,), most=FARTHEST)
+        surface_sigma = positive_number("surface_sigma", surface_sigma, allow_zero=True, most=_MOST_SURFACE_SIGMA)
+        scale_sigma = positive_number("scale_sigma", scale_sigma, allow_zero=True, most=_MOST_SCALE_SIGMA)
         given = given_symmetries(symmetry)
         poses = symmetry_group(given or ())
         samples = whole_number("samples", samples, least=100, most=_MOST_SAMPLES)
@@ -268,6 +294,8 @@ class ObjectModel:
             content_hash=arrays["content_hash"].tobytes().decode(),
             mass_is_known=mass_is_known,
             is_kept=cache,
+            surface_sigma=surface_sigma,
+            scale_sigma=scale_sigma,
         )
         for array in (*arrays.values(), center, inertia, poses):
             array.setflags(write=False)

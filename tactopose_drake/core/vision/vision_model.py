@@ -4,6 +4,7 @@ import dataclasses
 import math
 
 import numpy as np
+from scipy.special import gammaincinv, ndtr
 
 from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.poses import retract
@@ -29,7 +30,9 @@ class VisionModel:
             raise InvalidInputError(f"VisionModel.lost_share: is {self.lost_share:g}; allowed are numbers up to 1.")
 
 
-def measure_pose(X_PO: FloatArray, hidden: float, normal_noise: FloatArray, model: VisionModel) -> GaussianPrior:
+def measure_pose(
+    X_PO: FloatArray, hidden: float, normal_noise: FloatArray, model: VisionModel, stretch: float = 1.0
+) -> GaussianPrior:
     """What vision makes of the object's true pose.
 
     The size of the error follows from the hidden share alone, its direction is random. An error of length e in a random
@@ -40,16 +43,28 @@ def measure_pose(X_PO: FloatArray, hidden: float, normal_noise: FloatArray, mode
         hidden: the hidden share, 0 to 1.
         normal_noise: standard normal numbers, shape (6,): directions of the rotation (in O) and the translation (in P).
         model: size of the error, valid.
+        stretch: by which this one error is larger than the prior states, see `tail_stretch`.
     """
     lost = min(hidden / model.lost_share, 1.0)
     translation = (1.0 - lost) * model.translation_clear + lost * model.translation_hidden
     rotation = math.radians((1.0 - lost) * model.rotation_clear_deg + lost * model.rotation_hidden_deg)
-    increment = np.concatenate([rotation * _unit(normal_noise[:3]), translation * _unit(normal_noise[3:])])
+    increment = stretch * np.concatenate([rotation * _unit(normal_noise[:3]), translation * _unit(normal_noise[3:])])
     return GaussianPrior(
         retract(finite_array("X_PO", X_PO, (3, 4)), increment),
         sigma_translation=translation / math.sqrt(3.0),
         sigma_rotation=rotation / math.sqrt(3.0),
     )
+
+
+def tail_stretch(normal_noise: float, degrees_of_freedom: float) -> float:
+    """What makes a Gaussian error one of Student's t: the square root of nu over a chi-squared number of nu.
+
+    Args:
+        normal_noise: a standard normal number, by which the chi-squared number is drawn.
+        degrees_of_freedom: nu, > 0; the fewer, the heavier the tails.
+    """
+    share = float(np.clip(ndtr(normal_noise), 1e-12, 1.0))
+    return math.sqrt(0.5 * degrees_of_freedom / float(gammaincinv(0.5 * degrees_of_freedom, share)))
 
 
 def _unit(v: FloatArray) -> FloatArray:

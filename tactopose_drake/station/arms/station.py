@@ -20,7 +20,7 @@ from tactopose_drake.station.arms.arm import Arm, add_arm, hand_inertia, load_ar
 from tactopose_drake.station.grasp import add_planned_grasp
 from tactopose_drake.station.scenario import Scenario
 from tactopose_drake.station.simulated import Station, feed_estimation, finish_station
-from tactopose_drake.station.simulated_senses import add_palm_pose, add_senses
+from tactopose_drake.station.simulated_senses import add_palm_pose, add_senses, simulate_errors
 from tactopose_drake.systems.pose_estimation import AddPoseEstimation
 from tactopose_drake.systems.pose_tracking import AddPoseTracking, PoseTrackingParams
 
@@ -149,6 +149,7 @@ def make_arm_station(
     mount_hand(plant, arm, hand, fixed_pose("ArmSetup.X_FBase", setup.X_FBase))
     _add_scene(plant, setup)
     object_instance = add_model(make_parser(plant), scenario.object_sdf())
+    simulate_errors(scenario, plant, scene_graph, hand, object_instance)
     plant.Finalize()
     finite_array("ArmSetup.q_start", setup.q_start, (plant.num_positions(arm.model_instance),))
     (object_joint,) = (plant.get_joint(index) for index in plant.GetJointIndices(object_instance))

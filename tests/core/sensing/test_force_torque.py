@@ -20,6 +20,12 @@ def test_bias_and_noise_add_with_their_own_scale() -> None:
     np.testing.assert_allclose(measurement.F_S - LOAD, [0.501, 0.498, 0.506, 0.3, 1.1, -0.4], atol=1e-12)
 
 
+def test_a_bias_drifts() -> None:
+    model = ForceTorqueModel(bias=[0.1] * 6, drift=[0.0, 0.0, 0.0, 0.2, 0.0, -0.1])
+    measurement = measure(LOAD, np.zeros(6), model, time=3.0)
+    np.testing.assert_allclose(measurement.F_S - LOAD, [0.1, 0.1, 0.1, 0.7, 0.1, -0.2])
+
+
 @pytest.mark.parametrize("counts", [0.3, 0.7, -0.3, -0.7, 100.6])
 def test_readings_are_the_nearest_multiples_of_the_resolution(counts: float) -> None:
     resolution = [1 / 64e3] * 3 + [1 / 320] * 3

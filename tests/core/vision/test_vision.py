@@ -2,9 +2,10 @@ import math
 
 import numpy as np
 import pytest
+from scipy.stats import kstest, norm, t
 
 from tactopose_drake.core.poses import exp_so3, increments_between, make_poses
-from tactopose_drake.core.vision.vision_model import VisionModel, measure_pose
+from tactopose_drake.core.vision.vision_model import VisionModel, measure_pose, tail_stretch
 from tactopose_drake.errors import InvalidInputError
 
 X_PO = make_poses(exp_so3(np.array([0.2, -1.1, 0.4])), np.array([0.02, -0.01, 0.1]))
@@ -21,6 +22,21 @@ def test_the_error_grows_with_the_hidden_share(hidden: float, translation: float
         error = increments_between(X_PO, measure_pose(X_PO, hidden, noise, MODEL).mean)
         assert np.linalg.norm(error[:3]) == pytest.approx(math.radians(degrees))
         assert np.linalg.norm(error[3:]) == pytest.approx(translation)
+
+
+@pytest.mark.parametrize("degrees_of_freedom", [5.0, 12.0])
+def test_tails_are_those_of_students_t(degrees_of_freedom: float) -> None:
+    noise = np.random.default_rng(1).normal(size=(4000, 2))
+    errors = [error * tail_stretch(tail, degrees_of_freedom) for error, tail in noise]
+    assert kstest(errors, t(degrees_of_freedom).cdf).pvalue > 0.01
+    assert kstest(errors, norm.cdf).statistic > kstest(errors, t(degrees_of_freedom).cdf).statistic
+
+
+def test_a_stretched_error_is_larger_than_the_prior_says() -> None:
+    seen, stretched = (measure_pose(X_PO, 0.5, np.ones(6), MODEL, stretch) for stretch in (1.0, 3.0))
+    np.testing.assert_array_equal(stretched.sigmas, seen.sigmas)
+    near, far = (np.linalg.norm(increments_between(X_PO, prior.mean)[3:]) for prior in (seen, stretched))
+    assert far == pytest.approx(3.0 * near)
 
 
 def test_beyond_the_lost_share_the_error_grows_no_more() -> None:

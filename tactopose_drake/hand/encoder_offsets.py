@@ -1,0 +1,42 @@
+"""Which joints of a hand have encoders, and what an error of one moves."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import PrismaticJoint
+
+from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.hand.hand_config import Hand
+from tactopose_drake.hand.joint_matrices import joint_matrix
+
+_SLIDE = 0.001 / math.radians(1.0)  # m of a sliding joint that count as a radian
+
+
+class EncoderGains(NamedTuple):
+    """The encoders of a hand.
+
+    Attributes:
+        joints: that have one, by name.
+        gains: what an error of a radian of each adds to the plant's positions, shape (nq, k); of a joint that slides, 1
+            degree counts as 1 mm.
+    """
+
+    joints: tuple[str, ...]
+    gains: FloatArray
+
+
+def encoder_gains(plant: MultibodyPlant, hand: Hand) -> EncoderGains:
+    """The encoders: one on each joint that follows no other.
+
+    Args:
+        plant: finalized plant of the hand alone.
+        hand: the hand in it.
+    """
+    followers = {coupling.joint for finger in hand.config.fingers for coupling in finger.couplings}
+    joints = [plant.get_joint(index) for index in plant.GetJointIndices(hand.model_instance)]
+    measured = [joint for joint in joints if joint.num_positions() == 1 and joint.name() not in followers]
+    units = np.array([_SLIDE if isinstance(joint, PrismaticJoint) else 1.0 for joint in measured])
+    names = tuple(joint.name() for joint in measured)
+    return EncoderGains(names, joint_matrix(plant, hand, names) * units)

@@ -1,0 +1,81 @@
+"""Fingertips in a simulator that are thicker, and sit elsewhere, than the hand's description says."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from pydrake.geometry import (
+    Box,
+    Capsule,
+    CollisionFilterDeclaration,
+    Convex,
+    Cylinder,
+    Ellipsoid,
+    GeometrySet,
+    Mesh,
+    SceneGraph,
+    Shape,
+    Sphere,
+)
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import MultibodyPlant
+
+from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.hand.hand_config import Hand, make_hand_plant
+
+
+def change_fingertips(
+    plant: MultibodyPlant,
+    scene_graph: SceneGraph,
+    hand: Hand,
+    radius: Mapping[str, float],
+    mounting: Mapping[str, FloatArray],
+) -> None:
+    """Makes the collision shapes of a hand's fingertips thicker, and moves them; the plant is not finalized yet.
+
+    Args:
+        plant: the simulator's plant.
+        scene_graph: its geometry.
+        hand: the hand in it.
+        radius: by which each fingertip is thicker all around, by finger, m. A mesh or a box becomes so much larger
+            about the fingertip's middle, in proportion to its half-width.
+        mounting: how far each is moved, by finger, in S, shape (3,), m.
+    """
+    alone, parts = make_hand_plant(hand.config)
+    context, inspector = alone.CreateDefaultContext(), scene_graph.model_inspector()
+    of_hand = [
+        geometry
+        for body in map(plant.get_body, plant.GetBodyIndices(hand.model_instance))
+        for geometry in plant.GetCollisionGeometriesForBody(body)
+    ]
+    for finger, frame in parts.sensor_frames.items():
+        X_BS = alone.CalcRelativeTransform(context, parts.welds[finger].child_body().body_frame(), frame)
+        surface = parts.surfaces[finger]
+        middle_B = X_BS @ surface.X_SF[:, 3]
+        for geometry in plant.GetCollisionGeometriesForBody(hand.welds[finger].child_body()):
+            X_BG = inspector.GetPoseInFrame(geometry)
+            scale = 1.0 + radius[finger] / surface.half_width
+            shape, is_scaled = _thicker(inspector.GetShape(geometry), radius[finger], scale)
+            p_BG = middle_B + scale * (X_BG.translation() - middle_B) if is_scaled else X_BG.translation()
+            X_BG = RigidTransform(X_BG.rotation(), p_BG + X_BS.rotation() @ np.asarray(mounting[finger]))
+            passed = [other for other in of_hand if inspector.CollisionFiltered(geometry, other)]
+            scene_graph.ChangeShape(plant.get_source_id(), geometry, shape, X_BG)
+            # A shape that is changed forgets what it may pass through.
+            apart = CollisionFilterDeclaration().ExcludeBetween(GeometrySet(geometry), GeometrySet(passed))
+            scene_graph.collision_filter_manager().Apply(apart)
+
+
+def _thicker(shape: Shape, radius: float, scale: float) -> tuple[Shape, bool]:
+    """The shape, and whether it was scaled about the fingertip's middle."""
+    if isinstance(shape, Sphere):
+        return Sphere(shape.radius() + radius), False
+    if isinstance(shape, Capsule):
+        return Capsule(shape.radius() + radius, shape.length()), False
+    if isinstance(shape, Cylinder):
+        return Cylinder(shape.radius() + radius, shape.length() + 2.0 * radius), False
+    if isinstance(shape, Ellipsoid):
+        return Ellipsoid(shape.a() + radius, shape.b() + radius, shape.c() + radius), False
+    if isinstance(shape, Box):
+        return Box(*(scale * shape.size())), True
+    if isinstance(shape, Mesh | Convex):
+        return type(shape)(shape.source(), scale * np.asarray(shape.scale3())), True
+    return shape, False

@@ -1,0 +1,84 @@
+"""What a mesh may be off counts along the normal, and how it bends where a point is off along it."""
+
+import math
+
+import numpy as np
+import pytest
+
+import tactopose_drake as tp
+from tactopose_drake.core.poses import make_poses, random_rotations, retract
+from tactopose_drake.core.synthetic import touch_surface
+from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.estimation.shape_errors import with_shape_errors
+
+N = np.array([[0.0, 0.6, 0.8], [1.0, 0.0, 0.0]])
+P = np.array([[0.0, 0.03, 0.04], [0.05, 0.0, 0.0]])
+
+
+@pytest.fixture(scope="module")
+def ball() -> tp.ObjectModel:
+    return tp.ObjectModel.from_sphere(0.05, surface_sigma=0.001, scale_sigma=0.04)
+
+
+def test_a_ball_of_another_size_is_off_by_its_radius(ball: tp.ObjectModel) -> None:
+    contacts = tp.Contacts(P, N, sigma_position=0.002)
+    wider = with_shape_errors(ball, contacts)
+    np.testing.assert_allclose(wider.sigma_position, math.sqrt(0.002**2 + 0.001**2 + 0.002**2), rtol=1e-3)
+    np.testing.assert_array_equal(wider.sigma_normal, contacts.sigma_normal)
+
+
+def test_of_covariances_it_counts_along_the_normal() -> None:
+    box = tp.ObjectModel.from_box([0.1, 0.1, 0.1], surface_sigma=0.003)
+    covariance = np.tile(np.diag([1e-6] * 3 + [1e-3] * 3), (2, 1, 1))
+    wider = with_shape_errors(box, tp.Contacts(P, N, covariance=covariance))
+    np.testing.assert_allclose(wider.sigma_position, math.sqrt(1e-6 + 9e-6))
+    assert wider.covariance is not None
+    added = wider.covariance - covariance
+    np.testing.assert_allclose(added[:, :3, :3], 9e-6 * N[:, :, None] * N[:, None, :], atol=1e-12)
+    np.testing.assert_allclose(added[:, 3:, 3:], 0.0, atol=1e-9)  # A box is flat.
+
+
+def test_a_point_off_along_a_ball_may_have_touched_where_it_is_turned(ball: tp.ObjectModel) -> None:
+    along = 0.004**2 * (np.eye(3) - N[:, :, None] * N[:, None, :])
+    covariance = np.zeros((2, 6, 6))
+    covariance[:, :3, :3] = along + 1e-8 * np.eye(3)
+    covariance[:, 3:, 3:] = 1e-8 * np.eye(3)
+    wider = with_shape_errors(tp.ObjectModel.from_sphere(0.05), tp.Contacts(P, N, covariance=covariance))
+    np.testing.assert_allclose(wider.sigma_normal, 0.004 / 0.05, rtol=0.15)
+
+
+def test_without_any_contacts_stay_the_same() -> None:
+    ball = tp.ObjectModel.from_sphere(0.05)
+    contacts = tp.Contacts(P, N)
+    assert with_shape_errors(ball, contacts) is contacts
+    assert with_shape_errors(ball, tp.Contacts.empty()).p_PC.shape == (0, 3)
+
+
+def test_an_object_that_is_larger_and_says_so_is_less_sure() -> None:
+    """Touches of an object 3 % larger than its mesh: told, the truth is within the covariance."""
+    squares = {}
+    for scale_sigma in (0.0, 0.03):
+        model = tp.ObjectModel.from_box([0.06, 0.09, 0.14], symmetry="none", scale_sigma=scale_sigma)
+        squares[scale_sigma] = [_square(model, seed) for seed in range(12)]
+    assert np.median(squares[0.03]) < 12.6  # 95 % of six degrees of freedom
+    assert np.median(squares[0.03]) < 0.5 * np.median(squares[0.0])
+
+
+def _square(model: tp.ObjectModel, seed: int) -> float:
+    """The squared error of an estimate in units of its covariance."""
+    generator = np.random.default_rng(seed)
+    X_PO = make_poses(random_rotations(generator, 1), np.zeros((1, 3)))[0]
+    felt = touch_surface(model, X_PO, 6, generator, spread=True, sigma_position=0.0003, sigma_normal=math.radians(2.0))
+    prior = tp.PosePrior(retract(X_PO, 0.01 * generator.normal(size=6)), sigma_translation=0.01, sigma_rotation=0.01)
+    contacts = tp.Contacts(1.03 * felt.p_PC, felt.n_PC, sigma_position=0.0003, sigma_normal=math.radians(2.0))
+    best = tp.estimate_pose(model, contacts, prior=prior, outlier_probability=0.0).best
+    turned = best.X_PO.rotation().matrix().T @ X_PO[:, :3]
+    w = 0.5 * np.array([turned[2, 1] - turned[1, 2], turned[0, 2] - turned[2, 0], turned[1, 0] - turned[0, 1]])
+    error = np.concatenate([w, X_PO[:, 3] - best.X_PO.translation()])
+    return float(error @ np.linalg.solve(best.covariance, error))
+
+
+@pytest.mark.parametrize("wrong", [{"surface_sigma": -1.0}, {"scale_sigma": 0.6}, {"scale_sigma": math.nan}])
+def test_what_no_mesh_is_off_is_refused(wrong: dict[str, float]) -> None:
+    with pytest.raises(InvalidInputError, match=next(iter(wrong))):
+        tp.ObjectModel.from_sphere(0.05, **wrong)

@@ -1,0 +1,152 @@
+"""How a simulated world differs from what the estimation is told."""
+
+import numpy as np
+import pytest
+from pydrake.geometry import Mesh, ReadObjToTriangleSurfaceMesh, SceneGraph
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.multibody.tree import ModelInstanceIndex
+from pydrake.systems.framework import DiagramBuilder
+
+from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.hand.hand_config import HandUncertainty, add_hand, load_hand_config
+from tactopose_drake.hand.other_fingertips import change_fingertips
+from tactopose_drake.resources import add_model, make_parser
+from tactopose_drake.station.other_object import change_object
+from tactopose_drake.station.scenario import Scenario, load_scenario
+from tactopose_drake.station.simulated_errors import FingerErrors, SimulatedErrors, hand_errors
+
+HAND = "shadow_like"
+
+
+def test_what_is_drawn_has_the_declared_spread_and_stays_with_its_seed() -> None:
+    config = load_hand_config(HAND)
+    config.uncertainty = HandUncertainty(encoder_offset_deg=2.0, sensor_force=0.3)
+    many = [hand_errors(SimulatedErrors(drawn=True, seed=seed), config) for seed in range(60)]
+    offsets = np.degrees([list(drawn.offsets.values()) for drawn in many])
+    assert np.std(offsets) == pytest.approx(2.0, rel=0.1)
+    forces = np.array([bias[3:] for drawn in many for bias in drawn.bias.values()])
+    assert np.std(forces) == pytest.approx(0.3, rel=0.1)
+    assert np.std([list(drawn.radius.values()) for drawn in many]) == pytest.approx(0.0001, rel=0.15)
+    again = hand_errors(SimulatedErrors(drawn=True, seed=7), config)
+    assert again.offsets == many[7].offsets
+    assert many[7].offsets != many[8].offsets
+
+
+def test_what_is_given_takes_the_place_of_what_is_drawn() -> None:
+    config = load_hand_config(HAND)
+    given = SimulatedErrors(
+        drawn=True,
+        joint_offsets_deg={"FFJ3": 2.0},
+        fingers={"thumb": FingerErrors(radius=0.001, sensor_force=[0.1, 0.0, 0.0], drift_moment=[0.0, 0.0, 1e-4])},
+    )
+    found, drawn = hand_errors(given, config), hand_errors(SimulatedErrors(drawn=True), config)
+    assert np.degrees(found.offsets["FFJ3"]) == pytest.approx(2.0)
+    assert found.offsets["THJ4"] == drawn.offsets["THJ4"]
+    assert found.radius["thumb"] == 0.001
+    np.testing.assert_array_equal(found.bias["thumb"][3:], [0.1, 0.0, 0.0])
+    np.testing.assert_array_equal(found.bias["thumb"][:3], drawn.bias["thumb"][:3])
+    np.testing.assert_array_equal(found.drift["thumb"], [0.0, 0.0, 1e-4, 0.0, 0.0, 0.0])
+    np.testing.assert_array_equal(found.bias["first"], drawn.bias["first"])
+
+
+def test_by_default_nothing_errs() -> None:
+    none = hand_errors(SimulatedErrors(), load_hand_config(HAND))
+    assert not any(none.offsets.values())
+    assert not any(none.radius.values())
+    assert not any(np.any(bias) for bias in (*none.bias.values(), *none.mounting.values()))
+
+
+@pytest.mark.parametrize(
+    ("errors", "said"),
+    [
+        (SimulatedErrors(joint_offsets_deg={"J9": 1.0}), "joint_offsets_deg: 'J9' is unknown; valid names: FFJ2"),
+        (SimulatedErrors(joint_offsets_deg={"FFJ3": 200.0}), r"joint_offsets_deg\[FFJ3\]"),
+        (SimulatedErrors(fingers={"toe": FingerErrors()}), "fingers: 'toe' is unknown; valid names: first"),
+        (SimulatedErrors(fingers={"first": FingerErrors(radius=-0.009)}), "allowed are numbers >= -0.0072"),
+        (SimulatedErrors(fingers={"first": FingerErrors(sensor_force=[1.0])}), r"fingers\[first\].sensor_force"),
+        (SimulatedErrors(encoder_noise_deg=-1.0), "encoder_noise_deg"),
+        (SimulatedErrors(object_scale=3.0), "object_scale"),
+        (SimulatedErrors(object_surface_sigma=-1.0), "object_surface_sigma"),
+        (SimulatedErrors(vision_degrees_of_freedom=0.0), "vision_degrees_of_freedom"),
+    ],
+)
+def test_what_cannot_be_is_refused_with_what_is_allowed(errors: SimulatedErrors, said: str) -> None:
+    with pytest.raises(InvalidInputError, match=said):
+        errors.validate(load_hand_config(HAND))
+
+
+def test_a_hand_that_declares_nothing_has_nothing_to_draw_from() -> None:
+    with pytest.raises(InvalidInputError, match=r"SimulatedErrors\.drawn: is true, but the hand's file declares no"):
+        SimulatedErrors(drawn=True).validate(load_hand_config("barrett_like"))
+
+
+def test_a_scenario_without_errors_takes_its_hand_at_its_word() -> None:
+    shipped = load_scenario(HAND)
+    assert shipped.errors is not None
+    assert shipped.errors.drawn
+    perfect = shipped.without_errors()
+    assert perfect.errors is None
+    assert not perfect.estimation.use_uncertainty
+    assert shipped.estimation.use_uncertainty
+
+
+def shapes(plant: MultibodyPlant, scene_graph: SceneGraph, instance: ModelInstanceIndex):  # type: ignore[no-untyped-def]
+    inspector = scene_graph.model_inspector()
+    return {
+        geometry: (inspector.GetShape(geometry).Clone(), RigidTransform(inspector.GetPoseInFrame(geometry)))
+        for body in map(plant.get_body, plant.GetBodyIndices(instance))
+        for geometry in plant.GetCollisionGeometriesForBody(body)
+    }
+
+
+def test_a_fingertip_is_thicker_and_elsewhere() -> None:
+    plant, scene_graph = AddMultibodyPlantSceneGraph(DiagramBuilder(), 0.001)
+    hand = add_hand(plant, load_hand_config(HAND), RigidTransform())
+    before = shapes(plant, scene_graph, hand.model_instance)
+    radius = dict.fromkeys(hand.sensor_frames, 0.0) | {"thumb": 0.002}
+    shift = dict.fromkeys(hand.sensor_frames, np.zeros(3)) | {"first": np.array([0.001, 0.0, 0.0])}
+    change_fingertips(plant, scene_graph, hand, radius, shift)
+    after = shapes(plant, scene_graph, hand.model_instance)
+    for finger, weld in hand.welds.items():
+        (tip,) = plant.GetCollisionGeometriesForBody(weld.child_body())
+        assert after[tip][0].radius() == pytest.approx(0.009 + radius[finger])
+        moved = after[tip][1].translation() - before[tip][1].translation()
+        assert np.linalg.norm(moved) == pytest.approx(np.linalg.norm(shift[finger]))
+    inspector = scene_graph.model_inspector()
+    (tip,) = plant.GetCollisionGeometriesForBody(hand.welds["thumb"].child_body())
+    assert inspector.GetProximityProperties(tip).HasProperty("material", "coulomb_friction")
+    # As before: within this hand nothing collides.
+    assert all(inspector.CollisionFiltered(tip, other) for other in before if other != tip)
+
+
+def test_an_object_is_larger_about_its_centre_of_mass_with_bumps() -> None:
+    plant, scene_graph = AddMultibodyPlantSceneGraph(DiagramBuilder(), 0.001)
+    scenario = Scenario(object="mug")
+    instance = add_model(make_parser(plant), scenario.object_sdf())
+    middle = plant.get_body(plant.GetBodyIndices(instance)[0]).default_spatial_inertia().get_com()
+    before = np.array(ReadObjToTriangleSurfaceMesh(str(scenario.object_mesh())).vertices())
+    change_object(plant, scene_graph, instance, 1.1, 0.0, np.random.default_rng(0))
+    ((shape, _),) = shapes(plant, scene_graph, instance).values()
+    assert isinstance(shape, Mesh)
+    np.testing.assert_allclose(vertices(shape), middle + 1.1 * (before - middle), atol=1e-7)
+
+    plant, scene_graph = AddMultibodyPlantSceneGraph(DiagramBuilder(), 0.001)
+    instance = add_model(make_parser(plant), scenario.object_sdf())
+    change_object(plant, scene_graph, instance, 1.0, 0.001, np.random.default_rng(0))
+    ((shape, _),) = shapes(plant, scene_graph, instance).values()
+    bumps = np.linalg.norm(vertices(shape) - before, axis=1)
+    assert np.sqrt(np.mean(bumps**2)) == pytest.approx(0.001, rel=0.4)
+
+
+def vertices(shape: Mesh) -> np.ndarray:
+    text = shape.source().in_memory().mesh_file.contents().decode()
+    rows = [line.split()[1:] for line in text.splitlines() if line.startswith("v ")]
+    return np.array(rows, dtype=np.float64)
+
+
+def test_an_object_that_is_no_mesh_cannot_have_another_shape() -> None:
+    plant, scene_graph = AddMultibodyPlantSceneGraph(DiagramBuilder(), 0.001)
+    hand = add_hand(plant, load_hand_config(HAND), RigidTransform())
+    with pytest.raises(InvalidInputError, match=r"object_surface_sigma: the collision shape of .* allowed"):
+        change_object(plant, scene_graph, hand.model_instance, 1.1, 0.0, np.random.default_rng(0))
