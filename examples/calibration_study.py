@@ -36,7 +36,7 @@ from tactopose_drake.resources import model_path
 from tactopose_drake.systems import MakePoseEstimation, PoseEstimationParams
 
 DECLARED = HandUncertainty(encoder_offset_deg=2.0, fingertip_radius=0.001, sensor_force=0.1, sensor_moment=0.001)
-NOISE = ClosedGraspParams(noise_surface=0.0003, noise_moment=0.00002, noise_force=0.004)
+NOISE = ClosedGraspParams(noise_surface=0.0003, noise_normal_deg=1.5, noise_moment=0.00002, noise_force=0.004)
 PRIOR = (0.033, np.radians(16.0))  # standard deviations of what is known of a new grasp without touch, m and rad
 
 

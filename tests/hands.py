@@ -2,7 +2,8 @@
 
 from pathlib import Path
 
-from tactopose_drake.hand.hand_config import FingerConfig, HandConfig, SphereSurface
+from tactopose_drake.hand.fingertip_surfaces import SphereSurface
+from tactopose_drake.hand.hand_config import FingerConfig, HandConfig
 
 _SDF = """<?xml version="1.0"?>
 <sdf version="1.9"><model name="tiny">

@@ -13,6 +13,9 @@ from .contact_pressure import pressure_field as pressure_field
 from .contact_uncertainty import ContactUncertainty as ContactUncertainty
 from .felt_grasps import RecordedGrasp as RecordedGrasp
 from .findings import Finding as Finding
+from .fingertip_surfaces import CapsuleSurface as CapsuleSurface
+from .fingertip_surfaces import EllipsoidSurface as EllipsoidSurface
+from .fingertip_surfaces import SphereSurface as SphereSurface
 from .fingertip_weights import FingertipWeights as FingertipWeights
 from .geometry import BodySpheres as BodySpheres
 from .geometry import HandGeometry as HandGeometry
@@ -25,15 +28,12 @@ from .hand_calibration import calibrate_hand as calibrate_hand
 from .hand_check import CheckedHand as CheckedHand
 from .hand_check import HandCheck as HandCheck
 from .hand_check import check_hand as check_hand
-from .hand_config import CapsuleSurface as CapsuleSurface
 from .hand_config import Coupling as Coupling
-from .hand_config import EllipsoidSurface as EllipsoidSurface
 from .hand_config import FingerConfig as FingerConfig
 from .hand_config import Hand as Hand
 from .hand_config import HandConfig as HandConfig
 from .hand_config import HandUncertainty as HandUncertainty
 from .hand_config import PadConfig as PadConfig
-from .hand_config import SphereSurface as SphereSurface
 from .hand_config import add_hand as add_hand
 from .hand_config import find_hand as find_hand
 from .hand_config import load_hand_config as load_hand_config

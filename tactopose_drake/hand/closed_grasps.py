@@ -48,6 +48,7 @@ class ClosedGraspParams:
     noise_force: float = 0.0  # of each component of the force, N
     noise_joint_deg: float = 0.0  # of each joint's reading, anew in each grasp, deg
     noise_surface: float = 0.0  # of where the object's surface is, along the normal at each contact, m
+    noise_normal_deg: float = 0.0  # of the object's normal there, about each axis, deg
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -158,12 +159,13 @@ class GraspCloser:
         way = np.where(near != 0.0, generator.uniform(0.3, 1.0, len(near)), 0.0)
 
         gap = self._params.noise_surface * generator.normal()
+        turn = exp_so3(math.radians(self._params.noise_normal_deg) * generator.normal(size=3))
         X_OP, x = inverse(X_PO), np.concatenate([[0.0], start / _LENGTH])
 
         def residuals(share: float, points: FloatArray) -> FloatArray:
             X_OM, p = compose(X_OP, self._X_PM(finger, near + share * way)), _LENGTH * points
             phi, n_O = model.grid.distance_and_normal(transform_points(X_OM, p))
-            facing = n_O + surface.normal(p) @ X_OM[:, :3].T
+            facing = n_O @ turn.T + surface.normal(p) @ X_OM[:, :3].T
             return np.column_stack([surface.value(p), (phi - gap) / _LENGTH, facing])
 
         for _ in range(_ITERATIONS):

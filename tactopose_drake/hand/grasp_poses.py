@@ -6,11 +6,12 @@ tried with the hand as it is known by then, and the estimate is asked again with
 """
 
 import dataclasses
+import functools
 from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from tactopose_drake.core.calibration.annealed_fit import AnnealedFit, ContactNoise, anneal
+from tactopose_drake.core.calibration.annealed_fit import AnnealedFit, ContactNoise, anneal, start_noise
 from tactopose_drake.core.calibration.shared_least_squares import SharedProblem, linearize, solve_shared
 from tactopose_drake.core.calibration.surface_rows import Noise, Touches
 from tactopose_drake.core.evidence.contacts import Contacts
@@ -21,8 +22,10 @@ from tactopose_drake.estimation.estimate import estimate_pose
 _HYPOTHESES = 24  # of a grasp
 _ROUGHLY = 1e-3  # relative change of the cost, at which a descent to a pose ends
 _ROUNDS = 6
-_FIRST, _AGAIN = 10.0, 4.0  # times the noise, with which a first fit begins, and a later one
-_REFERENCE = (0.0006, 0.06)  # m, rad: noise with which fits are compared
+_ATTEMPTS = 4
+_AS_TOLD = 2.0  # times the noise that was told, up to which a fit is taken to have found the poses
+_MOVED = 1e-3  # of an entry of a pose, m or 1, above which it is another
+_AGAIN = 4.0  # times the noise, with which a later fit begins
 _BETTER = 1e-3  # relative, of the cost
 _LEAST = np.diag(np.repeat([1e-5**2, 1e-3**2], 3))  # covariance of a contact of a hand that errs in nothing
 
@@ -50,30 +53,51 @@ class PoseHunt:
             tell: is told how much of the work is done, from 0 to 1, and what begins.
         """
         tell(0.0, "looking for the object in each grasp")
-        unit = np.zeros(self.problem.readings.shape[1])
-        covariance = np.eye(len(unit))
-        found = self._estimates(unit, covariance)
-        tell(1 / (_ROUNDS + 2), "fitting the hand")
-        best = anneal(self.problem, unit, np.array([poses[0] for poses in found]), self.noise, _FIRST)
+        none = np.zeros(self.problem.readings.shape[1])
+        found, generator = self._estimates(none, np.eye(len(none))), np.random.default_rng(self.seed)
+        best: AnnealedFit | None = None
+        for attempt in range(_ATTEMPTS):
+            # The first begins with the likeliest pose of each grasp, the others with any that may be.
+            picks = [0 if attempt == 0 else int(generator.integers(len(poses))) for poses in found]
+            X_PO = np.array([poses[k] for poses, k in zip(found, picks, strict=True)])
+            fit = self._descend(X_PO, found, functools.partial(_tell_share, tell, attempt))
+            if best is None or self._is_better(fit, best):
+                best = fit
+            if max(best.noise.position / self.noise.position, best.noise.normal / self.noise.normal) < _AS_TOLD:
+                break
+        assert best is not None
+        return best
+
+    def _is_better(self, fit: AnnealedFit, other: AnnealedFit) -> bool:
+        """Whether a fit explains more than another, by the noise of the one that claims less."""
+        noise = fit.noise._replace(
+            position=min(fit.noise.position, other.noise.position), normal=min(fit.noise.normal, other.noise.normal)
+        )
+        costs = [linearize(self.problem, f.solution.shared, f.solution.X_PO, noise.total).cost for f in (fit, other)]
+        return costs[0] < costs[1]
+
+    def _descend(self, X_PO: FloatArray, found: Sequence[FloatArray], tell: Callable[[float], None]) -> AnnealedFit:
+        """The fit that the poses of a start lead to."""
+        none = np.zeros(self.problem.readings.shape[1])
+        tell(0.5 / (_ROUNDS + 1))
+        best = anneal(self.problem, none, X_PO, self.noise, start_noise(self.problem.touch(none), self.noise))
         for k in range(_ROUNDS):
-            tell((k + 2) / (_ROUNDS + 2), "looking for better poses")
+            tell((k + 1) / (_ROUNDS + 1))
             solution = best.solution
             more = self._estimates(solution.shared, solution.covariance)
             candidates = [np.concatenate([a, b]) for a, b in zip(found, more, strict=True)]
-            X_PO = self._choose(solution.shared, solution.X_PO, candidates)
-            changed = np.abs(X_PO - solution.X_PO).max(axis=(1, 2)) > 1e-3
+            X_PO = self._choose(best, candidates)
+            changed = np.abs(X_PO - solution.X_PO).max(axis=(1, 2)) > _MOVED
             if not changed.any():
                 break
-            other = anneal(self.problem, solution.shared, X_PO, self.noise, _AGAIN)
-            if not self._cost(other) < self._cost(best) * (1.0 - _BETTER):
+            again = _AGAIN * max(self.noise.position, best.noise.position), _AGAIN * best.noise.normal
+            other = anneal(self.problem, solution.shared, X_PO, self.noise, again)
+            # With the same noise, lest one that explains less is taken for one that has more noise.
+            there = linearize(self.problem, other.solution.shared, other.solution.X_PO, best.noise.total)
+            if not there.cost < solution.at.cost * (1.0 - _BETTER):
                 break
             best = other
         return best
-
-    def _cost(self, fit: AnnealedFit) -> float:
-        count = len(fit.noise.by_wrench.position)
-        noise = Noise(*(np.full(count, sigma) for sigma in _REFERENCE))
-        return linearize(self.problem, fit.solution.shared, fit.solution.X_PO, noise).cost
 
     def _estimates(self, unit: FloatArray, covariance: FloatArray) -> list[FloatArray]:
         """The hypotheses of each grasp, best first, shape (h, 3, 4) each; the identity where nothing is felt."""
@@ -93,17 +117,24 @@ class PoseHunt:
             found.append(np.array([h.X_PO.GetAsMatrix34() for h in estimate.hypotheses]))
         return found
 
-    def _choose(self, unit: FloatArray, X_PO: FloatArray, candidates: Sequence[FloatArray]) -> FloatArray:
-        """Of each grasp the pose that fits best with a hand of these errors, by descent from each candidate."""
-        frozen = self.problem.touch(unit)
+    def _choose(self, fit: AnnealedFit, candidates: Sequence[FloatArray]) -> FloatArray:
+        """Of each grasp the pose that fits best with the hand as a fit knows it, by descent from each candidate."""
+        X_PO, frozen = fit.solution.X_PO, self.problem.touch(fit.solution.shared)
         chosen, least = X_PO.copy(), np.full(len(X_PO), np.inf)
-        noise = Noise(*(np.full(len(frozen.grasp), sigma) for sigma in _REFERENCE))
+        by_hand = frozen.J @ fit.solution.covariance @ np.swapaxes(frozen.J, 1, 2)
+        along = np.einsum("ni,nij,nj->n", frozen.n_PC, by_hand[:, :3, :3], frozen.n_PC)
+        turned = np.trace(by_hand[:, 3:, 3:], axis1=1, axis2=2) / 3.0
+        noise = Noise(np.sqrt(fit.noise.total.position**2 + along), np.sqrt(fit.noise.total.normal**2 + turned))
         for k in range(-1, max(map(len, candidates))):
             start = X_PO if k < 0 else np.array([poses[min(k, len(poses) - 1)] for poses in candidates])
             poses, cost = fit_poses(self.problem, frozen, start, noise)
             better = cost < least - _BETTER
             chosen[better], least[better] = poses[better], cost[better]
         return chosen
+
+
+def _tell_share(tell: Callable[[float, str], None], attempt: int, share: float) -> None:
+    tell((attempt + share) / _ATTEMPTS, "fitting the hand")
 
 
 def fit_poses(

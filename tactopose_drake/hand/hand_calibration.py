@@ -37,7 +37,7 @@ class CalibrationParams:
     """What a calibration begins with; the noise that the grasps show takes its place."""
 
     sigma_position: float = 0.0003  # of a contact's distance from the surface by other than the hand's errors, m
-    sigma_normal_deg: float = 2.0  # likewise of its normal about each axis, deg
+    sigma_normal_deg: float = 1.5  # likewise of its normal about each axis, deg
     seed: int = 0  # of the searches for the poses
 
     def validate(self) -> None:

@@ -1,6 +1,7 @@
 from .annealed_fit import AnnealedFit as AnnealedFit
 from .annealed_fit import ContactNoise as ContactNoise
 from .annealed_fit import anneal as anneal
+from .annealed_fit import start_noise as start_noise
 from .shared_least_squares import SharedProblem as SharedProblem
 from .shared_least_squares import Solution as Solution
 from .shared_least_squares import linearize as linearize

@@ -11,17 +11,17 @@ from typing import NamedTuple
 import numpy as np
 
 from tactopose_drake.core.calibration.shared_least_squares import SharedProblem, Solution, solve_shared
-from tactopose_drake.core.calibration.surface_rows import Noise
+from tactopose_drake.core.calibration.surface_rows import Noise, Touches
 from tactopose_drake.core.validation import FloatArray
 
 # Medians of chi-square variables of one and of two degrees of freedom.
 _MEDIAN_1, _MEDIAN_2 = 0.455, 1.386
-_ROUNDS, _LAST_ROUNDS = 12, 6
+_ROUNDS, _LAST_ROUNDS = 14, 6
 _ROUGHLY = 1e-3  # relative change of the cost, at which a fit ends that is not the last
 _STEADY = 0.03  # relative change of a standard deviation, at which it ends
 _LEAST = (2e-5, 2e-3)  # m, rad: what the distance field itself is off by
 _FEWEST = 0.05  # of the residuals, that must be left to tell noise by
-_TOLD = 20.0  # residuals that what was told of the noise counts for, so that a fit to few does not claim to have none
+_TOLD = 10.0  # residuals that what was told of the noise counts for, so that a fit to few does not claim to have none
 
 
 class ContactNoise(NamedTuple):
@@ -51,19 +51,19 @@ class AnnealedFit(NamedTuple):
 
 
 def anneal(
-    problem: SharedProblem, shared: FloatArray, X_PO: FloatArray, noise: ContactNoise, start: float
+    problem: SharedProblem, shared: FloatArray, X_PO: FloatArray, noise: ContactNoise, start: tuple[float, float]
 ) -> AnnealedFit:
-    """Fits with `start` times the noise, and then with less and less.
+    """Fits with much noise, and then with less and less.
 
     Args:
         problem: what is to be explained.
         shared: where to begin, shape (d,).
         X_PO: likewise of the poses, shape (g, 3, 4).
         noise: what the noise is about.
-        start: times which it begins.
+        start: standard deviations of a contact's distance and normal with which it begins, m and rad.
     """
     told = noise
-    noise = noise._replace(position=start * noise.position, normal=start * noise.normal)
+    noise = noise._replace(position=start[0], normal=start[1])
     solution = solve_shared(problem, shared, X_PO, noise.total, _ROUGHLY)
     for _ in range(_ROUNDS):
         found = _by_medians(solution, noise)
@@ -83,6 +83,20 @@ def anneal(
         noise = changed
         solution = solve_shared(problem, solution.shared, solution.X_PO, noise.total)
     return AnnealedFit(solution, noise)
+
+
+def start_noise(touches: Touches, noise: ContactNoise) -> tuple[float, float]:
+    """What a first fit begins with: as much as the shared errors are expected to move contacts, or ten times the noise.
+
+    Args:
+        touches: contacts without errors.
+        noise: what the noise is about.
+    """
+    along = np.einsum("nj,njd->nd", touches.n_PC, touches.J[:, :3])[touches.valid]
+    turned = touches.J[touches.valid, 3:]
+    count = max(1, len(along))
+    moved = float(np.sqrt(np.sum(along**2) / count)), float(np.sqrt(np.sum(turned**2) / (3.0 * count)))
+    return max(moved[0], 10.0 * noise.position), max(moved[1], 10.0 * noise.normal)
 
 
 def _is_steady(noise: ContactNoise, other: ContactNoise) -> bool:
