@@ -21,7 +21,7 @@ _LARGEST = {"joint_offset": 90.0, "force": 1e3, "moment": 1e2, "length": 0.1, "m
 class Measured:
     """A number that was found."""
 
-    value: float = 0.0
+    value: float = 0.0  # in the unit that is told there
     sigma: float = 0.0  # its standard deviation
 
 
@@ -29,7 +29,7 @@ class Measured:
 class MeasuredVector:
     """Three numbers that were found, along x, y and z of the sensor's frame."""
 
-    value: list[float] = dataclasses.field(default_factory=lambda: [0.0, 0.0, 0.0])
+    value: list[float] = dataclasses.field(default_factory=lambda: [0.0, 0.0, 0.0])  # in the unit that is told there
     sigma: list[float] = dataclasses.field(default_factory=lambda: [0.0, 0.0, 0.0])  # their standard deviations
 
 

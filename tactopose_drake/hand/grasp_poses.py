@@ -2,7 +2,8 @@
 
 A grasp's hypotheses come from the package's own estimate, with contacts as uncertain as the hand's errors make them at
 that moment. One that is wrong would bend the whole calibration; so after each fit every hypothesis of every grasp is
-tried with the hand as it is known by then, and the estimate is asked again with the contacts that this hand gives.
+tried with the hand as it is known by then, and the estimate is asked again with the contacts that this hand gives. And
+the whole is begun anew with other hypotheses, until two attempts agree.
 """
 
 import dataclasses
@@ -23,7 +24,7 @@ _HYPOTHESES = 24  # of a grasp
 _ROUGHLY = 1e-3  # relative change of the cost, at which a descent to a pose ends
 _ROUNDS = 6
 _ATTEMPTS = 4
-_AS_TOLD = 2.0  # times the noise that was told, up to which a fit is taken to have found the poses
+_AGREE = 0.01  # relative difference of the costs of two attempts, below which they are taken to have found the poses
 _MOVED = 1e-3  # of an entry of a pose, m or 1, above which it is another
 _AGAIN = 4.0  # times the noise, with which a later fit begins
 _BETTER = 1e-3  # relative, of the cost
@@ -61,20 +62,23 @@ class PoseHunt:
             picks = [0 if attempt == 0 else int(generator.integers(len(poses))) for poses in found]
             X_PO = np.array([poses[k] for poses, k in zip(found, picks, strict=True)])
             fit = self._descend(X_PO, found, functools.partial(_tell_share, tell, attempt))
-            if best is None or self._is_better(fit, best):
+            if best is None:
                 best = fit
-            if max(best.noise.position / self.noise.position, best.noise.normal / self.noise.normal) < _AS_TOLD:
+                continue
+            costs = self._costs(fit, best)
+            if costs[0] < costs[1]:
+                best = fit
+            if abs(costs[0] - costs[1]) < _AGREE * min(costs):
                 break
         assert best is not None
         return best
 
-    def _is_better(self, fit: AnnealedFit, other: AnnealedFit) -> bool:
-        """Whether a fit explains more than another, by the noise of the one that claims less."""
-        noise = fit.noise._replace(
-            position=min(fit.noise.position, other.noise.position), normal=min(fit.noise.normal, other.noise.normal)
+    def _costs(self, *fits: AnnealedFit) -> list[float]:
+        """Of fits, by the noise of those that claim to have the least."""
+        noise = self.noise._replace(
+            position=min(fit.noise.position for fit in fits), normal=min(fit.noise.normal for fit in fits)
         )
-        costs = [linearize(self.problem, f.solution.shared, f.solution.X_PO, noise.total).cost for f in (fit, other)]
-        return costs[0] < costs[1]
+        return [linearize(self.problem, f.solution.shared, f.solution.X_PO, noise.total).cost for f in fits]
 
     def _descend(self, X_PO: FloatArray, found: Sequence[FloatArray], tell: Callable[[float], None]) -> AnnealedFit:
         """The fit that the poses of a start lead to."""
