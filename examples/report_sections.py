@@ -114,6 +114,11 @@ SECTIONS = (
         full=("--trials", "1000", "--first-seed", "0"),
     ),
     Section(
+        script="calibration_study.py",
+        quick=("--trials", "1", "--grasps", "6", "--seed", "0"),
+        full=("--trials", "40", "--seed", "0"),
+    ),
+    Section(
         script="world_not_as_told.py",
         quick=("--trials", "10", "--first-seed", "0"),
         full=("--trials", "500", "--first-seed", "0"),

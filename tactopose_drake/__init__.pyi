@@ -26,5 +26,9 @@ from .estimation.object_library import ObjectLibrary as ObjectLibrary
 from .estimation.prior import PosePrior as PosePrior
 from .estimation.results import PoseEstimate as PoseEstimate
 from .estimation.results import PoseHypothesis as PoseHypothesis
+from .hand.felt_grasps import RecordedGrasp as RecordedGrasp
 from .hand.geometry import HandGeometry as HandGeometry
+from .hand.hand_calibration import CalibrationParams as CalibrationParams
+from .hand.hand_calibration import CalibrationResult as CalibrationResult
+from .hand.hand_calibration import calibrate_hand as calibrate_hand
 from .visualization.picture import save_picture as save_picture

@@ -20,6 +20,7 @@ _UNUSABLE_INPUT = 2
 # The function of each command, and the file that it is in.
 _COMMANDS = {
     "cache": "cache_command.cache_command",
+    "calibrate": "calibrate_command.calibrate",
     "check-hand": "check_hand_command.check_hand_command",
     "demo": "demo_command.demo",
     "estimate": "estimate_command.estimate",

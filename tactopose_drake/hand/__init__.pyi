@@ -1,3 +1,10 @@
+from .calibration_file import HandCalibration as HandCalibration
+from .calibration_file import load_calibration as load_calibration
+from .calibration_file import save_calibration as save_calibration
+from .calibration_report import calibration_of as calibration_of
+from .closed_grasps import ClosedGrasp as ClosedGrasp
+from .closed_grasps import ClosedGraspParams as ClosedGraspParams
+from .closed_grasps import GraspCloser as GraspCloser
 from .collision import Collisions as Collisions
 from .collision import HandCollision as HandCollision
 from .collision import check_collisions as check_collisions
@@ -6,6 +13,7 @@ from .contact_pressure import pressure_field as pressure_field
 from .contact_uncertainty import ContactUncertainty as ContactUncertainty
 from .encoder_offsets import EncoderGains as EncoderGains
 from .encoder_offsets import encoder_gains as encoder_gains
+from .felt_grasps import RecordedGrasp as RecordedGrasp
 from .findings import Finding as Finding
 from .fingertip_surfaces import CapsuleSurface as CapsuleSurface
 from .fingertip_surfaces import EllipsoidSurface as EllipsoidSurface
@@ -14,6 +22,12 @@ from .fingertip_surfaces import SphereSurface as SphereSurface
 from .fingertip_weights import FingertipWeights as FingertipWeights
 from .geometry import BodySpheres as BodySpheres
 from .geometry import HandGeometry as HandGeometry
+from .grasp_files import GraspFile as GraspFile
+from .grasp_files import load_grasp as load_grasp
+from .grasp_files import load_grasps as load_grasps
+from .hand_calibration import CalibrationParams as CalibrationParams
+from .hand_calibration import CalibrationResult as CalibrationResult
+from .hand_calibration import calibrate_hand as calibrate_hand
 from .hand_check import CheckedHand as CheckedHand
 from .hand_check import HandCheck as HandCheck
 from .hand_check import check_hand as check_hand
@@ -27,6 +41,8 @@ from .hand_config import add_hand as add_hand
 from .hand_config import find_hand as find_hand
 from .hand_config import load_hand_config as load_hand_config
 from .hand_config import make_hand_plant as make_hand_plant
+from .hand_errors import FingerErrors as FingerErrors
+from .hand_errors import HandErrors as HandErrors
 from .hand_joints import HandJoints as HandJoints
 from .hand_reach import make_hand_reach as make_hand_reach
 from .hand_reach import rest_positions as rest_positions

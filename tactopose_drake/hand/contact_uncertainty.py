@@ -1,23 +1,30 @@
 """How far a hand's own errors move its contacts.
 
-To first order: the joints' offsets move a contact by the finger's Jacobian; its fingertip is mounted elsewhere, and
-thicker or thinner; and what the sensor errs moves it on the fingertip, see `core.sensing.contact_noise`. Errors of one
-finger's parts are independent of each other and of other fingers'; what moves a contact's point and what turns its
-normal by the same joint is one error.
+To first order: the joints' offsets move a contact by the finger's Jacobian; its sensor, with the fingertip, is mounted
+elsewhere and otherwise; the fingertip is thicker or thinner; and what the sensor errs moves the contact on it, see
+`core.sensing.contact_noise`. Errors of one finger's parts are independent of each other and of other fingers'; what
+moves a contact's point and what turns its normal by the same joint is one error.
+
+Of a finger that was calibrated, the errors are those that the calibration has left, with their correlations, and the
+noise of a single contact that it has found.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import PrismaticJoint
 
 from tactopose_drake.core.poses import skew
 from tactopose_drake.core.sensing.contact_noise import contact_covariance
 from tactopose_drake.core.sensing.intrinsic_contact import ContactSolution
 from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.hand.contact_gains import contact_gains, wrench_of
 from tactopose_drake.hand.encoder_offsets import encoder_gains
 from tactopose_drake.hand.hand_config import Hand, HandUncertainty
+from tactopose_drake.hand.joint_matrices import joint_matrix
 from tactopose_drake.hand.kinematics import HandKinematics
 
 
@@ -33,10 +40,22 @@ class ContactUncertainty:
             uncertainty: its errors.
         """
         uncertainty.validate()
+        joints, gains = encoder_gains(plant, hand)
         # What an offset of one standard deviation of each measured joint adds to the plant's positions, shape (nq, k).
-        self._offsets = encoder_gains(plant, hand).gains * math.radians(uncertainty.encoder_offset_deg)
+        self._offsets = gains * math.radians(uncertainty.encoder_offset_deg)
         self._frames, self._errors = hand.sensor_frames, uncertainty
         self._surfaces, self._layers = hand.surfaces, hand.layers
+        self._calibrated: dict[str, _Calibrated] = {}
+        if hand.calibration is not None:
+            self._noise, by_joint = hand.calibration.noise, joint_matrix(plant, hand, joints)
+            for finger, found in hand.calibration.fingers.items():
+                moving = [plant.GetJointByName(name, hand.model_instance) for name in found.joints]
+                units = [1.0 if isinstance(joint, PrismaticJoint) else math.radians(1.0) for joint in moving]
+                of_joints = [hand.calibration.joint_offsets[joint].sigma for joint in found.joints]
+                sigma = np.concatenate([np.array(units) * of_joints, found.sigma])
+                correlation = np.array(found.correlation) if found.correlation else np.eye(len(sigma))
+                columns = by_joint[:, [joints.index(joint) for joint in found.joints]]
+                self._calibrated[finger] = _Calibrated(columns, correlation * np.outer(sigma, sigma))
 
     def covariance(
         self, finger: str, solution: ContactSolution, X_PS: RigidTransform, kinematics: HandKinematics
@@ -49,12 +68,16 @@ class ContactUncertainty:
             X_PS: where S is.
             kinematics: of the hand, moved to where the joints are.
         """
+        if finger in self._calibrated:
+            return self._of_calibrated(finger, solution, X_PS, kinematics)
         errors, R = self._errors, X_PS.rotation().matrix()
         J = kinematics.jacobian(self._frames[finger], solution.p_SC) @ self._offsets
         by_joints = np.concatenate([J[3:], J[:3]])
         covariance: FloatArray = by_joints @ by_joints.T
         n = R @ solution.n_S
         covariance[:3, :3] += errors.mounting**2 * np.eye(3) + errors.fingertip_radius**2 * np.outer(n, n)
+        by_turn = np.concatenate([-R @ skew(solution.p_SC), R]) * math.radians(errors.mounting_deg)
+        covariance += by_turn @ by_turn.T
         by_sensor = contact_covariance(
             solution,
             self._surfaces[finger],
@@ -79,3 +102,28 @@ class ContactUncertainty:
         ]
         by_joints = float(np.mean([np.sum(J**2) / 3.0 for J in moved])) if moved else 0.0
         return math.sqrt(by_joints + self._errors.mounting**2 + self._errors.fingertip_radius**2)
+
+    def _of_calibrated(
+        self, finger: str, solution: ContactSolution, X_PS: RigidTransform, kinematics: HandKinematics
+    ) -> FloatArray:
+        calibrated, noise, R = self._calibrated[finger], self._noise, X_PS.rotation().matrix()
+        by_joints = kinematics.jacobian(self._frames[finger], solution.p_SC) @ calibrated.gains
+        gains = contact_gains(wrench_of(solution)[None], self._surfaces[finger])
+        by_contact = np.concatenate([R @ gains.point[0], R @ gains.turn[0]])
+        by_mounting = np.block([[-R @ skew(solution.p_SC), R], [R, np.zeros((3, 3))]])
+        # What readings are too large by is taken off them, so that an error of it moves the contact the other way.
+        by_offsets = -np.concatenate([by_joints[3:], by_joints[:3]])
+        J = np.column_stack([by_offsets, -by_contact[:, :6], by_contact[:, 6:], by_mounting])
+        covariance: FloatArray = J @ calibrated.covariance @ J.T
+        by_noise = by_contact[:, :6] * np.repeat([noise.moment, noise.force], 3)
+        covariance += by_noise @ by_noise.T
+        covariance[:3, :3] += noise.position**2 * np.eye(3)
+        covariance[3:, 3:] += math.radians(noise.normal_deg) ** 2 * np.eye(3)
+        return 0.5 * (covariance + covariance.T)
+
+
+class _Calibrated(NamedTuple):
+    """What joints add to the plant's positions, shape (nq, k), and the covariance of all of a finger's errors."""
+
+    gains: FloatArray
+    covariance: FloatArray

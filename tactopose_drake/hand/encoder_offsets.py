@@ -11,7 +11,7 @@ from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.hand.hand_config import Hand
 from tactopose_drake.hand.joint_matrices import joint_matrix
 
-_SLIDE = 0.001 / math.radians(1.0)  # m of a sliding joint that count as a radian
+SLIDE = 0.001 / math.radians(1.0)  # m of a sliding joint that count as a radian
 
 
 class EncoderGains(NamedTuple):
@@ -34,9 +34,14 @@ def encoder_gains(plant: MultibodyPlant, hand: Hand) -> EncoderGains:
         plant: finalized plant of the hand alone.
         hand: the hand in it.
     """
+    names = measured_joints(plant, hand)
+    joints = [plant.GetJointByName(name, hand.model_instance) for name in names]
+    units = np.array([SLIDE if isinstance(joint, PrismaticJoint) else 1.0 for joint in joints])
+    return EncoderGains(names, joint_matrix(plant, hand, names) * units)
+
+
+def measured_joints(plant: MultibodyPlant, hand: Hand) -> tuple[str, ...]:
+    """The joints that an encoder measures: those that move and follow no other."""
     followers = {coupling.joint for finger in hand.config.fingers for coupling in finger.couplings}
     joints = [plant.get_joint(index) for index in plant.GetJointIndices(hand.model_instance)]
-    measured = [joint for joint in joints if joint.num_positions() == 1 and joint.name() not in followers]
-    units = np.array([_SLIDE if isinstance(joint, PrismaticJoint) else 1.0 for joint in measured])
-    names = tuple(joint.name() for joint in measured)
-    return EncoderGains(names, joint_matrix(plant, hand, names) * units)
+    return tuple(joint.name() for joint in joints if joint.num_positions() == 1 and joint.name() not in followers)

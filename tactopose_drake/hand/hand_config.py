@@ -5,14 +5,17 @@ import os
 from collections.abc import Mapping
 from pathlib import Path
 
-from pydrake.math import RigidTransform
+from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import Frame, Joint, ModelInstanceIndex, WeldJoint
+from pydrake.multibody.tree import FixedOffsetFrame, Frame, Joint, ModelInstanceIndex, WeldJoint
 
+from tactopose_drake.core.poses import exp_so3
 from tactopose_drake.core.sensing.soft_layer import SoftLayer
 from tactopose_drake.core.surfaces import Surface
 from tactopose_drake.core.validation import finite_array, positive_number
 from tactopose_drake.errors import InvalidFileError, InvalidInputError, UnknownNameError
+from tactopose_drake.hand.calibration_file import HandCalibration, load_calibration
+from tactopose_drake.hand.contact_gains import thicker
 from tactopose_drake.hand.fingertip_surfaces import CapsuleSurface, EllipsoidSurface, SkinLayer, SphereSurface
 from tactopose_drake.resources import ModelPackage, add_model, load_typed_yaml, make_parser, model_path
 
@@ -32,7 +35,8 @@ class HandUncertainty:
     """By how much a hand is off from what its files say: standard deviations of a good research hand by default."""
 
     encoder_offset_deg: float = 1.0  # of each measured joint's zero, deg; of one that slides, 1 deg counts as 1 mm
-    mounting: float = 0.0003  # of where each fingertip sits on its sensor, along each axis, m
+    mounting: float = 0.0003  # of where each sensor sits on its finger, with its fingertip, along each axis, m
+    mounting_deg: float = 0.5  # of how it is turned there, about each axis, deg
     fingertip_radius: float = 0.0001  # of how thick each fingertip is, m
     sensor_force: float = 0.05  # of each component of the force, bias and noise together, N
     sensor_moment: float = 0.0005  # of each component of the moment, bias and noise together, N m
@@ -86,6 +90,9 @@ class HandConfig:
     # By how much all of this may be off: it says how far each contact can be trusted. Null: every contact is as certain
     # as the parameters of `ContactsInPalm` say.
     uncertainty: HandUncertainty | None = None
+    # A file that `tactopose calibrate` has written, whose path begins at the YAML file: what the hand is known to be
+    # off by, which whatever estimates from its readings then corrects. Empty: the hand is as its files say.
+    calibration: str = ""
 
     def validate(self) -> None:
         """Raises InvalidInputError if a name is missing or double, or a surface has impossible dimensions."""
@@ -141,7 +148,9 @@ class Hand:
     """A hand in a plant: where the names of its configuration have led.
 
     `sensor_frames`, `welds` and `surfaces` are those of the fingers with a force-torque sensor, by finger, `layers` of
-    those with a soft skin; `pad_frames` are those of the tactile pads, by pad.
+    those with a soft skin; `pad_frames` are those of the tactile pads, by pad. `calibration` is what is known of the
+    hand's errors, in a plant that estimates by its readings; there, `sensor_frames` and `surfaces` are where it has
+    found them.
     """
 
     config: HandConfig
@@ -152,6 +161,7 @@ class Hand:
     surfaces: Mapping[str, Surface]
     pad_frames: Mapping[str, Frame]
     layers: Mapping[str, SoftLayer]
+    calibration: HandCalibration | None = None
 
     @property
     def fingers(self) -> tuple[str, ...]:
@@ -184,6 +194,9 @@ def load_hand_config(name_or_path: str | Path) -> HandConfig:
     for pad in config.pads:
         if Path(pad.array).suffix:
             pad.array = str(path.parent / pad.array)
+    if config.calibration:
+        config.calibration = str(path.parent / config.calibration)
+        load_calibration(Path(config.calibration))
     return config
 
 
@@ -259,8 +272,31 @@ def find_hand(plant: MultibodyPlant, config: HandConfig, model_instance: ModelIn
 
 
 def make_hand_plant(config: HandConfig) -> tuple[MultibodyPlant, Hand]:
-    """A finalized plant of the hand alone, its base welded to the world: for kinematics from joint positions."""
+    """A finalized plant of the hand alone, its base welded to the world: for kinematics from joint positions.
+
+    It is the hand as it is known to be: with its calibration, where the configuration names one.
+    """
     plant = MultibodyPlant(time_step=0.001)
     hand = add_hand(plant, config, RigidTransform())
+    if config.calibration:
+        hand = _calibrated(plant, hand, load_calibration(Path(config.calibration)))
     plant.Finalize()
     return plant, hand
+
+
+def _calibrated(plant: MultibodyPlant, hand: Hand, calibration: HandCalibration) -> Hand:
+    """The hand in an unfinished plant with its sensors' frames and fingertips where a calibration has found them."""
+    joints = [plant.get_joint(index).name() for index in plant.GetJointIndices(hand.model_instance)]
+    try:
+        calibration.check_names(joints, hand.sensor_frames)
+    except UnknownNameError as error:
+        raise InvalidFileError(f"{hand.config.calibration}: {error}") from None
+    frames, surfaces = dict(hand.sensor_frames), dict(hand.surfaces)
+    for finger, found in calibration.fingers.items():
+        turned, moved = found.mounting[:3], found.mounting[3:]
+        X_SM = RigidTransform(RotationMatrix(exp_so3(turned)), moved)
+        frames[finger] = plant.AddFrame(
+            FixedOffsetFrame(f"{frames[finger].name()}_as_calibrated", frames[finger], X_SM, hand.model_instance)
+        )
+        surfaces[finger] = thicker(surfaces[finger], found.radius.value)
+    return dataclasses.replace(hand, sensor_frames=frames, surfaces=surfaces, calibration=calibration)

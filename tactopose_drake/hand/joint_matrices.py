@@ -1,9 +1,11 @@
 """From the joints that a real hand measures to the positions of its plant."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import PrismaticJoint
 
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
@@ -51,6 +53,21 @@ def joint_offsets(plant: MultibodyPlant, hand: Hand, measured: Sequence[str]) ->
         joint = plant.get_joint(index)
         if joint.num_positions() == 1:
             offsets[joint.position_start()] = _leader(hand, joint.name(), measured)[2]
+    return offsets
+
+
+def reading_offsets(plant: MultibodyPlant, hand: Hand) -> FloatArray:
+    """By which readings of the plant's positions exceed these, by the hand's calibration, shape (nq,), rad or m."""
+    found = {} if hand.calibration is None else hand.calibration.joint_offsets
+    offsets = np.zeros(plant.num_positions())
+    for index in plant.GetJointIndices(hand.model_instance):
+        joint = plant.get_joint(index)
+        if joint.num_positions() == 1:
+            leader, ratio, _ = _leader(hand, joint.name(), list(found))
+            if leader in found:
+                is_sliding = isinstance(plant.GetJointByName(leader, hand.model_instance), PrismaticJoint)
+                value = found[leader].value if is_sliding else math.radians(found[leader].value)
+                offsets[joint.position_start()] = ratio * value
     return offsets
 
 

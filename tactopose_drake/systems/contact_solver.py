@@ -10,7 +10,7 @@ from pydrake.systems.framework import Context
 from tactopose_drake.core.sensing.intrinsic_contact import MIN_FORCE, solve_contacts
 from tactopose_drake.core.sensing.soft_layer import SoftLayer
 from tactopose_drake.core.surfaces import Surface
-from tactopose_drake.core.validation import positive_number
+from tactopose_drake.core.validation import FloatArray, positive_number
 from tactopose_drake.systems.collectable_system import CollectableSystem
 
 _NO_READING = np.full((1, 6), np.nan)
@@ -53,6 +53,7 @@ class ContactSolver(CollectableSystem):
         surfaces: Mapping[str, Surface],
         params: ContactSolverParams | None = None,
         layers: Mapping[str, SoftLayer] | None = None,
+        biases: Mapping[str, FloatArray] | None = None,
     ) -> None:
         """Declares one input port per finger.
 
@@ -60,11 +61,13 @@ class ContactSolver(CollectableSystem):
             surfaces: the surface of each fingertip, placed in its S, by finger.
             params: thresholds.
             layers: soft layers on fingertips, by finger; the others are rigid.
+            biases: what sensors read without a touch, shape (6,), N m and N, by finger; it is taken off.
         """
         super().__init__()
         self._params = ContactSolverParams() if params is None else params
         self._params.validate()
         self._surfaces, self._layers = dict(surfaces), dict(layers or {})
+        self._biases = {} if biases is None else dict(biases)
         self._wrenches = {finger: self.DeclareVectorInputPort(f"wrench_{finger}", 6) for finger in self._surfaces}
         self.DeclareAbstractOutputPort(
             "contact_solutions",
@@ -78,7 +81,9 @@ class ContactSolver(CollectableSystem):
             {
                 # Batched, because there a wrench that is not finite is an answer and not an error.
                 finger: solve_contacts(
-                    port.Eval(context)[None] if port.HasValue(context) else _NO_READING,
+                    (port.Eval(context) - self._biases.get(finger, 0.0))[None]
+                    if port.HasValue(context)
+                    else _NO_READING,
                     self._surfaces[finger],
                     layer=self._layers.get(finger),
                     min_force=self._params.min_force,

@@ -2,15 +2,18 @@
 
 import dataclasses
 
+import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
 from tactopose_drake.hand.contact_uncertainty import ContactUncertainty
 from tactopose_drake.hand.geometry import BodySpheres
 from tactopose_drake.hand.hand_config import Hand, HandConfig, make_hand_plant
+from tactopose_drake.hand.joint_matrices import reading_offsets
 from tactopose_drake.systems.contact_solver import ContactSolver, ContactSolverParams
 from tactopose_drake.systems.contacts_in_palm import ContactsInPalm, ContactsInPalmParams
 from tactopose_drake.systems.hand_volume import HandVolume
+from tactopose_drake.systems.measured_joints import MeasuredJoints
 from tactopose_drake.systems.patch_descriptor import PatchDescriptor, PatchDescriptorParams
 
 
@@ -50,7 +53,11 @@ def add_touch(
         The plant of the hand alone, by which the kinematics are computed, and the hand in it.
     """
     plant, parts = make_hand_plant(hand)
-    solver = builder.AddNamedSystem("contact_solver", ContactSolver(parts.surfaces, params.solver, parts.layers))
+    found = {} if parts.calibration is None else parts.calibration.fingers
+    biases = {finger: calibration.bias for finger, calibration in found.items()}
+    solver = builder.AddNamedSystem(
+        "contact_solver", ContactSolver(parts.surfaces, params.solver, parts.layers, biases)
+    )
     errors = None
     if params.use_uncertainty and hand.uncertainty is not None:
         errors = ContactUncertainty(plant, parts, hand.uncertainty)
@@ -81,10 +88,18 @@ def add_touch(
 
     for finger in parts.sensor_frames:
         builder.ExportInput(solver.GetInputPort(f"wrench_{finger}"), f"wrench_{finger}")
-    builder.ExportInput(contacts.GetInputPort("joint_positions"), "joint_positions")
-    for system in (*posed[1:], estimator):
-        if system.HasInputPort("joint_positions"):
+    takers = [system for system in (*posed, estimator) if system.HasInputPort("joint_positions")]
+    if parts.calibration is None:
+        builder.ExportInput(contacts.GetInputPort("joint_positions"), "joint_positions")
+        for system in takers[1:]:
             builder.ConnectInput("joint_positions", system.GetInputPort("joint_positions"))
+    else:
+        corrected = builder.AddNamedSystem(
+            "corrected_joints", MeasuredJoints(np.eye(plant.num_positions()), -reading_offsets(plant, parts))
+        )
+        builder.ExportInput(corrected.GetInputPort("measured"), "joint_positions")
+        for system in takers:
+            builder.Connect(corrected.GetOutputPort("joint_positions"), system.GetInputPort("joint_positions"))
     for name, port in touch.items():
         builder.ExportOutput(port, name)
     for port in map(estimator.get_output_port, range(estimator.num_output_ports())):

@@ -12,6 +12,8 @@ from xml.etree import ElementTree
 import pytest
 import yaml
 
+from tactopose_drake.hand.calibration_file import HandCalibration
+from tactopose_drake.hand.grasp_files import GraspFile
 from tactopose_drake.hand.hand_config import HandConfig
 from tactopose_drake.hand.tactile_pads import TactilePadFile
 from tactopose_drake.station.scenario import Scenario
@@ -67,7 +69,7 @@ def test_every_module_of_the_folder_is_in_the_reference(folder: str) -> None:
     assert told == modules
 
 
-@pytest.mark.parametrize("root", [Scenario, HandConfig, TactilePadFile])
+@pytest.mark.parametrize("root", [Scenario, HandConfig, TactilePadFile, GraspFile, HandCalibration])
 def test_every_key_of_a_file_is_said_to_mean_something(root: type, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(ROOT / "docs" / "extensions"))
     yaml_schema = importlib.import_module("yaml_schema")

@@ -14,7 +14,14 @@ from tactopose_drake.hand.contact_uncertainty import ContactUncertainty
 from tactopose_drake.hand.hand_config import HandUncertainty, load_hand_config, make_hand_plant
 from tactopose_drake.hand.kinematics import HandKinematics
 
-NONE = {"encoder_offset_deg": 0.0, "mounting": 0.0, "fingertip_radius": 0.0, "sensor_force": 0.0, "sensor_moment": 0.0}
+NONE = {
+    "encoder_offset_deg": 0.0,
+    "mounting": 0.0,
+    "mounting_deg": 0.0,
+    "fingertip_radius": 0.0,
+    "sensor_force": 0.0,
+    "sensor_moment": 0.0,
+}
 
 
 def touch(hand, finger: str, force: float = 2.0) -> tuple[np.ndarray, ContactSolution]:  # type: ignore[no-untyped-def]

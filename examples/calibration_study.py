@@ -1,0 +1,168 @@
+"""Calibrations of a hand with errors, and what they are worth on new grasps of other objects.
+
+Each trial draws a hand's errors, lets that hand close on one object, calibrates it from what it read, and then has it
+grasp other objects: with the errors known exactly, calibrated, and as it is. Grasps are made by kinematics alone.
+
+python examples/calibration_study.py --trials 3
+python examples/calibration_study.py --trials 40 --seed 0
+"""
+
+import argparse
+import dataclasses
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
+import tactopose_drake as tp
+from tactopose_drake.core.poses import exp_so3, transform_points
+from tactopose_drake.hand import (
+    ClosedGrasp,
+    ClosedGraspParams,
+    GraspCloser,
+    HandConfig,
+    HandErrors,
+    HandUncertainty,
+    NamedJoints,
+    calibration_of,
+    load_hand_config,
+    make_hand_plant,
+    save_calibration,
+)
+from tactopose_drake.resources import model_path
+from tactopose_drake.systems import MakePoseEstimation, PoseEstimationParams
+
+DECLARED = HandUncertainty(encoder_offset_deg=2.0, fingertip_radius=0.001, sensor_force=0.1, sensor_moment=0.001)
+NOISE = ClosedGraspParams(noise_surface=0.0003, noise_normal_deg=1.5, noise_moment=0.00002, noise_force=0.004)
+PRIOR = (0.033, np.radians(16.0))  # standard deviations of what is known of a new grasp without touch, m and rad
+
+
+@dataclasses.dataclass
+class Trial:
+    """One hand.
+
+    Attributes:
+        inside: of its errors, which lie in the calibration's own 95 % intervals.
+        scaled: deviations of the errors over the calibration's standard deviations.
+        offsets: of the joints, those that are left, deg.
+        errors: by knowledge of the hand, those of the new grasps, m: root mean square over the object's surface.
+        left_out: grasps of the calibration that counted for nothing.
+    """
+
+    inside: np.ndarray
+    scaled: np.ndarray
+    offsets: np.ndarray
+    errors: dict[str, list[float]]
+    left_out: int
+
+
+def run_trial(
+    hand: str, model: tp.ObjectModel, others: list[tp.ObjectModel], counts: tuple[int, int], seed: int
+) -> Trial:
+    """Draws a hand, calibrates it and tries it."""
+    generator = np.random.default_rng(seed)
+    config = dataclasses.replace(load_hand_config(hand), uncertainty=DECLARED)
+    plant, parts = make_hand_plant(config)
+    errors = HandErrors.of(plant, parts, DECLARED)
+    truth = errors.sigma * generator.normal(size=len(errors.sigma))
+    closer = GraspCloser(plant, parts, errors, truth, NOISE)
+    result = tp.calibrate_hand(config, [closer.grasp(model, generator).recorded for _ in range(counts[0])])
+    new = [closer.grasp(others[i % len(others)], generator) for i in range(counts[1])]
+    guesses = [disturbed(grasp.X_PO, generator) for grasp in new]
+    with tempfile.TemporaryDirectory() as folder:
+        exact = calibration_of(errors, truth, np.zeros((len(truth), len(truth))), 0.0)
+        exact.noise = result.calibration.noise
+        found = {}
+        for name, calibration in (("known", exact), ("calibrated", result.calibration)):
+            path = Path(folder) / f"{name}.yaml"
+            save_calibration(path, calibration)
+            found[name] = pose_errors(dataclasses.replace(config, calibration=str(path)), new, guesses)
+        found["as it is"] = pose_errors(config, new, guesses)
+    off = result.values - truth[errors.free]
+    scaled = off / result.sigma
+    is_offset = np.array([name.endswith("offset") for name in result.names])
+    return Trial(
+        np.abs(scaled) < 1.96, scaled, np.degrees(off[is_offset]), found, int(np.sum(result.grasp_weights < 0.5))
+    )
+
+
+def disturbed(X_PO: np.ndarray, generator: np.random.Generator) -> tp.PosePrior:
+    """What is known of a pose without touch."""
+    turned = X_PO[:, :3] @ exp_so3(PRIOR[1] * generator.normal(size=3))
+    moved = X_PO[:, 3] + PRIOR[0] * generator.normal(size=3)
+    return tp.PosePrior(np.column_stack([turned, moved]), sigma_translation=PRIOR[0], sigma_rotation=PRIOR[1])
+
+
+def surface_error(model: tp.ObjectModel, X_PO: np.ndarray, X_PO_true: np.ndarray) -> float:
+    """Root mean square distance between where two poses put the object's surface, of its equal turns the nearest, m."""
+    points = model.samples.points
+    true = transform_points(X_PO_true, points)
+    turned = transform_points(model.symmetry_poses, points)
+    found = np.array([transform_points(X_PO, each) for each in turned])
+    return float(np.sqrt(np.mean(np.sum((found - true) ** 2, axis=2), axis=1)).min())
+
+
+def pose_errors(config: HandConfig, grasps: list[ClosedGrasp], priors: list[tp.PosePrior]) -> list[float]:
+    """How far the estimates are off, by the hand's own diagram and `estimate_pose`."""
+    params = PoseEstimationParams(check_collisions=False, use_hand_volume=False)
+    diagram = MakePoseEstimation(config, grasps[0].recorded.model, params)
+    plant, parts = make_hand_plant(config)
+    joints = NamedJoints(plant, parts)
+    found = []
+    for grasp, prior in zip(grasps, priors, strict=True):
+        context, recorded = diagram.CreateDefaultContext(), grasp.recorded
+        q = joints.positions(
+            "joint_positions", dict(recorded.joint_positions)
+        )  # NaN of the wrist's, which do not matter
+        diagram.GetInputPort("joint_positions").FixValue(context, np.nan_to_num(q))
+        for finger in parts.sensor_frames:
+            wrench = recorded.wrenches.get(finger, np.zeros(6))
+            diagram.GetInputPort(f"wrench_{finger}").FixValue(context, wrench)
+        contacts = diagram.GetOutputPort("contacts").Eval(context)
+        best = tp.estimate_pose(recorded.model, contacts, prior=prior).best
+        found.append(surface_error(recorded.model, best.X_PO.GetAsMatrix34(), grasp.X_PO))
+    return found
+
+
+def main() -> None:
+    """Prints a line for each hand, and the summary."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--hand", default="shadow_like")
+    parser.add_argument("--object", default="spray_bottle", help="that the hand is calibrated with")
+    parser.add_argument("--others", nargs="+", default=["bust", "mug", "tea_box"])
+    parser.add_argument("--grasps", type=int, default=20, help="for a calibration, and as many new ones")
+    parser.add_argument("--trials", type=int, default=3)
+    parser.add_argument("--seed", type=int, default=0)
+    arguments = parser.parse_args()
+    console = Console()
+    model, *others = (
+        tp.ObjectModel.from_mesh(model_path("objects", f"{name}.obj")) for name in (arguments.object, *arguments.others)
+    )
+    table = Table(title="Hands with errors: new grasps, mm off (median), and what the calibration said of itself")
+    for heading in ("seed", "as it is", "calibrated", "known", "in 95 % intervals", "joints left, deg rms", "left out"):
+        table.add_column(heading, justify="right")
+    trials = []
+    for seed in track(range(arguments.seed, arguments.seed + arguments.trials), console=Console(stderr=True)):
+        trial = run_trial(arguments.hand, model, others, (arguments.grasps, arguments.grasps), seed)
+        trials.append(trial)
+        medians = [f"{1e3 * np.median(trial.errors[name]):.2f}" for name in ("as it is", "calibrated", "known")]
+        rms = f"{np.sqrt(np.mean(trial.offsets**2)):.2f}"
+        table.add_row(str(seed), *medians, f"{np.mean(trial.inside):.0%}", rms, str(trial.left_out))
+    console.print(table)
+    inside = np.concatenate([trial.inside for trial in trials])
+    scaled = np.concatenate([trial.scaled for trial in trials])
+    medians = {name: np.median(np.concatenate([t.errors[name] for t in trials])) for name in trials[0].errors}
+    console.print(
+        f"{len(trials)} hands, {arguments.grasps} grasps of {arguments.object} each, and as many of others: median "
+        + ", ".join(f"{1e3 * value:.2f} mm {name}" for name, value in medians.items())
+        + f"; calibrated over known {medians['calibrated'] / medians['known']:.2f}.\n"
+        f"{np.mean(inside):.1%} of {len(inside)} errors in their own 95 % intervals; scaled deviations "
+        f"{np.sqrt(np.mean(scaled**2)):.2f} rms."
+    )
+
+
+if __name__ == "__main__":
+    main()

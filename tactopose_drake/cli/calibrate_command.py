@@ -1,0 +1,115 @@
+"""`tactopose calibrate`: what a hand is off by, from grasps of a known object."""
+
+from pathlib import Path
+
+import click
+from rich import box
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from tactopose_drake.cli.calibration_page import save_calibration_page
+from tactopose_drake.cli.consoles import ERRORS, OUT
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.estimation.object_files import load_object
+from tactopose_drake.estimation.output_files import check_outputs
+from tactopose_drake.hand.calibration_file import HandCalibration
+from tactopose_drake.hand.felt_grasps import RecordedGrasp
+from tactopose_drake.hand.grasp_files import GRASP_ENDINGS, load_grasps
+from tactopose_drake.hand.hand_calibration import CalibrationParams, CalibrationResult, calibrate_hand
+from tactopose_drake.hand.hand_config import load_hand_config
+from tactopose_drake.runs.manifest import MANIFEST
+from tactopose_drake.runs.quiet_grasp import quiet_grasp
+from tactopose_drake.runs.recorded_senses import read_recording
+
+_path = click.Path(path_type=Path)
+_MOST_NAMED = 8  # combinations that are not determined
+
+
+@click.command("calibrate")
+@click.option("--hand", required=True, help="The hand's YAML file, or one of the package by name.")
+@click.option("--object", "mesh", type=_path, required=True, help="Mesh of the object, or its SDF or URDF.")
+@click.option("--scale", type=float, default=1.0, show_default=True, help="Metres in the mesh's unit: 0.001 for mm.")
+@click.option("--grasps", "folder", type=_path, required=True, help="Folder of grasps: files or recordings.")
+@click.option(
+    "--out",
+    type=_path,
+    default=Path("calibration.yaml"),
+    show_default=True,
+    help="What was found, for the key `calibration` of the hand's file.",
+)
+@click.option("--html", type=_path, help="Writes a page with all residuals, before and after, finger by finger.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the searches for poses.")
+def calibrate(hand: str, mesh: Path, scale: float, folder: Path, out: Path, html: Path | None, seed: int) -> None:
+    """Finds what a hand is off by from grasps of one known object, in poses that need not be known.
+
+    The folder holds a YAML or JSON file for each grasp, or folders that `tactopose run --record` has made.
+    """
+    config = load_hand_config(hand)
+    check_outputs((out, html), inputs=(mesh, Path(hand), folder))
+    with ERRORS.status(f"reading {mesh}"):
+        model = load_object(mesh, scale=scale)
+    grasps = _grasps(folder, model)
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=ERRORS, transient=True) as progress:
+        task = progress.add_task("calibrating", total=1.0)
+        result = calibrate_hand(
+            config,
+            grasps,
+            CalibrationParams(seed=seed),
+            on_progress=lambda share, doing: progress.update(task, completed=share, description=doing),
+        )
+    OUT.print(calibration_table(result.calibration))
+    for line in calibration_lines(result, [grasp.name for grasp in grasps]):
+        OUT.print(line, soft_wrap=True)
+    result.save(out)
+    OUT.print(f"Written: {out}", soft_wrap=True)
+    if html is not None:
+        save_calibration_page(html, hand, result, [grasp.name for grasp in grasps])
+        OUT.print(f"Written: {html}", soft_wrap=True)
+
+
+def _grasps(folder: Path, model: ObjectModel) -> tuple[RecordedGrasp, ...]:
+    """The files of a folder, and the recordings that are in it."""
+    recordings = sorted(path.parent for path in folder.glob(f"*/{MANIFEST}")) if folder.is_dir() else []
+    has_files = any(path.suffix.lower() in GRASP_ENDINGS for path in folder.iterdir()) if recordings else True
+    files = load_grasps(folder, model) if has_files else ()
+    return (*files, *(quiet_grasp(read_recording(path), model, str(path)) for path in recordings))
+
+
+def calibration_table(found: HandCalibration) -> Table:
+    """One row an error, or three of the same kind."""
+    table = Table(title=f"The hand by {found.grasps} grasps", box=box.SIMPLE_HEAD, pad_edge=False)
+    table.add_column("off by")
+    for heading in ("found", "standard deviation", "unit"):
+        table.add_column(heading, justify="right")
+    for joint, offset in found.joint_offsets.items():
+        table.add_row(f"{joint} offset", f"{offset.value:.2f}", f"{offset.sigma:.2f}", "deg (m if it slides)")
+    for name, finger in found.fingers.items():
+        for what, vector, scale, unit in (
+            ("moment bias", finger.moment_bias, 1e3, "N mm"),
+            ("force bias", finger.force_bias, 1.0, "N"),
+            ("mounting, turned", finger.rotation_deg, 1.0, "deg"),
+            ("mounting, moved", finger.translation, 1e3, "mm"),
+        ):
+            values, sigmas = ([f"{scale * x:.2f}" for x in row] for row in (vector.value, vector.sigma))
+            table.add_row(f"{name} {what}", " ".join(values), " ".join(sigmas), unit)
+        table.add_row(f"{name} radius", f"{1e3 * finger.radius.value:.2f}", f"{1e3 * finger.radius.sigma:.2f}", "mm")
+    return table
+
+
+def calibration_lines(result: CalibrationResult, names: list[str]) -> list[str]:
+    """What else there is to say, a sentence each."""
+    noise = result.calibration.noise
+    lines = [
+        f"What remains of a contact: {1e3 * noise.position:.2f} mm along its normal, {noise.normal_deg:.1f} deg of it."
+    ]
+    left_out = [name for name, weight in zip(names, result.grasp_weights, strict=True) if weight < 0.5]
+    if left_out:
+        lines.append(f"Left out, because no pose of the object explains them with the others: {', '.join(left_out)}.")
+    texts = [combination.text for combination in result.undetermined]
+    if texts:
+        more = f"; and {len(texts) - _MOST_NAMED} more" if len(texts) > _MOST_NAMED else ""
+        lines.append(f"Not told by these grasps: {'; '.join(texts[:_MOST_NAMED])}{more}.")
+    if not result.converged:
+        lines.append("The fit had not come to its end: record other grasps, or more of them.")
+    return lines

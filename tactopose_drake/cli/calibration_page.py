@@ -1,0 +1,90 @@
+"""A page that shows how far each finger's contacts are off the object, before and after a calibration."""
+
+import html
+from pathlib import Path
+
+import numpy as np
+
+from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.estimation.output_files import written_beside
+from tactopose_drake.hand.hand_calibration import CalibrationResult
+
+_WIDTH, _ROW = 560, 22  # of a plot and of a finger's row in it, px
+_LEFT = 90
+_STYLE = """
+body { font: 15px/1.45 system-ui, sans-serif; max-width: 60em; margin: 2em auto; padding: 0 1em; color: #222; }
+table { border-collapse: collapse; } td, th { padding: 0.15em 0.8em 0.15em 0; text-align: right; }
+td:first-child, th:first-child { text-align: left; } svg text { font-size: 12px; fill: #444; }
+.before { fill: #c0392b; } .after { fill: #2471a3; } .axis { stroke: #999; stroke-width: 1; }
+"""
+
+
+def save_calibration_page(path: Path, hand: str, result: CalibrationResult, names: list[str]) -> None:
+    """Writes the page: one file that works from disk.
+
+    Raises:
+        InvalidFileError: if the file cannot be written.
+    """
+    distances = _plot("Distance from the surface, mm", result, "distance", 1e3)
+    angles = _plot("Angle between the normals, deg", result, "angle", 180.0 / np.pi)
+    rows = [
+        f"<tr><td>{html.escape(name)}</td><td>{weight:.2f}</td></tr>"
+        for name, weight in zip(names, result.grasp_weights, strict=True)
+    ]
+    untold = "".join(f"<li>{html.escape(combination.text)}</li>" for combination in result.undetermined)
+    text = (
+        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>Calibration of {html.escape(hand)}</title>'
+        f"<style>{_STYLE}</style></head><body><h1>Calibration of {html.escape(hand)}</h1>"
+        "<p>Each dot is a contact: above, red, with the hand as its files have it, the object's pose in each grasp "
+        "being the best for that; below, blue, with the calibrated hand.</p>"
+        f"{distances}{angles}{_table(result)}<h2>Grasps</h2><p>1 fits the others; 0 counted for nothing.</p>"
+        f"<table><tr><th>grasp</th><th>weight</th></tr>{''.join(rows)}</table>"
+        f"<h2>What these grasps do not tell</h2><ul>{untold or '<li>nothing</li>'}</ul></body></html>\n"
+    )
+    with written_beside(path) as beside:
+        beside.write_text(text, encoding="utf-8")
+
+
+def _table(result: CalibrationResult) -> str:
+    rows = []
+    for finger in result.before:
+        cells = []
+        for residuals in (result.before[finger], result.after[finger]):
+            cells += [f"{1e3 * _rms(residuals.distance):.2f}", f"{np.degrees(_rms(residuals.angle)):.1f}"]
+        rows.append(f"<tr><td>{html.escape(finger)}</td>{''.join(f'<td>{cell}</td>' for cell in cells)}</tr>")
+    heads = ("finger", "before, mm rms", "before, deg rms", "after, mm rms", "after, deg rms")
+    return f"<table><tr>{''.join(f'<th>{head}</th>' for head in heads)}</tr>{''.join(rows)}</table>"
+
+
+def _rms(values: FloatArray) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(known**2))) if len(known) else float("nan")
+
+
+def _plot(title: str, result: CalibrationResult, quantity: str, unit: float) -> str:
+    """Two rows of dots a finger, on a common axis."""
+    both = [
+        (name, kind, unit * getattr(side[name], quantity))
+        for name in result.before
+        for kind, side in (("before", result.before), ("after", result.after))
+    ]
+    known = np.concatenate([values[np.isfinite(values)] for _, _, values in both])
+    low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 1.0)
+    low, high = min(low, 0.0), max(high, low + 1e-9, 0.0)
+    scale = (_WIDTH - _LEFT - 20) / (high - low)
+    parts, y = [], 0
+    for name, kind, values in both:
+        y += _ROW // 2 if kind == "after" else _ROW
+        if kind == "before":
+            parts.append(f'<text x="0" y="{y + 8}">{html.escape(name)}</text>')
+        parts += [
+            f'<circle class="{kind}" cx="{_LEFT + scale * (x - low):.1f}" cy="{y}" r="3" fill-opacity="0.6"/>'
+            for x in values[np.isfinite(values)]
+        ]
+    height, zero = y + 2 * _ROW, _LEFT - scale * low
+    parts.append(f'<line class="axis" x1="{zero:.1f}" x2="{zero:.1f}" y1="8" y2="{y + 8}"/>')
+    for value in (low, 0.0, high):
+        parts.append(
+            f'<text x="{_LEFT + scale * (value - low):.1f}" y="{y + 24}" text-anchor="middle">{value:.2g}</text>'
+        )
+    return f'<h2>{title}</h2><svg width="{_WIDTH}" height="{height}" role="img">{"".join(parts)}</svg>'

@@ -1,0 +1,14 @@
+from .annealed_fit import AnnealedFit as AnnealedFit
+from .annealed_fit import ContactNoise as ContactNoise
+from .annealed_fit import anneal as anneal
+from .annealed_fit import start_noise as start_noise
+from .shared_least_squares import SharedProblem as SharedProblem
+from .shared_least_squares import Solution as Solution
+from .shared_least_squares import linearize as linearize
+from .shared_least_squares import solve_shared as solve_shared
+from .surface_rows import Noise as Noise
+from .surface_rows import SurfaceRows as SurfaceRows
+from .surface_rows import Touches as Touches
+from .surface_rows import surface_rows as surface_rows
+from .undetermined import Combination as Combination
+from .undetermined import undetermined as undetermined

@@ -1,0 +1,212 @@
+"""Grasps made up by kinematics alone: fingers of a hand with errors close on an object, and their readings are made up.
+
+For studies and tests that need many, and to see beforehand what grasps of an object would tell of a hand. No physics:
+the other links may pass through the object, and the forces are drawn at random within their cones of friction.
+"""
+
+import dataclasses
+import math
+
+import numpy as np
+from pydrake.multibody.plant import MultibodyPlant
+
+from tactopose_drake.core.poses import compose, exp_so3, inverse, make_poses, random_rotations, transform_points
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.surfaces import Surface
+from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.hand.contact_gains import thicker
+from tactopose_drake.hand.encoder_offsets import measured_joints
+from tactopose_drake.hand.felt_grasps import RecordedGrasp
+from tactopose_drake.hand.hand_config import Hand
+from tactopose_drake.hand.hand_errors import FingerErrors, HandErrors
+from tactopose_drake.hand.joint_matrices import joint_offsets
+from tactopose_drake.hand.kinematics import HandKinematics
+
+_POSTURES = 400  # of a finger, of which those near the object are taken
+_SAMPLES = 60  # of a fingertip's surface
+_NEAR = (-0.002, 0.004)  # gap between fingertip and object from which a finger is closed or opened, m
+_TRIES = 200  # places of the object
+_FINGER_TRIES = 8
+_CLOSE = 1e-8  # which a contact that was found may be off, in radians and shares of the length
+_ITERATIONS = 15  # to find a contact
+_STEP = 1e-6  # of its differences, in radians and shares of the length
+_LONGEST = 0.2  # of its steps
+_LENGTH = 0.01  # that counts as a radian in the search for a contact, m
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class ClosedGraspParams:
+    """How grasps are made up."""
+
+    least_fingers: int = 4  # that touch, or all fingers of a hand that has fewer
+    shift: float = 0.01  # of the object's middle from where the hand holds things, along each axis, m
+    least_force: float = 0.5  # normal force of a contact, N
+    most_force: float = 2.5  # N
+    friction: float = 0.4  # largest ratio of friction to normal force
+    local_torque: float = 0.0005  # about the normal, standard deviation, N m
+    noise_moment: float = 0.0  # of each component of the moment, N m
+    noise_force: float = 0.0  # of each component of the force, N
+    noise_joint_deg: float = 0.0  # of each joint's reading, anew in each grasp, deg
+    noise_surface: float = 0.0  # of where the object's surface is, along the normal at each contact, m
+    noise_normal_deg: float = 0.0  # of the object's normal there, about each axis, deg
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ClosedGrasp:
+    """A grasp that was made up, and its truth.
+
+    Attributes:
+        recorded: what the hand reads.
+        X_PO: true pose of the object, shape (3, 4).
+    """
+
+    recorded: RecordedGrasp
+    X_PO: FloatArray
+
+
+class GraspCloser:
+    """Closes a hand that has errors."""
+
+    def __init__(
+        self,
+        plant: MultibodyPlant,
+        hand: Hand,
+        errors: HandErrors,
+        vector: FloatArray,
+        params: ClosedGraspParams | None = None,
+    ) -> None:
+        """Keeps a reference to the plant.
+
+        Args:
+            plant: finalized plant of the hand alone.
+            hand: the hand in it, as its files have it.
+            errors: which errors it may have.
+            vector: those that it has, shape (d,), SI units.
+            params: how grasps are made up.
+        """
+        self._plant, self._hand, self._errors, self._vector = plant, hand, errors, vector
+        self._params = ClosedGraspParams() if params is None else params
+        self._least = min(self._params.least_fingers, len(errors.fingers))
+        self._kinematics = HandKinematics(plant, hand.palm_frame)
+        self._gains = errors.gains(plant, hand)
+        self._constant = joint_offsets(plant, hand, measured_joints(plant, hand))
+        joints = [plant.GetJointByName(name, hand.model_instance) for name in errors.joints]
+        limits = np.array([[j.position_lower_limits()[0], j.position_upper_limits()[0]] for j in joints])
+        self._low, self._high = np.clip(limits, -1.0, 1.6).T
+        draw = np.random.default_rng(0)
+        self._postures: dict[str, tuple[FloatArray, FloatArray]] = {}  # of each finger's joints, and X_PM at them
+        for finger in errors.fingers:
+            moves = np.isin(errors.joints, hand.config.finger(finger).joints)
+            positions = np.where(moves, draw.uniform(self._low, self._high, (_POSTURES, len(moves))), 0.0)
+            self._postures[finger] = positions, np.array([self._X_PM(finger, row) for row in positions])
+
+    def grasp(self, model: ObjectModel, generator: np.random.Generator, time: float | None = None) -> ClosedGrasp:
+        """A grasp of an object somewhere in the hand.
+
+        Raises:
+            InvalidInputError: if the fingers do not reach it.
+        """
+        config = self._hand.config
+        middle = 0.5 * (np.array(config.grip_low) + np.array(config.grip_high))
+        for _ in range(_TRIES):
+            R_PO = random_rotations(generator, 1)[0]
+            shift = generator.uniform(-1.0, 1.0, 3) * self._params.shift
+            X_PO = np.column_stack([R_PO, middle + shift - R_PO @ model.middle])
+            positions, contacts = self._close(model, X_PO, generator)
+            if len(contacts) >= self._least:
+                wrenches = {f: self._wrench(f, *contact, time or 0.0, generator) for f, contact in contacts.items()}
+                noise = math.radians(self._params.noise_joint_deg) * generator.normal(size=len(positions))
+                readings = positions + self._errors.offsets(self._vector) + noise
+                named = dict(zip(self._errors.joints, readings.tolist(), strict=True))
+                return ClosedGrasp(RecordedGrasp(model, named, wrenches, time=time), X_PO)
+        raise InvalidInputError(f"{model.name}: the hand's fingers do not reach it in {_TRIES} tries.")
+
+    def _close(
+        self, model: ObjectModel, X_PO: FloatArray, generator: np.random.Generator
+    ) -> tuple[FloatArray, dict[str, tuple[FloatArray, FloatArray]]]:
+        """The measured joints' true positions, and each finger's contact point and normal in S."""
+        positions, fingers = np.zeros(len(self._low)), self._errors.fingers
+        contacts: dict[str, tuple[FloatArray, FloatArray]] = {}
+        for left, finger in zip(range(len(fingers), 0, -1), fingers, strict=True):
+            if len(contacts) + left < self._least:
+                break
+            surface = thicker(self._hand.surfaces[finger], self._own(finger).radius)
+            p_SQ = surface.sample(generator, _SAMPLES)
+            of_finger, X_PM = self._postures[finger]
+            gaps = model.grid.distance(transform_points(compose(inverse(X_PO), X_PM), p_SQ))
+            least = gaps.min(axis=1)
+            near = np.flatnonzero((least > _NEAR[0]) & (least < _NEAR[1]))
+            for k in generator.permutation(near)[:_FINGER_TRIES]:
+                start = p_SQ[int(np.argmin(gaps[k]))]
+                found = self._contact(finger, surface, of_finger[k], start, model, X_PO, generator)
+                if found is not None:
+                    positions = positions + found[0]
+                    contacts[finger] = found[1], found[2]
+                    break
+        return positions, contacts
+
+    def _contact(
+        self,
+        finger: str,
+        surface: Surface,
+        near: FloatArray,
+        start: FloatArray,
+        model: ObjectModel,
+        X_PO: FloatArray,
+        generator: np.random.Generator,
+    ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+        """Where a finger near the object touches it: positions of its joints, and the point and normal in S."""
+        way = np.where(near != 0.0, generator.uniform(0.3, 1.0, len(near)), 0.0)
+
+        gap = self._params.noise_surface * generator.normal()
+        turn = exp_so3(math.radians(self._params.noise_normal_deg) * generator.normal(size=3))
+        X_OP, x = inverse(X_PO), np.concatenate([[0.0], start / _LENGTH])
+
+        def residuals(share: float, points: FloatArray) -> FloatArray:
+            X_OM, p = compose(X_OP, self._X_PM(finger, near + share * way)), _LENGTH * points
+            phi, n_O = model.grid.distance_and_normal(transform_points(X_OM, p))
+            facing = n_O @ turn.T + surface.normal(p) @ X_OM[:, :3].T
+            return np.column_stack([surface.value(p), (phi - gap) / _LENGTH, facing])
+
+        for _ in range(_ITERATIONS):
+            steps = np.concatenate([np.zeros((1, 3)), _STEP * np.eye(3)])
+            at = residuals(x[0], x[1:] + steps)
+            if np.abs(at[0]).max() < _CLOSE:
+                break
+            by_share = residuals(x[0] + _STEP, x[None, 1:])[0] - at[0]
+            J = np.column_stack([by_share, *(at[1:] - at[0])]) / _STEP
+            step = np.linalg.lstsq(J, -at[0], rcond=1e-9)[0]
+            x += step * min(1.0, _LONGEST / np.abs(step).max())
+        else:
+            return None
+        positions, p_SC = near + x[0] * way, _LENGTH * x[1:]
+        if np.any((positions < self._low) | (positions > self._high)):
+            return None
+        if (surface.X_SF[:, :3].T @ (p_SC - surface.X_SF[:, 3]))[2] < surface.shape[5]:  # below what can be touched
+            return None
+        return positions, p_SC, surface.normal(p_SC[None])[0]
+
+    def _X_PM(self, finger: str, positions: FloatArray) -> FloatArray:
+        """Where the sensor is truly, with its fingertip, shape (3, 4)."""
+        self._kinematics.move(self._gains @ positions + self._constant)
+        X_PS = self._kinematics.poses({finger: self._hand.sensor_frames[finger]})[finger].GetAsMatrix34()
+        mounting = self._own(finger).mounting
+        return compose(X_PS, make_poses(exp_so3(mounting[:3]), mounting[3:]))
+
+    def _wrench(
+        self, finger: str, p: FloatArray, n: FloatArray, time: float, generator: np.random.Generator
+    ) -> FloatArray:
+        """What the sensor reads."""
+        params, own = self._params, self._own(finger)
+        push = generator.uniform(params.least_force, params.most_force)
+        across = np.cross(n, generator.normal(size=3))
+        across *= generator.uniform(0.0, params.friction) * push / np.linalg.norm(across)
+        force = across - push * n
+        moment = np.cross(p, force) + params.local_torque * generator.normal() * n
+        noise = generator.normal(size=6) * np.repeat([params.noise_moment, params.noise_force], 3)
+        wrench: FloatArray = np.concatenate([moment, force]) + own.bias + time * own.drift + noise
+        return wrench
+
+    def _own(self, finger: str) -> FingerErrors:
+        return self._errors.of_finger(self._vector, finger)

@@ -1,0 +1,65 @@
+"""How a fingertip's contact moves with its wrench and with the fingertip's radius."""
+
+import dataclasses
+from typing import NamedTuple
+
+import numpy as np
+
+from tactopose_drake.core.sensing.intrinsic_contact import ContactSolution, ContactSolutions, solve_contacts
+from tactopose_drake.core.surfaces import Surface
+from tactopose_drake.core.surfaces.ellipsoid import Ellipsoid
+from tactopose_drake.core.validation import FloatArray
+
+# Steps of the differences: of the moment, N m, of the force, N, and of the radius, m.
+_STEPS = np.repeat([1e-7, 1e-5], 3)
+_RADIUS_STEP = 1e-7
+
+
+class ContactGains(NamedTuple):
+    """Contacts of some wrenches on one fingertip, in S, and their derivatives.
+
+    Attributes:
+        solutions: the contacts.
+        point: derivative of the point by the wrench (six) and by the radius, shape (k, 3, 7).
+        turn: likewise of a small rotation of the normal.
+    """
+
+    solutions: ContactSolutions
+    point: FloatArray
+    turn: FloatArray
+
+
+def contact_gains(F_S: FloatArray, surface: Surface) -> ContactGains:
+    """The contacts of wrenches (k, 6) and how they move; by differences, zero where a difference is no contact.
+
+    Args:
+        F_S: wrenches [m, f], N m and N.
+        surface: of the fingertip.
+    """
+    steps = np.concatenate([np.zeros((1, 6)), np.diag(_STEPS), -np.diag(_STEPS)])
+    solved = solve_contacts((F_S[:, None] + steps).reshape(-1, 6), surface)
+    p, n = (rows.reshape(len(F_S), 13, 3) for rows in (solved.p_SC, solved.n_S))
+    by_wrench = [np.swapaxes(rows[:, 1:7] - rows[:, 7:], 1, 2) / (2.0 * _STEPS) for rows in (p, n)]
+    sides = [solve_contacts(F_S, thicker(surface, step)) for step in (_RADIUS_STEP, -_RADIUS_STEP)]
+    by_radius = [
+        (getattr(sides[0], name) - getattr(sides[1], name))[..., None] / (2.0 * _RADIUS_STEP)
+        for name in ("p_SC", "n_S")
+    ]
+    point, normal = (np.concatenate(both, axis=2) for both in zip(by_wrench, by_radius, strict=True))
+    turn = np.cross(n[:, 0, None], np.swapaxes(normal, 1, 2))
+    solutions = solve_contacts(F_S, surface)
+    return ContactGains(solutions, np.nan_to_num(point), np.nan_to_num(np.swapaxes(turn, 1, 2)))
+
+
+def thicker(surface: Surface, by: float) -> Surface:
+    """The surface, its radius or semi-axes longer by so much, m."""
+    if isinstance(surface, Ellipsoid):
+        a, b, c = surface.semi_axes
+        return dataclasses.replace(surface, semi_axes=(a + by, b + by, c + by))
+    return dataclasses.replace(surface, radius=surface.radius + by)  # type: ignore[attr-defined,call-arg]
+
+
+def wrench_of(solution: ContactSolution) -> FloatArray:
+    """The wrench [m, f] that a contact is of, shape (6,), N m and N."""
+    force = solution.normal_force + solution.friction_force
+    return np.concatenate([np.cross(solution.p_SC, force) + solution.local_torque, force])

@@ -1,0 +1,191 @@
+"""The contacts of recorded grasps, for any errors of the hand, and how they move with these errors."""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.multibody.plant import MultibodyPlant
+
+from tactopose_drake.core.calibration.surface_rows import Noise, Touches
+from tactopose_drake.core.poses import exp_so3, skew
+from tactopose_drake.core.sensing.contact_noise import NANO17_SIGMA_FORCE, NANO17_SIGMA_MOMENT, contact_covariance
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.validation import FloatArray, finite_array, instance_of
+from tactopose_drake.errors import InvalidInputError, UnknownNameError
+from tactopose_drake.hand.contact_gains import contact_gains, thicker
+from tactopose_drake.hand.encoder_offsets import measured_joints
+from tactopose_drake.hand.hand_config import Hand
+from tactopose_drake.hand.hand_errors import HandErrors
+from tactopose_drake.hand.joint_paths import JointPaths
+from tactopose_drake.hand.kinematics import HandKinematics
+from tactopose_drake.hand.named_joints import NamedJoints
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class RecordedGrasp:
+    """What a hand read at one quiet instant of a grasp of a known object.
+
+    Attributes:
+        model: the object.
+        joint_positions: readings by the joints' names, rad, of sliding joints m; joints that follow others may be left
+            out.
+        wrenches: of the fingers that touch the object, and no others: [m_x, m_y, m_z, f_x, f_y, f_z] on the fingertip
+            about its sensor's origin, in S, without the fingertip's weight, N m and N.
+        out_of_touch: the same of fingers that touched nothing at about that time: what their sensors read all the same.
+        time: when it was, s; None where biases do not drift.
+        name: for messages.
+    """
+
+    model: ObjectModel
+    joint_positions: Mapping[str, float]
+    wrenches: Mapping[str, ArrayLike]
+    out_of_touch: Mapping[str, ArrayLike] = dataclasses.field(default_factory=dict)
+    time: float | None = None
+    name: str = ""
+
+
+@dataclasses.dataclass(frozen=True)
+class _Finger:
+    """One finger in all grasps that it touches: which these are, its wrenches (k, 6), and their times (k,)."""
+
+    rows: NDArray[np.int64]
+    grasp: NDArray[np.int64]
+    wrenches: FloatArray
+    times: FloatArray
+
+
+class FeltGrasps:
+    """The contacts of grasps as functions of the hand's errors.
+
+    Attributes:
+        grasp: which grasp each contact is of, shape (n,).
+        finger: which finger, as a place in the errors' fingers, shape (n,).
+        times: of the grasps from their middle on, shape (g,), s.
+    """
+
+    def __init__(self, plant: MultibodyPlant, hand: Hand, errors: HandErrors, grasps: Sequence[RecordedGrasp]) -> None:
+        """Keeps a reference to the plant.
+
+        Args:
+            plant: finalized plant of the hand alone.
+            hand: the hand in it, as its files have it.
+            errors: which errors it may have.
+            grasps: what was recorded; checked already, see `check_grasps`.
+        """
+        self._errors, self._hand = errors, hand
+        self._kinematics = HandKinematics(plant, hand.palm_frame)
+        self._gains = errors.gains(plant, hand)
+        named = NamedJoints(plant, hand)
+        # A reading that is missing moves no fingertip, see `check_grasps`.
+        readings = [named.positions("joint_positions", dict(g.joint_positions)) for g in grasps]
+        self._readings = np.nan_to_num(np.array(readings))
+        self.times = np.array([0.0 if g.time is None else g.time for g in grasps])
+        self.times -= 0.5 * (self.times.min() + self.times.max())
+        touching = [(i, finger) for i, g in enumerate(grasps) for finger in errors.fingers if finger in g.wrenches]
+        self.grasp = np.array([i for i, _ in touching], dtype=np.int64)
+        self.finger = np.array([errors.fingers.index(finger) for _, finger in touching], dtype=np.int64)
+        self._fingers: dict[str, _Finger] = {}
+        for k, finger in enumerate(errors.fingers):
+            rows = np.flatnonzero(self.finger == k)
+            wrenches = np.array([grasps[i].wrenches[finger] for i in self.grasp[rows]], dtype=float).reshape(-1, 6)
+            self._fingers[finger] = _Finger(rows, self.grasp[rows], wrenches, self.times[self.grasp[rows]])
+
+    def touches(self, unit: FloatArray) -> Touches:
+        """The contacts for errors in units of their standard deviations.
+
+        Args:
+            unit: shape (f,), of the errors that there may be.
+        """
+        errors, count, vector = self._errors, len(self.grasp), self.vector(unit)
+        p, n, J = np.zeros((count, 3)), np.tile([0.0, 0.0, 1.0], (count, 1)), np.zeros((count, 6, len(vector)))
+        valid, in_sensor = np.zeros(count, dtype=np.bool_), np.zeros((count, 6))
+        for finger, felt in self._fingers.items():
+            own = errors.of_finger(vector, finger)
+            F_S = felt.wrenches - own.bias - felt.times[:, None] * own.drift
+            solutions, by_point, by_turn = contact_gains(F_S, thicker(self._hand.surfaces[finger], own.radius))
+            valid[felt.rows] = solutions.valid
+            R_SM, p_SM = exp_so3(own.mounting[:3]), own.mounting[3:]
+            turned = solutions.p_SC @ R_SM.T
+            in_sensor[felt.rows] = np.column_stack([turned + p_SM, solutions.n_S @ R_SM.T])
+            moved = np.concatenate([R_SM @ by_point, R_SM @ by_turn], axis=1)
+            block = np.zeros((len(felt.rows), 6, len(vector)))
+            block[:, :, errors.place(finger, "bias")] = -moved[:, :, :6]
+            block[:, :, errors.place(finger, "drift")] = -felt.times[:, None, None] * moved[:, :, :6]
+            block[:, :, errors.place(finger, "radius")] = moved[:, :, 6:]
+            start = errors.place(finger, "mounting").start
+            block[:, :3, start : start + 3] = -skew(turned)
+            block[:, :3, start + 3 : start + 6] = np.eye(3)
+            block[:, 3:, start : start + 3] = np.eye(3)
+            J[felt.rows] = block
+        q = self._readings - self._gains @ errors.offsets(vector)
+        for g in np.unique(self.grasp[valid]):
+            self._kinematics.move(q[g])
+            X_P = self._kinematics.poses(self._hand.sensor_frames)
+            for row in np.flatnonzero(valid & (self.grasp == g)):
+                finger = errors.fingers[self.finger[row]]
+                X, p_SC = X_P[finger].GetAsMatrix34(), in_sensor[row, :3]
+                p[row], n[row] = X[:, :3] @ p_SC + X[:, 3], -(X[:, :3] @ in_sensor[row, 3:])
+                J[row] = (X[:, :3] @ J[row].reshape(2, 3, -1)).reshape(6, -1)
+                by_joints = self._kinematics.jacobian(self._hand.sensor_frames[finger], p_SC) @ self._gains
+                J[row, :3, : len(errors.joints)], J[row, 3:, : len(errors.joints)] = -by_joints[3:], -by_joints[:3]
+        J[~valid] = 0.0
+        scaled = J[:, :, errors.free] * errors.sigma[errors.free]
+        return Touches(self.grasp, p, n / np.linalg.norm(n, axis=1, keepdims=True), scaled, valid)
+
+    def vector(self, unit: FloatArray) -> FloatArray:
+        """All errors in SI units, shape (d,), from those that there may be in units of their standard deviations."""
+        errors, vector = self._errors, np.zeros(len(self._errors.sigma))
+        vector[errors.free] = errors.sigma[errors.free] * unit
+        return vector
+
+    def wrench_noise(self) -> Noise:
+        """By how much the sensors' noise alone moves the contacts; as much as a weak one's where there is none."""
+        normal = np.full(len(self.grasp), np.nan)
+        for finger, felt in self._fingers.items():
+            surface = self._hand.surfaces[finger]
+            solutions = contact_gains(felt.wrenches, surface).solutions
+            noise = contact_covariance(
+                solutions, surface, sigma_moment=NANO17_SIGMA_MOMENT, sigma_force=NANO17_SIGMA_FORCE
+            )
+            normal[felt.rows] = np.sqrt(0.5 * np.trace(noise.n, axis1=1, axis2=2))
+        largest = float(np.nanmax(normal, initial=0.0))
+        return Noise(np.zeros(len(normal)), np.where(np.isnan(normal), largest, normal))
+
+    def readings(self, grasps: Sequence[RecordedGrasp]) -> tuple[FloatArray, FloatArray]:
+        """What out-of-touch readings say of the biases: whitened rows (m, f), and what they come to (m,)."""
+        errors, rows, values = self._errors, [], []
+        noise = np.repeat([NANO17_SIGMA_MOMENT, NANO17_SIGMA_FORCE], 3)
+        for grasp, time in zip(grasps, self.times, strict=True):
+            for finger, reading in grasp.out_of_touch.items():
+                block = np.zeros((6, len(errors.sigma)))
+                block[:, errors.place(finger, "bias")] = np.eye(6)
+                block[:, errors.place(finger, "drift")] = time * np.eye(6)
+                rows.append((block * errors.sigma)[:, errors.free] / noise[:, None])
+                values.append(np.asarray(reading, dtype=float) / noise)
+        if not rows:
+            return np.zeros((0, len(errors.free))), np.zeros(0)
+        return np.concatenate(rows), np.concatenate(values)
+
+
+def check_grasps(plant: MultibodyPlant, hand: Hand, grasps: Sequence[RecordedGrasp]) -> None:
+    """Raises InvalidInputError if a grasp holds what the hand has not, or what is no reading."""
+    named, paths = NamedJoints(plant, hand), JointPaths(plant, hand.palm_frame)
+    for i, grasp in enumerate(grasps):
+        instance_of(f"grasps[{i}]", grasp, RecordedGrasp)
+        where = grasp.name or f"grasps[{i}]"
+        instance_of(f"{where}: model", grasp.model, ObjectModel)
+        q = named.positions(f"{where}: joint_positions", dict(grasp.joint_positions))
+        known = paths.known(q)
+        if not all(known[int(frame.body().index())] for frame in hand.sensor_frames.values()):
+            missing = [joint for joint in measured_joints(plant, hand) if joint not in grasp.joint_positions]
+            raise InvalidInputError(
+                f"{where}: joint_positions: lack {', '.join(missing)}; allowed is a number of each."
+            )
+        for key, wrenches in (("wrenches", grasp.wrenches), ("out_of_touch", grasp.out_of_touch)):
+            for finger, wrench in wrenches.items():
+                if finger not in hand.sensor_frames:
+                    raise UnknownNameError(f"{where}: {key}", finger, hand.sensor_frames)
+                finite_array(f"{where}: {key}.{finger}", wrench, (6,))
+        if grasp.time is not None:
+            finite_array(f"{where}: time", [grasp.time], (1,))

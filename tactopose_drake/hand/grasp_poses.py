@@ -1,0 +1,159 @@
+"""Where the object may be in each recorded grasp: what a calibration begins with, and what it comes back to.
+
+A grasp's hypotheses come from the package's own estimate, with contacts as uncertain as the hand's errors make them at
+that moment. One that is wrong would bend the whole calibration; so after each fit every hypothesis of every grasp is
+tried with the hand as it is known by then, and the estimate is asked again with the contacts that this hand gives. And
+the whole is begun anew with other hypotheses, until two attempts agree.
+"""
+
+import dataclasses
+import functools
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from tactopose_drake.core.calibration.annealed_fit import AnnealedFit, ContactNoise, anneal, start_noise
+from tactopose_drake.core.calibration.shared_least_squares import SharedProblem, linearize, solve_shared
+from tactopose_drake.core.calibration.surface_rows import Noise, Touches
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.estimation.estimate import estimate_pose
+
+_HYPOTHESES = 24  # of a grasp
+_ROUGHLY = 1e-3  # relative change of the cost, at which a descent to a pose ends
+_ROUNDS = 6
+_ATTEMPTS = 4
+_AGREE = 0.01  # relative difference of the costs of two attempts, below which they are taken to have found the poses
+_MOVED = 1e-3  # of an entry of a pose, m or 1, above which it is another
+_AGAIN = 4.0  # times the noise, with which a later fit begins
+_BETTER = 1e-3  # relative, of the cost
+_LEAST = np.diag(np.repeat([1e-5**2, 1e-3**2], 3))  # covariance of a contact of a hand that errs in nothing
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class PoseHunt:
+    """What the search for the poses is about.
+
+    Attributes:
+        problem: all grasps.
+        models: the object of each.
+        noise: of the contacts, beside the hand's errors.
+        seed: of the estimates' random numbers.
+    """
+
+    problem: SharedProblem
+    models: Sequence[ObjectModel]
+    noise: ContactNoise
+    seed: int = 0
+
+    def best_fit(self, tell: Callable[[float, str], None]) -> AnnealedFit:
+        """The fit of the best poses that are found.
+
+        Args:
+            tell: is told how much of the work is done, from 0 to 1, and what begins.
+        """
+        tell(0.0, "looking for the object in each grasp")
+        none = np.zeros(self.problem.readings.shape[1])
+        found, generator = self._estimates(none, np.eye(len(none))), np.random.default_rng(self.seed)
+        best: AnnealedFit | None = None
+        for attempt in range(_ATTEMPTS):
+            # The first begins with the likeliest pose of each grasp, the others with any that may be.
+            picks = [0 if attempt == 0 else int(generator.integers(len(poses))) for poses in found]
+            X_PO = np.array([poses[k] for poses, k in zip(found, picks, strict=True)])
+            fit = self._descend(X_PO, found, functools.partial(_tell_share, tell, attempt))
+            if best is None:
+                best = fit
+                continue
+            costs = self._costs(fit, best)
+            if costs[0] < costs[1]:
+                best = fit
+            if abs(costs[0] - costs[1]) < _AGREE * min(costs):
+                break
+        assert best is not None
+        return best
+
+    def _costs(self, *fits: AnnealedFit) -> list[float]:
+        """Of fits, by the noise of those that claim to have the least."""
+        noise = self.noise._replace(
+            position=min(fit.noise.position for fit in fits), normal=min(fit.noise.normal for fit in fits)
+        )
+        return [linearize(self.problem, f.solution.shared, f.solution.X_PO, noise.total).cost for f in fits]
+
+    def _descend(self, X_PO: FloatArray, found: Sequence[FloatArray], tell: Callable[[float], None]) -> AnnealedFit:
+        """The fit that the poses of a start lead to."""
+        none = np.zeros(self.problem.readings.shape[1])
+        tell(0.5 / (_ROUNDS + 1))
+        best = anneal(self.problem, none, X_PO, self.noise, start_noise(self.problem.touch(none), self.noise))
+        for k in range(_ROUNDS):
+            tell((k + 1) / (_ROUNDS + 1))
+            solution = best.solution
+            more = self._estimates(solution.shared, solution.covariance)
+            candidates = [np.concatenate([a, b]) for a, b in zip(found, more, strict=True)]
+            X_PO = self._choose(best, candidates)
+            changed = np.abs(X_PO - solution.X_PO).max(axis=(1, 2)) > _MOVED
+            if not changed.any():
+                break
+            again = _AGAIN * max(self.noise.position, best.noise.position), _AGAIN * best.noise.normal
+            other = anneal(self.problem, solution.shared, X_PO, self.noise, again)
+            # With the same noise, lest one that explains less is taken for one that has more noise.
+            there = linearize(self.problem, other.solution.shared, other.solution.X_PO, best.noise.total)
+            if not there.cost < solution.at.cost * (1.0 - _BETTER):
+                break
+            best = other
+        return best
+
+    def _estimates(self, unit: FloatArray, covariance: FloatArray) -> list[FloatArray]:
+        """The hypotheses of each grasp, best first, shape (h, 3, 4) each; the identity where nothing is felt."""
+        touches, total = self.problem.touch(unit), self.noise.total
+        by_hand = touches.J @ covariance @ np.swapaxes(touches.J, 1, 2) + _LEAST
+        by_hand[:, :3, :3] += total.position[:, None, None] ** 2 * np.eye(3)
+        by_hand[:, 3:, 3:] += total.normal[:, None, None] ** 2 * np.eye(3)
+        by_hand = 0.5 * (by_hand + np.swapaxes(by_hand, 1, 2))
+        found = []
+        for g, model in enumerate(self.models):
+            rows = np.flatnonzero((touches.grasp == g) & touches.valid)
+            if not len(rows):
+                found.append(np.eye(3, 4)[None])
+                continue
+            contacts = Contacts(touches.p_PC[rows], touches.n_PC[rows], covariance=by_hand[rows])
+            estimate = estimate_pose(model, contacts, seed=self.seed, max_hypotheses=_HYPOTHESES)
+            found.append(np.array([h.X_PO.GetAsMatrix34() for h in estimate.hypotheses]))
+        return found
+
+    def _choose(self, fit: AnnealedFit, candidates: Sequence[FloatArray]) -> FloatArray:
+        """Of each grasp the pose that fits best with the hand as a fit knows it, by descent from each candidate."""
+        X_PO, frozen = fit.solution.X_PO, self.problem.touch(fit.solution.shared)
+        chosen, least = X_PO.copy(), np.full(len(X_PO), np.inf)
+        by_hand = frozen.J @ fit.solution.covariance @ np.swapaxes(frozen.J, 1, 2)
+        along = np.einsum("ni,nij,nj->n", frozen.n_PC, by_hand[:, :3, :3], frozen.n_PC)
+        turned = np.trace(by_hand[:, 3:, 3:], axis1=1, axis2=2) / 3.0
+        noise = Noise(np.sqrt(fit.noise.total.position**2 + along), np.sqrt(fit.noise.total.normal**2 + turned))
+        for k in range(-1, max(map(len, candidates))):
+            start = X_PO if k < 0 else np.array([poses[min(k, len(poses) - 1)] for poses in candidates])
+            poses, cost = fit_poses(self.problem, frozen, start, noise)
+            better = cost < least - _BETTER
+            chosen[better], least[better] = poses[better], cost[better]
+        return chosen
+
+
+def _tell_share(tell: Callable[[float, str], None], attempt: int, share: float) -> None:
+    tell((attempt + share) / _ATTEMPTS, "fitting the hand")
+
+
+def fit_poses(
+    problem: SharedProblem, touches: Touches, X_PO: FloatArray, noise: Noise
+) -> tuple[FloatArray, FloatArray]:
+    """Descends to the nearest poses, the contacts being what they are.
+
+    Returns:
+        The poses, shape (g, 3, 4), and the sum of squares of each grasp, shape (g,), each contact's bounded.
+    """
+    fixed = touches._replace(J=np.zeros((len(touches.grasp), 6, 0)))
+    alone = SharedProblem(lambda _: fixed, problem.grids, np.zeros((0, 0)), np.zeros(0))
+    for widened in (4.0, 1.0):
+        wide = Noise(widened * noise.position, widened * noise.normal)
+        solution = solve_shared(alone, np.zeros(0), X_PO, wide, _ROUGHLY)
+        X_PO = solution.X_PO
+    square = np.minimum(np.sum(solution.at.rows.residual**2, axis=1), 25.0)
+    return X_PO, np.asarray(np.bincount(touches.grasp, weights=square, minlength=len(X_PO)), dtype=np.float64)

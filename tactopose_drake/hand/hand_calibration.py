@@ -1,0 +1,208 @@
+"""Calibration of a hand from grasps of known objects in unknown poses: the errors that explain all of them together.
+
+Each contact says that a point of the hand is on the object's surface, and which way the surface faces there. Six of
+these numbers of a grasp are spent on the object's pose; the others are about the hand, and the hand is the same in all
+grasps. So the offsets of the encoders, the biases of the sensors, and the fingertips' radii and mountings are found
+together with all poses, in one least-squares problem, whose prior is what the hand's file says of its `uncertainty`.
+"""
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactopose_drake.core.calibration.annealed_fit import AnnealedFit, ContactNoise
+from tactopose_drake.core.calibration.shared_least_squares import SharedProblem
+from tactopose_drake.core.calibration.surface_rows import Noise, Touches, surface_rows
+from tactopose_drake.core.calibration.undetermined import Combination, undetermined
+from tactopose_drake.core.sensing.contact_noise import NANO17_SIGMA_FORCE, NANO17_SIGMA_MOMENT
+from tactopose_drake.core.validation import FloatArray, instance_of, positive_number, whole_number
+from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.hand.calibration_file import HandCalibration, save_calibration
+from tactopose_drake.hand.calibration_report import calibration_of
+from tactopose_drake.hand.felt_grasps import FeltGrasps, RecordedGrasp, check_grasps
+from tactopose_drake.hand.grasp_poses import PoseHunt, fit_poses
+from tactopose_drake.hand.hand_config import HandConfig, HandUncertainty, load_hand_config, make_hand_plant
+from tactopose_drake.hand.hand_errors import HandErrors
+
+_FEWEST = 3
+_BEFORE = (0.003, math.radians(10.0))  # noise with which poses are fitted to the hand as its files have it, m, rad
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class CalibrationParams:
+    """What a calibration begins with; the noise that the grasps show takes its place."""
+
+    sigma_position: float = 0.0003  # of a contact's distance from the surface by other than the hand's errors, m
+    sigma_normal_deg: float = 1.5  # likewise of its normal about each axis, deg
+    seed: int = 0  # of the searches for the poses
+
+    def validate(self) -> None:
+        """Raises InvalidInputError if a value is out of its range."""
+        positive_number("CalibrationParams.sigma_position", self.sigma_position)
+        positive_number("CalibrationParams.sigma_normal_deg", self.sigma_normal_deg)
+        whole_number("CalibrationParams.seed", self.seed, least=0)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class FingerResiduals:
+    """How far one finger's contacts are off the object's surface.
+
+    Attributes:
+        distance: shape (k,), m.
+        angle: of the normal, shape (k,), rad.
+    """
+
+    distance: FloatArray
+    angle: FloatArray
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class CalibrationResult:
+    """What a calibration found.
+
+    Attributes:
+        calibration: what `save` writes, and a hand's file names.
+        names: of the errors that were looked for.
+        values: of these, shape (d,), SI units.
+        covariance: of these, shape (d, d).
+        prior_sigma: their standard deviations before, shape (d,).
+        undetermined: combinations of errors of which the grasps say nothing.
+        X_PO: pose of the object in each grasp, shape (g, 3, 4).
+        grasp_weights: 1 of a grasp that fits the others, 0 of one that does not and counted for nothing, shape (g,).
+        contact_weights: likewise of the contacts, by finger in the order of the grasps.
+        before: residuals of the hand as its files have it, by finger, each grasp's pose being the best for it.
+        after: residuals of the calibrated hand, by finger.
+        converged: whether the fit had come to its end.
+    """
+
+    calibration: HandCalibration
+    names: tuple[str, ...]
+    values: FloatArray
+    covariance: FloatArray
+    prior_sigma: FloatArray
+    undetermined: tuple[Combination, ...]
+    X_PO: FloatArray
+    grasp_weights: FloatArray
+    contact_weights: dict[str, FloatArray]
+    before: dict[str, FingerResiduals]
+    after: dict[str, FingerResiduals]
+    converged: bool
+
+    @property
+    def sigma(self) -> FloatArray:
+        """Standard deviations of the values, shape (d,)."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    def save(self, path: str | Path) -> None:
+        """Writes calibration.yaml.
+
+        Raises:
+            InvalidFileError: if the file cannot be written.
+        """
+        save_calibration(Path(path), self.calibration)
+
+
+def calibrate_hand(
+    hand: HandConfig | str | Path,
+    grasps: Sequence[RecordedGrasp],
+    params: CalibrationParams | None = None,
+    *,
+    on_progress: Callable[[float, str], None] | None = None,
+) -> CalibrationResult:
+    """Finds what a hand is off by from grasps of known objects, whose poses in the hand are not known.
+
+    A hand's `uncertainty` says how large its errors may be, each 0 that is not to be looked for; without it, those of a
+    good research hand are taken. A calibration that the hand's file names already is left aside.
+
+    Args:
+        hand: the hand's description, its name, or the path of its file.
+        grasps: what was recorded, 10 to 40 as a rule: of an object without symmetry, by three fingers or more, held in
+            as different ways as the hand can. Where all have a time, and it is not one, biases may drift.
+        params: what the fit begins with.
+        on_progress: is told how much of the work is done, from 0 to 1, and what begins.
+
+    Raises:
+        InvalidInputError: fewer than 3 grasps or no contact, a grasp with a name that the hand has not, or that lacks a
+            joint's reading.
+        InvalidFileError: if the hand's file cannot be used.
+    """
+    params = CalibrationParams() if params is None else params
+    params.validate()
+    config = hand if isinstance(hand, HandConfig) else load_hand_config(hand)
+    instance_of("hand", config, HandConfig)
+    if len(grasps) < _FEWEST:
+        raise InvalidInputError(f"grasps: there are {len(grasps)}; allowed are {_FEWEST} or more.")
+    plant, parts = make_hand_plant(dataclasses.replace(config, calibration=""))
+    check_grasps(plant, parts, grasps)
+    uncertainty = HandUncertainty() if config.uncertainty is None else config.uncertainty
+    errors = HandErrors.of(plant, parts, uncertainty, _time_span(grasps))
+    if not len(errors.free):
+        raise InvalidInputError("uncertainty: every error is 0; allowed is at least one above 0.")
+    felt = FeltGrasps(plant, parts, errors, grasps)
+    if not len(felt.grasp):
+        raise InvalidInputError("grasps: no finger with a force-torque sensor touches in any; allowed are those where.")
+    rows, measured = felt.readings(grasps)
+    models = [grasp.model for grasp in grasps]
+    problem = SharedProblem(felt.touches, [model.grid for model in models], rows, measured)
+    noise = ContactNoise(felt.wrench_noise(), params.sigma_position, math.radians(params.sigma_normal_deg))
+    fit = PoseHunt(problem, models, noise, params.seed).best_fit(on_progress or (lambda share, doing: None))
+    return _result(felt, errors, problem, fit)
+
+
+def _time_span(grasps: Sequence[RecordedGrasp]) -> float:
+    """The time over which biases may have drifted, s; 0 where it is not known."""
+    times = [grasp.time for grasp in grasps if grasp.time is not None]
+    return max(times) - min(times) if len(times) == len(grasps) else 0.0
+
+
+def _result(felt: FeltGrasps, errors: HandErrors, problem: SharedProblem, fit: AnnealedFit) -> CalibrationResult:
+    solution, names = fit.solution, tuple(errors.names[i] for i in errors.free)
+    sigma = errors.sigma[errors.free]
+    combinations = undetermined(solution.covariance, names)
+    covariance = np.zeros((len(errors.sigma), len(errors.sigma)))
+    covariance[np.ix_(errors.free, errors.free)] = solution.covariance * np.outer(sigma, sigma)
+    vector = felt.vector(solution.shared)
+    at_end = float(felt.times.max())
+    calibration = calibration_of(errors, vector, covariance, at_end)
+    calibration.grasps = len(problem.grids)
+    calibration.undetermined = [combination.text for combination in combinations]
+    calibration.noise.position = fit.noise.position
+    calibration.noise.normal_deg = math.degrees(fit.noise.normal)
+    calibration.noise.moment, calibration.noise.force = NANO17_SIGMA_MOMENT, NANO17_SIGMA_FORCE
+    untold = problem.touch(np.zeros(len(solution.shared)))
+    wide = Noise(*(np.full(len(felt.grasp), sigma) for sigma in _BEFORE))
+    X_before, _ = fit_poses(problem, untold, solution.X_PO, wide)
+    before = _residuals(problem, X_before, untold, errors, felt.finger)
+    after = _residuals(problem, solution.X_PO, solution.at.touches, errors, felt.finger)
+    return CalibrationResult(
+        calibration,
+        names,
+        vector[errors.free],
+        covariance[np.ix_(errors.free, errors.free)],
+        sigma,
+        combinations,
+        solution.X_PO,
+        solution.at.grasp_weights,
+        {finger: solution.at.weights[felt.finger == k] for k, finger in enumerate(errors.fingers)},
+        before,
+        after,
+        solution.converged,
+    )
+
+
+def _residuals(
+    problem: SharedProblem, X_PO: FloatArray, touches: Touches, errors: HandErrors, finger: NDArray[np.int64]
+) -> dict[str, FingerResiduals]:
+    """In m and rad, NaN where there is no contact."""
+    # A position without noise leaves the difference of the normals as it is.
+    tiny, one = np.full(len(finger), 1e-9), np.ones(len(finger))
+    residual = surface_rows(problem.grids, X_PO, touches, Noise(tiny, one)).residual * [1e-9, 1.0, 1.0, 1.0]
+    residual = np.where(touches.valid[:, None], residual, np.nan)
+    angle = 2.0 * np.arcsin(np.clip(0.5 * np.linalg.norm(residual[:, 1:], axis=1), 0.0, 1.0))
+    return {
+        name: FingerResiduals(residual[finger == k, 0], angle[finger == k]) for k, name in enumerate(errors.fingers)
+    }

@@ -1,0 +1,113 @@
+"""`tactopose calibrate`: from files to a file that a hand names."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.hand.closed_grasps import ClosedGraspParams
+from tactopose_drake.hand.hand_config import HandUncertainty, load_hand_config, make_hand_plant
+from tactopose_drake.resources import model_path
+from tests.cli.test_cli import run
+from tests.core.meshes import smooth_shape
+from tests.hand.calibrated_shadow import WrongHand
+
+UNCERTAINTY = {
+    "encoder_offset_deg": 0.0,
+    "mounting": 0.0,
+    "mounting_deg": 0.0,
+    "fingertip_radius": 0.001,
+    "sensor_force": 0.0,
+    "sensor_moment": 0.0,
+}
+NOISE = ClosedGraspParams(noise_surface=0.0003, noise_normal_deg=1.5)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory, blob: ObjectModel) -> Path:
+    """A hand whose fingertips alone are not as its file says, an object, and grasps."""
+    folder = tmp_path_factory.mktemp("calibrate")
+    shipped = model_path("hands", "shadow_like", "shadow_like.hand.yaml").read_text()
+    (folder / "mine.hand.yaml").write_text(shipped + "\n" + yaml.safe_dump({"uncertainty": UNCERTAINTY}))
+    smooth_shape().export(folder / "blob.stl")
+    hand = WrongHand(6, HandUncertainty(**UNCERTAINTY))
+    (folder / "grasps").mkdir()
+    for k, grasp in enumerate(hand.close(blob, 5, NOISE)):
+        recorded = grasp.recorded
+        data = {
+            "joint_positions": dict(recorded.joint_positions),
+            "wrenches": {finger: np.asarray(wrench).tolist() for finger, wrench in recorded.wrenches.items()},
+        }
+        (folder / "grasps" / f"grasp_{k}.yaml").write_text(yaml.safe_dump(data))
+    truth = {finger: hand.error(f"{finger} radius") for finger in hand.errors.fingers}
+    (folder / "truth.yaml").write_text(yaml.safe_dump(truth))
+    return folder
+
+
+def calibrate(folder: Path, *options: object) -> int:
+    files = ("--hand", folder / "mine.hand.yaml", "--object", folder / "blob.stl", "--grasps", folder / "grasps")
+    return run("calibrate", *files, *options)
+
+
+def test_what_is_written_is_what_the_hand_then_knows(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, page = tmp_path / "calibration.yaml", tmp_path / "page.html"
+    assert calibrate(folder, "--out", out, "--html", page) == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "The hand by 5 grasps" in printed
+    assert "What remains of a contact: 0." in printed
+    assert f"Written: {out}" in printed
+    truth = yaml.safe_load((folder / "truth.yaml").read_text())
+    found = yaml.safe_load(out.read_text())["fingers"]
+    for finger, radius in truth.items():
+        assert abs(found[finger]["radius"]["value"] - radius) < 5.0 * found[finger]["radius"]["sigma"], finger
+        assert found[finger]["radius"]["sigma"] < 0.0005, finger
+    text = page.read_text()
+    assert text.startswith("<!doctype html>")
+    assert text.count('class="before"') == text.count('class="after"') >= 40
+    assert "http" not in text
+
+    hand = tmp_path / "calibrated.hand.yaml"
+    hand.write_text((folder / "mine.hand.yaml").read_text() + "calibration: calibration.yaml\n")
+    _, parts = make_hand_plant(load_hand_config(hand))
+    assert parts.calibration is not None
+    for finger, surface in parts.surfaces.items():
+        np.testing.assert_allclose(surface.shape[0], 0.009 + found[finger]["radius"]["value"], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ("joint_positions: {FFJ4: 0.1}\nwrenches: {first: [1, 2]}", "wrenches.first"),
+        ("joint_positions: {FFJ4: 0.1}\nwrenches: {first: [0, 0, 0, 0, 0, 1]}", "joint_positions: lack"),
+        ("joint_positions: {FFJ9: 0.1}\nwrenches: {first: [0, 0, 0, 0, 0, 1]}", "FFJ9"),
+        ("joint_positions: [0.1]", "joint_positions: is no mapping"),
+    ],
+)
+def test_a_bad_grasp_is_one_line(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], content: str, said: str
+) -> None:
+    grasps = tmp_path / "grasps"
+    grasps.mkdir()
+    for path in (folder / "grasps").iterdir():
+        (grasps / path.name).write_text(path.read_text())
+    (grasps / "bad.yaml").write_text(content)
+    files = ("--hand", folder / "mine.hand.yaml", "--object", folder / "blob.stl", "--grasps", grasps)
+    assert run("calibrate", *files, "--out", tmp_path / "calibration.yaml") == 2
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert "bad.yaml" in line
+    assert said in line
+    assert not (tmp_path / "calibration.yaml").exists()
+
+
+def test_folders_and_outputs_are_checked_before_the_work(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    hand = ("--hand", folder / "mine.hand.yaml", "--object", folder / "blob.stl")
+    assert run("calibrate", *hand, "--grasps", tmp_path / "none", "--out", tmp_path / "c.yaml") == 2
+    assert "there is no such folder" in capsys.readouterr().err
+    assert calibrate(folder, "--out", folder / "grasps" / "calibration.yaml") == 2
+    assert "is an input, or in one" in capsys.readouterr().err

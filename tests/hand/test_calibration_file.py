@@ -1,0 +1,185 @@
+"""calibration.yaml: to disk and back, and what a hand does that names one."""
+
+import dataclasses
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.errors import InvalidFileError
+from tactopose_drake.hand.calibration_file import HandCalibration, load_calibration, save_calibration
+from tactopose_drake.hand.calibration_report import calibration_of
+from tactopose_drake.hand.closed_grasps import ClosedGrasp
+from tactopose_drake.hand.hand_config import HandConfig, HandUncertainty, load_hand_config, make_hand_plant
+from tactopose_drake.hand.joint_matrices import reading_offsets
+from tactopose_drake.hand.named_joints import NamedJoints
+from tactopose_drake.resources import model_path
+from tactopose_drake.systems.pose_estimation import MakePoseEstimation, PoseEstimationParams
+from tests.hand.calibrated_shadow import UNCERTAINTY, WrongHand
+
+EXAMPLE = """
+grasps: 20
+joint_offsets:
+  FFJ4: {value: 1.5, sigma: 0.2}
+  FFJ2: {value: -0.5, sigma: 0.1}
+fingers:
+  first:
+    moment_bias: {value: [0.001, 0, 0], sigma: [1e-4, 1e-4, 1e-4]}
+    force_bias: {value: [0, 0.1, 0], sigma: [0.01, 0.01, 0.01]}
+    radius: {value: 0.001, sigma: 0.0001}
+    rotation_deg: {value: [0, 0, 2.0], sigma: [0.3, 0.3, 0.3]}
+    translation: {value: [0, 0, 0.0005], sigma: [1e-4, 1e-4, 1e-4]}
+    joints: [FFJ4, FFJ2]
+"""
+
+
+def write(folder: Path, text: str) -> Path:
+    path = folder / "calibration.yaml"
+    path.write_text(text)
+    return path
+
+
+def hand_with(folder: Path, text: str = EXAMPLE) -> Path:
+    """A hand's file that names a calibration by a path from its own folder."""
+    write(folder, text)
+    path = folder / "mine.hand.yaml"
+    shipped = model_path("hands", "shadow_like", "shadow_like.hand.yaml").read_text()
+    path.write_text(shipped + "\ncalibration: calibration.yaml\nuncertainty: {encoder_offset_deg: 2.0}\n")
+    return path
+
+
+@pytest.fixture(scope="module")
+def exactly_known() -> tuple[WrongHand, HandCalibration]:
+    hand = WrongHand(1, dataclasses.replace(UNCERTAINTY, mounting=0.0005, mounting_deg=1.0))
+    return hand, calibration_of(hand.errors, hand.truth, np.zeros((len(hand.truth), len(hand.truth))), 0.0)
+
+
+def test_it_comes_back_as_it_was_saved(exactly_known: tuple[WrongHand, HandCalibration], tmp_path: Path) -> None:
+    hand, _ = exactly_known
+    root = np.random.default_rng(0).normal(size=(len(hand.truth), len(hand.truth)))
+    covariance = (root @ root.T) * np.outer(hand.errors.sigma, hand.errors.sigma) / len(root)
+    calibration = calibration_of(hand.errors, hand.truth, covariance, 0.0)
+    save_calibration(tmp_path / "calibration.yaml", calibration)
+    assert load_calibration(tmp_path / "calibration.yaml") == calibration
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("grasps: 20", "grasp: 20", "line 2: key 'grasp' is unknown; allowed are grasps, joint_offsets"),
+        ("value: 1.5", "value: 200.0", "joint_offsets.FFJ4.value: is [200.0]; allowed are numbers from -90 to 90"),
+        ("sigma: 0.0001}", "sigma: -1}", "fingers.first.radius.sigma: is [-1.0]; allowed are numbers >= 0"),
+        ("value: [0, 0.1, 0]", "value: [0, 0.1]", "fingers.first.force_bias.value"),
+        ("joints: [FFJ4, FFJ2]", "joints: [FFJ9]", "fingers.first.joints: 'FFJ9' is unknown; valid names: FFJ4, FFJ2"),
+        ("joints: [FFJ4, FFJ2]", "joints: [FFJ4]\n    correlation: [[1.0]]", "fingers.first.correlation"),
+    ],
+)
+def test_a_fault_is_said_in_one_line(tmp_path: Path, old: str, new: str, said: str) -> None:
+    assert old in EXAMPLE
+    with pytest.raises(InvalidFileError) as caught:
+        load_hand_config(hand_with(tmp_path, EXAMPLE.replace(old, new)))
+    assert said in str(caught.value)
+    assert str(tmp_path / "calibration.yaml") in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_names_that_the_hand_has_not_are_refused(tmp_path: Path) -> None:
+    config = load_hand_config(hand_with(tmp_path, EXAMPLE.replace("first:", "sixth:")))
+    with pytest.raises(InvalidFileError, match=r"calibration\.yaml: fingers: 'sixth' is unknown; valid names: first"):
+        make_hand_plant(config)
+
+
+def test_a_file_that_is_not_there(tmp_path: Path) -> None:
+    path = hand_with(tmp_path)
+    (tmp_path / "calibration.yaml").unlink()
+    with pytest.raises(InvalidFileError, match=r"calibration\.yaml: cannot be read"):
+        load_hand_config(path)
+
+
+def test_followers_are_off_with_what_they_follow(tmp_path: Path) -> None:
+    plant, hand = make_hand_plant(load_hand_config(hand_with(tmp_path)))
+    offsets = dict(zip(NamedJoints(plant, hand).names, reading_offsets(plant, hand), strict=True))
+    assert offsets["FFJ4"] == pytest.approx(math.radians(1.5))
+    assert offsets["FFJ2"] == offsets["FFJ1"] == pytest.approx(math.radians(-0.5))
+    assert offsets["THJ1"] == 0.0
+    plain, bare = make_hand_plant(load_hand_config("shadow_like"))
+    assert not reading_offsets(plain, bare).any()
+
+
+def contacts_of(config: HandConfig, grasp: ClosedGrasp) -> tuple[Contacts, tuple[str, ...]]:
+    """What the diagram makes of a grasp's readings."""
+    params = PoseEstimationParams(check_collisions=False, use_hand_volume=False)
+    diagram = MakePoseEstimation(config, grasp.recorded.model, params)
+    context = diagram.CreateDefaultContext()
+    plant, hand = make_hand_plant(config)
+    q = NamedJoints(plant, hand).positions("q", dict(grasp.recorded.joint_positions))
+    diagram.GetInputPort("joint_positions").FixValue(context, np.nan_to_num(q))
+    for finger in hand.sensor_frames:
+        wrench = grasp.recorded.wrenches.get(finger, np.full(6, np.nan))
+        diagram.GetInputPort(f"wrench_{finger}").FixValue(context, wrench)
+    contacts = diagram.GetOutputPort("contacts").Eval(context)
+    return contacts, diagram.GetOutputPort("fingers_in_contact").Eval(context)
+
+
+def test_a_diagram_that_loads_the_hand_corrects_its_readings(
+    exactly_known: tuple[WrongHand, HandCalibration], blob: ObjectModel, tmp_path: Path
+) -> None:
+    hand, calibration = exactly_known
+    save_calibration(tmp_path / "calibration.yaml", calibration)
+    (grasp,) = hand.close(blob, 1)
+    as_it_is, _ = contacts_of(hand.config, grasp)
+    known = dataclasses.replace(hand.config, calibration=str(tmp_path / "calibration.yaml"))
+    corrected, fingers = contacts_of(known, grasp)
+    assert set(fingers) == set(grasp.recorded.wrenches)
+
+    def distances(contacts: Contacts) -> np.ndarray:
+        p_O = (contacts.p_PC - grasp.X_PO[:, 3]) @ grasp.X_PO[:, :3]
+        return np.abs(blob.grid.distance(p_O))
+
+    assert distances(corrected).max() < 5e-6
+    assert np.median(distances(as_it_is)) > 0.0005
+    _, normals = blob.grid.distance_and_normal((corrected.p_PC - grasp.X_PO[:, 3]) @ grasp.X_PO[:, :3])
+    assert corrected.n_PC is not None
+    np.testing.assert_allclose(corrected.n_PC @ grasp.X_PO[:, :3], normals, atol=1e-4)
+
+
+def test_the_uncertainty_is_what_the_calibration_left(blob: ObjectModel, tmp_path: Path) -> None:
+    """The contacts' covariances, against errors drawn from the calibration's own."""
+    hand = WrongHand(2, HandUncertainty())
+    (grasp,) = hand.close(blob, 1)
+    generator = np.random.default_rng(5)
+    root = generator.normal(size=(len(hand.truth), len(hand.truth))) / math.sqrt(len(hand.truth))
+    covariance = 0.09 * (root @ root.T) * np.outer(hand.errors.sigma, hand.errors.sigma)
+    path = tmp_path / "calibration.yaml"
+    calibration = calibration_of(hand.errors, hand.truth, covariance, 0.0)
+    calibration.noise.position, calibration.noise.normal_deg = 1e-6, 1e-3
+    calibration.noise.force, calibration.noise.moment = 1e-6, 1e-8
+    save_calibration(path, calibration)
+    config = dataclasses.replace(hand.config, calibration=str(path))
+    said, fingers = contacts_of(config, grasp)
+    assert said.covariance is not None
+    draws = []
+    for _ in range(60):
+        drawn = generator.multivariate_normal(hand.truth, covariance)
+        save_calibration(path, calibration_of(hand.errors, drawn, np.zeros_like(covariance), 0.0))
+        plain = dataclasses.replace(config, uncertainty=None)
+        draws.append(contacts_of(plain, grasp)[0].p_PC)
+    spread = np.var(np.array(draws), axis=0)
+    expected = np.array([np.diag(matrix)[:3] for matrix in said.covariance])
+    assert len(fingers) == len(expected)
+    ratio = np.sqrt(spread.sum() / expected.sum())
+    assert 0.8 < ratio < 1.25
+    wide = contacts_of(hand.config, grasp)[0].covariance
+    assert wide is not None
+    assert np.trace(said.covariance[0, :3, :3]) < 0.3 * np.trace(wide[0, :3, :3])
+
+
+def test_it_is_plain_yaml(exactly_known: tuple[WrongHand, HandCalibration], tmp_path: Path) -> None:
+    save_calibration(tmp_path / "calibration.yaml", exactly_known[1])
+    read = yaml.safe_load((tmp_path / "calibration.yaml").read_text())
+    assert read["joint_offsets"]["FFJ4"].keys() == {"value", "sigma"}
+    assert len(read["fingers"]["thumb"]["correlation"]) == 5 + 13

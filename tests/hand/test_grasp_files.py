@@ -1,0 +1,65 @@
+"""Recorded grasps as files."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.errors import InvalidFileError
+from tactopose_drake.hand.grasp_files import load_grasp, load_grasps
+
+GRASP = {
+    "joint_positions": {"FFJ4": 0.1, "FFJ3": -0.2},
+    "wrenches": {"first": [0.001, 0.0, 0.0, 0.0, 1.0, -2.0]},
+    "out_of_touch": {"little": [0.0, 0.0, 0.0, 0.1, 0.0, 0.0]},
+    "time": 12.5,
+}
+
+
+def test_yaml_and_json_say_the_same(tmp_path: Path, blob: ObjectModel) -> None:
+    (tmp_path / "b.json").write_text(json.dumps(GRASP))
+    (tmp_path / "a.yaml").write_text(
+        "joint_positions: {FFJ4: 0.1, FFJ3: -0.2}\n"
+        "wrenches:\n  first: [0.001, 0, 0, 0, 1, -2]\n"
+        "out_of_touch:\n  little: [0, 0, 0, 0.1, 0, 0]\n"
+        "time: 12.5\n"
+    )
+    (tmp_path / "notes.txt").write_text("no grasp")
+    first, second = load_grasps(tmp_path, blob)
+    assert first.name.endswith("a.yaml")
+    assert second.name.endswith("b.json")
+    for grasp in (first, second):
+        assert dict(grasp.joint_positions) == GRASP["joint_positions"]
+        assert dict(grasp.wrenches) == GRASP["wrenches"]
+        assert dict(grasp.out_of_touch) == GRASP["out_of_touch"]
+        assert grasp.time == 12.5
+        assert grasp.model is blob
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("joints: {}", "line 1: key 'joints' is unknown; allowed are joint_positions, wrenches, out_of_touch, time"),
+        ("joint_positions: {FFJ4: a}", "line 1: joint_positions.FFJ4: is 'a'; allowed are numbers"),
+        ("joint_positions: {FFJ4: 0.1}\nwrenches: {first: [1, 2]}", "wrenches.first"),
+        ("joint_positions: {FFJ4: 0.1}", "wrenches: is empty"),
+        ("wrenches: {first: [0, 0, 0, 0, 0, 1]}", "joint_positions: is empty"),
+        ("", "is empty"),
+    ],
+)
+def test_a_fault_is_said_in_one_line(tmp_path: Path, blob: ObjectModel, text: str, said: str) -> None:
+    path = tmp_path / "one.yaml"
+    path.write_text(text)
+    with pytest.raises(InvalidFileError) as caught:
+        load_grasp(path, blob)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert said in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_folder_without_grasps(tmp_path: Path, blob: ObjectModel) -> None:
+    with pytest.raises(InvalidFileError, match=r"holds no grasp; allowed are files that end in \.json, \.yaml, \.yml"):
+        load_grasps(tmp_path, blob)
+    with pytest.raises(InvalidFileError, match="there is no such folder"):
+        load_grasps(tmp_path / "none", blob)

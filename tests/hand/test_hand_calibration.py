@@ -1,0 +1,179 @@
+"""A hand's errors from grasps of a known object in unknown poses."""
+
+import dataclasses
+import functools
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tactopose_drake.core.calibration.annealed_fit import ContactNoise, anneal, start_noise
+from tactopose_drake.core.calibration.shared_least_squares import SharedProblem
+from tactopose_drake.core.poses import increments_between
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.errors import InvalidInputError, UnknownNameError
+from tactopose_drake.hand.calibration_file import load_calibration
+from tactopose_drake.hand.closed_grasps import ClosedGrasp, ClosedGraspParams
+from tactopose_drake.hand.felt_grasps import FeltGrasps
+from tactopose_drake.hand.hand_calibration import CalibrationParams, CalibrationResult, calibrate_hand
+from tactopose_drake.hand.hand_config import HandUncertainty
+from tests.hand.calibrated_shadow import UNCERTAINTY, WrongHand, shifted
+
+NOISE = ClosedGraspParams(noise_surface=0.0003, noise_normal_deg=1.5, noise_moment=0.00002, noise_force=0.004)
+EXACT = CalibrationParams(sigma_position=0.00005, sigma_normal_deg=0.2)
+
+
+@pytest.fixture(scope="module")
+def wrong_hand() -> WrongHand:
+    return WrongHand(3)
+
+
+@pytest.fixture(scope="module")
+def grasps(wrong_hand: WrongHand, blob: ObjectModel) -> list[ClosedGrasp]:
+    """Without any noise."""
+    return wrong_hand.close(blob, 14)
+
+
+@pytest.fixture(scope="module")
+def result(wrong_hand: WrongHand, grasps: list[ClosedGrasp]) -> CalibrationResult:
+    return calibrate_hand(wrong_hand.config, [grasp.recorded for grasp in grasps], EXACT)
+
+
+def test_grasps_without_noise_give_the_truth(
+    result: CalibrationResult, wrong_hand: WrongHand, grasps: list[ClosedGrasp]
+) -> None:
+    assert result.converged
+    assert result.grasp_weights.min() > 0.99
+    true_X_PO = np.array([grasp.X_PO for grasp in grasps])
+    moved = np.linalg.norm(increments_between(result.X_PO, true_X_PO)[:, 3:], axis=1)
+    assert np.median(moved) < 0.0015
+    for finger, residuals in result.after.items():
+        assert np.abs(residuals.distance).max() < 0.0001, finger
+        # One grasp or another may be explained by a second pose almost as well.
+        assert np.degrees(np.median(residuals.angle)) < 0.3, finger
+        assert np.median(np.abs(result.before[finger].distance)) > 0.0003, finger
+    # Along what the grasps determine, the errors are the true ones.
+    off = (result.values - wrong_hand.truth[wrong_hand.errors.free]) / result.prior_sigma
+    scaled = result.covariance / np.outer(result.prior_sigma, result.prior_sigma)
+    variances, directions = np.linalg.eigh(scaled)
+    well = directions[:, variances < 0.05**2]
+    assert well.shape[1] > 20
+    assert np.abs(well.T @ off).max() < 0.1
+    before = np.sqrt(np.mean((wrong_hand.truth[wrong_hand.errors.free] / result.prior_sigma) ** 2))
+    assert np.sqrt(np.mean(off**2)) < 0.5 * before
+
+
+def test_a_grasp_that_is_wrong_is_left_out(
+    result: CalibrationResult, wrong_hand: WrongHand, grasps: list[ClosedGrasp]
+) -> None:
+    recorded = [grasp.recorded for grasp in grasps]
+    recorded[5] = shifted(recorded[5], 0.35)
+    found = calibrate_hand(wrong_hand.config, recorded, EXACT)
+    assert found.grasp_weights[5] < 0.5
+    assert np.sum(found.grasp_weights > 0.5) == len(grasps) - 1
+    assert np.abs((found.values - result.values) / np.maximum(found.sigma, result.sigma)).max() < 2.0
+
+
+@functools.cache
+def coverage(seed: int, model: ObjectModel) -> np.ndarray:
+    """Deviations of a calibration's values over its standard deviations; it begins at the true poses."""
+    wrong_hand = WrongHand(seed)
+    closed = wrong_hand.close(model, 12, NOISE)
+    recorded = [grasp.recorded for grasp in closed]
+    felt = FeltGrasps(wrong_hand.plant, wrong_hand.hand, wrong_hand.errors, recorded)
+    problem = SharedProblem(felt.touches, [model.grid] * len(recorded), *felt.readings(recorded))
+    noise = ContactNoise(felt.wrench_noise(), 0.0003, math.radians(1.5))
+    X_PO, none = np.array([grasp.X_PO for grasp in closed]), np.zeros(len(wrong_hand.errors.free))
+    solution = anneal(problem, none, X_PO, noise, start_noise(felt.touches(none), noise)).solution
+    off = felt.vector(solution.shared) - wrong_hand.truth
+    free = wrong_hand.errors.free
+    return off[free] / wrong_hand.errors.sigma[free] / np.sqrt(np.diag(solution.covariance))
+
+
+def test_the_intervals_hold_the_truth_as_often_as_they_say(blob: ObjectModel) -> None:
+    scaled = np.concatenate([coverage(seed, blob) for seed in (10, 11, 12)])
+    assert len(scaled) == 3 * 53
+    assert 0.88 < np.mean(np.abs(scaled) < 1.96) <= 0.99
+    assert 0.75 < np.sqrt(np.mean(scaled**2)) < 1.25
+
+
+def test_what_grasps_cannot_tell_is_named(blob: ObjectModel) -> None:
+    # Where the sensors sit to 0.1 mm is nothing that contacts known to 0.3 mm can tell.
+    hand = WrongHand(4, dataclasses.replace(UNCERTAINTY, mounting=0.00002))
+    recorded = [grasp.recorded for grasp in hand.close(blob, 6, NOISE)]
+    found = calibrate_hand(hand.config, recorded)
+    texts = [combination.text for combination in found.undetermined]
+    assert sum("mounting translation" in text for text in texts) >= 12
+    assert list(found.calibration.undetermined) == texts
+    determined = [name for name in found.names if name.endswith("radius")]
+    assert not [text for text in texts if any(text == name for name in determined)]
+
+
+def test_readings_out_of_touch_give_the_biases_and_their_drift(blob: ObjectModel) -> None:
+    times = [100.0 * k for k in range(8)]
+    hand = WrongHand(5, span=times[-1])
+    middle = 0.5 * times[-1]
+    closed = hand.close(blob, 8, NOISE, [time - middle for time in times])
+    recorded = []
+    for grasp, time in zip(closed, times, strict=True):
+        silent = {}
+        for finger in hand.errors.fingers:
+            own = hand.errors.of_finger(hand.truth, finger)
+            silent[finger] = own.bias + (time - middle) * own.drift
+        recorded.append(dataclasses.replace(grasp.recorded, time=time, out_of_touch=silent))
+    found = calibrate_hand(hand.config, recorded)
+    for finger, calibration in found.calibration.fingers.items():
+        own = hand.errors.of_finger(hand.truth, finger)
+        # That of the last recording.
+        np.testing.assert_allclose(calibration.bias, own.bias + middle * own.drift, atol=0.005)
+        assert max(calibration.force_bias.sigma) < 0.01
+    drifts = [name for name in found.names if "drift" in name]
+    assert len(drifts) == 30
+
+
+def test_errors_of_zero_are_not_looked_for(blob: ObjectModel) -> None:
+    only = {field.name: 0.0 for field in dataclasses.fields(HandUncertainty)} | {"fingertip_radius": 0.001}
+    hand = WrongHand(6, HandUncertainty(**only))
+    found = calibrate_hand(hand.config, [grasp.recorded for grasp in hand.close(blob, 5, NOISE)])
+    assert set(found.names) == {f"{finger} radius" for finger in hand.errors.fingers}
+    for finger in hand.errors.fingers:
+        assert found.calibration.fingers[finger].radius.value == pytest.approx(
+            hand.error(f"{finger} radius"), abs=5.0 * found.calibration.fingers[finger].radius.sigma
+        )
+    assert all(offset.value == 0.0 and offset.sigma == 0.0 for offset in found.calibration.joint_offsets.values())
+
+
+def test_progress_is_told(wrong_hand: WrongHand, blob: ObjectModel) -> None:
+    told: list[tuple[float, str]] = []
+    hand = WrongHand(6)
+    grasps = [grasp.recorded for grasp in hand.close(blob, 3, NOISE)]
+    calibrate_hand(hand.config, grasps, on_progress=lambda share, doing: told.append((share, doing)))
+    shares = [share for share, _ in told]
+    assert shares == sorted(shares)
+    assert shares[0] == 0.0
+    assert all(share < 1.0 for share in shares)
+    assert "fitting the hand" in [doing for _, doing in told]
+
+
+def test_unusable_grasps_are_refused_by_name(wrong_hand: WrongHand, grasps: list[ClosedGrasp]) -> None:
+    recorded = [grasp.recorded for grasp in grasps[:4]]
+    config = wrong_hand.config
+    with pytest.raises(InvalidInputError, match="there are 2; allowed are 3 or more"):
+        calibrate_hand(config, recorded[:2])
+    stranger = dataclasses.replace(recorded[0], wrenches={"sixth": np.zeros(6)}, name="one.yaml")
+    with pytest.raises(UnknownNameError, match=r"one\.yaml: wrenches: 'sixth' is unknown; valid names: first"):
+        calibrate_hand(config, [*recorded, stranger])
+    lacking = {name: value for name, value in recorded[0].joint_positions.items() if name != "THJ5"}
+    with pytest.raises(InvalidInputError, match=r"grasps\[4\]: joint_positions: lack .*THJ5"):
+        calibrate_hand(config, [*recorded, dataclasses.replace(recorded[0], joint_positions=lacking)])
+    with pytest.raises(InvalidInputError, match=r"wrenches\.first"):
+        calibrate_hand(config, [*recorded, dataclasses.replace(recorded[0], wrenches={"first": [1.0, 2.0]})])
+    none = HandUncertainty(**{field.name: 0.0 for field in dataclasses.fields(HandUncertainty)})
+    with pytest.raises(InvalidInputError, match="every error is 0"):
+        calibrate_hand(dataclasses.replace(config, uncertainty=none), recorded)
+
+
+def test_what_is_saved_is_what_was_found(result: CalibrationResult, tmp_path: Path) -> None:
+    result.save(tmp_path / "calibration.yaml")
+    assert load_calibration(tmp_path / "calibration.yaml") == result.calibration

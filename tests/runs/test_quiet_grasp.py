@@ -1,0 +1,56 @@
+"""The instant of a recording that a calibration takes."""
+
+import numpy as np
+import pytest
+
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.errors import InvalidFileError
+from tactopose_drake.runs.manifest import Manifest
+from tactopose_drake.runs.quiet_grasp import quiet_grasp
+from tactopose_drake.runs.recorded_senses import RecordedRun
+from tactopose_drake.systems.signals import Signal
+
+TIMES = np.arange(0.0, 4.0, 0.01)
+HELD = np.array([0.001, 0.002, 0.0, 0.5, 0.0, -2.0])
+
+
+def recording(start: float = 0.0) -> RecordedRun:
+    """Two fingers close until 1 s, shake, hold still from 2 to 3 s, and let go; a third one never touches."""
+    generator = np.random.default_rng(0)
+    pressed = (TIMES > 1.0) & (TIMES < 3.5)
+    shakes = ((TIMES < 2.0) | (TIMES > 3.0))[:, None]
+    joints = 0.3 + 0.05 * shakes * generator.normal(size=(len(TIMES), 2))
+    wrench = pressed[:, None] * HELD + 0.0001 * generator.normal(size=(len(TIMES), 6))
+    wrench = wrench + 0.2 * pressed[:, None] * shakes * generator.normal(size=(len(TIMES), 6))
+    silent = np.tile([0.0, 0.0, 0.0, 0.1, 0.0, 0.0], (len(TIMES), 1))
+    signals = {
+        "joint_positions": Signal(TIMES.tolist(), list(joints)),
+        "wrench_one": Signal(TIMES.tolist(), list(wrench)),
+        "wrench_two": Signal(TIMES.tolist(), list(2.0 * wrench)),
+        "wrench_three": Signal(TIMES.tolist(), list(silent)),
+    }
+    return RecordedRun(Manifest(start=start), signals, ("a", "b"), (), ())
+
+
+def test_the_quietest_instant_of_the_most_fingers_is_averaged(blob: ObjectModel) -> None:
+    grasp = quiet_grasp(recording(start=1000.0), blob, "run")
+    assert set(grasp.wrenches) == {"one", "two"}
+    np.testing.assert_allclose(grasp.wrenches["one"], HELD, atol=2e-4)
+    np.testing.assert_allclose(grasp.wrenches["two"], 2.0 * HELD, atol=4e-4)
+    assert grasp.joint_positions == pytest.approx({"a": 0.3, "b": 0.3}, abs=1e-9)
+    assert grasp.time is not None
+    assert 1002.0 <= grasp.time <= 1003.0
+
+
+def test_times_of_a_simulation_count_for_nothing(blob: ObjectModel) -> None:
+    assert quiet_grasp(recording(), blob, "run").time is None
+
+
+def test_what_holds_no_grasp_is_refused(blob: ObjectModel) -> None:
+    run = recording()
+    run.signals["wrench_one"] = run.signals["wrench_two"] = run.signals["wrench_three"]
+    with pytest.raises(InvalidFileError, match=r"run: no finger presses with more than 0\.3 N"):
+        quiet_grasp(run, blob, "run")
+    del run.signals["joint_positions"]
+    with pytest.raises(InvalidFileError, match="holds no joint positions"):
+        quiet_grasp(run, blob, "run")
