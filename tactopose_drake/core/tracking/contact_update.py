@@ -48,40 +48,11 @@ from tactopose_drake.core.kernels.regression_kernels import Regression, regress_
 from tactopose_drake.core.kernels.sigma_point_kernels import RegressionSettings
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.tracking.contact_errors import BiasModel, declared_excess, lasting_excess
 from tactopose_drake.core.tracking.frame import ContactReading
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tactopose_drake.core.validation import FloatArray
-
-
-class BiasModel(NamedTuple):
-    """Standard deviations of what never changes: of each coordinate of a position, m, and about each axis, rad.
-
-    Attributes:
-        calibration: of the hand, which is a part of what the contacts say of their errors.
-        surface: how far the model's surface is from the object's where it is touched; contacts do not know of it.
-    """
-
-    calibration: tuple[float, float]
-    surface: tuple[float, float]
-
-    @classmethod
-    def from_params(cls, params: PoseTrackerParams) -> BiasModel:
-        """What the parameters say."""
-        return cls(
-            (params.calibration_position, math.radians(params.calibration_normal_deg)),
-            (params.surface_position, math.radians(params.surface_normal_deg)),
-        )
-
-    @property
-    def variances(self) -> FloatArray:
-        """Of a bias of the position, m^2, and of the normal, rad^2, shape (2,)."""
-        return np.square(self.calibration) + np.square(self.surface)
-
-    def with_roughness(self, roughness: FloatArray) -> FloatArray:
-        """Variances of the biases of s sources, shape (n, 6 s), on surfaces of a roughness (n, s, 2)."""
-        variances = np.repeat(self.variances, 3) + np.repeat(roughness, 3, axis=2)
-        return variances.reshape(len(roughness), -1)
 
 
 class ContactUpdate(NamedTuple):
@@ -210,27 +181,6 @@ def follow_roughness(
     left = np.minimum(1.0, (variances + after) / (variances + modes.roughness))
     cross = modes.cross_covariance * np.repeat(left, 3, axis=2).reshape(len(modes), 1, -1)
     return dataclasses.replace(modes, cross_covariance=cross, roughness=after)
-
-
-def declared_excess(contacts: Contacts, params: PoseTrackerParams) -> FloatArray:
-    """Variances of points, m^2, and of normals, rad^2, that last, beside the calibration's, shape (k, 2).
-
-    A hand that declares its errors gives contacts covariances. Of these all that the sensors' noise does not make new
-    at each time is of the hand, and lasts.
-    """
-    if contacts.covariance is None:
-        return np.zeros((len(contacts), 2))
-    told = np.stack([contacts.sigma_position, contacts.sigma_normal], axis=1) ** 2
-    frame = np.square([params.frame_position, math.radians(params.frame_normal_deg)])
-    lasting = np.square(BiasModel.from_params(params).calibration)
-    return np.asarray(np.maximum(told - frame - lasting, 0.0))
-
-
-def lasting_excess(reading: ContactReading, params: PoseTrackerParams) -> FloatArray:
-    """The same with what is doubted of contacts, shape (k, 2)."""
-    contacts = reading.contacts
-    told = np.stack([contacts.sigma_position, contacts.sigma_normal], axis=1) ** 2
-    return np.asarray(declared_excess(contacts, params) + (reading.doubt - 1.0)[:, None] * told)
 
 
 def _noise_weights(

@@ -18,7 +18,6 @@ from tactopose_drake.errors import InvalidInputError
 _FASTEST = 1e4  # rad/s and m/s
 _LEAST_SIGMA, _MOST_VARIANCE = 1e-7, 1e12
 _W, _V = slice(0, 3), slice(3, 6)
-_NOTICED_DOUBT = 1.1
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -130,8 +129,8 @@ class ContactReading(NamedTuple):
         source: the source of each, shape (k,).
         sources: names of all sources.
         is_new: whether this reading is not the last one again.
-        doubt: by how much the variance of each seems larger than it is told, at least 1, shape (k,).
-        evidence: that of the frame, with contacts as unsure as they seem.
+        doubt: by how much the variance of what lasts of each one's error seems larger than told, shape (k,).
+        evidence: that of the frame; see `as_doubted`.
     """
 
     contacts: Contacts
@@ -155,7 +154,7 @@ def read_contacts(
         frame: all that is sensed.
         sources: names of those known so far.
         p_before: the last contacts' points, shape (k, 3), m.
-        doubt: by how much the variances of sources seem larger than they are told; 1 of those that are not there.
+        doubt: by how much the variances of what lasts seem larger than told, by source; 1 of those that are not there.
     """
     contacts = frame.evidence.touch
     assert frame.sources is not None
@@ -163,14 +162,4 @@ def read_contacts(
     source = np.array([sources.index(name) for name in frame.sources], dtype=np.intp)
     is_new = len(contacts) > 0 and not np.array_equal(contacts.p_PC, p_before)
     factors = np.array([doubt.get(name, 1.0) for name in frame.sources])
-    return ContactReading(contacts, source, sources, is_new, factors, _as_doubted(frame.evidence, factors))
-
-
-def _as_doubted(evidence: Evidence, doubt: FloatArray) -> Evidence:
-    """The evidence with contacts whose variances are larger by factors (k,)."""
-    if not np.any(doubt > _NOTICED_DOUBT):
-        return evidence
-    contacts = evidence.contacts
-    factor = np.sqrt(doubt[: len(contacts)])
-    sigmas = {"sigma_position": contacts.sigma_position * factor, "sigma_normal": contacts.sigma_normal * factor}
-    return dataclasses.replace(evidence, contacts=dataclasses.replace(contacts, covariance=None, **sigmas))
+    return ContactReading(contacts, source, sources, is_new, factors, frame.evidence)

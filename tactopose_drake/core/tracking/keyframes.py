@@ -45,8 +45,8 @@ class Keyframe:
     @classmethod
     def of_now(cls, reading: ContactReading, sources: tuple[str, ...]) -> Keyframe:
         """A touch of this time, by its sources."""
-        contacts = reading.contacts
-        variances = np.stack([contacts.sigma_position, contacts.sigma_normal], axis=1) ** 2 * reading.doubt[:, None]
+        contacts, doubted = reading.contacts, reading.evidence.touch
+        variances = np.stack([doubted.sigma_position, doubted.sigma_normal], axis=1) ** 2
         return cls(contacts.p_PC, contacts.n_PC, variances, sources, np.eye(3, 4), np.zeros((6, 6)))
 
     @property

@@ -65,7 +65,7 @@ class PoseBelief:
         touch_time, explained_time, slip_time: when something was last touched, and explained, and when it last slipped,
             s.
         slip_test: by which it is found to slip.
-        doubt: by how much the variances of each source's contacts seem larger than they are told, by its name.
+        doubt: by how much the variances of what lasts of each source's errors seem larger than told, by its name.
         unsettled_time: when another finger came to touch, or the best mode became another one, s.
         felt_time: of each source by its name, when it last touched, s.
         search: how far the search for other modes is.

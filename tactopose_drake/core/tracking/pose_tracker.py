@@ -12,6 +12,7 @@ from tactopose_drake.core.poses import increments_between
 from tactopose_drake.core.posterior.plausibility import explain_touch
 from tactopose_drake.core.shape.free_spin import nearest_images
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.tracking.contact_errors import as_doubted
 from tactopose_drake.core.tracking.contact_update import update_modes
 from tactopose_drake.core.tracking.frame import ContactReading, Frame, read_contacts
 from tactopose_drake.core.tracking.keyframes import Keyframe, follow_touch, make_window, move_keyframes
@@ -74,7 +75,7 @@ class PoseTracker:
             raise InvalidInputError(
                 f"frame.time: is {frame.time:g} s; allowed is the belief's, {belief.time:g} s, or later."
             )
-        reading = read_contacts(frame, belief.sources, belief.p_PC, belief.doubt)
+        reading = as_doubted(read_contacts(frame, belief.sources, belief.p_PC, belief.doubt), params)
         belief = self._predict(belief, frame, reading, duration)
         belief, is_outlier = see(belief, frame, reading, params.vision)
         if reading.is_new:

@@ -26,7 +26,8 @@ from tactopose_drake.core.poses import compose, increments_between
 from tactopose_drake.core.posterior.hypotheses import Modes
 from tactopose_drake.core.searches.pose_problem import make_problem
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.tracking.contact_update import lasting_excess, update_with_contacts
+from tactopose_drake.core.tracking.contact_errors import averaged_variances, lasting_excess
+from tactopose_drake.core.tracking.contact_update import update_with_contacts
 from tactopose_drake.core.tracking.frame import ContactReading, PoseMeasurement
 from tactopose_drake.core.tracking.keyframes import TouchWindow
 from tactopose_drake.core.tracking.motion_prediction import Motion
@@ -78,12 +79,19 @@ class Touch(NamedTuple):
     window: TouchWindow
     standing: PoseMeasurement | None
 
-    @property
-    def averaged(self) -> Evidence:
-        """The evidence with the mean of the contacts while they stay, and with what vision said."""
+    def averaged(self, params: PoseTrackerParams) -> Evidence:
+        """The evidence with the mean of the contacts while they stay, as sure as that is, and with what vision said."""
         contacts, now = self.evidence.contacts, self.window.now
         if len(contacts) == len(now.p_PC):
-            contacts = dataclasses.replace(contacts, p_PC=now.p_PC, n_PC=now.n_PC)
+            sigmas = np.sqrt(averaged_variances(contacts, params, now.frames))
+            contacts = dataclasses.replace(
+                contacts,
+                p_PC=now.p_PC,
+                n_PC=now.n_PC,
+                covariance=None,
+                sigma_position=sigmas[:, 0],
+                sigma_normal=sigmas[:, 1],
+            )
         prior = None if self.standing is None else self.standing.as_prior()
         return dataclasses.replace(self.evidence, contacts=contacts, prior=prior)
 
@@ -97,7 +105,7 @@ def search_on(
     """
     if search.weighed is not None:
         return search._replace(X_PO=None, is_settled=False, weighed=None, searches=search.searches + 1), search.weighed
-    evidence, settings = touch.averaged, params.relocalisation
+    evidence, settings = touch.averaged(params), params.relocalisation
     generator = np.random.default_rng([params.seed, search.searches])
     at_once = not len(modes)
     if search.X_PO is None:
@@ -143,7 +151,7 @@ def relocalise(
     log_weight -= np.logaddexp.reduce(log_weight)
     kept = np.flatnonzero(log_weight > log_weight.max() + math.log(params.mixture.least_share))
     kept = kept[np.argsort(-log_weight[kept], kind="stable")][: params.mixture.max_modes]
-    pairs, is_right = _match(model, params, touch.averaged, posterior, kept, modes)
+    pairs, is_right = _match(model, params, touch.averaged(params), posterior, kept, modes)
     new = _make_modes(model, params, touch, posterior, kept[~is_right])
     joined = modes.chosen(pairs[is_right]).joined(new)
     order = np.concatenate([np.flatnonzero(is_right), np.flatnonzero(~is_right)])
@@ -157,7 +165,7 @@ def relocalise(
 def follow_doubt(
     doubt: Mapping[str, float], weighed: WeighedModes, sources: tuple[str, ...], share: float
 ) -> dict[str, float]:
-    """By how much the variances of each source's contacts seem larger than they are told, after another search.
+    """By how much the variances of what lasts of each source's errors seem larger than told, after another search.
 
     Args:
         doubt: before.

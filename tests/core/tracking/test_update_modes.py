@@ -8,7 +8,8 @@ from scipy.linalg import eigh
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.poses import retract
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.tracking.contact_update import follow_roughness, forget, lasting_excess, update_modes
+from tactopose_drake.core.tracking.contact_errors import as_doubted, averaged_variances, lasting_excess
+from tactopose_drake.core.tracking.contact_update import follow_roughness, forget, update_modes
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import ForgettingParams, PoseTrackerParams
 from tests.core.tracking.boxes import SIGMA_NORMAL, SIGMA_POSITION, make_box, n_OC, p_OC, read, touch
@@ -99,6 +100,17 @@ def test_biases_follow_the_roughness_and_the_covariance_stays_one(before: float,
     np.testing.assert_array_equal(after.cross_covariance[:, :, 6:12], modes.cross_covariance[:, :, 6:12])
 
 
+def test_of_a_mean_of_frames_only_what_is_new_averages_out() -> None:
+    contacts, params = (
+        Contacts(p_OC, n_OC, sigma_position=SIGMA_POSITION, sigma_normal=SIGMA_NORMAL),
+        PoseTrackerParams(),
+    )
+    one, many = (averaged_variances(contacts, params, frames) for frames in (1, 10**6))
+    np.testing.assert_allclose(one, np.tile([SIGMA_POSITION**2, SIGMA_NORMAL**2], (6, 1)))
+    lasting = params.calibration_position**2 + params.surface_position**2
+    np.testing.assert_allclose(many[:, 0], lasting, rtol=1e-5)
+
+
 def test_modes_that_hardly_count_wait_for_a_search(box: ObjectModel) -> None:
     covariance = np.tile(np.diag(np.repeat([0.02**2, 0.001**2], 3)), (3, 1, 1))
     modes = dataclasses.replace(make_modes(covariance), log_weight=np.array([0.0, -1.0, -20.0]))
@@ -111,7 +123,11 @@ def test_modes_that_hardly_count_wait_for_a_search(box: ObjectModel) -> None:
 def test_a_doubted_finger_counts_for_less_and_so_does_what_a_hand_declares(box: ObjectModel) -> None:
     contacts, params = touch(X_PO, np.random.default_rng(0)), PoseTrackerParams()
     doubted = read(contacts)._replace(doubt=np.array([16.0, 1, 1, 1, 1, 1]))
-    np.testing.assert_allclose(lasting_excess(doubted, params)[0], 15.0 * np.array([SIGMA_POSITION, SIGMA_NORMAL]) ** 2)
+    mean = averaged_variances(contacts, params, params.window.max_frames)[0]
+    np.testing.assert_allclose(lasting_excess(doubted, params)[0], 15.0 * mean)
+    seems = as_doubted(doubted, params).evidence.contacts
+    np.testing.assert_allclose(seems.sigma_position[:2] ** 2, SIGMA_POSITION**2 + np.array([15.0 * mean[0], 0.0]))
+    assert as_doubted(read(contacts), params).evidence.contacts is contacts
     np.testing.assert_array_equal(lasting_excess(doubted, params)[1:], np.zeros((5, 2)))
     declared = Contacts(contacts.p_PC, contacts.n_PC, covariance=np.tile(np.diag([4e-6] * 3 + [0.04] * 3), (6, 1, 1)))
     excess = lasting_excess(read(declared), params)
