@@ -1,7 +1,7 @@
 """What contacts are off by: what is new at each time, and what lasts.
 
-What lasts is of the hand's calibration and of the model's surface, as the parameters say; of what a hand declares of its
-errors; and what the one-shot estimate finds of noise that is larger than told, and of contacts that are false.
+What lasts is of the hand's calibration and of the model's surface, as the parameters say; of what a hand declares of
+its errors; and what the one-shot estimate finds of noise that is larger than told, and of contacts that are false.
 """
 
 from __future__ import annotations

@@ -26,7 +26,7 @@ from tactopose_drake.core.tracking.motion_prediction import (
 )
 from tactopose_drake.core.tracking.pose_belief import PoseBelief, summarise
 from tactopose_drake.core.tracking.relocalisation import Touch, follow_doubt, relocalise, search_on
-from tactopose_drake.core.tracking.slip_detection import PoseChange, SlipTest, test_for_slip
+from tactopose_drake.core.tracking.slip_detection import PoseChange, SlipTest, detect_slip
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tactopose_drake.core.tracking.vision_update import move_standing, see
 from tactopose_drake.core.validation import FloatArray, instance_of
@@ -122,8 +122,9 @@ class PoseTracker:
         time, params, modes, slips, test = frame.time, self._params, belief.modes, False, SlipTest()
         if len(modes):
             modes = update_modes(self._model, params, reading, modes, duration)
-            change = PoseChange(belief.modes.X_PO[0], modes.X_PO[0], modes.roughness[0], belief.history.motions[-1])
-            test, slips = test_for_slip(self._model, params.slip, belief.slip_test, reading, change)
+            motion = belief.history.motions[-1] if duration > 0.0 else Motion(np.zeros(6), np.zeros((6, 6)))
+            change = PoseChange(belief.modes.X_PO[0], modes.X_PO[0], modes.roughness[0], motion)
+            test, slips = detect_slip(self._model, params.slip, belief.slip_test, reading, change)
             test = test.restarted() if slips else test
         assert frame.sources is not None
         now = Keyframe.of_now(reading, frame.sources)

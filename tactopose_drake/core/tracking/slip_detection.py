@@ -19,7 +19,6 @@ from typing import NamedTuple
 import numpy as np
 
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
-from tactopose_drake.core.poses import skew
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.frame import ContactReading
 from tactopose_drake.core.tracking.motion_prediction import Motion, error_of_motion
@@ -27,6 +26,7 @@ from tactopose_drake.core.tracking.tracker_params import SlipParams
 from tactopose_drake.core.validation import FloatArray
 
 _LEAST_NOISE, _MOST_NOISE = 0.02, 4.0
+_LEAST_VARIANCE = 1e-12
 _ROWS = 4  # of a contact: its distance, and the difference of the normals
 
 
@@ -36,11 +36,11 @@ class SlipTest(NamedTuple):
     Attributes:
         residuals: of the latest h frames, oldest first, whitened by what is told of the contacts' errors, by source, as
             they would be at the best mode's pose of now, shape (h, s, 4); NaN where a source does not touch.
-        noise: variance of what is new of them at each frame.
+        noise: variances of what is new of distances and of normals at each frame.
     """
 
     residuals: FloatArray = np.zeros((0, 0, _ROWS))
-    noise: float = 1.0
+    noise: tuple[float, float] = (1.0, 1.0)
 
     def restarted(self) -> SlipTest:
         """Without the history."""
@@ -62,7 +62,7 @@ class PoseChange(NamedTuple):
     motion: Motion
 
 
-def test_for_slip(
+def detect_slip(
     model: ObjectModel, params: SlipParams, test: SlipTest, reading: ContactReading, change: PoseChange
 ) -> tuple[SlipTest, bool]:
     """The test after a frame, and whether the object slips.
@@ -82,37 +82,50 @@ def test_for_slip(
     before[:, : test.residuals.shape[1]] = test.residuals
     noise = _follow_noise(test.noise, now[0] - before[-1], params) if len(before) else test.noise
     history = np.concatenate([before, now])[-params.max_frames :]
+    slips = _has_slipped(params, history[:, source], jacobian[0], noise, reading, change)
+    shift = np.full((count, _ROWS), np.nan)
+    shift[source] = residuals[1] - residuals[0]
+    return SlipTest(history + shift, noise), slips
+
+
+def _has_slipped(
+    params: SlipParams,
+    history: FloatArray,
+    jacobian: FloatArray,
+    noise: tuple[float, float],
+    reading: ContactReading,
+    change: PoseChange,
+) -> bool:
+    """Whether the latest of the contacts' residuals (h, k, 4) differ from those before by a slip."""
     contacts = reading.contacts
     told = np.stack([contacts.sigma_position, contacts.sigma_normal], axis=1) ** 2
-    rough = np.repeat(change.roughness[source] / told, [1, _ROWS - 1], axis=1)
-    error = error_of_motion(change.X_predicted[None], change.motion)[0]
-    arms = np.concatenate(
-        [
-            -change.X_PO[:, :3] @ skew((contacts.p_PC - change.X_PO[:, 3]) @ change.X_PO[:, :3]),
-            np.tile(np.eye(3), (len(source), 1, 1)),
-        ],
-        axis=2,
-    )
-    slips = False
+    rough = params.rough_share * np.repeat(change.roughness[reading.source] / told, [1, _ROWS - 1], axis=1)
+    error = params.motion_share * error_of_motion(change.X_predicted[None], change.motion)[0]
     for recent, threshold in zip(params.recent_frames, params.thresholds, strict=True):
         earlier = history[: max(len(history) - 2 * recent, 0)][-params.compared_frames :]
         if len(earlier) < params.least_frames:
             continue
-        last = history[-recent:]
-        difference = last[:, source].mean(axis=0) - earlier[:, source].mean(axis=0)
+        difference = history[-recent:].mean(axis=0) - earlier.mean(axis=0)
         known = ~np.isnan(difference[:, 0])
-        if not known.any():
-            continue
-        variance = noise * (1.0 / recent + 1.0 / len(earlier)) + params.rough_share * rough
-        weight = (1.0 / np.maximum(variance, 1e-12))[known].reshape(-1)
-        J = jacobian[0][known].reshape(-1, 6)
+        of_means = np.repeat(noise, [1, _ROWS - 1]) * (1.0 / recent + 1.0 / len(earlier))
+        weight = 1.0 / np.maximum(of_means + rough, _LEAST_VARIANCE)
         elapsed = 1.5 * recent + 0.5 * len(earlier)
-        square, u = _explain(J, weight, difference[known].reshape(-1), params.motion_share * elapsed * error)
-        way = float(np.sqrt(np.mean(np.sum((arms @ u) ** 2, axis=1))))
-        slips = slips or (square > threshold and way > params.least_distance)
-    shift = np.full((count, _ROWS), np.nan)
-    shift[source] = residuals[1] - residuals[0]
-    return SlipTest(history + shift, noise), slips
+        J, weights, differences = (
+            jacobian[known].reshape(-1, 6),
+            weight[known].reshape(-1),
+            difference[known].reshape(-1),
+        )
+        square, u = _explain(J, weights, differences, elapsed * error)
+        if square > threshold and _way(contacts.p_PC, change.X_PO, u) > params.least_distance:
+            return True
+    return False
+
+
+def _way(p_PC: FloatArray, X_PO: FloatArray, u: FloatArray) -> float:
+    """How far an increment of the pose moves the object where it is touched, root mean square, m."""
+    arms = (p_PC - X_PO[:, 3]) @ X_PO[:, :3]
+    moved = np.cross(u[:3], arms) @ X_PO[:, :3].T + u[3:]
+    return float(np.sqrt(np.mean(np.sum(moved**2, axis=1))))
 
 
 def _rows(model: ObjectModel, reading: ContactReading, X_PO: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -126,13 +139,20 @@ def _rows(model: ObjectModel, reading: ContactReading, X_PO: FloatArray) -> tupl
     return residuals, jacobian
 
 
-def _follow_noise(noise: float, change: FloatArray, params: SlipParams) -> float:
-    """The variance of frames' residuals after a change (s, 4) from one to the next: half its square is expected."""
-    squares = 0.5 * np.square(change[~np.isnan(change)])
-    if not len(squares):
+def _follow_noise(noise: tuple[float, float], change: FloatArray, params: SlipParams) -> tuple[float, float]:
+    """The variances after residuals have changed (s, 4) from one frame to the next: half the squares is expected.
+
+    A normal's error is across it: of the three rows two vary.
+    """
+    change = change[~np.isnan(change[:, 0])]
+    if not len(change):
         return noise
-    now = float(np.clip(squares.mean(), _LEAST_NOISE, _MOST_NOISE))
-    return noise + params.noise_gain * (now - noise)
+    now = 0.5 * np.mean(change[:, 0] ** 2), 0.25 * np.mean(np.sum(change[:, 1:] ** 2, axis=1))
+    after = [
+        before + params.noise_gain * (np.clip(x, _LEAST_NOISE, _MOST_NOISE) - before)
+        for before, x in zip(noise, now, strict=True)
+    ]
+    return float(after[0]), float(after[1])
 
 
 def _explain(J: FloatArray, weight: FloatArray, difference: FloatArray, error: FloatArray) -> tuple[float, FloatArray]:
