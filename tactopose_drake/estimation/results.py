@@ -13,7 +13,7 @@ from pydrake.math import RigidTransform
 from tactopose_drake.core.plain_values import PlainValue, numbers
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS
-from tactopose_drake.core.statuses import Status
+from tactopose_drake.core.statuses import Status as Status
 from tactopose_drake.core.validation import FloatArray, pose_matrix
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.question import Presentable, Question
