@@ -226,7 +226,7 @@ def test_live_a_belief_that_falls_behind_tells_its_age_and_is_lost(
         bench = Bench(system)
         bench.fix(vision=SEEN)
 
-        assert keep_pace(bench, 10) == "ok"
+        assert keep_pace(bench, 14) == "ok"
         monkeypatch.setattr(PoseTracker, "step", wait)
         bench.feel(12)
         assert re.match(r"ok: the belief is 0\.1\d s old$", str(bench.read("status")))

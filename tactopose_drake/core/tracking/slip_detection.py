@@ -101,7 +101,8 @@ def _has_slipped(
     told = np.stack([contacts.sigma_position, contacts.sigma_normal], axis=1) ** 2
     rough = params.rough_share * np.repeat(change.roughness[reading.source] / told, [1, _ROWS - 1], axis=1)
     error = params.motion_share * error_of_motion(change.X_predicted[None], change.motion)[0]
-    for recent, threshold in zip(params.recent_frames, params.thresholds, strict=True):
+    tests = (params.few_frames, params.few_threshold), (params.many_frames, params.many_threshold)
+    for recent, threshold in tests:
         earlier = history[: max(len(history) - 2 * recent, 0)][-params.compared_frames :]
         if len(earlier) < params.least_frames:
             continue

@@ -59,10 +59,12 @@ class SlipParams:
     """When the object slips."""
 
     max_frames: int = 30  # that are remembered
-    recent_frames: tuple[int, ...] = (2, 5)  # that are compared, so many each, with those before as many others
+    few_frames: int = 2  # that are compared, so many each, with those before as many others: of a quick slide
+    many_frames: int = 5  # and of a slow one
     compared_frames: int = 10  # of those, at the most,
     least_frames: int = 3  # and at the least
-    thresholds: tuple[float, ...] = (34.0, 55.0)  # of each: noise alone would make half of that chi-square of six
+    few_threshold: float = 34.0  # of chi-square with six degrees of freedom, where few frames are compared,
+    many_threshold: float = 55.0  # and where many are: in that time fingertips roll on over other places
     motion_share: float = 0.1  # of what is unknown of the fingertips' motion, that is new within so short a time
     least_distance: float = 0.0008  # that the contacts have moved on the surface, m
     rough_share: float = 0.3  # of the surface's roughness, that changes as a fingertip rolls on
