@@ -133,7 +133,7 @@ class PoseTrackerParams:
     surface_position: float = 0.0001  # how far the model's surface is from the object's, m
     surface_normal_deg: float = 1.0  # how far its normals are about each axis, deg
     lever_arm: float = 0.25  # of the object's size: so far from O a turn moves the surface, by which m and rad compare
-    settling_time: float = 0.08  # s after a finger has come to touch, or the best mode has become another, until it is
+    settling_time: float = 0.09  # s after a finger has come to touch, or the best mode has become another, until it is
     settled_distance: float = 0.01  # of the surface between two best modes that are not the same, m
     slip_time: float = 0.1  # s for which a slip that was found is taken to go on
     lost_time: float = 0.2  # s without an explanation of the touch, after which the pose is lost
