@@ -30,13 +30,14 @@ from tactopose_drake.core.posterior.hypotheses import find_modes
 from tactopose_drake.core.searches.pose_problem import make_problem
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.statuses import Status
 from tactopose_drake.core.validation import instance_of, known_name, shown, whole_number
 from tactopose_drake.errors import InvalidInputError, TooFewContactsError
 from tactopose_drake.estimation.estimate import METHODS, check_units, weigh_poses
 from tactopose_drake.estimation.identities import Identification, Identity
 from tactopose_drake.estimation.object_library import LibraryObject, ObjectLibrary
 from tactopose_drake.estimation.pickling import Sealed
-from tactopose_drake.estimation.results import PoseEstimate, Status
+from tactopose_drake.estimation.results import PoseEstimate
 
 Likelihood = Literal["evidence", "inverse_cost"]
 

@@ -4,7 +4,8 @@ import dataclasses
 from collections.abc import Sequence
 from typing import overload
 
-from tactopose_drake.estimation.results import PoseEstimate, Status
+from tactopose_drake.core.statuses import Status
+from tactopose_drake.estimation.results import PoseEstimate
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, Literal, Self, overload
+from typing import Any, Self, overload
 
 import numpy as np
 from pydrake.math import RigidTransform
@@ -13,11 +13,11 @@ from pydrake.math import RigidTransform
 from tactopose_drake.core.plain_values import PlainValue, numbers
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS
+from tactopose_drake.core.statuses import Status as Status
 from tactopose_drake.core.validation import FloatArray, pose_matrix
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.question import Presentable, Question
 
-Status = Literal["ok", "ambiguous", "no_solution"]
 _ARRAYS = ("covariance", "free_directions", "inlier_probability")
 
 

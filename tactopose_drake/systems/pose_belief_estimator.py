@@ -13,18 +13,17 @@ from tactopose_drake.core.posterior.hypotheses import free_directions
 from tactopose_drake.core.posterior.plausibility import may_be_touched
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.statuses import STATUS_OF_BELIEF
 from tactopose_drake.core.tracking.frame import Frame
 from tactopose_drake.core.tracking.pose_belief import PoseBelief
 from tactopose_drake.core.tracking.pose_tracker import PoseTracker
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tactopose_drake.core.validation import FloatArray, positive_number
 from tactopose_drake.errors import PortTypeError
-from tactopose_drake.estimation.results import PoseEstimate, PoseHypothesis, Status
+from tactopose_drake.estimation.results import PoseEstimate, PoseHypothesis
 from tactopose_drake.systems.belief_inputs import BeliefInputs, Reading, Remembered
 from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.ports import eval_optional_input
-
-_STATUSES: dict[str, Status] = {"ok": "ok", "slipping": "ok", "ambiguous": "ambiguous"}
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -276,7 +275,7 @@ def estimate_of(belief: PoseBelief, size: float, duration: float = 0.0) -> PoseE
             belief.X_PO, belief.probability, belief.covariance, free, belief.explains_touch, strict=True
         )
     )
-    status = _STATUSES.get(belief.status, "no_solution")
+    status = STATUS_OF_BELIEF[belief.status]
     if status == "ok" and belief.probability[0] < DEFAULT_PARAMS.modes.answer_share:
         status = "ambiguous"
     return PoseEstimate(hypotheses, status, duration)

@@ -17,10 +17,10 @@ def box() -> ObjectModel:
 
 def test_a_palm_that_is_not_known_leaves_the_pose_in_the_palm(box: ObjectModel) -> None:
     def palm(time: float) -> RigidTransform:
-        return RigidTransform([0.5, 0.0, 0.3]) if time < 0.1 or time > 0.3 else RigidTransform(np.full(3, np.nan))
+        return RigidTransform([0.5, 0.0, 0.3]) if time < 0.15 or time > 0.3 else RigidTransform(np.full(3, np.nan))
 
     run = Run(PoseBeliefEstimator(box), vision=begun(lambda time: None), palm_pose=palm, **touched(still))
-    assert run.until(0.05).status == "ok"
+    assert run.until(0.13).status == "ok"
     last = run.until(0.2)
     assert last.status == "ok: the palm's pose is not finite"
     assert not np.any(np.isfinite(run.read("object_pose_in_world").translation()))

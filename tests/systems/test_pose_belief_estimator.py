@@ -132,7 +132,7 @@ def test_it_is_deterministic(box: ObjectModel) -> None:
 def test_sensors_that_drop_out_and_vision_that_fails_change_the_status_alone(box: ObjectModel) -> None:
     bench = Bench(PoseBeliefEstimator(box))
     bench.fix(vision=SEEN)
-    bench.feel(10)
+    bench.feel(12)
     far = PoseMeasurement.from_prior(PosePrior(RigidTransform([3.0, 0.0, 0.0])), bench.context.get_time())
     bench.fix(vision=far)
     assert bench.feel(5) == "ok: vision is not believed: it is out of reach of the touch"
@@ -226,7 +226,7 @@ def test_live_a_belief_that_falls_behind_tells_its_age_and_is_lost(
         bench = Bench(system)
         bench.fix(vision=SEEN)
 
-        assert keep_pace(bench, 10) == "ok"
+        assert keep_pace(bench, 14) == "ok"
         monkeypatch.setattr(PoseTracker, "step", wait)
         bench.feel(12)
         assert re.match(r"ok: the belief is 0\.1\d s old$", str(bench.read("status")))

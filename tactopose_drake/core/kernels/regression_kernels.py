@@ -53,15 +53,11 @@ class Regression(NamedTuple):
     """What is written of B modes and k contacts.
 
     Attributes:
-        cost: negative logarithm of the density at the minimum, up to a constant, shape (B,).
-        log_determinant: the part of the cost that is logarithms of variances rather than squares, shape (B,).
         hessian: by the joint increment, shape (B, m, m); read too: over its inverse the first round goes.
         roughness: of the surface about each contact: variances of its distance, m^2, and of its normal about each axis,
             rad^2, shape (B, k, 2).
     """
 
-    cost: OutFloats1
-    log_determinant: OutFloats1
     hessian: OutFloats3
     roughness: OutFloats3
 
@@ -121,7 +117,6 @@ def regress_modes(
         units[i, i] = 1.0
     points, here, g, H, step = scratch.points, scratch.here, scratch.g, scratch.H, scratch.step
     for b in range(X.shape[0]):
-        cost, log_determinant = regression.cost[b : b + 1], regression.log_determinant[b : b + 1]
         copy_matrix(X[b], here[0])
         for _ in range(settings.rounds):
             covariance = np.ascontiguousarray(np.linalg.solve(regression.hessian[b], units)[:6])
@@ -129,17 +124,14 @@ def regress_modes(
             limit_axes(here[0], contacts.p, settings.max_displacement, points)
             weigh_normals(grid, contacts, settings, here[0], points, regression.roughness[b])
             sample_rows(grid, contacts, here, points)
-            cost[0], log_determinant[0] = _put_prior(priors.X[b], priors.information[b], scratch), 0.0
+            _put_prior(priors.X[b], priors.information[b], scratch)
             for i in range(count):
                 _fit_slopes(points, i, settings.bend_penalty, scratch.J, scratch.mean)
                 _fit_covariance(points, i, scratch.mean, scratch.R)
                 _add_roughness(contacts, i, scratch, regression.roughness[b, i])
                 _add_bias_columns(contacts, i, scratch)
-                _add_contact(contacts.source[i], scratch, cost, log_determinant)
+                _add_contact(contacts.source[i], scratch)
             least_squares_kernels.damped_steps(H, g, undamped, step)
-            for i in range(size):
-                cost[0] += 0.5 * g[0, i] * step[0, i]
-            cost[0] += log_determinant[0]
             copy_vector(step[0, :6], points.increment[0])
             pose_kernels.retract(here, points.increment, points.pose)
             copy_matrix(points.pose[0], here[0])
@@ -167,25 +159,22 @@ def _make_scratch(size: int, count: int) -> _Scratch:
 
 
 @part
-def _put_prior(X_prior: Floats2, information: Floats2, scratch: _Scratch) -> float:
-    """Cost, gradient and Hessian of the prior here, where the biases are at their mean, zero."""
+def _put_prior(X_prior: Floats2, information: Floats2, scratch: _Scratch) -> None:
+    """Gradient and Hessian of the prior here, where the biases are at their mean, zero."""
     g, H = scratch.g[0], scratch.H[0]
     compare_with_prior(X_prior, scratch.here, scratch.prior)
     A, z, slope = scratch.prior.jacobian[0], scratch.prior.increment[0], scratch.slope
-    square = 0.0
     for i in range(g.shape[0]):
         slope[i] = 0.0
         for k in range(6):
             slope[i] += information[i, k] * z[k]
         g[i] = slope[i]
     for i in range(6):
-        square += z[i] * slope[i]
         g[i] = 0.0
         for k in range(6):
             g[i] += A[k, i] * slope[k]
     copy_matrix(information, H)
     transport_information(A, H)
-    return 0.5 * square
 
 
 @part
@@ -262,17 +251,14 @@ def _add_bias_columns(contacts: ContactArrays, i: int, scratch: _Scratch) -> Non
 
 
 @part
-def _add_contact(source: int, scratch: _Scratch, cost: OutFloats1, log_determinant: OutFloats1) -> None:
-    """Adds a regressed contact: mean^T R^-1 mean / 2 and log det R / 2 to the cost, J^T R^-1 J to the Hessian."""
+def _add_contact(source: int, scratch: _Scratch) -> None:
+    """Adds a regressed contact: J^T R^-1 mean to the gradient, J^T R^-1 J to the Hessian."""
     J, mean, W, WJ = scratch.J, scratch.mean, scratch.W, scratch.WJ
-    log_determinant[0] += 0.5 * cholesky(scratch.R, scratch.L)
+    cholesky(scratch.R, scratch.L)
     invert(scratch.L, W)
     for k in range(4):
         for c in range(12):
             WJ[k, c] = 0.0
             for e in range(4):
                 WJ[k, c] += W[k, e] * J[e, c]
-    for k in range(4):
-        for c in range(4):
-            cost[0] += 0.5 * mean[k] * W[k, c] * mean[c]
     add_normal_equations(source, WJ, J, WJ, mean, scratch.g[0], scratch.H[0])

@@ -15,16 +15,26 @@ frames of one grasp, each with own error covariance R, give P = B + R / N in the
 
 What a contact says of the pose is regressed over the spread of the mode [G15] rather than read off a tangent. Tangents
 at one estimate after the other are all different, by bends, facets and edges, and together claim to know what none
-does. What slopes leave over is the surface's roughness about the contact. It stays while the contact stays, and so do
-most errors of the normal that is expected near an edge: roughness adds to the variances B, by mode and source.
+does. Where the spread reaches over bends and edges, though, the middle of what is regressed may lie beside the surface
+as it is: there the pose is the minimum of prior and contacts themselves. What slopes leave over is the surface's
+roughness about the contact. It stays while the contact stays, and so do most errors of the normal that is
+expected near an edge: roughness adds to the variances B, by mode and source. So does what the one-shot estimate doubts:
+noise that seems larger than told, and contacts that seem false, for as long as they seem so. What single frames err is
+seen from frame to frame; what they are off beyond that, lasts.
+
+What neither sees, because a mode that is narrow sees little of the surface, is counted at each frame anew, and a mode
+that learns from it grows sure of a pose beside the truth. Therefore what the touch told of the pose is forgotten, by a
+factor for each direction, as in directional forgetting [K87].
 
 Sources: [G15] A. Garcia-Fernandez et al., Posterior linearization filter: principles and implementation using sigma
-points, IEEE Trans. Signal Processing, 2015; [S66] S. Schmidt, Application of state-space methods to navigation
+points, IEEE Trans. Signal Processing, 2015; [K87] R. Kulhavy, Restricted exponential forgetting in real-time
+identification, Automatica, 1987; [S66] S. Schmidt, Application of state-space methods to navigation
 problems, 1966 (the consider filter).
 """
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from typing import NamedTuple
 
@@ -36,41 +46,13 @@ from tactopose_drake.core.kernels.joint_state_kernels import ContactArrays, Mode
 from tactopose_drake.core.kernels.refinement_kernels import refine_modes
 from tactopose_drake.core.kernels.regression_kernels import Regression, regress_modes
 from tactopose_drake.core.kernels.sigma_point_kernels import RegressionSettings
+from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.tracking.contact_errors import BiasModel, declared_excess, lasting_excess
 from tactopose_drake.core.tracking.frame import ContactReading
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tactopose_drake.core.validation import FloatArray
-
-
-class BiasModel(NamedTuple):
-    """Standard deviations of what never changes: of each coordinate of a position, m, and about each axis, rad.
-
-    Attributes:
-        calibration: of the hand, which is a part of what the contacts say of their errors.
-        surface: how far the model's surface is from the object's where it is touched; contacts do not know of it.
-    """
-
-    calibration: tuple[float, float]
-    surface: tuple[float, float]
-
-    @classmethod
-    def from_params(cls, params: PoseTrackerParams) -> BiasModel:
-        """What the parameters say."""
-        return cls(
-            (params.calibration_position, math.radians(params.calibration_normal_deg)),
-            (params.surface_position, math.radians(params.surface_normal_deg)),
-        )
-
-    @property
-    def variances(self) -> FloatArray:
-        """Of a bias of the position, m^2, and of the normal, rad^2, shape (2,)."""
-        return np.square(self.calibration) + np.square(self.surface)
-
-    def with_roughness(self, roughness: FloatArray) -> FloatArray:
-        """Variances of the biases of s sources, shape (n, 6 s), on surfaces of a roughness (n, s, 2)."""
-        variances = np.repeat(self.variances, 3) + np.repeat(roughness, 3, axis=2)
-        return variances.reshape(len(roughness), -1)
 
 
 class ContactUpdate(NamedTuple):
@@ -80,8 +62,6 @@ class ContactUpdate(NamedTuple):
         X_PO: the minima, shape (n, 3, 4).
         covariance: of the increments there, shape (n, 6, 6).
         cross_covariance: of the increments with the biases, shape (n, 6, 6 s).
-        nis: normalised innovation squared, the squared length of the whitened innovation, shape (n,): chi-square with
-            as many degrees of freedom as the contacts are numbers.
         roughness: of the surface about each of k contacts: variances of its distance, m^2, and of its normal about
             each axis, rad^2, shape (n, k, 2).
     """
@@ -89,7 +69,6 @@ class ContactUpdate(NamedTuple):
     X_PO: FloatArray
     covariance: FloatArray
     cross_covariance: FloatArray
-    nis: FloatArray
     roughness: FloatArray
 
 
@@ -114,7 +93,7 @@ def update_with_contacts(
     variances = bias.with_roughness(modes.roughness)
     information = _joint_information(modes.covariance, modes.cross_covariance, variances)
     count, size = information.shape[:2]
-    weights = _noise_weights(contacts, bias, settings.least_noise_share)
+    weights = _noise_weights(contacts, declared_excess(contacts, params), bias, settings.least_noise_share)
     grid = model.grid.nodes
     n_PC = np.zeros_like(contacts.p_PC) if contacts.n_PC is None else contacts.n_PC
     arrays = ContactArrays(*map(read_only, (contacts.p_PC, n_PC, *weights, reading.source)))
@@ -124,32 +103,98 @@ def update_with_contacts(
     if X_start is None:
         # A frame tells little that is new: what holds over the prediction's whole spread, not about the minimum alone.
         hessian[:] = information
-    regression = Regression(np.empty(count), np.empty(count), hessian, np.zeros((count, len(contacts), 2)))
+    regression = Regression(hessian, np.zeros((count, len(contacts), 2)))
+    X_minimum = X_PO.copy()
     regress_modes(grid, arrays, priors, _regression_settings(params, model.size), X_PO, regression)
+    cost = SurfaceContact(model.grid, contacts).cost(np.concatenate([X_minimum, X_PO]))
+    is_beside = cost[count:] > cost[:count] + settings.as_good
+    X_PO[is_beside] = X_minimum[is_beside]
     joint = np.linalg.solve(hessian, np.broadcast_to(np.eye(size, 6), (count, size, 6)))
     P = np.asarray(joint[:, :6], dtype=np.float64)
     return ContactUpdate(
         X_PO,
         0.5 * (P + np.swapaxes(P, 1, 2)),
         np.swapaxes(joint[:, 6:], 1, 2),
-        2.0 * (regression.cost - regression.log_determinant),
         regression.roughness,
     )
 
 
-def degrees_of_freedom(contacts: Contacts) -> int:
-    """How many numbers the contacts measure: a distance each, and the two angles of a normal."""
-    return len(contacts) * (1 if contacts.n_PC is None else 3)
+def update_modes(
+    model: ObjectModel, params: PoseTrackerParams, reading: ContactReading, modes: TrackedModes, duration: float
+) -> TrackedModes:
+    """The modes, at least one, after a frame's contacts; those that hardly count are left as they were predicted.
+
+    Args:
+        model: the object.
+        params: what is assumed.
+        reading: what is touched.
+        modes: as they are predicted, by falling weight.
+        duration: since the last frame, s.
+    """
+    count = np.count_nonzero(modes.log_weight >= modes.log_weight[0] + math.log(params.mixture.least_updated_share))
+    first = min(int(count), params.mixture.max_updated)
+    forgotten = min(1.0, duration / params.forgetting.time)
+    forgetful = forget(
+        model, reading.contacts, modes.chosen(slice(first)), forgotten, params.forgetting.half_information
+    )
+    update = update_with_contacts(model, params, reading, forgetful)
+    updated = dataclasses.replace(
+        forgetful, X_PO=update.X_PO, covariance=update.covariance, cross_covariance=update.cross_covariance
+    )
+    updated = follow_roughness(updated, reading, update.roughness, params)
+    return updated if first == len(modes) else updated.joined(modes.chosen(slice(first, None)))
 
 
-def _noise_weights(contacts: Contacts, bias: BiasModel, least_share: float) -> tuple[FloatArray, FloatArray]:
+def forget(
+    model: ObjectModel, contacts: Contacts, modes: TrackedModes, forgotten: float, half_information: float
+) -> TrackedModes:
+    """The modes before an update, wider in the directions of which the touch tells.
+
+    Args:
+        model: the object.
+        contacts: the touch, by which what a frame tells is measured.
+        modes: as they are predicted.
+        forgotten: the share of its variance by which a direction that only the touch determines grows.
+        half_information: of a frame over what is known of a direction; then it grows by half of that.
+    """
+    information = SurfaceContact(model.grid, contacts).normal_equations(modes.X_PO).hessian
+    root = np.linalg.cholesky(modes.covariance)
+    values, vectors = np.linalg.eigh(np.swapaxes(root, 1, 2) @ information @ root)
+    axes = root @ vectors
+    growth = forgotten * values / (values + half_information)
+    covariance = modes.covariance + (axes * growth[:, None]) @ np.swapaxes(axes, 1, 2)
+    return dataclasses.replace(modes, covariance=covariance)
+
+
+def follow_roughness(
+    modes: TrackedModes, reading: ContactReading, roughness: FloatArray, params: PoseTrackerParams
+) -> TrackedModes:
+    """The modes when some sources (k,) touch a surface of this roughness (n, k, 2), and are doubted.
+
+    A bias is the sum of the hand's and the surface's. Where the latter's variance grows, the pose knows nothing of what
+    is added. Where the sum's falls from T to t, of the bias a share t / T is expected to be left.
+    """
+    variances = BiasModel.from_params(params).variances
+    after = modes.roughness.copy()
+    now = roughness + lasting_excess(reading, params)
+    after[:, reading.source] += params.contact_update.roughness_gain * (now - after[:, reading.source])
+    left = np.minimum(1.0, (variances + after) / (variances + modes.roughness))
+    cross = modes.cross_covariance * np.repeat(left, 3, axis=2).reshape(len(modes), 1, -1)
+    return dataclasses.replace(modes, cross_covariance=cross, roughness=after)
+
+
+def _noise_weights(
+    contacts: Contacts, excess: FloatArray, bias: BiasModel, least_share: float
+) -> tuple[FloatArray, FloatArray]:
     """One over the standard deviations of what is new at each time, of points and of normals, shape (k,) each.
 
     Normals that there are none of have the weight 0.
     """
     position, normal = (
-        1.0 / np.sqrt(np.maximum(np.square(sigma) - lasting**2, np.square(least_share * np.asarray(sigma))))
-        for sigma, lasting in zip((contacts.sigma_position, contacts.sigma_normal), bias.calibration, strict=True)
+        1.0 / np.sqrt(np.maximum(np.square(sigma) - lasting**2 - more, np.square(least_share * np.asarray(sigma))))
+        for sigma, lasting, more in zip(
+            (contacts.sigma_position, contacts.sigma_normal), bias.calibration, excess.T, strict=True
+        )
     )
     return position, normal * (contacts.n_PC is not None)
 

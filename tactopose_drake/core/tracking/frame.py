@@ -129,29 +129,37 @@ class ContactReading(NamedTuple):
         source: the source of each, shape (k,).
         sources: names of all sources.
         is_new: whether this reading is not the last one again.
+        doubt: by how much the variance of what lasts of each one's error seems larger than told, shape (k,).
+        evidence: that of the frame; see `as_doubted`.
     """
 
     contacts: Contacts
     source: NDArray[np.intp]
     sources: tuple[str, ...]
     is_new: bool
+    doubt: FloatArray
+    evidence: Evidence
 
     @property
     def has_contact(self) -> bool:
         return len(self.contacts) > 0
 
 
-def read_contacts(frame: Frame, sources: tuple[str, ...], p_before: FloatArray) -> ContactReading:
+def read_contacts(
+    frame: Frame, sources: tuple[str, ...], p_before: FloatArray, doubt: Mapping[str, float]
+) -> ContactReading:
     """The frame's contacts by the sources known so far and the new ones.
 
     Args:
         frame: all that is sensed.
         sources: names of those known so far.
         p_before: the last contacts' points, shape (k, 3), m.
+        doubt: by how much the variances of what lasts seem larger than told, by source; 1 of those that are not there.
     """
     contacts = frame.evidence.touch
     assert frame.sources is not None
     sources += tuple(name for name in frame.sources if name not in sources)
     source = np.array([sources.index(name) for name in frame.sources], dtype=np.intp)
     is_new = len(contacts) > 0 and not np.array_equal(contacts.p_PC, p_before)
-    return ContactReading(contacts, source, sources, is_new)
+    factors = np.array([doubt.get(name, 1.0) for name in frame.sources])
+    return ContactReading(contacts, source, sources, is_new, factors, frame.evidence)

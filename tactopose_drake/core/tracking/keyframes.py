@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.poses import compose, skew
+from tactopose_drake.core.tracking.frame import ContactReading
 from tactopose_drake.core.tracking.motion_prediction import Motion
 from tactopose_drake.core.tracking.tracker_params import WindowParams
 from tactopose_drake.core.validation import FloatArray
@@ -21,10 +22,11 @@ from tactopose_drake.core.validation import FloatArray
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Keyframe:
-    """A touch of the past.
+    """A touch of the past, of k contacts.
 
     Attributes:
-        contacts: as they were in P then.
+        p_PC, n_PC: the contacts as they were in P then, shape (k, 3), m; no normals where there are none.
+        variances: of their points, m^2, and of their normals, rad^2, shape (k, 2).
         sources: what made each of them.
         X_PP: the motion of the object in P since then, which acts from the left, shape (3, 4).
         covariance: of the small twist [rotation vector, translation] about the origin of P that comes after it, which
@@ -32,39 +34,34 @@ class Keyframe:
         frames: how many the contacts are the mean of.
     """
 
-    contacts: Contacts
+    p_PC: FloatArray
+    n_PC: FloatArray | None
+    variances: FloatArray
     sources: tuple[str, ...]
     X_PP: FloatArray
     covariance: FloatArray
     frames: int = 1
 
     @classmethod
-    def of_now(cls, contacts: Contacts, sources: tuple[str, ...]) -> Keyframe:
-        """A touch of this time."""
-        return cls(contacts, sources, np.eye(3, 4), np.zeros((6, 6)))
-
-    def moved(self, motion: Motion) -> Keyframe:
-        """The same after a further motion."""
-        pose = motion.pose
-        adjoint = np.zeros((6, 6))
-        adjoint[:3, :3] = adjoint[3:, 3:] = pose[:, :3]
-        adjoint[3:, :3] = skew(pose[:, 3]) @ pose[:, :3]
-        covariance = adjoint @ self.covariance @ adjoint.T + motion.covariance
-        return dataclasses.replace(self, X_PP=compose(pose, self.X_PP), covariance=covariance)
+    def of_now(cls, reading: ContactReading, sources: tuple[str, ...]) -> Keyframe:
+        """A touch of this time, by its sources."""
+        contacts, doubted = reading.contacts, reading.evidence.touch
+        variances = np.stack([doubted.sigma_position, doubted.sigma_normal], axis=1) ** 2
+        return cls(contacts.p_PC, contacts.n_PC, variances, sources, np.eye(3, 4), np.zeros((6, 6)))
 
     @property
     def points(self) -> FloatArray:
         """Where the contacts' points are now, shape (k, 3), m."""
-        points: FloatArray = self.contacts.p_PC @ self.X_PP[:, :3].T + self.X_PP[:, 3]
+        points: FloatArray = self.p_PC @ self.X_PP[:, :3].T + self.X_PP[:, 3]
         return points
 
     @property
     def normals(self) -> FloatArray | None:
         """The contacts' normals now, shape (k, 3)."""
-        return None if self.contacts.n_PC is None else self.contacts.n_PC @ self.X_PP[:, :3].T
+        return None if self.n_PC is None else self.n_PC @ self.X_PP[:, :3].T
 
     @property
-    def variances(self) -> tuple[FloatArray, FloatArray]:
+    def added_variances(self) -> FloatArray:
         """What the motion's error adds: to the variance of each point's distance, m^2, and of each normal, rad^2."""
         points, normals = self.points, self.normals
         arms = np.concatenate([-skew(points), np.tile(np.eye(3), (len(points), 1, 1))], axis=2)
@@ -73,7 +70,7 @@ class Keyframe:
             across = np.trace(error, axis1=1, axis2=2) / 3.0
         else:
             across = np.einsum("ki,kij,kj->k", normals, error, normals)
-        return across, np.full(len(points), np.trace(self.covariance[:3, :3]) / 3.0)
+        return np.stack([across, np.full(len(points), np.trace(self.covariance[:3, :3]) / 3.0)], axis=1)
 
     def joined_by(self, now: Keyframe, max_frames: int) -> Keyframe:
         """The touch of now, averaged with this one, which is of the same fingers at the same places."""
@@ -85,8 +82,7 @@ class Keyframe:
         if n_PC is not None and normals is not None:
             n_PC = normals[order] + (n_PC - normals[order]) / frames
             n_PC = n_PC / np.linalg.norm(n_PC, axis=1, keepdims=True)
-        contacts = dataclasses.replace(now.contacts, p_PC=p_PC, n_PC=n_PC)
-        return dataclasses.replace(Keyframe.of_now(contacts, now.sources), frames=frames)
+        return dataclasses.replace(now, p_PC=p_PC, n_PC=n_PC, frames=frames)
 
     def tells_other_than(self, now: Keyframe, params: WindowParams) -> bool:
         """Whether other fingers touch now, or one of them elsewhere on the object."""
@@ -107,15 +103,28 @@ class TouchWindow:
 
     Attributes:
         now: the touch of now.
-        contacts: the same, and then those of the past, which are less sure.
-        keyframe: which of the touches each is of, 0 for that of now, shape (k,).
-        count: how many touches there are.
+        past: the contacts of earlier touches that tell other things, and are less sure; None where there are none.
+        keyframe: which of these touches each is of, shape (k,).
+        count: how many touches there are with that of now.
     """
 
-    now: Contacts
-    contacts: Contacts
+    now: Keyframe
+    past: Contacts | None
     keyframe: NDArray[np.intp]
     count: int
+
+
+def move_keyframes(keyframes: tuple[Keyframe, ...], motion: Motion) -> tuple[Keyframe, ...]:
+    """The same after a further motion."""
+    pose, adjoint = motion.pose, motion.adjoint
+    return tuple(
+        dataclasses.replace(
+            keyframe,
+            X_PP=compose(pose, keyframe.X_PP),
+            covariance=adjoint @ keyframe.covariance @ adjoint.T + motion.covariance,
+        )
+        for keyframe in keyframes
+    )
 
 
 def follow_touch(keyframes: tuple[Keyframe, ...], now: Keyframe, params: WindowParams) -> tuple[Keyframe, ...]:
@@ -123,29 +132,26 @@ def follow_touch(keyframes: tuple[Keyframe, ...], now: Keyframe, params: WindowP
 
     While the touch stays the same the last one is its mean, in which the noise of single frames averages out.
     """
-    kept = [frame for frame in keyframes if np.sqrt(frame.variances[0].mean()) < params.max_sigma]
-    if kept and not kept[-1].tells_other_than(now, params):
-        return (*kept[:-1], kept[-1].joined_by(now, params.max_frames))
+    if keyframes and not keyframes[-1].tells_other_than(now, params):
+        return (*keyframes[:-1], keyframes[-1].joined_by(now, params.max_frames))
+    kept = [frame for frame in keyframes if np.sqrt(frame.added_variances[:, 0].mean()) < params.max_sigma]
     return (*kept[-params.max_keyframes :], now)
 
 
 def make_window(keyframes: tuple[Keyframe, ...], params: WindowParams) -> TouchWindow:
     """The touch of now, which is the last of the keyframes, with those that tell other things."""
     now = keyframes[-1]
-    touches = [now, *(frame for frame in keyframes[:-1] if frame.tells_other_than(now, params))]
-    if len(touches) == 1:
-        return TouchWindow(now.contacts, now.contacts, np.zeros(len(now.contacts), dtype=np.intp), 1)
-    added = [frame.variances for frame in touches]
-    normals = [frame.normals for frame in touches]
-    contacts = Contacts(
-        np.concatenate([frame.points for frame in touches]),
+    added = [(frame, frame.added_variances) for frame in keyframes[:-1] if frame.tells_other_than(now, params)]
+    added = [(frame, more) for frame, more in added if np.sqrt(more[:, 0].mean()) < params.max_sigma]
+    if not added:
+        return TouchWindow(now, None, np.zeros(0, dtype=np.intp), 1)
+    normals = [frame.normals for frame, _ in added]
+    sigmas = np.sqrt(np.concatenate([frame.variances + more for frame, more in added]))
+    past = Contacts(
+        np.concatenate([frame.points for frame, _ in added]),
         None if any(n is None for n in normals) else np.concatenate([n for n in normals if n is not None]),
-        sigma_position=np.sqrt(
-            np.concatenate([f.contacts.sigma_position**2 + d for f, (d, _) in zip(touches, added, strict=True)])
-        ),
-        sigma_normal=np.sqrt(
-            np.concatenate([f.contacts.sigma_normal**2 + d for f, (_, d) in zip(touches, added, strict=True)])
-        ),
+        sigma_position=sigmas[:, 0],
+        sigma_normal=sigmas[:, 1],
     )
-    keyframe = np.repeat(np.arange(len(touches)), [len(frame.contacts) for frame in touches])
-    return TouchWindow(now.contacts, contacts, keyframe, len(touches))
+    keyframe = np.repeat(np.arange(len(added)), [len(frame.p_PC) for frame, _ in added])
+    return TouchWindow(now, past, keyframe, 1 + len(added))

@@ -53,6 +53,15 @@ class Motion(NamedTuple):
         return np.column_stack([exp_so3(self.twist[:3]), self.twist[3:]])
 
     @property
+    def adjoint(self) -> FloatArray:
+        """What the motion makes of a small twist before it, shape (6, 6)."""
+        pose = self.pose
+        adjoint = np.zeros((6, 6))
+        adjoint[:3, :3] = adjoint[3:, 3:] = pose[:, :3]
+        adjoint[3:, :3] = skew(pose[:, 3]) @ pose[:, :3]
+        return adjoint
+
+    @property
     def increment_map(self) -> FloatArray:
         """What the motion makes of the increments (w, v) from a pose, shape (6, 6): w stays, v turns with it."""
         turn = np.eye(6)
@@ -178,9 +187,14 @@ def predict_poses(X_PO: FloatArray, covariance: FloatArray, motion: Motion) -> t
     twist (r, s) after it is the increment (R^T r, s + r x p).
     """
     moved, turn = compose(motion.pose, X_PO), motion.increment_map
-    M = np.zeros((len(moved), 6, 6))
-    M[:, :3, :3], M[:, 3:, :3], M[:, 3:, 3:] = np.swapaxes(moved[:, :, :3], 1, 2), -skew(moved[:, :, 3]), np.eye(3)
-    return moved, turn @ covariance @ turn.T + M @ motion.covariance @ np.swapaxes(M, 1, 2)
+    return moved, turn @ covariance @ turn.T + error_of_motion(moved, motion)
+
+
+def error_of_motion(X_PO: FloatArray, motion: Motion) -> FloatArray:
+    """What the error of a motion that ended at poses (n, 3, 4) makes of the increments' covariance, (n, 6, 6)."""
+    M = np.zeros((len(X_PO), 6, 6))
+    M[:, :3, :3], M[:, 3:, :3], M[:, 3:, 3:] = np.swapaxes(X_PO[:, :, :3], 1, 2), -skew(X_PO[:, :, 3]), np.eye(3)
+    return np.asarray(M @ motion.covariance @ np.swapaxes(M, 1, 2))
 
 
 def predict_modes(modes: TrackedModes, motion: Motion, max_sigma_translation: float) -> TrackedModes:

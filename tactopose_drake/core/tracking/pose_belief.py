@@ -4,20 +4,26 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.plain_values import numbers
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
+from tactopose_drake.core.posterior.plausibility import explain_touch
+from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.statuses import BeliefStatus
 from tactopose_drake.core.tracking.frame import PoseMeasurement
 from tactopose_drake.core.tracking.keyframes import Keyframe
 from tactopose_drake.core.tracking.motion_prediction import MotionHistory
+from tactopose_drake.core.tracking.relocalisation import SearchState
+from tactopose_drake.core.tracking.slip_detection import SlipTest
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
+from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tactopose_drake.core.validation import FloatArray
-
-BeliefStatus = Literal["ok", "ambiguous", "slipping", "no_contact", "lost"]
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -58,10 +64,11 @@ class PoseBelief:
         p_PC: the last contacts' points, shape (k, 3), m.
         touch_time, explained_time, slip_time: when something was last touched, and explained, and when it last slipped,
             s.
+        slip_test: by which it is found to slip.
+        doubt: by how much the variances of what lasts of each source's errors seem larger than told, by its name.
         unsettled_time: when another finger came to touch, or the best mode became another one, s.
         felt_time: of each source by its name, when it last touched, s.
-        search_time: when modes were last searched for, s.
-        searches: how many searches there were.
+        search: how far the search for other modes is.
         vision: what vision has said.
         X_WP: where the palm was, shape (3, 4); None where that is not known.
     """
@@ -80,10 +87,11 @@ class PoseBelief:
     touch_time: float = -np.inf
     explained_time: float = -np.inf
     slip_time: float = -np.inf
+    slip_test: SlipTest = dataclasses.field(default_factory=SlipTest)
+    doubt: Mapping[str, float] = dataclasses.field(default_factory=dict)
     unsettled_time: float = -np.inf
     felt_time: Mapping[str, float] = dataclasses.field(default_factory=dict)
-    search_time: float = -np.inf
-    searches: int = 0
+    search: SearchState = dataclasses.field(default_factory=SearchState)
     vision: VisionRecord = dataclasses.field(default_factory=VisionRecord)
     X_WP: FloatArray | None = None
 
@@ -118,3 +126,47 @@ class PoseBelief:
     def message(self) -> str:
         """The status, and after a colon the remarks."""
         return f"{self.status}: {'; '.join(self.remarks)}" if self.remarks else self.status
+
+
+def summarise(
+    model: ObjectModel, params: PoseTrackerParams, belief: PoseBelief, evidence: Evidence, *, has_contact: bool
+) -> PoseBelief:
+    """The belief with poses, probabilities and status by its modes and the evidence of its time."""
+    weights = np.exp(belief.modes.log_weight - belief.modes.log_weight.max(initial=-np.inf))
+    weights = weights / weights.sum()
+    order = np.argsort(-weights, kind="stable")
+    mixture = GaussianMixture(belief.modes.X_PO[order], weights[order], belief.modes.covariance[order])
+    explains = np.ones(len(mixture), dtype=np.bool_)
+    if has_contact and len(mixture):
+        explains = explain_touch(model, evidence, mixture.X_PO, params.plausibility)
+    belief = dataclasses.replace(
+        belief,
+        mixture=mixture,
+        explains_touch=explains,
+        explained_time=belief.time if has_contact and explains[:1].any() else belief.explained_time,
+    )
+    status, remarks = judge(belief, params, has_contact=has_contact)
+    if belief.vision.remark:
+        remarks = (*remarks, belief.vision.remark)
+    return dataclasses.replace(belief, status=status, remarks=remarks)
+
+
+def judge(belief: PoseBelief, params: PoseTrackerParams, *, has_contact: bool) -> tuple[BeliefStatus, tuple[str, ...]]:
+    """The status, and why, of a belief that has contacts or not."""
+    time = belief.time
+    if not has_contact:
+        if not belief.has_pose:
+            return "lost", ("nothing is touched",)
+        since = time - max(belief.touch_time, belief.vision.accepted_time)
+        if since > params.unobserved_time:
+            return "lost", (f"nothing was touched or seen for {since:.1f} s",)
+        return "no_contact", ()
+    if not belief.has_pose or time > belief.explained_time + params.lost_time:
+        return "lost", ("no pose explains the touch",)
+    if time < belief.slip_time + params.slip_time or not belief.explains_touch[0]:
+        return "slipping", ()
+    if belief.probability[0] < DEFAULT_PARAMS.modes.answer_share:
+        return "ambiguous", ()
+    if time < belief.unsettled_time + params.settling_time - 1e-9:
+        return "ambiguous", ("the touch is new",)
+    return "ok", ()

@@ -12,10 +12,10 @@ from tactopose_drake.core.poses import increments_between
 from tactopose_drake.core.posterior.plausibility import explain_touch
 from tactopose_drake.core.shape.free_spin import nearest_images
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.tracking.belief_summary import summarise
+from tactopose_drake.core.tracking.contact_errors import as_doubted
+from tactopose_drake.core.tracking.contact_update import update_modes
 from tactopose_drake.core.tracking.frame import ContactReading, Frame, read_contacts
-from tactopose_drake.core.tracking.keyframes import Keyframe, follow_touch, make_window
-from tactopose_drake.core.tracking.measurement_update import update_modes
+from tactopose_drake.core.tracking.keyframes import Keyframe, follow_touch, make_window, move_keyframes
 from tactopose_drake.core.tracking.motion_prediction import (
     Motion,
     MotionHistory,
@@ -24,8 +24,9 @@ from tactopose_drake.core.tracking.motion_prediction import (
     move_with_palm,
     predict_modes,
 )
-from tactopose_drake.core.tracking.pose_belief import PoseBelief
-from tactopose_drake.core.tracking.relocalisation import relocalise
+from tactopose_drake.core.tracking.pose_belief import PoseBelief, summarise
+from tactopose_drake.core.tracking.relocalisation import Touch, follow_doubt, relocalise, search_on
+from tactopose_drake.core.tracking.slip_detection import PoseChange, SlipTest, detect_slip
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tactopose_drake.core.tracking.vision_update import move_standing, see
 from tactopose_drake.core.validation import FloatArray, instance_of
@@ -74,14 +75,14 @@ class PoseTracker:
             raise InvalidInputError(
                 f"frame.time: is {frame.time:g} s; allowed is the belief's, {belief.time:g} s, or later."
             )
-        reading = read_contacts(frame, belief.sources, belief.p_PC)
+        reading = as_doubted(read_contacts(frame, belief.sources, belief.p_PC, belief.doubt), params)
         belief = self._predict(belief, frame, reading, duration)
         belief, is_outlier = see(belief, frame, reading, params.vision)
         if reading.is_new:
             belief = self._update_with_touch(belief, frame, reading, duration, is_outlier=is_outlier)
         elif reading.has_contact:
             belief = dataclasses.replace(belief, touch_time=frame.time)
-        return summarise(self._model, params, belief, frame.evidence, has_contact=reading.has_contact)
+        return summarise(self._model, params, belief, reading.evidence, has_contact=reading.has_contact)
 
     def _predict(self, belief: PoseBelief, frame: Frame, reading: ContactReading, duration: float) -> PoseBelief:
         """The belief at the frame's time, before anything that is sensed then."""
@@ -94,9 +95,10 @@ class PoseTracker:
             belief,
             time=frame.time,
             history=history,
+            search=belief.search.moved(motion),
             sources=reading.sources,
             modes=predict_modes(modes, motion, self._params.mixture.max_sigma_translation),
-            keyframes=tuple(keyframe.moved(motion) for keyframe in belief.keyframes),
+            keyframes=move_keyframes(belief.keyframes, motion),
             standing=move_standing(belief, motion, frame.time, was_taken=was_taken),
             X_WP=frame.X_WP,
         )
@@ -117,39 +119,61 @@ class PoseTracker:
         self, belief: PoseBelief, frame: Frame, reading: ContactReading, duration: float, *, is_outlier: bool
     ) -> PoseBelief:
         """The belief with new contacts; `is_outlier`: of the best mode vision has just said something else."""
-        time, params, modes, slips = frame.time, self._params, belief.modes, False
+        time, params, modes, slips, test = frame.time, self._params, belief.modes, False, SlipTest()
         if len(modes):
-            update = update_modes(self._model, params, reading, modes, duration)
-            modes, slips = update.modes, update.is_inconsistent
+            modes = update_modes(self._model, params, reading, modes, duration)
+            motion = belief.history.motions[-1] if duration > 0.0 else Motion(np.zeros(6), np.zeros((6, 6)))
+            change = PoseChange(belief.modes.X_PO[0], modes.X_PO[0], modes.roughness[0], motion)
+            test, slips = detect_slip(self._model, params.slip, belief.slip_test, reading, change)
+            test = test.restarted() if slips else test
         assert frame.sources is not None
-        now = Keyframe.of_now(reading.contacts, frame.sources)
-        keyframes = follow_touch(() if slips else belief.keyframes, now, params.window)
-        window = make_window(keyframes, params.window)
-        X_best = modes.X_PO[:1]
-        explained = bool(len(modes) and explain_touch(self._model, frame.evidence, X_best, params.plausibility)[0])
-        is_new = any(time > belief.felt_time.get(name, -np.inf) + params.lost_time for name in frame.sources)
-        unsettled_time = time if is_new else belief.unsettled_time
-        is_urgent = slips or is_outlier or not explained or time < unsettled_time + params.settling_time
-        searches, search_time, settings = belief.searches, belief.search_time, params.relocalisation
-        if time >= search_time + (settings.urgent_period if is_urgent else settings.period) - 1e-9:
-            modes = relocalise(self._model, params, frame.evidence, reading, window, modes, belief.standing, searches)
-            searches, search_time = searches + 1, time
-        if len(modes):
-            modes = modes.pruned(params.mixture)
-            if not len(X_best) or self._has_moved(X_best, modes.X_PO[:1]):
-                unsettled_time = time
-        return dataclasses.replace(
+        now = Keyframe.of_now(reading, frame.sources)
+        belief = dataclasses.replace(
             belief,
             modes=modes,
-            keyframes=keyframes,
+            slip_test=test,
+            keyframes=follow_touch(() if slips else belief.keyframes, now, params.window),
             p_PC=reading.contacts.p_PC,
             touch_time=time,
             slip_time=time if slips else belief.slip_time,
+        )
+        X_best, evidence = modes.X_PO[:1], reading.evidence
+        explained = bool(len(modes) and explain_touch(self._model, evidence, X_best, params.plausibility)[0])
+        is_new = any(time > belief.felt_time.get(name, -np.inf) + params.lost_time for name in frame.sources)
+        unsettled_time = time if is_new else belief.unsettled_time
+        is_urgent = slips or is_outlier or not explained or time < unsettled_time + params.settling_time
+        if slips or is_outlier or is_new:
+            belief = dataclasses.replace(belief, search=belief.search._replace(agreeing=0))
+        belief = self._search(belief, frame, reading, is_urgent=is_urgent)
+        if len(belief.modes):
+            belief = dataclasses.replace(belief, modes=belief.modes.pruned(params.mixture))
+            if not len(X_best) or self._has_moved(X_best, belief.modes.X_PO[:1]):
+                unsettled_time = time
+                belief = dataclasses.replace(belief, slip_test=belief.slip_test.restarted())
+        return dataclasses.replace(
+            belief,
             unsettled_time=unsettled_time,
             felt_time={**belief.felt_time, **dict.fromkeys(frame.sources, time)},
-            searches=searches,
-            search_time=search_time,
         )
+
+    def _search(self, belief: PoseBelief, frame: Frame, reading: ContactReading, *, is_urgent: bool) -> PoseBelief:
+        """The belief after another slice of the search, where one is due."""
+        params, search = self._params, belief.search
+        if search.X_PO is None:
+            settings = params.relocalisation
+            if frame.time < search.time + (settings.urgent_period if is_urgent else settings.period) - 1e-9:
+                return belief
+            search = search._replace(time=frame.time)
+        assert frame.sources is not None
+        touch = Touch(frame.evidence, reading, make_window(belief.keyframes, params.window), belief.standing)
+        search, weighed = search_on(self._model, params, touch, belief.modes, search)
+        modes, doubt = belief.modes, belief.doubt
+        if weighed is not None:
+            share = max(1.0 / (1.0 + search.agreeing), params.relocalisation.least_share)
+            modes = relocalise(self._model, params, touch, modes, weighed.modes, share)
+            doubt = follow_doubt(doubt, weighed, frame.sources, share)
+            search = search._replace(agreeing=search.agreeing + 1)
+        return dataclasses.replace(belief, modes=modes, doubt=doubt, search=search)
 
     def _has_moved(self, X_before: FloatArray, X_now: FloatArray) -> bool:
         """Whether the best mode (1, 3, 4) is another one than before."""

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from tactopose_drake.core.poses import increments_between
 from tactopose_drake.core.tracking.tracker_params import MixtureParams
 from tactopose_drake.core.validation import FloatArray
 
@@ -26,11 +25,6 @@ class TrackedModes:
         roughness: of the surface where each source touches: by how much it adds to the biases' variances, of positions,
             m^2, and of normals, rad^2, shape (n, s, 2).
         log_weight: logarithms of the modes' weights, shape (n,).
-        frames: how many have updated it since it was found, shape (n,).
-        nis_excess: of the latest frames, by which the normalised innovations squared exceed what is expected, and the
-            variance of that, shape (n, 2).
-        drift: sum of the latest corrections, shape (n, 6).
-        drift_covariance: that it is expected to have, shape (n, 6, 6).
     """
 
     X_PO: FloatArray
@@ -38,42 +32,15 @@ class TrackedModes:
     cross_covariance: FloatArray
     roughness: FloatArray
     log_weight: FloatArray
-    frames: FloatArray
-    nis_excess: FloatArray
-    drift: FloatArray
-    drift_covariance: FloatArray
 
     def __len__(self) -> int:
         return len(self.X_PO)
 
     @classmethod
-    def make(
-        cls,
-        X_PO: FloatArray,
-        covariance: FloatArray,
-        cross_covariance: FloatArray,
-        roughness: FloatArray,
-        log_weight: FloatArray,
-    ) -> TrackedModes:
-        """Modes of which no innovation is known yet."""
-        n = len(X_PO)
-        return cls(
-            X_PO,
-            covariance,
-            cross_covariance,
-            roughness,
-            log_weight,
-            np.zeros(n),
-            np.zeros((n, 2)),
-            np.zeros((n, 6)),
-            np.zeros((n, 6, 6)),
-        )
-
-    @classmethod
     def independent(cls, X_PO: FloatArray, covariance: FloatArray, sources: int) -> TrackedModes:
         """Modes of equal weight that know nothing of the biases of so many sources, nor of the surface there."""
         n, even = len(X_PO), np.zeros(len(X_PO))
-        return cls.make(X_PO, covariance, np.zeros((n, 6, 6 * sources)), np.zeros((n, sources, 2)), even)
+        return cls(X_PO, covariance, np.zeros((n, 6, 6 * sources)), np.zeros((n, sources, 2)), even)
 
     @classmethod
     def empty(cls, sources: int = 0) -> TrackedModes:
@@ -100,24 +67,17 @@ class TrackedModes:
             roughness=np.pad(self.roughness, ((0, 0), (0, missing // 6), (0, 0))),
         )
 
-    def after(self, before: TrackedModes) -> TrackedModes:
-        """The modes as corrections of others, mode by mode, of whose innovations they keep the record."""
-        return dataclasses.replace(
-            self,
-            frames=before.frames,
-            nis_excess=before.nis_excess,
-            drift=before.drift + increments_between(before.X_PO, self.X_PO),
-            drift_covariance=before.drift_covariance,
-        )
+    def fitted(self, covariance: FloatArray) -> TrackedModes:
+        """The modes with other covariances of their increments, (n, 6, 6).
 
-    def widened(self, covariance: FloatArray) -> TrackedModes:
-        """The modes, in every direction at least as wide as other covariances of their increments, (n, 6, 6)."""
+        Where these are narrower, the part of the increments that is shared with the biases shrinks alike; where they
+        are wider, what is added is the pose's own.
+        """
         root = np.linalg.cholesky(self.covariance)
         unit = np.linalg.inv(root)
         values, vectors = np.linalg.eigh(unit @ covariance @ np.swapaxes(unit, 1, 2))
-        axes = root @ vectors
-        more = (axes * np.maximum(values - 1.0, 0.0)[:, None]) @ np.swapaxes(axes, 1, 2)
-        return dataclasses.replace(self, covariance=self.covariance + more)
+        shrink = (root @ vectors * np.sqrt(np.clip(values, 0.0, 1.0))[:, None]) @ np.swapaxes(vectors, 1, 2) @ unit
+        return dataclasses.replace(self, covariance=covariance, cross_covariance=shrink @ self.cross_covariance)
 
     def pruned(self, params: MixtureParams) -> TrackedModes:
         """The modes of most weight, which then sum to one, without those that hardly count."""

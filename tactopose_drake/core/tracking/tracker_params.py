@@ -36,6 +36,7 @@ class ContactUpdateParams:
     tolerance: float = 1e-4  # decrease of the cost that is worth a step; noise alone makes the cost differ by ones
     least_noise_share: float = 0.3  # of a contact's standard deviation that is new at each time, whatever lasts of it
     max_displacement: float = 0.008  # of what is touched by a sigma point, rms, m: farther off are other faces
+    as_good: float = 0.3  # cost of the contacts, by which what is regressed may exceed the minimum
     rounds: int = 2  # of regression; the spread of the second is that which the first leaves
     bend_penalty: float = 4.0  # of slopes by the bends beside them: what facets and edges make up is about as large
     lasting_normal_share: float = 0.5  # of the spread of normals about a contact: across an edge all err in one way
@@ -54,14 +55,20 @@ class ForgettingParams:
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
-class ConsistencyParams:
-    """When the touch contradicts a mode."""
+class SlipParams:
+    """When the object slips."""
 
-    forgetting_factor: float = 0.9  # of the sums, each frame: half of them is of the last seven frames
-    process_share: float = 0.1  # of its variance that a frame adds to the pose, where the touch tells nothing
-    first_frame: int = 3  # of a mode since it was found, that does not count yet
-    nis_threshold: float = 6.0  # of the innovations' excess, in its standard deviations
-    drift_threshold: float = 8.0  # of the corrections' squared sum; of an object that is held it is far below six
+    max_frames: int = 30  # that are remembered
+    few_frames: int = 2  # that are compared, so many each, with those before as many others: of a quick slide
+    many_frames: int = 5  # and of a slow one
+    compared_frames: int = 10  # of those, at the most,
+    least_frames: int = 3  # and at the least
+    few_threshold: float = 34.0  # of chi-square with six degrees of freedom, where few frames are compared,
+    many_threshold: float = 55.0  # and where many are: in that time fingertips roll on over other places
+    motion_share: float = 0.1  # of what is unknown of the fingertips' motion, that is new within so short a time
+    least_distance: float = 0.0008  # that the contacts have moved on the surface, m
+    rough_share: float = 0.3  # of the surface's roughness, that changes as a fingertip rolls on
+    noise_gain: float = 0.1  # by which the noise follows that of each frame
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -81,14 +88,14 @@ class WindowParams:
 class RelocalisationParams:
     """When and where modes are searched for that the belief lacks."""
 
-    period: float = 0.1  # s between two slices, while all is well
-    urgent_period: float = 0.03  # s between two slices, while it is not
-    starts: int = 120  # poses with which a slice begins, at the most
-    found: int = 16  # poses that a slice ends with, at the most
-    rounds: int = 2  # of samples by which these are weighed, at the most
+    period: float = 0.1  # s between two searches, while all is well
+    urgent_period: float = 0.03  # s between two searches, while it is not
+    starts: int = 120  # poses with which a search begins, at the most
+    found: int = 12  # poses that it ends with, at the most
+    rounds: int = 1  # of samples by which these are weighed, at the most
+    samples: int = 96  # of each round
+    least_share: float = 0.2  # of a mean over searches, that is by the last one
     least_gain: float = 1.0  # of the cost, for which what is found takes the place of the filter's mode that it is
-    sigma_translation: float = 0.012  # m that an object has slipped when the touch first contradicts its prediction
-    sigma_rotation_deg: float = 15.0  # likewise, deg
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -108,6 +115,8 @@ class MixtureParams:
     """How many modes there are, and how wide they may be."""
 
     max_modes: int = 8  # kept at the most
+    max_updated: int = 3  # that touch updates at each frame, at the most; the others wait for a search
+    least_updated_share: float = 0.01  # of the mass of the best mode; of less the same is true
     least_share: float = 1e-5  # of the mass of the best mode; less is dropped
     same_sigmas: float = 3.0  # standard deviations of the window's evidence within which two poses are one mode
     max_sigma_translation: float = 0.3  # m; of a translation with this standard deviation nothing is known
@@ -119,10 +128,12 @@ class PoseTrackerParams:
 
     calibration_position: float = 0.0005  # the part of a contact's error that never changes, of each coordinate, m
     calibration_normal_deg: float = 2.5  # likewise of its normal about each axis, deg
+    frame_position: float = 0.00075  # of contacts whose covariance a hand declares, the part that is new each time, m
+    frame_normal_deg: float = 4.3  # likewise of their normals, deg
     surface_position: float = 0.0001  # how far the model's surface is from the object's, m
     surface_normal_deg: float = 1.0  # how far its normals are about each axis, deg
     lever_arm: float = 0.25  # of the object's size: so far from O a turn moves the surface, by which m and rad compare
-    settling_time: float = 0.04  # s after a finger has come to touch, or the best mode has become another, until it is
+    settling_time: float = 0.09  # s after a finger has come to touch, or the best mode has become another, until it is
     settled_distance: float = 0.01  # of the surface between two best modes that are not the same, m
     slip_time: float = 0.1  # s for which a slip that was found is taken to go on
     lost_time: float = 0.2  # s without an explanation of the touch, after which the pose is lost
@@ -132,7 +143,7 @@ class PoseTrackerParams:
     noise: MotionNoise = dataclasses.field(default_factory=MotionNoise)
     contact_update: ContactUpdateParams = dataclasses.field(default_factory=ContactUpdateParams)
     forgetting: ForgettingParams = dataclasses.field(default_factory=ForgettingParams)
-    consistency: ConsistencyParams = dataclasses.field(default_factory=ConsistencyParams)
+    slip: SlipParams = dataclasses.field(default_factory=SlipParams)
     window: WindowParams = dataclasses.field(default_factory=WindowParams)
     relocalisation: RelocalisationParams = dataclasses.field(default_factory=RelocalisationParams)
     vision: VisionParams = dataclasses.field(default_factory=VisionParams)

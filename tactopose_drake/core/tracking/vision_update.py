@@ -78,6 +78,10 @@ def see(belief: PoseBelief, frame: Frame, reading: ContactReading, params: Visio
             log_outlier = math.log(params.outlier_probability / (8.0 * math.pi**2 * params.outlier_volume))
             modes, is_inlier = update_with_pose(modes, measurement, log_outlier)
             is_outlier = not is_inlier[0]
+            order = np.argsort(-modes.log_weight, kind="stable")
+            if order[0] != 0:
+                belief = dataclasses.replace(belief, slip_test=belief.slip_test.restarted())
+            modes = modes.chosen(order)
         if is_outlier:
             record = dataclasses.replace(record, remark="vision is not believed")
         else:

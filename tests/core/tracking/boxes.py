@@ -7,8 +7,10 @@ import trimesh
 from numpy.typing import NDArray
 
 from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.poses import exp_so3
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.tracking.frame import ContactReading
 from tactopose_drake.core.tracking.tracker_params import MotionNoise
 
 SIGMA_POSITION, SIGMA_NORMAL = 0.0009, math.radians(5.0)
@@ -48,3 +50,11 @@ def touch(
     turn = exp_so3(bias[:, 3:] + own[1] * generator.normal(size=p_OC.shape))
     n_PC = (turn @ (n_OC @ X_PO[:, :3].T)[..., None])[..., 0]
     return Contacts(p_PC, n_PC, sigma_position=SIGMA_POSITION, sigma_normal=SIGMA_NORMAL)
+
+
+def read(
+    contacts: Contacts, source: NDArray[np.intp] | None = None, sources: tuple[str, ...] = tuple("abcdef")
+) -> ContactReading:
+    """New contacts of some sources, of which none is doubted."""
+    source = np.arange(len(contacts)) if source is None else source
+    return ContactReading(contacts, source, sources, True, np.ones(len(contacts)), Evidence(contacts))

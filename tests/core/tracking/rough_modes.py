@@ -19,4 +19,4 @@ def make_rough_modes(roughness: float) -> TrackedModes:
     joint[:, 6:, 6:] = np.diag(own)
     X_PO = np.concatenate([random_rotations(generator, 2), np.zeros((2, 3, 1))], axis=2)
     rough = np.tile(roughness * HAND, (2, SOURCES, 1))
-    return TrackedModes.make(X_PO, joint[:, :6, :6], 0.3 * joint[:, :6, 6:], rough, np.zeros(2))
+    return TrackedModes(X_PO, joint[:, :6, :6], 0.3 * joint[:, :6, 6:], rough, np.zeros(2))

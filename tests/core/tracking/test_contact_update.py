@@ -7,11 +7,11 @@ import trimesh
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.poses import exp_so3, increments_between, make_poses, random_rotations, retract
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.tracking.contact_update import BiasModel, ContactUpdate, update_with_contacts
-from tactopose_drake.core.tracking.frame import ContactReading
+from tactopose_drake.core.tracking.contact_errors import BiasModel
+from tactopose_drake.core.tracking.contact_update import ContactUpdate, update_with_contacts
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
-from tests.core.tracking.boxes import SIGMA_NORMAL, SIGMA_POSITION, draw_biases, make_box, n_OC, p_OC, touch
+from tests.core.tracking.boxes import SIGMA_NORMAL, SIGMA_POSITION, draw_biases, make_box, n_OC, p_OC, read, touch
 
 CALIBRATION = BiasModel((0.0005, math.radians(2.5)), (0.0, 0.0))
 NOISE_ALONE = BiasModel((1e-6, 1e-6), (0.0, 0.0))
@@ -28,9 +28,9 @@ def update_modes(model, contacts, source, bias, X, P, C, roughness) -> ContactUp
         surface_normal_deg=math.degrees(bias.surface[1]),
     )
     even = np.zeros(len(X))
-    modes = TrackedModes.make(X, P, C, roughness, even)
+    modes = TrackedModes(X, P, C, roughness, even)
     names = tuple(map(str, range(roughness.shape[1])))
-    return update_with_contacts(model, params, ContactReading(contacts, source, names, True), modes)
+    return update_with_contacts(model, params, read(contacts, source, names), modes)
 
 
 @pytest.fixture(scope="module")
@@ -113,32 +113,6 @@ def test_taking_the_calibration_for_noise_would_be_overconfident(box: ObjectMode
         u = increments_between(X[0], X_PO)
         squares.append(u @ np.linalg.solve(P[0], u))
     assert np.mean(squares) > 30.0
-
-
-def test_the_nis_is_chi_square_of_the_numbers_measured(box: ObjectModel) -> None:
-    squares = []
-    for seed in range(80):
-        generator = np.random.default_rng(seed)
-        X_PO = make_poses(random_rotations(generator, 1), np.zeros((1, 3)))[0]
-        P = np.diag(np.repeat([0.02**2, 0.002**2], 3))
-        X = retract(X_PO, np.sqrt(np.diag(P)) * generator.normal(size=(1, 6)))
-        contacts = touch(X_PO, generator, draw_biases(generator, *CALIBRATION.calibration), CALIBRATION.calibration)
-        squares.append(
-            update_modes(box, contacts, np.arange(6), CALIBRATION, X, P[None], np.zeros((1, 6, 36)), EVEN).nis
-        )
-    # Of 18 numbers: a standard deviation of 6 / sqrt(80) = 0.7.
-    assert 15.5 < np.mean(squares) < 20.5
-
-
-def test_the_innovation_tells_a_right_mode_from_a_wrong_one(box: ObjectModel) -> None:
-    generator = np.random.default_rng(0)
-    X_PO = make_poses(random_rotations(generator, 1), np.zeros((1, 3)))[0]
-    X = np.stack([X_PO, retract(X_PO, np.array([0, 0, 0, 0.006, 0, 0.0]))])
-    P = np.tile(np.diag(np.repeat([0.02**2, 0.001**2], 3)), (2, 1, 1))
-    update = update_modes(
-        box, touch(X_PO, generator), np.arange(6), CALIBRATION, X, P, np.zeros((2, 6, 36)), np.zeros((2, 6, 2))
-    )
-    assert update.nis[1] > update.nis[0] + 6.0
 
 
 def test_another_order_of_the_contacts_changes_nothing(box: ObjectModel) -> None:

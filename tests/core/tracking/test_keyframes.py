@@ -3,10 +3,10 @@ import dataclasses
 import numpy as np
 
 from tactopose_drake.core.poses import compose, exp_so3, make_poses, random_rotations, transform_points
-from tactopose_drake.core.tracking.keyframes import Keyframe, follow_touch, make_window
+from tactopose_drake.core.tracking.keyframes import Keyframe, follow_touch, make_window, move_keyframes
 from tactopose_drake.core.tracking.motion_prediction import Motion
 from tactopose_drake.core.tracking.tracker_params import WindowParams
-from tests.core.tracking.boxes import touch
+from tests.core.tracking.boxes import read, touch
 
 PARAMS = WindowParams()
 NAMES = tuple("abcdef")
@@ -14,7 +14,7 @@ X_PO = make_poses(random_rotations(np.random.default_rng(0), 1), np.array([[0.02
 
 
 def feel(seed: int = 0) -> Keyframe:
-    return Keyframe.of_now(touch(X_PO, np.random.default_rng(seed)), NAMES)
+    return Keyframe.of_now(read(touch(X_PO, np.random.default_rng(seed))), NAMES)
 
 
 def test_contacts_move_with_the_object_and_their_error_is_that_of_all_motions() -> None:
@@ -23,7 +23,7 @@ def test_contacts_move_with_the_object_and_their_error_is_that_of_all_motions() 
     roots = 0.01 * generator.normal(size=(2, 6, 6))
     motions = [Motion(0.1 * generator.normal(size=6), root @ root.T) for root in roots]
     for motion in motions:
-        moved = moved.moved(motion)
+        (moved,) = move_keyframes((moved,), motion)
     pose = compose(motions[1].pose, motions[0].pose)
     np.testing.assert_allclose(moved.points, transform_points(pose, frame.points), atol=1e-12)
     # Draws of the motions' errors, to first order, move the points as the variances say.
@@ -34,36 +34,38 @@ def test_contacts_move_with_the_object_and_their_error_is_that_of_all_motions() 
             error = root @ generator.normal(size=6)
             X = compose(np.column_stack([exp_so3(error[:3]), error[3:]]), compose(motion.pose, X))
         draws.append(np.einsum("ki,ki->k", transform_points(X, frame.points) - moved.points, moved.normals))
-    np.testing.assert_allclose(1e6 * np.var(draws, axis=0), moved.variances[0], rtol=0.15)
+    np.testing.assert_allclose(1e6 * np.var(draws, axis=0), moved.added_variances[:, 0], rtol=0.15)
 
 
 def test_the_same_touch_again_is_averaged_and_another_one_is_kept() -> None:
-    generator, exact = np.random.default_rng(0), feel().contacts
+    generator, exact = np.random.default_rng(0), touch(X_PO, np.random.default_rng(0))
     frames: tuple[Keyframe, ...] = ()
     for _ in range(6):
         noisy = dataclasses.replace(exact, p_PC=exact.p_PC + 1e-3 * generator.normal(size=exact.p_PC.shape))
-        now = Keyframe.of_now(noisy, NAMES)
+        now = Keyframe.of_now(read(noisy), NAMES)
         frames = follow_touch(frames, now, PARAMS)
     assert len(frames) == 1
     assert frames[0].frames == 6
     off = [np.linalg.norm(one.points - exact.p_PC) for one in (now, frames[0])]
     assert off[1] < 0.7 * off[0]
-    fewer = Keyframe.of_now(touch(X_PO, np.random.default_rng(9)), NAMES)
-    fewer = Keyframe.of_now(type(fewer.contacts)(fewer.contacts.p_PC[:4], fewer.contacts.n_PC[:4]), NAMES[:4])
-    frames = follow_touch(frames, fewer, PARAMS)
+    fewer = touch(X_PO, np.random.default_rng(9)).chosen(np.arange(4))
+    frames = follow_touch(frames, Keyframe.of_now(read(fewer), NAMES[:4]), PARAMS)
     assert [len(frame.sources) for frame in frames] == [6, 4]
     window = make_window(frames, PARAMS)
     assert window.count == 2
-    assert len(window.now) == 4
-    assert len(window.contacts) == 10
+    assert len(window.now.p_PC) == 4
+    assert window.past is not None
+    assert len(window.past) == 6
 
 
 def test_a_touch_is_forgotten_when_the_motion_since_is_not_known() -> None:
     frames = follow_touch((), feel(), PARAMS)
     motion = Motion(np.zeros(6), np.diag(np.repeat([0.0, 0.01**2], 3)))
-    moved = tuple(frame.moved(motion) for frame in frames)
-    assert len(follow_touch(moved, feel(1), PARAMS)) == 1
-    assert follow_touch(moved, feel(1), PARAMS)[0].frames == 1
+    moved = move_keyframes(frames, motion)
+    other = Keyframe.of_now(read(touch(X_PO, np.random.default_rng(1)).chosen(np.arange(4))), NAMES[:4])
+    assert len(follow_touch(frames, other, PARAMS)) == 2
+    assert len(follow_touch(moved, other, PARAMS)) == 1
+    assert make_window((*moved, other), PARAMS).past is None
 
 
 def test_fewer_keyframes_than_told_are_kept() -> None:
@@ -72,5 +74,5 @@ def test_fewer_keyframes_than_told_are_kept() -> None:
         contacts = touch(X_PO, np.random.default_rng(i))
         k = 3 + i % 2
         some = type(contacts)(contacts.p_PC[:k], None if contacts.n_PC is None else contacts.n_PC[:k])
-        frames = follow_touch(frames, Keyframe.of_now(some, NAMES[:k]), PARAMS)
+        frames = follow_touch(frames, Keyframe.of_now(read(some), NAMES[:k]), PARAMS)
     assert len(frames) == PARAMS.max_keyframes + 1

@@ -11,7 +11,7 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.frame import Frame, PoseMeasurement
 from tactopose_drake.core.tracking.pose_belief import PoseBelief
 from tactopose_drake.core.tracking.pose_tracker import PoseTracker
-from tactopose_drake.core.tracking.tracker_params import ConsistencyParams, MixtureParams, PoseTrackerParams
+from tactopose_drake.core.tracking.tracker_params import MixtureParams, PoseTrackerParams, SlipParams
 from tactopose_drake.errors import InvalidInputError
 from tests.core.tracking.boxes import make_box, touch
 
@@ -53,7 +53,7 @@ def test_it_starts_lost_and_finds_the_pose(tracker: PoseTracker) -> None:
     follower = Follower(tracker)
     assert follower.belief.status == "lost"
     assert not follower.belief.has_pose
-    belief = follower.feel(X_PO, 10)
+    belief = follower.feel(X_PO, 12)
     assert belief.status == "ok"
     translation, rotation = error(belief, X_PO)
     assert translation < 0.003
@@ -198,7 +198,7 @@ def test_modes_that_a_symmetry_makes_alike_are_one() -> None:
     assert len(model.symmetry_poses) == 4
     tracker, generator = PoseTracker(model), np.random.default_rng(0)
     belief = tracker.start(0.0)
-    for i in range(5):
+    for i in range(12):
         belief = tracker.step(belief, Frame(0.01 * (i + 1), Evidence(touch(X_PO, generator)), NAMES))
     assert belief.status == "ok"
     assert belief.probability[0] > 0.9
@@ -224,7 +224,7 @@ def test_a_frame_from_before_is_refused(tracker: PoseTracker) -> None:
 def test_parameters_out_of_range_are_refused() -> None:
     with pytest.raises(InvalidInputError, match="slip_time"):
         PoseTracker(make_box(), PoseTrackerParams(slip_time=0.0))
-    with pytest.raises(InvalidInputError, match=r"ConsistencyParams\.forgetting_factor: is 1\.5"):
-        PoseTracker(make_box(), PoseTrackerParams(consistency=ConsistencyParams(forgetting_factor=1.5)))
+    with pytest.raises(InvalidInputError, match=r"SlipParams\.rough_share: is 1\.5"):
+        PoseTracker(make_box(), PoseTrackerParams(slip=SlipParams(rough_share=1.5)))
     with pytest.raises(InvalidInputError, match="max_modes"):
         PoseTracker(make_box(), PoseTrackerParams(mixture=MixtureParams(max_modes=0)))

@@ -6,14 +6,22 @@ import pytest
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
-from tactopose_drake.core.poses import increments_between, make_poses, random_rotations, retract
+from tactopose_drake.core.poses import compose, increments_between, make_poses, random_rotations, retract
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.tracking.frame import ContactReading, PoseMeasurement
-from tactopose_drake.core.tracking.keyframes import Keyframe, TouchWindow, make_window
-from tactopose_drake.core.tracking.relocalisation import past_cost, relocalise
+from tactopose_drake.core.tracking.frame import PoseMeasurement
+from tactopose_drake.core.tracking.keyframes import Keyframe, make_window
+from tactopose_drake.core.tracking.motion_prediction import Motion
+from tactopose_drake.core.tracking.relocalisation import (
+    SearchState,
+    Touch,
+    follow_doubt,
+    past_cost,
+    relocalise,
+    search_on,
+)
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
-from tests.core.tracking.boxes import make_box, touch
+from tests.core.tracking.boxes import make_box, read, touch
 
 PARAMS = PoseTrackerParams()
 NAMES = tuple("abcdef")
@@ -26,18 +34,21 @@ def box() -> ObjectModel:
     return make_box()
 
 
-def window_of(contacts: Contacts) -> TouchWindow:
-    return make_window((Keyframe.of_now(contacts, NAMES),), PARAMS.window)
+def touch_of(contacts: Contacts, standing: PoseMeasurement | None = None) -> Touch:
+    reading = read(contacts)
+    window = make_window((Keyframe.of_now(reading, NAMES),), PARAMS.window)
+    return Touch(Evidence(contacts), reading, window, standing)
 
 
 def search(
-    box: ObjectModel, modes: TrackedModes, standing: PoseMeasurement | None = None, count: int = 4
+    box: ObjectModel, modes: TrackedModes, standing: PoseMeasurement | None = None, count: int = 4, share: float = 1.0
 ) -> TrackedModes:
-    """The modes after some slices, all of the same touch."""
-    contacts = touch(X_PO, np.random.default_rng(1))
-    reading = ContactReading(contacts, np.arange(6), NAMES, True)
-    for i in range(count):
-        modes = relocalise(box, PARAMS, Evidence(contacts), reading, window_of(contacts), modes, standing, i)
+    """The modes after some searches, all of the same touch."""
+    touched, state = touch_of(touch(X_PO, np.random.default_rng(1)), standing), SearchState()
+    while state.searches < count:
+        state, weighed = search_on(box, PARAMS, touched, modes, state)
+        if weighed is not None:
+            modes = relocalise(box, PARAMS, touched, modes, weighed.modes, share)
     return modes
 
 
@@ -72,12 +83,52 @@ def test_a_mode_of_the_filter_that_explains_the_touch_keeps_its_pose_and_what_it
 
 
 def test_touches_of_the_past_tell_poses_apart_but_never_outweigh_a_slip(box: ObjectModel) -> None:
-    now = touch(X_PO, np.random.default_rng(1))
-    before = Keyframe.of_now(touch(X_PO, np.random.default_rng(2)), NAMES)
-    shifted = Contacts(now.p_PC[:3], None if now.n_PC is None else now.n_PC[:3])
-    window = make_window((before, Keyframe.of_now(shifted, NAMES[:3])), PARAMS.window)
+    now, both = touch(X_PO, np.random.default_rng(1)), np.stack([X_PO, ELSEWHERE])
+    before = Keyframe.of_now(read(touch(X_PO, np.random.default_rng(2))), NAMES)
+    fewer = Keyframe.of_now(read(now.chosen(np.arange(3))), NAMES[:3])
+    window = make_window((before, fewer), PARAMS.window)
     assert window.count == 2
-    right, wrong = past_cost(box, PARAMS, window, np.stack([X_PO, ELSEWHERE]))
+    right, wrong = past_cost(box, PARAMS, window, both)
     assert wrong > right
     assert wrong - right < 0.5 * 18 - np.log(PARAMS.window.slip_probability)
-    np.testing.assert_array_equal(past_cost(box, PARAMS, window_of(now), np.stack([X_PO, ELSEWHERE])), np.zeros(2))
+    np.testing.assert_array_equal(past_cost(box, PARAMS, touch_of(now).window, both), np.zeros(2))
+
+
+def test_a_search_is_made_of_four_slices_while_there_is_a_mode_to_keep_up(box: ObjectModel) -> None:
+    touched, state = touch_of(touch(X_PO, np.random.default_rng(1))), SearchState()
+    for is_last in (False, False, False, True):
+        state, weighed = search_on(box, PARAMS, touched, modes_at(X_PO), state)
+        assert (weighed is not None) == is_last
+    assert (state.X_PO is None, state.searches) == (True, 1)
+    _, weighed = search_on(box, PARAMS, touched, TrackedModes.empty(6), SearchState())
+    assert weighed is not None
+
+
+def test_what_is_found_meanwhile_moves_with_the_object() -> None:
+    motion = Motion(np.array([0.1, -0.2, 0.3, 0.01, 0.02, -0.01]), np.zeros((6, 6)))
+    moved = SearchState(X_PO=X_PO[None]).moved(motion).X_PO
+    assert moved is not None
+    np.testing.assert_allclose(moved[0], compose(motion.pose, X_PO), atol=1e-15)
+
+
+def test_weights_are_means_over_the_searches_that_agree(box: ObjectModel) -> None:
+    known = search(box, TrackedModes.empty(6), count=1)
+    doubtful = dataclasses.replace(known, log_weight=np.full(len(known), -5.0)).joined(modes_at(ELSEWHERE))
+    before = doubtful.log_weight[0] - np.logaddexp.reduce(doubtful.log_weight)
+    fresh, after = (search(box, doubtful, count=1, share=share) for share in (1.0, 0.2))
+    assert after.log_weight[0] == pytest.approx(before + 0.2 * (fresh.log_weight[0] - before))
+    assert after.log_weight[0] < fresh.log_weight[0] - 2.0
+
+
+def test_noise_and_false_contacts_that_the_one_shot_estimate_finds_are_doubted_from_then_on(box: ObjectModel) -> None:
+    _, weighed = search_on(
+        box, PARAMS, touch_of(touch(X_PO, np.random.default_rng(1))), TrackedModes.empty(6), SearchState()
+    )
+    assert weighed is not None
+    as_told = follow_doubt({}, weighed, NAMES, 1.0)
+    assert all(1.0 <= factor < 2.0 for factor in as_told.values())
+    false = weighed._replace(inlier_probability=np.array([0.05, 1, 1, 1, 1, 1]), noise_scale=2.0)
+    doubt = follow_doubt({}, false, NAMES, 1.0)
+    assert doubt == pytest.approx({"a": 80.0, **dict.fromkeys(NAMES[1:], 4.0)})
+    again = follow_doubt(doubt, weighed._replace(inlier_probability=np.ones(6), noise_scale=1.0), NAMES, 0.5)
+    assert again["a"] == pytest.approx(80.0**0.5)

@@ -5,18 +5,24 @@ import pytest
 
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import MixtureParams
-from tests.core.tracking.rough_modes import SOURCES, make_rough_modes
+from tests.core.tracking.rough_modes import HAND, SOURCES, make_rough_modes
 
 
-def test_widened_modes_are_as_wide_as_either() -> None:
+@pytest.mark.parametrize("factor", [0.25, 1.0, 4.0])
+def test_fitted_modes_are_as_wide_as_told_and_share_no_more_with_the_biases_than_they_are_wide(factor: float) -> None:
     modes = make_rough_modes(1.0)
-    other = modes.covariance[::-1].copy()
-    wider = modes.widened(other)
-    for before in (modes.covariance, other):
-        scale = np.abs(before).max()
-        assert np.linalg.eigvalsh(wider.covariance - before).min() > -1e-9 * scale
-    np.testing.assert_allclose(modes.widened(0.5 * modes.covariance).covariance, modes.covariance, rtol=1e-9)
-    np.testing.assert_allclose(modes.widened(3.0 * modes.covariance).covariance, 3.0 * modes.covariance, rtol=1e-9)
+    fitted = modes.fitted(factor * modes.covariance)
+    np.testing.assert_array_equal(fitted.covariance, factor * modes.covariance)
+    expected = min(1.0, factor**0.5) * modes.cross_covariance
+    np.testing.assert_allclose(fitted.cross_covariance, expected, rtol=1e-9, atol=1e-12)
+
+
+def test_fitted_modes_stay_covariances() -> None:
+    modes = make_rough_modes(1.0)
+    fitted = modes.fitted(modes.covariance[::-1].copy())
+    own = np.repeat(HAND + fitted.roughness, 3, axis=2).reshape(2, -1)
+    for P, C, B in zip(fitted.covariance, fitted.cross_covariance, own, strict=True):
+        assert np.linalg.eigvalsh(np.block([[P, C], [C.T, np.diag(B)]])).min() > 0.0
 
 
 def test_pruned_are_the_heaviest_and_sum_to_one() -> None:

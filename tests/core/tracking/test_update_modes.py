@@ -8,16 +8,11 @@ from scipy.linalg import eigh
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.poses import retract
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.tracking.frame import ContactReading
-from tactopose_drake.core.tracking.measurement_update import (
-    MeasurementUpdate,
-    follow_roughness,
-    forget,
-    update_modes,
-)
+from tactopose_drake.core.tracking.contact_errors import as_doubted, averaged_variances, lasting_excess
+from tactopose_drake.core.tracking.contact_update import follow_roughness, forget, update_modes
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import ForgettingParams, PoseTrackerParams
-from tests.core.tracking.boxes import SIGMA_NORMAL, SIGMA_POSITION, make_box, n_OC, p_OC, touch
+from tests.core.tracking.boxes import SIGMA_NORMAL, SIGMA_POSITION, make_box, n_OC, p_OC, read, touch
 from tests.core.tracking.rough_modes import HAND, make_rough_modes
 
 X_PO = np.eye(3, 4)
@@ -32,7 +27,7 @@ def make_modes(covariance: np.ndarray) -> TrackedModes:
     return TrackedModes.independent(np.tile(np.eye(3, 4), (len(covariance), 1, 1)), covariance, 6)
 
 
-def update_often(box: ObjectModel, frames: int, forgetting_time: float = 1e9) -> MeasurementUpdate:
+def update_often(box: ObjectModel, frames: int, forgetting_time: float = 1e9) -> TrackedModes:
     """Two modes, of which the second is right, after frames of a touch, 10 ms apart."""
     params = PoseTrackerParams(forgetting=ForgettingParams(time=forgetting_time))
     generator = np.random.default_rng(0)
@@ -40,30 +35,17 @@ def update_often(box: ObjectModel, frames: int, forgetting_time: float = 1e9) ->
     covariance = np.tile(np.diag(np.repeat([0.02**2, 0.001**2], 3)), (2, 1, 1))
     modes = TrackedModes.independent(X_start, covariance, 6)
     for _ in range(frames):
-        reading = ContactReading(touch(X_PO, generator), np.arange(6), tuple("abcdef"), True)
-        update = update_modes(box, params, reading, modes, 0.01)
-        modes = update.modes
-    return update
+        modes = update_modes(box, params, read(touch(X_PO, generator)), modes, 0.01)
+    return modes
 
 
 def test_modes_keep_their_order(box: ObjectModel) -> None:
-    modes = update_often(box, 1).modes
+    modes = update_often(box, 1)
     assert np.linalg.norm(modes.X_PO[1, :, 3]) < np.linalg.norm(modes.X_PO[0, :, 3])
 
 
-def test_a_mode_that_the_touch_contradicts_is_inconsistent_and_tested_anew(box: ObjectModel) -> None:
-    P = np.diag(np.repeat([0.002**2, 0.0002**2], 3))[None]
-    modes = TrackedModes.independent(retract(X_PO, np.array([0, 0, 0, 0.01, 0, 0.0]))[None], P, 6)
-    modes = dataclasses.replace(modes, frames=np.array([10.0]))
-    reading = ContactReading(touch(X_PO, np.random.default_rng(0)), np.arange(6), tuple("abcdef"), True)
-    update = update_modes(box, PoseTrackerParams(), reading, modes, 0.01)
-    assert update.is_inconsistent
-    np.testing.assert_array_equal(update.modes.nis_excess, np.zeros((1, 2)))
-    assert not update_often(box, 1).is_inconsistent
-
-
 def test_forgetting_leaves_the_pose_less_sure(box: ObjectModel) -> None:
-    spread = [np.trace(update_often(box, 30, time).modes.covariance[0][3:, 3:]) for time in (1e9, 0.2)]
+    spread = [np.trace(update_often(box, 30, time).covariance[0][3:, 3:]) for time in (1e9, 0.2)]
     assert 1.03 * spread[0] < spread[1] < 2.0 * spread[0]
 
 
@@ -106,7 +88,7 @@ def test_biases_follow_the_roughness_and_the_covariance_stays_one(before: float,
         surface_position=0.0,
         surface_normal_deg=0.0,
     )
-    reading = ContactReading(Contacts(np.zeros((2, 3))), touched, tuple("abc"), True)
+    reading = read(Contacts(np.zeros((2, 3))), touched, tuple("abc"))
     after = follow_roughness(modes, reading, np.tile(felt * HAND, (2, 2, 1)), params)
     assert np.linalg.eigvalsh(joint_covariance(modes)).min() > 0.0
     assert np.linalg.eigvalsh(joint_covariance(after)).min() > 0.0
@@ -116,3 +98,47 @@ def test_biases_follow_the_roughness_and_the_covariance_stays_one(before: float,
     np.testing.assert_allclose(after.cross_covariance[:, :, :6], expected * modes.cross_covariance[:, :, :6])
     # Of a source that touches nothing nothing is new.
     np.testing.assert_array_equal(after.cross_covariance[:, :, 6:12], modes.cross_covariance[:, :, 6:12])
+
+
+def test_of_a_mean_of_frames_only_what_is_new_averages_out() -> None:
+    contacts, params = (
+        Contacts(p_OC, n_OC, sigma_position=SIGMA_POSITION, sigma_normal=SIGMA_NORMAL),
+        PoseTrackerParams(),
+    )
+    one, many = (averaged_variances(contacts, params, frames) for frames in (1, 10**6))
+    np.testing.assert_allclose(one, np.tile([SIGMA_POSITION**2, SIGMA_NORMAL**2], (6, 1)))
+    lasting = params.calibration_position**2 + params.surface_position**2
+    np.testing.assert_allclose(many[:, 0], lasting, rtol=1e-5)
+
+
+def test_modes_that_hardly_count_wait_for_a_search(box: ObjectModel) -> None:
+    covariance = np.tile(np.diag(np.repeat([0.02**2, 0.001**2], 3)), (3, 1, 1))
+    modes = dataclasses.replace(make_modes(covariance), log_weight=np.array([0.0, -1.0, -20.0]))
+    after = update_modes(box, PoseTrackerParams(), read(touch(X_PO, np.random.default_rng(0))), modes, 0.01)
+    assert np.all(np.abs(after.X_PO[:2] - modes.X_PO[:2]).max(axis=(1, 2)) > 1e-6)
+    np.testing.assert_array_equal(after.X_PO[2], modes.X_PO[2])
+    np.testing.assert_array_equal(after.log_weight, modes.log_weight)
+
+
+def test_a_doubted_finger_counts_for_less_and_so_does_what_a_hand_declares(box: ObjectModel) -> None:
+    contacts, params = touch(X_PO, np.random.default_rng(0)), PoseTrackerParams()
+    doubted = read(contacts)._replace(doubt=np.array([16.0, 1, 1, 1, 1, 1]))
+    mean = averaged_variances(contacts, params, params.window.max_frames)[0]
+    np.testing.assert_allclose(lasting_excess(doubted, params)[0], 15.0 * mean)
+    seems = as_doubted(doubted, params).evidence.contacts
+    np.testing.assert_allclose(seems.sigma_position[:2] ** 2, SIGMA_POSITION**2 + np.array([15.0 * mean[0], 0.0]))
+    assert as_doubted(read(contacts), params).evidence.contacts is contacts
+    np.testing.assert_array_equal(lasting_excess(doubted, params)[1:], np.zeros((5, 2)))
+    declared = Contacts(contacts.p_PC, contacts.n_PC, covariance=np.tile(np.diag([4e-6] * 3 + [0.04] * 3), (6, 1, 1)))
+    excess = lasting_excess(read(declared), params)
+    sensors = np.square([params.frame_position, math.radians(params.frame_normal_deg)])
+    hand = np.square([params.calibration_position, math.radians(params.calibration_normal_deg)])
+    np.testing.assert_allclose(excess, np.tile([4e-6, 0.04] - sensors - hand, (6, 1)), rtol=1e-9)
+    modes = make_modes(np.diag(np.repeat([0.02**2, 0.001**2], 3))[None])
+    spread = []
+    for reading in (read(contacts), doubted):
+        after = modes
+        for _ in range(30):
+            after = update_modes(box, params, reading, after, 0.01)
+        spread.append(np.trace(after.covariance[0][3:, 3:]))
+    assert spread[1] > 1.05 * spread[0]

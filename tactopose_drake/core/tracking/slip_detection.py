@@ -1,0 +1,175 @@
+"""Whether the object slips: whether it moves relative to the fingertips in another way than these carry it.
+
+Where the fingertips hold, an object that moves as they carry it has its surface where they touch at all times, up to
+their noise. What errors of the hand, of the pose and of the surface leave between surface and contact is the same from
+frame to frame. So the differences of contacts' residuals over a short time tell of the slip alone: to first order they
+are J u, where u is the motion that nothing explains. It is a slip where the touch tells u apart from noise, and from
+what is unknown of the fingertips' own motion, and it is more than a little.
+
+A mode's pose is corrected at each frame, and what it leaves over changes by that. The history is therefore kept as it
+would be at the pose of now. How large the noise of single frames is shows in how residuals change from one to the next.
+
+A slip along a surface that is the same farther on changes nothing that a fingertip's place and normal tell.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from tactopose_drake.core.objectives.surface_contact import SurfaceContact
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.tracking.frame import ContactReading
+from tactopose_drake.core.tracking.motion_prediction import Motion, error_of_motion
+from tactopose_drake.core.tracking.tracker_params import SlipParams
+from tactopose_drake.core.validation import FloatArray
+
+_LEAST_NOISE, _MOST_NOISE = 0.02, 4.0
+_LEAST_VARIANCE = 1e-12
+_ROWS = 4  # of a contact: its distance, and the difference of the normals
+
+
+class SlipTest(NamedTuple):
+    """What the test remembers.
+
+    Attributes:
+        residuals: of the latest h frames, oldest first, whitened by what is told of the contacts' errors, by source, as
+            they would be at the best mode's pose of now, shape (h, s, 4); NaN where a source does not touch.
+        noise: variances of what is new of distances and of normals at each frame.
+    """
+
+    residuals: FloatArray = np.zeros((0, 0, _ROWS))
+    noise: tuple[float, float] = (1.0, 1.0)
+
+    def restarted(self) -> SlipTest:
+        """Without the history."""
+        return self._replace(residuals=np.zeros((0, 0, _ROWS)))
+
+
+class PoseChange(NamedTuple):
+    """The best mode at a frame.
+
+    Attributes:
+        X_predicted, X_PO: its pose before and after the touch, shape (3, 4).
+        roughness: of the surface about each source: variances of positions, m^2, and of normals, rad^2, shape (s, 2).
+        motion: since the last frame.
+    """
+
+    X_predicted: FloatArray
+    X_PO: FloatArray
+    roughness: FloatArray
+    motion: Motion
+
+
+def detect_slip(
+    model: ObjectModel, params: SlipParams, test: SlipTest, reading: ContactReading, change: PoseChange
+) -> tuple[SlipTest, bool]:
+    """The test after a frame, and whether the object slips.
+
+    Args:
+        model: the object.
+        params: when it does.
+        test: after the last frame.
+        reading: the contacts.
+        change: of the best mode, by the frame.
+    """
+    residuals, jacobian = _rows(model, reading, np.stack([change.X_predicted, change.X_PO]))
+    source, count = reading.source, len(reading.sources)
+    now = np.full((1, count, _ROWS), np.nan)
+    now[0, source] = residuals[0]
+    before = np.full((len(test.residuals), count, _ROWS), np.nan)
+    before[:, : test.residuals.shape[1]] = test.residuals
+    noise = _follow_noise(test.noise, now[0] - before[-1], params) if len(before) else test.noise
+    history = np.concatenate([before, now])[-params.max_frames :]
+    slips = _has_slipped(params, history[:, source], jacobian[0], noise, reading, change)
+    shift = np.full((count, _ROWS), np.nan)
+    shift[source] = residuals[1] - residuals[0]
+    return SlipTest(history + shift, noise), slips
+
+
+def _has_slipped(
+    params: SlipParams,
+    history: FloatArray,
+    jacobian: FloatArray,
+    noise: tuple[float, float],
+    reading: ContactReading,
+    change: PoseChange,
+) -> bool:
+    """Whether the latest of the contacts' residuals (h, k, 4) differ from those before by a slip."""
+    contacts = reading.contacts
+    told = np.stack([contacts.sigma_position, contacts.sigma_normal], axis=1) ** 2
+    rough = params.rough_share * np.repeat(change.roughness[reading.source] / told, [1, _ROWS - 1], axis=1)
+    error = params.motion_share * error_of_motion(change.X_predicted[None], change.motion)[0]
+    tests = (params.few_frames, params.few_threshold), (params.many_frames, params.many_threshold)
+    for recent, threshold in tests:
+        earlier = history[: max(len(history) - 2 * recent, 0)][-params.compared_frames :]
+        if len(earlier) < params.least_frames:
+            continue
+        difference = history[-recent:].mean(axis=0) - earlier.mean(axis=0)
+        known = ~np.isnan(difference[:, 0])
+        of_means = np.repeat(noise, [1, _ROWS - 1]) * (1.0 / recent + 1.0 / len(earlier))
+        weight = 1.0 / np.maximum(of_means + rough, _LEAST_VARIANCE)
+        elapsed = 1.5 * recent + 0.5 * len(earlier)
+        J, weights, differences = (
+            jacobian[known].reshape(-1, 6),
+            weight[known].reshape(-1),
+            difference[known].reshape(-1),
+        )
+        square, u = _explain(J, weights, differences, elapsed * error)
+        if square > threshold and _way(contacts.p_PC, change.X_PO, u) > params.least_distance:
+            return True
+    return False
+
+
+def _way(p_PC: FloatArray, X_PO: FloatArray, u: FloatArray) -> float:
+    """How far an increment of the pose moves the object where it is touched, root mean square, m."""
+    arms = (p_PC - X_PO[:, 3]) @ X_PO[:, :3]
+    moved = np.cross(u[:3], arms) @ X_PO[:, :3].T + u[3:]
+    return float(np.sqrt(np.mean(np.sum(moved**2, axis=1))))
+
+
+def _rows(model: ObjectModel, reading: ContactReading, X_PO: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Residuals (B, k, 4) at poses (B, 3, 4), and their derivatives (B, k, 4, 6); of normals that are none zeros."""
+    touch = SurfaceContact(model.grid, reading.contacts)
+    flat, slopes = touch.residuals_and_jacobian(X_PO)
+    shape, k = (len(X_PO), len(reading.contacts)), min(_ROWS, flat.shape[1] // len(reading.contacts))
+    residuals, jacobian = np.zeros((*shape, _ROWS)), np.zeros((*shape, _ROWS, 6))
+    residuals[..., :k] = flat.reshape(*shape, -1)[..., :k]
+    jacobian[..., :k, :] = slopes.reshape(*shape, -1, 6)[..., :k, :]
+    return residuals, jacobian
+
+
+def _follow_noise(noise: tuple[float, float], change: FloatArray, params: SlipParams) -> tuple[float, float]:
+    """The variances after residuals have changed (s, 4) from one frame to the next: half the squares is expected.
+
+    A normal's error is across it: of the three rows two vary.
+    """
+    change = change[~np.isnan(change[:, 0])]
+    if not len(change):
+        return noise
+    now = 0.5 * np.mean(change[:, 0] ** 2), 0.25 * np.mean(np.sum(change[:, 1:] ** 2, axis=1))
+    after = [
+        before + params.noise_gain * (np.clip(x, _LEAST_NOISE, _MOST_NOISE) - before)
+        for before, x in zip(noise, now, strict=True)
+    ]
+    return float(after[0]), float(after[1])
+
+
+def _explain(J: FloatArray, weight: FloatArray, difference: FloatArray, error: FloatArray) -> tuple[float, FloatArray]:
+    """How much a motion explains of differences (m,), and which, shape (6,).
+
+    Without a slip g = J^T W d has the covariance A + A E A, with A = J^T W J and E that of the motion's error; then the
+    first, g^T (A + A E A)^-1 g, is chi-square with six degrees of freedom at most.
+    """
+    JW = J.T * weight
+    A, g = JW @ J, JW @ difference
+    expected = A + A @ error @ A
+    scale = 1.0 / np.sqrt(np.diag(expected) + 1e-12)
+    held = expected * np.outer(scale, scale) + 1e-6 * np.eye(6)
+    square = float((g * scale) @ np.linalg.solve(held, g * scale))
+    u = (
+        np.linalg.solve(A * np.outer(scale, scale) + 1e-4 * np.eye(6) * (scale**2 * np.diag(A)).max(), g * scale)
+        * scale
+    )
+    return square, u
