@@ -32,7 +32,7 @@ from tactopose_drake.core.searches.patch_searches import patch_search
 from tactopose_drake.core.searches.pose_problem import PoseProblem, make_problem
 from tactopose_drake.core.searches.search import Search, SearchResult
 from tactopose_drake.core.sensing.patches import Patch
-from tactopose_drake.core.shape.free_spin import turn_toward
+from tactopose_drake.core.shape.free_spin import turn_alike
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import instance_of, known_name, positive_number, whole_number
 from tactopose_drake.errors import InvalidInputError, TooFewContactsError
@@ -217,7 +217,7 @@ def _modes_of(
     """What a search has found, as modes of contacts that may be false; so many at the most."""
     X_PO = found.X_PO
     if evidence.prior is None and any(symmetry.is_continuous for symmetry in model.symmetries):
-        X_PO = turn_toward(X_PO, X_PO[0], model.symmetries)
+        X_PO = turn_alike(X_PO, X_PO[0], model.symmetries)
     cost, _, hessian = problem.doubted(problem.determining).normal_equations(X_PO)
     for term in problem.bounding:
         cost = cost + term.cost(X_PO)

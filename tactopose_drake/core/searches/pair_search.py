@@ -23,7 +23,7 @@ from tactopose_drake.core.searches.pairs.contact_tables import contact_table
 from tactopose_drake.core.searches.pairs.distinct import distinct_poses
 from tactopose_drake.core.searches.pairs.pair_poses import best_poses
 from tactopose_drake.core.searches.search import PoseSpace, Search, SearchResult, StopSignal, join_results, never
-from tactopose_drake.core.shape.free_spin import nearest_images
+from tactopose_drake.core.shape.free_spin import nearest_images, turn_alike
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 
@@ -258,4 +258,6 @@ class PairSearch(Search):
         if len(self.model.symmetry_turns) > 1:
             # Near the prior; without one, wherever, but of all that look the same only one.
             X_PO = nearest_images(X_PO, space.center, self.model.symmetry_turns, self.model.symmetries)
+            if space.reach[0] >= np.pi:
+                X_PO = turn_alike(X_PO, space.center, self.model.symmetries)
         return X_PO[distinct_poses(X_PO, offset, bend)]

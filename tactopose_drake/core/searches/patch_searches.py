@@ -32,7 +32,6 @@ def patch_search(model: ObjectModel, patches: Sequence[Patch], contacts: Contact
         stages=global_stages(starts=60, kept=15),
         near_start=dataclasses.replace(PairSearch.near_start, samples=30, kept=20),
         near_stages=near_stages(kept=8, polished=2),
-        returned=15,
     )
 
 
