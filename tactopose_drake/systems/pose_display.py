@@ -148,17 +148,14 @@ class PoseDisplay(CollectableSystem):
         if self._object_body is not None:
             X_PO = None if X_WB is None else X_WP.inverse() @ X_WB[self._object_body]
             place(meshcat, f"{path}/truth", X_PO, time)
-        contacts = self._touch(context)
+        patches = eval_optional_input(self._patches, context, tuple) or ()
+        contacts = touch_of(eval_input(self._contacts, context, Contacts), patches)
         hypotheses = self._shown(context)
         count = self._params.max_alternatives
         move_hypotheses(meshcat, path, self._model, hypotheses, count, time)
-        is_false = false_contacts(hypotheses, len(contacts))
+        is_false = false_contacts(hypotheses, len(contacts), patches)
         move_touch(meshcat, f"{path}/touch", contacts, self._params.max_contacts, time, is_false)
         return EventStatus.Succeeded()
-
-    def _touch(self, context: Context) -> Contacts:
-        patches = eval_optional_input(self._patches, context, tuple) or ()
-        return touch_of(eval_input(self._contacts, context, Contacts), patches)
 
     def _shown(self, context: Context) -> tuple[ShownHypothesis, ...]:
         if not self._hypotheses.HasValue(context):

@@ -180,7 +180,7 @@ def test_the_other_end_up_is_a_hypothesis_where_it_costs_but_little_more(chamfer
         upright = sum(hypothesis.probability for hypothesis, way in zip(found, up, strict=True) if way > 0.9)
         upside_down = sum(hypothesis.probability for hypothesis, way in zip(found, up, strict=True) if way < -0.9)
         assert 0.5 < upright < 0.95
-        assert 0.05 < upside_down
+        assert upside_down > 0.05
         assert len(found) == 2  # A turn about its axis makes no other pose of a can.
 
 
@@ -222,8 +222,45 @@ def test_a_pad_far_from_the_others_has_no_solution(model: tp.ObjectModel, has_co
     X_PO, patches = touch(model, 7)
     contacts = touch_surface(model, X_PO, 5, np.random.default_rng(7)) if has_contacts else NOTHING
     away = moved(patches[0], make_poses(np.eye(3), np.array([0.5, 0.0, 0.0])))
-    assert tp.estimate_pose(model, contacts, patches=patches).status in ("ok", "ambiguous")
-    assert tp.estimate_pose(model, contacts, patches=[away, *patches[1:]]).status == "no_solution"
+    for share, status in ((0.02, ("ok", "ambiguous")), (0.0, ("no_solution",))):
+        options = {"outlier_probability": share}
+        assert tp.estimate_pose(model, contacts, patches=patches, **options).status in ("ok", "ambiguous")
+        assert tp.estimate_pose(model, contacts, patches=[away, *patches[1:]], **options).status in status
+    nowhere = [moved(patch, make_poses(np.eye(3), np.array([0.5 + i, 0.0, 0.0]))) for i, patch in enumerate(patches)]
+    assert tp.estimate_pose(model, contacts, patches=nowhere[:2] + list(patches[2:])).status == "no_solution"
+
+
+@pytest.mark.parametrize("has_contacts", [True, False])
+def test_a_pad_that_feels_something_else_is_named_and_leads_nobody_astray(
+    model: tp.ObjectModel, has_contacts: bool
+) -> None:
+    near, named = 0, 0
+    for seed in range(4):
+        X_PO, patches = touch(model, 20 + seed, count=5)
+        contacts = touch_surface(model, X_PO, 3, np.random.default_rng(seed)) if has_contacts else NOTHING
+        # Elsewhere by 25 mm along its normal: another object is between.
+        off = make_poses(np.eye(3), 0.025 * -patches[2].n_PT.mean(axis=0))
+        several = [*patches[:2], moved(patches[2], off), *patches[3:]]
+        found = tp.estimate_pose(model, contacts, patches=several)
+        inlier = found.best.inlier_probability
+        assert inlier.shape == (len(contacts) + 5,)
+        named += bool(np.flatnonzero(inlier < 0.5).tolist() == [len(contacts) + 2])
+        near += is_near(found, X_PO)
+        if seed == 0:
+            told = tp.estimate_pose(model, contacts, patches=several, outlier_probability=0.0)
+            np.testing.assert_allclose(told.best.inlier_probability, 1.0, atol=1e-9)
+    assert named >= 3
+    assert near >= 3
+
+
+def test_pads_as_told_are_not_doubted_and_silent_ones_never(model: tp.ObjectModel) -> None:
+    for seed in range(3):
+        _, patches = touch(model, 30 + seed)
+        silent = dataclasses.replace(patches[0], pressure=np.zeros(24), status="no_contact")
+        silent = moved(silent, make_poses(np.eye(3), np.array([1.0, 0.0, 0.0])))
+        found = tp.estimate_pose(model, NOTHING, patches=[silent, *patches])
+        assert found.best.inlier_probability[0] == 1.0
+        assert 0.5 < found.best.inlier_probability[1:].min() < 1.0
 
 
 @pytest.mark.parametrize(
