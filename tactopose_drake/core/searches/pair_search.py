@@ -182,12 +182,15 @@ class PairSearch(Search):
         return join_results(*self._refine(stages, objective, space, X_PO, should_stop)).ranked(self.returned)
 
     def _starts_anywhere(self, space: PoseSpace, generator: np.random.Generator) -> FloatArray:
-        """Proposals, and random poses where there are few of those."""
+        """Proposals, and random poses where there are few of those; turns about an axis make no other start of one."""
         start = self.start
         X_PO = self.propose(start.choice, start.candidates, space, generator)
         if start.fewest is None or len(X_PO) < start.fewest:
             X_PO = np.concatenate([X_PO, space.sample(generator, start.samples)])
-        return X_PO
+        if not any(symmetry.is_continuous for symmetry in self.model.symmetries):
+            return X_PO
+        X_PO = turn_alike(X_PO, space.center, self.model.symmetries)
+        return X_PO[distinct_poses(X_PO, start.choice.offset * self.model.pair_features.spacing, start.choice.bend)]
 
     def _starts_near(
         self, objective: LeastSquaresObjective, space: PoseSpace, generator: np.random.Generator
@@ -258,6 +261,4 @@ class PairSearch(Search):
         if len(self.model.symmetry_turns) > 1:
             # Near the prior; without one, wherever, but of all that look the same only one.
             X_PO = nearest_images(X_PO, space.center, self.model.symmetry_turns, self.model.symmetries)
-            if space.reach[0] >= np.pi:
-                X_PO = turn_alike(X_PO, space.center, self.model.symmetries)
         return X_PO[distinct_poses(X_PO, offset, bend)]
