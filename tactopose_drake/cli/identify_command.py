@@ -15,13 +15,16 @@ from rich.table import Table
 from tactopose_drake.cli.consoles import ERRORS, OUT
 from tactopose_drake.cli.workers import processes
 from tactopose_drake.core.mesh.repair import MeshRepairWarning
-from tactopose_drake.estimation.identification import Likelihood, identify
+from tactopose_drake.estimation.files import save_identification
+from tactopose_drake.estimation.identification import Likelihood, check_prior, identify
 from tactopose_drake.estimation.identities import Identification
 from tactopose_drake.estimation.object_library import LibraryWarning, ObjectLibrary
+from tactopose_drake.estimation.output_files import check_outputs
 from tactopose_drake.hand.touch_file import load_touch
 
 _MOST_ROWS = 12
 _BAR = 12  # Characters of the longest.
+_NONE = "none of these"
 _path = click.Path(path_type=Path)
 
 
@@ -42,16 +45,30 @@ _path = click.Path(path_type=Path)
     show_default=True,
     help="What ranks the objects; the inverse of the lowest cost is the thesis' measure.",
 )
-def identify_command(folder: Path, contacts_file: Path, jobs: int, likelihood: Likelihood) -> None:
-    """Tells which object of a library the touch is on."""
+@click.option(
+    "--unknown-prior",
+    type=float,
+    default=1.0 / 3.0,
+    show_default="a third",
+    help="Probability, before the touch, that it is none of the objects; 0 rules that out.",
+)
+@click.option("--out", type=_path, help="Writes what is found here, as JSON.")
+def identify_command(
+    folder: Path, contacts_file: Path, jobs: int, likelihood: Likelihood, unknown_prior: float, out: Path | None
+) -> None:
+    """Tells which object of a library the touch is on, or that it may be none of them."""
     contacts, patches = load_touch(contacts_file)
+    check_prior("--unknown-prior", unknown_prior)
+    check_outputs((out,), inputs=(folder, contacts_file))
     with contextlib.nullcontext() if jobs == 1 else processes(jobs) as executor:
         library = _open(folder, executor)
     # The few candidates are estimated here: processes would take longer to start than they save.
     with ERRORS.status(f"comparing {len(library)} objects (the first run on a machine compiles its kernels)"):
-        found = identify(library, contacts, patches=patches, likelihood=likelihood)
+        found = identify(library, contacts, patches=patches, likelihood=likelihood, unknown_prior=unknown_prior)
     OUT.print(_table(found))
     OUT.print(_line(found))
+    if out is not None:
+        save_identification(out, found)
 
 
 def _open(folder: Path, executor: Executor | None) -> ObjectLibrary:
@@ -77,25 +94,27 @@ def _open(folder: Path, executor: Executor | None) -> ObjectLibrary:
 
 
 def _table(found: Identification) -> Table:
-    """The objects that were looked at closely, the most likely first."""
+    """The objects that were looked at closely, the most likely first, and that it may be none."""
     table = Table(title="Touched object", box=box.SIMPLE_HEAD, pad_edge=False)
-    for heading in ("rank", "object", "likelihood", "", "log evidence", "explained"):
-        is_number = heading in ("rank", "likelihood", "log evidence")
+    for heading in ("rank", "object", "probability", "", "log evidence", "explained"):
+        is_number = heading in ("rank", "probability", "log evidence")
         # A long name is folded; numbers never are.
         table.add_column(
             heading, justify="right" if is_number else "left", no_wrap=heading != "object", overflow="fold"
         )
+    most = max(found.best.probability, found.unknown)
     shown = [identity for identity in found[:_MOST_ROWS] if identity.estimate is not None]
     for identity in shown:
         assert identity.estimate is not None
         table.add_row(
             str(identity.rank),
             identity.name,
-            f"{identity.likelihood:.1%}",
-            "\u2588" * round(_BAR * identity.likelihood / max(found.best.likelihood, 1e-300)),
+            f"{identity.probability:.1%}",
+            "\u2588" * round(_BAR * identity.probability / most),
             f"{identity.log_evidence:.1f}",
             "no" if identity.estimate.status == "no_solution" else "yes",
         )
+    table.add_row("", _NONE, f"{found.unknown:.1%}", "\u2588" * round(_BAR * found.unknown / most), style="italic")
     if len(found) > len(shown):
         table.caption = f"and {len(found) - len(shown)} less likely"
     return table
@@ -105,9 +124,12 @@ def _line(found: Identification) -> str:
     """What the status means, in a sentence."""
     ties = [identity.name for identity in found if identity.rank == found.best.rank]
     name = found.best.name if len(ties) == 1 else f"{' or '.join(ties)}, which have the same shape"
-    explanation = {
-        "ok": f"It is {name}.",
-        "ambiguous": f"Several objects explain the touch; the most likely is {name}.",
-        "no_solution": f"No object explains the touch within its noise; the nearest is {name}.",
-    }[found.status]
+    if found.unknown >= found.best.probability:
+        explanation = f"It is probably {_NONE} ({found.unknown:.0%}); the nearest is {name}."
+    else:
+        explanation = {
+            "ok": f"It is {name}.",
+            "ambiguous": f"That is not certain; the most probable is {name}.",
+            "no_solution": f"No object explains the touch within its noise; the nearest is {name}.",
+        }[found.status]
     return f"{found.status}: {explanation} ({1e3 * found.duration:.0f} ms)"

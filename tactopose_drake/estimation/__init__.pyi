@@ -7,6 +7,7 @@ from .estimate import estimate_pose as estimate_pose
 from .files import hypotheses_data as hypotheses_data
 from .files import load_contacts as load_contacts
 from .files import load_prior as load_prior
+from .files import save_identification as save_identification
 from .files import save_result as save_result
 from .identification import Likelihood as Likelihood
 from .identification import check_likelihood as check_likelihood

@@ -32,9 +32,9 @@ from tactopose_drake.core.searches.patch_searches import patch_search
 from tactopose_drake.core.searches.pose_problem import PoseProblem, make_problem
 from tactopose_drake.core.searches.search import Search, SearchResult
 from tactopose_drake.core.sensing.patches import Patch
-from tactopose_drake.core.shape.free_spin import turn_toward
+from tactopose_drake.core.shape.free_spin import turn_alike
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import instance_of, known_name, positive_number, whole_number
+from tactopose_drake.core.validation import FloatArray, instance_of, known_name, positive_number, whole_number
 from tactopose_drake.errors import InvalidInputError, TooFewContactsError
 from tactopose_drake.estimation.direct_search import Direct
 from tactopose_drake.estimation.far_origins import has_far_origin, prior_about_middle, reported_for_origin
@@ -97,8 +97,8 @@ def estimate_pose(
         time_limit: after so long, s, the search ends with the best that it has; None for as long as it takes. It is
             asked between rounds, and at least one is made.
         outlier_probability: over that of a contact as told, the probability that its normal is any; of something else
-            it is taken to be three times as often, and displaced, as by an error of the finger's joints, six times. 0
-            switches all of that off.
+            it is taken to be three times as often, and displaced, as by an error of the finger's joints, six times; a
+            patch is of something else nine times as often. 0 switches all of that off.
 
     Raises:
         TooFewContactsError: no contact, and no patch that is felt.
@@ -162,8 +162,8 @@ def weigh_poses(
     search = METHODS[method](model, evidence)
     generator = np.random.default_rng(seed)
     found = search.minimize(problem.objective, problem.space, generator, deadline)
-    comfortable = problem.mixture is not None and is_comfortable(model, evidence, found.X_PO, params.plausibility)
-    if problem.mixture is not None and evidence.outlier_probability > 0.0 and not comfortable:
+    comfortable = is_comfortable(model, evidence, found.X_PO, params.plausibility)
+    if evidence.outlier_probability > 0.0 and not comfortable:
         found = search_with_doubt(model, evidence, problem, search, found, generator, deadline)
     modes = _modes_of(model, evidence, problem, found, max_hypotheses, params.modes)
     explained = comfortable or prior is None or _judge(model, evidence, problem, modes, params)[1].any()
@@ -176,7 +176,7 @@ def weigh_poses(
     if not deadline():
         modes = weigh_modes(modes, make_posterior(model, evidence, problem, params), generator)
     judged, explains = _judge(model, evidence, problem, modes, params)
-    hypotheses = _hypotheses(modes, judged, len(evidence.patches), explains)
+    hypotheses = _hypotheses(modes, _inlier_probability(problem, evidence, modes, judged), explains)
     undetermined = prior is None and len(evidence.touch) < _FEWEST_FOR_A_POSE
     return PoseEstimate(
         hypotheses,
@@ -220,7 +220,7 @@ def _modes_of(
     """What a search has found, as modes of contacts that may be false; so many at the most."""
     X_PO = found.X_PO
     if evidence.prior is None and any(symmetry.is_continuous for symmetry in model.symmetries):
-        X_PO = turn_toward(X_PO, X_PO[0], model.symmetries)
+        X_PO = turn_alike(X_PO, X_PO[0], model.symmetries)
     cost, _, hessian = problem.doubted(problem.determining).normal_equations(X_PO)
     for term in problem.bounding:
         cost = cost + term.cost(X_PO)
@@ -250,11 +250,17 @@ def _monte_carlo(model: ObjectModel, evidence: Evidence) -> MonteCarlo:
     )
 
 
-def _hypotheses(
-    modes: Modes, judged: Judgement | None, patches: int, explained: NDArray[np.bool_]
-) -> tuple[PoseHypothesis, ...]:
+def _inlier_probability(problem: PoseProblem, evidence: Evidence, modes: Modes, judged: Judgement | None) -> FloatArray:
+    """Of each contact, then of each patch, that it is what it claims to be, shape (n, k); silent pads claim nothing."""
     by_contacts = np.empty((len(modes.cost), 0)) if judged is None else judged.inlier_probability
-    inlier = np.concatenate([by_contacts, np.ones((len(modes.cost), patches))], axis=1)
+    by_patches = np.ones((len(modes.cost), len(evidence.patches)))
+    if problem.pad_mixture is not None:
+        felt = [patch.is_felt for patch in evidence.patches]
+        by_patches[:, felt] = problem.pad_mixture.inlier_probability(modes.mixture.X_PO)
+    return np.concatenate([by_contacts, by_patches], axis=1)
+
+
+def _hypotheses(modes: Modes, inlier: FloatArray, explained: NDArray[np.bool_]) -> tuple[PoseHypothesis, ...]:
     return tuple(
         PoseHypothesis(RigidTransform(pose=X_PO), float(cost), float(weight), covariance, free, bool(explains), own)
         for X_PO, cost, weight, covariance, free, explains, own in zip(

@@ -21,6 +21,7 @@ from tactopose_drake.estimation.data_checks import (
     check_vector,
     read_data,
 )
+from tactopose_drake.estimation.identities import Identification
 from tactopose_drake.estimation.output_files import written_beside
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.estimation.results import PoseEstimate
@@ -94,6 +95,30 @@ def save_result(path: Path, estimate: PoseEstimate) -> None:
         InvalidFileError: the file cannot be written.
     """
     result = {"status": estimate.status, "duration": estimate.duration, "hypotheses": hypotheses_data(estimate)}
+    with written_beside(path) as beside:
+        beside.write_text(json.dumps(result, indent=1, allow_nan=False) + "\n")
+
+
+def save_identification(path: Path, found: Identification) -> None:
+    """Writes what `tactopose identify` says: status, unknown, duration (s), and the objects by falling probability.
+
+    Of each object name, rank, probability, likelihood, log evidence (null where the index ruled it out) and hypotheses.
+
+    Raises:
+        InvalidFileError: the file cannot be written.
+    """
+    objects = [
+        {
+            "name": identity.name,
+            "rank": identity.rank,
+            "probability": identity.probability,
+            "likelihood": identity.likelihood,
+            "log_evidence": None if identity.estimate is None else identity.log_evidence,
+            "hypotheses": [] if identity.estimate is None else hypotheses_data(identity.estimate),
+        }
+        for identity in found
+    ]
+    result = {"status": found.status, "unknown": found.unknown, "duration": found.duration, "objects": objects}
     with written_beside(path) as beside:
         beside.write_text(json.dumps(result, indent=1, allow_nan=False) + "\n")
 

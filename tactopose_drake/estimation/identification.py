@@ -2,7 +2,8 @@
 
 A pose is estimated for every object that may be it. An object's evidence is the likelihood of the touch summed over all
 the poses that it may have: what the touch says of the object, be its pose determined or not. The thesis compares the
-inverses of the lowest costs instead: `likelihood="inverse_cost"`.
+inverses of the lowest costs instead: `likelihood="inverse_cost"`. That it may be none of the known objects is weighed
+by their evidence (see `core.identification.unknown_object`), whichever measure ranks them.
 
 Of a library's objects few are estimated, so that ten times as many take little longer. Those whose pairs of surface
 points agree best with the contacts' (see `core.identification.library_index`) have their poses searched; of these the
@@ -26,12 +27,13 @@ from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.identification.model_evidence import log_evidence
 from tactopose_drake.core.identification.shape_equality import find_alignment
+from tactopose_drake.core.identification.unknown_object import unknown_probability
 from tactopose_drake.core.posterior.hypotheses import find_modes
 from tactopose_drake.core.searches.pose_problem import make_problem
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.statuses import Status
-from tactopose_drake.core.validation import instance_of, known_name, shown, whole_number
+from tactopose_drake.core.validation import instance_of, known_name, positive_number, shown, whole_number
 from tactopose_drake.errors import InvalidInputError, TooFewContactsError
 from tactopose_drake.estimation.estimate import METHODS, check_units, weigh_poses
 from tactopose_drake.estimation.identities import Identification, Identity
@@ -46,8 +48,9 @@ _METHOD = "pair_search"
 _SEARCHED = 4
 # The thesis' likelihood of a cost below this, which exact contacts may have, is that of this.
 _LEAST_COST = 1e-6
-# The share of the likelihood that the first object, with those that equal it, must have to be called the answer.
-_MOST = 0.5
+# The probability that the first object, with those that equal it, must have to be called the answer; and that the
+# object is an unknown one, to be told that.
+_MOST = 0.9
 # Fewer contacts leave so many poses that their sum is not well known.
 _FEWEST = 3
 
@@ -62,8 +65,9 @@ def identify(
     candidates: int = 16,
     max_hypotheses: int = 16,
     seed: int = 0,
+    unknown_prior: float = 1.0 / 3.0,
 ) -> Identification:
-    """Ranks objects by how well they explain a touch.
+    """Ranks objects by how well they explain a touch, and says how probable it is that it is of none of them.
 
     Args:
         models: the objects; of an `ObjectLibrary` only the candidates are looked at closely.
@@ -75,18 +79,22 @@ def identify(
         candidates: of a library's objects so many have their poses estimated.
         max_hypotheses: how many poses of each are kept, at most.
         seed: of the searches' random numbers.
+        unknown_prior: the probability that the object is none of these, before the touch: how often that happens. 0
+            where it is one of them for certain; below 1.
 
     Raises:
         TooFewContactsError: no contact, and no patch that is felt.
         UnknownNameError: a likelihood that does not exist.
         InvalidInputError: no object, or one that is no `ObjectModel`; `candidates` or `max_hypotheses` below 1; a
-            seed below 0; patches that are none; a touch that is evidently not in metres.
+            seed below 0; a prior that is no probability below 1; patches that are none; a touch that is evidently not
+            in metres.
     """
     started = time.perf_counter()
     likelihood = check_likelihood("likelihood", likelihood)
     candidates = whole_number("candidates", candidates, least=1)
     max_hypotheses = whole_number("max_hypotheses", max_hypotheses, least=1)
     seed = whole_number("seed", seed, least=0)
+    unknown_prior = check_prior("unknown_prior", unknown_prior)
     if executor is not None:
         instance_of("executor", executor, Executor)
     objects = _check_objects(models)
@@ -105,13 +113,16 @@ def identify(
     check_units(evidence, max(_model(known).size for known in several))
     estimates = list(run(explain, [Sealed(known) for known in several]))
     groups = _group_equal_shapes([_model(known) for known in several])
-    identities = _rank(chosen, [known.name for known in several], estimates, groups, _weights(estimates, likelihood))
+    shapes = len(set(groups)) + len(order) - len(chosen)
+    unknown = unknown_probability(_evidence_of_shapes(estimates, groups), shapes, evidence.touch, unknown_prior)
+    weights = _weights(estimates, likelihood)
+    identities = _rank(chosen, [known.name for known in several], estimates, groups, weights, 1.0 - unknown)
     ruled_out = [
-        Identity(objects[i].name, i, rank, 0.0, -math.inf, None)
+        Identity(objects[i].name, i, rank, 0.0, 0.0, -math.inf, None)
         for rank, i in enumerate(order[len(chosen) :], start=len(chosen) + 1)
     ]
-    status = _status(identities, len(evidence.touch))
-    return Identification((*identities, *ruled_out), status, time.perf_counter() - started)
+    status = _status(identities, len(evidence.touch), unknown)
+    return Identification((*identities, *ruled_out), status, time.perf_counter() - started, unknown)
 
 
 def _by_likelihood(
@@ -136,6 +147,22 @@ def check_likelihood(name: str, value: str) -> Likelihood:
         UnknownNameError: if it is neither.
     """
     return cast(Likelihood, known_name(name, value, get_args(Likelihood)))
+
+
+def check_prior(name: str, value: float) -> float:
+    """The probability of an unknown object before the touch.
+
+    Args:
+        name: what the value is of.
+        value: at least 0, and below 1.
+
+    Raises:
+        InvalidInputError: if it is not.
+    """
+    prior = positive_number(name, value, allow_zero=True)
+    if prior >= 1.0:
+        raise InvalidInputError(f"{name}: is {prior:g}; allowed are numbers >= 0 and < 1.")
+    return prior
 
 
 def _check_objects(models: object) -> Sequence[ObjectModel | LibraryObject]:
@@ -190,6 +217,14 @@ def _group_equal_shapes(models: Sequence[ObjectModel]) -> list[int]:
     return groups
 
 
+def _evidence_of_shapes(estimates: Sequence[PoseEstimate], groups: Sequence[int]) -> list[float]:
+    """The evidence of each shape: of objects that have the same, that of the best sampled one."""
+    return [
+        max(estimate.log_evidence for estimate, group in zip(estimates, groups, strict=True) if group == shape)
+        for shape in dict.fromkeys(groups)
+    ]
+
+
 def _weights(estimates: Sequence[PoseEstimate], likelihood: Likelihood) -> list[float]:
     """What the likelihoods are in proportion to."""
     if likelihood == "evidence":
@@ -205,8 +240,12 @@ def _rank(
     estimates: Sequence[PoseEstimate],
     groups: Sequence[int],
     weights: Sequence[float],
+    known: float,
 ) -> list[Identity]:
-    """The objects by falling likelihood; those of one group next to each other, and with the mean of theirs."""
+    """The objects by falling likelihood; those of one group next to each other, and with the mean of theirs.
+
+    `known` is the probability that it is any of them.
+    """
     # Sums that do not depend on the order, to the last bit.
     total = math.fsum(weights)
     members = {group: [i for i, other in enumerate(groups) if other == group] for group in dict.fromkeys(groups)}
@@ -216,17 +255,19 @@ def _rank(
     for group in sorted(members, key=lambda group: (-share[group], -evidence[group], names[group])):
         rank = len(identities) + 1
         identities += [
-            Identity(names[i], indices[i], rank, share[group], estimates[i].log_evidence, estimates[i])
+            Identity(
+                names[i], indices[i], rank, share[group], share[group] * known, estimates[i].log_evidence, estimates[i]
+            )
             for i in members[group]
         ]
     return identities
 
 
-def _status(identities: Sequence[Identity], touches: int) -> Status:
+def _status(identities: Sequence[Identity], touches: int, unknown: float) -> Status:
     """What is known of the first one, from so many contacts and patches that are felt."""
     first = identities[0]
     assert first.estimate is not None
-    if first.estimate.status == "no_solution":
+    if first.estimate.status == "no_solution" or unknown >= _MOST:
         return "no_solution"
-    share = sum(identity.likelihood for identity in identities if identity.rank == first.rank)
+    share = sum(identity.probability for identity in identities if identity.rank == first.rank)
     return "ok" if share >= _MOST and touches >= _FEWEST else "ambiguous"

@@ -1,22 +1,26 @@
 """What a touch says of which object it is of."""
 
 import dataclasses
-from collections.abc import Sequence
-from typing import overload
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, Self, overload
 
+from tactopose_drake.core.plain_values import PlainValue
 from tactopose_drake.core.statuses import Status
+from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.results import PoseEstimate
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Identity:
+class Identity(PlainValue):
     """One object that the touch may be of.
 
     Attributes:
         name: the object's.
         index: its place among the objects that were given.
         rank: 1 for the most likely object; objects of equal shape share theirs.
-        likelihood: its share among all objects, which sum to 1; objects of equal shape have the same.
+        likelihood: its share among all known objects, which sum to 1; objects of equal shape have the same.
+        probability: that the touched object is this one: the likelihood, times the probability that it is a known one.
         log_evidence: logarithm of the touch's likelihood over all poses of the object, up to a constant that all
             objects share (see `core.identification.model_evidence`); minus infinity where the index ruled it out.
         estimate: its pose; None where the index ruled the object out.
@@ -26,25 +30,43 @@ class Identity:
     index: int
     rank: int
     likelihood: float
+    probability: float
     log_evidence: float
     estimate: PoseEstimate | None
 
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Self:
+        """What `to_dict` has made it of, to the last bit.
+
+        Raises:
+            InvalidInputError: for an unknown or missing name, or a value that cannot be one.
+        """
+        given = dict(data)
+        if given.get("estimate") is not None:
+            given["estimate"] = PoseEstimate.from_dict(given["estimate"])
+        if "log_evidence" in given and given["log_evidence"] is None:
+            given["log_evidence"] = -math.inf
+        return super().from_dict(given)
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Identification(Sequence[Identity]):
+class Identification(PlainValue, Sequence[Identity]):
     """The objects that one touch may be of, the most likely first: a sequence of `Identity`.
 
     Attributes:
         identities: by falling likelihood; never empty.
-        status: "ok"; "ambiguous" when the first object has less than half of the likelihood, with its equals, or when
-            there are fewer than three contacts, which leave whole families of poses; "no_solution" when no pose of the
-            first object explains the touch.
+        status: "ok"; "ambiguous" when the first object has a probability below 90 %, with its equals, or when there are
+            fewer than three contacts, which leave whole families of poses; "no_solution" when no pose of the first
+            object explains the touch, or when the touch is of none of the objects with 90 % or more.
         duration: s.
+        unknown: the probability that the touched object is none of the known ones; with those of the objects it sums
+            to 1.
     """
 
     identities: tuple[Identity, ...]
     status: Status
     duration: float
+    unknown: float
 
     @overload
     def __getitem__(self, index: int) -> Identity: ...
@@ -55,6 +77,18 @@ class Identification(Sequence[Identity]):
 
     def __len__(self) -> int:
         return len(self.identities)
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Self:
+        """What `to_dict` has made it of, to the last bit.
+
+        Raises:
+            InvalidInputError: for an unknown or missing name, or a value that cannot be one.
+        """
+        identities = tuple(Identity.from_dict(identity) for identity in data.get("identities", ()))
+        if not identities:
+            raise InvalidInputError("Identification.from_dict: has no identities; allowed are one or more.")
+        return super().from_dict({**data, "identities": identities})
 
     @property
     def best(self) -> Identity:

@@ -36,7 +36,7 @@ class PoseHypothesis(PlainValue):
         explains_touch: whether noise may leave the contacts' residuals as large as this pose does, those of as many
             false contacts as there may well be left out.
         inlier_probability: the probability of each contact, shape (k,), to be what it claims to be if this is the pose,
-            then that of each patch. Patches are not doubted: theirs is 1.
+            then that of each patch; 1 for a pad that feels nothing.
     """
 
     X_PO: RigidTransform

@@ -12,7 +12,7 @@ from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import InvalidInputError
-from tactopose_drake.estimation.identification import Likelihood, check_likelihood, identify
+from tactopose_drake.estimation.identification import Likelihood, check_likelihood, check_prior, identify
 from tactopose_drake.estimation.object_library import ObjectLibrary
 from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.ports import eval_input, eval_optional_input
@@ -27,6 +27,7 @@ class ObjectIdentifierParams:
     likelihood: str = "evidence"  # a likelihood of `identify`
     candidates: int = 16  # of a library so many have their poses estimated
     seed: int = 0  # of the search's random numbers, the same each time
+    unknown_prior: float = 1.0 / 3.0  # that it is none of the objects, before the touch; 0 to below 1
 
     def validate(self) -> None:
         """Raises InvalidInputError if a number is out of its range, or there is no such likelihood."""
@@ -37,10 +38,11 @@ class ObjectIdentifierParams:
                     f"ObjectIdentifierParams.{name}: is {getattr(self, name)}; allowed are numbers >= 1."
                 )
         check_likelihood("ObjectIdentifierParams.likelihood", self.likelihood)
+        check_prior("ObjectIdentifierParams.unknown_prior", self.unknown_prior)
 
 
 class ObjectIdentifier(CollectableSystem):
-    """Tells which of many objects the contacts and tactile patches of one instant are on.
+    """Tells which of many objects the contacts and tactile patches of one instant are on, or that it may be none.
 
     .. pydrake_system::
 
@@ -56,8 +58,9 @@ class ObjectIdentifier(CollectableSystem):
 
     - contacts: `Contacts` in P; may stay unconnected where patches are connected.
     - patches: tuple of `Patch` in P, those that feel nothing too; may stay unconnected.
-    - identities: `Identification`, the objects by falling likelihood, with their poses X_PO; None before the first.
-      Held between updates, and while the touch is too little.
+    - identities: `Identification`, the objects by falling likelihood, with their poses X_PO and probabilities, and the
+      probability that it is none of them; None before the first. Held between updates, and while the touch is too
+      little.
     - status: str, `Identification.status` for identities of this period; else "held: " and why. Changes with
       `identities`.
     """
@@ -107,6 +110,7 @@ class ObjectIdentifier(CollectableSystem):
             likelihood=likelihood,
             candidates=self._params.candidates,
             seed=self._params.seed,
+            unknown_prior=self._params.unknown_prior,
         )
         state.get_mutable_abstract_state(self._identities).set_value(found)
         status.set_value(found.status)

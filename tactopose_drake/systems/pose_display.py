@@ -158,12 +158,12 @@ class PoseDisplay(CollectableSystem):
         if self._object_body is not None:
             X_PO = None if X_WB is None else X_WP.inverse() @ X_WB[self._object_body]
             place(meshcat, f"{path}/truth", X_PO, time)
-        contacts, hypotheses, params = self._touch(context), self._shown(context), self._params
+        patches, params = eval_optional_input(self._patches, context, tuple) or (), self._params
+        contacts, hypotheses = self._touch(context), self._shown(context)
         move_hypotheses(meshcat, path, self._model, hypotheses, params.max_alternatives, time)
-        is_false = false_contacts(hypotheses, len(contacts))
+        is_false = false_contacts(hypotheses, len(contacts), patches)
         move_touch(meshcat, f"{path}/touch", contacts, params.max_contacts, time, is_false)
         if self._patches.HasValue(context):
-            patches = eval_input(self._patches, context, tuple)
             move_patches(meshcat, f"{path}/patches", patches, params.max_pads, params.max_cells, time)
         return EventStatus.Succeeded()
 

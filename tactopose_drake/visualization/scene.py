@@ -38,7 +38,8 @@ class ShownHypothesis:
         probability: its weight among all hypotheses, 0 to 1.
         covariance: (6, 6) of the increment, as `PoseHypothesis.covariance`; None where it is not to be drawn.
         free_directions: increments that the touch does not determine, unit rows (f, 6).
-        inlier_probability: that each contact is one of the object, shape (k,); None where nothing is said of them.
+        inlier_probability: that each contact, then each patch, is one of the object, shape (k,); None where nothing is
+            said of them.
     """
 
     X_PO: RigidTransform
@@ -100,7 +101,7 @@ class Scene:
     @property
     def is_false(self) -> NDArray[np.bool_]:
         """Which contacts are probably none of the object by the most probable hypothesis, shape (k,)."""
-        return false_contacts(self.hypotheses, len(self.contacts))
+        return false_contacts(self.hypotheses, len(self.contacts), self.patches)
 
     @property
     def looks(self) -> list[Look]:
@@ -155,12 +156,18 @@ def worth_drawing(hypotheses: Sequence[ShownHypothesis]) -> tuple[ShownHypothesi
     return (*hypotheses[:1], *(other for other in others if other.probability >= LEAST_ALTERNATIVE))
 
 
-def false_contacts(hypotheses: tuple[ShownHypothesis, ...], count: int) -> NDArray[np.bool_]:
+def false_contacts(
+    hypotheses: tuple[ShownHypothesis, ...], count: int, patches: Sequence[Patch] = ()
+) -> NDArray[np.bool_]:
     """Which of so many contacts are probably none of the object by the first hypothesis, shape (k,).
 
-    A hypothesis of an earlier touch, of fewer contacts, says nothing of them.
+    The last of them may be the patches that are felt, as `touch_of` has them; of all patches the hypothesis speaks. One
+    of an earlier touch, of fewer contacts, says nothing of them.
     """
     inlier = hypotheses[0].inlier_probability if hypotheses else None
+    if inlier is not None and len(inlier) >= len(patches):
+        silent = [i - len(patches) for i, patch in enumerate(patches) if not patch.is_felt]
+        inlier = np.delete(inlier, silent)
     if inlier is None or len(inlier) < count:
         return np.zeros(count, dtype=np.bool_)
     return np.asarray(inlier)[:count] < LEAST_INLIER_PROBABILITY

@@ -65,6 +65,7 @@ def facts(found: Identification) -> list[tuple[object, ...]]:
             identity.name,
             identity.rank,
             identity.likelihood,
+            identity.probability,
             identity.log_evidence,
             None if identity.estimate is None else identity.estimate.best.X_PO.GetAsMatrix34().tobytes(),
         )
@@ -81,6 +82,7 @@ def test_the_touched_object_is_first(models: list[ObjectModel]) -> None:
         assert [identity.rank for identity in found] == [1, 2, 3, 4, 5]
         assert np.all(np.diff([identity.likelihood for identity in found]) <= 0.0)
         assert math.fsum(identity.likelihood for identity in found) == pytest.approx(1.0)
+        assert math.fsum(identity.probability for identity in found) + found.unknown == pytest.approx(1.0)
         assert [models[identity.index].name for identity in found] == [identity.name for identity in found]
     assert right >= 13
 
@@ -116,7 +118,7 @@ def test_equal_shapes_are_ties(models: list[ObjectModel], twin: ObjectModel) -> 
     assert {first.name, second.name} == {"block", "twin"}
     assert (first.rank, second.rank, third.rank) == (1, 1, 3)
     assert first.likelihood == second.likelihood
-    assert found.status == "ok"  # Neither has more than half by itself.
+    assert found.status == "ok"  # Neither has as much by itself.
     assert first.likelihood <= 0.5
     assert not tp.identify(models, touch(models[0], 3)).ties
 
@@ -168,7 +170,7 @@ def test_of_a_library_only_the_candidates_are_estimated(library: ObjectLibrary) 
         for identity in found[:2]:
             assert identity.log_evidence == every[identity.name]
         for identity in found[2:]:
-            assert (identity.likelihood, identity.log_evidence) == (0.0, -math.inf)
+            assert (identity.likelihood, identity.probability, identity.log_evidence) == (0.0, 0.0, -math.inf)
         assert len({identity.index for identity in found}) == len(library)
 
 
@@ -214,3 +216,6 @@ def test_bad_input_is_named(models: list[ObjectModel], tmp_path: Path) -> None:
         tp.identify(models, contacts, seed=-1)
     with pytest.raises(InvalidInputError, match=r"^candidates: is 0; allowed are integers >= 1"):
         tp.identify(models, contacts, candidates=0)
+    for prior, said in [(-0.1, "is -0.1"), (1.0, "is 1; allowed are numbers >= 0 and < 1"), (math.nan, "nan")]:
+        with pytest.raises(InvalidInputError, match=rf"^unknown_prior: .*{said}"):
+            tp.identify(models, contacts, unknown_prior=prior)

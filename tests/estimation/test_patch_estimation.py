@@ -29,6 +29,28 @@ def can() -> tp.ObjectModel:
     return tp.ObjectModel.from_mesh(trimesh.creation.cylinder(radius=0.033, height=0.115, sections=64))
 
 
+@pytest.fixture(scope="module")
+def chamfered_can() -> tp.ObjectModel:
+    profile = [[0.0, 0.0], [0.033, 0.0], [0.033, 0.105], [0.023, 0.115], [0.0, 0.115]]
+    mesh = trimesh.creation.revolve(np.array(profile), sections=64)
+    return tp.ObjectModel.from_mesh(mesh.apply_translation([0.0, 0.0, -0.0575]))
+
+
+def side_grip(can: tp.ObjectModel, seed: int) -> tuple[np.ndarray, tuple[tp.Patch, ...]]:
+    """A can in a random pose, and pads on its side at different heights about its middle."""
+    generator = np.random.default_rng(seed)
+    X_PO, patches = random_pose(generator), []
+    for angle, height in [(0.0, -0.004), (2.1, 0.004), (4.2, 0.0), (1.0, 0.008)]:
+        z = np.array([-math.cos(angle), -math.sin(angle), 0.0])  # Out of the pad, into the can.
+        R_OT = np.stack([np.cross([0.0, 0.0, 1.0], z), [0.0, 0.0, 1.0], z], axis=-1)
+        cells = flat_pad() @ R_OT.T - (0.033 - 0.0012) * z + [0.0, 0.0, height]
+        depth = np.maximum(0.033 - np.linalg.norm(cells[:, :2], axis=1), 0.0)
+        n_PT = np.tile(X_PO[:, :3] @ z, (len(cells), 1))
+        noise = 0.0005 * generator.normal(size=3)
+        patches.append(tp.describe_patch(transform_points(X_PO, cells) + noise, depth / ALPHA, alpha=ALPHA, n_PT=n_PT))
+    return X_PO, tuple(patches)
+
+
 def random_pose(generator: np.random.Generator) -> np.ndarray:
     return make_poses(random_rotations(generator, 1), generator.normal(size=(1, 3)) * 0.05)[0]
 
@@ -147,6 +169,21 @@ def test_pads_on_the_side_of_a_can_leave_its_spin_and_slide_free(can: tp.ObjectM
         assert np.linalg.norm(determined_part(direction, best.free_directions, can.size)) < 0.15
 
 
+def test_the_other_end_up_is_a_hypothesis_where_it_costs_but_little_more(chamfered_can: tp.ObjectModel) -> None:
+    # The pads feel the side alone; contacts at both ends tell them apart, but not for certain.
+    at_ends = np.array([[0.028, 0.0, 0.0525], [0.010, 0.005, -0.0575]])
+    for seed in range(3):
+        X_PO, patches = side_grip(chamfered_can, seed)
+        contacts = tp.Contacts(transform_points(X_PO, at_ends), sigma_position=0.0014)
+        found = tp.estimate_pose(chamfered_can, contacts, patches=patches, seed=seed)
+        up = [hypothesis.X_PO.rotation().matrix()[:, 2] @ X_PO[:, 2] for hypothesis in found]
+        upright = sum(hypothesis.probability for hypothesis, way in zip(found, up, strict=True) if way > 0.9)
+        upside_down = sum(hypothesis.probability for hypothesis, way in zip(found, up, strict=True) if way < -0.9)
+        assert 0.5 < upright < 0.95
+        assert upside_down > 0.05
+        assert len(found) == 2  # A turn about its axis makes no other pose of a can.
+
+
 def test_a_pad_that_feels_nothing_says_where_the_object_is_not(can: tp.ObjectModel) -> None:
     """Two pads hold a can by its sides, so that it may slide; a third one is in its way."""
     sides = [flat([0.032, 0.0, 0.0], [-1.0, 0.0, 0.0], 0.001), flat([-0.032, 0.0, 0.0], [1.0, 0.0, 0.0], 0.001)]
@@ -185,8 +222,45 @@ def test_a_pad_far_from_the_others_has_no_solution(model: tp.ObjectModel, has_co
     X_PO, patches = touch(model, 7)
     contacts = touch_surface(model, X_PO, 5, np.random.default_rng(7)) if has_contacts else NOTHING
     away = moved(patches[0], make_poses(np.eye(3), np.array([0.5, 0.0, 0.0])))
-    assert tp.estimate_pose(model, contacts, patches=patches).status in ("ok", "ambiguous")
-    assert tp.estimate_pose(model, contacts, patches=[away, *patches[1:]]).status == "no_solution"
+    for share, status in ((0.02, ("ok", "ambiguous")), (0.0, ("no_solution",))):
+        options = {"outlier_probability": share}
+        assert tp.estimate_pose(model, contacts, patches=patches, **options).status in ("ok", "ambiguous")
+        assert tp.estimate_pose(model, contacts, patches=[away, *patches[1:]], **options).status in status
+    nowhere = [moved(patch, make_poses(np.eye(3), np.array([0.5 + i, 0.0, 0.0]))) for i, patch in enumerate(patches)]
+    assert tp.estimate_pose(model, contacts, patches=nowhere[:2] + list(patches[2:])).status == "no_solution"
+
+
+@pytest.mark.parametrize("has_contacts", [True, False])
+def test_a_pad_that_feels_something_else_is_named_and_leads_nobody_astray(
+    model: tp.ObjectModel, has_contacts: bool
+) -> None:
+    near, named = 0, 0
+    for seed in range(4):
+        X_PO, patches = touch(model, 20 + seed, count=5)
+        contacts = touch_surface(model, X_PO, 3, np.random.default_rng(seed)) if has_contacts else NOTHING
+        # Elsewhere by 25 mm along its normal: another object is between.
+        off = make_poses(np.eye(3), 0.025 * -patches[2].n_PT.mean(axis=0))
+        several = [*patches[:2], moved(patches[2], off), *patches[3:]]
+        found = tp.estimate_pose(model, contacts, patches=several)
+        inlier = found.best.inlier_probability
+        assert inlier.shape == (len(contacts) + 5,)
+        named += bool(np.flatnonzero(inlier < 0.5).tolist() == [len(contacts) + 2])
+        near += is_near(found, X_PO)
+        if seed == 0:
+            told = tp.estimate_pose(model, contacts, patches=several, outlier_probability=0.0)
+            np.testing.assert_allclose(told.best.inlier_probability, 1.0, atol=1e-9)
+    assert named >= 3
+    assert near >= 3
+
+
+def test_pads_as_told_are_not_doubted_and_silent_ones_never(model: tp.ObjectModel) -> None:
+    for seed in range(3):
+        _, patches = touch(model, 30 + seed)
+        silent = dataclasses.replace(patches[0], pressure=np.zeros(24), status="no_contact")
+        silent = moved(silent, make_poses(np.eye(3), np.array([1.0, 0.0, 0.0])))
+        found = tp.estimate_pose(model, NOTHING, patches=[silent, *patches])
+        assert found.best.inlier_probability[0] == 1.0
+        assert 0.5 < found.best.inlier_probability[1:].min() < 1.0
 
 
 @pytest.mark.parametrize(

@@ -53,6 +53,8 @@ def test_it_says_what_identify_says(models: list[ObjectModel], contacts: Contact
         (i.name, i.likelihood, i.log_evidence) for i in expected
     ]
     assert found.best.name == "a block"
+    assert found.unknown == expected.unknown
+    assert 0.0 < found.unknown < 0.1
     assert output(simulator, "status") == "ok"
 
 
@@ -85,10 +87,20 @@ def test_the_measure_is_a_parameter(models: list[ObjectModel], contacts: Contact
     assert found.best.likelihood == tp.identify(models, contacts, likelihood="inverse_cost").best.likelihood
 
 
+def test_how_often_objects_are_unknown_is_a_parameter(models: list[ObjectModel], contacts: Contacts) -> None:
+    simulator = start(ObjectIdentifier(models, ObjectIdentifierParams(unknown_prior=0.9)), contacts)
+    simulator.AdvanceTo(0.1)
+    found = output(simulator, "identities")
+    assert isinstance(found, tp.Identification)
+    assert found.unknown == tp.identify(models, contacts, unknown_prior=0.9).unknown
+    assert found.unknown > tp.identify(models, contacts).unknown
+
+
 def test_bad_parameters_and_inputs_are_named(models: list[ObjectModel]) -> None:
     for params, error, said in [
         (ObjectIdentifierParams(period=0.0), InvalidInputError, "ObjectIdentifierParams.period: is 0"),
         (ObjectIdentifierParams(min_contacts=0), InvalidInputError, "ObjectIdentifierParams.min_contacts: is 0"),
+        (ObjectIdentifierParams(unknown_prior=1.0), InvalidInputError, "ObjectIdentifierParams.unknown_prior: is 1"),
         (ObjectIdentifierParams(likelihood="cost"), UnknownNameError, "ObjectIdentifierParams.likelihood: 'cost'"),
     ]:
         with pytest.raises(error, match=said):

@@ -89,8 +89,14 @@ class Evidence:
             prior = GaussianPrior(in_steps(prior.mean), prior.sigma_translation, prior.sigma_rotation)
         return dataclasses.replace(self, contacts=self.contacts.rounded(), prior=prior)
 
-    def without_contact(self, index: int) -> "Evidence":
-        """The evidence without one contact, nor what is said of all their forces together."""
+    def without(self, index: int) -> "Evidence":
+        """The evidence without one contact, or of the pads that feel the object, which are counted after them, one.
+
+        Nor does it hold what is said of all the contacts' forces together.
+        """
+        if index >= len(self.contacts):
+            left_out = self.felt[index - len(self.contacts)]
+            return dataclasses.replace(self, patches=tuple(patch for patch in self.patches if patch is not left_out))
         kept = np.delete(np.arange(len(self.contacts)), index)
         return dataclasses.replace(self, contacts=self.contacts.chosen(kept), balance=None)
 

@@ -6,3 +6,6 @@ from .library_index import count_pairs as count_pairs
 from .model_evidence import log_evidence as log_evidence
 from .shape_equality import ShapeEqualityParams as ShapeEqualityParams
 from .shape_equality import find_alignment as find_alignment
+from .unknown_object import UnknownObjectParams as UnknownObjectParams
+from .unknown_object import log_evidence_of_any as log_evidence_of_any
+from .unknown_object import unknown_probability as unknown_probability

@@ -10,6 +10,8 @@ from .objective import Objective as Objective
 from .objective import SumObjective as SumObjective
 from .objective import form_normal_equations as form_normal_equations
 from .patch_contact import PatchContact as PatchContact
+from .patch_mixture import PatchDoubt as PatchDoubt
+from .patch_mixture import PatchMixture as PatchMixture
 from .penetration import Penetration as Penetration
 from .point_cloud_contact import PointCloudContact as PointCloudContact
 from .pose_gaussian import PoseGaussian as PoseGaussian

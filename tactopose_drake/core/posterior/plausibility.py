@@ -67,7 +67,7 @@ def explain_with_doubt(
     X_PO: FloatArray,
     params: PlausibilityParams = DEFAULT_PARAMS.plausibility,
 ) -> NDArray[np.bool_]:
-    """Which of the poses (B, 3, 4) explain the touch but for as many false contacts as there may well be.
+    """Which of the poses (B, 3, 4) explain the touch but for as many false contacts and pads as there may well be.
 
     Args:
         model: the object.
@@ -76,13 +76,18 @@ def explain_with_doubt(
         X_PO: the poses.
         params: what counts as an explanation.
     """
-    explained = _pads_explained(model, evidence, X_PO, params)
-    if judgement is None:
-        return explained
-    false = np.count_nonzero(judgement.inlier_probability < 0.5, axis=1)
-    limit = _limit(_of_contacts(evidence), params.least_doubted_chance)
-    allowed = most_false_contacts(len(evidence.contacts), evidence.outlier_probability, params.usual_false_contacts)
-    return np.asarray(explained & (false <= allowed) & (judgement.misfit <= limit))
+    by_pad, felt = (
+        _by_pad(model, evidence, X_PO, params.least_pad_chance),
+        [patch.is_felt for patch in evidence.patches],
+    )
+    explained = by_pad[:, np.logical_not(felt)].all(axis=1)
+    false = np.count_nonzero(~by_pad[:, felt], axis=1)
+    if judgement is not None:
+        false += np.count_nonzero(judgement.inlier_probability < 0.5, axis=1)
+        explained &= judgement.misfit <= _limit(_of_contacts(evidence), params.least_doubted_chance)
+    count = len(evidence.contacts) + sum(felt)
+    allowed = most_false_contacts(count, evidence.outlier_probability, params.usual_false_contacts)
+    return np.asarray(explained & (false <= allowed))
 
 
 @functools.cache
@@ -101,7 +106,10 @@ def most_false_contacts(count: int, outlier_probability: float, chance: float) -
 def is_comfortable(
     model: ObjectModel, evidence: Evidence, X_PO: FloatArray, params: PlausibilityParams = DEFAULT_PARAMS.plausibility
 ) -> bool:
-    """Whether any of the poses (B, 3, 4) explains the contacts so well that none of them calls for doubt."""
+    """Whether any of the poses (B, 3, 4) explains the touch so well that no contact or pad calls for doubt."""
+    X_PO = X_PO[_by_pad(model, evidence, X_PO, params.comfortable_chance).all(axis=1)]
+    if not len(X_PO) or not len(evidence.contacts):
+        return len(X_PO) > 0
     limit = _limit(_of_contacts(evidence), params.comfortable_chance)
     objectives = SurfaceContact(model.grid, evidence.contacts), SurfaceDensity(model, evidence.contacts)
     return any(bool(objective.cost(X_PO).min() <= limit) for objective in objectives)
@@ -111,11 +119,15 @@ def _pads_explained(
     model: ObjectModel, evidence: Evidence, X_PO: FloatArray, params: PlausibilityParams
 ) -> NDArray[np.bool_]:
     """Which of the poses (B, 3, 4) explain each pad."""
+    return np.asarray(_by_pad(model, evidence, X_PO, params.least_pad_chance).all(axis=1))
+
+
+def _by_pad(model: ObjectModel, evidence: Evidence, X_PO: FloatArray, least_chance: float) -> NDArray[np.bool_]:
+    """Which of k pads each of the poses (B, 3, 4) explains, shape (B, k)."""
     if not evidence.patches:
-        return np.ones(len(X_PO), dtype=np.bool_)
-    counts = [_MISPLACEMENTS + _of_patch(patch) for patch in evidence.patches]
-    limits = np.array([_limit(count, params.least_pad_chance) for count in counts])
-    return np.asarray(np.all(PatchContact(model.grid, evidence.patches).pad_costs(X_PO) <= limits, axis=1))
+        return np.ones((len(X_PO), 0), dtype=np.bool_)
+    limits = np.array([_limit(_MISPLACEMENTS + _of_patch(patch), least_chance) for patch in evidence.patches])
+    return np.asarray(PatchContact(model.grid, evidence.patches).pad_costs(X_PO) <= limits)
 
 
 def may_be_touched(

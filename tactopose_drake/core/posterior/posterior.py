@@ -84,7 +84,7 @@ def make_posterior(
     Patches have no other likelihood than theirs on the signed distance: it counts as exact.
     """
     mixture = problem.mixture
-    terms = [term for term in problem.objective.terms if term is not problem.touch]
+    terms = [term for term in problem.doubted_terms(problem.objective) if term is not mixture]
 
     def exact_cost(X_PO: FloatArray) -> FloatArray:
         cost = np.zeros(len(X_PO)) if mixture is None else mixture.judge(X_PO).cost

@@ -1,8 +1,8 @@
-"""A search where the best pose leaves so much unexplained that one of the contacts may be false.
+"""A search where the best pose leaves so much unexplained that one of the contacts or pads may be false.
 
-A false contact draws all poses of a search toward itself, and none near the truth may be left. Without it, in turn
+A false one draws all poses of a search toward itself, and none near the truth may be left. Without it, in turn
 without each of them, the search finds what the others say. All that is found is refined by the mixture likelihood,
-which then says itself which contact is false, if any.
+which then says itself which one is false, if any.
 """
 
 from typing import cast
@@ -18,7 +18,7 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 
 # Of each search so many poses are refined, if they cost no more than this above the best.
 _KEPT, _WORTH = 10, 15.0
-# Without one of so many contacts in turn, at the most: those that the best pose explains least.
+# Without one of so many contacts and pads in turn, at the most: those that the best pose explains least.
 _SUSPECTS = 6
 _REFINEMENT = LevenbergMarquardt(max_iterations=15, tolerance=1e-3)
 
@@ -32,25 +32,24 @@ def search_with_doubt(
     generator: np.random.Generator,
     should_stop: StopSignal,
 ) -> SearchResult:
-    """The minima of the mixture likelihood that a search has led to, and those that it leads to without a contact.
+    """The minima of the mixture likelihood that a search has led to, and those that it leads to without one.
 
     Args:
         model: the object.
-        evidence: all that is known; there is a contact.
+        evidence: all that is known.
         problem: what it asks.
         search: that was made.
         found: what it has found.
         generator: of random numbers.
         should_stop: asked between searches.
     """
-    assert problem.mixture is not None
     poses = [found.X_PO[:_KEPT]]
-    shares = problem.mixture.judge(found.X_PO[:1]).inlier_probability[0]
+    shares = problem.inlier_probability(found.X_PO[:1])[0]
     for index in np.argsort(shares, kind="stable")[:_SUSPECTS] if len(shares) > 1 else ():
         other = search.leaving_out(int(index))
         if other is None or should_stop():
             break
-        part = make_problem(model, evidence.without_contact(int(index)))
+        part = make_problem(model, evidence.without(int(index)))
         poses.append(other.minimize(part.objective, part.space, generator, should_stop).X_PO[:_KEPT])
     objective = problem.doubted(problem.objective)
     X_PO = np.concatenate(poses)

@@ -23,7 +23,7 @@ from tactopose_drake.core.searches.pairs.contact_tables import contact_table
 from tactopose_drake.core.searches.pairs.distinct import distinct_poses
 from tactopose_drake.core.searches.pairs.pair_poses import best_poses
 from tactopose_drake.core.searches.search import PoseSpace, Search, SearchResult, StopSignal, join_results, never
-from tactopose_drake.core.shape.free_spin import nearest_images
+from tactopose_drake.core.shape.free_spin import nearest_images, turn_alike
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 
@@ -182,12 +182,15 @@ class PairSearch(Search):
         return join_results(*self._refine(stages, objective, space, X_PO, should_stop)).ranked(self.returned)
 
     def _starts_anywhere(self, space: PoseSpace, generator: np.random.Generator) -> FloatArray:
-        """Proposals, and random poses where there are few of those."""
+        """Proposals, and random poses where there are few of those; turns about an axis make no other start of one."""
         start = self.start
         X_PO = self.propose(start.choice, start.candidates, space, generator)
         if start.fewest is None or len(X_PO) < start.fewest:
             X_PO = np.concatenate([X_PO, space.sample(generator, start.samples)])
-        return X_PO
+        if not any(symmetry.is_continuous for symmetry in self.model.symmetries):
+            return X_PO
+        X_PO = turn_alike(X_PO, space.center, self.model.symmetries)
+        return X_PO[distinct_poses(X_PO, start.choice.offset * self.model.pair_features.spacing, start.choice.bend)]
 
     def _starts_near(
         self, objective: LeastSquaresObjective, space: PoseSpace, generator: np.random.Generator

@@ -9,6 +9,7 @@ from tactopose_drake.core.objectives.contact_mixture import ContactMixture
 from tactopose_drake.core.objectives.friction_cone import FrictionCone
 from tactopose_drake.core.objectives.objective import LeastSquaresObjective, SmoothObjective, SmoothSum, SumObjective
 from tactopose_drake.core.objectives.patch_contact import PatchContact
+from tactopose_drake.core.objectives.patch_mixture import PatchMixture
 from tactopose_drake.core.objectives.penetration import Penetration
 from tactopose_drake.core.objectives.pose_prior import PriorObjective
 from tactopose_drake.core.objectives.surface_contact import ContactWithPrior, SurfaceContact
@@ -17,6 +18,7 @@ from tactopose_drake.core.poses import transform_points
 from tactopose_drake.core.searches.search import PoseSpace, PriorSpace
 from tactopose_drake.core.searches.touch_space import TouchSpace
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
 
 # So many standard deviations of the hand's geometry the object may be in the hand for nothing: by about as much the
@@ -41,6 +43,8 @@ class PoseProblem(NamedTuple):
         space: the poses that are possible.
         mixture: the contacts' likelihood where each may be false; None where there is no contact. Searches go by
             `touch`, which has fewer minima that mislead; beliefs by this.
+        pads: the objective of the pads that feel the object by itself; None where there is none.
+        pad_mixture: the likelihood of those where each may feel something else, likewise; None where none may.
     """
 
     touch: SurfaceContact
@@ -50,13 +54,32 @@ class PoseProblem(NamedTuple):
     bounding: tuple[LeastSquaresObjective, ...]
     space: PoseSpace
     mixture: ContactMixture | None
+    pads: PatchContact | None = None
+    pad_mixture: PatchMixture | None = None
 
     def doubted(self, objective: LeastSquaresObjective) -> SmoothObjective:
-        """One of the objectives, with contacts that may be false."""
-        if self.mixture is None:
-            return objective
-        terms = [self.mixture if term is self.touch else term for term in objective.terms]
+        """One of the objectives, with contacts and pads that may be false."""
+        terms = self.doubted_terms(objective)
         return terms[0] if len(terms) == 1 else SmoothSum(terms)
+
+    def doubted_terms(self, objective: LeastSquaresObjective) -> list[SmoothObjective]:
+        """The terms of one of the objectives, with contacts and pads that may be false."""
+        terms = (objective,) if objective is self.pads else objective.terms
+        return [self._doubted_term(term) for term in terms]
+
+    def _doubted_term(self, term: LeastSquaresObjective) -> SmoothObjective:
+        if self.mixture is not None and term is self.touch:
+            return self.mixture
+        return self.pad_mixture if self.pad_mixture is not None and term is self.pads else term
+
+    def inlier_probability(self, X_PO: FloatArray) -> FloatArray:
+        """That each contact, then each pad that feels the object, is as told, at poses (B, 3, 4), shape (B, k)."""
+        shares = [np.ones((len(X_PO), 0))]
+        if self.mixture is not None:
+            shares.append(self.mixture.judge(X_PO).inlier_probability)
+        if self.pad_mixture is not None:
+            shares.append(self.pad_mixture.inlier_probability(X_PO))
+        return np.concatenate(shares, axis=1)
 
 
 def make_problem(model: ObjectModel, evidence: Evidence) -> PoseProblem:
@@ -69,19 +92,25 @@ def make_problem(model: ObjectModel, evidence: Evidence) -> PoseProblem:
     mixture = ContactMixture(model, contacts, evidence.outlier_probability) if len(contacts) else None
     touch = SurfaceContact(model.grid, contacts) if mixture is None else mixture.touch
     terms: list[LeastSquaresObjective] = [touch] if len(contacts) else []
-    if evidence.felt:
-        terms.append(PatchContact(model.grid, evidence.felt))
+    pads = PatchContact(model.grid, evidence.felt) if evidence.felt else None
+    pad_mixture = None
+    if pads is not None:
+        terms.append(pads)
+        if evidence.outlier_probability > 0.0:
+            pad_mixture = PatchMixture(model, evidence.felt, evidence.outlier_probability)
     if evidence.balance is not None:
         terms.append(balance_term(model, evidence))
     determining = _sum(terms)
     bounding = bounding_terms(model, evidence)
     likelihood = _sum([*terms, *bounding])
     if prior is None:
-        space = TouchSpace(model, evidence.touch)
-        return PoseProblem(touch, determining, likelihood, likelihood, tuple(bounding), space, mixture)
-    known = PriorObjective(prior)
-    objective = ContactWithPrior(touch, known) if likelihood.is_touch else _sum([*terms, *bounding, known])
-    return PoseProblem(touch, determining, likelihood, objective, (*bounding, known), PriorSpace(prior), mixture)
+        space: PoseSpace = TouchSpace(model, evidence.touch)
+        objective = likelihood
+    else:
+        space, known = PriorSpace(prior), PriorObjective(prior)
+        objective = ContactWithPrior(touch, known) if likelihood.is_touch else _sum([*terms, *bounding, known])
+        bounding.append(known)
+    return PoseProblem(touch, determining, likelihood, objective, tuple(bounding), space, mixture, pads, pad_mixture)
 
 
 def bounding_terms(model: ObjectModel, evidence: Evidence) -> list[LeastSquaresObjective]:

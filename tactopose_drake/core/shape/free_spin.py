@@ -34,6 +34,28 @@ def turn_toward(
     return X_PO
 
 
+def turn_alike(X_PO: FloatArray, X_reference: FloatArray, symmetries: Sequence[RotationalSymmetry]) -> FloatArray:
+    """The poses (B, 3, 4), turned so that those which differ by turns about a continuous axis become about the same.
+
+    Where the axis is upside down against the reference's, all turns about it are equally far from the reference, and
+    the nearest one is arbitrary. Such poses are turned toward the reference upside down instead.
+
+    Args:
+        X_PO: poses, shape (B, 3, 4).
+        X_reference: shape (3, 4).
+        symmetries: the object's.
+    """
+    turned = turn_toward(X_PO, X_reference, symmetries)
+    axes = [symmetry.axis for symmetry in symmetries if symmetry.is_continuous]
+    if len(axes) != 1:
+        return turned
+    opposite = np.flatnonzero(X_PO[:, :, :3] @ axes[0] @ (X_reference[:, :3] @ axes[0]) < 0.0)
+    across = np.linalg.svd(axes[0][None])[2][1]
+    upside_down = make_poses(X_reference[:, :3] @ exp_so3(np.pi * across), X_reference[:, 3])
+    turned[opposite] = turn_toward(X_PO[opposite], upside_down, symmetries)
+    return turned
+
+
 def nearest_images(
     X_PO: FloatArray, X_reference: FloatArray, turns: FloatArray, symmetries: Sequence[RotationalSymmetry]
 ) -> FloatArray:

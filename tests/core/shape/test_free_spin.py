@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from tactopose_drake.core.poses import compose, exp_so3, make_poses, random_rotations, rotation_angles, transform_points
-from tactopose_drake.core.shape.free_spin import nearest_images, turn_toward
+from tactopose_drake.core.shape.free_spin import nearest_images, turn_alike, turn_toward
 from tactopose_drake.core.shape.symmetry import RotationalSymmetry, symmetry_group
 
 POINT = np.array([0.02, -0.01, 0.03])
@@ -36,6 +36,24 @@ def test_poses_that_differ_by_a_turn_become_the_same() -> None:
     turned = make_poses(X[:, :3] @ R, X[:, 3] + (POINT - R @ POINT) @ X[:, :3].T)
     found = turn_toward(turned, poses(2)[1], [symmetry])
     np.testing.assert_allclose(found, np.broadcast_to(found[0], found.shape), atol=1e-12)
+
+
+def test_upside_down_too_poses_that_differ_by_a_turn_become_the_same() -> None:
+    symmetry, reference = axis([0.0, 0.0, 1.0]), make_poses(np.eye(3), np.zeros(3))
+    generator = np.random.default_rng(4)
+    # Tilted a little either way from upside down, where every turn is as far from the reference.
+    tilts = exp_so3(0.01 * generator.normal(size=(40, 3)) * [1.0, 1.0, 0.0])
+    spins = exp_so3(generator.uniform(-np.pi, np.pi, size=(40, 1)) * symmetry.axis)
+    R = tilts @ exp_so3(np.array([np.pi, 0.0, 0.0])) @ spins
+    X = make_poses(R, -R @ POINT)
+    found = turn_alike(X, reference, [symmetry])
+    on_axis = np.array([POINT, POINT + 0.1 * symmetry.axis])
+    np.testing.assert_allclose(
+        [transform_points(pose, on_axis) for pose in found], [transform_points(pose, on_axis) for pose in X], atol=1e-12
+    )
+    assert rotation_angles(found[:, :, :3], found[0, :, :3]).max() < 0.1
+    assert rotation_angles(turn_toward(X, reference, [symmetry])[:, :, :3], found[0, :, :3]).max() > 1.0
+    np.testing.assert_array_equal(turn_alike(X[:0], reference, [symmetry]), X[:0])
 
 
 def test_a_sphere_has_but_one_rotation() -> None:

@@ -1,0 +1,97 @@
+"""Tactile pads of which each may feel something else: the likelihood of patches that are false now and then.
+
+As a contact does (see `contact_mixture`), a pad counts for no more than what it would say were it pressed on something
+else, anywhere about the object. How well that explains the depths of its cells is not known; it is taken to be as well
+as a plane does, or as noise alone does, whichever is better. [HRM16]
+
+Source: [HRM16] D. Hogg, J. Bovy, D. Lang, Data analysis recipes: fitting a model to data, 2010, section 3 (mixture for
+outliers).
+"""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from tactopose_drake.core.evidence.patch_contacts import patch_contacts
+from tactopose_drake.core.objectives.objective import NormalEquations, SmoothObjective
+from tactopose_drake.core.objectives.patch_contact import PatchContact
+from tactopose_drake.core.sensing.patches import Patch
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.validation import FloatArray
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PatchDoubt:
+    """What is doubted of patches.
+
+    Attributes:
+        surroundings: a pad on something else is anywhere within so much of the object, m.
+        kinds: how often that is, over the outlier probability: as often as contacts are of something else or displaced.
+        sigma_depth: standard deviation of each cell's depth, m; `PatchContact`'s.
+        share: standard deviation of a depth as a share of it, likewise.
+    """
+
+    surroundings: float = 0.05
+    kinds: float = 9.0
+    sigma_depth: float = 0.0005
+    share: float = 0.2
+
+
+class PatchMixture(SmoothObjective):
+    """The mixture likelihood of pads that feel the object; zero where all explain what they feel exactly."""
+
+    def __init__(
+        self, model: ObjectModel, pads: Sequence[Patch], outlier_probability: float, doubt: PatchDoubt = PatchDoubt()
+    ) -> None:
+        """Takes the pads that feel something, in P; the probability is above 0."""
+        self._pads = PatchContact(model.grid, pads)
+        self._each = [PatchContact(model.grid, [pad]) for pad in pads]
+        felt = patch_contacts(pads)
+        sigma_p, sigma_n = np.asarray(felt.sigma_position), np.asarray(felt.sigma_normal)
+        volume = float(np.prod(model.grid.upper - model.grid.origin + 2.0 * doubt.surroundings))
+        any_point = np.minimum(model.area * math.sqrt(2.0 * math.pi) * sigma_p / volume, 1.0)
+        any_normal = np.minimum(0.5 * sigma_n**2, 1.0)
+        by_shape = np.array([_shape_cost(pad, doubt) for pad in pads])
+        self._other_cost = by_shape - np.log(doubt.kinds * outlier_probability * any_point * any_normal)
+
+    def cost(self, X_PO: FloatArray) -> FloatArray:
+        """Costs (B,) of poses (B, 3, 4)."""
+        cost: FloatArray = -np.logaddexp(-self._pads.pad_costs(X_PO), -self._other_cost).sum(axis=1)
+        return cost
+
+    def normal_equations(self, X_PO: FloatArray) -> NormalEquations:
+        """Cost, gradient and Gauss-Newton Hessian at poses (B, 3, 4); each pad's squares by what it counts for."""
+        cost, gradient, hessian = np.zeros(len(X_PO)), np.zeros((len(X_PO), 6)), np.zeros((len(X_PO), 6, 6))
+        for pad, other in zip(self._each, self._other_cost, strict=True):
+            own = pad.normal_equations(X_PO)
+            counts = _expit(other - own.cost)
+            cost -= np.logaddexp(-own.cost, -other)
+            gradient += counts[:, None] * own.gradient
+            hessian += counts[:, None, None] * own.hessian
+        return NormalEquations(cost, gradient, hessian)
+
+    def inlier_probability(self, X_PO: FloatArray) -> FloatArray:
+        """The probability of each of k pads to feel the object, at poses (B, 3, 4), shape (B, k)."""
+        return _expit(self._other_cost - self._pads.pad_costs(X_PO))
+
+
+def _shape_cost(pad: Patch, doubt: PatchDoubt) -> float:
+    """What the depths of a pad's cells cost on something else: as on a plane, or what noise makes of them."""
+    depth = pad.alpha * pad.pressure[pad.active]
+    points = pad.p_PT[pad.active] - depth[:, None] * pad.n_PT[pad.active]
+    weights = 1.0 / np.hypot(doubt.sigma_depth, doubt.share * depth)
+    normal = pad.n_PT[pad.active].mean(axis=0)
+    across = np.linalg.svd(normal[None])[2][1:]
+    places = points - points.mean(axis=0)
+    plane = np.column_stack([np.ones(len(points)), places @ across.T]) * weights[:, None]
+    heights = places @ normal / np.linalg.norm(normal) * weights
+    left = heights - plane @ np.linalg.lstsq(plane, heights)[0]
+    return 0.5 * min(float(left @ left), max(len(points) - 3.0, 0.0))
+
+
+def _expit(x: FloatArray) -> FloatArray:
+    """1 / (1 + exp(-x)), without overflow."""
+    result: FloatArray = np.exp(-np.logaddexp(0.0, -x))
+    return result

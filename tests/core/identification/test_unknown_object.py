@@ -1,0 +1,125 @@
+import math
+
+import numpy as np
+import pytest
+
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.evidence.evidence import Evidence
+from tactopose_drake.core.identification.model_evidence import log_evidence
+from tactopose_drake.core.identification.unknown_object import (
+    UnknownObjectParams,
+    log_evidence_of_any,
+    unknown_probability,
+)
+from tactopose_drake.core.poses import transform_points
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tests.core.meshes import ball, random_pose
+
+SIGMA, TILT = 0.001, math.radians(5.0)
+LOG_ROTATIONS = math.log(8.0 * math.pi**2)
+
+
+def some_touch(count: int = 5, seed: int = 0) -> Contacts:
+    generator = np.random.default_rng(seed)
+    normals = generator.normal(size=(count, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return Contacts(0.03 * generator.normal(size=(count, 3)), normals, sigma_position=SIGMA, sigma_normal=TILT)
+
+
+def density(p_PC: np.ndarray, n_PC: np.ndarray | None = None) -> float:
+    """Of places and normals, without the constants of the noise."""
+    count = len(p_PC)
+    noise = count * math.log(math.sqrt(2.0 * math.pi) * SIGMA)
+    if n_PC is not None:
+        noise += count * math.log(0.5 * TILT**2)
+    contacts = Contacts(p_PC, n_PC, sigma_position=SIGMA, sigma_normal=TILT)
+    return math.exp(log_evidence_of_any(contacts) - noise)
+
+
+def test_of_one_contact_it_is_that_of_any_object() -> None:
+    contacts = Contacts([[0.1, 0.0, 0.2]], [[0.0, 0.0, 1.0]], sigma_position=SIGMA, sigma_normal=TILT)
+    sphere = ObjectModel.from_mesh(ball(0.04, 4), spacing=0.002, cache=False)
+    # A ball's poses that explain one contact: within sigma of its radius, whatever direction the normal is turned to.
+    shell = 4.0 * math.pi * 0.04**2 * math.sqrt(2.0 * math.pi) * SIGMA
+    log_mass = math.log(8.0 * math.pi**2 * shell * 0.5 * TILT**2)
+    expected = log_evidence(sphere, Evidence(contacts), log_mass) - LOG_ROTATIONS
+    assert log_evidence_of_any(contacts) == pytest.approx(expected, abs=0.01)
+
+
+def test_the_places_of_a_second_contact_have_a_density() -> None:
+    radius = np.linspace(0.0, 0.8, 1601)[1:]
+    values = [density(np.array([[0.0, 0.0, 0.0], [r, 0.0, 0.0]])) for r in radius]
+    total = float(np.sum(4.0 * np.pi * radius**2 * values) * (radius[1] - radius[0]))
+    assert total == pytest.approx(1.0, abs=0.01)
+
+
+def test_the_normals_have_a_density_and_point_outwards() -> None:
+    p_PC = np.array([[-0.03, 0.0, 0.0], [0.03, 0.0, 0.0]])
+    middle = 0.5 * (np.linspace(-1.0, 1.0, 201)[1:] + np.linspace(-1.0, 1.0, 201)[:-1])
+    directions = np.stack([middle, np.sqrt(1.0 - middle**2), np.zeros_like(middle)], axis=1)  # As likely, on a sphere.
+    values = np.array([[density(p_PC, np.array([a, b])) for a in directions[::4]] for b in directions[::4]])
+    assert values.mean() == pytest.approx(density(p_PC), rel=0.01)
+    outward, inward = np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]), np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]])
+    assert density(p_PC, outward) > 1.5 * density(p_PC, inward)
+
+
+def test_the_hand_and_the_order_of_the_contacts_change_nothing() -> None:
+    contacts = some_touch()
+    assert contacts.n_PC is not None
+    X = random_pose(np.random.default_rng(1))[:3]
+    order = [3, 0, 4, 1, 2]
+    moved = Contacts(
+        transform_points(X, contacts.p_PC)[order],
+        (contacts.n_PC @ X[:, :3].T)[order],
+        sigma_position=SIGMA,
+        sigma_normal=TILT,
+    )
+    assert log_evidence_of_any(moved) == pytest.approx(log_evidence_of_any(contacts), abs=1e-9)
+
+
+def test_a_touch_that_is_far_apart_is_as_likely_by_its_size() -> None:
+    # Twice as large, four more places to be in each direction: (1/2)^(3 (k - 1)), as far as all sizes are as likely.
+    contacts = some_touch()
+    larger = Contacts(1.4 * contacts.p_PC, contacts.n_PC, sigma_position=SIGMA, sigma_normal=TILT)
+    expected = -3.0 * (len(contacts) - 1) * math.log(1.4)
+    assert log_evidence_of_any(larger) - log_evidence_of_any(contacts) == pytest.approx(expected, abs=0.5)
+
+
+@pytest.mark.parametrize("objects", [1, 2, 20])
+def test_the_odds_are_in_proportion_to_those_of_the_prior(objects: int) -> None:
+    touch, evidence = some_touch(), [-10.0, -16.0, -19.0][: min(objects, 3)]
+    odds = []
+    for prior in (0.1, 0.5):
+        probability = unknown_probability(evidence, objects, touch, prior)
+        assert 0.0 < probability < 1.0
+        odds.append(probability / (1.0 - probability))
+    assert odds[1] / odds[0] == pytest.approx(9.0)
+    assert unknown_probability(evidence, objects, touch, 0.0) == 0.0
+
+
+def test_what_the_best_explains_makes_it_known_and_what_the_others_do_unknown() -> None:
+    touch = some_touch()
+    by_best = [unknown_probability([best, -22.0, -25.0], 20, touch, 0.3) for best in (-20.0, -15.0, -10.0, -5.0)]
+    assert np.all(np.diff(by_best) < 0.0)
+    by_others = [unknown_probability([-10.0, other, -30.0], 20, touch, 0.3) for other in (-30.0, -20.0, -12.0)]
+    assert np.all(np.diff(by_others) > 0.0)
+    # One that explains the touch says less of what might be held where a thousand do not.
+    assert unknown_probability([-10.0, -12.0], 1000, touch, 0.3) < unknown_probability([-10.0, -12.0], 20, touch, 0.3)
+
+
+def test_an_object_that_is_like_the_best_is_never_ruled_out() -> None:
+    params = UnknownObjectParams()
+    least = unknown_probability([1000.0, -20.0], 2, some_touch(), 0.5, params)
+    assert least == pytest.approx(params.lookalikes / (1.0 + params.lookalikes))
+    assert unknown_probability([-1000.0, -2000.0], 2, some_touch(), 0.5) == 1.0
+
+
+def test_a_touch_that_measures_no_more_than_a_pose_is_not_expected_to_tell() -> None:
+    params = UnknownObjectParams(trust=0.0, lookalikes=1e-9)
+    two, three = (unknown_probability([0.0], 1, some_touch(count), 0.5, params) for count in (2, 3))
+    assert two == pytest.approx(0.5)
+    assert three == pytest.approx(1.0 / (1.0 + math.exp(-3.0 * params.least_surplus)))
+    bare = Contacts(some_touch(7).p_PC, sigma_position=SIGMA)
+    assert unknown_probability([0.0], 1, bare, 0.5, params) == pytest.approx(
+        1.0 / (1.0 + math.exp(-params.least_surplus))
+    )

@@ -1,0 +1,31 @@
+import dataclasses
+
+import numpy as np
+from pydrake.math import RigidTransform
+
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.sensing.patches import Patch, describe_patch
+from tactopose_drake.core.synthetic.synthetic_patch import flat_pad
+from tactopose_drake.visualization.scene import ShownHypothesis, false_contacts, touch_of
+
+
+def pad(pressure: float) -> Patch:
+    cells = flat_pad()
+    return describe_patch(
+        cells, np.full(len(cells), pressure), alpha=1e-7, n_PT=np.tile([0.0, 0.0, 1.0], (len(cells), 1))
+    )
+
+
+def test_the_patch_that_is_false_is_the_one_that_is_drawn_so() -> None:
+    contacts = Contacts([[0.0, 0.0, 0.1], [0.0, 0.1, 0.0]], [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
+    silent, felt = pad(0.0), pad(1e4)
+    patches = (silent, felt, silent, felt)
+    best = ShownHypothesis(RigidTransform(), inlier_probability=np.array([0.9, 0.1, 1.0, 0.8, 1.0, 0.2]))
+    touch = touch_of(contacts, patches)
+    assert len(touch) == 4
+    np.testing.assert_array_equal(false_contacts((best,), 4, patches), [False, True, False, True])
+    # Contacts alone are the first ones; a hypothesis of fewer of them, or none, says nothing.
+    np.testing.assert_array_equal(false_contacts((best,), 2), [False, True])
+    fewer = dataclasses.replace(best, inlier_probability=np.array([0.1]))
+    assert not false_contacts((fewer,), 4, patches).any()
+    assert not false_contacts((), 4, patches).any()
