@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test test-portable bench docs notebooks report full-report format clean
+.PHONY: demo test test-portable wheel bench docs notebooks report full-report format clean
 
 demo: $(STAMP)
 	$(BIN)/tactopose demo
@@ -29,6 +29,10 @@ test-portable: $(STAMP)
 	NPY_DISABLE_CPU_FEATURES="$$($(BIN)/python -c '$(FOUND_BY_NUMPY)')" \
 	OPENBLAS_CORETYPE=$(PLAIN_BLAS) GLIBC_TUNABLES=glibc.cpu.hwcaps=-AVX2,-FMA,-FMA4 \
 	$(BIN)/pytest $(TESTS)
+
+# A wheel for this version of Python on Linux and x86-64, with its kernels compiled.
+wheel: $(STAMP)
+	HATCH_BUILD_HOOK_ENABLE_CUSTOM=true $(BIN)/pip wheel --no-deps --no-build-isolation --wheel-dir dist .
 
 bench: $(STAMP)
 	$(BIN)/pytest -n 0 -s tests/benchmarks

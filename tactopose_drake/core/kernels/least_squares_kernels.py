@@ -18,6 +18,7 @@ from tactopose_drake.core.compilation import (
     inlined,
     kernel,
 )
+from tactopose_drake.core.kernels.sorting_kernels import copy_matrix, copy_vector
 
 
 class Problems(NamedTuple):
@@ -136,5 +137,7 @@ def accept_steps(
         damping[b] = next_damping(damping[b], decrease > 0.0, 0.0)
         done[b] = has_converged(cost[b], decrease, promised, damping[b], tolerance, limit)
         if decrease > 0.0:
-            state[b], cost[b] = there.state[b], there.cost[b]
-            gradient[b], hessian[b] = there.gradient[b], there.hessian[b]
+            cost[b] = there.cost[b]
+            copy_vector(there.state[b], state[b])
+            copy_vector(there.gradient[b], gradient[b])
+            copy_matrix(there.hessian[b], hessian[b])

@@ -82,11 +82,11 @@ def find_axes(P: Floats2, lever_arm: float, points: SigmaPoints) -> None:
 
     With P = S V diag(variances) V^T S, S = diag(1 / arm, 1), the root is S V diag(deviations).
     """
-    root, inverse_root = points.root, points.inverse_root
+    root, inverse_root, scaled = points.root, points.inverse_root, np.empty((6, 6))
     for i in range(6):
         for j in range(6):
-            root[i, j] = 0.5 * (P[i, j] + P[j, i]) * (lever_arm if i < 3 else 1.0) * (lever_arm if j < 3 else 1.0)
-    variances, vectors = np.linalg.eigh(root)
+            scaled[i, j] = 0.5 * (P[i, j] + P[j, i]) * (lever_arm if i < 3 else 1.0) * (lever_arm if j < 3 else 1.0)
+    variances, vectors = np.linalg.eigh(scaled)
     for j in range(6):
         deviation = np.sqrt(max(variances[j], _LEAST_VARIANCE))
         for i in range(6):

@@ -44,6 +44,7 @@ def interpolate(
     Beside a crease the gradient fans out between the two faces, as the normal of a contact on the edge does: it stays.
     """
     nx, ny, nz = nearest.shape
+    n = np.empty(3)
     for i in range(nx):
         for j in range(ny):
             for k in range(nz):
@@ -51,7 +52,9 @@ def interpolate(
                 v, w = closest_weights(
                     packed[face], origin[0] + i * spacing, origin[1] + j * spacing, origin[2] + k * spacing
                 )
-                n = (1.0 - v - w) * corners[face, 0] + v * corners[face, 1] + w * corners[face, 2]
+                a, b, c = corners[face, 0], corners[face, 1], corners[face, 2]
+                for axis in range(3):
+                    n[axis] = (1.0 - v - w) * a[axis] + v * b[axis] + w * c[axis]
                 length = np.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
                 g = values[i, j, k]
                 if n[0] * g[1] + n[1] * g[2] + n[2] * g[3] > cosine * length:

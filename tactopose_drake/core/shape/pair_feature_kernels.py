@@ -72,7 +72,9 @@ def sort_pairs(
             row += 1
     for b in range(1, first.shape[0]):
         first[b] += first[b - 1]
-    place = first[:-1].copy()
+    place = np.empty(first.shape[0] - 1, dtype=np.int32)
+    for b in range(place.shape[0]):
+        place[b] = first[b]
     row = 0
     for i in firsts:
         for j in range(n):
