@@ -96,9 +96,8 @@ def estimate_pose(
         max_hypotheses: how many hypotheses are kept at the most.
         time_limit: after so long, s, the search ends with the best that it has; None for as long as it takes. It is
             asked between rounds, and at least one is made.
-        outlier_probability: over that of a contact as told, the probability that its normal is any; of something else
-            it is taken to be three times as often, and displaced, as by an error of the finger's joints, six times; a
-            patch is of something else nine times as often. 0 switches all of that off.
+        outlier_probability: over that of a contact as told, that its normal is any; three times as often it is taken to
+            be of something else, six times displaced; a patch, nine times of something else. 0 switches all that off.
 
     Raises:
         TooFewContactsError: no contact, and no patch that is felt.
@@ -109,14 +108,10 @@ def estimate_pose(
             known or whose centre of mass is moved by its symmetries.
     """
     limit = math.inf if time_limit is None else positive_number("time_limit", time_limit)
-    known_name("method", method, METHODS)
+    _check_method(method, prior)
     instance_of("model", model, ObjectModel)
     seed = whole_number("seed", seed, least=0)
     max_hypotheses = whole_number("max_hypotheses", max_hypotheses, least=1)
-    if prior is None and method not in GLOBAL_METHODS:
-        raise InvalidInputError(
-            f"prior: is None; the method {method!r} starts from one. Without: {', '.join(sorted(GLOBAL_METHODS))}."
-        )
 
     is_far = has_far_origin(model)
     about = prior_about_middle(prior, model.middle) if is_far else prior
@@ -125,13 +120,18 @@ def estimate_pose(
     if len(evidence.touch) < 1:
         raise TooFewContactsError("contacts: there are 0; the estimate needs at least 1, or a patch that is felt.")
     check_units(evidence, model.size)
+    found = weigh_poses(model.about_middle if is_far else model, evidence, method, seed, max_hypotheses, limit)
     if is_far:
-        found = weigh_poses(model.about_middle, evidence, method, seed, max_hypotheses, limit)
-        found = reported_for_origin(found, model.middle)
-    else:
-        found = weigh_poses(model, evidence, method, seed, max_hypotheses, limit)
-    asked = dataclasses.replace(evidence, prior=prior) if is_far else evidence
-    return dataclasses.replace(found, question=Question(model, asked))
+        found, evidence = reported_for_origin(found, model.middle), dataclasses.replace(evidence, prior=prior)
+    return dataclasses.replace(found, question=Question(model, evidence))
+
+
+def _check_method(method: str, prior: PosePrior | None) -> None:
+    known_name("method", method, METHODS)
+    if prior is None and method not in GLOBAL_METHODS:
+        raise InvalidInputError(
+            f"prior: is None; the method {method!r} starts from one. Without: {', '.join(sorted(GLOBAL_METHODS))}."
+        )
 
 
 def check_units(evidence: Evidence, size: float) -> None:

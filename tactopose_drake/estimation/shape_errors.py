@@ -23,13 +23,11 @@ def with_shape_errors(model: ObjectModel, contacts: Contacts) -> Contacts:
         model: the object, with its `surface_sigma` and `scale_sigma`.
         contacts: of the hand's errors alone.
     """
-    if not len(contacts):
+    if not len(contacts) or (contacts.covariance is None and model.surface_sigma == model.scale_sigma == 0.0):
         return contacts
     outward, tangential = (model.scale_sigma * lever for lever in model.growth)
     variance = model.surface_sigma**2 + outward**2
     if contacts.covariance is None:
-        if variance == 0.0:
-            return contacts
         return dataclasses.replace(contacts, sigma_position=np.sqrt(np.square(contacts.sigma_position) + variance))
     along = np.hypot(_along(contacts.covariance, contacts.n_PC), tangential)
     height, turn = model.unevenness.variances(along)

@@ -23,9 +23,11 @@ from tactopose_drake.station.senses import (
     RecordedSenses,
     Ros2Senses,
     SimulatedDevices,
-    SimulatedSenses,
 )
 from tactopose_drake.station.simulated import check_bodies, make_station
+
+# Senses that are messages: what runs them, over what, and what records them.
+_MESSAGES = ((LcmSenses, run_lcm, "LCM", "lcm-logger"), (Ros2Senses, run_ros2, "ROS 2", "ros2 bag record"))
 
 
 def run_scenario(
@@ -55,26 +57,22 @@ def run_scenario(
     """
     scenario.validate()
     duration = None if duration is None else positive_number("duration", duration)
-    if isinstance(scenario.senses, LcmSenses):
-        if record is not None:
-            raise InvalidInputError(
-                "record: the senses come over LCM, whose own `lcm-logger` records them; allowed are others."
-            )
-        return run_lcm(scenario, duration, observer, tell)
-    if isinstance(scenario.senses, Ros2Senses):
-        if record is not None:
-            raise InvalidInputError(
-                "record: the senses come over ROS 2, whose own `ros2 bag record` records them; allowed are others."
-            )
-        return run_ros2(scenario, duration, observer, tell)
+    for kind, run_messages, bus, recorder in _MESSAGES:
+        if isinstance(scenario.senses, kind):
+            if record is not None:
+                raise InvalidInputError(
+                    f"record: the senses come over {bus}, whose own `{recorder}` records them; allowed are others."
+                )
+            return run_messages(scenario, duration, observer, tell)
     observer = publishing(scenario, observer)
     if isinstance(scenario.senses, RecordedSenses):
         if record is not None:
             raise InvalidInputError("record: the scenario's senses are recorded already; allowed are others.")
         return replay(Path(scenario.senses.folder), scenario, duration=duration, observer=observer, tell=tell).view
-    if isinstance(scenario.senses, SimulatedSenses) or scenario.senses.simulated == SimulatedDevices():
+    devices = scenario.senses if isinstance(scenario.senses, CanSenses) else None
+    if devices is None or devices.simulated == SimulatedDevices():
         check_bodies(scenario)
-    if isinstance(scenario.senses, CanSenses):
+    if devices is not None:
         check_devices(scenario)
     with contextlib.ExitStack() as parts:
         recording = None if record is None else parts.enter_context(Recording(record, scenario))
@@ -88,7 +86,7 @@ def run_scenario(
 
         tell("reading the object")
         model = scenario.object_model()
-        run = run_devices if isinstance(scenario.senses, CanSenses) else _run_simulated
+        run = _run_simulated if devices is None else run_devices
         view = run(scenario, model, duration, recording, record_and_show, tell)
     return view if recording is None else dataclasses.replace(view, lost=recording.lost)
 

@@ -64,7 +64,11 @@ def add_touch_sensors(
 
 
 def connect_plant(
-    builder: DiagramBuilder, estimation: Diagram, config: HandConfig, plant: MultibodyPlant, simulated_senses: bool
+    builder: DiagramBuilder,
+    estimation: Diagram,
+    config: HandConfig,
+    plant: MultibodyPlant | None,
+    simulated_senses: bool,
 ) -> None:
     """Connects an estimation or a tracking to the plant that holds its hand, among whatever else.
 
@@ -75,12 +79,14 @@ def connect_plant(
         builder: of the plant's diagram, which has the estimation already.
         estimation: of `AddPoseEstimation` or `AddPoseTracking`.
         config: the hand.
-        plant: finalized plant.
+        plant: finalized plant; None where somebody else connects it all.
         simulated_senses: whether what is felt is simulated, too.
 
     Raises:
         InvalidInputError: if the plant is not finalized, or its models are none or several of the hand.
     """
+    if plant is None:
+        return
     hand = _find_in(plant, config)
     name = estimation.get_name()
     for port, matrix in _selectors(plant, hand).items():

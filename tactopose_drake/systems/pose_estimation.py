@@ -67,8 +67,8 @@ def AddPoseEstimation(
     - joint_positions: measured positions of the hand's joints, in the order of a plant of the hand alone, rad.
     - prior: `PosePrior` X_PO; may stay unconnected where the method needs none.
     - palm_pose: of `PoseEstimator`; there is such a port only where the estimator uses `balance`.
-    - object_pose, hypotheses, status: of `PoseEstimator`; contact_solutions: of `ContactSolver`.
-    - contacts, fingers_in_contact, contact_status: of `ContactsInPalm` (its `status`).
+    - object_pose, hypotheses, status: of `PoseEstimator`; contact_solutions: of `ContactSolver`; contacts,
+      fingers_in_contact, contact_status: of `ContactsInPalm` (its `status`).
     - patches, patch_status: of `PatchDescriptor` (its `status`); only where the hand has pads.
 
     Args:
@@ -78,15 +78,13 @@ def AddPoseEstimation(
         params: parameters of each part.
         name: of the diagram in the other.
         plant: finalized plant of the same diagram that holds the hand among whatever else: joints and palm are its.
-        simulated_senses: whether, with a plant, wrenches are those of sensors at its reaction forces, and pressures
-            those of arrays at its contacts.
+        simulated_senses: whether, with a plant, wrenches are of its reaction forces, and pressures of its contacts.
 
     Returns:
         The diagram; all other ports are to be connected by name.
     """
     diagram = builder.AddNamedSystem(name, MakePoseEstimation(hand, model, params))
-    if plant is not None:
-        connect_plant(builder, diagram, hand, plant, simulated_senses)
+    connect_plant(builder, diagram, hand, plant, simulated_senses)
     return diagram
 
 

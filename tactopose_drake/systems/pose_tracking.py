@@ -72,8 +72,7 @@ def AddPoseTracking(
       place it can be put.
     - joint_velocities: of the same joints, rad/s; there is such a port only where `use_joint_velocities`. May stay
       unconnected where they are not measured.
-    - vision, palm_pose, and the outputs up to belief: of `PoseBeliefEstimator`.
-    - contacts, and all that follow: as those of `AddPoseEstimation`.
+    - vision, palm_pose, and the outputs up to belief: of `PoseBeliefEstimator`; the others as of `AddPoseEstimation`.
 
     Args:
         builder: receives the diagram.
@@ -88,8 +87,7 @@ def AddPoseTracking(
         The diagram; all other ports are to be connected by name.
     """
     diagram = builder.AddNamedSystem(name, MakePoseTracking(hand, model, params))
-    if plant is not None:
-        connect_plant(builder, diagram, hand, plant, simulated_senses)
+    connect_plant(builder, diagram, hand, plant, simulated_senses)
     return diagram
 
 

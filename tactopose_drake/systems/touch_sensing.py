@@ -88,9 +88,19 @@ def add_touch(
 
     for finger in parts.sensor_frames:
         builder.ExportInput(solver.GetInputPort(f"wrench_{finger}"), f"wrench_{finger}")
-    takers = [system for system in (*posed, estimator) if system.HasInputPort("joint_positions")]
+    _export_joints(builder, plant, parts, [*posed, estimator])
+    for name, port in touch.items():
+        builder.ExportOutput(port, name)
+    for port in map(estimator.get_output_port, range(estimator.num_output_ports())):
+        builder.ExportOutput(port, port.get_name())
+    return plant, parts
+
+
+def _export_joints(builder: DiagramBuilder, plant: MultibodyPlant, parts: Hand, systems: list[LeafSystem]) -> None:
+    """Gives the diagram the input of joint positions, less what a calibration has found them too large by."""
+    takers = [system for system in systems if system.HasInputPort("joint_positions")]
     if parts.calibration is None:
-        builder.ExportInput(contacts.GetInputPort("joint_positions"), "joint_positions")
+        builder.ExportInput(takers[0].GetInputPort("joint_positions"), "joint_positions")
         for system in takers[1:]:
             builder.ConnectInput("joint_positions", system.GetInputPort("joint_positions"))
     else:
@@ -100,8 +110,3 @@ def add_touch(
         builder.ExportInput(corrected.GetInputPort("measured"), "joint_positions")
         for system in takers:
             builder.Connect(corrected.GetOutputPort("joint_positions"), system.GetInputPort("joint_positions"))
-    for name, port in touch.items():
-        builder.ExportOutput(port, name)
-    for port in map(estimator.get_output_port, range(estimator.num_output_ports())):
-        builder.ExportOutput(port, port.get_name())
-    return plant, parts

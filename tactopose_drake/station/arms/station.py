@@ -21,7 +21,7 @@ from tactopose_drake.station.grasp import add_planned_grasp
 from tactopose_drake.station.scenario import Scenario
 from tactopose_drake.station.simulated import Station, feed_estimation, finish_station
 from tactopose_drake.station.simulated_senses import add_palm_pose, add_senses, simulate_errors
-from tactopose_drake.systems.pose_estimation import AddPoseEstimation
+from tactopose_drake.systems.pose_estimation import AddPoseEstimation, PoseEstimationParams
 from tactopose_drake.systems.pose_tracking import AddPoseTracking, PoseTrackingParams
 
 
@@ -160,9 +160,7 @@ def make_arm_station(
         builder.ExportOutput(port, name)
     start = add_planned_grasp(builder, scenario, plant, hand, senses, plan)
     if setup.tracking is None:
-        estimation = AddPoseEstimation(builder, hand.config, model, scenario.estimation)
-        if scenario.estimation.estimator.balance:
-            builder.Connect(add_palm_pose(builder, plant, hand), estimation.GetInputPort("palm_pose"))
+        estimation = _add_estimation(builder, plant, hand, model, scenario.estimation)
     else:
         estimation = _add_tracking(builder, plant, hand, model, setup.tracking)
     feed_estimation(builder, estimation, senses)
@@ -176,6 +174,16 @@ def make_arm_station(
     return ArmStation(
         diagram, plant, scene_graph, hand, object_body, object_joint, model, start, plan, scenario, arm, setup
     )
+
+
+def _add_estimation(
+    builder: DiagramBuilder, plant: MultibodyPlant, hand: Hand, model: ObjectModel, params: PoseEstimationParams
+) -> Diagram:
+    """The estimate of each instant, with what it takes beyond the senses."""
+    estimation = AddPoseEstimation(builder, hand.config, model, params)
+    if params.estimator.balance:
+        builder.Connect(add_palm_pose(builder, plant, hand), estimation.GetInputPort("palm_pose"))
+    return estimation
 
 
 def _add_tracking(
