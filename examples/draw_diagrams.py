@@ -201,7 +201,7 @@ def main() -> None:
         path.write_bytes(AGraph(dot).draw(format="svg", prog="dot"))
 
     for scenario, suffix in (("shadow_like", ""), ("barrett_like", "_barrett")):
-        station = make_station(load_scenario(scenario))
+        station = make_station(load_scenario(scenario).without_errors())
         fingers, pads = tuple(station.hand.sensor_frames), tuple(station.hand.pad_frames)
         endings, ending = (fingers, "<finger>") if fingers else (pads, "<pad>")
         pictures = {

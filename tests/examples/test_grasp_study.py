@@ -10,7 +10,8 @@ SCRIPT = Path(__file__).parents[2] / "examples" / "grasp_study.py"
 def test_one_grasp_is_studied_and_summed_up(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("sys.argv", ["grasp_study.py", "--objects", "tea_box", "--first-seed", "5", "--seeds", "1"])
+    arguments = ["--perfect", "--objects", "tea_box", "--first-seed", "5", "--seeds", "1"]
+    monkeypatch.setattr("sys.argv", ["grasp_study.py", *arguments])
     runpy.run_path(str(SCRIPT), run_name="__main__")
     printed = " ".join(capsys.readouterr().out.split())
     assert "1 grasps in" in printed

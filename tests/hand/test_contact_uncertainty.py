@@ -129,3 +129,16 @@ def test_a_pose_is_used_as_given() -> None:
     uncertainty = ContactUncertainty(plant, hand, HandUncertainty(**NONE | {"fingertip_radius": 0.001}))
     said = uncertainty.covariance(hand.fingers[0], solution, RigidTransform(), kinematics)
     np.testing.assert_allclose(said[:3, :3], 1e-6 * np.outer(solution.n_S, solution.n_S), atol=1e-15)
+
+
+def test_the_hands_surface_is_off_by_what_moves_its_fingertips() -> None:
+    plant, hand = make_hand_plant(load_hand_config("shadow_like"))
+    kinematics = HandKinematics(plant, hand.palm_frame)
+    off = [
+        ContactUncertainty(plant, hand, HandUncertainty(**NONE | errors)).surface_sigma(kinematics)
+        for errors in ({}, {"mounting": 0.002}, {"encoder_offset_deg": 1.0}, {"encoder_offset_deg": 2.0})
+    ]
+    assert off[:2] == [0.0, pytest.approx(0.002)]
+    # A fingertip is some 10 cm from the joints that move it, along two of three axes each.
+    assert 0.001 < off[2] < 0.004
+    assert off[3] == pytest.approx(2.0 * off[2])

@@ -6,8 +6,9 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import Context, DiagramBuilder
 
 from tactopose_drake.errors import PortTypeError
+from tactopose_drake.hand.contact_uncertainty import ContactUncertainty
 from tactopose_drake.hand.geometry import BodySpheres, HandGeometry
-from tactopose_drake.hand.hand_config import HandConfig, add_hand, load_hand_config, make_hand_plant
+from tactopose_drake.hand.hand_config import HandConfig, HandUncertainty, add_hand, load_hand_config, make_hand_plant
 from tactopose_drake.systems.hand_volume import HandVolume
 
 POSITIONS = np.linspace(0.05, 0.6, 24)
@@ -47,6 +48,20 @@ def by_the_plant(config: HandConfig, positions: np.ndarray) -> HandGeometry:
     context = plant.GetMyMutableContextFromRoot(builder.Build().CreateDefaultContext())
     plant.SetPositions(context, positions)
     return HandGeometry.from_plant(plant, context, palm_frame)
+
+
+def test_a_hand_that_declares_errors_is_as_far_off(config: HandConfig, spheres: BodySpheres) -> None:
+    plant, hand = make_hand_plant(config)
+    sigmas = []
+    for degrees in (None, 1.0, 3.0):
+        errors = None if degrees is None else HandUncertainty(encoder_offset_deg=degrees)
+        uncertainty = None if errors is None else ContactUncertainty(plant, hand, errors)
+        context = make_context(system := HandVolume(plant, hand, spheres, uncertainty), untouched=("thumb",))
+        sigmas.append(system.GetOutputPort("hand").Eval(context).sigma)
+        assert system.GetOutputPort("untouched").Eval(context).sigma == sigmas[-1]
+    assert sigmas[0] == 0.001
+    assert 0.0015 < sigmas[1] < 0.004
+    assert 2.0 * sigmas[1] < sigmas[2] < 3.0 * sigmas[1]
 
 
 def test_the_spheres_are_where_the_joints_put_them(system: HandVolume, config: HandConfig) -> None:

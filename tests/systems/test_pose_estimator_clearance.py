@@ -67,6 +67,18 @@ def test_the_tolerance_says_what_a_collision_is(box: ObjectModel, slab: HandColl
         assert (status == "ok") == (remaining == 1)
 
 
+@pytest.mark.parametrize(("sigma", "remaining"), [(0.001, 2), (0.0025, 1)])
+def test_a_hand_that_may_be_off_collides_later(
+    box: ObjectModel, slab: HandCollision, sigma: float, remaining: int
+) -> None:
+    """The lying box is 5 mm in the slab: as deep as two sigma of where the hand is, or five."""
+    bench = Bench(box, slab)
+    bench.fix(contacts=from_above(), hand=HandGeometry([[1.0, 1.0, 1.0]], [0.01], sigma))
+    bench.estimator.GetInputPort("joint_positions").FixValue(bench.context, [-0.025])
+    _, hypotheses, _ = bench.step()
+    assert len(hypotheses.hypotheses) == remaining
+
+
 def test_where_every_hypothesis_collides_all_stay_and_the_status_says_so(box: ObjectModel, slab: HandCollision) -> None:
     estimate, status = step_over_slab(slab, box, -0.01)
     assert sorted(heights(estimate)) == pytest.approx([0.10, 0.14], abs=2e-3)
