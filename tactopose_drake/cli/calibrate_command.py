@@ -18,7 +18,7 @@ from tactopose_drake.hand.grasp_files import GRASP_ENDINGS, load_grasps
 from tactopose_drake.hand.hand_calibration import CalibrationParams, CalibrationResult, calibrate_hand
 from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.runs.manifest import MANIFEST
-from tactopose_drake.runs.quiet_grasp import quiet_grasp
+from tactopose_drake.runs.quiet_instant import quiet_grasp
 from tactopose_drake.runs.recorded_senses import read_recording
 
 _path = click.Path(path_type=Path)

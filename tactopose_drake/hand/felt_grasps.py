@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.multibody.plant import MultibodyPlant
 
-from tactopose_drake.core.calibration.surface_rows import Noise, Touches
+from tactopose_drake.core.calibration.surface_residuals import Noise, Touches
 from tactopose_drake.core.poses import exp_so3, skew
 from tactopose_drake.core.sensing.contact_noise import NANO17_SIGMA_FORCE, NANO17_SIGMA_MOMENT, contact_covariance
 from tactopose_drake.core.shape.object_model import ObjectModel

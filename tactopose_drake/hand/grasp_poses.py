@@ -14,7 +14,7 @@ import numpy as np
 
 from tactopose_drake.core.calibration.annealed_fit import AnnealedFit, ContactNoise, anneal, start_noise
 from tactopose_drake.core.calibration.shared_least_squares import SharedProblem, linearize, solve_shared
-from tactopose_drake.core.calibration.surface_rows import Noise, Touches
+from tactopose_drake.core.calibration.surface_residuals import Noise, Touches
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactopose_drake.core.calibration.annealed_fit import AnnealedFit, ContactNoise
+from tactopose_drake.core.calibration.combinations import Combination, undetermined
 from tactopose_drake.core.calibration.shared_least_squares import SharedProblem
-from tactopose_drake.core.calibration.surface_rows import Noise, Touches, surface_rows
-from tactopose_drake.core.calibration.undetermined import Combination, undetermined
+from tactopose_drake.core.calibration.surface_residuals import Noise, Touches, surface_rows
 from tactopose_drake.core.sensing.contact_noise import NANO17_SIGMA_FORCE, NANO17_SIGMA_MOMENT
 from tactopose_drake.core.validation import FloatArray, instance_of, positive_number, whole_number
 from tactopose_drake.errors import InvalidInputError
@@ -34,14 +34,24 @@ _BEFORE = (0.003, math.radians(10.0))  # noise with which poses are fitted to th
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class CalibrationParams:
-    """What a calibration begins with; the noise that the grasps show takes its place."""
+    """What a calibration begins with; the noise that the grasps show takes its place.
 
-    sigma_position: float = 0.0003  # of a contact's distance from the surface by other than the hand's errors, m
-    sigma_normal_deg: float = 1.5  # likewise of its normal about each axis, deg
-    seed: int = 0  # of the searches for the poses
+    Attributes:
+        sigma_position: of a contact's distance from the surface by other than the hand's errors, m.
+        sigma_normal_deg: likewise of its normal about each axis, deg.
+        seed: of the searches for the poses.
+    """
+
+    sigma_position: float = 0.0003
+    sigma_normal_deg: float = 1.5
+    seed: int = 0
 
     def validate(self) -> None:
-        """Raises InvalidInputError if a value is out of its range."""
+        """Checks every field.
+
+        Raises:
+            InvalidInputError: a value that is out of its range.
+        """
         positive_number("CalibrationParams.sigma_position", self.sigma_position)
         positive_number("CalibrationParams.sigma_normal_deg", self.sigma_normal_deg)
         whole_number("CalibrationParams.seed", self.seed, least=0)
@@ -68,7 +78,7 @@ class CalibrationResult:
         calibration: what `save` writes, and a hand's file names.
         names: of the errors that were looked for.
         values: of these, shape (d,), SI units.
-        covariance: of these, shape (d, d).
+        covariance: of these, shape (d, d), in their units.
         prior_sigma: their standard deviations before, shape (d,).
         undetermined: combinations of errors of which the grasps say nothing.
         X_PO: pose of the object in each grasp, shape (g, 3, 4).

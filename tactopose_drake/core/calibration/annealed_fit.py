@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tactopose_drake.core.calibration.shared_least_squares import SharedProblem, Solution, solve_shared
-from tactopose_drake.core.calibration.surface_rows import Noise, Touches
+from tactopose_drake.core.calibration.surface_residuals import Noise, Touches
 from tactopose_drake.core.validation import FloatArray
 
 # Medians of chi-square variables of one and of two degrees of freedom.

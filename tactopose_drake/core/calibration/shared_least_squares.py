@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactopose_drake.core.calibration.mixture_loss import CONTACT_LIMIT, grasp_limit, loss, weight
-from tactopose_drake.core.calibration.surface_rows import Noise, SurfaceRows, Touches, surface_rows
+from tactopose_drake.core.calibration.surface_residuals import Noise, SurfaceRows, Touches, surface_rows
 from tactopose_drake.core.poses import retract
 from tactopose_drake.core.shape.signed_distance import DistanceGrid
 from tactopose_drake.core.validation import FloatArray

@@ -5,7 +5,7 @@ import pytest
 
 from tactopose_drake.core.calibration.annealed_fit import ContactNoise, anneal
 from tactopose_drake.core.calibration.shared_least_squares import SharedProblem, solve_shared
-from tactopose_drake.core.calibration.surface_rows import Noise, Touches
+from tactopose_drake.core.calibration.surface_residuals import Noise, Touches
 from tactopose_drake.core.poses import make_poses, random_rotations, retract, transform_points
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.synthetic.synthetic_touch import random_surface_points

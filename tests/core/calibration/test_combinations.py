@@ -1,6 +1,6 @@
 import numpy as np
 
-from tactopose_drake.core.calibration.undetermined import undetermined
+from tactopose_drake.core.calibration.combinations import undetermined
 
 NAMES = ("thumb offset 1", "thumb offset 2", "thumb offset 3", "thumb radius")
 

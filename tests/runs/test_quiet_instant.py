@@ -6,7 +6,7 @@ import pytest
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import InvalidFileError
 from tactopose_drake.runs.manifest import Manifest
-from tactopose_drake.runs.quiet_grasp import quiet_grasp
+from tactopose_drake.runs.quiet_instant import quiet_grasp
 from tactopose_drake.runs.recorded_senses import RecordedRun
 from tactopose_drake.systems.signals import Signal
 

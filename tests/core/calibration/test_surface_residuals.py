@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tactopose_drake.core.calibration.surface_rows import Noise, Touches, surface_rows
+from tactopose_drake.core.calibration.surface_residuals import Noise, Touches, surface_rows
 from tactopose_drake.core.poses import exp_so3, make_poses, random_rotations, transform_points
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.synthetic.synthetic_touch import random_surface_points
