@@ -98,7 +98,7 @@ def test_the_files_are_written(demonstrated: Demonstrated) -> None:
     assert page.lower().startswith("<!doctype html>")
     assert len(page) < 6e6
     assert "-like hand</title>" in page
-    for said in ("Error where the touch determines the pose", "true pose", "Not determined by the touch"):
+    for said in ("Error at the end, where determined", "true pose", "Not determined by the touch"):
         assert said in page
     for name in ("result.json", "picture.png", "scene.html"):
         assert str(folder / name) in printed

@@ -148,6 +148,7 @@ def test_a_contact_behind_the_object_shines_through_it(
     bare = Scene(model=scene.model, contacts=touch, hypotheses=(ShownHypothesis(POSES[0]),))
     save_html(tmp_path / "page.html", estimate_meshcat(bare), page_of(bare, estimate))
     browser.open(tmp_path / "page.html", 900, 700)
+    browser.evaluate("document.querySelectorAll('.tp-label').forEach((label) => { label.style.opacity = 0; })")
     for row in range(4):
         before = pane(browser)
         ball = f"viewer.scene_tree.find(['tactopose', 'touch', '{row}']).object"
