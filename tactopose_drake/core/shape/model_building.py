@@ -3,25 +3,26 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactopose_drake.core.mesh.loading import RawMesh, mesh_file
+from tactopose_drake.core.mesh.loading import MeshSource, RawMesh, load_mesh, mesh_file
 from tactopose_drake.core.mesh.repair import repair_mesh
 from tactopose_drake.core.poses import transform_points
+from tactopose_drake.core.shape import model_cache
 from tactopose_drake.core.shape.coarse_field import coarsen
-from tactopose_drake.core.shape.model_arrays import content_hash
+from tactopose_drake.core.shape.model_arrays import content_hash, describe_a_model
 from tactopose_drake.core.shape.model_cache import Arrays
+from tactopose_drake.core.shape.model_options import ModelOptions
 from tactopose_drake.core.shape.signed_distance import DistanceGrid, build_grid
 from tactopose_drake.core.shape.surface_samples import SurfaceSamples, sample_surface
 from tactopose_drake.core.shape.symmetry import RotationalSymmetry, symmetry_group
 from tactopose_drake.core.shape.symmetry_detection import SymmetryDetectionParams, detect_symmetries
-from tactopose_drake.core.validation import FloatArray, instance_of
-from tactopose_drake.errors import InvalidFileError, UnknownNameError
+from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.errors import InvalidFileError
 
 # Formats whose geometry is all in the one file, so that the file's bytes identify it and need not be parsed again.
 _SELF_CONTAINED = {".obj", ".off", ".ply", ".stl"}
@@ -38,32 +39,50 @@ def file_content(path: str | Path) -> tuple[bytes, str] | None:
         raise InvalidFileError(f"{file}: cannot be read ({error.strerror}).") from error
 
 
-def scaled(raw: RawMesh, scale: float) -> RawMesh:
+def _scaled(raw: RawMesh, scale: float) -> RawMesh:
     """Triangles whose unit has so many metres, in metres."""
     return raw if scale == 1.0 else RawMesh(scale * raw.vertices, raw.faces)
 
 
-def build_arrays(
-    raw: RawMesh, label: str, tolerance: float | None, samples: int, spacing: float | None, max_grid_bytes: int
-) -> Arrays:
+def arrays_of(mesh: MeshSource, options: ModelOptions) -> Arrays:
+    """Everything that follows from the mesh alone, as arrays: as it is kept on disk, or built.
+
+    Args:
+        mesh: as of `ObjectModel.from_mesh`.
+        options: how its model is made.
+    """
+    content = file_content(mesh) if isinstance(mesh, str | Path) else None
+    raw = _scaled(load_mesh(mesh), options.scale) if content is None else None
+    identity = content if raw is None else (raw.vertices, raw.faces)
+    told = f"{options.tolerance} {options.samples} {options.spacing} {options.max_grid_bytes}"
+    if content is not None and options.scale != 1.0:
+        told += f" {options.scale!r}"
+    key = model_cache.content_key(*(identity or ()), told)
+    arrays = model_cache.load(key) if options.is_kept else None
+    if arrays is None or not describe_a_model(arrays, options.samples):
+        label = str(mesh) if isinstance(mesh, str | Path) else options.name
+        arrays = build_arrays(raw or _scaled(load_mesh(mesh), options.scale), label, options)
+        if options.is_kept:
+            model_cache.store(key, arrays)
+    return arrays
+
+
+def build_arrays(raw: RawMesh, label: str, options: ModelOptions) -> Arrays:
     """Everything that follows from the mesh alone, as arrays; what costs time comes after the checks.
 
     Args:
         raw: the mesh as it is.
         label: what to call it in errors.
-        tolerance: of symmetries, see `detect_symmetries`; None where none are looked for.
-        samples: number of surface samples.
-        spacing: of the distance grid, m; None where the size and the walls' thickness say it.
-        max_grid_bytes: the largest size of the distance grid.
+        options: how its model is made.
     """
     mesh = repair_mesh(raw, label)
     centroid, inertia = mesh.properties.centroid, mesh.properties.inertia
-    grid = build_grid(mesh.vertices, mesh.faces, spacing=spacing, max_bytes=max_grid_bytes)
-    surface = sample_surface(mesh.vertices, mesh.faces, samples)
+    grid = build_grid(mesh.vertices, mesh.faces, spacing=options.spacing, max_bytes=options.max_grid_bytes)
+    surface = sample_surface(mesh.vertices, mesh.faces, options.samples)
     size = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
     found: tuple[RotationalSymmetry, ...] = ()
-    if tolerance is not None:
-        params = SymmetryDetectionParams(tolerance=tolerance)
+    if options.tolerance is not None:
+        params = SymmetryDetectionParams(tolerance=options.tolerance)
         found = detect_symmetries(surface, grid, centroid, inertia, size, params)
     poses = symmetry_group(found)
     arrays: dict[str, NDArray[Any]] = {
@@ -94,17 +113,3 @@ def misfits(grid: DistanceGrid, samples: SurfaceSamples, poses: FloatArray) -> F
     distance = grid.distance(turned.reshape(-1, 3)).reshape(len(turned), -1)
     off: FloatArray = np.sqrt(np.mean(distance**2, axis=1))
     return off
-
-
-def given_symmetries(symmetry: object) -> tuple[RotationalSymmetry, ...] | None:
-    """The symmetries of a list; None where they are named."""
-    names = ("auto", "none", "a list of RotationalSymmetry")
-    if isinstance(symmetry, str):
-        if symmetry not in names[:2]:
-            raise UnknownNameError("symmetry", symmetry, names)
-        return None
-    if not isinstance(symmetry, Sequence):
-        raise UnknownNameError("symmetry", symmetry, names)
-    for i, one in enumerate(symmetry):
-        instance_of(f"symmetry[{i}]", one, RotationalSymmetry)
-    return tuple(symmetry)

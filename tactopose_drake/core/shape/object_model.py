@@ -7,21 +7,21 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tactopose_drake.core.mesh.bodies import cross_products
-from tactopose_drake.core.mesh.loading import MeshSource, load_mesh, mesh_name
+from tactopose_drake.core.mesh.loading import MeshSource, mesh_name
 from tactopose_drake.core.mesh.primitives import box_mesh, capsule_mesh, cylinder_mesh, sphere_mesh
 from tactopose_drake.core.mesh.repair import MeshRepairWarning
 from tactopose_drake.core.mesh.solid import DENSITY
-from tactopose_drake.core.shape import kept_parts, model_cache
+from tactopose_drake.core.shape import kept_parts
 from tactopose_drake.core.shape.coarse_field import CoarseField, over_grid
-from tactopose_drake.core.shape.model_arrays import describe_a_model
-from tactopose_drake.core.shape.model_building import build_arrays, file_content, given_symmetries, misfits, scaled
+from tactopose_drake.core.shape.model_building import arrays_of, misfits
+from tactopose_drake.core.shape.model_cache import Arrays
+from tactopose_drake.core.shape.model_options import ModelOptions
 from tactopose_drake.core.shape.pair_features import PairFeatures, build_pair_features
 from tactopose_drake.core.shape.signed_distance import DistanceGrid
 from tactopose_drake.core.shape.surface_samples import SurfaceSamples
@@ -29,13 +29,7 @@ from tactopose_drake.core.shape.surfels import Surfels, make_surfels, surfel_spa
 from tactopose_drake.core.shape.symmetry import RotationalSymmetry, sampled_turns, symmetry_group
 from tactopose_drake.core.shape.symmetry_detection import SymmetryDetectionParams
 from tactopose_drake.core.shape.unevenness import Unevenness, find_unevenness
-from tactopose_drake.core.validation import FARTHEST, FloatArray, instance_of, limited, positive_number, whole_number
-
-# What is allowed: more samples take all memory there is, other masses are those of nothing that a hand holds, kg.
-_MOST_SAMPLES = 10**6
-_LEAST_MASS, _MOST_MASS = 1e-6, 1e4
-_LEAST_SCALE, _MOST_SCALE = 1e-6, 1e6
-_MOST_SURFACE_SIGMA, _MOST_SCALE_SIGMA = 0.1, 0.5  # m, and a share
+from tactopose_drake.core.validation import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,54 +221,44 @@ class ObjectModel:
         Warns:
             MeshRepairWarning: once for each repair; see `repair_mesh`.
         """
-        if mass is not None:
-            mass = positive_number("mass", mass, least=_LEAST_MASS, most=_MOST_MASS)
-        scale = positive_number("scale", scale, least=_LEAST_SCALE, most=_MOST_SCALE)
-        if center_of_mass is not None:
-            center_of_mass = limited("center_of_mass", center_of_mass, (3,), most=FARTHEST)
-        surface_sigma = positive_number("surface_sigma", surface_sigma, allow_zero=True, most=_MOST_SURFACE_SIGMA)
-        scale_sigma = positive_number("scale_sigma", scale_sigma, allow_zero=True, most=_MOST_SCALE_SIGMA)
-        given = given_symmetries(symmetry)
-        poses = symmetry_group(given or ())
-        samples = whole_number("samples", samples, least=100, most=_MOST_SAMPLES)
-        max_grid_bytes = whole_number("max_grid_bytes", max_grid_bytes, least=1)
-        is_detected = isinstance(symmetry, str) and symmetry == "auto"
-        tolerance = positive_number("symmetry_tolerance", symmetry_tolerance) if is_detected else None
-        if spacing is not None:
-            spacing = positive_number("spacing", spacing)
-        if name is not None:
-            instance_of("name", name, str)
-        name = mesh_name(mesh) if name is None else name
-
-        content = file_content(mesh) if isinstance(mesh, str | Path) else None
-        raw = scaled(load_mesh(mesh), scale) if content is None else None
-        identity = content if raw is None else (raw.vertices, raw.faces)
-        options = f"{tolerance} {samples} {spacing} {max_grid_bytes}"
-        if content is not None and scale != 1.0:
-            options += f" {scale!r}"
-        key = model_cache.content_key(*(identity or ()), options)
-        arrays = model_cache.load(key) if cache else None
-        if arrays is None or not describe_a_model(arrays, samples):
-            label = str(mesh) if isinstance(mesh, str | Path) else name
-            arrays = build_arrays(
-                raw or scaled(load_mesh(mesh), scale), label, tolerance, samples, spacing, max_grid_bytes
-            )
-            if cache:
-                model_cache.store(key, arrays)
-
+        options = ModelOptions(
+            name=mesh_name(mesh) if name is None else name,
+            scale=scale,
+            mass=mass,
+            center_of_mass=center_of_mass,
+            symmetry=symmetry,
+            symmetry_tolerance=symmetry_tolerance,
+            samples=samples,
+            spacing=spacing,
+            max_grid_bytes=max_grid_bytes,
+            surface_sigma=surface_sigma,
+            scale_sigma=scale_sigma,
+            is_kept=cache,
+        )
+        arrays = arrays_of(mesh, options)
         repairs = tuple(json.loads(arrays["repairs"].tobytes()))
         for repair in repairs:
-            warnings.warn(f"{name}: {repair}.", MeshRepairWarning, stacklevel=2)
-        volume = float(arrays["volume"])
-        mass_is_known = mass is not None
-        mass = DENSITY * volume if mass is None else mass
+            warnings.warn(f"{options.name}: {repair}.", MeshRepairWarning, stacklevel=2)
+        return cls._of(arrays, repairs, options)
+
+    @classmethod
+    def _of(cls, arrays: Arrays, repairs: tuple[str, ...], options: ModelOptions) -> ObjectModel:
+        """The model of what was built of a mesh, with what was told of it."""
+        volume, given = float(arrays["volume"]), options.symmetries
+        mass = DENSITY * volume if options.mass is None else options.mass
         inertia = arrays["inertia"] * (mass / (DENSITY * volume))
-        center = arrays["centroid"] if center_of_mass is None else np.asarray(center_of_mass)
-        detected = zip(arrays["axes"], arrays["orders"], strict=True)
+        center = arrays["centroid"] if options.center_of_mass is None else np.asarray(options.center_of_mass)
         grid = DistanceGrid(arrays["distances"], arrays["grid_origin"], float(arrays["grid_spacing"]))
         surface = SurfaceSamples(arrays["sample_points"], arrays["sample_normals"])
+        if given is None:
+            axes = zip(arrays["axes"], arrays["orders"], strict=True)
+            given = tuple(RotationalSymmetry(axis, arrays["centroid"], int(order)) for axis, order in axes)
+            poses, off = arrays["symmetry_poses"], arrays["symmetry_misfits"]
+        else:
+            poses = symmetry_group(given)
+            off = misfits(grid, surface, poses)
         model = cls(
-            name=name,
+            name=options.name,
             vertices=arrays["vertices"],
             faces=arrays["faces"],
             grid=grid,
@@ -284,18 +268,16 @@ class ObjectModel:
             mass=mass,
             center_of_mass=center,
             inertia=inertia,
-            symmetries=tuple(RotationalSymmetry(axis, arrays["centroid"], int(order)) for axis, order in detected)
-            if given is None
-            else given,
-            symmetry_poses=arrays["symmetry_poses"] if given is None else poses,
-            symmetry_misfits=arrays["symmetry_misfits"] if given is None else misfits(grid, surface, poses),
+            symmetries=given,
+            symmetry_poses=poses,
+            symmetry_misfits=off,
             size=float(np.linalg.norm(np.ptp(arrays["vertices"], axis=0))),
             repairs=repairs,
             content_hash=arrays["content_hash"].tobytes().decode(),
-            mass_is_known=mass_is_known,
-            is_kept=cache,
-            surface_sigma=surface_sigma,
-            scale_sigma=scale_sigma,
+            mass_is_known=options.mass is not None,
+            is_kept=options.is_kept,
+            surface_sigma=options.surface_sigma,
+            scale_sigma=options.scale_sigma,
         )
         for array in (*arrays.values(), center, inertia, poses):
             array.setflags(write=False)

@@ -1,0 +1,96 @@
+"""What is told of an object beside its mesh, checked."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+from numpy.typing import ArrayLike
+
+from tactopose_drake.core.shape.symmetry import RotationalSymmetry
+from tactopose_drake.core.validation import FARTHEST, instance_of, limited, positive_number, whole_number
+from tactopose_drake.errors import UnknownNameError
+
+# What is allowed: more samples take all memory there is, other masses are those of nothing that a hand holds, kg.
+_MOST_SAMPLES = 10**6
+_LEAST_MASS, _MOST_MASS = 1e-6, 1e4
+_LEAST_SCALE, _MOST_SCALE = 1e-6, 1e6
+_MOST_SURFACE_SIGMA, _MOST_SCALE_SIGMA = 0.1, 0.5  # m, and a share
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelOptions:
+    """The options of `ObjectModel.from_mesh`, which says what each of them is.
+
+    Attributes:
+        name: of the object.
+        scale: metres in the mesh's unit.
+        mass: kg; None where it is not known.
+        center_of_mass: in O, shape (3,), m; None where it is the volume's centroid.
+        symmetry: "auto", "none", or the symmetries.
+        symmetry_tolerance: how far a turned surface may be off, a share of the size.
+        samples: number of surface samples.
+        spacing: of the distance grid, m; None where the mesh says it.
+        max_grid_bytes: of the distance grid, at the most.
+        surface_sigma: standard deviation of the surface along its normal, m.
+        scale_sigma: standard deviation of the scale, a share.
+        is_kept: whether the model is kept on disk.
+
+    Raises:
+        UnknownNameError: a symmetry that is none.
+        InvalidInputError: an option out of its range.
+    """
+
+    name: str
+    scale: float
+    mass: float | None
+    center_of_mass: ArrayLike | None
+    symmetry: Literal["auto", "none"] | Sequence[RotationalSymmetry]
+    symmetry_tolerance: float
+    samples: int
+    spacing: float | None
+    max_grid_bytes: int
+    surface_sigma: float
+    scale_sigma: float
+    is_kept: bool
+
+    def __post_init__(self) -> None:
+        checked: dict[str, object] = {
+            "scale": positive_number("scale", self.scale, least=_LEAST_SCALE, most=_MOST_SCALE),
+            "surface_sigma": positive_number(
+                "surface_sigma", self.surface_sigma, allow_zero=True, most=_MOST_SURFACE_SIGMA
+            ),
+            "scale_sigma": positive_number("scale_sigma", self.scale_sigma, allow_zero=True, most=_MOST_SCALE_SIGMA),
+            "samples": whole_number("samples", self.samples, least=100, most=_MOST_SAMPLES),
+            "max_grid_bytes": whole_number("max_grid_bytes", self.max_grid_bytes, least=1),
+        }
+        if self.mass is not None:
+            checked["mass"] = positive_number("mass", self.mass, least=_LEAST_MASS, most=_MOST_MASS)
+        if self.center_of_mass is not None:
+            checked["center_of_mass"] = limited("center_of_mass", self.center_of_mass, (3,), most=FARTHEST)
+        if self.spacing is not None:
+            checked["spacing"] = positive_number("spacing", self.spacing)
+        if self.symmetries is None and self.symmetry == "auto":
+            checked["symmetry_tolerance"] = positive_number("symmetry_tolerance", self.symmetry_tolerance)
+        instance_of("name", self.name, str)
+        for name, value in checked.items():
+            object.__setattr__(self, name, value)
+
+    @cached_property
+    def symmetries(self) -> tuple[RotationalSymmetry, ...] | None:
+        """Those that are given; None where they are named."""
+        given: object = self.symmetry
+        if isinstance(given, str) and given in ("auto", "none"):
+            return None
+        if isinstance(given, str) or not isinstance(given, Sequence):
+            raise UnknownNameError("symmetry", given, ("auto", "none", "a list of RotationalSymmetry"))
+        for i, one in enumerate(given):
+            instance_of(f"symmetry[{i}]", one, RotationalSymmetry)
+        return tuple(given)
+
+    @property
+    def tolerance(self) -> float | None:
+        """Of symmetries that are looked for; None where none are."""
+        return self.symmetry_tolerance if self.symmetries is None and self.symmetry == "auto" else None
