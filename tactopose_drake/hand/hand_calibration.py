@@ -79,7 +79,7 @@ class CalibrationResult:
         names: of the errors that were looked for.
         values: of these, shape (d,), SI units.
         covariance: of these, shape (d, d), in their units.
-        prior_sigma: their standard deviations before, shape (d,).
+        prior_sigma: their standard deviations before, shape (d,), in their units.
         undetermined: combinations of errors of which the grasps say nothing.
         X_PO: pose of the object in each grasp, shape (g, 3, 4).
         grasp_weights: 1 of a grasp that fits the others, 0 of one that does not and counted for nothing, shape (g,).
