@@ -81,7 +81,7 @@ class CalibrationResult:
         covariance: of these, shape (d, d), in their units.
         prior_sigma: their standard deviations before, shape (d,), in their units.
         undetermined: combinations of errors of which the grasps say nothing.
-        X_PO: pose of the object in each grasp, shape (g, 3, 4).
+        X_PO: the object's poses X_PO in the grasps, shape (g, 3, 4), translations in m.
         grasp_weights: 1 of a grasp that fits the others, 0 of one that does not and counted for nothing, shape (g,).
         contact_weights: likewise of the contacts, by finger in the order of the grasps.
         before: residuals of the hand as its files have it, by finger, each grasp's pose being the best for it.
