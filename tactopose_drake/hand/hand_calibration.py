@@ -83,7 +83,7 @@ class CalibrationResult:
         undetermined: combinations of errors of which the grasps say nothing.
         X_PO: the object's poses X_PO in the grasps, shape (g, 3, 4), translations in m.
         grasp_weights: weight of each grasp, 1 where it fits the others, 0 where it counted for nothing, shape (g,).
-        contact_weights: likewise the contacts' weights, by finger in the order of the grasps.
+        contact_weights: likewise the contacts' weights, by finger in the order of the grasps, shape (k,) each.
         before: residuals of the hand as its files have it, by finger, each grasp's pose being the best for it.
         after: residuals of the calibrated hand, by finger.
         converged: whether the fit had come to its end.
