@@ -79,11 +79,11 @@ class CalibrationResult:
         names: of the errors that were looked for.
         values: of these, shape (d,), SI units.
         covariance: of these, shape (d, d), in their units.
-        prior_sigma: their standard deviations before, shape (d,).
+        prior_sigma: their standard deviations before, shape (d,), in their units.
         undetermined: combinations of errors of which the grasps say nothing.
-        X_PO: pose of the object in each grasp, shape (g, 3, 4).
-        grasp_weights: 1 of a grasp that fits the others, 0 of one that does not and counted for nothing, shape (g,).
-        contact_weights: likewise of the contacts, by finger in the order of the grasps.
+        X_PO: the object's poses X_PO in the grasps, shape (g, 3, 4), translations in m.
+        grasp_weights: weight of each grasp, 1 where it fits the others, 0 where it counted for nothing, shape (g,).
+        contact_weights: likewise the contacts' weights, by finger in the order of the grasps, shape (k,) each.
         before: residuals of the hand as its files have it, by finger, each grasp's pose being the best for it.
         after: residuals of the calibrated hand, by finger.
         converged: whether the fit had come to its end.

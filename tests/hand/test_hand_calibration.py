@@ -47,11 +47,13 @@ def test_grasps_without_noise_give_the_truth(
     assert result.grasp_weights.min() > 0.99
     true_X_PO = np.array([grasp.X_PO for grasp in grasps])
     moved = np.linalg.norm(increments_between(result.X_PO, true_X_PO)[:, 3:], axis=1)
-    assert np.median(moved) < 0.0015
+    # A second pose may explain one grasp or another almost as well.
+    right = moved < 0.001
+    assert right.sum() >= 13
     for finger, residuals in result.after.items():
-        assert np.abs(residuals.distance).max() < 0.0001, finger
-        # One grasp or another may be explained by a second pose almost as well.
-        assert np.degrees(np.median(residuals.angle)) < 0.3, finger
+        rows = np.array([right[i] for i, grasp in enumerate(grasps) if finger in grasp.recorded.wrenches])
+        assert np.abs(residuals.distance[rows]).max() < 0.00005, finger
+        assert np.degrees(residuals.angle[rows]).max() < 0.5, finger
         assert np.median(np.abs(result.before[finger].distance)) > 0.0003, finger
     # Along what the grasps determine, the errors are the true ones.
     off = (result.values - wrong_hand.truth[wrong_hand.errors.free]) / result.prior_sigma
