@@ -10,6 +10,7 @@ from pydrake.multibody.tree import Frame, RigidBody
 from pydrake.systems.framework import Context, EventStatus
 
 from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import InvalidInputError
@@ -131,7 +132,7 @@ class PoseDisplay(CollectableSystem):
         prior, X_WP = eval_optional_input(self._prior, context, PosePrior), self._palm_pose(context)
         scene = Scene(
             model=self._model,
-            contacts=self._touch(context),
+            contacts=self._touch(context)[0],
             hypotheses=self._shown(context),
             prior=None if prior is None else prior.X_PO,
             up_P=X_WP.rotation().inverse() @ np.array([0.0, 0.0, 1.0]),
@@ -148,14 +149,18 @@ class PoseDisplay(CollectableSystem):
         if self._object_body is not None:
             X_PO = None if X_WB is None else X_WP.inverse() @ X_WB[self._object_body]
             place(meshcat, f"{path}/truth", X_PO, time)
-        patches = eval_optional_input(self._patches, context, tuple) or ()
-        contacts = touch_of(eval_input(self._contacts, context, Contacts), patches)
+        contacts, patches = self._touch(context)
         hypotheses = self._shown(context)
         count = self._params.max_alternatives
         move_hypotheses(meshcat, path, self._model, hypotheses, count, time)
         is_false = false_contacts(hypotheses, len(contacts), patches)
         move_touch(meshcat, f"{path}/touch", contacts, self._params.max_contacts, time, is_false)
         return EventStatus.Succeeded()
+
+    def _touch(self, context: Context) -> tuple[Contacts, tuple[Patch, ...]]:
+        """The contacts with the middles of the patches, and the patches."""
+        patches: tuple[Patch, ...] = eval_optional_input(self._patches, context, tuple) or ()
+        return touch_of(eval_input(self._contacts, context, Contacts), patches), patches
 
     def _shown(self, context: Context) -> tuple[ShownHypothesis, ...]:
         if not self._hypotheses.HasValue(context):
