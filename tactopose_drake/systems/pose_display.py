@@ -10,6 +10,7 @@ from pydrake.multibody.tree import Frame, RigidBody
 from pydrake.systems.framework import Context, EventStatus
 
 from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import InvalidInputError
@@ -141,7 +142,7 @@ class PoseDisplay(CollectableSystem):
         prior, X_WP = eval_optional_input(self._prior, context, PosePrior), self._palm_pose(context)
         scene = Scene(
             model=self._model,
-            contacts=self._touch(context),
+            contacts=self._touch(context)[0],
             hypotheses=self._shown(context),
             prior=None if prior is None else prior.X_PO,
             up_P=X_WP.rotation().inverse() @ np.array([0.0, 0.0, 1.0]),
@@ -158,8 +159,8 @@ class PoseDisplay(CollectableSystem):
         if self._object_body is not None:
             X_PO = None if X_WB is None else X_WP.inverse() @ X_WB[self._object_body]
             place(meshcat, f"{path}/truth", X_PO, time)
-        patches, params = eval_optional_input(self._patches, context, tuple) or (), self._params
-        contacts, hypotheses = self._touch(context), self._shown(context)
+        (contacts, patches), params = self._touch(context), self._params
+        hypotheses = self._shown(context)
         move_hypotheses(meshcat, path, self._model, hypotheses, params.max_alternatives, time)
         is_false = false_contacts(hypotheses, len(contacts), patches)
         move_touch(meshcat, f"{path}/touch", contacts, params.max_contacts, time, is_false)
@@ -167,9 +168,10 @@ class PoseDisplay(CollectableSystem):
             move_patches(meshcat, f"{path}/patches", patches, params.max_pads, params.max_cells, time)
         return EventStatus.Succeeded()
 
-    def _touch(self, context: Context) -> Contacts:
-        patches = eval_optional_input(self._patches, context, tuple) or ()
-        return touch_of(eval_input(self._contacts, context, Contacts), patches)
+    def _touch(self, context: Context) -> tuple[Contacts, tuple[Patch, ...]]:
+        """The contacts with the middles of the patches, and the patches."""
+        patches: tuple[Patch, ...] = eval_optional_input(self._patches, context, tuple) or ()
+        return touch_of(eval_input(self._contacts, context, Contacts), patches), patches
 
     def _shown(self, context: Context) -> tuple[ShownHypothesis, ...]:
         if not self._hypotheses.HasValue(context):
