@@ -41,7 +41,7 @@ def read_motion(path: Path, seconds: float) -> tuple[Array, Array]:
         rows = list(csv.DictReader(file))
     read = {name: np.array([float(row[name]) for row in rows]) for name in ("ts", "tx", "ty", "tz", "rx", "ry", "rz")}
     begin = read["ts"][0]
-    times = np.arange(begin, min(begin + seconds, read["ts"][-1]), PERIOD)
+    times = begin + PERIOD * np.arange(int(min(seconds, read["ts"][-1] - begin) / PERIOD + 1e-6))
     p = np.stack([np.interp(times, read["ts"], read[name]) for name in ("tx", "ty", "tz")], axis=1)
     x, y, z = (np.interp(times, read["ts"], np.unwrap(read[name])) for name in ("rx", "ry", "rz"))
     zero, one = np.zeros_like(x), np.ones_like(x)

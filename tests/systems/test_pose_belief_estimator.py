@@ -235,4 +235,4 @@ def test_live_a_belief_that_falls_behind_tells_its_age_and_is_lost(
         assert bench.read("hypotheses").status == "no_solution"
         assert bench.read("belief").status == "lost"
         may_go_on.set()
-        assert keep_pace(bench, 10).split(":")[0] == "ok"
+        assert keep_pace(bench, 14).split(":")[0] == "ok"
