@@ -81,7 +81,7 @@ def test_a_replay_makes_a_page_without_changing_its_estimates(
     text = page.read_text()
     assert len(text) < 6e6
     for said in (
-        "<title>Cube in the hand: recording grasp</title>",
+        "<title>Cube in the shadow-like hand: recording grasp</title>",
         "contact force, N",
         "\u00b1 position, mm",
         "tp-time",
