@@ -56,15 +56,25 @@ def test_grasps_without_noise_give_the_truth(
         assert np.quantile(np.abs(residuals.distance[rows]), 0.9) < 0.00003, finger
         assert np.degrees(np.quantile(residuals.angle[rows], 0.9)) < 0.5, finger
         assert np.median(np.abs(result.before[finger].distance)) > 0.0003, finger
-    # Along what the grasps determine, the errors are the true ones.
-    off = (result.values - wrong_hand.truth[wrong_hand.errors.free]) / result.prior_sigma
-    scaled = result.covariance / np.outer(result.prior_sigma, result.prior_sigma)
-    variances, directions = np.linalg.eigh(scaled)
-    well = directions[:, variances < 0.05**2]
-    assert well.shape[1] > 20
-    assert np.abs(well.T @ off).max() < 0.1
-    before = np.sqrt(np.mean((wrong_hand.truth[wrong_hand.errors.free] / result.prior_sigma) ** 2))
-    assert np.sqrt(np.mean(off**2)) < 0.5 * before
+
+
+def test_from_the_true_poses_exact_readings_give_the_true_errors(
+    wrong_hand: WrongHand, grasps: list[ClosedGrasp], blob: ObjectModel
+) -> None:
+    recorded, errors = [grasp.recorded for grasp in grasps], wrong_hand.errors
+    felt = FeltGrasps(wrong_hand.plant, wrong_hand.hand, errors, recorded)
+    problem = SharedProblem(felt.touches, [blob.grid] * len(recorded), *felt.readings(recorded))
+    noise = ContactNoise(felt.wrench_noise(), 0.00005, math.radians(0.2))
+    X_PO, none = np.array([grasp.X_PO for grasp in grasps]), np.zeros(len(errors.free))
+    solution = anneal(problem, none, X_PO, noise, start_noise(felt.touches(none), noise)).solution
+    off = solution.shared - wrong_hand.truth[errors.free] / errors.sigma[errors.free]
+    variances, directions = np.linalg.eigh(solution.covariance)
+    well = variances < 0.05**2
+    assert well.sum() > 20
+    assert np.abs(directions[:, well].T @ off).max() < 0.1
+    assert np.abs(directions[:, well].T @ off / np.sqrt(variances[well])).max() < 4.0
+    moved = np.linalg.norm(increments_between(solution.X_PO, X_PO)[:, 3:], axis=1)
+    assert np.median(moved) < 0.0005
 
 
 def test_a_grasp_that_is_wrong_is_left_out(
