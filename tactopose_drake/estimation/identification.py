@@ -14,6 +14,7 @@ Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping,
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import math
 import time
@@ -40,6 +41,7 @@ from tactopose_drake.estimation.identities import Identification, Identity
 from tactopose_drake.estimation.object_library import LibraryObject, ObjectLibrary
 from tactopose_drake.estimation.pickling import Sealed
 from tactopose_drake.estimation.results import PoseEstimate
+from tactopose_drake.estimation.shape_errors import with_shape_errors
 
 Likelihood = Literal["evidence", "inverse_cost"]
 
@@ -73,8 +75,8 @@ def identify(
         models: the objects; of an `ObjectLibrary` only the candidates are looked at closely.
         contacts: the touch at single points, in the palm frame; may be `Contacts.empty()` where a patch is felt.
         patches: what tactile arrays feel, as for `estimate_pose`.
-        executor: estimates several objects at a time: processes, threads, or a cluster's. One after the other without.
-            It changes nothing in the result. Processes pay where some seconds of models are to be loaded.
+        executor: estimates several objects at a time: processes, threads, or a cluster's; the result is the same.
+            Processes pay where some seconds of models are to be loaded.
         likelihood: "evidence", or "inverse_cost", the thesis' measure.
         candidates: of a library's objects so many have their poses estimated.
         max_hypotheses: how many poses of each are kept, at most.
@@ -85,9 +87,8 @@ def identify(
     Raises:
         TooFewContactsError: no contact, and no patch that is felt.
         UnknownNameError: a likelihood that does not exist.
-        InvalidInputError: no object, or one that is no `ObjectModel`; `candidates` or `max_hypotheses` below 1; a
-            seed below 0; a prior that is no probability below 1; patches that are none; a touch that is evidently not
-            in metres.
+        InvalidInputError: no object, or one that is no `ObjectModel`; `candidates` or `max_hypotheses` below 1; a seed
+            below 0; a prior that is no probability below 1; patches that are none; a touch evidently not in metres.
     """
     started = time.perf_counter()
     likelihood = check_likelihood("likelihood", likelihood)
@@ -95,34 +96,32 @@ def identify(
     max_hypotheses = whole_number("max_hypotheses", max_hypotheses, least=1)
     seed = whole_number("seed", seed, least=0)
     unknown_prior = check_prior("unknown_prior", unknown_prior)
-    if executor is not None:
-        instance_of("executor", executor, Executor)
+    run = _runner(executor)
     objects = _check_objects(models)
-    evidence = Evidence(contacts, patches=patches)
-    if len(evidence.touch) < 1:
-        raise TooFewContactsError("contacts: there are 0; identification needs at least 1, or a patch that is felt.")
-
-    run = map if executor is None else executor.map
+    evidence = _check_touch(contacts, patches)
     names = [(known.name, _content(known)) for known in objects]
     order = sorted(range(len(objects)), key=names.__getitem__)  # Nothing depends on the order in which they came.
+    chosen, rest = order, []
     if isinstance(models, ObjectLibrary) and len(objects) > candidates:
         order = _by_likelihood(models, order, evidence, candidates, seed, run)
-    chosen = order[:candidates] if isinstance(models, ObjectLibrary) else order
+        chosen, rest = order[:candidates], order[candidates:]
     explain = functools.partial(_explain, evidence=Sealed(evidence), max_hypotheses=max_hypotheses, seed=seed)
     several = [objects[i] for i in chosen]
     check_units(evidence, max(_model(known).size for known in several))
     estimates = list(run(explain, [Sealed(known) for known in several]))
     groups = _group_equal_shapes([_model(known) for known in several])
-    shapes = len(set(groups)) + len(order) - len(chosen)
+    shapes = len(set(groups)) + len(rest)
     unknown = unknown_probability(_evidence_of_shapes(estimates, groups), shapes, evidence.touch, unknown_prior)
-    weights = _weights(estimates, likelihood)
-    identities = _rank(chosen, [known.name for known in several], estimates, groups, weights, 1.0 - unknown)
-    ruled_out = [
-        Identity(objects[i].name, i, rank, 0.0, 0.0, -math.inf, None)
-        for rank, i in enumerate(order[len(chosen) :], start=len(chosen) + 1)
-    ]
+    several_names, weights = [known.name for known in several], _weights(estimates, likelihood)
+    identities = _rank(chosen, several_names, estimates, groups, weights, 1.0 - unknown)
+    ruled_out = [_ruled_out(objects[i].name, i, rank) for rank, i in enumerate(rest, start=len(chosen) + 1)]
     status = _status(identities, len(evidence.touch), unknown)
     return Identification((*identities, *ruled_out), status, time.perf_counter() - started, unknown)
+
+
+def _ruled_out(name: str, index: int, rank: int) -> Identity:
+    """An object of a library that was not looked at closely."""
+    return Identity(name, index, rank, 0.0, 0.0, -math.inf, None)
 
 
 def _by_likelihood(
@@ -165,6 +164,20 @@ def check_prior(name: str, value: float) -> float:
     return prior
 
 
+def _runner(executor: Executor | None) -> Callable[..., Any]:
+    if executor is None:
+        return map
+    instance_of("executor", executor, Executor)
+    return executor.map
+
+
+def _check_touch(contacts: Contacts, patches: Sequence[Patch]) -> Evidence:
+    evidence = Evidence(contacts, patches=patches)
+    if len(evidence.touch) < 1:
+        raise TooFewContactsError("contacts: there are 0; identification needs at least 1, or a patch that is felt.")
+    return evidence
+
+
 def _check_objects(models: object) -> Sequence[ObjectModel | LibraryObject]:
     if isinstance(models, ObjectLibrary):
         return models.objects
@@ -205,7 +218,9 @@ def _explain(
     known: Sealed[ObjectModel | LibraryObject], evidence: Sealed[Evidence], max_hypotheses: int, seed: int
 ) -> PoseEstimate:
     """The pose of one object; maybe in another process, which loads a library's object by itself."""
-    return weigh_poses(_model(known.value), evidence.value, _METHOD, seed, max_hypotheses, math.inf)
+    model, felt = _model(known.value), evidence.value
+    felt = dataclasses.replace(felt, contacts=with_shape_errors(model, felt.contacts))
+    return weigh_poses(model, felt, _METHOD, seed, max_hypotheses, math.inf)
 
 
 def _group_equal_shapes(models: Sequence[ObjectModel]) -> list[int]:
