@@ -31,7 +31,6 @@ from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import CPUDispatcher
 from numpy.typing import NDArray
 
-from tactopose_drake.core import array_views, kernel_compiler
 from tactopose_drake.core.array_views import View, borrowed, named_tuple
 from tactopose_drake.core.kernel_cache import kernel_cache
 from tactopose_drake.core.kernel_compiler import KernelCompiler, PartCompiler
@@ -232,9 +231,8 @@ def _kernel_files() -> dict[str, Path]:
 
 @functools.cache
 def _fingerprint(name: str) -> bytes:
-    """Of a file of kernels, by name, of all that it names and so may have compiled into it, and of the compiler."""
-    own = b"".join(Path(file).read_bytes() for file in (__file__, array_views.__file__, kernel_compiler.__file__))
-    files, found, todo = _kernel_files(), {"": own}, [name]
+    """Of this file and the file of kernels of that name, with all that it names and so may have compiled into it."""
+    files, found, todo = _kernel_files(), {"": Path(__file__).read_bytes()}, [name]
     while todo:
         here = todo.pop()
         if here in files and here not in found:
