@@ -10,10 +10,7 @@ sums are reordered and no products fused, so equal arguments give equal bits, wh
 
 One under `@part` is a kernel that only other kernels call; it has no entry for Python, which takes long to compile for
 many arguments. A function under `@inlined` becomes part of its callers, for whatever types they have. It is LLVM that
-puts it there: where numba does, it infers the types of each copy anew, which takes a third as long again. Neither is
-optimised or translated by itself, but in the kernels that call it (`kernel_compiler`).
-
-In compiled code an array is a view, which counts no references (`array_views`): nothing returns one that it was given.
+puts it there: where numba does, it infers the types of each copy anew, which takes a third as long again.
 """
 
 import functools
@@ -31,9 +28,7 @@ from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import CPUDispatcher
 from numpy.typing import NDArray
 
-from tactopose_drake.core.array_views import View, borrowed, named_tuple
 from tactopose_drake.core.kernel_cache import kernel_cache
-from tactopose_drake.core.kernel_compiler import KernelCompiler, PartCompiler
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -45,8 +40,8 @@ class _Array(NamedTuple):
     dimensions: int
     written: bool
 
-    def type(self) -> View:
-        return View(self.dtype, self.dimensions, readonly=not self.written)
+    def type(self) -> types.Array:
+        return types.Array(self.dtype, self.dimensions, "C", readonly=not self.written)
 
 
 _Doubles: TypeAlias = NDArray[np.float64]
@@ -112,7 +107,7 @@ def numba_type(annotation: Any) -> types.Type:
         return types.Tuple([numba_type(item) for item in typing.get_args(annotation)])
     if isinstance(annotation, type) and issubclass(annotation, tuple) and hasattr(annotation, "_fields"):
         hints = typing.get_type_hints(annotation, include_extras=True)
-        return named_tuple([numba_type(hints[name]) for name in annotation._fields], annotation)
+        return types.BaseTuple.from_types([numba_type(hints[name]) for name in annotation._fields], annotation)
     raise TypeError(f"{annotation}: stands for no type of a kernel's argument.")
 
 
@@ -163,7 +158,7 @@ class _WithoutEntry(CPUDispatcher):
     @functools.cached_property
     def by_itself(self) -> CPUDispatcher:
         """The same with an entry."""
-        return CPUDispatcher(self.py_func, targetoptions={"nopython": True, **_OPTIONS}, pipeline_class=KernelCompiler)
+        return CPUDispatcher(py_func=self.py_func, targetoptions={"nopython": True, **_OPTIONS})
 
     def __call__(self, *args: Any) -> Any:
         """Calls it from Python."""
@@ -177,10 +172,6 @@ class Part(_WithoutEntry, Kernel):
 class Inlined(_WithoutEntry):
     """A function that becomes part of the kernels that call it."""
 
-    def get_call_template(self, args: Any, kws: Any) -> Any:
-        """What numba asks for when a kernel calls it: one version for all arrays, whoever has made them."""
-        return super().get_call_template(tuple(borrowed(each) for each in args), kws)
-
 
 _OPTIONS = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
 _NO_ENTRY = {**_OPTIONS, "no_cpython_wrapper": True}
@@ -188,20 +179,18 @@ _NO_ENTRY = {**_OPTIONS, "no_cpython_wrapper": True}
 
 def kernel(function: Function) -> Function:
     """Compiles a function for the types of its annotations, at its first call."""
-    options = {"nopython": True, **_OPTIONS}
-    return typing.cast(Function, _cached(Kernel(function, targetoptions=options, pipeline_class=KernelCompiler)))
+    return typing.cast(Function, _cached(Kernel(py_func=function, targetoptions={"nopython": True, **_OPTIONS})))
 
 
 def part(function: Function) -> Function:
     """Likewise, a function that only other kernels call."""
-    options = {"nopython": True, **_NO_ENTRY}
-    return typing.cast(Function, _cached(Part(function, targetoptions=options, pipeline_class=PartCompiler)))
+    return typing.cast(Function, _cached(Part(py_func=function, targetoptions={"nopython": True, **_NO_ENTRY})))
 
 
 def inlined(function: Function) -> Function:
     """Makes a function part of the kernels that call it, for the types that they give it."""
     options = {"nopython": True, "forceinline": True, **_NO_ENTRY}
-    return typing.cast(Function, Inlined(function, targetoptions=options, pipeline_class=PartCompiler))
+    return typing.cast(Function, Inlined(py_func=function, targetoptions=options))
 
 
 def _cached(compiled: Kernel) -> Kernel:

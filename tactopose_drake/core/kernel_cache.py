@@ -6,8 +6,6 @@ temporary files, and where that cannot be trusted, each process compiles them an
 
 A cache of kernels is code: who can write to its folder decides what is run. So the folder among the temporary files is
 taken only if it belongs to this user, and nobody else may open it.
-
-Before all of these comes what a wheel has brought, see `shipped_kernels`.
 """
 
 import contextlib
@@ -21,11 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, NullCache, UserWideCacheLocator
-from numba.core.compiler import CompileResult
 from numba.core.runtime.nrt import rtsys
-
-from tactopose_drake.core.kernel_compiler import PartLibrary, entry_of_part
-from tactopose_drake.core.shipped_kernels import are_there, run_here, shipped_file, shipped_key
 
 
 def kernel_cache(function: Callable[..., Any], fingerprint: bytes) -> Any:
@@ -55,49 +49,7 @@ class _TemporaryFolder(UserWideCacheLocator):
 
 
 class _Places(CompileResultCacheImpl):
-    """How compiled code is written and read, and in which folder."""
-
     _locator_classes = [*CompileResultCacheImpl._locator_classes, _TemporaryFolder]  # noqa: RUF012 (as in the base class)
-
-    def reduce(self, cres: Any) -> Any:
-        """What is written of compiled code."""
-        description = cres.fndesc
-        description.typemap = description.calltypes = None
-        library = cres.library
-        kept = [cres.environment, cres._find_referenced_environments(), cres.signature, cres.reload_init]
-        return type(library), library.name, library.serialize(), description, *kept
-
-    def rebuild(self, target_context: Any, reduced_data: Any) -> CompileResult:
-        """Compiled code from what was written."""
-        kind, name, data, description, environment, referenced, signature, reload_init = reduced_data
-        for initialize in reload_init:
-            initialize()
-        codegen = target_context.codegen()
-        symbols = (description.llvm_cpython_wrapper_name, description.llvm_func_name, environment.env_name)
-        library = kind.restore(codegen, name, data, symbols)
-        if kind is PartLibrary:
-            entry = entry_of_part(description, environment, library)
-        else:
-            entry = target_context.get_executable(library, description, environment)
-            for each in referenced:
-                codegen.set_env(each.env_name, each)
-        return CompileResult(
-            typing_context=target_context.typing_context,
-            target_context=target_context,
-            entry_point=entry,
-            typing_error=None,
-            type_annotation="",
-            signature=signature,
-            objectmode=False,
-            lifted=(),
-            fndesc=description,
-            library=library,
-            call_helper=None,
-            environment=environment,
-            metadata=None,
-            reload_init=reload_init,
-            referenced_envs=referenced,
-        )
 
 
 class _NoCache(NullCache):
@@ -122,7 +74,6 @@ class KernelCache(FunctionCache):
         """
         super().__init__(function)
         self._cache_file._source_stamp = (self._cache_file._source_stamp, fingerprint)
-        self._shipped = shipped_file(self._impl.filename_base, self._cache_file._source_stamp)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The compiled code; None where there is none.
@@ -131,14 +82,7 @@ class KernelCache(FunctionCache):
         """
         try:
             rtsys.initialize(target_context)
-            if run_here():
-                data = self._shipped.load(shipped_key(self._index_key(sig, target_context.codegen())))
-                if data is not None:
-                    return self._impl.rebuild(target_context, data)
-            found = self._load_overload(sig, target_context)
-            if found is None and are_there():
-                _tell_of_others()
-            return found
+            return self._load_overload(sig, target_context)
         except Exception:  # a damaged file makes pickle and LLVM raise almost anything
             with contextlib.suppress(OSError):
                 self.flush()
@@ -147,9 +91,7 @@ class KernelCache(FunctionCache):
     def holds(self, sig: Any, target_context: Any) -> bool:
         """Whether there is compiled code of this signature."""
         try:
-            key = self._index_key(sig, target_context.codegen())
-            shipped = run_here() and shipped_key(key) in self._shipped._load_index()
-            return shipped or key in self._cache_file._load_index()
+            return self._index_key(sig, target_context.codegen()) in self._cache_file._load_index()
         except Exception:  # as above
             return False
 
@@ -172,15 +114,6 @@ def own_folder() -> Path:
     if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or stat.S_IMODE(found.st_mode) & 0o077:
         raise PermissionError(f"{folder}: is not this user's alone.")
     return folder
-
-
-@functools.cache
-def _tell_of_others() -> None:
-    logging.getLogger("tactopose_drake").warning(
-        "the compiled kernels that came with this package are for other versions of numba or Python, for other"
-        " processors, or of other sources: kernels are compiled here instead, once, which takes a minute or more;"
-        " `tactopose warm-up` does it beforehand"
-    )
 
 
 @functools.cache

@@ -23,7 +23,7 @@ def _prefetch(context: Any, array: Any, index: Any) -> Any:
         byte = ir.IntType(8).as_pointer()
         numbers = [ir.IntType(32)(number) for number in (_READ, _KEEP, _DATA)]
         kind = ir.FunctionType(ir.VoidType(), [byte, *(number.type for number in numbers)])
-        instruction = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")
+        instruction = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")  # type: ignore[no-untyped-call]
         builder.call(instruction, [builder.bitcast(builder.gep(data, [arguments[1]]), byte), *numbers])
         return context.get_dummy_value()
 
