@@ -6,6 +6,8 @@ temporary files, and where that cannot be trusted, each process compiles them an
 
 A cache of kernels is code: who can write to its folder decides what is run. So the folder among the temporary files is
 taken only if it belongs to this user, and nobody else may open it.
+
+Before all of these comes what a wheel has brought, see `shipped_kernels`.
 """
 
 import contextlib
@@ -20,6 +22,8 @@ from typing import Any
 
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, NullCache, UserWideCacheLocator
 from numba.core.runtime.nrt import rtsys
+
+from tactopose_drake.core.shipped_kernels import are_there, run_here, shipped_file, shipped_key
 
 
 def kernel_cache(function: Callable[..., Any], fingerprint: bytes) -> Any:
@@ -74,6 +78,7 @@ class KernelCache(FunctionCache):
         """
         super().__init__(function)
         self._cache_file._source_stamp = (self._cache_file._source_stamp, fingerprint)
+        self._shipped = shipped_file(self._impl.filename_base, self._cache_file._source_stamp)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The compiled code; None where there is none.
@@ -82,7 +87,14 @@ class KernelCache(FunctionCache):
         """
         try:
             rtsys.initialize(target_context)
-            return self._load_overload(sig, target_context)
+            if run_here():
+                data = self._shipped.load(shipped_key(self._index_key(sig, target_context.codegen())))
+                if data is not None:
+                    return self._impl.rebuild(target_context, data)
+            found = self._load_overload(sig, target_context)
+            if found is None and are_there():
+                _tell_of_others()
+            return found
         except Exception:  # a damaged file makes pickle and LLVM raise almost anything
             with contextlib.suppress(OSError):
                 self.flush()
@@ -91,7 +103,9 @@ class KernelCache(FunctionCache):
     def holds(self, sig: Any, target_context: Any) -> bool:
         """Whether there is compiled code of this signature."""
         try:
-            return self._index_key(sig, target_context.codegen()) in self._cache_file._load_index()
+            key = self._index_key(sig, target_context.codegen())
+            shipped = run_here() and shipped_key(key) in self._shipped._load_index()
+            return shipped or key in self._cache_file._load_index()
         except Exception:  # as above
             return False
 
@@ -114,6 +128,15 @@ def own_folder() -> Path:
     if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or stat.S_IMODE(found.st_mode) & 0o077:
         raise PermissionError(f"{folder}: is not this user's alone.")
     return folder
+
+
+@functools.cache
+def _tell_of_others() -> None:
+    logging.getLogger("tactopose_drake").warning(
+        "the compiled kernels that came with this package are for other versions of numba or Python, for other"
+        " processors, or of other sources: kernels are compiled here instead, once, which takes a minute or more;"
+        " `tactopose warm-up` does it beforehand"
+    )
 
 
 @functools.cache
