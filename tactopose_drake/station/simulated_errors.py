@@ -40,9 +40,8 @@ class SimulatedErrors:
     # file declares, one of a Gaussian each.
     drawn: bool = False
     seed: int = 0  # of what is drawn, and of the bumps
-    joint_offsets_deg: dict[str, float] = dataclasses.field(
-        default_factory=dict
-    )  # by joint, what its encoder shows too much, deg; of one that slides, 1 deg counts as 1 mm
+    # By joint, what its encoder shows too much, deg; of one that slides, 1 deg counts as 1 mm.
+    joint_offsets_deg: dict[str, float] = dataclasses.field(default_factory=dict)
     encoder_noise_deg: float = 0.0  # standard deviation of each reading, deg
     encoder_step_deg: float = 0.0  # quantisation, deg; 0: none
     fingers: dict[str, FingerErrors] = dataclasses.field(default_factory=dict)  # by finger

@@ -37,7 +37,8 @@ class Remembered:
 
     Attributes:
         prior: what vision said, as a measurement of then; None before the first.
-        points, points_time: what was touched, shape (k, 3), m.
+        points: what was touched, shape (k, 3), m.
+        points_time: since when, s.
     """
 
     prior: PoseMeasurement | None = None

@@ -25,7 +25,8 @@ class Keyframe:
     """A touch of the past, of k contacts.
 
     Attributes:
-        p_PC, n_PC: the contacts as they were in P then, shape (k, 3), m; no normals where there are none.
+        p_PC: the contacts as they were in P then, shape (k, 3), m.
+        n_PC: their normals, shape (k, 3); None where there are none.
         variances: of their points, m^2, and of their normals, rad^2, shape (k, 2).
         sources: what made each of them.
         X_PP: the motion of the object in P since then, which acts from the left, shape (3, 4).
