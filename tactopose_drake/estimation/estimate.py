@@ -108,7 +108,7 @@ def estimate_pose(
             known or whose centre of mass is moved by its symmetries.
     """
     limit = math.inf if time_limit is None else positive_number("time_limit", time_limit)
-    _check_question(model, method, prior)
+    _check_question(model, contacts, method, prior)
     seed = whole_number("seed", seed, least=0)
     max_hypotheses = whole_number("max_hypotheses", max_hypotheses, least=1)
 
@@ -125,9 +125,10 @@ def estimate_pose(
     return dataclasses.replace(found, question=Question(model, evidence))
 
 
-def _check_question(model: ObjectModel, method: str, prior: PosePrior | None) -> None:
+def _check_question(model: ObjectModel, contacts: Contacts, method: str, prior: PosePrior | None) -> None:
     known_name("method", method, METHODS)
     instance_of("model", model, ObjectModel)
+    instance_of("contacts", contacts, Contacts)
     if prior is None and method not in GLOBAL_METHODS:
         raise InvalidInputError(
             f"prior: is None; the method {method!r} starts from one. Without: {', '.join(sorted(GLOBAL_METHODS))}."

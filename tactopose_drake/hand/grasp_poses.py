@@ -117,7 +117,10 @@ class PoseHunt:
                 found.append(np.eye(3, 4)[None])
                 continue
             contacts = Contacts(touches.p_PC[rows], touches.n_PC[rows], covariance=by_hand[rows])
-            estimate = estimate_pose(model, contacts, seed=self.seed, max_hypotheses=_HYPOTHESES)
+            # Whether a contact is false the fit of all grasps together tells better.
+            estimate = estimate_pose(
+                model, contacts, seed=self.seed, max_hypotheses=_HYPOTHESES, outlier_probability=0.0
+            )
             found.append(np.array([h.X_PO.GetAsMatrix34() for h in estimate.hypotheses]))
         return found
 

@@ -30,7 +30,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory, blob: ObjectModel) -> Path:
     """A hand whose fingertips alone are not as its file says, an object, and grasps."""
     folder = tmp_path_factory.mktemp("calibrate")
     shipped = model_path("hands", "shadow_like", "shadow_like.hand.yaml").read_text()
-    (folder / "mine.hand.yaml").write_text(shipped + "\n" + yaml.safe_dump({"uncertainty": UNCERTAINTY}))
+    plain = shipped[: shipped.index("uncertainty:")]
+    (folder / "mine.hand.yaml").write_text(plain + "\n" + yaml.safe_dump({"uncertainty": UNCERTAINTY}))
     smooth_shape().export(folder / "blob.stl")
     hand = WrongHand(6, HandUncertainty(**UNCERTAINTY))
     (folder / "grasps").mkdir()

@@ -90,11 +90,17 @@ def test_what_does_not_go_together_is_one_line(folder: Path, capsys: pytest.Capt
         assert text in line
 
 
-def test_an_object_is_identified_by_patches_too(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_object_is_identified_by_patches_too(folder: Path) -> None:
     library = folder / "library"
     library.mkdir()
     trimesh.creation.box((0.04, 0.06, 0.09)).export(library / "box.obj")
     trimesh.creation.icosphere(radius=0.02).export(library / "ball.obj")
-    options = ["--library", library, "--contacts", folder / "patches.yaml", "--jobs", 1]
+    options = ["--library", library, "--contacts", folder / "patches.yaml", "--jobs", 1, "--out", folder / "found.json"]
     assert run("identify", *options) == 0
-    assert "It is box." in capsys.readouterr().out
+    found = json.loads((folder / "found.json").read_text())
+    touch = load_touch(folder / "patches.yaml")
+    models = [tp.ObjectModel.from_mesh(library / name) for name in ("box.obj", "ball.obj")]
+    with_patches, without = (tp.identify(models, touch.contacts, patches) for patches in (touch.patches, ()))
+    evidence = {each["name"]: each["log_evidence"] for each in found["objects"]}
+    assert evidence == pytest.approx({each.name: each.log_evidence for each in with_patches.identities}, abs=1e-6)
+    assert evidence != pytest.approx({each.name: each.log_evidence for each in without.identities}, abs=0.1)

@@ -48,7 +48,8 @@ def hand_with(folder: Path, text: str = EXAMPLE) -> Path:
     write(folder, text)
     path = folder / "mine.hand.yaml"
     shipped = model_path("hands", "shadow_like", "shadow_like.hand.yaml").read_text()
-    path.write_text(shipped + "\ncalibration: calibration.yaml\nuncertainty: {encoder_offset_deg: 2.0}\n")
+    plain = shipped[: shipped.index("uncertainty:")]
+    path.write_text(plain + "\ncalibration: calibration.yaml\nuncertainty: {encoder_offset_deg: 2.0}\n")
     return path
 
 

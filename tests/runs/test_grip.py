@@ -34,7 +34,7 @@ def can_at(*p_PO: float) -> Scenario:
 def result() -> GraspResult:
     meshcat = Meshcat(MeshcatParams(host="localhost"))
     result = simulate_grasp(can_at(-0.057, 0.0, 0.1101), meshcat=meshcat)
-    assert meshcat.HasPath("/tactopose_patches/3/axes/2")
+    assert meshcat.HasPath("/tactopose/patches/3/axes/2")
     assert meshcat.HasPath("/tactopose/estimate")
     # The simulated object is no solid in which the estimate would be hidden, but a cage of wires.
     assert meshcat.HasPath("/tactopose/truth")

@@ -82,12 +82,12 @@ def test_a_frame_that_is_old_counts_for_nothing_and_is_named() -> None:
         simulator.AdvanceTo(context.get_time() + duration)
         return str(diagram.GetOutputPort("status").Eval(context))
 
-    assert run(0.05) in (f"ok: {SILENT}", f"ambiguous: {SILENT}")
+    assert run(0.2) in (f"ok: {SILENT}", f"ambiguous: {SILENT}")
     assert np.linalg.norm(diagram.GetOutputPort("object_pose").Eval(context).translation() - p_PO) < 0.002
     diagram.GetInputPort("age_palm").FixValue(context, [0.5])
     assert run(0.05) == f"no_contact: {SILENT}; palm: stale: 0.50 s old"
     touched = diagram.GetOutputPort("belief").Eval(context).touch_time
-    assert touched < 0.055
+    assert touched < 0.205
     status = run(1.0)
     assert status.startswith("lost: nothing was touched or seen for 1.")
     assert status.endswith("; palm: stale: 0.50 s old")
