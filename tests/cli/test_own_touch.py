@@ -8,7 +8,7 @@ import pytest
 import trimesh
 
 import tactopose_drake as tp
-from tactopose_drake.estimation import load_prior
+from tactopose_drake.estimation import ObjectLibrary, load_prior
 from tactopose_drake.hand import load_hand_volume, load_touch
 from tests.cli.test_cli import run
 
@@ -99,8 +99,8 @@ def test_an_object_is_identified_by_patches_too(folder: Path) -> None:
     assert run("identify", *options) == 0
     found = json.loads((folder / "found.json").read_text())
     touch = load_touch(folder / "patches.yaml")
-    models = [tp.ObjectModel.from_mesh(library / name) for name in ("box.obj", "ball.obj")]
-    with_patches, without = (tp.identify(models, touch.contacts, patches) for patches in (touch.patches, ()))
+    known = ObjectLibrary.open(library)
+    with_patches, without = (tp.identify(known, touch.contacts, patches) for patches in (touch.patches, ()))
     evidence = {each["name"]: each["log_evidence"] for each in found["objects"]}
     assert evidence == pytest.approx({each.name: each.log_evidence for each in with_patches.identities}, abs=1e-6)
     assert evidence != pytest.approx({each.name: each.log_evidence for each in without.identities}, abs=0.1)
