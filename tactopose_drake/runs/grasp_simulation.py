@@ -136,6 +136,9 @@ def run_grasp(
         ):
             break
     if meshcat is not None:
+        # The last estimate may be younger than what is shown.
+        display = station.diagram.GetSubsystemByName("pose_display")
+        display.ForcedPublish(display.GetMyContextFromRoot(context))
         meshcat.StopRecording()
         meshcat.PublishRecording()
     truth = contact_truth(station.plant, plant_context, station.hand, station.object_body)

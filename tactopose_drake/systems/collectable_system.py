@@ -51,6 +51,7 @@ class CollectableSystem(LeafSystem, metaclass=_OneDictionary):
     DeclareInitializationDiscreteUpdateEvent = _keeping(LeafSystem.DeclareInitializationDiscreteUpdateEvent)
     DeclareInitializationUnrestrictedUpdateEvent = _keeping(LeafSystem.DeclareInitializationUnrestrictedUpdateEvent)
     DeclarePeriodicPublishEvent = _keeping(LeafSystem.DeclarePeriodicPublishEvent)
+    DeclareForcedPublishEvent = _keeping(LeafSystem.DeclareForcedPublishEvent)
     DeclarePeriodicDiscreteUpdateEvent = _keeping(LeafSystem.DeclarePeriodicDiscreteUpdateEvent)
     DeclarePeriodicUnrestrictedUpdateEvent = _keeping(LeafSystem.DeclarePeriodicUnrestrictedUpdateEvent)
 

@@ -121,6 +121,7 @@ class PoseDisplay(CollectableSystem):
         self._body_poses = self.DeclareAbstractInputPort("body_poses", AbstractValue.Make([RigidTransform()]))
         self.DeclareInitializationPublishEvent(self._make_parts)
         self.DeclarePeriodicPublishEvent(self._params.period, 0.0, self._move_parts)
+        self.DeclareForcedPublishEvent(self._move_parts)
 
     def _make_parts(self, context: Context) -> EventStatus:
         path, params = self._params.path, self._params

@@ -47,6 +47,21 @@ def test_prior_and_estimate_are_where_they_say(model: ObjectModel) -> None:
     assert meshcat.visible("/tactopose/prior")
 
 
+def test_what_is_newer_than_the_last_period_is_shown_when_asked(model: ObjectModel) -> None:
+    meshcat = RecordingMeshcat()
+    display = PoseDisplay(meshcat, model, params=PoseDisplayParams(period=10.0))
+    simulator = Simulator(display)
+    context = simulator.get_mutable_context()
+    display.GetInputPort("contacts").FixValue(context, AbstractValue.Make(TOUCH))
+    display.GetInputPort("object_pose").FixValue(context, AbstractValue.Make(RigidTransform()))
+    simulator.Initialize()
+    simulator.AdvanceTo(0.1)
+    display.GetInputPort("object_pose").FixValue(context, AbstractValue.Make(X_PO))
+    assert not meshcat.pose("/tactopose/estimate").IsNearlyEqualTo(X_PO, 1e-3)
+    display.ForcedPublish(context)
+    assert meshcat.pose("/tactopose/estimate").IsNearlyEqualTo(X_PO, 1e-12)
+
+
 def test_everything_moves_with_the_palm(model: ObjectModel) -> None:
     plant = MultibodyPlant(0.0)
     plant.AddRigidBody("stand", SpatialInertia.SolidSphereWithMass(1.0, 0.1))
