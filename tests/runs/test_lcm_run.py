@@ -111,7 +111,7 @@ _JOINTS: dict[str, float] = {}
 
 
 def start(file: Path) -> subprocess.Popen[bytes]:
-    command = [sys.executable, "-c", "from tactopose_drake.cli.main import main; main()", "run", str(file)]
+    command = [sys.executable, "-c", "from tactopose_drake.cli.entry import start; start()", "run", str(file)]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
 
 

@@ -102,7 +102,7 @@ class Hand:
 def estimator(tmp_path: Path) -> Iterator[subprocess.Popen[bytes]]:
     path = tmp_path / "ros2.scenario.yaml"
     path.write_text(yaml_dump_typed(scenario()))
-    command = [sys.executable, "-c", "from tactopose_drake.cli.main import main; main()", "run", str(path)]
+    command = [sys.executable, "-c", "from tactopose_drake.cli.entry import start; start()", "run", str(path)]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     yield process
     process.kill()
