@@ -76,16 +76,14 @@ def explain_with_doubt(
         X_PO: the poses.
         params: what counts as an explanation.
     """
-    by_pad, felt = (
-        _by_pad(model, evidence, X_PO, params.least_pad_chance),
-        [patch.is_felt for patch in evidence.patches],
-    )
-    explained = by_pad[:, np.logical_not(felt)].all(axis=1)
+    by_pad = _by_pad(model, evidence, X_PO, params.least_pad_chance)
+    felt = np.array([patch.is_felt for patch in evidence.patches], dtype=np.bool_)
+    explained = by_pad[:, ~felt].all(axis=1)
     false = np.count_nonzero(~by_pad[:, felt], axis=1)
     if judgement is not None:
         false += np.count_nonzero(judgement.inlier_probability < 0.5, axis=1)
         explained &= judgement.misfit <= _limit(_of_contacts(evidence), params.least_doubted_chance)
-    count = len(evidence.contacts) + sum(felt)
+    count = len(evidence.contacts) + int(felt.sum())
     allowed = most_false_contacts(count, evidence.outlier_probability, params.usual_false_contacts)
     return np.asarray(explained & (false <= allowed))
 
