@@ -202,6 +202,8 @@ def _cached(compiled: Kernel) -> Kernel:
 
 def read_only(array: Any) -> Any:
     """An array as the fields of kernels' named tuples are: contiguous and read-only."""
+    if isinstance(array, np.ndarray) and not (flags := array.flags).writeable and flags.c_contiguous:
+        return array
     contiguous = np.ascontiguousarray(array).view()
     contiguous.setflags(write=False)
     return contiguous

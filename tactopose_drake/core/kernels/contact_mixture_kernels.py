@@ -13,6 +13,7 @@ the sum over pairs of them of their prior probability times the product over the
 that one exponential of each energy serves for all.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -28,13 +29,27 @@ from tactopose_drake.core.compilation import (
     OutFloats4,
     inlined,
     kernel,
+    part,
 )
-from tactopose_drake.core.kernels.grid_kernels import Grid, look_up
-from tactopose_drake.core.kernels.pose_kernels import rotate_to_object, to_object
-from tactopose_drake.core.kernels.surface_contact_kernels import SOFT_ROOT, Rows, Touch, contact_rows, normal_weight
+from tactopose_drake.core.kernels.grid_kernels import Grid
+from tactopose_drake.core.kernels.lane_kernels import (
+    DISTANCE_ENERGY,
+    DISTANCE_SHARE,
+    LANES,
+    NORMAL_ENERGY,
+    NORMAL_SHARE,
+    SIZE,
+    add_equations,
+    enter,
+    leave,
+    read_grid,
+    weigh,
+)
+from tactopose_drake.core.kernels.surface_contact_kernels import Rows, Touch, contact_rows
 
 # The factors of the variances are two to the powers 0 to this.
 MOST_DOUBLINGS = 4
+_ROOT_2 = math.sqrt(2.0)
 
 
 class Doubts(NamedTuple):
@@ -71,19 +86,20 @@ class Judged(NamedTuple):
 
 
 @inlined
-def _mix(d, n, doubts, point, turn, far, total):
+def _mix(d, n, doubts, work):
     """The cost of energies d and n (k,), zero where those are; fills the factors, and what the pairs weigh."""
+    point, turn, far, total = work
     pairs, shift = total.shape[0], 0.0
     for q in range(pairs):
         total[q] = doubts.probability[q]
     for i in range(d.shape[0]):
         far[i] = np.exp(-doubts.closeness[i] * d[i])
         per = 0.5**MOST_DOUBLINGS
-        by_point, by_turn = np.exp(-d[i] * per), np.exp(-n[i] * per)
+        by_point, by_turn, root = np.exp(-d[i] * per), np.exp(-n[i] * per), 0.5 ** (0.5 * MOST_DOUBLINGS)
         for a in range(MOST_DOUBLINGS, -1, -1):
-            point[i, a] = by_point * np.sqrt(per)
+            point[i, a] = by_point * root
             turn[i, a] = by_turn * per if doubts.has_normals else 1.0
-            by_point, by_turn, per = by_point * by_point, by_turn * by_turn, 2.0 * per
+            by_point, by_turn, per, root = by_point * by_point, by_turn * by_turn, 2.0 * per, _ROOT_2 * root
         most, moved = 0.0, doubts.displaced[i] * far[i]
         for q in range(pairs):
             by_point, by_turn = point[i, doubts.s[q]], turn[i, doubts.t[q]]
@@ -103,8 +119,9 @@ def _mix(d, n, doubts, point, turn, far, total):
 
 
 @inlined
-def _shares(doubts, i, point, turn, far, total):
+def _shares(doubts, i, work):
     """That a contact is as told; and the derivatives of the cost by its energies d and n."""
+    point, turn, far, total = work
     told, weight_d, weight_n, displaced = 0.0, 0.0, 0.0, doubts.displaced[i] * far[i]
     for q in range(total.shape[0]):
         if total[q] > 1e-6:
@@ -119,20 +136,20 @@ def _shares(doubts, i, point, turn, far, total):
 
 
 @inlined
-def _energies(grid, touch, X, i, q, m, field):
-    """The energies of one contact's distance and normal at one pose, by the distance field."""
-    to_object(X, touch.p[i], q)
-    look_up(grid, q[0], q[1], q[2], field)
-    r = field[0] * touch.weight_p[i]
-    n = 0.0
-    if touch.weight_n[i] > 0.0:
-        rotate_to_object(X, touch.n[i], m)
-        weight, spread = normal_weight(field, touch.weight_n[i])
-        square = 0.0
-        for a in range(3):
-            square += (field[a + 1] - m[a]) ** 2
-        n = 0.5 * weight * weight * square + np.log(spread) + 0.5 * SOFT_ROOT
-    return 0.5 * r * r, n
+def _work(contacts, doubts):
+    """What `_mix` fills: the contacts' factors by points and by normals, how far they are, and what the pairs weigh."""
+    factors = (contacts, MOST_DOUBLINGS + 1)
+    return np.empty(factors), np.empty(factors), np.empty(contacts), np.empty(len(doubts.s))
+
+
+@part
+def _find_energies(grid: Grid, touch: Touch, lanes: int, w: OutFloats1, d: OutFloats2, n: OutFloats2) -> None:
+    """The energies of each contact's distance and normal at so many poses, into (lanes, k), by the distance field."""
+    for i in range(touch.p.shape[0]):
+        read_grid(grid, touch.p[i], touch.n[i], lanes, w)
+        weigh(grid.inverse_spacing, touch.weight_p[i], touch.weight_n[i], lanes, w)
+        for lane in range(lanes):
+            d[lane, i], n[lane, i] = w[DISTANCE_ENERGY + np.uintp(lane)], w[NORMAL_ENERGY + np.uintp(lane)]
 
 
 @inlined
@@ -163,30 +180,25 @@ def mixture_equations(
     The Hessian is that of the contacts' squares by what each counts for, as in iteratively reweighted least squares.
     """
     k = touch.p.shape[0]
-    residual, J, smooth, work = np.empty((k, 5)), np.empty((k, 5, 6)), np.empty((k, 4, 6)), np.empty((10, 4))
-    d, n, S = np.empty(k), np.empty(k), MOST_DOUBLINGS + 1
-    point, turn, far, total = np.empty((k, S)), np.empty((k, S)), np.empty(k), np.empty(len(doubts.s))
-    for b in range(X.shape[0]):
-        _energies_and_rows(grid, touch, X[b], (residual, J, smooth, work), d, n)
-        cost[b] = _mix(d, n, doubts, point, turn, far, total)
-        for c in range(6):
-            gradient[b, c] = 0.0
-            for e in range(6):
-                hessian[b, c, e] = 0.0
+    w, d, n, work = np.zeros(SIZE), np.empty((LANES, k)), np.empty((LANES, k)), _work(k, doubts)
+    share_d, share_n, g, H = np.empty((k, LANES)), np.empty((k, LANES)), np.empty(6), np.empty((6, 6))
+    for first in range(0, X.shape[0], LANES):
+        lanes = min(LANES, X.shape[0] - first)
+        enter(X, first, lanes, w)
+        _find_energies(grid, touch, lanes, w, d, n)
+        for lane in range(lanes):
+            cost[first + lane] = _mix(d[lane], n[lane], doubts, work)
+            for i in range(k):
+                _, share_d[i, lane], share_n[i, lane] = _shares(doubts, i, work)
         for i in range(k):
-            _, weight_d, weight_n = _shares(doubts, i, point, turn, far, total)
-            for c in range(6):
-                gradient[b, c] += weight_d * residual[i, 0] * J[i, 0, c]
-                for a in range(1, 5):
-                    gradient[b, c] += weight_n * residual[i, a] * J[i, a, c]
-                for e in range(c + 1):
-                    square = 0.0
-                    for a in range(1, 4):
-                        square += smooth[i, a, c] * smooth[i, a, e]
-                    hessian[b, c, e] += weight_d * smooth[i, 0, c] * smooth[i, 0, e] + weight_n * square
-        for c in range(6):
-            for e in range(c):
-                hessian[b, e, c] = hessian[b, c, e]
+            read_grid(grid, touch.p[i], touch.n[i], lanes, w)
+            for lane in range(lanes):
+                w[DISTANCE_SHARE + np.uintp(lane)] = share_d[i, lane]
+                w[NORMAL_SHARE + np.uintp(lane)] = share_n[i, lane]
+            add_equations(grid.inverse_spacing, touch.weight_p[i], touch.weight_n[i], lanes, w)
+        for lane in range(lanes):
+            b = first + lane
+            leave(w, np.uintp(lane), X[b], g, H, gradient[b], hessian[b])
 
 
 @kernel
@@ -199,19 +211,22 @@ def judge(
     they are cut, and the distance field is as good.
     """
     k, least = touch.p.shape[0], np.exp(-reached)
-    q, m, field = np.empty(3), np.empty(3), np.empty(4)
-    d, n, S = np.empty(k), np.empty(k), MOST_DOUBLINGS + 1
-    point, turn, far, total = np.empty((k, S)), np.empty((k, S)), np.empty(k), np.empty(len(doubts.s))
+    w, d, n, work = np.zeros(SIZE), np.empty((LANES, k)), np.empty((LANES, k)), _work(k, doubts)
     for b in range(X.shape[0]):
+        lane = b % LANES
+        if lane == 0:
+            lanes = min(LANES, X.shape[0] - b)
+            enter(X, b, lanes, w)
+            _find_energies(grid, touch, lanes, w, d, n)
         for i in range(k):
-            d[i], n[i] = _energies(grid, touch, X[b], i, q, m, field)
             if density[b, i] > least:
                 both = -np.log(density[b, i])
-                d[i] = min(d[i], max(both, 0.0))
-                n[i] = both - d[i]
+                d[lane, i] = min(d[lane, i], max(both, 0.0))
+                n[lane, i] = both - d[lane, i]
             else:
-                n[i] = max(d[i] + n[i], reached) - d[i]
-        judged.cost[b] = _mix(d, n, doubts, point, turn, far, total)
+                n[lane, i] = max(d[lane, i] + n[lane, i], reached) - d[lane, i]
+        judged.cost[b] = _mix(d[lane], n[lane], doubts, work)
+        total = work[3]
         judged.noise_scale[b], narrowed, calmed = 0.0, 0.0, 0.0
         for pair in range(len(doubts.s)):
             judged.noise_scale[b] += total[pair] / np.sqrt(doubts.per_s[pair])
@@ -219,8 +234,8 @@ def judge(
             calmed += total[pair] * doubts.per_t[pair]
         judged.misfit[b] = 0.0
         for i in range(k):
-            judged.inlier_probability[b, i] = _shares(doubts, i, point, turn, far, total)[0]
-            judged.misfit[b] += judged.inlier_probability[b, i] * (d[i] * narrowed + n[i] * calmed)
+            judged.inlier_probability[b, i] = _shares(doubts, i, work)[0]
+            judged.misfit[b] += judged.inlier_probability[b, i] * (d[lane, i] * narrowed + n[lane, i] * calmed)
 
 
 @kernel
@@ -233,14 +248,13 @@ def doubted_information(
     taken off is what the contact counts for in the Hessian, no more, so that nothing negative is left.
     """
     k = touch.p.shape[0]
-    residual, J, smooth, work = np.empty((k, 5)), np.empty((k, 5, 6)), np.empty((k, 4, 6)), np.empty((10, 4))
-    d, n, S = np.empty(k), np.empty(k), MOST_DOUBLINGS + 1
-    point, turn, far, total = np.empty((k, S)), np.empty((k, S)), np.empty(k), np.empty(len(doubts.s))
+    residual, J, smooth, scratch = np.empty((k, 5)), np.empty((k, 5, 6)), np.empty((k, 4, 6)), np.empty((10, 4))
+    d, n, work = np.empty(k), np.empty(k), _work(k, doubts)
     for b in range(X.shape[0]):
-        _energies_and_rows(grid, touch, X[b], (residual, J, smooth, work), d, n)
-        _mix(d, n, doubts, point, turn, far, total)
+        _energies_and_rows(grid, touch, X[b], (residual, J, smooth, scratch), d, n)
+        _mix(d, n, doubts, work)
         for i in range(k):
-            _, weight_d, weight_n = _shares(doubts, i, point, turn, far, total)
+            _, weight_d, weight_n = _shares(doubts, i, work)
             lost_d = max(weight_d - doubts.closeness[i], 0.0)
             for c in range(6):
                 for e in range(6):

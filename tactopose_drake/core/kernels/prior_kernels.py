@@ -68,6 +68,27 @@ def prior_row(prior, X, u, residual, J):
 
 
 @inlined
+def half_square(difference):
+    """The cost of a whitened increment (6,)."""
+    cost = 0.0
+    for a in range(6):
+        cost += 0.5 * difference[a] * difference[a]
+    return cost
+
+
+@inlined
+def add_prior(prior, difference, D, gradient, hessian):
+    """Adds what `prior_row` says of one pose to its gradient (6,) and Hessian (6, 6)."""
+    for a in range(6):
+        for c in range(6):
+            gradient[a] += D[c, a] * difference[c]
+    for a in range(3):
+        hessian[3 + a, 3 + a] += prior.weights[3 + a] ** 2
+        for c in range(3):
+            hessian[a, c] += D[0, a] * D[0, c] + D[1, a] * D[1, c] + D[2, a] * D[2, c]
+
+
+@inlined
 def _compare(X_prior, X, u, J):
     increment_between(X_prior, X, u)
     x, y, z = u[0], u[1], u[2]

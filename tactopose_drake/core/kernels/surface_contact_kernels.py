@@ -24,14 +24,22 @@ from tactopose_drake.core.compilation import (
 from tactopose_drake.core.kernels.grid_kernels import (
     SOFT_LENGTH,
     Grid,
-    look_up,
     look_up_with_derivative,
-    prefetch_cells,
+)
+from tactopose_drake.core.kernels.lane_kernels import (
+    DISTANCE_ENERGY,
+    DISTANCE_SHARE,
+    LANES,
+    NORMAL_ENERGY,
+    NORMAL_SHARE,
+    SIZE,
+    SOFT_ROOT,
+    add_equations,
+    enter,
+    read_grid,
+    weigh,
 )
 from tactopose_drake.core.kernels.pose_kernels import chain, rotate_to_object, to_object, turn_normal
-
-# Bounds the derivative of the square root in the residual that normalises the normals' likelihood.
-SOFT_ROOT = 1e-4
 
 
 class Touch(NamedTuple):
@@ -66,28 +74,31 @@ class Rows(NamedTuple):
     work: OutFloats2
 
 
+@part
+def add_up(grid: Grid, touch: Touch, X: Floats3, lanes: int, w: OutFloats1) -> None:
+    """Cost, gradient and Hessian at so many poses X (3, 4), one in each lane of the rows w."""
+    enter(X, 0, lanes, w)
+    for lane in range(lanes):
+        w[DISTANCE_SHARE + np.uintp(lane)] = w[NORMAL_SHARE + np.uintp(lane)] = 1.0
+    for i in range(touch.p.shape[0]):
+        read_grid(grid, touch.p[i], touch.n[i], lanes, w)
+        add_equations(grid.inverse_spacing, touch.weight_p[i], touch.weight_n[i], lanes, w)
+
+
 @kernel
 def contact_costs(grid: Grid, touch: Touch, X: Floats3, cost: OutFloats1) -> None:
     """Half the sum of squares of the contact residuals of each pose, into cost (B,)."""
-    p, n, weight_p, weight_n = touch
-    flat = grid.values.reshape(-1)
-    q, m, field = np.empty(3), np.empty(3), np.empty(4)
-    for b in range(X.shape[0]):
-        prefetch_cells(grid, flat, X[b], p, q)
-        total = 0.0
-        for i in range(p.shape[0]):
-            to_object(X[b], p[i], q)
-            look_up(grid, q[0], q[1], q[2], field)
-            r = field[0] * weight_p[i]
-            total += r * r
-            if weight_n[i] > 0.0:
-                rotate_to_object(X[b], n[i], m)
-                weight, spread = normal_weight(field, weight_n[i])
-                square = 0.0
-                for a in range(3):
-                    square += (field[a + 1] - m[a]) ** 2
-                total += weight * weight * square + 2.0 * np.log(spread) + SOFT_ROOT
-        cost[b] = 0.5 * total
+    w = np.zeros(SIZE)
+    for first in range(0, X.shape[0], LANES):
+        lanes = min(LANES, X.shape[0] - first)
+        enter(X, first, lanes, w)
+        for lane in range(lanes):
+            cost[first + lane] = 0.0
+        for i in range(touch.p.shape[0]):
+            read_grid(grid, touch.p[i], touch.n[i], lanes, w)
+            weigh(grid.inverse_spacing, touch.weight_p[i], touch.weight_n[i], lanes, w)
+            for lane in range(lanes):
+                cost[first + lane] += w[DISTANCE_ENERGY + np.uintp(lane)] + w[NORMAL_ENERGY + np.uintp(lane)]
 
 
 @kernel

@@ -132,6 +132,10 @@ def add_moments(
                 share = weights[b, g] / mass
                 pose_kernels.increment_between(X_group[g], X[b], u)
                 for i in range(6):
-                    first[g, i] += share * u[i]
-                    for j in range(6):
-                        second[g, i, j] += share * u[i] * u[j]
+                    part = share * u[i]
+                    first[g, i] += part
+                    for j in range(i + 1):
+                        second[g, i, j] += part * u[j]
+        for i in range(6):
+            for j in range(i):
+                second[g, j, i] = second[g, i, j]

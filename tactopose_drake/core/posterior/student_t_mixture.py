@@ -7,6 +7,7 @@ with all of them by one logarithm.
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 
@@ -59,18 +60,25 @@ class StudentTMixture:
 
         They are by the volume of poses: of rotations, as small turns measure it, and translations, rad^3 m^3.
         """
+        density = np.zeros((len(X_PO), len(self.X_PO)))
+        student_t_kernels.add_densities(
+            self._components, self.freedom, self.freedom + 6 - self.turns.shape[2], X_PO, density
+        )
+        return density
+
+    @functools.cached_property
+    def _components(self) -> student_t_kernels.Components:
+        """The densities, as kernels read them."""
         n = 6 - self.turns.shape[2]
         information, log_determinant = across_turns(self.information, self.turns)
         freedom, power = self.freedom, 0.5 * (self.freedom + n)
         constant = math.lgamma(power) - math.lgamma(0.5 * freedom) - 0.5 * n * math.log(math.pi * freedom)
         scale = self.count * (np.exp(constant + 0.5 * log_determinant) / self.count.sum())
-        density, reach = np.zeros((len(X_PO), len(self.X_PO))), np.zeros(len(self.X_PO))
+        reach = np.zeros(len(self.X_PO))
         student_t_kernels.find_reach(self.group, self.center, self.information, self.farthest, reach)
         first = np.searchsorted(self.group, np.arange(len(self.X_PO) + 1))
         arrays = (self.X_PO, first, self.center, information, reach, scale)
-        components = student_t_kernels.Components(*map(read_only, arrays))
-        student_t_kernels.add_densities(components, freedom, freedom + n, X_PO, density)
-        return density
+        return student_t_kernels.Components(*map(read_only, arrays))
 
 
 def draw(

@@ -57,18 +57,18 @@ class Measurements(NamedTuple):
 
 @inlined
 def _exp_minus(x):
-    """exp(-x) of a float32, to a thousandth where 0 <= x < 8 and a quarter up to 24: the library's takes twice as long.
+    """exp(-x) of a float32, to a ten-thousandth where 0 <= x < 12 and 2 % up to 24: the library's takes twice as long.
 
-    The sixteenth power of a short series for exp(x / 16).
+    The 32nd power of a short series for exp(-x / 32).
     """
-    y, one = x * np.float32(1.0 / 16.0), np.float32(1.0)
+    y, one = x * np.float32(-1.0 / 32.0), np.float32(1.0)
     third = np.float32(1.0 / 6.0) + y * (np.float32(1.0 / 24.0) + y * np.float32(1.0 / 120.0))
     power = one + y * (one + y * (np.float32(0.5) + y * third))
     power = power * power
     power = power * power
     power = power * power
     power = power * power
-    return one / power
+    return power * power
 
 
 @kernel

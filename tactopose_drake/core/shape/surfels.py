@@ -58,6 +58,11 @@ class Surfels:
     shape: tuple[int, int, int]
     spacing: float
 
+    def kernel_view(self, reach: float) -> Discs:
+        """The discs as kernels read them, of which those count that are within so many standard deviations."""
+        discs, first, origin = read_only(self.discs), read_only(self.first), read_only(self.origin)
+        return Discs(discs, first, origin, 1.0 / self.cell, self.shape, self.spacing, reach)
+
 
 def surfel_spacing(sigma: float, area: float, params: SurfelParams = SurfelParams()) -> float:
     """The spacing, m, that suits a point known to sigma, m, on a surface of this area, m^2: one of four an octave."""
@@ -115,15 +120,6 @@ def contact_densities(
     surfels: Surfels, measured: Measurements, X_PO: FloatArray, params: SurfelParams = SurfelParams()
 ) -> FloatArray:
     """The densities (B, k) of contacts at poses (B, 3, 4), over those on a flat surface with the right normal."""
-    discs = Discs(
-        read_only(surfels.discs),
-        read_only(surfels.first),
-        read_only(surfels.origin),
-        1.0 / surfels.cell,
-        surfels.shape,
-        surfels.spacing,
-        params.reach,
-    )
     density = np.empty((len(X_PO), len(measured.p)))
-    densities(discs, measured, X_PO, density)
+    densities(surfels.kernel_view(params.reach), measured, X_PO, density)
     return density
