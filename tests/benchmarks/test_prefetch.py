@@ -14,7 +14,7 @@ import numpy as np
 
 import tactopose_drake as tp
 from tactopose_drake.core.compilation import read_only
-from tactopose_drake.core.kernels import descent_kernels
+from tactopose_drake.core.kernels import descent_kernels, lane_kernels, surface_contact_kernels
 from tactopose_drake.core.kernels.descent_kernels import DescentRule, Ends
 from tactopose_drake.core.kernels.prior_kernels import Prior
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
@@ -26,11 +26,19 @@ ROUNDS, POSES = 200, 100
 NO_PRIOR = Prior(read_only(np.eye(3, 4)), read_only(np.zeros(6)))
 
 
+def compiled_with(kernel: Any, **names: Any) -> Any:
+    """A kernel compiled anew, where these names stand for something else."""
+    function = kernel.py_func
+    others = types.FunctionType(function.__code__, {**function.__globals__, **names}, function.__name__)
+    return numba.njit(others, error_model="numpy", nogil=True)
+
+
 def without_prefetch() -> Any:
     """The same kernel, compiled with a prefetch that does nothing."""
-    function = descent_kernels.descend.py_func
-    names = {**function.__globals__, "prefetch_cells": numba.njit(lambda grid, flat, X, p, q: None, inline="always")}
-    return numba.njit(types.FunctionType(function.__code__, names, "descend"), error_model="numpy", nogil=True)
+    nothing = numba.njit(lambda flat, index: None, inline="always")
+    read_grid = compiled_with(lane_kernels.read_grid, prefetch=nothing)
+    add_up = compiled_with(surface_contact_kernels.add_up, read_grid=read_grid)
+    return compiled_with(descent_kernels.descend, add_up=add_up)
 
 
 def test_prefetch() -> None:

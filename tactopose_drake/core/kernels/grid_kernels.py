@@ -8,8 +8,6 @@ from typing import NamedTuple
 import numpy as np
 
 from tactopose_drake.core.compilation import Floats1, OutFloats1, OutFloats2, Singles4, inlined, part
-from tactopose_drake.core.kernels.pose_kernels import to_object
-from tactopose_drake.core.kernels.prefetch import prefetch
 
 # Where interpolated normals nearly cancel (the middle of a thin wall) their direction means little: this bounds it.
 SOFT_LENGTH = 0.05
@@ -46,23 +44,6 @@ def cell(q, origin, inverse_spacing, limit):
     if i > limit - 1:
         i = int(limit) - 1
     return i, u - i, outside
-
-
-@inlined
-def prefetch_cells(grid, flat, X, p, q):
-    """Asks for what the contacts p (k, 3) will read of the flattened grid at the pose X (3, 4); q (3,) is for work."""
-    nx, ny, nz = grid.values.shape[0], grid.values.shape[1], grid.values.shape[2]
-    sy, sx = np.uintp(4 * nz), np.uintp(4 * nz * ny)
-    for i in range(p.shape[0]):
-        to_object(X, p[i], q)
-        ix = cell(q[0], grid.origin[0], grid.inverse_spacing, nx - 1.0)[0]
-        iy = cell(q[1], grid.origin[1], grid.inverse_spacing, ny - 1.0)[0]
-        iz = cell(q[2], grid.origin[2], grid.inverse_spacing, nz - 1.0)[0]
-        at = np.uintp(4 * ((ix * ny + iy) * nz + iz))
-        prefetch(flat, at)
-        prefetch(flat, at + sy)
-        prefetch(flat, at + sx)
-        prefetch(flat, at + sx + sy)
 
 
 @part
@@ -136,20 +117,3 @@ def interpolate(flat, at, sx, sy, fx, fy, fz):
     v0, v1 = v00 + fy * y0, v10 + fy * y1
     z0, z1 = z00 + fy * (z01 - z00), z10 + fy * (z11 - z10)
     return v0 + fx * (v1 - v0), v1 - v0, y0 + fx * (y1 - y0), z0 + fx * (z1 - z0)
-
-
-@inlined
-def extend(field, slope, ox, oy, oz, inverse_spacing):
-    """Outside of the grid, by (ox, oy, oz) cells, the field is its nearest point's, and the way there is added."""
-    way = np.sqrt(ox * ox + oy * oy + oz * oz)
-    field[0] += way / inverse_spacing
-    for k in range(4):
-        if ox != 0.0:
-            slope[k, 0] = 0.0
-        if oy != 0.0:
-            slope[k, 1] = 0.0
-        if oz != 0.0:
-            slope[k, 2] = 0.0
-    slope[0, 0] += ox / way
-    slope[0, 1] += oy / way
-    slope[0, 2] += oz / way
