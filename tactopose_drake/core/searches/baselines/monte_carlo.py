@@ -61,8 +61,8 @@ class MonteCarlo(Search):
 
     With `batch` 1 this is the thesis' search: one particle is copied, changed and judged at a time, and may be the
     parent of the next one. With larger batches that many are copied and judged at once, which saves the way from Python
-    to the objective and back for each, and the walk along the array for its parent. Both draw from the same
-    distribution; batches of up to 100 in a correction, 500 without a guess, reach the same costs.
+    to the objective and back for each. Both draw from the same distribution; batches of up to 100 in a correction, 500
+    without a guess, reach the same costs.
 
     Its readings of the thesis: each of a particle's seven numbers gets noise of its own; the particle moves the object,
     which is the inverse of what moves the contacts; opposite quaternions are the same.
@@ -163,7 +163,7 @@ class MonteCarlo(Search):
                     place(particles[count:stop], space.center, X_made)
                 else:
                     here = slice(count - start, stop - start)
-                    breed(particles, weight, sums, count, draws[here], noise[here], space.center, X_made)
+                    breed(particles, sums, count, draws[here], noise[here], space.center, X_made)
                 cost[count:stop] = objective.cost(X_made)
                 weigh(cost, self.scale, design.power, weight, sums, count, stop)
                 count = stop

@@ -25,19 +25,12 @@ def weigh(
 
 
 @part
-def count_from_end(weight: Floats1, count: int, mark: float) -> int:
-    """The particle d of the first `count` where the weights from the end down to d first exceed the mark."""
-    total = 0.0
-    for d in range(count - 1, -1, -1):
-        total += weight[d]
-        if total > mark:
-            return d
-    return 0
+def find_parent(sums: Floats1, count: int, mark: float) -> int:
+    """The particle d of the first `count` where the weights from the end down to d first exceed the mark.
 
-
-@part
-def bisect_from_end(sums: Floats1, count: int, mark: float) -> int:
-    """The same particle, found by bisection of the weights' running sums."""
+    The thesis counts from the end; where all weigh about the same that is half of all particles for each new one. The
+    same particle is found by bisection of the weights' running sums.
+    """
     before = sums[count - 1] - mark
     low, high = 0, count - 1
     while low < high:
@@ -52,7 +45,6 @@ def bisect_from_end(sums: Floats1, count: int, mark: float) -> int:
 @kernel
 def breed(
     particles: OutFloats2,
-    weight: Floats1,
     sums: Floats1,
     count: int,
     draws: Floats1,
@@ -60,13 +52,9 @@ def breed(
     center: Floats2,
     X: OutFloats3,
 ) -> None:
-    """Copies a particle for each draw, with its noise (m, 7) added, behind the first `count`; their poses go to X.
-
-    A single draw counts from the end, as the thesis does; where there are more, the running sums are bisected.
-    """
+    """Copies a particle for each draw, with its noise (m, 7) added, behind the first `count`; their poses go to X."""
     for i in range(len(draws)):
-        mark = draws[i] * sums[count - 1]
-        parent = count_from_end(weight, count, mark) if len(draws) == 1 else bisect_from_end(sums, count, mark)
+        parent = find_parent(sums, count, draws[i] * sums[count - 1])
         child, length = particles[count + i], 0.0
         for a in range(7):
             child[a] = particles[parent, a] + noise[i, a]

@@ -13,9 +13,8 @@ from tactopose_drake.core.searches.baselines.initial_population import (
 )
 from tactopose_drake.core.searches.baselines.monte_carlo import MonteCarlo, MonteCarloDesign, noise_schedule
 from tactopose_drake.core.searches.baselines.roulette_kernels import (
-    bisect_from_end,
     breed,
-    count_from_end,
+    find_parent,
     mark_different,
     place,
     weigh,
@@ -56,35 +55,35 @@ def test_particles_are_drawn_as_often_as_they_weigh() -> None:
     cost = np.array([5.0, 0.1, 2.0, 0.0, 1.0, 9.0, 0.5])
     weight, sums = wheel(cost, power=4.0)
     marks = sums[-1] * np.random.default_rng(0).random(20_000)
-    drawn = np.bincount([count_from_end(weight, len(cost), mark) for mark in marks], minlength=len(cost))
+    drawn = np.bincount([find_parent(sums, len(cost), mark) for mark in marks], minlength=len(cost))
     assert chisquare(drawn, len(marks) * weight / weight.sum()).pvalue > 0.01
 
 
 def test_counting_starts_at_the_end() -> None:
-    weight = np.array([1.0, 2.0, 4.0])
-    assert [count_from_end(weight, 3, mark) for mark in (0.0, 3.9, 4.1, 5.9, 6.1, 7.0)] == [2, 2, 1, 1, 0, 0]
-    assert count_from_end(weight, 2, 1.9) == 1
+    sums = np.cumsum([1.0, 2.0, 4.0])
+    assert [find_parent(sums, 3, mark) for mark in (0.0, 3.9, 4.1, 5.9, 6.1, 7.0)] == [2, 2, 1, 1, 0, 0]
+    assert find_parent(sums, 2, 1.9) == 1
 
 
-def test_bisection_finds_the_same_particle() -> None:
+def test_bisection_finds_the_particle_that_counting_finds() -> None:
     generator = np.random.default_rng(1)
     weight, sums = wheel(generator.exponential(size=500), power=20.0)
     for count in (1, 2, 37, 500):
-        marks = sums[count - 1] * generator.random(300)
-        counted = [count_from_end(weight, count, mark) for mark in marks]
-        assert counted == [bisect_from_end(sums, count, mark) for mark in marks]
+        from_end = np.cumsum(weight[:count][::-1])
+        for mark in sums[count - 1] * generator.random(300):
+            assert find_parent(sums, count, mark) == count - 1 - int(np.argmax(from_end > mark))
 
 
 def test_children_are_their_parents_and_noise() -> None:
     generator = np.random.default_rng(2)
     particles = scattered_particles(generator, 8, 0.1)
-    weight, sums = wheel(np.array([9.0, 9.0, 0.0, 9.0, 9.0]), power=200.0)  # The third outweighs all.
+    _, sums = wheel(np.array([9.0, 9.0, 0.0, 9.0, 9.0]), power=200.0)  # The third outweighs all.
     noise = np.zeros((3, 7))
     noise[1, 5] = 0.02
     noise[2, :4] = [0.1, 0.0, 0.0, -0.2]
     X = np.empty((3, 3, 4))
     center = make_poses(matrix_from_quaternion(generator.normal(size=4)), generator.normal(size=3))
-    breed(particles, weight, sums, 5, np.full(3, 0.5), noise, center, X)
+    breed(particles, sums, 5, np.full(3, 0.5), noise, center, X)
     turned = particles[2, :4] + noise[2, :4]
     np.testing.assert_allclose(particles[5], particles[2])
     np.testing.assert_allclose(particles[6], particles[2] + noise[1])
