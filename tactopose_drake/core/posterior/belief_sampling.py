@@ -94,7 +94,8 @@ def _draw(proposal: StudentTMixture, start: _Start, posterior: Posterior, genera
     while True:
         proposals.append(proposal)
         fresh = proposal.sample(generator)
-        densities += len(fresh) * proposal.densities(X_PO)
+        if len(X_PO):
+            densities += len(fresh) * proposal.densities(X_PO)
         of_fresh = sum(drawn.count.sum() * drawn.densities(fresh) for drawn in proposals)
         X_PO, cost = np.concatenate([X_PO, fresh]), np.concatenate([cost, posterior.exact_cost(fresh)])
         densities = np.concatenate([densities, of_fresh])
