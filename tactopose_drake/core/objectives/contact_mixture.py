@@ -60,7 +60,7 @@ class ContactDoubt:
         (3, 3, 0.03),
         (4, 4, 0.02),
     )
-    reached: float = 5.0
+    reached: float = 6.5
 
 
 class Judgement(NamedTuple):

@@ -24,7 +24,14 @@ from tactopose_drake.core.posterior.hypotheses import Modes, free_directions
 from tactopose_drake.core.posterior.joined_modes import join_overlapping
 from tactopose_drake.core.posterior.mode_moments import Moments, toward_the_mean, weigh_moments
 from tactopose_drake.core.posterior.posterior import Posterior
-from tactopose_drake.core.posterior.student_t_mixture import StudentTMixture, across_turns, draw, in_chart
+from tactopose_drake.core.posterior.student_t_mixture import (
+    Increments,
+    StudentTMixture,
+    across_turns,
+    draw,
+    find_increments,
+    in_chart,
+)
 from tactopose_drake.core.validation import FloatArray
 
 # Logarithm of the volume of the turns about one continuous axis, or about the three of a ball.
@@ -46,9 +53,9 @@ def weigh_modes(modes: Modes, posterior: Posterior, generator: np.random.Generat
 
     proposal = _cover(mixture.X_PO[sampled], share[worthy], information[worthy], posterior, generator)
     start = _Start(mixture.X_PO[sampled], modes.cost[sampled], mixture.covariance[sampled], float(least.min()))
-    X_PO, weights, lowest, error = _draw(proposal, start, posterior, generator)
+    increments, weights, lowest, error = _draw(proposal, start, posterior, generator)
     mass = weights.sum(axis=0)
-    moments = weigh_moments(mixture.X_PO[sampled], X_PO, weights)
+    moments = weigh_moments(increments, weights)
     if not (moments.effective_samples > 1.0).any():
         return modes  # One sample outweighs all others: they say less than Laplace's approximation.
     every = np.exp(laplace + lowest) * (2.0 * np.pi) ** (3.0 - 0.5 * len(posterior.turns[0]))
@@ -70,12 +77,12 @@ class _Start(NamedTuple):
 
 
 class _Samples(NamedTuple):
-    """Samples (B, 3, 4), their weights (B, g) in the modes' shares, the lowest cost, and what they leave unsure.
+    """Samples' increments (B, g, 6) from the modes, their weights (B, g) in the modes' shares, and the lowest cost.
 
     The weights are over the density exp(lowest - cost); `standard_error` is the largest of the modes' probabilities.
     """
 
-    X_PO: FloatArray
+    increments: FloatArray
     weights: FloatArray
     lowest: float
     standard_error: float
@@ -89,14 +96,18 @@ def _draw(proposal: StudentTMixture, start: _Start, posterior: Posterior, genera
     """
     params = posterior.params.sampling
     proposals: list[StudentTMixture] = []
-    X_PO, cost, densities = np.empty((0, 3, 4)), np.empty(0), np.empty((0, len(start.X_PO)))
+    modes = len(start.X_PO)
+    X_PO, cost, densities = np.empty((0, 3, 4)), np.empty(0), np.empty((0, modes))
+    increments = Increments(np.empty((0, modes, 6)), np.empty((0, modes)))
     lowest = start.lowest
     while True:
         proposals.append(proposal)
         fresh = proposal.sample(generator)
         if len(X_PO):
-            densities += len(fresh) * proposal.densities(X_PO)
-        of_fresh = sum(drawn.count.sum() * drawn.densities(fresh) for drawn in proposals)
+            densities += len(fresh) * proposal.densities(increments)
+        to_fresh = find_increments(start.X_PO, fresh)
+        of_fresh = sum(drawn.count.sum() * drawn.densities(to_fresh) for drawn in proposals)
+        increments = Increments(*map(np.concatenate, zip(increments, to_fresh, strict=True)))
         X_PO, cost = np.concatenate([X_PO, fresh]), np.concatenate([cost, posterior.exact_cost(fresh)])
         densities = np.concatenate([densities, of_fresh])
         lowest, weights = min(lowest, float(cost.min())), np.empty_like(densities)
@@ -105,18 +116,18 @@ def _draw(proposal: StudentTMixture, start: _Start, posterior: Posterior, genera
         error, effective = _certainty(weights, count)
         if error > params.standard_error and effective >= params.effective_samples:
             # Of modes that overlap the shares are noisier than what they are together.
-            error, _ = _certainty(_joined_weights(X_PO, weights, start, posterior), count)
+            error, _ = _certainty(_joined_weights(increments.u, weights, start, posterior), count)
         sure = error <= params.standard_error and effective >= params.effective_samples
         if sure or effective == 0.0 or len(proposals) == params.most_rounds:
-            return _Samples(X_PO, weights, lowest, error)
+            return _Samples(increments.u, weights, lowest, error)
         proposal = _about(X_PO, weights, start.X_PO, posterior)
 
 
-def _joined_weights(X_PO: FloatArray, weights: FloatArray, start: _Start, posterior: Posterior) -> FloatArray:
+def _joined_weights(increments: FloatArray, weights: FloatArray, start: _Start, posterior: Posterior) -> FloatArray:
     """The weights (B, g) of samples in the modes' shares, where those that overlap are one."""
     known = np.flatnonzero(np.count_nonzero(weights, axis=0) > 1)
     of_known = np.ascontiguousarray(weights[:, known])
-    moments = weigh_moments(start.X_PO[known], X_PO, of_known)
+    moments = weigh_moments(np.take(increments, known, axis=1), of_known)
     spread = _spread(start.X_PO[known], moments, start.covariance[known], posterior)
     _, _, owner = join_overlapping(
         start.X_PO[known],

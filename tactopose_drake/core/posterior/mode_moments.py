@@ -30,10 +30,11 @@ class Moments(NamedTuple):
     second: FloatArray
 
 
-def weigh_moments(X_group: FloatArray, X_PO: FloatArray, weights: FloatArray) -> Moments:
-    """The moments of samples X_PO (B, 3, 4) by their weights (B, g) about the groups' poses (g, 3, 4)."""
-    moments = Moments(np.empty(len(X_group)), np.zeros((len(X_group), 6)), np.zeros((len(X_group), 6, 6)))
-    sampling_weight_kernels.add_moments(X_group, X_PO, weights, *moments)
+def weigh_moments(increments: FloatArray, weights: FloatArray) -> Moments:
+    """The moments of samples by their increments (B, g, 6) from the groups' poses and their weights (B, g)."""
+    g = weights.shape[1]
+    moments = Moments(np.empty(g), np.zeros((g, 6)), np.zeros((g, 6, 6)))
+    sampling_weight_kernels.add_moments(increments, weights, *moments)
     return moments
 
 

@@ -117,20 +117,18 @@ def step_down(
 
 @kernel
 def add_moments(
-    X_group: Floats3, X: Floats3, weights: Floats2, effective_samples: OutFloats1, first: OutFloats2, second: OutFloats3
+    increment: Floats3, weights: Floats2, effective_samples: OutFloats1, first: OutFloats2, second: OutFloats3
 ) -> None:
     """Fills `mode_moments.Moments`, of which the second and third are zero on entry, from weights (B, g)."""
-    u = np.empty(6)
-    for g in range(X_group.shape[0]):
+    for g in range(weights.shape[1]):
         mass, squares = 0.0, 0.0
-        for b in range(X.shape[0]):
+        for b in range(weights.shape[0]):
             mass += weights[b, g]
             squares += weights[b, g] ** 2
         effective_samples[g] = mass * mass / squares if squares > 0.0 else 0.0
-        for b in range(X.shape[0]):
+        for b in range(weights.shape[0]):
             if weights[b, g] > 1e-12 * mass:
-                share = weights[b, g] / mass
-                pose_kernels.increment_between(X_group[g], X[b], u)
+                share, u = weights[b, g] / mass, increment[b, g]
                 for i in range(6):
                     part = share * u[i]
                     first[g, i] += part

@@ -28,7 +28,6 @@ class Components(NamedTuple):
     """The components of a mixture, sorted by group; read-only.
 
     Attributes:
-        X_group: the groups' poses, shape (g, 3, 4).
         first: the first component of each group, and behind the last one's, shape (g + 1,).
         center: increments from the group's pose, shape (n, 6).
         information: shape (n, 6, 6).
@@ -36,7 +35,6 @@ class Components(NamedTuple):
         scale: the densities' constants, shape (n,).
     """
 
-    X_group: Floats3
     first: Longs1
     center: Floats2
     information: Floats3
@@ -166,12 +164,28 @@ def find_reach(group: Longs1, center: Floats2, information: Floats3, farthest: f
 
 
 @kernel
-def add_densities(components: Components, freedom: int, power: int, X: Floats3, density: OutFloats2) -> None:
+def find_increments(X_group: Floats3, X: Floats3, increment: OutFloats3, volume: OutFloats2) -> None:
+    """Increments from each group's pose (g, 3, 4) to each pose (B, 3, 4), and their volume over that of poses there.
+
+    That is the determinant of the right Jacobian of the rotation.
+    """
+    for b in range(X.shape[0]):
+        for g in range(X_group.shape[0]):
+            u = increment[b, g]
+            pose_kernels.increment_between(X_group[g], X[b], u)
+            angle2 = u[0] ** 2 + u[1] ** 2 + u[2] ** 2
+            volume[b, g] = 1.0 - angle2 / 12.0 if angle2 < 1e-4 else 2.0 * (1.0 - np.cos(np.sqrt(angle2))) / angle2
+
+
+@kernel
+def add_densities(
+    components: Components, freedom: int, power: int, increment: Floats3, volume: Floats2, density: OutFloats2
+) -> None:
     """Adds scale (f / (f + d^T H d))^(power / 2) of each component, d from its center.
 
     Each number of the components is an array by itself, so that several components are reckoned at once.
     """
-    X_group, first, center, information, reach, scale = components
+    first, center, information, reach, scale = components
     count = center.shape[0]
     c, H = np.empty((6, count)), np.empty((21, count))
     for j in range(count):
@@ -183,15 +197,12 @@ def add_densities(components: Components, freedom: int, power: int, X: Floats3, 
                 row += 1
             H[row, j] = information[j, a, a]
             row += 1
-    u, ratio, share = np.empty(6), np.empty(count), np.empty(count)
-    for b in range(X.shape[0]):
-        for g in range(X_group.shape[0]):
-            square = 0.0
-            for a in range(3):
-                square += (X[b, a, 3] - X_group[g, a, 3]) ** 2
-            if square > reach[g]:
+    ratio, share = np.empty(count), np.empty(count)
+    for b in range(increment.shape[0]):
+        for g in range(reach.shape[0]):
+            u = increment[b, g]
+            if u[3] ** 2 + u[4] ** 2 + u[5] ** 2 > reach[g]:
                 continue
-            pose_kernels.increment_between(X_group[g], X[b], u)
             begin, end = np.uintp(first[g]), np.uintp(first[g + 1])
             for j in range(begin, end):
                 x, y, z = u[0] - c[0, j], u[1] - c[1, j], u[2] - c[2, j]
@@ -209,7 +220,4 @@ def add_densities(components: Components, freedom: int, power: int, X: Floats3, 
             total = 0.0
             for j in range(begin, end):
                 total += share[j]
-            # From the volume of increments to that of poses: the determinant of the right Jacobian.
-            angle2 = u[0] ** 2 + u[1] ** 2 + u[2] ** 2
-            volume = 1.0 - angle2 / 12.0 if angle2 < 1e-4 else 2.0 * (1.0 - np.cos(np.sqrt(angle2))) / angle2
-            density[b, g] += total / volume
+            density[b, g] += total / volume[b, g]

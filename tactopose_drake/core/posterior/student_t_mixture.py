@@ -10,6 +10,7 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,25 @@ from numpy.typing import NDArray
 from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.posterior import student_t_kernels
 from tactopose_drake.core.validation import FloatArray
+
+
+class Increments(NamedTuple):
+    """From the poses of groups to poses.
+
+    Attributes:
+        u: increments (w, v), shape (B, g, 6).
+        volume: of increments over that of poses there, shape (B, g).
+    """
+
+    u: FloatArray
+    volume: FloatArray
+
+
+def find_increments(X_group: FloatArray, X_PO: FloatArray) -> Increments:
+    """The increments from poses (g, 3, 4) to poses (B, 3, 4)."""
+    increments = Increments(np.empty((len(X_PO), len(X_group), 6)), np.empty((len(X_PO), len(X_group))))
+    student_t_kernels.find_increments(X_group, X_PO, *increments)
+    return increments
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,15 +75,14 @@ class StudentTMixture:
         student_t_kernels.oppose(self.count, normal)
         return draw(self.X_PO, self.group, self.center, self.information, self.count, normal)
 
-    def densities(self, X_PO: FloatArray) -> FloatArray:
-        """Densities (B, g) of poses (B, 3, 4), each group's share; they add up to the mixture's.
+    def densities(self, increments: Increments) -> FloatArray:
+        """Densities (B, g) of poses, by their increments from the groups' poses: each group's share of the mixture's.
 
         They are by the volume of poses: of rotations, as small turns measure it, and translations, rad^3 m^3.
         """
-        density = np.zeros((len(X_PO), len(self.X_PO)))
-        student_t_kernels.add_densities(
-            self._components, self.freedom, self.freedom + 6 - self.turns.shape[2], X_PO, density
-        )
+        density = np.zeros_like(increments.volume)
+        power = self.freedom + 6 - self.turns.shape[2]
+        student_t_kernels.add_densities(self._components, self.freedom, power, *increments, density)
         return density
 
     @functools.cached_property
@@ -77,7 +96,7 @@ class StudentTMixture:
         reach = np.zeros(len(self.X_PO))
         student_t_kernels.find_reach(self.group, self.center, self.information, self.farthest, reach)
         first = np.searchsorted(self.group, np.arange(len(self.X_PO) + 1))
-        arrays = (self.X_PO, first, self.center, information, reach, scale)
+        arrays = (first, self.center, information, reach, scale)
         return student_t_kernels.Components(*map(read_only, arrays))
 
 

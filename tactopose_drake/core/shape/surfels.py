@@ -34,7 +34,7 @@ class SurfelParams:
     points_per_disc: int = 9  # of the surface, whose mean and variance a disc is
     least_mean_normal: float = 0.92  # length of the mean of a disc's normals: they differ by some 20 degrees
     cell_spacings: float = 3.4  # a cell's width, in spacings: a contact's surroundings lie in few long runs
-    reach: float = 3.3  # discs count within so many standard deviations of a contact
+    reach: float = 3.8  # discs count within so many standard deviations of a contact
 
 
 @dataclass(frozen=True, eq=False)

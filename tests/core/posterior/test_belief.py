@@ -11,6 +11,7 @@ from tactopose_drake.core.posterior.hypotheses import Modes
 from tactopose_drake.core.posterior.mode_moments import toward_the_mean, weigh_moments
 from tactopose_drake.core.posterior.posterior import Posterior
 from tactopose_drake.core.posterior.posterior_params import PosteriorParams, SamplingParams
+from tactopose_drake.core.posterior.student_t_mixture import find_increments
 from tactopose_drake.core.validation import FloatArray
 
 SIGMAS = np.array([0.03, 0.02, 0.05, 0.001, 0.002, 0.0015])
@@ -113,12 +114,14 @@ def test_the_spread_is_about_the_pose_wherever_it_ends(count: int) -> None:
     start = modes(valley, pose()[None])
     normal = np.random.default_rng(1).normal(size=(count, 6)) + np.array([0.9, 0, 0, 0, 0, 0])
     X_PO, weights = retract(pose(), 0.5 * normal * SIGMAS), np.ones((count, 1))
-    moments = weigh_moments(pose()[None], X_PO, weights)
+    moments = weigh_moments(find_increments(pose()[None], X_PO).u, weights)
     moved, _, second = toward_the_mean(start.mixture.X_PO, start.cost, start.mixture.covariance, moments, valley)
     share = increments_between(pose(), moved[0])[0] / moments.first[0, 0]
     assert share == pytest.approx(0.0) if count == 15 else 0.1 < share < 1.0
     scale = np.outer(SIGMAS, SIGMAS)
-    np.testing.assert_allclose(second[0] / scale, weigh_moments(moved, X_PO, weights).second[0] / scale, atol=0.01)
+    np.testing.assert_allclose(
+        second[0] / scale, weigh_moments(find_increments(moved, X_PO).u, weights).second[0] / scale, atol=0.01
+    )
 
 
 def test_the_masses_are_those_of_the_exact_posterior() -> None:
@@ -199,7 +202,7 @@ def test_where_no_sample_counts_the_modes_stay_as_they_were() -> None:
 
 def test_the_worth_of_samples_is_their_number_where_they_weigh_the_same() -> None:
     X_PO = retract(pose(), np.random.default_rng(0).normal(size=(50, 6)) * SIGMAS)
-    moments = weigh_moments(pose()[None], X_PO, np.full((50, 1), 0.3))
+    moments = weigh_moments(find_increments(pose()[None], X_PO).u, np.full((50, 1), 0.3))
     assert moments.effective_samples[0] == pytest.approx(50.0)
     u = increments_between(pose(), X_PO)
     np.testing.assert_allclose(moments.first[0], u.mean(axis=0), rtol=1e-9)

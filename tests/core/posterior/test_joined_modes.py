@@ -4,6 +4,7 @@ import pytest
 from tactopose_drake.core.poses import compose, exp_so3, increments_between, make_poses, retract
 from tactopose_drake.core.posterior.joined_modes import join_overlapping
 from tactopose_drake.core.posterior.mode_moments import Moments, weigh_moments
+from tactopose_drake.core.posterior.student_t_mixture import find_increments
 from tactopose_drake.core.validation import FloatArray
 
 SIGMAS = np.array([0.03, 0.02, 0.05, 0.001, 0.002, 0.0015])
@@ -57,9 +58,9 @@ def test_the_joint_moments_are_those_of_the_samples_together() -> None:
     samples = retract(np.repeat(X, 4000, axis=0), u.reshape(-1, 6))
     weights = np.zeros((8000, 2))
     weights[:4000, 0], weights[4000:, 1] = 0.6 / 4000, 0.4 / 4000
-    apart = weigh_moments(X, samples, weights)
+    apart = weigh_moments(find_increments(X, samples).u, weights)
     mass, joint, _ = join_overlapping(X, np.zeros(2), np.array([0.6, 0.4]), apart.second, apart, ALONE)
-    together = weigh_moments(X[:1], samples, weights.sum(axis=1, keepdims=True))
+    together = weigh_moments(find_increments(X[:1], samples).u, weights.sum(axis=1, keepdims=True))
     np.testing.assert_allclose(mass, [1.0, 0.0])
     np.testing.assert_allclose(joint.first[0] / SIGMAS, together.first[0] / SIGMAS, atol=0.02)
     np.testing.assert_allclose(joint.second[0] / SCALE, together.second[0] / SCALE, atol=0.05)
