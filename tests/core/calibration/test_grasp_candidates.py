@@ -96,3 +96,17 @@ def test_two_poses_are_as_uncertain_as_they_are_apart(blob: ObjectModel) -> None
     none = mixture([one._replace(probability=np.zeros(1))], [without], known)
     np.testing.assert_allclose(none.mean, without.mean)
     np.testing.assert_allclose(none.covariance, without.covariance)
+
+
+def test_a_grasp_without_a_contact_says_nothing(blob: ObjectModel) -> None:
+    shifted = Shifted(blob, SHIFT, noise=0.0003)
+    known = known_by_others(shifted)
+    touches = felt(shifted, known)
+    none = touches._replace(
+        touches=touches.touches.chosen(np.zeros(0, dtype=np.intp)),
+        noise=touches.noise.chosen(np.zeros(0, dtype=np.intp)),
+    )
+    invalid = touches._replace(touches=touches.touches._replace(valid=np.zeros(6, dtype=np.bool_)))
+    for silent in (none, invalid):
+        candidates = explain(silent, shifted.X_PO[[GRASP]], known)
+        np.testing.assert_allclose(candidates.shared, known.mean[None], atol=1e-12)
