@@ -47,10 +47,12 @@ def simulated_grasps(
     """Grasps that hold the scenario's object, with what the hand reads at the end; fewer where few hold it."""
     found: list[ClosedGrasp] = []
     for _ in range(SEARCHES):
+        if len(found) == count:
+            break
         scenario = dataclasses.replace(scenario, seed=int(generator.integers(1 << 30)))
         for plan in plan_scenario(scenario, model)[:PLANS]:
             if len(found) == count:
-                return found
+                break
             result = run_grasp(make_station(scenario, plan, model=model))
             if result.stable:
                 found.append(read_grasp(result))
