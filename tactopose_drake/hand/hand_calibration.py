@@ -82,8 +82,8 @@ class CalibrationResult:
         prior_sigma: their standard deviations before, shape (d,), in their units.
         undetermined: combinations of errors of which the grasps say nothing.
         X_PO: the object's poses X_PO in the grasps, shape (g, 3, 4), translations in m.
-        pose_probability: of these poses, shape (g,): where one is not near 1, another pose explains the grasp, too, and
-            the covariance is the wider for it.
+        pose_probability: probability of each of these poses, shape (g,): where it is not near 1, another pose explains
+            the grasp, too, and the covariance is the wider for it.
         grasp_weights: weight of each grasp, 1 where it fits the others, 0 where it counted for nothing, shape (g,).
         contact_weights: likewise the contacts' weights, by finger in the order of the grasps, shape (k,) each.
         before: residuals of the hand as its files have it, by finger, each grasp's pose being the best for it.
