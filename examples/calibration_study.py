@@ -1,10 +1,12 @@
 """Calibrations of a hand with errors, and what they are worth on new grasps of other objects.
 
 Each trial draws a hand's errors, lets that hand close on one object, calibrates it from what it read, and then has it
-grasp other objects: with the errors known exactly, calibrated, and as it is. Grasps are made by kinematics alone.
+grasp other objects: with the errors known exactly, calibrated, and as it is. Grasps are made by kinematics alone, or in
+the simulator, which takes a minute each on a busy machine, and in which no sensor is turned on its finger.
 
 python examples/calibration_study.py --trials 3
 python examples/calibration_study.py --trials 40 --seed 0
+python examples/calibration_study.py --trials 1 --grasps 12 --simulated
 """
 
 import argparse
@@ -16,6 +18,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
+from simulated_grasps import as_simulated, simulated_grasps, simulated_scenario
 
 import tactopose_drake as tp
 from tactopose_drake.core.poses import exp_so3, transform_points
@@ -59,18 +62,45 @@ class Trial:
     left_out: int
 
 
-def run_trial(
-    hand: str, model: tp.ObjectModel, others: list[tp.ObjectModel], counts: tuple[int, int], seed: int
-) -> Trial:
-    """Draws a hand, calibrates it and tries it."""
-    generator = np.random.default_rng(seed)
-    config = dataclasses.replace(load_hand_config(hand), uncertainty=DECLARED)
-    plant, parts = make_hand_plant(config)
-    errors = HandErrors.of(plant, parts, DECLARED)
-    truth = errors.sigma * generator.normal(size=len(errors.sigma))
-    closer = GraspCloser(plant, parts, errors, truth, NOISE)
-    result = tp.calibrate_hand(config, [closer.grasp(model, generator).recorded for _ in range(counts[0])])
-    new = [closer.grasp(others[i % len(others)], generator) for i in range(counts[1])]
+class DrawnHand:
+    """A hand whose errors are drawn at random, and what it grasps.
+
+    Attributes:
+        config: the hand, and what it says of its errors.
+        errors: which these are.
+        truth: these, shape (d,), SI units.
+        generator: of all that is random.
+    """
+
+    def __init__(self, hand: str, generator: np.random.Generator, simulated: bool) -> None:
+        self.config = dataclasses.replace(load_hand_config(hand), uncertainty=DECLARED)
+        self._plant, self._parts = make_hand_plant(self.config)
+        self.errors = HandErrors.of(self._plant, self._parts, DECLARED)
+        self.truth = self.errors.sigma * generator.normal(size=len(self.errors.sigma))
+        self.generator, self._simulated, self._hand = generator, simulated, hand
+        if simulated:
+            for finger in self.errors.fingers:
+                self.truth[self.errors.place(finger, "mounting")][:3] = 0.0
+
+    def grasps(self, objects: dict[str, tp.ObjectModel], count: int) -> list[ClosedGrasp]:
+        """So many, of the objects in turn."""
+        if not self._simulated:
+            closer = GraspCloser(self._plant, self._parts, self.errors, self.truth, NOISE)
+            models = list(objects.values())
+            return [closer.grasp(models[i % len(models)], self.generator) for i in range(count)]
+        found: list[ClosedGrasp] = []
+        for k, (name, model) in enumerate(objects.items()):
+            scenario = simulated_scenario(self._hand, name, as_simulated(self.errors, self.truth))
+            found += simulated_grasps(scenario, model, len(range(k, count, len(objects))), self.generator)
+        return found
+
+
+def run_trial(hand: DrawnHand, known: str, objects: dict[str, tp.ObjectModel], count: int) -> Trial:
+    """Calibrates a hand by an object that is known, and tries it on the others."""
+    config, errors, truth, generator = hand.config, hand.errors, hand.truth, hand.generator
+    others = {name: model for name, model in objects.items() if name != known}
+    result = tp.calibrate_hand(config, [grasp.recorded for grasp in hand.grasps({known: objects[known]}, count)])
+    new = hand.grasps(others, count)
     guesses = [disturbed(grasp.X_PO, generator) for grasp in new]
     with tempfile.TemporaryDirectory() as folder:
         exact = calibration_of(errors, truth, np.zeros((len(truth), len(truth))), 0.0)
@@ -136,17 +166,20 @@ def main() -> None:
     parser.add_argument("--grasps", type=int, default=20, help="for a calibration, and as many new ones")
     parser.add_argument("--trials", type=int, default=3)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--simulated", action="store_true", help="grasps of the simulator")
     arguments = parser.parse_args()
     console = Console()
-    model, *others = (
-        tp.ObjectModel.from_mesh(model_path("objects", f"{name}.obj")) for name in (arguments.object, *arguments.others)
-    )
+    objects = {
+        name: tp.ObjectModel.from_mesh(model_path("objects", f"{name}.obj"))
+        for name in (arguments.object, *arguments.others)
+    }
     table = Table(title="Hands with errors: new grasps, mm off (median), and what the calibration said of itself")
     for heading in ("seed", "as it is", "calibrated", "known", "in 95 % intervals", "joints left, deg rms", "left out"):
         table.add_column(heading, justify="right")
     trials = []
     for seed in track(range(arguments.seed, arguments.seed + arguments.trials), console=Console(stderr=True)):
-        trial = run_trial(arguments.hand, model, others, (arguments.grasps, arguments.grasps), seed)
+        hand = DrawnHand(arguments.hand, np.random.default_rng(seed), arguments.simulated)
+        trial = run_trial(hand, arguments.object, objects, arguments.grasps)
         trials.append(trial)
         medians = [f"{1e3 * np.median(trial.errors[name]):.2f}" for name in ("as it is", "calibrated", "known")]
         rms = f"{np.sqrt(np.mean(trial.offsets**2)):.2f}"

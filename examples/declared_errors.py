@@ -4,10 +4,11 @@ python examples/declared_errors.py --grasps 40
 python examples/declared_errors.py --errors 0 4 --grasps 10 --first-seed 100
 
 The simulated hand is a good one (its errors are drawn from the defaults of `uncertainty:`), and in each row one thing
-about it, or the object, is worse, by as much as the estimate is told. Wrenches and joint angles go through the whole
-diagram. It is counted how often the smallest set of hypotheses that holds 95 % of the belief holds the truth; how often
-both errors fall against vision's where the touch determines the pose; and how often the estimate says "held", that
-nothing explains the touch.
+about it, or the object, is worse, by as much as the estimate is told. Its sensors were tared some time before a grasp
+and have drifted since, by as much as is declared. Wrenches and joint angles go through the whole diagram. It is counted
+how often the smallest set of hypotheses that holds 95 % of the belief holds the truth; how often both errors fall
+against vision's where the touch determines the pose; and how often the estimate says "held", that nothing explains the
+touch.
 """
 
 import argparse
@@ -84,7 +85,12 @@ class Row:
             for finger in hand.fingers
         }
         return SimulatedErrors(
-            drawn=True, seed=seed, joint_offsets_deg=offsets, fingers=fingers, object_scale=1.0 + self.scale
+            drawn=True,
+            seed=seed,
+            tared=False,
+            joint_offsets_deg=offsets,
+            fingers=fingers,
+            object_scale=1.0 + self.scale,
         )
 
 

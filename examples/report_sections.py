@@ -119,9 +119,19 @@ SECTIONS = (
         full=("--trials", "40", "--seed", "0"),
     ),
     Section(
+        script="declared_errors.py",
+        quick=("--grasps", "1", "--errors", "0", "5", "--first-seed", "0"),
+        full=("--grasps", "40", "--first-seed", "0"),
+    ),
+    Section(
         script="world_not_as_told.py",
         quick=("--trials", "10", "--first-seed", "0"),
         full=("--trials", "500", "--first-seed", "0"),
+    ),
+    Section(
+        script="unknown_objects.py",
+        quick=("--trials", "20", "--known", "6", "--seed", "0"),
+        full=("--trials", "300", "--seed", "0"),
     ),
     Section(
         script="in_hand_motions.py",

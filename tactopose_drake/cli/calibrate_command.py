@@ -23,6 +23,7 @@ from tactopose_drake.runs.recorded_senses import read_recording
 
 _path = click.Path(path_type=Path)
 _MOST_NAMED = 8  # combinations that are not determined
+_SURE = 0.9  # probability of a pose, below which another is worth naming
 
 
 @click.command("calibrate")
@@ -106,6 +107,13 @@ def calibration_lines(result: CalibrationResult, names: list[str]) -> list[str]:
     left_out = [name for name, weight in zip(names, result.grasp_weights, strict=True) if weight < 0.5]
     if left_out:
         lines.append(f"Left out, because no pose of the object explains them with the others: {', '.join(left_out)}.")
+    doubtful = [
+        name
+        for name, weight, probability in zip(names, result.grasp_weights, result.pose_probability, strict=True)
+        if weight >= 0.5 and probability < _SURE
+    ]
+    if doubtful:
+        lines.append(f"Another pose explains these, too, which is counted: {', '.join(doubtful)}.")
     texts = [combination.text for combination in result.undetermined]
     if texts:
         more = f"; and {len(texts) - _MOST_NAMED} more" if len(texts) > _MOST_NAMED else ""

@@ -28,8 +28,8 @@ def save_calibration_page(path: Path, hand: str, result: CalibrationResult, name
     distances = _plot("Distance from the surface, mm", result, "distance", 1e3)
     angles = _plot("Angle between the normals, deg", result, "angle", 180.0 / np.pi)
     rows = [
-        f"<tr><td>{html.escape(name)}</td><td>{weight:.2f}</td></tr>"
-        for name, weight in zip(names, result.grasp_weights, strict=True)
+        f"<tr><td>{html.escape(name)}</td><td>{weight:.2f}</td><td>{probability:.2f}</td></tr>"
+        for name, weight, probability in zip(names, result.grasp_weights, result.pose_probability, strict=True)
     ]
     untold = "".join(f"<li>{html.escape(combination.text)}</li>" for combination in result.undetermined)
     text = (
@@ -37,8 +37,9 @@ def save_calibration_page(path: Path, hand: str, result: CalibrationResult, name
         f"<style>{_STYLE}</style></head><body><h1>Calibration of {html.escape(hand)}</h1>"
         "<p>Each dot is a contact: above, red, with the hand as its files have it, the object's pose in each grasp "
         "being the best for that; below, blue, with the calibrated hand.</p>"
-        f"{distances}{angles}{_table(result)}<h2>Grasps</h2><p>1 fits the others; 0 counted for nothing.</p>"
-        f"<table><tr><th>grasp</th><th>weight</th></tr>{''.join(rows)}</table>"
+        f"{distances}{angles}{_table(result)}<h2>Grasps</h2><p>Weight 1 fits the others; 0 counted for nothing. "
+        "Where the pose is not sure, another explains the grasp, too, and the standard deviations are the larger.</p>"
+        f"<table><tr><th>grasp</th><th>weight</th><th>probability of its pose</th></tr>{''.join(rows)}</table>"
         f"<h2>What these grasps do not tell</h2><ul>{untold or '<li>nothing</li>'}</ul></body></html>\n"
     )
     with written_beside(path) as beside:

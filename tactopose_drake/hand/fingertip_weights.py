@@ -27,7 +27,7 @@ def fingertip_mass(plant: MultibodyPlant, weld: Joint, sensor_frame: Frame) -> t
 
 
 class FingertipWeights:
-    """The fingertips' weights, with the masses of the hand's model and a base that does not turn."""
+    """The fingertips' weights, with the masses of the hand's model."""
 
     def __init__(self, plant: MultibodyPlant, hand: Hand, R_WBase: RotationMatrix) -> None:
         """Keeps a reference to the plant.
@@ -35,26 +35,32 @@ class FingertipWeights:
         Args:
             plant: finalized plant of the hand alone, its base welded to the world.
             hand: the hand in it.
-            R_WBase: how the hand's base stands in the real world, whose z points up.
+            R_WBase: how the hand's base stands in the real world, whose z points up, where it does not turn.
         """
-        self._kinematics, self._frames = HandKinematics(plant, plant.world_frame()), hand.sensor_frames
+        self._on_base, self._frames = HandKinematics(plant, plant.world_frame()), hand.sensor_frames
+        self._on_palm = HandKinematics(plant, hand.palm_frame)
         self._g_Base = R_WBase.inverse() @ _GRAVITY_W
         self._per_gravity: dict[str, FloatArray] = {}  # (6, 3): the weight's wrench is this times gravity in S
         for finger, weld in hand.welds.items():
             mass, p_STipcm = fingertip_mass(plant, weld, self._frames[finger])
             self._per_gravity[finger] = np.column_stack([weight_wrench(mass, p_STipcm, axis) for axis in np.eye(3)])
 
-    def wrenches(self, q: FloatArray) -> dict[str, FloatArray]:
+    def wrenches(self, q: FloatArray, R_WP: RotationMatrix | None = None) -> dict[str, FloatArray]:
         """The weight of each fingertip about the origin of its sensor's frame S, in S, by finger.
 
         Args:
             q: positions of the hand's joints, shape (nq,), rad; NaN where not known.
+            R_WP: how the palm is turned in the real world, of a hand that an arm moves; None: as its base stands.
 
         Returns:
-            Shape (6,) each, N m and N; NaN where a joint that turns the sensor is not known.
+            Shape (6,) each, N m and N; NaN where a joint that turns the sensor is not known: in the palm where that is
+            given, and otherwise on the base.
         """
-        self._kinematics.move(q)
+        on, gravity = self._on_base, self._g_Base
+        if R_WP is not None:
+            on, gravity = self._on_palm, R_WP.inverse() @ _GRAVITY_W
+        on.move(q)
         wrenches = {finger: np.full(6, np.nan) for finger in self._frames}
-        for finger, X_BaseS in self._kinematics.poses(self._frames).items():
-            wrenches[finger] = self._per_gravity[finger] @ (X_BaseS.rotation().matrix().T @ self._g_Base)
+        for finger, X_S in on.poses(self._frames).items():
+            wrenches[finger] = self._per_gravity[finger] @ (X_S.rotation().matrix().T @ gravity)
         return wrenches

@@ -9,11 +9,19 @@ the whole is begun anew with other hypotheses, until two attempts agree.
 import dataclasses
 import functools
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from tactopose_drake.core.calibration.annealed_fit import AnnealedFit, ContactNoise, anneal, start_noise
-from tactopose_drake.core.calibration.shared_least_squares import SharedProblem, linearize, solve_shared
+from tactopose_drake.core.calibration.grasp_candidates import Candidates, GraspTouches, explain, mixture
+from tactopose_drake.core.calibration.shared_least_squares import (
+    Knowledge,
+    SharedProblem,
+    linearize,
+    others,
+    solve_shared,
+)
 from tactopose_drake.core.calibration.surface_residuals import Noise, Touches
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.shape.object_model import ObjectModel
@@ -29,6 +37,20 @@ _MOVED = 1e-3  # of an entry of a pose, m or 1, above which it is another
 _AGAIN = 4.0  # times the noise, with which a later fit begins
 _BETTER = 1e-3  # relative, of the cost
 _LEAST = np.diag(np.repeat([1e-5**2, 1e-3**2], 3))  # covariance of a contact of a hand that errs in nothing
+
+
+class PoseFit(NamedTuple):
+    """The best fit, and what it says.
+
+    Attributes:
+        fit: with the likeliest pose of each grasp.
+        known: of the shared unknowns, where other poses may be right, too.
+        probability: of the pose of each grasp, shape (g,).
+    """
+
+    fit: AnnealedFit
+    known: Knowledge
+    probability: FloatArray
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -47,8 +69,8 @@ class PoseHunt:
     noise: ContactNoise
     seed: int = 0
 
-    def best_fit(self, tell: Callable[[float, str], None]) -> AnnealedFit:
-        """The fit of the best poses that are found.
+    def best_fit(self, tell: Callable[[float, str], None]) -> PoseFit:
+        """The fit of the best poses that are found, and what it says of the hand where other poses may be right, too.
 
         Args:
             tell: is told how much of the work is done, from 0 to 1, and what begins.
@@ -71,7 +93,10 @@ class PoseHunt:
             if abs(costs[0] - costs[1]) < _AGREE * min(costs):
                 break
         assert best is not None
-        return best
+        compared = self._compare(best, self._with_more(best, found))
+        solution = best.solution
+        known = mixture(compared, others(self.problem, solution), Knowledge(solution.shared, solution.covariance))
+        return PoseFit(best, known, np.array([poses.probability[poses.taken] for poses in compared]))
 
     def _costs(self, *fits: AnnealedFit) -> list[float]:
         """Of fits, by the noise of those that claim to have the least."""
@@ -87,21 +112,28 @@ class PoseHunt:
         best = anneal(self.problem, none, X_PO, self.noise, start_noise(self.problem.touch(none), self.noise))
         for k in range(_ROUNDS):
             tell((k + 1) / (_ROUNDS + 1))
-            solution = best.solution
-            more = self._estimates(solution.shared, solution.covariance)
-            candidates = [np.concatenate([a, b]) for a, b in zip(found, more, strict=True)]
-            X_PO = self._choose(best, candidates)
-            changed = np.abs(X_PO - solution.X_PO).max(axis=(1, 2)) > _MOVED
-            if not changed.any():
+            better = self._with_other_poses(best, self._compare(best, self._with_more(best, found)))
+            if better is None:
                 break
-            again = _AGAIN * max(self.noise.position, best.noise.position), _AGAIN * best.noise.normal
-            other = anneal(self.problem, solution.shared, X_PO, self.noise, again)
+            best = better
+        return best
+
+    def _with_other_poses(self, best: AnnealedFit, compared: Sequence[Candidates]) -> AnnealedFit | None:
+        """A fit that explains more, with the likeliest poses of all grasps or of one; None where none does."""
+        solution = best.solution
+        X_PO = np.array([candidates.X_PO[0] for candidates in compared])
+        moved = np.flatnonzero(np.abs(X_PO - solution.X_PO).max(axis=(1, 2)) > _MOVED)
+        again = _AGAIN * max(self.noise.position, best.noise.position), _AGAIN * best.noise.normal
+        attempts = [moved] if len(moved) < 2 else [moved, *moved[:, None]]
+        for places in attempts if len(moved) else []:
+            start = solution.X_PO.copy()
+            start[places] = X_PO[places]
+            other = anneal(self.problem, solution.shared, start, self.noise, again)
             # With the same noise, lest one that explains less is taken for one that has more noise.
             there = linearize(self.problem, other.solution.shared, other.solution.X_PO, best.noise.total)
-            if not there.cost < solution.at.cost * (1.0 - _BETTER):
-                break
-            best = other
-        return best
+            if there.cost < solution.at.cost * (1.0 - _BETTER):
+                return other
+        return None
 
     def _estimates(self, unit: FloatArray, covariance: FloatArray) -> list[FloatArray]:
         """The hypotheses of each grasp, best first, shape (h, 3, 4) each; the identity where nothing is felt."""
@@ -124,20 +156,19 @@ class PoseHunt:
             found.append(np.array([h.X_PO.GetAsMatrix34() for h in estimate.hypotheses]))
         return found
 
-    def _choose(self, fit: AnnealedFit, candidates: Sequence[FloatArray]) -> FloatArray:
-        """Of each grasp the pose that fits best with the hand as a fit knows it, by descent from each candidate."""
-        X_PO, frozen = fit.solution.X_PO, self.problem.touch(fit.solution.shared)
-        chosen, least = X_PO.copy(), np.full(len(X_PO), np.inf)
-        by_hand = frozen.J @ fit.solution.covariance @ np.swapaxes(frozen.J, 1, 2)
-        along = np.einsum("ni,nij,nj->n", frozen.n_PC, by_hand[:, :3, :3], frozen.n_PC)
-        turned = np.trace(by_hand[:, 3:, 3:], axis1=1, axis2=2) / 3.0
-        noise = Noise(np.sqrt(fit.noise.total.position**2 + along), np.sqrt(fit.noise.total.normal**2 + turned))
-        for k in range(-1, max(map(len, candidates))):
-            start = X_PO if k < 0 else np.array([poses[min(k, len(poses) - 1)] for poses in candidates])
-            poses, cost = fit_poses(self.problem, frozen, start, noise)
-            better = cost < least - _BETTER
-            chosen[better], least[better] = poses[better], cost[better]
-        return chosen
+    def _with_more(self, fit: AnnealedFit, found: Sequence[FloatArray]) -> list[FloatArray]:
+        """Candidates, and those that the estimate gives with the hand as a fit knows it."""
+        more = self._estimates(fit.solution.shared, fit.solution.covariance)
+        return [np.concatenate([a, b]) for a, b in zip(found, more, strict=True)]
+
+    def _compare(self, fit: AnnealedFit, candidates: Sequence[FloatArray]) -> list[Candidates]:
+        """Of each grasp the poses that may be, as all other grasps have the hand, by descent from each candidate."""
+        found, noise = [], fit.noise.total
+        for g, known in enumerate(others(self.problem, fit.solution)):
+            felt = GraspTouches.of(self.problem.touch(known.mean), noise, self.problem.grids, g)
+            start = np.concatenate([fit.solution.X_PO[g : g + 1], candidates[g]])
+            found.append(explain(felt, start, known))
+        return found
 
 
 def _tell_share(tell: Callable[[float, str], None], attempt: int, share: float) -> None:

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from tactopose_drake.core.calibration.annealed_fit import AnnealedFit, ContactNoise
+from tactopose_drake.core.calibration.annealed_fit import ContactNoise
 from tactopose_drake.core.calibration.combinations import Combination, undetermined
 from tactopose_drake.core.calibration.shared_least_squares import SharedProblem
 from tactopose_drake.core.calibration.surface_residuals import Noise, Touches, surface_rows
@@ -24,7 +24,7 @@ from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.calibration_file import HandCalibration, save_calibration
 from tactopose_drake.hand.calibration_report import calibration_of
 from tactopose_drake.hand.felt_grasps import FeltGrasps, RecordedGrasp, check_grasps
-from tactopose_drake.hand.grasp_poses import PoseHunt, fit_poses
+from tactopose_drake.hand.grasp_poses import PoseFit, PoseHunt, fit_poses
 from tactopose_drake.hand.hand_config import HandConfig, HandUncertainty, load_hand_config, make_hand_plant
 from tactopose_drake.hand.hand_errors import HandErrors
 
@@ -82,6 +82,8 @@ class CalibrationResult:
         prior_sigma: their standard deviations before, shape (d,), in their units.
         undetermined: combinations of errors of which the grasps say nothing.
         X_PO: the object's poses X_PO in the grasps, shape (g, 3, 4), translations in m.
+        pose_probability: probability of each of these poses, shape (g,): where it is not near 1, another pose explains
+            the grasp, too, and the covariance is the wider for it.
         grasp_weights: weight of each grasp, 1 where it fits the others, 0 where it counted for nothing, shape (g,).
         contact_weights: likewise the contacts' weights, by finger in the order of the grasps, shape (k,) each.
         before: residuals of the hand as its files have it, by finger, each grasp's pose being the best for it.
@@ -96,6 +98,7 @@ class CalibrationResult:
     prior_sigma: FloatArray
     undetermined: tuple[Combination, ...]
     X_PO: FloatArray
+    pose_probability: FloatArray
     grasp_weights: FloatArray
     contact_weights: dict[str, FloatArray]
     before: dict[str, FingerResiduals]
@@ -159,8 +162,8 @@ def calibrate_hand(
     models = [grasp.model for grasp in grasps]
     problem = SharedProblem(felt.touches, [model.grid for model in models], rows, measured)
     noise = ContactNoise(felt.wrench_noise(), params.sigma_position, math.radians(params.sigma_normal_deg))
-    fit = PoseHunt(problem, models, noise, params.seed).best_fit(on_progress or (lambda share, doing: None))
-    return _result(felt, errors, problem, fit)
+    found = PoseHunt(problem, models, noise, params.seed).best_fit(on_progress or (lambda share, doing: None))
+    return _result(felt, errors, problem, found)
 
 
 def _time_span(grasps: Sequence[RecordedGrasp]) -> float:
@@ -169,13 +172,13 @@ def _time_span(grasps: Sequence[RecordedGrasp]) -> float:
     return max(times) - min(times) if len(times) == len(grasps) else 0.0
 
 
-def _result(felt: FeltGrasps, errors: HandErrors, problem: SharedProblem, fit: AnnealedFit) -> CalibrationResult:
-    solution, names = fit.solution, tuple(errors.names[i] for i in errors.free)
-    sigma = errors.sigma[errors.free]
-    combinations = undetermined(solution.covariance, names)
+def _result(felt: FeltGrasps, errors: HandErrors, problem: SharedProblem, found: PoseFit) -> CalibrationResult:
+    fit, known, names = found.fit, found.known, tuple(errors.names[i] for i in errors.free)
+    solution, sigma = fit.solution, errors.sigma[errors.free]
+    combinations = undetermined(known.covariance, names)
     covariance = np.zeros((len(errors.sigma), len(errors.sigma)))
-    covariance[np.ix_(errors.free, errors.free)] = solution.covariance * np.outer(sigma, sigma)
-    vector = felt.vector(solution.shared)
+    covariance[np.ix_(errors.free, errors.free)] = known.covariance * np.outer(sigma, sigma)
+    vector = felt.vector(known.mean)
     at_end = float(felt.times.max())
     calibration = calibration_of(errors, vector, covariance, at_end)
     calibration.grasps = len(problem.grids)
@@ -196,6 +199,7 @@ def _result(felt: FeltGrasps, errors: HandErrors, problem: SharedProblem, fit: A
         sigma,
         combinations,
         solution.X_PO,
+        found.probability,
         solution.at.grasp_weights,
         {finger: solution.at.weights[felt.finger == k] for k, finger in enumerate(errors.fingers)},
         before,

@@ -22,8 +22,9 @@ class FingerErrors:
 
     radius: float | None = None  # by which the fingertip is thicker, m; null: drawn, or 0
     mounting: list[float] = dataclasses.field(default_factory=list)  # where it sits, in S, (3,), m; empty: drawn, or 0
-    sensor_force: list[float] = dataclasses.field(default_factory=list)  # bias, in S, (3,), N; empty: drawn, or 0
-    sensor_moment: list[float] = dataclasses.field(default_factory=list)  # bias, in S, (3,), N m; empty: drawn, or 0
+    # Bias at the start, whether the sensor was tared or not, in S, (3,), N; empty: 0, or drawn where it was not tared.
+    sensor_force: list[float] = dataclasses.field(default_factory=list)
+    sensor_moment: list[float] = dataclasses.field(default_factory=list)  # likewise, N m
     drift_force: list[float] = dataclasses.field(default_factory=list)  # of the bias, in S, (3,), N/s; empty: 0
     drift_moment: list[float] = dataclasses.field(default_factory=list)  # of the bias, in S, (3,), N m/s; empty: 0
 
@@ -42,6 +43,9 @@ class SimulatedErrors:
     seed: int = 0  # of what is drawn, and of the bumps
     # By joint, what its encoder shows too much, deg; of one that slides, 1 deg counts as 1 mm.
     joint_offsets_deg: dict[str, float] = dataclasses.field(default_factory=dict)
+    # Whether the force-torque sensors are tared at the start, while nothing touches them: no bias is drawn then, and
+    # drift counts from there. False: as some minutes after a tare, when they have drifted by what is declared.
+    tared: bool = True
     encoder_noise_deg: float = 0.0  # standard deviation of each reading, deg
     encoder_step_deg: float = 0.0  # quantisation, deg; 0: none
     fingers: dict[str, FingerErrors] = dataclasses.field(default_factory=dict)  # by finger
@@ -105,7 +109,7 @@ class HandErrors:
             counts as 1 mm.
         radius: by which each fingertip is thicker, by finger, m.
         mounting: how far each fingertip is off its place, by finger, in S, shape (3,), m.
-        bias: of each sensor, by finger, shape (6,), N m and N.
+        bias: of each sensor at the start, by finger, shape (6,), N m and N.
         drift: of the bias, by finger, shape (6,), N m/s and N/s.
     """
 
@@ -132,8 +136,10 @@ def hand_errors(errors: SimulatedErrors, hand: HandConfig) -> HandErrors:
         radius = sigma.fingertip_radius * generator.normal()
         found.radius[finger] = radius if given.radius is None else given.radius
         found.mounting[finger] = _given(given.mounting, sigma.mounting * generator.normal(size=3))
-        moment = _given(given.sensor_moment, sigma.sensor_moment * generator.normal(size=3))
-        force = _given(given.sensor_force, sigma.sensor_force * generator.normal(size=3))
+        # Drawn in any case, so that a tare changes nothing else of the hand.
+        moment, force = sigma.sensor_moment * generator.normal(size=3), sigma.sensor_force * generator.normal(size=3)
+        moment = _given(given.sensor_moment, np.zeros(3) if errors.tared else moment)
+        force = _given(given.sensor_force, np.zeros(3) if errors.tared else force)
         found.bias[finger] = np.concatenate([moment, force])
         drifts = (given.drift_moment, given.drift_force)
         found.drift[finger] = np.concatenate([_given(drift, np.zeros(3)) for drift in drifts])

@@ -2,28 +2,34 @@
 
 import numpy as np
 from pydrake.common.value import AbstractValue
+from pydrake.math import RigidTransform
 from pydrake.systems.framework import BasicVector, Context, EventStatus, State
 
+from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.hand.fingertip_weights import FingertipWeights
 from tactopose_drake.systems.collectable_system import CollectableSystem, declare_cache
+from tactopose_drake.systems.ports import eval_input
 
 
 class FingertipWeight(CollectableSystem):
-    """Follows the fingertips' weight from where the joints were when the sensors were tared.
+    """Follows the fingertips' weight from where joints and palm were when the sensors were tared.
 
-    A tare takes off what the fingertip weighs in its orientation of then. When the finger bends, the weight turns in
-    the sensor's frame, and up to twice the weight would be taken for a touch.
+    A tare takes off what the fingertip weighs in its orientation of then. When the finger bends or an arm turns the
+    hand, the weight turns in the sensor's frame, and up to twice the weight would be taken for a touch.
 
     .. pydrake_system::
 
         name: FingertipWeight
         input_ports:
         - joint_positions
+        - palm_pose
         - wrench_<finger>
         output_ports:
         - wrench_<finger>
 
     - joint_positions: of the hand, shape (nq,), rad. Those at the initialisation count as those of the tare.
+    - palm_pose: `RigidTransform` X_WP at each instant, of a hand that an arm moves, z of W pointing up; its orientation
+      alone counts. Optional: without it, the hand's base stays as `weights` has it.
     - wrench_<finger> (input): F_S of a sensor that was tared with nothing but the fingertip on it, N m and N.
     - wrench_<finger> (output): F_S of what touches the fingertip; changes with both inputs. NaN where a joint that
       turns the sensor is not known, now or at the tare.
@@ -40,6 +46,7 @@ class FingertipWeight(CollectableSystem):
         super().__init__()
         self._weights, self._fingers = weights, fingers
         self._positions = self.DeclareVectorInputPort("joint_positions", num_positions)
+        self._palm = self.DeclareAbstractInputPort("palm_pose", AbstractValue.Make(RigidTransform()))
         self._at_tare = self.DeclareDiscreteState(np.full(6 * len(fingers), np.nan))
         self.DeclareInitializationUnrestrictedUpdateEvent(self._remember)
         self._turned = declare_cache(
@@ -47,7 +54,7 @@ class FingertipWeight(CollectableSystem):
             "what the weights have changed by since the tare, by finger",
             lambda: AbstractValue.Make({}),
             self._calc_turned,
-            {self._positions.ticket(), self.discrete_state_ticket(self._at_tare)},
+            {self._positions.ticket(), self._palm.ticket(), self.discrete_state_ticket(self._at_tare)},
         )
         for finger in fingers:
             self._declare(finger)
@@ -64,11 +71,16 @@ class FingertipWeight(CollectableSystem):
 
     def _calc_turned(self, context: Context, cached: AbstractValue) -> None:
         at_tare = context.get_discrete_state(self._at_tare).value().reshape(-1, 6)
-        now = self._weights.wrenches(self._positions.Eval(context))
+        now = self._now(context)
         cached.set_value({finger: now[finger] - at_tare[k] for k, finger in enumerate(self._fingers)})
 
+    def _now(self, context: Context) -> dict[str, FloatArray]:
+        has_palm = self._palm.HasValue(context)
+        R_WP = eval_input(self._palm, context, RigidTransform).rotation() if has_palm else None
+        return self._weights.wrenches(self._positions.Eval(context), R_WP)
+
     def _remember(self, context: Context, state: State) -> EventStatus:
-        now = self._weights.wrenches(self._positions.Eval(context))
+        now = self._now(context)
         at_tare = np.concatenate([now[finger] for finger in self._fingers])
         state.get_mutable_discrete_state(self._at_tare).SetFromVector(at_tare)
         return EventStatus.Succeeded()

@@ -20,6 +20,7 @@ def test_what_errs_is_told(name: str, tmp_path: Path) -> None:
     assert told == row.uncertainty()
     assert scenario.scale_sigma == pytest.approx(errors.object_scale - 1.0)
     assert errors.drawn
+    assert not errors.tared
     for finger in errors.fingers.values():
         assert finger.radius in (None, told.fingertip_radius)
         assert {abs(bias) for bias in finger.sensor_force} <= {told.sensor_force}

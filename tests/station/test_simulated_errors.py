@@ -22,25 +22,40 @@ HAND = "shadow_like"
 def test_what_is_drawn_has_the_declared_spread_and_stays_with_its_seed() -> None:
     config = load_hand_config(HAND)
     config.uncertainty = HandUncertainty(encoder_offset_deg=2.0, sensor_force=0.3)
-    many = [hand_errors(SimulatedErrors(drawn=True, seed=seed), config) for seed in range(60)]
+    many = [hand_errors(SimulatedErrors(drawn=True, tared=False, seed=seed), config) for seed in range(60)]
     offsets = np.degrees([list(drawn.offsets.values()) for drawn in many])
     assert np.std(offsets) == pytest.approx(2.0, rel=0.1)
     forces = np.array([bias[3:] for drawn in many for bias in drawn.bias.values()])
     assert np.std(forces) == pytest.approx(0.3, rel=0.1)
     assert np.std([list(drawn.radius.values()) for drawn in many]) == pytest.approx(0.0001, rel=0.15)
-    again = hand_errors(SimulatedErrors(drawn=True, seed=7), config)
+    again = hand_errors(SimulatedErrors(drawn=True, tared=False, seed=7), config)
     assert again.offsets == many[7].offsets
     assert many[7].offsets != many[8].offsets
+
+
+def test_a_tare_leaves_no_bias_and_all_else_as_it_is() -> None:
+    config = load_hand_config(HAND)
+    fingers = {"thumb": FingerErrors(drift_force=[0.01, 0.0, 0.0]), "first": FingerErrors(sensor_force=[0.0, 0.1, 0.0])}
+    tared, not_tared = (
+        hand_errors(SimulatedErrors(drawn=True, tared=tared, fingers=fingers), config) for tared in (True, False)
+    )
+    assert not any(np.any(tared.bias[finger]) for finger in ("thumb", "middle", "ring", "little"))
+    assert all(np.all(bias[:3] != 0.0) for bias in not_tared.bias.values())
+    # What is given is there after the tare, and drift goes on from it.
+    np.testing.assert_array_equal(tared.bias["first"], [0.0, 0.0, 0.0, 0.0, 0.1, 0.0])
+    np.testing.assert_array_equal(tared.drift["thumb"], [0.0, 0.0, 0.0, 0.01, 0.0, 0.0])
+    assert (tared.offsets, tared.radius) == (not_tared.offsets, not_tared.radius)
 
 
 def test_what_is_given_takes_the_place_of_what_is_drawn() -> None:
     config = load_hand_config(HAND)
     given = SimulatedErrors(
         drawn=True,
+        tared=False,
         joint_offsets_deg={"FFJ3": 2.0},
         fingers={"thumb": FingerErrors(radius=0.001, sensor_force=[0.1, 0.0, 0.0], drift_moment=[0.0, 0.0, 1e-4])},
     )
-    found, drawn = hand_errors(given, config), hand_errors(SimulatedErrors(drawn=True), config)
+    found, drawn = hand_errors(given, config), hand_errors(SimulatedErrors(drawn=True, tared=False), config)
     assert np.degrees(found.offsets["FFJ3"]) == pytest.approx(2.0)
     assert found.offsets["THJ4"] == drawn.offsets["THJ4"]
     assert found.radius["thumb"] == 0.001

@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from pydrake.math import RollPitchYaw, RotationMatrix
+from pydrake.common.value import AbstractValue
+from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.systems.analysis import Simulator
 
 from tactopose_drake.hand.fingertip_weights import FingertipWeights
@@ -52,6 +53,42 @@ def test_a_touch_comes_out_whole_however_the_finger_has_turned(hand) -> None:
             np.testing.assert_allclose(system.GetOutputPort(f"wrench_{finger}").Eval(context), TOUCH, atol=1e-12)
     # There was something to take off.
     assert np.linalg.norm(weights.wrenches(held_cube.Q)["first"][3:] - at_tare["first"][3:]) > 0.005
+
+
+def test_a_touch_comes_out_whole_on_an_arm_that_turns_the_palm(hand) -> None:
+    plant, parts = hand
+    weights = FingertipWeights(plant, parts, RotationMatrix())
+    system = FingertipWeight(weights, ("thumb", "first"), plant.num_positions())
+    simulator = Simulator(system)
+    context = simulator.get_mutable_context()
+    # Where the arm holds the palm is told, and so no joint between base and palm matters.
+    q = held_cube.Q.copy()
+    q[plant.GetJointByName("WRJ1").position_start()] = np.nan
+    system.GetInputPort("joint_positions").FixValue(context, q)
+    palms = [RotationMatrix(RollPitchYaw(*angles)) for angles in ((0.0, 0.0, 0.0), (np.pi, 0.4, 1.0), (0.3, -1.2, 2.0))]
+    at_tare = weights.wrenches(q, palms[0])
+    for palm in palms:
+        system.GetInputPort("palm_pose").FixValue(context, AbstractValue.Make(RigidTransform(palm, [1.0, 2.0, 3.0])))
+        for finger in ("thumb", "first"):
+            measured = TOUCH + weights.wrenches(q, palm)[finger] - at_tare[finger]
+            system.GetInputPort(f"wrench_{finger}").FixValue(context, measured)
+        if palm is palms[0]:
+            simulator.Initialize()
+        for finger in ("thumb", "first"):
+            np.testing.assert_allclose(system.GetOutputPort(f"wrench_{finger}").Eval(context), TOUCH, atol=1e-12)
+    # Upside down, the weight at the sensor is the other way round.
+    assert np.linalg.norm(weights.wrenches(q, palms[1])["first"][3:] - at_tare["first"][3:]) > 0.1
+
+
+def test_the_weight_by_the_palm_is_that_by_the_base(hand) -> None:
+    plant, parts = hand
+    context = plant.CreateDefaultContext()
+    plant.SetPositions(context, held_cube.Q)
+    R_WP = R_WBASE @ parts.palm_frame.CalcRotationMatrixInWorld(context)
+    weights = FingertipWeights(plant, parts, R_WBASE)
+    by_base, by_palm = weights.wrenches(held_cube.Q), weights.wrenches(held_cube.Q, R_WP)
+    for finger, wrench in by_base.items():
+        np.testing.assert_allclose(by_palm[finger], wrench, atol=1e-12)
 
 
 def test_a_joint_that_is_not_known_spares_the_other_fingers(hand) -> None:

@@ -19,12 +19,24 @@ from tactopose_drake.core.poses import retract
 from tactopose_drake.core.shape.signed_distance import DistanceGrid
 from tactopose_drake.core.validation import FloatArray
 
-# What is known of an object's pose beforehand: it is in the hand. Rotations rad, translations m.
-_POSE_INFORMATION = np.diag(np.repeat([1.0 / np.pi**2, 1.0 / 0.1**2], 3))
+POSE_INFORMATION = np.diag(np.repeat([1.0 / np.pi**2, 1.0 / 0.1**2], 3))
+"""What is known of an object's pose beforehand: it is in the hand. Rotations rad, translations m."""
 _ITERATIONS = 60
 ENOUGH = 1e-6
 """Relative change of the cost, at which a fit that is to be the last ends."""
 _MOST_DAMPING = 1e8
+
+
+class Knowledge(NamedTuple):
+    """What is known of the shared unknowns: a Gaussian.
+
+    Attributes:
+        mean: shape (d,).
+        covariance: shape (d, d).
+    """
+
+    mean: FloatArray
+    covariance: FloatArray
 
 
 class SharedProblem(NamedTuple):
@@ -131,18 +143,28 @@ def linearize(problem: SharedProblem, shared: FloatArray, X_PO: FloatArray, nois
     return Linearization(touches, rows, weight(square, CONTACT_LIMIT) * of_grasps[touches.grasp], of_grasps, cost)
 
 
+def others(problem: SharedProblem, solution: Solution) -> list[Knowledge]:
+    """What all grasps but each one in turn say of the shared unknowns, as far as the problem is linear."""
+    blocks, information = _Blocks(problem, solution.shared, solution.at), np.linalg.inv(solution.covariance)
+    found = []
+    for own, pull in zip(*blocks.by_grasp(), strict=True):
+        covariance = np.linalg.inv(information - own)
+        found.append(Knowledge(solution.shared + covariance @ pull, 0.5 * (covariance + covariance.T)))
+    return found
+
+
 class _Blocks:
     """The normal equations, a block a grasp."""
 
     def __init__(self, problem: SharedProblem, shared: FloatArray, at: Linearization) -> None:
         count = len(problem.grids)
         self._at, w = at, at.weights[:, None]
-        residual, by_pose, by_shared = at.rows
+        residual, by_pose, by_shared, _ = at.rows
         own = np.einsum("nri,nrj,n->nij", by_pose, by_pose, at.weights)
         cross = np.swapaxes(by_pose, 1, 2) @ (by_shared * at.weights[:, None, None])
         pull = np.einsum("nri,nr->ni", by_pose, w * residual)
         self._own, self._cross, self._pull = (_summed(values, at.touches.grasp, count) for values in (own, cross, pull))
-        self._own += _POSE_INFORMATION
+        self._own += POSE_INFORMATION
         flat = by_shared.reshape(residual.size, len(shared))
         self._shared = (flat * np.repeat(at.weights, residual.shape[1])[:, None]).T @ flat
         self._shared += np.eye(len(shared)) + problem.readings.T @ problem.readings
@@ -157,6 +179,16 @@ class _Blocks:
         )
         return 0.5 * (information + information.T)
 
+    def by_grasp(self) -> tuple[FloatArray, FloatArray]:
+        """Each grasp's information about what grasps share (g, d, d) and its pull on that (g, d), its pose unknown."""
+        residual, _, by_shared, _ = self._at.rows
+        w, grasp, count = self._at.weights, self._at.touches.grasp, len(self._own)
+        whole = np.array([_information(by_shared[grasp == g], w[grasp == g]) for g in range(count)])
+        pull = _summed(np.einsum("nrd,nr->nd", by_shared, w[:, None] * residual), grasp, count)
+        by_pose = np.linalg.solve(self._own, np.concatenate([self._cross, self._pull[..., None]], axis=2))
+        left = np.swapaxes(self._cross, 1, 2) @ by_pose
+        return whole - left[:, :, :-1], pull - left[:, :, -1]
+
     def step(self, damping: float) -> tuple[FloatArray, FloatArray]:
         """Of the shared unknowns (d,) and of the poses (g, 6)."""
         own = self._own * (1.0 + damping * np.eye(6))
@@ -168,12 +200,17 @@ class _Blocks:
 
     def leverage(self, covariance: FloatArray) -> FloatArray:
         """The hat matrix's diagonal, shape (n, 4)."""
-        _, by_pose, by_shared = self._at.rows
+        _, by_pose, by_shared, _ = self._at.rows
         inverse, grasp = np.linalg.inv(self._own), self._at.touches.grasp
         rest = by_shared - by_pose @ (inverse @ self._cross)[grasp]
         hat: FloatArray = np.einsum("nri,nij,nrj->nr", by_pose, inverse[grasp], by_pose)
         hat += np.einsum("nrd,nrd->nr", rest @ covariance, rest)
         return self._at.weights[:, None] * hat
+
+
+def _information(rows: FloatArray, weights: FloatArray) -> FloatArray:
+    flat: FloatArray = (rows * np.sqrt(weights)[:, None, None]).reshape(-1, rows.shape[2])
+    return flat.T @ flat
 
 
 def _summed(values: FloatArray, grasp: NDArray[np.int64], count: int) -> FloatArray:

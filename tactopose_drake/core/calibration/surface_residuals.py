@@ -37,6 +37,10 @@ class Touches(NamedTuple):
     J: FloatArray
     valid: NDArray[np.bool_]
 
+    def chosen(self, rows: NDArray[np.integer]) -> "Touches":
+        """Some of the contacts, or some of them several times."""
+        return Touches(self.grasp[rows], self.p_PC[rows], self.n_PC[rows], self.J[rows], self.valid[rows])
+
 
 class Noise(NamedTuple):
     """Standard deviations of contacts.
@@ -49,6 +53,10 @@ class Noise(NamedTuple):
     position: FloatArray
     normal: FloatArray
 
+    def chosen(self, rows: NDArray[np.integer]) -> "Noise":
+        """Of some of the contacts, or of some of them several times."""
+        return Noise(self.position[rows], self.normal[rows])
+
 
 class SurfaceRows(NamedTuple):
     """Whitened residuals.
@@ -57,11 +65,14 @@ class SurfaceRows(NamedTuple):
         residual: shape (n, 4).
         by_pose: derivatives by the increment of the grasp's pose, shape (n, 4, 6).
         by_shared: derivatives by what the grasps share, shape (n, 4, d).
+        log_scale: logarithm of the product of the standard deviations that they were whitened by, one distance's and
+            two angles', shape (n,); zero where there is no contact.
     """
 
     residual: FloatArray
     by_pose: FloatArray
     by_shared: FloatArray
+    log_scale: FloatArray
 
 
 def surface_rows(grids: Sequence[DistanceGrid], X_PO: FloatArray, touches: Touches, noise: Noise) -> SurfaceRows:
@@ -88,7 +99,8 @@ def surface_rows(grids: Sequence[DistanceGrid], X_PO: FloatArray, touches: Touch
     # q and m turn by -w x q and -w x m when the object turns by w; q moves against the object, and with the contact.
     by_pose = np.concatenate([by_q @ skew(q) + by_m @ skew(m), -by_q @ np.swapaxes(R, 1, 2)], axis=2)
     by_contact = np.concatenate([by_q @ np.swapaxes(R, 1, 2), -by_m @ skew(m) @ np.swapaxes(R, 1, 2)], axis=2)
-    return SurfaceRows(residual, by_pose, by_contact @ touches.J)
+    log_scale = np.where(touches.valid, np.log(noise.position) + np.log(noise.normal**2 + spread), 0.0)
+    return SurfaceRows(residual, by_pose, by_contact @ touches.J, log_scale)
 
 
 def _fields(

@@ -4,58 +4,22 @@ import numpy as np
 import pytest
 
 from tactopose_drake.core.calibration.annealed_fit import ContactNoise, anneal
-from tactopose_drake.core.calibration.shared_least_squares import SharedProblem, solve_shared
-from tactopose_drake.core.calibration.surface_residuals import Noise, Touches
-from tactopose_drake.core.poses import make_poses, random_rotations, retract, transform_points
+from tactopose_drake.core.calibration.shared_least_squares import solve_shared
+from tactopose_drake.core.calibration.surface_residuals import Noise
+from tactopose_drake.core.poses import retract
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.synthetic.synthetic_touch import random_surface_points
-
-_GRASPS, _CONTACTS = 8, 6
-_SIGMA = 0.004  # of the shift of the first finger's contacts along each axis, m
-
-
-class Shifted:
-    """Grasps by six fingers, of which the first is elsewhere than told."""
-
-    def __init__(self, model: ObjectModel, shift: np.ndarray, noise: float = 0.0, seed: int = 0) -> None:
-        generator = np.random.default_rng(seed)
-        self.X_PO = make_poses(random_rotations(generator, _GRASPS), 0.03 * generator.normal(size=(_GRASPS, 3)))
-        p_O, _ = random_surface_points(model, _GRASPS * _CONTACTS, generator)
-        for _ in range(5):
-            phi, n_O = model.grid.distance_and_normal(p_O)
-            p_O = p_O - phi[:, None] * n_O
-        _, n_O = model.grid.distance_and_normal(p_O)
-        p_O = p_O + noise * generator.normal(size=len(p_O))[:, None] * n_O
-        self.grasp = np.repeat(np.arange(_GRASPS), _CONTACTS)
-        X = self.X_PO[self.grasp]
-        self.p = np.array([transform_points(pose, q[None])[0] for pose, q in zip(X, p_O, strict=True)])
-        self.n = np.einsum("nij,nj->ni", X[:, :, :3], n_O)
-        self.is_first = np.arange(len(self.p)) % _CONTACTS == 0
-        self.p[self.is_first] += shift
-        self.problem = SharedProblem(self.touch, [model.grid] * _GRASPS, np.zeros((0, 3)), np.zeros(0))
-
-    def touch(self, unit: np.ndarray) -> Touches:
-        p, J = self.p.copy(), np.zeros((len(self.p), 6, 3))
-        p[self.is_first] -= _SIGMA * unit
-        J[self.is_first, :3] = -_SIGMA * np.eye(3)
-        return Touches(self.grasp, p, self.n, J, np.ones(len(p), dtype=np.bool_))
-
-    def noise(self, position: float, normal: float) -> Noise:
-        return Noise(np.full(len(self.p), position), np.full(len(self.p), normal))
-
-
-SHIFT = np.array([0.003, -0.002, 0.004])
+from tests.core.calibration.shifted_contacts import CONTACTS, GRASPS, SHIFT, SIGMA, Shifted
 
 
 def test_data_without_noise_gives_the_truth(blob: ObjectModel) -> None:
     shifted = Shifted(blob, SHIFT)
-    start = retract(shifted.X_PO, 0.02 * np.random.default_rng(1).normal(size=(_GRASPS, 6)) * np.repeat([5, 0.2], 3))
+    start = retract(shifted.X_PO, 0.02 * np.random.default_rng(1).normal(size=(GRASPS, 6)) * np.repeat([5, 0.2], 3))
     solution = solve_shared(shifted.problem, np.zeros(3), start, shifted.noise(0.003, 0.2))
     for share in 0.5 ** np.arange(1, 9):
         noise = shifted.noise(0.003 * share, 0.2 * share)
         solution = solve_shared(shifted.problem, solution.shared, solution.X_PO, noise)
     assert solution.converged
-    np.testing.assert_allclose(_SIGMA * solution.shared, SHIFT, atol=1e-5)
+    np.testing.assert_allclose(SIGMA * solution.shared, SHIFT, atol=1e-5)
     np.testing.assert_allclose(solution.X_PO[:, :, 3], shifted.X_PO[:, :, 3], atol=2e-5)
 
 
@@ -64,13 +28,13 @@ def test_the_covariance_is_that_of_the_whole_normal_equations(blob: ObjectModel)
     noise = shifted.noise(0.0003, 0.03)
     solution = solve_shared(shifted.problem, np.zeros(3), shifted.X_PO, noise)
     rows, weights = solution.at.rows, solution.at.weights
-    whole = np.zeros((len(shifted.p), 4, 3 + 6 * _GRASPS))
+    whole = np.zeros((len(shifted.p), 4, 3 + 6 * GRASPS))
     whole[:, :, :3] = rows.by_shared
     for i, g in enumerate(shifted.grasp):
         whole[i, :, 3 + 6 * g : 9 + 6 * g] = rows.by_pose[i]
     flat = whole.reshape(-1, whole.shape[2])
     information = (flat * np.repeat(weights, 4)[:, None]).T @ flat
-    information += np.diag(np.concatenate([np.ones(3), np.tile(np.repeat([1 / np.pi**2, 100.0], 3), _GRASPS)]))
+    information += np.diag(np.concatenate([np.ones(3), np.tile(np.repeat([1 / np.pi**2, 100.0], 3), GRASPS)]))
     covariance = np.linalg.inv(information)
     np.testing.assert_allclose(solution.covariance, covariance[:3, :3], rtol=1e-6)
     leverage = weights[:, None] * np.einsum("nrd,de,nre->nr", whole, covariance, whole)
@@ -79,19 +43,19 @@ def test_the_covariance_is_that_of_the_whole_normal_equations(blob: ObjectModel)
 
 def test_a_grasp_in_a_wrong_pose_counts_for_nothing(blob: ObjectModel) -> None:
     shifted = Shifted(blob, SHIFT, noise=0.0003)
-    shifted.p[shifted.grasp == 3] += 0.02 * np.random.default_rng(3).normal(size=(_CONTACTS, 3))
+    shifted.p[shifted.grasp == 3] += 0.02 * np.random.default_rng(3).normal(size=(CONTACTS, 3))
     solution = solve_shared(shifted.problem, np.zeros(3), shifted.X_PO, shifted.noise(0.0005, 0.05))
     assert solution.at.grasp_weights[3] < 0.01
     assert np.delete(solution.at.grasp_weights, 3).min() > 0.99
-    np.testing.assert_allclose(_SIGMA * solution.shared, SHIFT, atol=0.001)
+    np.testing.assert_allclose(SIGMA * solution.shared, SHIFT, atol=0.001)
 
 
 def test_a_direct_reading_is_taken(blob: ObjectModel) -> None:
     shifted = Shifted(blob, SHIFT, noise=0.0003)
     rows = np.array([[1e4, 0.0, 0.0]])
-    problem = shifted.problem._replace(readings=rows, measured=rows @ (SHIFT / _SIGMA))
+    problem = shifted.problem._replace(readings=rows, measured=rows @ (SHIFT / SIGMA))
     solution = solve_shared(problem, np.zeros(3), shifted.X_PO, shifted.noise(0.0005, 0.05))
-    assert solution.shared[0] == pytest.approx(SHIFT[0] / _SIGMA, abs=1e-3)
+    assert solution.shared[0] == pytest.approx(SHIFT[0] / SIGMA, abs=1e-3)
     assert solution.covariance[0, 0] < 1e-7
 
 
@@ -103,6 +67,6 @@ def test_the_noise_that_there_is_is_found(blob: ObjectModel) -> None:
         noise = ContactNoise(Noise(np.zeros(count), np.zeros(count)), 0.0004, 0.02)
         fit = anneal(shifted.problem, np.zeros(3), shifted.X_PO, noise, (0.004, 0.2))
         found.append(fit.noise.position)
-        np.testing.assert_allclose(_SIGMA * fit.solution.shared, SHIFT, atol=0.002)
+        np.testing.assert_allclose(SIGMA * fit.solution.shared, SHIFT, atol=0.002)
     # It is 0.8 mm, and was told to be 0.4 mm.
     assert 0.00055 < np.median(found) < 0.0009
