@@ -1,0 +1,191 @@
+"""Vision from a depth camera's pixels, alone and corrected by touch: simulated grasps of several objects.
+
+python examples/depth_tracking_study.py --grasps 20 --first-seed 100
+
+Drake's `RgbdSensor` looks at hand and object, with a Kinect's noise; a tracker finds the object in the whole image while
+the hand is open, and follows it while the fingers close. All that it knows of the object is its mesh. Two trackers see
+the same images: one leaves out the hand's pixels, as rendered from the joints; the other, as in [B16], cannot tell them
+from the object's ("the vision not being able to segment the object from the robot body"). At the end of each grasp each
+tracker's last pose and the covariance that it states are the prior of one estimate from the fingertips' contacts; a
+third estimate has no prior.
+
+The error of a pose is the distance of the object's base centre from the truth, as [B16] measured it (section 3.3.2.3),
+and the whole angle, for the nearest of the poses that look the same. A tracker's covariance is right where the truth
+lies in its ellipsoid of 95 %, a touch's where the truth is in the set of hypotheses that holds 95 % of the belief.
+
+[B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016.
+"""
+
+import argparse
+import dataclasses
+import json
+import multiprocessing
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+from calibration import region_holds
+from numpy.typing import NDArray
+from pydrake.common.value import AbstractValue
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context
+from rich.console import Console
+from rich.progress import track
+
+import tactopose_drake as tp
+from tactopose_drake.core.poses import compose, increments_between
+from tactopose_drake.core.shape import turn_toward
+from tactopose_drake.resources import fixed_pose
+from tactopose_drake.runs import GraspResult, RunView, run_grasp
+from tactopose_drake.station import Scenario, Station, load_scenario, make_station, plan_scenario
+from tactopose_drake.systems import CameraView, DepthTracker
+
+Array = NDArray[np.float64]
+
+OBJECTS = ("soda_can", "tea_box", "mug", "spray_bottle")
+# What the estimate begins from: by which tracker, or nothing.
+LEAVES_OUT, TAKES, NOTHING = "leaves out the hand", "takes the hand for the object", "no guess"
+TRACKERS = {LEAVES_OUT: True, TAKES: False}
+LIMIT = 12.59  # of a squared Mahalanobis distance in six dimensions, 95 %
+SIGHTS = 0.2  # s between two pictures
+
+
+@dataclasses.dataclass(frozen=True)
+class Outcome:
+    """How one tracker and the touch that corrects it did at the end of a grasp; NaN where there is no pose.
+
+    Attributes:
+        vision: errors of the tracker's last pose, mm and deg.
+        stated: the largest standard deviations that it states, mm and deg.
+        squared: its squared error in units of its covariance.
+        hidden: the share of the object that the tracker believes hidden.
+        touch: errors of the estimate, mm and deg.
+        inside: whether the truth is in the estimate's set of 95 %.
+        status: of the estimate.
+    """
+
+    vision: tuple[float, float]
+    stated: tuple[float, float]
+    squared: float
+    hidden: float
+    touch: tuple[float, float]
+    inside: bool
+    status: str
+
+
+class SecondTracker:
+    """A tracker beside the station's own, which sees the same images and cannot tell the hand from the object."""
+
+    def __init__(self, station: Station) -> None:
+        params = dataclasses.replace(
+            station.scenario.vision, model=dataclasses.replace(station.scenario.vision.model, knows_hand=False)
+        )
+        self._tracker = DepthTracker(view_of(station), params=params)
+        self._simulator = Simulator(self._tracker)
+        context = self._simulator.get_mutable_context()
+        self._tracker.GetInputPort("noise").FixValue(context, np.zeros(8))
+
+    def see(self, station: Station, context: Context) -> None:
+        """Takes the picture of this time."""
+        first, own = station.diagram.GetSubsystemByName("vision"), self._simulator.get_mutable_context()
+        for name in ("depth_image", "body_poses"):
+            value = first.GetInputPort(name).Eval(first.GetMyContextFromRoot(context))
+            self._tracker.GetInputPort(name).FixValue(own, AbstractValue.Make(value))
+        self._simulator.AdvanceTo(context.get_time() + 1e-6)
+
+    def vision(self) -> tuple[tp.PoseMeasurement | None, float]:
+        """What it says, and how much it believes hidden."""
+        context = self._simulator.get_context()
+        hidden = self._tracker.GetOutputPort("hidden_share").Eval(context)[0]
+        return self._tracker.GetOutputPort("vision").Eval(context), float(hidden)
+
+
+def view_of(station: Station) -> CameraView:
+    """What the station's camera looks at."""
+    return CameraView(
+        plant=station.plant,
+        inspector=station.scene_graph.model_inspector(),
+        object_body=station.object_body,
+        object_model=station.model,
+        palm_frame=station.hand.palm_frame,
+        X_WC=fixed_pose("Scenario.X_WC", station.scenario.X_WC),
+    )
+
+
+def make_scenario(name: str, seed: int) -> Scenario:
+    """The shipped scenario of the depth camera, with a hand that errs in nothing, as the thesis has it."""
+    scenario = load_scenario("shadow_like_depth").without_errors()
+    scenario.object, scenario.seed = name, seed
+    scenario.vision.period = SIGHTS
+    scenario.estimation.estimator.period = 2.0 * scenario.duration  # the estimates are made at the end
+    return scenario
+
+
+def alike(model: tp.ObjectModel, X_PO: Array, truth: Array) -> Array:
+    """Of the poses that look the same as one, the nearest to the truth, shape (3, 4)."""
+    poses = turn_toward(compose(X_PO[None], model.symmetry_poses), truth, model.symmetries)
+    increments = increments_between(truth, poses)
+    nearest: Array = poses[np.argmin(np.linalg.norm(increments[:, :3], axis=1))]
+    return nearest
+
+
+def errors(model: tp.ObjectModel, X_PO: Array, truth: Array) -> tuple[float, float]:
+    """Of a pose (3, 4): distance of the base centre, mm, and angle, deg."""
+    increment = increments_between(truth, alike(model, X_PO, truth)[None])[0]
+    return 1e3 * float(np.linalg.norm(increment[3:])), float(np.degrees(np.linalg.norm(increment[:3])))
+
+
+def judge(grasp: GraspResult, vision: tp.PoseMeasurement | None, hidden: float, has_guess: bool) -> Outcome:
+    """Compares what a tracker says, and what the touch makes of it, with the truth."""
+    model, truth = grasp.station.model, grasp.X_PO.GetAsMatrix34()
+    nothing = (np.nan, np.nan)
+    seen, stated, squared, prior = nothing, nothing, np.nan, None
+    if vision is not None:
+        seen = errors(model, vision.X_PO, truth)
+        guess = vision.as_prior()
+        stated = 1e3 * guess.sigma_translation, float(np.degrees(guess.sigma_rotation))
+        off = increments_between(alike(model, vision.X_PO, truth)[None], truth)[0]
+        squared = float(off @ np.linalg.solve(vision.covariance, off))
+        prior = tp.PosePrior(guess.mean, guess.sigma_translation, guess.sigma_rotation)
+    contacts = grasp.station.diagram.GetOutputPort("contacts").Eval(grasp.context)
+    plant_context = grasp.station.plant.GetMyContextFromRoot(grasp.context)
+    hand = tp.HandGeometry.from_plant(grasp.station.plant, plant_context, grasp.station.hand.palm_frame)
+    if has_guess and prior is None:
+        return Outcome(seen, stated, squared, hidden, nothing, False, "lost")
+    estimate = tp.estimate_pose(model, contacts, prior=prior, hand=hand)
+    return Outcome(
+        seen,
+        stated,
+        squared,
+        hidden,
+        errors(model, estimate.best.X_PO.GetAsMatrix34(), truth),
+        bool(region_holds(model, estimate, truth[None], [0.95])[0, 0]),
+        estimate.status,
+    )
+
+
+def run_trial(name: str, seed: int) -> dict[str, Outcome] | str:
+    """One grasp before both trackers; the reason where none of its attempts holds the object."""
+    scenario = make_scenario(name, seed)
+    model = scenario.object_model()
+    for plan in plan_scenario(scenario, model)[: scenario.check.attempts]:
+        station = make_station(scenario, plan, model=model)
+        second = SecondTracker(station)
+
+        def observe(view: RunView, station: Station = station, second: SecondTracker = second) -> None:
+            time = view.context.get_time()
+            if abs(time / SIGHTS - round(time / SIGHTS)) < 1e-6:
+                second.see(station, view.context)
+
+        grasp = run_grasp(station, observer=observe)
+        if grasp.stable:
+            first = (station.diagram.GetSubsystemByName("vision")).GetOutputPort("vision")
+            own = first.Eval(first.get_system().GetMyContextFromRoot(grasp.context))
+            hidden = float(station.diagram.GetOutputPort("hidden_share").Eval(grasp.context)[0])
+            return {
+                LEAVES_OUT: judge(grasp, own, hidden, True),
+                TAKES: judge(grasp, *second.vision(), True),
+                NOTHING: judge(grasp, None, np.nan, False),
+            }
+    return grasp.reason
