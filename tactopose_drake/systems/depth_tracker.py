@@ -157,12 +157,14 @@ class DepthTracker(CollectableSystem):
 
     def _track(self, before: _TrackerState, depth: FloatArray, X_CB: list[RigidTransform]) -> _TrackerState:
         """One picture's fit."""
-        hiding = [meshes.merged(X_CB) for meshes in self._hiding]
+        hiding = [meshes.merged(X_CB) for meshes in self._hiding] if self._params.model.knows_hand else []
         starts = np.cumsum([0, *(len(part.vertices) for part in hiding)])
         picture = take_picture(
             depth,
-            np.concatenate([part.vertices for part in hiding]),
-            np.concatenate([part.faces + start for part, start in zip(hiding, starts, strict=False)]).astype(np.int32),
+            np.concatenate([np.zeros((0, 3)), *(part.vertices for part in hiding)]),
+            np.concatenate(
+                [np.zeros((0, 3)), *(part.faces + start for part, start in zip(hiding, starts, strict=False))]
+            ).astype(np.int32),
             self._params.camera,
         )
         found = None

@@ -5,12 +5,11 @@ one wins whose own depth image agrees most with the picture: where the object sh
 something is seen that it does not explain, counts against it.
 """
 
-import dataclasses
 import math
 
 import numpy as np
 
-from tactopose_drake.core.poses import random_rotations, retract
+from tactopose_drake.core.poses import make_poses, random_rotations, retract, transform_points
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.core.vision.depth_pictures import DepthPicture, expected_picture
@@ -18,13 +17,12 @@ from tactopose_drake.core.vision.depth_tracking import (
     DepthTrackerModel,
     TrackedPose,
     fit_pose,
-    residuals,
 )
 
-_ORIENTATIONS = 250  # that are tried; any is then within some 25 degrees of one of them
-_STEPS = 6  # of each one's fit
+_ORIENTATIONS = 400  # that are tried; any is then within some 25 degrees of one of them
+_STEPS = 10  # of each one's fit
 _POINTS = 200  # that these fits use
-_REFINED = 8  # of the best, which the tracker fits
+_REFINED = 24  # of the best, which the tracker fits
 _DISAGREEMENT = 0.01  # m, of depths; what differs by more counts as this
 # What is known of the object before it is seen: rad about each axis and m along each.
 _ANYWHERE = np.diag(np.repeat([math.pi, 1.0], 3) ** 2)
@@ -33,7 +31,7 @@ _ANYWHERE = np.diag(np.repeat([math.pi, 1.0], 3) ** 2)
 def find_pose(picture: DepthPicture, object_model: ObjectModel, model: DepthTrackerModel) -> TrackedPose | None:
     """The pose of the object that agrees best with a picture; None where too few points are seen.
 
-    All that is seen, but for the hand, is taken for the object.
+    All that is seen, but for the hand where the picture knows it, is taken for the object.
 
     Args:
         picture: what is seen.
@@ -44,34 +42,35 @@ def find_pose(picture: DepthPicture, object_model: ObjectModel, model: DepthTrac
     if len(points) < model.least_pixels:
         return None
     few = points[np.linspace(0, len(points) - 1, min(len(points), _POINTS)).astype(int)]
-    middle, rotations = object_model.vertices.mean(axis=0), random_rotations(np.random.default_rng(0), _ORIENTATIONS)
-    candidates = []
-    for R_CO in rotations:
-        start = np.column_stack([R_CO, points.mean(axis=0) - R_CO @ middle])
-        seen = expected_picture(object_model, start, picture).points(without_hand=True)
-        start[:, 3] += few.mean(axis=0) - seen.mean(axis=0) if len(seen) else 0.0
-        X_CO = _roughly_fitted(few, object_model, start)
-        candidates.append((_disagreement(picture, object_model, X_CO), X_CO))
-    candidates.sort(key=lambda candidate: candidate[0])
-    known = dataclasses.replace(model, knows_hand=True)
+    starts = make_poses(random_rotations(np.random.default_rng(0), _ORIENTATIONS), np.zeros((_ORIENTATIONS, 3)))
+    samples = object_model.samples
+    facing = np.einsum("bij,nj->bni", starts[:, :, :3], samples.normals)[:, :, 2] < 0.0
+    seen = transform_points(starts, samples.points)
+    starts[:, :, 3] = few.mean(axis=0) - np.einsum("bni,bn->bi", seen, facing / facing.sum(axis=1, keepdims=True))
+    fitted = _roughly_fitted(few, object_model, starts)
+    order = np.argsort([_disagreement(picture, object_model, X_CO) for X_CO in fitted])
     best: tuple[float, TrackedPose | None] = (math.inf, None)
-    for _, X_CO in candidates[:_REFINED]:
-        fitted = fit_pose(picture, object_model, X_CO, _ANYWHERE, known)
-        if fitted is not None:
-            best = min(best, (_disagreement(picture, object_model, fitted.X_CO), fitted), key=lambda entry: entry[0])
+    for X_CO in fitted[order[:_REFINED]]:
+        found = fit_pose(picture, object_model, X_CO, _ANYWHERE, model)
+        if found is not None:
+            best = min(best, (_disagreement(picture, object_model, found.X_CO), found), key=lambda entry: entry[0])
     return best[1]
 
 
 def _roughly_fitted(points: FloatArray, object_model: ObjectModel, X_CO: FloatArray) -> FloatArray:
-    """The pose after some steps from a start."""
-    pose, width, ridge = X_CO, 0.02, np.diag(np.repeat([1e-3, 1.0], 3))
+    """Poses (B, 3, 4) after some steps from starts (B, 3, 4)."""
+    poses, width, ridge = X_CO, 0.02, np.diag(np.repeat([1e-3, 1.0], 3))
     for _ in range(_STEPS):
-        distance, J, _ = residuals(points, object_model, pose, math.inf)
-        weight = 1.0 / (1.0 + (distance / width) ** 2)
-        step = -np.linalg.solve((J * weight[:, None]).T @ J + ridge, J.T @ (weight * distance))
-        step *= min(1.0, 0.5 / max(float(np.linalg.norm(step[:3])), 1e-9))
-        pose, width = retract(pose[None], step[None])[0], max(0.7 * width, 0.003)
-    return pose
+        R_CO = poses[:, :, :3]
+        p_OQ = (points - poses[:, None, :, 3]) @ R_CO
+        distance, n_O = object_model.grid.distance_and_normal(p_OQ.reshape(-1, 3))
+        distance, n_O = distance.reshape(p_OQ.shape[:2]), n_O.reshape(p_OQ.shape)
+        J = -np.concatenate([np.cross(p_OQ, n_O), n_O @ np.swapaxes(R_CO, 1, 2)], axis=2)
+        weighted = np.swapaxes(J / (1.0 + (distance / width) ** 2)[:, :, None], 1, 2)
+        step = -np.linalg.solve(weighted @ J + ridge, weighted @ distance[:, :, None])[:, :, 0]
+        step *= np.minimum(1.0, 0.5 / np.maximum(np.linalg.norm(step[:, :3], axis=1), 1e-9))[:, None]
+        poses, width = retract(poses, step), max(0.7 * width, 0.003)
+    return poses
 
 
 def _disagreement(picture: DepthPicture, object_model: ObjectModel, X_CO: FloatArray) -> float:

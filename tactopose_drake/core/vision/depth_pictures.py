@@ -139,7 +139,8 @@ def take_picture(
     seen = np.isfinite(depth) & (depth > 0.0)
     measured = np.where(seen, depth, np.inf).astype(np.float64)
     hand = maximum_filter(inverse_depths(hand_vertices, hand_faces, camera.at_origin), size=3)
-    behind = hand * (measured + _margin(measured, camera)) >= 1.0
+    finite = np.where(seen, measured, 0.0)
+    behind = hand * (finite + _margin(finite, camera)) >= 1.0
     return DepthPicture(measured, seen & (hand > 0.0) & behind, camera)
 
 
@@ -174,6 +175,5 @@ def fit_to_picture(picture: DepthPicture, object_model: ObjectModel, X_CO: Float
 
 
 def _margin(depth: FloatArray, camera: DepthCameraModel) -> FloatArray:
-    finite = np.where(np.isfinite(depth), depth, 0.0)
-    margin: FloatArray = _MARGIN + 3.0 * camera.depth_noise * finite**2
+    margin: FloatArray = _MARGIN + 3.0 * camera.depth_noise * depth**2
     return margin

@@ -23,6 +23,8 @@ from tactopose_drake.errors import InvalidInputError
 
 _REACH = 0.05  # beyond the object's own size, from where it is expected, that a point may be the object's, m
 _LEAST_SIGMA = 1e-4  # of a point, m
+_EXPLAINED = 0.005  # nearest to the surface that a point is not explained by it, m
+_TURNED = 1.8  # standard deviation about each axis of an object of which nothing is known, rad
 _SPIN = 0.02  # standard deviation about an axis of continuous symmetry, where all angles are the same pose, rad
 
 
@@ -30,8 +32,8 @@ _SPIN = 0.02  # standard deviation about an axis of continuous symmetry, where a
 class DepthTrackerModel:
     """How the tracker fits."""
 
-    # Whether the fingers' own pixels are known from the joints and left out. If not, whatever is near the object counts
-    # as the object.
+    # Whether the hand's own pixels are known from the joints and left out. If not, whatever is seen counts as the
+    # object, and the covariance says that the object may as well be where the pose leaves points unexplained.
     knows_hand: bool = True
     gate: float = 0.03  # farthest from where the object was expected that a pixel counts, m
     least_pixels: int = 60  # of the object
@@ -124,6 +126,8 @@ def fit_pose(
     independent = (J[near] / scale[:, None]).T @ (J[near] / scale[:, None])
     effective = independent / (1.0 + picture.camera.common_share * near.sum())
     posterior = np.linalg.inv(effective + np.linalg.inv(covariance + model.motion) + _spin_information(object_model))
+    if not model.knows_hand:
+        posterior = posterior + _elsewhere(points, distance)
     return TrackedPose(found, 0.5 * (posterior + posterior.T), residual, int(near.sum()), agreement.hidden_share)
 
 
@@ -154,14 +158,21 @@ def _points_about(
     return chosen
 
 
-def _moved_with(
-    points: FloatArray, picture: DepthPicture, object_model: ObjectModel, X_CO: FloatArray
-) -> FloatArray:
+def _moved_with(points: FloatArray, picture: DepthPicture, object_model: ObjectModel, X_CO: FloatArray) -> FloatArray:
     """Where all points are the object's, it has moved by about as much as they have."""
     expected = expected_picture(object_model, X_CO, picture).points(without_hand=True)
     shift = points.mean(axis=0) - expected.mean(axis=0) if len(expected) else np.zeros(3)
     moved: FloatArray = retract(X_CO[None], np.concatenate([np.zeros(3), shift])[None])[0]
     return moved
+
+
+def _elsewhere(points: FloatArray, distance: FloatArray) -> FloatArray:
+    """What it adds to the covariance (6, 6) that points which the pose does not explain may be the object instead.
+
+    Where nothing tells the hand from the object, the object is as probably among them as they are many.
+    """
+    share = float(np.mean(np.abs(distance) > _EXPLAINED))
+    return share * np.diag([_TURNED**2] * 3 + [float(np.var(points, axis=0).max())] * 3)
 
 
 def _spin_information(object_model: ObjectModel) -> FloatArray:
