@@ -159,7 +159,7 @@ def _left_out_error(views: Sequence[DepthView], params: FusionParams, box: Float
         vertices = _Volume.of(others, coarse, box).surface()[0]
         closing = vertices[~_is_seen(vertices, others, params)]
         judged = closing[view.depth_behind(closing) > -0.5 * params.truncation]
-        off.append(seen.query(judged)[0])
+        off.append(np.asarray(seen.query(judged)[0]))
     return _rms(np.concatenate(off))
 
 
