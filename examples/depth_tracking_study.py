@@ -275,8 +275,8 @@ def verdict(grasps: list[dict[str, Outcome]]) -> str:
         f"takes the hand for the object is off by {np.nanmean(off):.0f} mm on average here, and touch corrects it to "
         f"{np.nanmean(touched):.1f} mm: the claim {'holds' if better >= 0.95 * len(failing) else 'does not hold'} "
         f"(the error falls in {better} of {len(failing)}). Its covariance says so in {told} of the {answers} grasps in "
-        f"which it has an answer; the truth is in the estimate's set of 95 % in {inside}. A tracker that leaves out the "
-        "hand's pixels does not fail like this: "
+        f"which it has an answer; the truth is in the estimate's set of 95 % in {inside}. A tracker that leaves out "
+        "the hand's pixels does not fail like this: "
         f"{np.nanmean([trial[LEAVES_OUT].vision[0] for trial in grasps]):.1f} mm on average."
     )
 
