@@ -49,6 +49,18 @@ SECTIONS = (
         full=("--seed", "0"),
     ),
     Section(
+        script="depth_tracking_study.py",
+        covers=("section 3.3.2.3 from a depth camera's pixels",),
+        quick=("--objects", "soda_can", "--grasps", "1", "--first-seed", "0"),
+        full=("--grasps", "20", "--first-seed", "0"),
+    ),
+    Section(
+        script="reconstructed_objects.py",
+        covers=("section 3.3.2.1: an object that is reconstructed from depth images",),
+        quick=("--objects", "tea_box", "--trials", "1", "--first-seed", "0"),
+        full=("--trials", "10", "--first-seed", "0"),
+    ),
+    Section(
         script="thesis/figures_3_25_and_3_26.py",
         covers=("figures 3.25 and 3.26",),
         quick=("--trials", "40", "--seed", "0"),

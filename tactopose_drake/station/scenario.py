@@ -29,6 +29,7 @@ from tactopose_drake.station.senses import (
     SimulatedSenses,
 )
 from tactopose_drake.station.simulated_errors import SimulatedErrors
+from tactopose_drake.systems.depth_tracker import DepthTrackerParams
 from tactopose_drake.systems.force_torque_sensor import load_force_torque_model
 from tactopose_drake.systems.grasp_controller import GraspControllerParams
 from tactopose_drake.systems.grip_controller import GripControllerParams
@@ -114,7 +115,7 @@ class Scenario:
     publish: LcmPublishing | Ros2Publishing | None = None  # where the belief is sent to other processes; None: nowhere
     plant: MultibodyPlantConfig = dataclasses.field(default_factory=_default_plant)  # of the simulator
     X_WBase: Transform = dataclasses.field(default_factory=_palm_to_the_side)  # where the hand's base is welded
-    X_WC: Transform = dataclasses.field(default_factory=_camera)  # the vision source's camera
+    X_WC: Transform = dataclasses.field(default_factory=_camera)  # the vision source's camera; z forward, y down
     grip: Grip | None = None  # how the object is gripped; None: as planned, by the three fields that follow
     reach: ReachParams = dataclasses.field(default_factory=ReachParams)
     planner: PlannerParams = dataclasses.field(default_factory=PlannerParams)
@@ -122,7 +123,8 @@ class Scenario:
     check: GraspCheck = dataclasses.field(default_factory=GraspCheck)
     sensor: SensorConfig = dataclasses.field(default_factory=SensorConfig)
     errors: SimulatedErrors | None = None  # of the simulated hand, object and camera; None: all are as told
-    vision: SimulatedVisionParams = dataclasses.field(default_factory=SimulatedVisionParams)
+    # Where the first guess comes from: the true pose with an error, or what a tracker finds in depth images.
+    vision: SimulatedVisionParams | DepthTrackerParams = dataclasses.field(default_factory=SimulatedVisionParams)
     estimation: PoseEstimationParams = dataclasses.field(default_factory=PoseEstimationParams)
     tracking: PoseTrackingParams | None = None  # of the belief over time; None: there is none
 

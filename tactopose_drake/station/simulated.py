@@ -34,12 +34,11 @@ from tactopose_drake.station.motor_inertia import add_motor_inertia
 from tactopose_drake.station.scenario import Scenario
 from tactopose_drake.station.simulated_senses import add_noise, add_palm_pose, add_senses, simulate_errors
 from tactopose_drake.station.tracking import add_tracking
-from tactopose_drake.systems.camera_view import CameraView
+from tactopose_drake.station.vision_source import add_vision
 from tactopose_drake.systems.grip_controller import set_motor_gains
 from tactopose_drake.systems.pose_display import PoseDisplay, PoseDisplayParams
 from tactopose_drake.systems.pose_estimation import AddPoseEstimation
 from tactopose_drake.systems.random_sources import seed_random_sources
-from tactopose_drake.systems.simulated_vision import SimulatedVision
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,13 +128,13 @@ def make_station(
         start = add_grip(builder, scenario, plant, hand)
     else:
         start = add_planned_grasp(builder, scenario, plant, hand, senses, plan)
-    _add_vision(builder, scenario, plant, scene_graph, hand, object_body, model)
+    seen = add_vision(builder, scenario, plant, scene_graph, hand, object_body, model)
     uses_palm = scenario.estimation.estimator.balance
     palm = {"palm_pose": add_palm_pose(builder, plant, hand)} if uses_palm or scenario.tracking is not None else {}
     _add_estimation(builder, scenario, hand, model, {**senses, **(palm if uses_palm else {})})
     if scenario.tracking is not None:
-        joints, vision = (builder.GetSubsystemByName(name) for name in ("joint_positions", "vision"))
-        more = {"joint_velocities": joints.get_output_port(1), "vision": vision.GetOutputPort("prior"), **palm}
+        joints = builder.GetSubsystemByName("joint_positions")
+        more = {"joint_velocities": joints.get_output_port(1), "vision": seen, **palm}
         add_tracking(builder, scenario.tracking, hand.config, model, {**senses, **more})
     if meshcat is not None:
         _add_display(builder, plant, scene_graph, hand, object_body, model, meshcat)
@@ -202,36 +201,6 @@ def _check_compliance(
             "hydroelastic one of two that touch must be compliant. Leave out <drake:rigid_hydroelastic/>, or choose "
             "the contact_model hydroelastic_with_fallback."
         )
-
-
-def _add_vision(
-    builder: DiagramBuilder,
-    scenario: Scenario,
-    plant: MultibodyPlant,
-    scene_graph: SceneGraph,
-    hand: Hand,
-    object_body: RigidBody,
-    model: ObjectModel,
-) -> None:
-    """The vision source."""
-    vision = builder.AddNamedSystem(
-        "vision",
-        SimulatedVision(
-            CameraView(
-                plant=plant,
-                inspector=scene_graph.model_inspector(),
-                object_body=object_body,
-                object_model=model,
-                palm_frame=hand.palm_frame,
-                X_WC=fixed_pose("Scenario.X_WC", scenario.X_WC),
-            ),
-            scenario.vision,
-            None if scenario.errors is None else scenario.errors.vision_degrees_of_freedom,
-        ),
-    )
-    builder.Connect(plant.get_body_poses_output_port(), vision.GetInputPort("body_poses"))
-    for name in ("prior", "hidden_share"):
-        builder.ExportOutput(vision.GetOutputPort(name), name)
 
 
 def _add_estimation(

@@ -9,6 +9,9 @@ from .contact_solver import ContactSolver as ContactSolver
 from .contact_solver import ContactSolverParams as ContactSolverParams
 from .contacts_in_palm import ContactsInPalm as ContactsInPalm
 from .contacts_in_palm import ContactsInPalmParams as ContactsInPalmParams
+from .depth_camera import AddDepthCamera as AddDepthCamera
+from .depth_camera import DepthNoise as DepthNoise
+from .depth_camera import depth_of as depth_of
 from .depth_tracker import DepthTracker as DepthTracker
 from .depth_tracker import DepthTrackerParams as DepthTrackerParams
 from .fingertip_velocities import FingertipVelocities as FingertipVelocities

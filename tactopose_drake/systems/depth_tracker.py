@@ -1,4 +1,4 @@
-"""A simulated depth camera and the tracker behind it: late, sometimes wrong or without an answer."""
+"""A tracker of the object in depth images: late, sometimes wrong or without an answer."""
 
 import dataclasses
 import math
@@ -9,15 +9,19 @@ from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import BasicVector, Context, EventStatus, State
+from pydrake.systems.sensors import ImageDepth32F
 
-from tactopose_drake.core.poses import compose, inverse, random_rotations, retract, transform_points
+from tactopose_drake.core.poses import compose, inverse, random_rotations
 from tactopose_drake.core.tracking.frame import PoseMeasurement
 from tactopose_drake.core.validation import FloatArray, positive_number
-from tactopose_drake.core.vision.depth_tracking import DepthTrackerModel, fit_pose, take_picture
+from tactopose_drake.core.vision.depth_detection import find_pose
+from tactopose_drake.core.vision.depth_pictures import DepthCameraModel, take_picture
+from tactopose_drake.core.vision.depth_tracking import DepthTrackerModel, fit_pose
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.systems.camera_view import CameraView
 from tactopose_drake.systems.collectable_system import CollectableSystem
+from tactopose_drake.systems.depth_camera import depth_of
 from tactopose_drake.systems.ports import eval_input
 from tactopose_drake.visualization.body_meshes import BodyMeshes
 
@@ -29,21 +33,20 @@ _WRONG = 0.3
 class DepthTrackerParams:
     """Camera, tracker, and what goes wrong with them."""
 
+    camera: DepthCameraModel = dataclasses.field(default_factory=DepthCameraModel)
     model: DepthTrackerModel = dataclasses.field(default_factory=DepthTrackerModel)
     period: float = 0.1  # s between two pictures
     latency: float = 0.0  # s from a picture to the pose in it
-    # Standard deviations of the detector that finds the object at the beginning, and where the tracker has lost it.
-    detector_translation: float = 0.02  # along each axis, m
-    detector_rotation_deg: float = 10.0  # about each axis
     wrong_share: float = 0.0  # of answers that are anywhere, with the usual covariance
     missing_share: float = 0.0  # of pictures without an answer
-    frozen_from: float = math.inf  # time from which on the picture is the last one, s
+    frozen_from: float | None = None  # time from which on the picture is the last one, s; None: never
 
     def validate(self) -> None:
         """Raises InvalidInputError if a value is out of its range."""
+        self.camera.validate()
         self.model.validate()
         positive_number("DepthTrackerParams.period", self.period)
-        for name in ("latency", "detector_translation", "detector_rotation_deg", "wrong_share", "missing_share"):
+        for name in ("latency", "wrong_share", "missing_share"):
             positive_number(f"DepthTrackerParams.{name}", getattr(self, name), allow_zero=True)
         for name in ("wrong_share", "missing_share"):
             if getattr(self, name) > 1.0:
@@ -62,12 +65,16 @@ class _TrackerState:
 
 
 class DepthTracker(CollectableSystem):
-    """Sees object and hand in a depth camera and fits the object's model to what the hand leaves of it.
+    """Fits the object's model to what the hand leaves of it in the images of a depth camera.
+
+    Where the object is, it knows from the images alone: at first, and whenever it has lost the object, it looks for it
+    in the whole image, and then follows it.
 
     .. pydrake_system::
 
         name: DepthTracker
         input_ports:
+        - depth_image
         - body_poses
         - noise
         output_ports:
@@ -76,12 +83,16 @@ class DepthTracker(CollectableSystem):
         - hidden_share
         - pose_in_world
 
-    - body_poses: list of `RigidTransform` X_WB, the plant's port of that name; read at each picture.
-    - noise: random input, eight standard normal numbers (`AddRandomInputs` connects it): the seed of each picture's.
+    - depth_image: `ImageDepth32F`, m, of `AddDepthCamera` or your camera; 0 or infinite where nothing is seen; read at
+      each picture.
+    - body_poses: list of `RigidTransform` X_WB, the plant's port of that name; read at each picture. It tells where the
+      robot's own bodies are, as its joints have them; the object's is not looked at.
+    - noise: random input, eight standard normal numbers (`AddRandomInputs` connects it): what goes wrong.
     - vision: `PoseMeasurement` X_PO in the palm, as of the time of its picture, or None where the tracker has no
       answer; changes `latency` after each picture. Your own tracker takes its place by giving this type.
     - prior: the same as `PosePrior`, at least as wide; None likewise.
-    - hidden_share: size 1, the share of the object's pixels that the hand hides in the last picture, 0 to 1.
+    - hidden_share: size 1, the share of the object's pixels, at the last pose found, before which something nearer was
+      seen, 0 to 1.
     - pose_in_world: `RigidTransform` X_WO of the last picture's fit, or None.
     """
 
@@ -96,7 +107,8 @@ class DepthTracker(CollectableSystem):
 
         Args:
             view: object, hand and camera.
-            others: more model instances that hide the object, whose pixels count as the hand's: an arm.
+            others: more model instances that are known and not the object, whose pixels count as the hand's: an arm, a
+                table.
             params: see there.
         """
         super().__init__()
@@ -105,10 +117,11 @@ class DepthTracker(CollectableSystem):
         self._object_model = view.object_model
         hiding = (view.palm_frame.model_instance(), *others)
         self._hiding = [BodyMeshes.from_inspector(view.plant, view.inspector, instance) for instance in hiding]
-        self._object, self._palm = int(view.object_body.index()), int(view.palm_frame.body().index())
+        self._palm = int(view.palm_frame.body().index())
         self._X_BP = view.palm_frame.GetFixedPoseInBodyFrame()
         self._X_WC = view.X_WC
 
+        self._image = self.DeclareAbstractInputPort("depth_image", AbstractValue.Make(ImageDepth32F()))
         self._body_poses = self.DeclareAbstractInputPort("body_poses", AbstractValue.Make([RigidTransform()]))
         self._noise = self.DeclareVectorInputPort("noise", 8, RandomDistribution.kGaussian)
         self._state = self.DeclareAbstractState(AbstractValue.Make(_TrackerState()))
@@ -131,9 +144,10 @@ class DepthTracker(CollectableSystem):
         params, before, time = self._params, self._get(context), context.get_time()
         X_WB = eval_input(self._body_poses, context, list)
         generator = np.random.default_rng(np.abs(self._noise.Eval(context)).view(np.uint64))
-        X_CW = self._X_WC.inverse()
-        X_CO = (X_CW @ X_WB[self._object]).GetAsMatrix34()
-        after = before if time >= params.frozen_from else self._track(before, X_CO, [X_CW @ X for X in X_WB], generator)
+        X_CW, after = self._X_WC.inverse(), before
+        if params.frozen_from is None or time < params.frozen_from:
+            depth = depth_of(eval_input(self._image, context, ImageDepth32F))
+            after = self._track(before, depth, [X_CW @ X for X in X_WB])
         X_CP = (X_CW @ X_WB[self._palm] @ self._X_BP).GetAsMatrix34()
         waiting = (*before.waiting, (time + params.latency, self._answer(after, X_CP, time, generator)))
         state.get_mutable_abstract_state(self._state).set_value(
@@ -141,29 +155,27 @@ class DepthTracker(CollectableSystem):
         )
         return EventStatus.Succeeded()
 
-    def _track(
-        self, before: _TrackerState, X_CO: FloatArray, X_CB: list[RigidTransform], generator: np.random.Generator
-    ) -> _TrackerState:
-        """One picture's fit; X_CO is the true pose, which is rendered."""
-        hiding = [meshes.merged(X_CB) for meshes in self._hiding]
+    def _track(self, before: _TrackerState, depth: FloatArray, X_CB: list[RigidTransform]) -> _TrackerState:
+        """One picture's fit."""
+        hiding = [meshes.merged(X_CB) for meshes in self._hiding] if self._params.model.knows_hand else []
         starts = np.cumsum([0, *(len(part.vertices) for part in hiding)])
         picture = take_picture(
-            transform_points(X_CO, self._object_model.vertices),
-            self._object_model.faces,
-            np.concatenate([part.vertices for part in hiding]),
-            np.concatenate([part.faces + start for part, start in zip(hiding, starts, strict=False)]).astype(np.int32),
-            self._params.model,
-            generator,
+            depth,
+            np.concatenate([np.zeros((0, 3)), *(part.vertices for part in hiding)]),
+            np.concatenate(
+                [np.zeros((0, 3)), *(part.faces + start for part, start in zip(hiding, starts, strict=False))]
+            ).astype(np.int32),
+            self._params.camera,
         )
-        expected = before.X_CO
-        if expected is None:
-            sigma = np.repeat([math.radians(self._params.detector_rotation_deg), self._params.detector_translation], 3)
-            expected = retract(X_CO, sigma * generator.normal(size=6))
-        found = fit_pose(picture, self._object_model, expected, self._params.model)
+        found = None
+        if before.X_CO is not None and before.covariance is not None:
+            found = fit_pose(picture, self._object_model, before.X_CO, before.covariance, self._params.model)
         if found is None:
-            return dataclasses.replace(before, X_CO=None, covariance=None, hidden_share=picture.hidden_share)
+            found = find_pose(picture, self._object_model, self._params.model)
+        if found is None:
+            return dataclasses.replace(before, X_CO=None, covariance=None, hidden_share=1.0)
         return dataclasses.replace(
-            before, X_CO=found.X_CO, covariance=found.covariance, hidden_share=picture.hidden_share
+            before, X_CO=found.X_CO, covariance=found.covariance, hidden_share=found.hidden_share
         )
 
     def _answer(

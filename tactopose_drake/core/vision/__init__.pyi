@@ -1,6 +1,15 @@
+from .depth_detection import find_pose as find_pose
+from .depth_fusion import DepthView as DepthView
+from .depth_fusion import FusionParams as FusionParams
+from .depth_fusion import Reconstruction as Reconstruction
+from .depth_fusion import reconstruct as reconstruct
+from .depth_pictures import DepthCameraModel as DepthCameraModel
+from .depth_pictures import DepthPicture as DepthPicture
+from .depth_pictures import noisy_depth as noisy_depth
+from .depth_pictures import take_picture as take_picture
 from .depth_tracking import DepthTrackerModel as DepthTrackerModel
+from .depth_tracking import TrackedPose as TrackedPose
 from .depth_tracking import fit_pose as fit_pose
-from .depth_tracking import take_picture as take_picture
 from .occlusion import hidden_share as hidden_share
 from .rasterizer import Camera as Camera
 from .rasterizer import Layer as Layer

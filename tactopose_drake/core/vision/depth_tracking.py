@@ -1,14 +1,12 @@
-"""A tracker of a known object in depth images: what it sees around fingers, and the pose that fits it best.
+"""A tracker of a known object in depth images: the pose that fits best what it sees around fingers.
 
 The points that are seen are fitted to the object's signed distance grid: point to plane [C92], without a search for the
 nearest points. Where the fingers hide the object, nothing holds the fit but the pose before: the tracker's error is
 that of real occlusion.
 
 Sources: [C92] Y. Chen and G. Medioni, Object modelling by registration of multiple range images, Image and Vision
-Computing, 1992; [K12] K. Khoshelham and S. Elberink, Accuracy and resolution of Kinect depth data, Sensors, 2012.
+Computing, 1992.
 """
-
-from __future__ import annotations
 
 import dataclasses
 import math
@@ -17,30 +15,30 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tactopose_drake.core.poses import increments_between, retract, transform_points
+from tactopose_drake.core.poses import increments_between, retract
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray, positive_number
-from tactopose_drake.core.vision.rasterizer import Camera, inverse_depths
+from tactopose_drake.core.vision.depth_pictures import DepthPicture, expected_picture, fit_to_picture
 from tactopose_drake.errors import InvalidInputError
+
+_REACH = 0.05  # beyond the object's own size, from where it is expected, that a point may be the object's, m
+_LEAST_SIGMA = 1e-4  # of a point, m
+_EXPLAINED = 0.005  # nearest to the surface that a point is not explained by it, m
+_TURNED = 1.8  # standard deviation about each axis of an object of which nothing is known, rad
+_SPIN = 0.02  # standard deviation about an axis of continuous symmetry, where all angles are the same pose, rad
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class DepthTrackerModel:
-    """What the camera measures and how the tracker fits."""
+    """How the tracker fits."""
 
-    width: int = 240  # of the image, pixels
-    height: int = 180  # pixels
-    focal_length: float = 200.0  # pixels
-    # Standard deviation of a depth z is this times z^2, 1/m; 1.43e-3 is the Kinect's [K12]. It is the same all over a
-    # patch of pixels for another share of its variance, which no averaging over the object takes away.
-    depth_noise: float = 1.43e-3
-    common_share: float = 0.3
-    # Whether the fingers' own pixels are known from the joints and left out. If not, whatever is near the object counts
-    # as the object.
+    # Whether the hand's own pixels are known from the joints and left out. If not, whatever is seen counts as the
+    # object, and the covariance says that the object may as well be where the pose leaves points unexplained.
     knows_hand: bool = True
     gate: float = 0.03  # farthest from where the object was expected that a pixel counts, m
     least_pixels: int = 60  # of the object
     most_hidden: float = 0.8  # share of the object's pixels that may be hidden
+    most_seen_through: float = 0.5  # share of the others that may see something farther; beyond, the object is lost
     sigma_translation: float = 0.05  # motion between frames, m: standard deviation along each axis
     sigma_rotation_deg: float = 15.0  # likewise about each axis
     # Distance beyond which points count less, at the first step of the fit, m. It shrinks by a factor from step to
@@ -54,9 +52,8 @@ class DepthTrackerModel:
         """Raises InvalidInputError if a value is out of its range."""
         for field in dataclasses.fields(self):
             if field.name != "knows_hand":
-                zero = field.name in ("depth_noise", "common_share")
-                positive_number(f"DepthTrackerModel.{field.name}", getattr(self, field.name), allow_zero=zero)
-        for name in ("common_share", "most_hidden", "width_factor"):
+                positive_number(f"DepthTrackerModel.{field.name}", getattr(self, field.name))
+        for name in ("most_hidden", "most_seen_through", "width_factor"):
             if getattr(self, name) > 1.0:
                 raise InvalidInputError(f"DepthTrackerModel.{name}: is {getattr(self, name):g}; allowed is up to 1.")
 
@@ -67,25 +64,9 @@ class DepthTrackerModel:
         return [*narrowing, *(self.last_steps * [0.0])]
 
     @property
-    def information(self) -> FloatArray:
-        """The inverse covariance of the motion between frames, shape (6, 6)."""
-        sigma = np.repeat([math.radians(self.sigma_rotation_deg), self.sigma_translation], 3)
-        return np.diag(sigma**-2)
-
-
-@dataclass(frozen=True, eq=False)
-class DepthPicture:
-    """What a depth camera sees of object and hand.
-
-    Attributes:
-        p_CQ: points on what is seen, in the camera's frame, shape (n, 3), m.
-        on_hand: which of them are the hand's, as rendered from its joints, shape (n,).
-        hidden_share: of the object's pixels, 0 to 1.
-    """
-
-    p_CQ: FloatArray
-    on_hand: NDArray[np.bool_]
-    hidden_share: float
+    def motion(self) -> FloatArray:
+        """The covariance of the motion between frames, shape (6, 6)."""
+        return np.diag(np.repeat([math.radians(self.sigma_rotation_deg), self.sigma_translation], 3) ** 2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,101 +78,66 @@ class TrackedPose:
         covariance: of the increment (w, v), v in C, shape (6, 6), rad and m.
         residual: root mean square of the points' distances from the surface, m.
         points: how many were fitted.
+        hidden_share: of the object's pixels at this pose, those where something nearer is seen, 0 to 1.
     """
 
     X_CO: FloatArray
     covariance: FloatArray
     residual: float
     points: int
-
-
-def take_picture(
-    object_vertices: FloatArray,
-    object_faces: NDArray[np.int32],
-    hand_vertices: FloatArray,
-    hand_faces: NDArray[np.int32],
-    model: DepthTrackerModel,
-    generator: np.random.Generator,
-) -> DepthPicture:
-    """Renders the depth of object and hand, and adds noise.
-
-    Args:
-        object_vertices: in the camera's frame C, z forward, shape (v, 3), m.
-        object_faces: vertex indices, shape (f, 3).
-        hand_vertices: likewise.
-        hand_faces: likewise.
-        model: camera and noise.
-        generator: of the noise.
-    """
-    camera = Camera(np.eye(3, 4), model.focal_length, model.width, model.height)
-    of_object = inverse_depths(object_vertices, object_faces, camera)
-    of_hand = inverse_depths(hand_vertices, hand_faces, camera)
-    whole, hidden = of_object > 0.0, (of_object > 0.0) & (of_hand > of_object)
-    seen = np.maximum(of_object, of_hand)
-    row, column = np.nonzero(seen)
-    depth = 1.0 / seen[row, column].astype(np.float64)
-    sigma = model.depth_noise * depth**2
-    common, single = math.sqrt(model.common_share), math.sqrt(1.0 - model.common_share)
-    # Errors in common: a random plane over the image.
-    slope = generator.normal(size=3) @ np.array(
-        [np.ones(len(row)), (row + 0.5) / model.height - 0.5, (column + 0.5) / model.width - 0.5]
-    )
-    depth = depth + sigma * (single * generator.normal(size=len(row)) + common * slope)
-    rays = np.column_stack(
-        [column + 0.5 - 0.5 * model.width, row + 0.5 - 0.5 * model.height, np.full(len(row), model.focal_length)]
-    )
-    share = float(hidden.sum() / whole.sum()) if whole.any() else 1.0
-    return DepthPicture(rays * (depth / model.focal_length)[:, None], (of_hand > of_object)[row, column], share)
+    hidden_share: float
 
 
 def fit_pose(
-    picture: DepthPicture, object_model: ObjectModel, X_CO: FloatArray, model: DepthTrackerModel
+    picture: DepthPicture,
+    object_model: ObjectModel,
+    X_CO: FloatArray,
+    covariance: FloatArray,
+    model: DepthTrackerModel,
 ) -> TrackedPose | None:
-    """The pose of the object that explains the points; None where too few are seen.
+    """The pose of the object that explains the points; None where too few are seen, or it is seen through.
 
     Args:
         picture: what is seen.
         object_model: the object.
         X_CO: where it was before, shape (3, 4).
+        covariance: of that, as of the increment (w, v), v in C, shape (6, 6), rad and m.
         model: how to fit.
     """
-    if picture.hidden_share > model.most_hidden:
-        return None
-    points = picture.p_CQ[~picture.on_hand] if model.knows_hand else picture.p_CQ
+    points = _points_about(picture, object_model, X_CO, model)
     if len(points) < model.least_pixels:
         return None
-    pose = X_CO
-    if model.knows_hand:  # all that is left is the object: it has moved by about as much as its points have
-        facing = _facing_points(object_model, X_CO)
-        shift = points.mean(axis=0) - facing.mean(axis=0) if len(facing) else np.zeros(3)
-        pose = retract(X_CO[None], np.concatenate([np.zeros(3), shift])[None])[0]
-    expected, information = pose, model.information
-    sigma = np.maximum(model.depth_noise * points[:, 2] ** 2, 1e-4)
-    for width in model.widths:
-        gate = model.gate * max(1.0, width / (model.first_width * model.width_factor**2))
-        distance, J, near = _residuals(points, object_model, pose, gate)
-        if near.sum() < model.least_pixels:
-            return None
-        weight = near / (sigma**2 * (1.0 + (distance / np.maximum(3.0 * sigma, width)) ** 2))  # Cauchy's
-        offset = increments_between(expected[None], pose[None])[0]
-        hessian = (J * weight[:, None]).T @ J + information
-        step = -np.linalg.solve(hessian, J.T @ (weight * distance) + information @ offset)
-        pose = retract(pose[None], step[None])[0]
-        if np.abs(step[:3]).max() < 1e-5 and np.abs(step[3:]).max() < 1e-6 and width == 0.0:
-            break
-    distance, J, near = _residuals(points, object_model, pose, model.gate)
-    if near.sum() < model.least_pixels:
+    pose = _moved_with(points, picture, object_model, X_CO) if model.knows_hand else X_CO
+    found = _least_squares(points, picture, object_model, pose, model)
+    if found is None:
+        return None
+    distance, J, near = residuals(points, object_model, found, model.gate)
+    agreement = fit_to_picture(picture, object_model, found)
+    if (
+        near.sum() < model.least_pixels
+        or agreement.hidden_share > model.most_hidden
+        or agreement.seen_through > model.most_seen_through
+    ):
         return None
     residual = float(np.sqrt(np.mean(distance[near] ** 2)))
-    # What is common to all points does not average out; nor does whatever makes the points fit worse than their noise.
-    scale = np.maximum(sigma, residual)[near]
+    # What is common to all points does not average out; nor does whatever makes them, or what is seen beside and
+    # through the object, fit worse than their noise.
+    scale = np.maximum(sigmas(points, picture), max(residual, agreement.misfit))[near]
     independent = (J[near] / scale[:, None]).T @ (J[near] / scale[:, None])
-    effective = independent / (1.0 + model.common_share * near.sum())
-    covariance = np.linalg.inv(effective + information)
-    return TrackedPose(pose, 0.5 * (covariance + covariance.T), residual, int(near.sum()))
+    effective = independent / (1.0 + picture.camera.common_share * near.sum())
+    posterior = np.linalg.inv(effective + np.linalg.inv(covariance + model.motion) + _spin_information(object_model))
+    if not model.knows_hand:
+        posterior = posterior + _elsewhere(points, distance)
+    return TrackedPose(found, 0.5 * (posterior + posterior.T), residual, int(near.sum()), agreement.hidden_share)
 
 
-def _residuals(
+def sigmas(points: FloatArray, picture: DepthPicture) -> FloatArray:
+    """Standard deviations of points in C (n, 3), by the camera's noise, shape (n,), m."""
+    sigma: FloatArray = np.maximum(picture.camera.depth_noise * points[:, 2] ** 2, _LEAST_SIGMA)
+    return sigma
+
+
+def residuals(
     points: FloatArray, object_model: ObjectModel, X_CO: FloatArray, gate: float
 ) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
     """Signed distances (n,), m, their derivatives by the increment (n, 6), and which points count (n,)."""
@@ -202,9 +148,60 @@ def _residuals(
     return distance, J, np.abs(distance) < gate
 
 
-def _facing_points(object_model: ObjectModel, X_CO: FloatArray) -> FloatArray:
-    """Points of the surface that face the camera, in C, shape (k, 3), m."""
-    p_CQ = transform_points(X_CO[None], object_model.samples.points)[0]
-    n_CQ = object_model.samples.normals @ X_CO[:, :3].T
-    facing: FloatArray = p_CQ[np.einsum("ni,ni->n", p_CQ, n_CQ) < 0.0]
-    return facing
+def _points_about(
+    picture: DepthPicture, object_model: ObjectModel, X_CO: FloatArray, model: DepthTrackerModel
+) -> FloatArray:
+    """The points that may be the object's, as far as one can tell beforehand."""
+    points = picture.points(without_hand=model.knows_hand)
+    middle = X_CO[:, :3] @ object_model.vertices.mean(axis=0) + X_CO[:, 3]
+    chosen: FloatArray = points[np.linalg.norm(points - middle, axis=1) < 0.5 * object_model.size + _REACH]
+    return chosen
+
+
+def _moved_with(points: FloatArray, picture: DepthPicture, object_model: ObjectModel, X_CO: FloatArray) -> FloatArray:
+    """Where all points are the object's, it has moved by about as much as they have."""
+    expected = expected_picture(object_model, X_CO, picture).points(without_hand=True)
+    shift = points.mean(axis=0) - expected.mean(axis=0) if len(expected) else np.zeros(3)
+    moved: FloatArray = retract(X_CO[None], np.concatenate([np.zeros(3), shift])[None])[0]
+    return moved
+
+
+def _elsewhere(points: FloatArray, distance: FloatArray) -> FloatArray:
+    """What it adds to the covariance (6, 6) that points which the pose does not explain may be the object instead.
+
+    Where nothing tells the hand from the object, the object is as probably among them as they are many.
+    """
+    share = float(np.mean(np.abs(distance) > _EXPLAINED))
+    return share * np.diag([_TURNED**2] * 3 + [float(np.var(points, axis=0).max())] * 3)
+
+
+def _spin_information(object_model: ObjectModel) -> FloatArray:
+    """What fixes the angle about the object's axes of continuous symmetry, of the increment, shape (6, 6)."""
+    axes = np.array([symmetry.axis for symmetry in object_model.symmetries if symmetry.is_continuous]).reshape(-1, 3)
+    information = np.zeros((6, 6))
+    information[:3, :3] = axes.T @ axes / _SPIN**2
+    return information
+
+
+def _least_squares(
+    points: FloatArray,
+    picture: DepthPicture,
+    object_model: ObjectModel,
+    expected: FloatArray,
+    model: DepthTrackerModel,
+) -> FloatArray | None:
+    """The pose near the expected one that fits the points best, by reweighting what does not fit."""
+    pose, information, sigma = expected, np.linalg.inv(model.motion), sigmas(points, picture)
+    for width in model.widths:
+        gate = model.gate * max(1.0, width / (model.first_width * model.width_factor**2))
+        distance, J, near = residuals(points, object_model, pose, gate)
+        if near.sum() < model.least_pixels:
+            return None
+        weight = near / (sigma**2 * (1.0 + (distance / np.maximum(3.0 * sigma, width)) ** 2))  # Cauchy's
+        offset = increments_between(expected[None], pose[None])[0]
+        hessian = (J * weight[:, None]).T @ J + information
+        step = -np.linalg.solve(hessian, J.T @ (weight * distance) + information @ offset)
+        pose = retract(pose[None], step[None])[0]
+        if np.abs(step[:3]).max() < 1e-5 and np.abs(step[3:]).max() < 1e-6 and width == 0.0:
+            break
+    return pose

@@ -6,11 +6,13 @@ import trimesh
 
 from tactopose_drake.core.poses import exp_so3, increments_between, make_poses, retract, transform_points
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.vision.depth_tracking import DepthTrackerModel, TrackedPose, fit_pose, take_picture
+from tactopose_drake.core.vision.depth_pictures import DepthCameraModel, DepthPicture, fit_to_picture
+from tactopose_drake.core.vision.depth_tracking import DepthTrackerModel, TrackedPose, fit_pose
 from tactopose_drake.errors import InvalidInputError
+from tests.core.vision.seen_scenes import NO_HAND, picture_of
 
 X_CO = make_poses(exp_so3(np.array([2.0, 0.4, 0.3])), np.array([0.02, 0.03, 0.8]))
-NO_HAND = np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int32)
+BEFORE = np.diag(np.repeat([0.1, 0.02], 3) ** 2)  # covariance of where it was
 
 
 @pytest.fixture(scope="module")
@@ -26,9 +28,14 @@ def slab(depth: float, width: float, across: float = 0.0) -> tuple[np.ndarray, n
     return np.array(mesh.vertices), np.array(mesh.faces, dtype=np.int32)
 
 
-def picture(box: ObjectModel, hand: tuple[np.ndarray, np.ndarray], model: DepthTrackerModel, seed: int = 0):
-    vertices = transform_points(X_CO, box.vertices)
-    return take_picture(vertices, box.faces, *hand, model, np.random.default_rng(seed))
+def picture(
+    box: ObjectModel,
+    hand: tuple[np.ndarray, np.ndarray],
+    camera: DepthCameraModel | None = None,
+    seed: int = 0,
+    knows_hand: bool = True,
+) -> DepthPicture:
+    return picture_of(box, X_CO, hand, camera or DepthCameraModel(), np.random.default_rng(seed), knows_hand)
 
 
 def error(found: TrackedPose | None) -> np.ndarray:
@@ -37,23 +44,32 @@ def error(found: TrackedPose | None) -> np.ndarray:
 
 
 def test_without_noise_the_points_are_on_the_object(box: ObjectModel) -> None:
-    seen = picture(box, NO_HAND, DepthTrackerModel(depth_noise=0.0))
-    assert len(seen.p_CQ) > 300
-    assert seen.hidden_share == 0.0
-    assert not seen.on_hand.any()
-    distance = box.grid.distance((seen.p_CQ - X_CO[:, 3]) @ X_CO[:, :3])
+    seen = picture(box, NO_HAND, DepthCameraModel(depth_noise=0.0))
+    points = seen.points(without_hand=True)
+    assert len(points) > 300
+    assert not seen.hand.any()
+    distance = box.grid.distance((points - X_CO[:, 3]) @ X_CO[:, :3])
     assert np.abs(distance).max() < 2e-3  # of the grid at edges; a pixel's ray is exact
     assert np.median(np.abs(distance)) < 1e-4
 
 
 def test_what_is_before_the_object_hides_it(box: ObjectModel) -> None:
-    model = DepthTrackerModel()
-    shares = [picture(box, slab(0.6, width), model).hidden_share for width in (0.01, 0.03, 0.3)]
+    shares = [fit_to_picture(picture(box, slab(0.6, width)), box, X_CO).hidden_share for width in (0.01, 0.03, 0.3)]
     assert 0.0 < shares[0] < shares[1] < shares[2]
     assert shares[2] == 1.0
-    behind = picture(box, slab(1.2, 0.3), model)
-    assert behind.hidden_share == 0.0
-    assert 0 < behind.on_hand.sum() < len(behind.p_CQ)
+    behind = picture(box, slab(1.2, 0.3))
+    assert fit_to_picture(behind, box, X_CO).hidden_share < 0.05
+    assert 0 < behind.hand.sum() < np.isfinite(behind.depth).sum()
+
+
+def test_an_object_that_is_elsewhere_is_seen_through(box: ObjectModel) -> None:
+    seen = picture(box, NO_HAND)
+    aside = retract(X_CO, np.array([0.0, 0.0, 0.0, 0.15, 0.0, 0.0]))
+    here, beside = (fit_to_picture(seen, box, pose) for pose in (X_CO, aside))
+    assert here.seen_through < 0.02
+    assert here.misfit < 0.004
+    assert beside.seen_through > 0.9
+    assert beside.misfit > 0.05
 
 
 def test_it_finds_the_pose_again(box: ObjectModel) -> None:
@@ -62,46 +78,60 @@ def test_it_finds_the_pose_again(box: ObjectModel) -> None:
         errors = []
         for seed in range(8):
             start = retract(X_CO, generator.normal(size=6) * np.repeat([0.08, 0.012], 3))
-            errors.append(error(fit_pose(picture(box, hand, model, seed), box, start, model)))
+            errors.append(error(fit_pose(picture(box, hand, seed=seed), box, start, BEFORE, model)))
         assert np.linalg.norm(np.array(errors)[:, 3:], axis=1).max() < 0.005
         assert np.linalg.norm(np.array(errors)[:, :3], axis=1).max() < 0.05
 
 
 def test_the_more_is_hidden_the_less_it_claims_to_know(box: ObjectModel) -> None:
     model = DepthTrackerModel()
-    found = [fit_pose(picture(box, hand, model), box, X_CO, model) for hand in (NO_HAND, slab(0.65, 0.08, 0.04))]
+    found = [fit_pose(picture(box, hand), box, X_CO, BEFORE, model) for hand in (NO_HAND, slab(0.65, 0.08, 0.04))]
     spread = [np.trace(pose.covariance[3:, 3:]) for pose in found if pose is not None]
     assert spread[1] > 1.2 * spread[0]
     assert found[0] is not None
     assert found[1] is not None
     assert found[1].points < found[0].points
+    assert found[1].hidden_share > 0.2 > found[0].hidden_share
 
 
 def test_the_errors_are_no_larger_than_it_says(box: ObjectModel) -> None:
-    model = DepthTrackerModel()
     squared = []
     for seed in range(20):
-        found = fit_pose(picture(box, slab(0.65, 0.03), model, seed), box, X_CO, model)
+        found = fit_pose(picture(box, slab(0.65, 0.03), seed=seed), box, X_CO, BEFORE, DepthTrackerModel())
         assert found is not None
         squared.append(error(found) @ np.linalg.solve(found.covariance, error(found)))
     assert np.mean(squared) < 6.0
 
 
-def test_a_hand_that_it_does_not_know_pulls_the_pose_aside(box: ObjectModel) -> None:
+def test_a_hand_that_it_does_not_know_pulls_the_pose_aside_and_it_says_so(box: ObjectModel) -> None:
     beside = slab(transform_points(X_CO, box.vertices)[:, 2].min() - 0.006, 0.03)
-    errors = []
+    camera, found = DepthCameraModel(depth_noise=1e-4), []
     for knows_hand in (True, False):
-        model = DepthTrackerModel(knows_hand=knows_hand, depth_noise=1e-4)
-        errors.append(np.linalg.norm(error(fit_pose(picture(box, beside, model), box, X_CO, model))[3:]))
+        seen = picture(box, beside, camera, knows_hand=knows_hand)
+        model = DepthTrackerModel(knows_hand=knows_hand, most_hidden=1.0, most_seen_through=1.0)
+        found.append(fit_pose(seen, box, X_CO, BEFORE, model))
+    errors = [np.linalg.norm(error(pose)[3:]) for pose in found]
     assert errors[1] > 3.0 * errors[0]
+    assert found[0] is not None
+    assert found[1] is not None
+    assert np.trace(found[1].covariance[3:, 3:]) > 10.0 * np.trace(found[0].covariance[3:, 3:])
+    assert error(found[1]) @ np.linalg.solve(found[1].covariance, error(found[1])) < 12.6
 
 
 def test_too_little_is_no_answer(box: ObjectModel) -> None:
     model = DepthTrackerModel()
-    assert fit_pose(picture(box, slab(0.6, 0.3), model), box, X_CO, model) is None
+    assert fit_pose(picture(box, slab(0.6, 0.3)), box, X_CO, BEFORE, model) is None
     far = retract(X_CO, np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0]))
     unknowing = DepthTrackerModel(knows_hand=False)
-    assert fit_pose(picture(box, NO_HAND, unknowing), box, far, unknowing) is None
+    assert fit_pose(picture(box, NO_HAND), box, far, BEFORE, unknowing) is None
+
+
+def test_a_spin_that_changes_nothing_is_not_uncertain() -> None:
+    can = ObjectModel.from_cylinder(0.03, 0.12, cache=False)
+    seen = picture_of(can, X_CO, NO_HAND, DepthCameraModel(), np.random.default_rng(0))
+    found = fit_pose(seen, can, X_CO, np.diag(np.repeat([3.0, 0.02], 3) ** 2), DepthTrackerModel())
+    assert found is not None
+    assert np.sqrt(np.diag(found.covariance)[:3]).max() < 0.1
 
 
 def test_the_fit_narrows_what_counts_step_by_step() -> None:
@@ -114,5 +144,7 @@ def test_the_fit_narrows_what_counts_step_by_step() -> None:
 def test_bad_parameters_are_named() -> None:
     with pytest.raises(InvalidInputError, match=r"DepthTrackerModel\.most_hidden: is 1\.5"):
         DepthTrackerModel(most_hidden=1.5).validate()
-    with pytest.raises(InvalidInputError, match=r"DepthTrackerModel\.focal_length: is 0"):
-        DepthTrackerModel(focal_length=0.0).validate()
+    with pytest.raises(InvalidInputError, match=r"DepthCameraModel\.focal_length: is 0"):
+        DepthCameraModel(focal_length=0.0).validate()
+    with pytest.raises(InvalidInputError, match=r"DepthCameraModel\.nearest: is 5"):
+        DepthCameraModel(nearest=5.0).validate()

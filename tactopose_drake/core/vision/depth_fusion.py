@@ -1,0 +1,278 @@
+"""The mesh of an object that is known from some depth images only, and by how much it may be off.
+
+The images are fused into a truncated signed distance over a grid [C96], and its zero level is the surface. What no
+image has seen is taken to be solid up to where some image has seen through, within the bounds that are known otherwise,
+such as a table's top: the backs of a reconstructed object are too large, rarely too small. By how much such a back is
+off is found by leaving each image out in turn, and asking the one that was left out.
+
+Sources: [C96] B. Curless and M. Levoy, A volumetric method for building complex models from range images, SIGGRAPH,
+1996.
+"""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import manifold3d
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter, map_coordinates
+from scipy.spatial import cKDTree
+
+from tactopose_drake.core.poses import transform_points
+from tactopose_drake.core.validation import FloatArray, positive_number
+from tactopose_drake.core.vision.depth_pictures import DepthCameraModel, rays
+from tactopose_drake.errors import InvalidInputError
+
+_MOST_CELLS = 20_000_000
+_LEAST_POINTS = 100
+# Of the distances, in cells: against single pixels' noise, and, if the surface then touches itself, more.
+_SMOOTHINGS = 1.0, 1.4, 2.0
+_RIM = 6  # cells beyond what is solid
+_BEYOND = 0.5  # of the size of what is seen: how much farther what is not seen may reach
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class FusionParams:
+    """How finely images are fused."""
+
+    spacing: float = 0.002  # of the grid, m
+    truncation: float = 0.006  # of distances, m: what lies deeper behind a surface, its image does not know
+
+    def validate(self) -> None:
+        """Raises InvalidInputError if a value is out of its range."""
+        for field in dataclasses.fields(self):
+            positive_number(f"FusionParams.{field.name}", getattr(self, field.name))
+
+
+@dataclass(frozen=True, eq=False)
+class DepthView:
+    """One depth image of an object that stands still, with nothing else in it.
+
+    Attributes:
+        depth: shape (height, width), m; infinite where nothing is seen.
+        X_CO: pose of the object's frame in the camera, shape (3, 4): the frame that its mesh is to have.
+        camera: what took it.
+    """
+
+    depth: FloatArray
+    X_CO: FloatArray
+    camera: DepthCameraModel
+
+    @property
+    def p_OQ(self) -> FloatArray:
+        """What is seen, in the object's frame, shape (n, 3), m."""
+        seen = np.isfinite(self.depth)
+        p_CQ = rays(self.camera)[seen] * self.depth[seen][:, None]
+        points: FloatArray = (p_CQ - self.X_CO[:, 3]) @ self.X_CO[:, :3]
+        return points
+
+    def depth_behind(self, p_OQ: FloatArray) -> FloatArray:
+        """How far the surface that is seen in front of or behind points (n, 3) lies beyond them, shape (n,), m.
+
+        Infinite where nothing is seen, NaN where the camera does not look.
+        """
+        p_CQ = transform_points(self.X_CO, p_OQ)
+        z = np.maximum(p_CQ[:, 2], 1e-6)
+        column = np.floor(self.camera.focal_length * p_CQ[:, 0] / z + 0.5 * self.camera.width).astype(int)
+        row = np.floor(self.camera.focal_length * p_CQ[:, 1] / z + 0.5 * self.camera.height).astype(int)
+        inside = (column >= 0) & (column < self.camera.width) & (row >= 0) & (row < self.camera.height)
+        behind = np.full(len(p_OQ), np.nan)
+        behind[inside] = self.depth[row[inside], column[inside]] - p_CQ[inside, 2]
+        return behind
+
+
+@dataclass(frozen=True, eq=False)
+class Reconstruction:
+    """What is known of the object.
+
+    Attributes:
+        vertices: of a closed mesh, in the object's frame, shape (v, 3), m.
+        faces: vertex indices, shape (f, 3).
+        seen: which vertices lie on what some image has seen, shape (v,); the others close the mesh.
+        seen_sigma: by how much the seen part of the surface may be off, along its normal, m.
+        unseen_sigma: likewise the other part.
+        unseen_share: of the surface.
+    """
+
+    vertices: FloatArray
+    faces: NDArray[np.int32]
+    seen: NDArray[np.bool_]
+    seen_sigma: float
+    unseen_sigma: float
+    unseen_share: float
+
+    @property
+    def surface_sigma(self) -> float:
+        """For `ObjectModel`: by how much any place of the surface may be off, root mean square, m."""
+        return math.hypot(
+            math.sqrt(1.0 - self.unseen_share) * self.seen_sigma, math.sqrt(self.unseen_share) * self.unseen_sigma
+        )
+
+
+def reconstruct(
+    views: Sequence[DepthView], bounds: FloatArray | None = None, params: FusionParams | None = None
+) -> Reconstruction:
+    """The object of some depth images.
+
+    Args:
+        views: two or more.
+        bounds: lowest and highest coordinates that the object may have, in its frame, shape (2, 3), m, infinite where
+            nothing is known: it stands on a table. None: nothing is known.
+        params: how finely.
+
+    Raises:
+        InvalidInputError: fewer than two images, images of too little, or an object too large for the grid.
+    """
+    params = FusionParams() if params is None else params
+    params.validate()
+    if len(views) < 2:
+        raise InvalidInputError(f"views: are {len(views)}; allowed are two or more.")
+    box = _box(views, bounds, params)
+    volume = _Volume.of(views, params, box)
+    vertices, faces = volume.surface()
+    seen = _is_seen(vertices, views, params)
+    corners = vertices[faces]
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    unseen_share = float(np.average(1.0 - seen[faces].mean(axis=1), weights=area))
+    off = np.concatenate([volume.distance(view.p_OQ) for view in views])
+    # What an image's errors have in common does not show in how well its own points fit.
+    common = [view.camera.depth_noise * np.median(view.depth[np.isfinite(view.depth)]) ** 2 for view in views]
+    seen_sigma = math.hypot(_rms(off), math.sqrt(views[0].camera.common_share) * float(np.mean(common)))
+    return Reconstruction(
+        vertices, faces, seen, seen_sigma, max(seen_sigma, _left_out_error(views, params, box)), unseen_share
+    )
+
+
+def _left_out_error(views: Sequence[DepthView], params: FusionParams, box: FloatArray) -> float:
+    """How far what the others close without having seen it lies from what is seen, root mean square, m.
+
+    Of each image that is left out, those places of the others' mesh count that no other image has seen, and that this
+    one sees, or sees through: with it, they are wrong by as much as they are away from anything that is seen.
+    """
+    off, coarse = [np.zeros(0)], dataclasses.replace(params, spacing=2.0 * params.spacing)
+    seen = cKDTree(np.concatenate([view.p_OQ for view in views]))
+    for i, view in enumerate(views):
+        others = [*views[:i], *views[i + 1 :]]
+        vertices = _Volume.of(others, coarse, box).surface()[0]
+        closing = vertices[~_is_seen(vertices, others, params)]
+        judged = closing[view.depth_behind(closing) > -0.5 * params.truncation]
+        off.append(np.asarray(seen.query(judged)[0]))
+    return _rms(np.concatenate(off))
+
+
+def _rms(values: FloatArray) -> float:
+    return float(np.sqrt(np.mean(values**2))) if len(values) else 0.0
+
+
+def _is_seen(p_OQ: FloatArray, views: Sequence[DepthView], params: FusionParams) -> NDArray[np.bool_]:
+    """Which points (n, 3) lie on what some image has seen."""
+    seen = np.zeros(len(p_OQ), dtype=np.bool_)
+    for view in views:
+        seen |= np.abs(view.depth_behind(p_OQ)) < 0.5 * params.truncation
+    return seen
+
+
+def _box(views: Sequence[DepthView], bounds: FloatArray | None, params: FusionParams) -> FloatArray:
+    """Lowest and highest coordinates that the object may have, shape (2, 3), m."""
+    points = np.concatenate([view.p_OQ for view in views])
+    if len(points) < _LEAST_POINTS:
+        raise InvalidInputError(f"views: see {len(points)} points; allowed are {_LEAST_POINTS} or more.")
+    size = np.ptp(points, axis=0).max()
+    box = np.stack([points.min(axis=0) - _BEYOND * size, points.max(axis=0) + _BEYOND * size])
+    if bounds is not None:
+        box = np.stack([np.maximum(box[0], bounds[0]), np.minimum(box[1], bounds[1])])
+    if np.prod(np.ptp(box, axis=0) / params.spacing + 8) > _MOST_CELLS:
+        raise InvalidInputError(f"views: see {1e3 * size:.0f} mm, for which FusionParams.spacing is too small.")
+    return box
+
+
+@dataclass(frozen=True, eq=False)
+class _Volume:
+    """Truncated signed distances, negative inside, on a grid.
+
+    Attributes:
+        values: shape (nx, ny, nz), m.
+        origin: of the grid, shape (3,), m.
+        spacing: m.
+    """
+
+    values: FloatArray
+    origin: FloatArray
+    spacing: float
+
+    @classmethod
+    def of(cls, views: Sequence[DepthView], params: FusionParams, box: FloatArray) -> "_Volume":
+        """Fuses images within a box (2, 3), m."""
+        lowest, highest = box
+        margin = 3.0 * params.spacing
+        counts = np.ceil((highest - lowest + 2.0 * margin) / params.spacing).astype(int) + 1
+        origin = lowest - margin
+        axes = [origin[i] + params.spacing * np.arange(counts[i]) for i in range(3)]
+        points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+        total, count = np.zeros(len(points)), np.zeros(len(points))
+        for view in views:
+            behind = view.depth_behind(points)
+            known = behind > -params.truncation
+            total[known] += np.minimum(behind[known], params.truncation)
+            count += known
+        # Where no image looks through, it is solid.
+        values = np.where(count > 0.0, total / np.maximum(count, 1.0), -params.truncation)
+        outside = np.maximum(lowest - points, points - highest).max(axis=1)
+        values = np.maximum(values, np.clip(outside, -params.truncation, params.truncation))
+        return cls(values.reshape(counts), origin, params.spacing).cropped()
+
+    def cropped(self) -> "_Volume":
+        """Around what is solid."""
+        solid = np.argwhere(self.values < 0.0)
+        if not len(solid):
+            raise InvalidInputError("views: leave nothing of the object; the poses of the cameras do not fit.")
+        first = np.maximum(solid.min(axis=0) - _RIM, 0)
+        last = np.minimum(solid.max(axis=0) + _RIM + 1, self.values.shape)
+        kept = self.values[tuple(slice(*ends) for ends in zip(first, last, strict=True))]
+        return _Volume(kept, self.origin + self.spacing * first, self.spacing)
+
+    def distance(self, p_OQ: FloatArray) -> FloatArray:
+        """At points (n, 3), shape (n,), m."""
+        places = ((p_OQ - self.origin) / self.spacing).T
+        found: FloatArray = map_coordinates(self.values, places, order=1, mode="nearest")
+        return found
+
+    def surface(self) -> tuple[FloatArray, NDArray[np.int32]]:
+        """The closed mesh where the distance is zero: vertices (v, 3), m, and faces (f, 3); of parts, the largest.
+
+        Raises:
+            InvalidInputError: if there is none.
+        """
+        for smoothing in _SMOOTHINGS:
+            smooth = gaussian_filter(self.values, smoothing, mode="nearest")
+            vertices, faces = _zero_level(smooth, self.origin, self.spacing)
+            # Vertices in the same place count as one: no edge may be of four faces.
+            if trimesh.Trimesh(vertices, faces).is_watertight:
+                return vertices, faces
+        raise InvalidInputError("views: give a surface that touches itself; FusionParams.spacing is too large for it.")
+
+
+def _zero_level(values: FloatArray, origin: FloatArray, step: float) -> tuple[FloatArray, NDArray[np.int32]]:
+    """The mesh of the largest part of where values on a grid are negative."""
+    rows, (x, y, z), highest = values.tolist(), origin.tolist(), [count - 2 for count in values.shape]
+
+    def inside(px: float, py: float, pz: float) -> float:
+        at = (px - x) / step, (py - y) / step, (pz - z) / step
+        i, j, k = (min(max(int(place), 0), most) for place, most in zip(at, highest, strict=True))
+        u, v, w = at[0] - i, at[1] - j, at[2] - k
+        total = 0.0
+        for share, plane in ((1.0 - u, rows[i]), (u, rows[i + 1])):
+            low = plane[j][k] * (1.0 - w) + plane[j][k + 1] * w
+            high = plane[j + 1][k] * (1.0 - w) + plane[j + 1][k + 1] * w
+            total -= share * (low * (1.0 - v) + high * v)
+        return total
+
+    end = origin + step * (np.array(values.shape) - 1)
+    parts = manifold3d.Manifold.level_set(inside, [x, y, z, *end.tolist()], step).decompose()
+    if not parts:
+        raise InvalidInputError("views: leave nothing of the object; the poses of the cameras do not fit.")
+    mesh = max(parts, key=lambda part: part.volume()).to_mesh64()
+    return np.array(mesh.vert_properties[:, :3]), np.array(mesh.tri_verts, dtype=np.int32)

@@ -1,0 +1,75 @@
+"""Meshes of objects that are known from depth images only."""
+
+import math
+
+import numpy as np
+import pytest
+import trimesh
+
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.vision.depth_fusion import DepthView, FusionParams, Reconstruction, reconstruct
+from tactopose_drake.core.vision.depth_pictures import DepthCameraModel, noisy_depth
+from tactopose_drake.errors import InvalidInputError
+from tests.core.vision.seen_scenes import NO_HAND, depth_of_scene
+
+CAMERA = DepthCameraModel(width=200, height=150, focal_length=220.0)
+
+
+@pytest.fixture(scope="module")
+def box() -> ObjectModel:
+    return ObjectModel.from_mesh(trimesh.creation.box([0.06, 0.08, 0.1]), cache=False)
+
+
+def views(model: ObjectModel, apart: float, count: int = 3) -> list[DepthView]:
+    """From 0.5 m and 30 degrees above, about z."""
+    found = []
+    for i in range(count):
+        angle = math.radians(apart * (i - 1) + 20.0)
+        forward = -np.array([math.cos(angle) * math.sqrt(0.75), math.sin(angle) * math.sqrt(0.75), 0.5])
+        right = np.cross(forward, [0.0, 0.0, 1.0])
+        right /= np.linalg.norm(right)
+        R_CO = np.stack([right, np.cross(forward, right), forward])
+        X_CO = np.column_stack([R_CO, [0.0, 0.0, 0.5]])
+        depth = noisy_depth(depth_of_scene(model, X_CO, NO_HAND, CAMERA), CAMERA, np.random.default_rng(i))
+        found.append(DepthView(depth, X_CO, CAMERA))
+    return found
+
+
+TABLE = np.array([[-np.inf, -np.inf, -0.05], [np.inf] * 3])
+
+
+@pytest.fixture(scope="module")
+def around(box: ObjectModel) -> Reconstruction:
+    return reconstruct(views(box, 120.0), TABLE)
+
+
+def test_what_was_seen_lies_on_the_object(box: ObjectModel, around: Reconstruction) -> None:
+    mesh = trimesh.Trimesh(around.vertices, around.faces)
+    assert mesh.is_watertight
+    assert mesh.volume == pytest.approx(box.volume, rel=0.12)
+    distance = box.grid.distance(around.vertices)
+    assert np.sqrt(np.mean(distance[around.seen] ** 2)) < 1.5 * around.seen_sigma
+    assert around.seen_sigma < 0.0015
+
+
+def test_the_unseen_part_is_said(box: ObjectModel, around: Reconstruction) -> None:
+    # The bottom's share of the surface, and a part of the sides near it.
+    assert 0.5 * 48.0 / 376.0 < around.unseen_share < 3.0 * 48.0 / 376.0
+    assert around.vertices[~around.seen, 2].mean() < -0.035
+    one_side = reconstruct(views(box, 40.0), TABLE)
+    assert one_side.unseen_share > 2.0 * around.unseen_share
+    assert one_side.unseen_sigma > 1.5 * one_side.seen_sigma
+    assert one_side.surface_sigma > around.surface_sigma
+    # A back that nobody has seen is too large, never too small.
+    assert box.grid.distance(one_side.vertices[~one_side.seen]).mean() > 0.002
+
+
+def test_what_cannot_be_fused_is_refused(box: ObjectModel) -> None:
+    seen = views(box, 120.0)
+    with pytest.raises(InvalidInputError, match="views: are 1; allowed are two or more"):
+        reconstruct(seen[:1])
+    nothing = [DepthView(np.full_like(view.depth, np.inf), view.X_CO, view.camera) for view in seen]
+    with pytest.raises(InvalidInputError, match="views: see 0 points"):
+        reconstruct(nothing)
+    with pytest.raises(InvalidInputError, match=r"FusionParams\.spacing is too small"):
+        reconstruct(seen, params=FusionParams(spacing=1e-5))
