@@ -55,7 +55,7 @@ def add_motor_inertia(plant: MultibodyPlant, hand: Hand, params: GraspController
 
 
 def _inertias(plant: MultibodyPlant, hand: Hand, names: Sequence[str]) -> FloatArray:
-    """The inertia against the named joints, coupled ones following, at zero and some other postures, shape (n, k, k)."""
+    """The inertia against the named joints, coupled ones following, at zero and in other postures, shape (n, k, k)."""
     places = [plant.GetJointByName(name, hand.model_instance).velocity_start() for name in names]
     follow = np.zeros((plant.num_velocities(), len(names)))
     follow[places, np.arange(len(names))] = 1.0
