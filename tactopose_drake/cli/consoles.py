@@ -41,7 +41,7 @@ def printable(text: str) -> str:
 
 
 class OnceFilter(logging.Filter):
-    """Lets each message of a log through once: Drake repeats its own whenever a model is read again."""
+    """Lets each message of a log through once: models are read more than once, and what is said of them with them."""
 
     def __init__(self) -> None:
         """Has seen nothing."""

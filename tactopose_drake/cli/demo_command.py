@@ -6,14 +6,18 @@ from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
 from pydrake.geometry import Meshcat, MeshcatParams
+from pydrake.math import RigidTransform
 
 from tactopose_drake.cli.consoles import ERRORS, OUT
 from tactopose_drake.cli.demo_run import DemoResult, earlier_results, prepare_demo, run_demo, save_demo
 from tactopose_drake.cli.demo_scenario import demo_scenario
 from tactopose_drake.cli.reports import fingers_table, pads_table, poses_table
 from tactopose_drake.estimation.descriptions import free_line, sigma_line, status_line
+from tactopose_drake.runs.grasp_simulation import GraspResult
 from tactopose_drake.station.simulated import check_bodies
+from tactopose_drake.systems.pose_tracking import PoseTrackingParams
 from tactopose_drake.visualization.presentation import open_page
 
 _FOLDER = "tactopose_demo"
@@ -30,6 +34,7 @@ class _Options:
     mass: float | None
     seed: int
     out: Path | None
+    track: bool
     keep: bool
     no_open: bool
 
@@ -48,6 +53,7 @@ class _Options:
     show_default="tactopose_demo, or where that has results already, tactopose_demo_2 and so on",
     help="Folder for the results; those of an earlier run there are replaced.",
 )
+@click.option("--track", is_flag=True, help="Follows the object over time: the belief is what is shown.")
 @click.option("--meshcat", "keep", is_flag=True, help="Shows the run live in Meshcat, until you press Enter.")
 @click.option("--no-open", is_flag=True, help="Does not open the web page at the end.")
 def demo(**given: Any) -> None:
@@ -57,6 +63,8 @@ def demo(**given: Any) -> None:
     replaced = prepare_demo(out)
     with ERRORS.status("reading the hand"):
         scenario = demo_scenario(options.hand, options.name, options.seed, out, options.scale, options.mass)
+    if options.track:
+        scenario.tracking = PoseTrackingParams()
     scenario.validate()
     check_bodies(scenario)
     meshcat = Meshcat(MeshcatParams(host="localhost"))
@@ -80,6 +88,8 @@ def demo(**given: Any) -> None:
     OUT.print(free_line(result.estimate.best))
     OUT.print(sigma_line(result.estimate.best, result.grasp.station.model.size))
     OUT.print(status_line(result.estimate))
+    if options.track:
+        OUT.print(_belief_line(result.grasp))
     OUT.print("Written: " + ", ".join(str(path) for path in paths), soft_wrap=True)
     if replaced:
         OUT.print("Replaced, of an earlier run: " + ", ".join(str(path) for path in replaced), soft_wrap=True)
@@ -87,6 +97,17 @@ def demo(**given: Any) -> None:
         open_page(paths[-1])
     if options.keep:
         click.pause("Press Enter to end.")
+
+
+def _belief_line(grasp: GraspResult) -> str:
+    """What the belief over time says at the end, and how far it is off."""
+    diagram, context = grasp.station.diagram, grasp.context
+    status: str = diagram.GetOutputPort("tracked_status").Eval(context)
+    X_PO: RigidTransform = diagram.GetOutputPort("tracked_object_pose").Eval(context)
+    off = X_PO.translation() - grasp.X_PO.translation()
+    return (
+        f"Belief over time: {status}; {1e3 * float(np.linalg.norm(off)):.1f} mm off, what is not determined included."
+    )
 
 
 def _holders(result: DemoResult) -> list[str]:

@@ -65,7 +65,8 @@ def cli() -> None:
 
 def main() -> None:
     """The entry point of `tactopose`."""
-    logging.getLogger("drake").addFilter(OnceFilter())
+    for log in ("drake", "tactopose_drake"):
+        logging.getLogger(log).addFilter(OnceFilter())
     logging.getLogger("can").setLevel(logging.ERROR)  # What a damaged log holds is said once, at its end.
     try:
         # It gives back what `Context.exit` and `click.exceptions.Exit` were given; commands give nothing.

@@ -16,6 +16,7 @@ from tactopose_drake.core.evidence.hand_clearance import HandClearance
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.identification.model_evidence import log_evidence
 from tactopose_drake.core.objectives.contact_mixture import Judgement
+from tactopose_drake.core.posterior.alike_modes import indistinct_images, join_alike
 from tactopose_drake.core.posterior.belief_sampling import weigh_modes
 from tactopose_drake.core.posterior.hypotheses import Modes, find_modes
 from tactopose_drake.core.posterior.plausibility import degrees_of_freedom, explain_with_doubt, is_comfortable
@@ -176,7 +177,10 @@ def weigh_poses(
         wider = _modes_of(model, evidence, problem, found, max_hypotheses, params.modes)
         modes = min(modes, wider, key=lambda either: float(either.cost.min()))
     if not deadline():
-        modes = weigh_modes(modes, make_posterior(model, evidence, problem, params), generator)
+        posterior = make_posterior(model, evidence, problem, params)
+        posterior = dataclasses.replace(posterior, symmetry_poses=_images(model, evidence))
+        modes = weigh_modes(modes, posterior, generator)
+    modes = join_alike(modes, model, params.modes)
     judged, explains = _judge(model, evidence, problem, modes, params)
     hypotheses = _hypotheses(modes, _inlier_probability(problem, evidence, modes, judged), explains)
     undetermined = prior is None and len(evidence.touch) < _FEWEST_FOR_A_POSE
@@ -231,11 +235,15 @@ def _modes_of(
         SearchResult(X_PO[order], cost[order], found.iterations[order], found.converged[order]),
         hessian[order],
         problem.space.information,
-        model.symmetry_poses,
+        _images(model, evidence),
         model.size,
         limit,
         params,
     )
+
+
+def _images(model: ObjectModel, evidence: Evidence) -> FloatArray:
+    return indistinct_images(model, float(np.min(evidence.touch.sigma_position)))
 
 
 def _pair_search(model: ObjectModel, evidence: Evidence) -> PairSearch:

@@ -247,7 +247,10 @@ def _add_display(
     model: ObjectModel,
     meshcat: Meshcat,
 ) -> None:
-    """Hand, contacts, patches, prior, estimate and truth in Meshcat; the object as a solid would hide the estimate."""
+    """Hand, contacts, patches, prior, estimate and truth in Meshcat; the object as a solid would hide the estimate.
+
+    Where the station tracks, the belief over time stands for the estimate.
+    """
     for geometry in plant.GetVisualGeometriesForBody(object_body):
         scene_graph.RemoveRole(plant.get_source_id(), geometry, Role.kIllustration)
     MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat)
@@ -255,7 +258,10 @@ def _add_display(
     params = PoseDisplayParams(max_pads=len(cells), max_cells=max(cells, default=0))
     display = builder.AddNamedSystem("pose_display", PoseDisplay(meshcat, model, hand.palm_frame, params, object_body))
     estimation = builder.GetSubsystemByName("pose_estimation")
-    for name in ("contacts", "object_pose", "hypotheses", *(["patches"] if cells else [])):
+    believed = "pose_tracking" if builder.HasSubsystemNamed("pose_tracking") else "pose_estimation"
+    for name in ("contacts", *(["patches"] if cells else [])):
         builder.Connect(estimation.GetOutputPort(name), display.GetInputPort(name))
+    for name in ("object_pose", "hypotheses"):
+        builder.Connect(builder.GetSubsystemByName(believed).GetOutputPort(name), display.GetInputPort(name))
     builder.Connect(builder.GetSubsystemByName("vision").GetOutputPort("prior"), display.GetInputPort("prior"))
     builder.Connect(plant.get_body_poses_output_port(), display.GetInputPort("body_poses"))

@@ -7,7 +7,7 @@ import pytest
 from rich.table import Table
 
 from tactopose_drake.cli.demo_run import GraspFailedError, prepare_demo, run_demo
-from tactopose_drake.station.scenario import load_scenario
+from tactopose_drake.station.scenario import Scenario, load_scenario
 from tests.cli.test_cli import run
 
 
@@ -155,3 +155,17 @@ def test_a_wrong_call_ends_with_status_2(
 ) -> None:
     assert run("demo", *arguments) == 2
     assert message in " ".join(capsys.readouterr().err.split())
+
+
+def test_the_belief_over_time_is_asked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[Scenario] = []
+
+    def ask(scenario: Scenario, **_: object) -> None:
+        asked.append(scenario)
+        raise GraspFailedError("asked")
+
+    monkeypatch.setattr("tactopose_drake.cli.demo_command.run_demo", ask)
+    for more in ((), ("--track",)):
+        assert run("demo", "--object", "cube", "--out", tmp_path / "out", "--no-open", *more) == 1
+    assert asked[0].tracking is None
+    assert asked[1].tracking is not None

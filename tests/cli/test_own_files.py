@@ -102,20 +102,27 @@ def test_run_says_what_it_cannot_draw(tmp_path: Path, capsys: pytest.CaptureFixt
     assert "is an input, or in one" in capsys.readouterr().err
 
 
-def test_estimate_takes_a_scale_and_known_symmetries(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    # A tin that is 2 % off round: no symmetry is found, and one is declared.
+def test_estimate_takes_a_scale_and_known_symmetries(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
+) -> None:
+    # A tin that is 4 % off round: that it is nearly symmetric is said, and a symmetry may be declared.
     tin = trimesh.creation.cylinder(radius=30.0, height=120.0, sections=96)
-    tin.apply_scale([1.0, 1.02, 1.0])
+    tin.apply_scale([1.0, 1.04, 1.0])
     tin.export(tmp_path / "tin.stl")
     contacts = [
         "{position: [0.030, 0.0, 0.02], normal: [1.0, 0.0, 0.0]}",
-        "{position: [0.0, 0.0303, -0.01], normal: [0.0, 1.0, 0.0]}",
+        "{position: [0.0, 0.0312, -0.01], normal: [0.0, 1.0, 0.0]}",
         "{position: [-0.030, 0.0, 0.03], normal: [-1.0, 0.0, 0.0]}",
         "{position: [0.0, 0.01, 0.06], normal: [0.0, 0.0, 1.0]}",
     ]
     (tmp_path / "contacts.yaml").write_text("contacts:\n" + "\n".join(f"- {contact}" for contact in contacts))
     arguments = ["--object", tmp_path / "tin.stl", "--scale", 0.001, "--contacts", tmp_path / "contacts.yaml"]
+    assert run("estimate", *arguments) == 0
+    assert "tin: is nearly unchanged by turns about its z axis" in caplog.text
+    assert "turn about the object's z" in " ".join(capsys.readouterr().out.split())
+    caplog.clear()
     assert run("estimate", *arguments, "--symmetry", "z") == 0
+    assert not caplog.records
     assert "turn about the object's z" in " ".join(capsys.readouterr().out.split())
     assert run("estimate", *arguments, "--symmetry", "z:2", "--symmetry", "x:2") == 0
     capsys.readouterr()

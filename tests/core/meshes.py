@@ -68,3 +68,14 @@ def shape_poor_in_symmetry() -> trimesh.Trimesh:
         ],
         engine="manifold",
     )
+
+
+def scanned_can(unevenness: float = 1.0) -> trimesh.Trimesh:
+    """A can of 68 x 102 mm, off round by 1 to 2 % of its diameter times the unevenness, as photographs leave one."""
+    profile = np.concatenate([[[0.0, -0.051]], [[0.034, z] for z in np.linspace(-0.051, 0.051, 25)], [[0.0, 0.051]]])
+    mesh = create.revolve(profile, sections=96)
+    x, y, z = mesh.vertices.T
+    angle = np.arctan2(y, x)
+    waves = 0.012 * np.sin(2 * angle + 0.7) + 0.01 * np.sin(3 * angle + 40.0 * z) + 0.006 * np.sin(5 * angle - 60.0 * z)
+    mesh.vertices[:, :2] *= (1.0 + unevenness * waves - 0.4 * z)[:, None]  # a little narrower at its upper end
+    return mesh

@@ -3,15 +3,18 @@
 import html
 import importlib
 import re
+import shlex
 import subprocess
 import sys
 import typing
 from pathlib import Path
 from xml.etree import ElementTree
 
+import click
 import pytest
 import yaml
 
+from tactopose_drake.cli.main import cli
 from tactopose_drake.hand.calibration_file import HandCalibration
 from tactopose_drake.hand.grasp_files import GraspFile
 from tactopose_drake.hand.hand_config import HandConfig
@@ -98,3 +101,51 @@ def test_examples_run(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         # A file that the page shows is there under the name that its first line says.
         if named := re.match(r"(?:#|<!--) (\S+\.\w+)", text):
             Path(named[1]).write_text(text)
+
+
+def commands_of(text: str) -> list[list[str]]:
+    """The calls of `tactopose` in a page's shell blocks, as words."""
+    lines = [line for block in re.findall(r"^```sh\n(.*?)^```$", text, re.M | re.S) for line in block.splitlines()]
+    whole = re.sub(r"\\\n\s*", "", "\n".join(lines)).splitlines()
+    words = [shlex.split(line, comments=True) for line in whole]
+    return [line[1:] for line in words if line and Path(line[0]).name == "tactopose"]
+
+
+COMMANDS = [
+    (page, words)
+    for page in [*PAGES, "README.md", "CONTRIBUTING.md"]
+    for words in commands_of((ROOT / page).read_text())
+]
+
+
+NAMED = sorted(
+    {
+        (page, " ".join(name.split()))
+        for page in [*PAGES, "README.md", "CONTRIBUTING.md", "CHANGELOG.md"]
+        for name in re.findall(r"`tactopose\s([^`]+)`", (ROOT / page).read_text())
+    }
+)
+
+
+def test_the_pages_name_commands() -> None:
+    assert len(COMMANDS) > 5
+    assert len(NAMED) > 20
+
+
+@pytest.mark.parametrize(("page", "name"), NAMED, ids=[f"{page}:{name}" for page, name in NAMED])
+def test_options_that_a_page_names_are_the_command_s(page: str, name: str) -> None:
+    first, *rest = name.split()
+    command = cli.get_command(click.Context(cli), first)
+    assert command is not None, page
+    known = {option for parameter in command.params for option in parameter.opts}
+    assert {word.strip("[],") for word in rest if word.startswith(("-", "[-"))} <= known
+
+
+@pytest.mark.parametrize(("page", "words"), COMMANDS, ids=[f"{page}:{' '.join(words)}" for page, words in COMMANDS])
+def test_commands_that_a_page_names_can_be_typed(page: str, words: list[str]) -> None:
+    if words[0].startswith("-"):
+        return
+    command = cli.get_command(click.Context(cli), words[0])
+    assert command is not None, words
+    # Its options and arguments are taken; nothing is run, and no file is opened.
+    command.make_context(words[0], words[1:])

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 
 from tactopose_drake.core.grasping.finger_reach import ReachParams
@@ -58,6 +59,49 @@ def test_light_joints_get_their_motor_s_inertia(tmp_path: Path) -> None:
     shadow = load_hand_config("shadow_like")
     plant = MultibodyPlant(0.004)
     assert add_motor_inertia(plant, add_hand(plant, shadow), GraspControllerParams()) == {}
+
+
+def write_rows(folder: Path) -> Path:
+    """A hand of two fingers of three turning joints each, whose last links weigh next to nothing; its YAML's path."""
+    link = (
+        '<link name="{0}"><inertial><mass value="{1}"/>'
+        '<inertia ixx="{2}" ixy="0" ixz="0" iyy="{2}" iyz="0" izz="{2}"/></inertial></link>'
+    )
+    joint = (
+        '<joint name="{0}_joint" type="revolute"><parent link="{1}"/><child link="{0}"/><axis xyz="0 1 0"/>'
+        '<origin xyz="0 0 0.04"/><limit lower="-1" upper="1" effort="1" velocity="9"/></joint>'
+    )
+    parts, fingers = [link.format("palm", 0.5, 1e-3)], ""
+    for name in ("a", "b"):
+        links = [f"{name}{i}" for i in range(3)]
+        parts += [link.format(part, 0.02, 1e-6) for part in links]
+        parts += [joint.format(part, parent) for part, parent in zip(links, ["palm", *links], strict=False)]
+        joints = ", ".join(f"{part}_joint" for part in links)
+        fingers += f"- {{name: {name}, joints: [{joints}], sensor_frame: {name}2, weld: {name}2_joint, "
+        fingers += "surface: !SphereSurface {radius: 0.01}}\n"
+    (folder / "rows.urdf").write_text(f'<robot name="rows">{"".join(parts)}</robot>')
+    path = folder / "rows.hand.yaml"
+    path.write_text(f"model: rows.urdf\nbase_link: palm\npalm_frame: palm\nfingers:\n{fingers}")
+    return path
+
+
+def test_the_springs_of_joints_in_a_row_do_not_swing_ever_wider(tmp_path: Path) -> None:
+    params, step = GraspControllerParams(), 0.004
+    plant = MultibodyPlant(step)
+    hand = add_hand(plant, load_hand_config(write_rows(tmp_path)), RigidTransform())
+    added = add_motor_inertia(plant, hand, params)
+    plant.Finalize()
+    context, eye = plant.CreateDefaultContext(), np.eye(6)
+    # The first joint of each finger has inertia enough for itself, but not for what all three do together.
+    assert set(added) == {f"{name}{i}_joint" for name in "ab" for i in range(3)}
+    for q in np.random.default_rng(1).uniform(-1.0, 1.0, (5, 6)):
+        plant.SetPositions(context, q)
+        inertia = plant.CalcMassMatrix(context)  # with that of the rotors
+        # A step of explicit springs and dampers maps positions and velocities to the next.
+        kick = np.hstack([np.zeros((6, 6)), eye])
+        kick -= step * np.linalg.solve(inertia, np.hstack([params.finger_stiffness * eye, params.finger_damping * eye]))
+        stride = np.hstack([eye, np.zeros((6, 6))]) + step * kick
+        assert np.abs(np.linalg.eigvals(np.vstack([stride, kick]))).max() < 1.0
 
 
 def test_a_rigid_hand_is_refused_where_the_object_is_rigid_too(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from pydrake.geometry import Meshcat, MeshcatParams
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.analysis import Simulator
 
@@ -15,6 +16,7 @@ from tactopose_drake.runs.grasp_simulation import run_grasp, simulate_grasp
 from tactopose_drake.station.grasp_planning import plan_scenario
 from tactopose_drake.station.scenario import Scenario, load_scenario
 from tactopose_drake.station.simulated import make_station
+from tactopose_drake.systems.pose_tracking import PoseTrackingParams
 
 SCENARIOS = sorted((resource_root() / "diagrams").glob("*.scenario.yaml"))
 
@@ -190,3 +192,19 @@ def test_bad_scenarios_are_refused(tmp_path, line, error, text):
 def test_a_scenario_that_is_not_there_is_told_with_those_that_are() -> None:
     with pytest.raises(InvalidFileError, match=r"nosuch: there is no such file; .* are barrett_like, .*shadow_like"):
         load_scenario("nosuch")
+
+
+@pytest.mark.parametrize("tracks", [False, True])
+def test_meshcat_shows_the_belief_over_time_where_there_is_one(scenario, plan, tracks):
+    tracking = PoseTrackingParams() if tracks else None
+    station = make_station(
+        dataclasses.replace(scenario, tracking=tracking), plan, meshcat=Meshcat(MeshcatParams(host="localhost"))
+    )
+    display = station.diagram.GetSubsystemByName("pose_display")
+    shown = {}
+    for (system, port), (source, _) in station.diagram.connection_map().items():
+        if system is display:
+            shown[system.get_input_port(port).get_name()] = source.get_name()
+    believed = "pose_tracking" if tracks else "pose_estimation"
+    assert (shown["object_pose"], shown["hypotheses"]) == (believed, believed)
+    assert shown["contacts"] == "pose_estimation"

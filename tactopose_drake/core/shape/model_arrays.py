@@ -38,6 +38,7 @@ _LAYOUT: Layout = {
     "inertia": (np.float64, (3, 3)),
     "axes": (np.float64, (None, 3)),
     "orders": (np.int64, (None,)),
+    "near_axes": (np.float64, (None, 3)),
     "symmetry_poses": (np.float64, (None, 3, 4)),
     "symmetry_misfits": (np.float64, (None,)),
     "repairs": (np.uint8, (None,)),
@@ -119,6 +120,7 @@ def _rest_is_sound(arrays: Mapping[str, NDArray[Any]]) -> bool:
         and bool(np.all((centroid >= lower) & (centroid <= upper)))
         and len(axes) == len(orders)
         and _are_unit(axes)
+        and _are_unit(arrays["near_axes"])
         and bool(np.all((orders == 0) | (orders >= 2)))
         and len(poses) == len(arrays["symmetry_misfits"]) > 0
         and bool(np.all((arrays["symmetry_misfits"] >= 0.0) & (arrays["symmetry_misfits"] <= _LARGEST_DISTANCE)))

@@ -11,17 +11,20 @@ from numpy.typing import NDArray
 
 from tactopose_drake.core.mesh.loading import MeshSource, RawMesh, load_mesh, mesh_file
 from tactopose_drake.core.mesh.repair import repair_mesh
-from tactopose_drake.core.poses import transform_points
 from tactopose_drake.core.shape import model_cache
 from tactopose_drake.core.shape.coarse_field import coarsen
 from tactopose_drake.core.shape.model_arrays import content_hash, describe_a_model
 from tactopose_drake.core.shape.model_cache import Arrays
 from tactopose_drake.core.shape.model_options import ModelOptions
-from tactopose_drake.core.shape.signed_distance import DistanceGrid, build_grid
-from tactopose_drake.core.shape.surface_samples import SurfaceSamples, sample_surface
+from tactopose_drake.core.shape.model_symmetries import misfits
+from tactopose_drake.core.shape.signed_distance import build_grid
+from tactopose_drake.core.shape.surface_samples import sample_surface
 from tactopose_drake.core.shape.symmetry import RotationalSymmetry, symmetry_group
-from tactopose_drake.core.shape.symmetry_detection import SymmetryDetectionParams, detect_symmetries
-from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.core.shape.symmetry_detection import (
+    SymmetryDetectionParams,
+    detect_near_symmetries,
+    detect_symmetries,
+)
 from tactopose_drake.errors import InvalidFileError
 
 # Formats whose geometry is all in the one file, so that the file's bytes identify it and need not be parsed again.
@@ -81,9 +84,11 @@ def build_arrays(raw: RawMesh, label: str, options: ModelOptions) -> Arrays:
     surface = sample_surface(mesh.vertices, mesh.faces, options.samples)
     size = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
     found: tuple[RotationalSymmetry, ...] = ()
+    near: tuple[RotationalSymmetry, ...] = ()
     if options.tolerance is not None:
         params = SymmetryDetectionParams(tolerance=options.tolerance)
         found = detect_symmetries(surface, grid, centroid, inertia, size, params)
+        near = detect_near_symmetries(surface, grid, centroid, inertia, size, found, params)
     poses = symmetry_group(found)
     arrays: dict[str, NDArray[Any]] = {
         "vertices": mesh.vertices,
@@ -99,17 +104,10 @@ def build_arrays(raw: RawMesh, label: str, options: ModelOptions) -> Arrays:
         "inertia": inertia,
         "axes": np.array([symmetry.axis for symmetry in found]).reshape(-1, 3),
         "orders": np.array([symmetry.order for symmetry in found], dtype=np.int64),
+        "near_axes": np.array([symmetry.axis for symmetry in near]).reshape(-1, 3),
         "symmetry_poses": poses,
         "symmetry_misfits": misfits(grid, surface, poses),
         "repairs": np.frombuffer(json.dumps(mesh.repairs).encode(), dtype=np.uint8),
         "content_hash": np.frombuffer(content_hash(mesh.vertices, mesh.faces).encode(), dtype=np.uint8),
     }
     return arrays
-
-
-def misfits(grid: DistanceGrid, samples: SurfaceSamples, poses: FloatArray) -> FloatArray:
-    """How far the samples are off the surface when each of the poses X_OO' (g, 3, 4) moves them, rms, m, shape (g,)."""
-    turned = transform_points(poses, samples.points)
-    distance = grid.distance(turned.reshape(-1, 3)).reshape(len(turned), -1)
-    off: FloatArray = np.sqrt(np.mean(distance**2, axis=1))
-    return off

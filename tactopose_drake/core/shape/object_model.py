@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -19,14 +20,15 @@ from tactopose_drake.core.mesh.repair import MeshRepairWarning
 from tactopose_drake.core.mesh.solid import DENSITY
 from tactopose_drake.core.shape import kept_parts
 from tactopose_drake.core.shape.coarse_field import CoarseField, over_grid
-from tactopose_drake.core.shape.model_building import arrays_of, misfits
+from tactopose_drake.core.shape.model_building import arrays_of
 from tactopose_drake.core.shape.model_cache import Arrays
 from tactopose_drake.core.shape.model_options import ModelOptions
+from tactopose_drake.core.shape.model_symmetries import known_symmetries, near_symmetry_line
 from tactopose_drake.core.shape.pair_features import PairFeatures, build_pair_features
 from tactopose_drake.core.shape.signed_distance import DistanceGrid
 from tactopose_drake.core.shape.surface_samples import SurfaceSamples
 from tactopose_drake.core.shape.surfels import Surfels, make_surfels, surfel_spacing
-from tactopose_drake.core.shape.symmetry import RotationalSymmetry, sampled_turns, symmetry_group
+from tactopose_drake.core.shape.symmetry import RotationalSymmetry, sampled_turns
 from tactopose_drake.core.shape.symmetry_detection import SymmetryDetectionParams
 from tactopose_drake.core.shape.unevenness import Unevenness, find_unevenness
 from tactopose_drake.core.validation import FloatArray
@@ -53,6 +55,8 @@ class ObjectModel:
         symmetry_poses: the poses X_OO' that the finite symmetries generate, the identity first, shape (g, 3, 4);
             continuous symmetries are in `symmetries` alone.
         symmetry_misfits: how far the samples are off the surface when each of these turns them, rms, m, shape (g,).
+        near_symmetries: axes about which every turn nearly leaves the object unchanged, as it does a scan of a can.
+        symmetries_are_given: whether they were told, rather than found: then they hold, whatever the surface says.
         size: diagonal of the bounding box, m.
         repairs: what was repaired in the mesh, one sentence each.
         content_hash: of the vertices and faces, 32 hexadecimal digits.
@@ -78,6 +82,8 @@ class ObjectModel:
     repairs: tuple[str, ...]
     content_hash: str
     mass_is_known: bool = False
+    near_symmetries: tuple[RotationalSymmetry, ...] = ()
+    symmetries_are_given: bool = False
     is_kept: bool = False
     surface_sigma: float = 0.0
     scale_sigma: float = 0.0
@@ -86,6 +92,7 @@ class ObjectModel:
         low, high = self.vertices.min(axis=0), self.vertices.max(axis=0)
         extent = " x ".join(f"{1e3 * length:.0f}" for length in high - low)
         axes = [f"{'any' if axis.is_continuous else axis.order}-fold" for axis in self.symmetries]
+        axes += ["nearly any-fold"] * bool(self.near_symmetries)
         symmetry = ", ".join(axes) if axes else "none"
         return (
             f"<ObjectModel {self.name!r}: {extent} mm, {1e3 * self.mass:.0f} g, {len(self.faces)} faces, "
@@ -116,7 +123,8 @@ class ObjectModel:
             coarse_field=over_grid(grid, self.coarse_field.values),
             samples=SurfaceSamples(self.samples.points - p_OC, self.samples.normals),
             center_of_mass=self.center_of_mass - p_OC,
-            symmetries=tuple(RotationalSymmetry(s.axis, s.point - p_OC, s.order) for s in self.symmetries),
+            symmetries=tuple(symmetry.seen_from(p_OC) for symmetry in self.symmetries),
+            near_symmetries=tuple(symmetry.seen_from(p_OC) for symmetry in self.near_symmetries),
             symmetry_poses=symmetry_poses,
         )
 
@@ -239,24 +247,22 @@ class ObjectModel:
         repairs = tuple(json.loads(arrays["repairs"].tobytes()))
         for repair in repairs:
             warnings.warn(f"{options.name}: {repair}.", MeshRepairWarning, stacklevel=2)
-        return cls._of(arrays, repairs, options)
+        model = cls._of(arrays, repairs, options)
+        if model.near_symmetries:
+            line = near_symmetry_line(model.near_symmetries, model.grid, model.samples)
+            logging.getLogger("tactopose_drake").warning("%s: %s", model.name, line)
+        return model
 
     @classmethod
     def _of(cls, arrays: Arrays, repairs: tuple[str, ...], options: ModelOptions) -> ObjectModel:
         """The model of what was built of a mesh, with what was told of it."""
-        volume, given = float(arrays["volume"]), options.symmetries
+        volume = float(arrays["volume"])
         mass = DENSITY * volume if options.mass is None else options.mass
         inertia = arrays["inertia"] * (mass / (DENSITY * volume))
         center = arrays["centroid"] if options.center_of_mass is None else np.asarray(options.center_of_mass)
         grid = DistanceGrid(arrays["distances"], arrays["grid_origin"], float(arrays["grid_spacing"]))
         surface = SurfaceSamples(arrays["sample_points"], arrays["sample_normals"])
-        if given is None:
-            axes = zip(arrays["axes"], arrays["orders"], strict=True)
-            given = tuple(RotationalSymmetry(axis, arrays["centroid"], int(order)) for axis, order in axes)
-            poses, off = arrays["symmetry_poses"], arrays["symmetry_misfits"]
-        else:
-            poses = symmetry_group(given)
-            off = misfits(grid, surface, poses)
+        known = known_symmetries(arrays, grid, surface, options.symmetries)
         model = cls(
             name=options.name,
             vertices=arrays["vertices"],
@@ -268,18 +274,20 @@ class ObjectModel:
             mass=mass,
             center_of_mass=center,
             inertia=inertia,
-            symmetries=given,
-            symmetry_poses=poses,
-            symmetry_misfits=off,
+            symmetries=known.symmetries,
+            symmetry_poses=known.poses,
+            symmetry_misfits=known.misfits,
             size=float(np.linalg.norm(np.ptp(arrays["vertices"], axis=0))),
             repairs=repairs,
             content_hash=arrays["content_hash"].tobytes().decode(),
             mass_is_known=options.mass is not None,
+            near_symmetries=known.near,
+            symmetries_are_given=options.symmetries is not None,
             is_kept=options.is_kept,
             surface_sigma=options.surface_sigma,
             scale_sigma=options.scale_sigma,
         )
-        for array in (*arrays.values(), center, inertia, poses):
+        for array in (*arrays.values(), center, inertia, known.poses):
             array.setflags(write=False)
         return model
 

@@ -51,6 +51,10 @@ class RotationalSymmetry:
         """Whether every turn about the axis leaves the object unchanged."""
         return self.order == CONTINUOUS
 
+    def seen_from(self, p_OC: FloatArray) -> RotationalSymmetry:
+        """The same in a frame C with O's axes, at p_OC, shape (3,), m."""
+        return RotationalSymmetry(self.axis, self.point - p_OC, self.order)
+
     def poses(self) -> FloatArray:
         """The turns of a finite order as poses X_OO', shape (order, 3, 4); the identity alone if continuous."""
         count = max(self.order, 1)

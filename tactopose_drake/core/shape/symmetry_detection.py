@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,9 @@ from tactopose_drake.core.shape.symmetry import CONTINUOUS, RotationalSymmetry, 
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
 
+# What is nearly unchanged, as a scan of a can: shares of the size and of the mean distance from the longest axis, and
+# the largest distance over the first.
+_NEAR_TOLERANCE, _NEAR_RADIUS_SHARE, _NEAR_OUTLIER_FACTOR = 0.025, 0.1, 2.0
 # Orders of the axes of a body with three equal moments, by the finite groups of rotations; higher ones are multiples.
 _ORDERS_OF_THREE_EQUAL = (5, 4, 3, 2)
 
@@ -73,8 +76,7 @@ def detect_symmetries(
     moments, directions = np.linalg.eigh(inertia)
     principal = directions.T
     judge = _Judge(samples, grid, centroid, principal[0], size, params)
-    gaps = np.array([moments[2] - moments[1], moments[2] - moments[0], moments[1] - moments[0]]) / moments[2]
-    alike = gaps < params.equal_moments
+    alike = _others_alike(moments, params)
     if alike.all() and all(judge.turns_freely(axis) for axis in _sphere_directions(6)):
         return tuple(RotationalSymmetry(axis, centroid, CONTINUOUS) for axis in np.eye(3))
 
@@ -97,6 +99,60 @@ def detect_symmetries(
                 found.append((next((m for m in multiples if judge.holds(axis, _turns_of(m))), order), axis))
     found.sort(key=lambda item: -item[0])
     return _one_group(RotationalSymmetry(axis, centroid, order) for order, axis in found)
+
+
+def detect_near_symmetries(
+    samples: SurfaceSamples,
+    grid: DistanceGrid,
+    centroid: FloatArray,
+    inertia: FloatArray,
+    size: float,
+    found: Iterable[RotationalSymmetry],
+    params: SymmetryDetectionParams = SymmetryDetectionParams(),
+) -> tuple[RotationalSymmetry, ...]:
+    """The axes about which every turn nearly leaves the object unchanged, though none is one of continuous symmetry.
+
+    So it is with a scan of a can, or a can with a dent. A turn counts if the 95th percentile of the samples' distances
+    is at most 2.5 % of the size and 10 % of their mean distance from the longest axis, the largest 5 % of the size, and
+    the median angle between the normals that of a continuous axis. What has three-fold symmetry or more about the axis
+    is as it is meant to be: a pencil, a nut. A ball's turns are three axes.
+
+    Args:
+        samples: points on the surface, in O.
+        grid: the signed distance grid.
+        centroid: the volume's centroid, through which all axes pass, shape (3,), m.
+        inertia: uniform density, about the centroid, shape (3, 3).
+        size: diagonal of the bounding box, m.
+        found: what `detect_symmetries` has found.
+        params: as it had them.
+    """
+    known = tuple(found)
+    if any(symmetry.is_continuous for symmetry in known):
+        return ()
+    loose = replace(
+        params,
+        tolerance=max(_NEAR_TOLERANCE, params.tolerance),
+        radius_share=max(_NEAR_RADIUS_SHARE, params.radius_share),
+        outlier_factor=_NEAR_OUTLIER_FACTOR,
+    )
+    moments, directions = np.linalg.eigh(inertia)
+    judge = _Judge(samples, grid, centroid, directions[:, 0], size, loose)
+    alike = _others_alike(moments, params)
+    if alike.all() and all(judge.turns_freely(axis) for axis in _sphere_directions(6)):
+        return tuple(RotationalSymmetry(axis, centroid, CONTINUOUS) for axis in np.eye(3))
+    for k in np.flatnonzero(alike):
+        axis = judge.refine(directions.T[k : k + 1], 2 * np.pi / 3, 6)[0]
+        axis = axis * np.sign(axis[np.abs(axis).argmax()])
+        meant = any(symmetry.order > 2 and _parallel(axis, symmetry.axis) for symmetry in known)
+        if not meant and judge.turns_freely(axis):
+            return (RotationalSymmetry(axis, centroid, CONTINUOUS),)
+    return ()
+
+
+def _others_alike(moments: FloatArray, params: SymmetryDetectionParams) -> NDArray[np.bool_]:
+    """For each principal axis whether the moments about the two others may be equal; three rising moments."""
+    alike: NDArray[np.bool_] = (moments[[2, 2, 1]] - moments[[1, 0, 0]]) / moments[2] < params.equal_moments
+    return alike
 
 
 def _seeds(order: int, principal: FloatArray, alike: NDArray[np.bool_], directions: int) -> FloatArray:

@@ -95,3 +95,9 @@ def test_a_signed_file_that_holds_no_model_is_built_anew(
 
     monkeypatch.setattr(model_building, "repair_mesh", fail)
     np.testing.assert_array_equal(model().faces, built.faces)
+
+
+def test_near_axes_are_directions(kept: Arrays) -> None:
+    assert describe_a_model({**kept, "near_axes": np.array([[0.0, 0.6, 0.8]])}, SAMPLES)
+    for wrong in ([[0.0, 0.6, 0.7]], [[np.nan, 0.0, 0.0]]):
+        assert not describe_a_model({**kept, "near_axes": np.array(wrong)}, SAMPLES)

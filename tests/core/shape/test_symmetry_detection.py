@@ -5,28 +5,34 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactopose_drake.core.poses import transform_points
-from tactopose_drake.core.shape.signed_distance import build_grid
-from tactopose_drake.core.shape.surface_samples import sample_surface
+from tactopose_drake.core.shape.signed_distance import DistanceGrid, build_grid
+from tactopose_drake.core.shape.surface_samples import SurfaceSamples, sample_surface
 from tactopose_drake.core.shape.symmetry import RotationalSymmetry, symmetry_group
-from tactopose_drake.core.shape.symmetry_detection import SymmetryDetectionParams, detect_symmetries
-from tests.core.meshes import arrays, ball, create, cube, joined, random_pose, shape_poor_in_symmetry
+from tactopose_drake.core.shape.symmetry_detection import (
+    SymmetryDetectionParams,
+    detect_near_symmetries,
+    detect_symmetries,
+)
+from tests.core.meshes import arrays, ball, create, cube, joined, random_pose, scanned_can, shape_poor_in_symmetry
 
 Z = np.array([0.0, 0.0, 1.0])
 
 
 def symmetries_of(mesh: trimesh.Trimesh, **params: float) -> tuple[RotationalSymmetry, ...]:
+    return detect_symmetries(*shape_of(mesh), SymmetryDetectionParams(**params))
+
+
+def near_symmetries_of(mesh: trimesh.Trimesh) -> tuple[RotationalSymmetry, ...]:
+    shape = shape_of(mesh)
+    return detect_near_symmetries(*shape, detect_symmetries(*shape))
+
+
+def shape_of(mesh: trimesh.Trimesh) -> tuple[SurfaceSamples, DistanceGrid, np.ndarray, np.ndarray, float]:
     vertices, faces = arrays(mesh)
     grid, samples = build_grid(vertices, faces, max_bytes=16 * 250_000), sample_surface(vertices, faces, 2000)
     properties = trimesh.triangles.mass_properties(vertices[faces])
     size = float(np.linalg.norm(np.ptp(vertices, axis=0)))
-    return detect_symmetries(
-        samples,
-        grid,
-        np.array(properties.center_mass),
-        np.array(properties.inertia),
-        size,
-        SymmetryDetectionParams(**params),
-    )
+    return samples, grid, np.array(properties.center_mass), np.array(properties.inertia), size
 
 
 def prism(sides: int, radius: float = 0.03, height: float = 0.08) -> trimesh.Trimesh:
@@ -142,3 +148,35 @@ def test_separate_bodies_are_turned_as_one() -> None:
 def test_no_order_beyond_the_highest_is_looked_for() -> None:
     found = symmetries_of(prism(6), highest_order=5)
     assert [symmetry.order for symmetry in found[:2]] == [3, 2]
+
+
+def test_a_scan_of_a_can_is_nearly_unchanged_by_turns() -> None:
+    X = random_pose(np.random.default_rng(3))
+    assert not any(symmetry.is_continuous for symmetry in symmetries_of(scanned_can()))
+    for mesh, axis in ((scanned_can(), Z), (scanned_can().apply_transform(X), X[:3, :3] @ Z)):
+        (near,) = near_symmetries_of(mesh)
+        assert near.is_continuous
+        assert abs(near.axis @ axis) > np.cos(np.radians(1.0))
+        np.testing.assert_allclose(near.point, mesh.center_mass, atol=1e-6)
+
+
+def test_an_uneven_ball_is_nearly_unchanged_by_any_turn() -> None:
+    uneven = ball()
+    uneven.vertices *= [1.04, 1.02, 1.0]
+    assert not any(symmetry.is_continuous for symmetry in symmetries_of(uneven))
+    assert len(near_symmetries_of(uneven)) == 3
+
+
+NOT_NEARLY = {
+    "cylinder": prism(64),  # it is unchanged exactly
+    "hexagonal_prism": prism(6),
+    "pencil": prism(6, 0.0035, 0.18),  # off by less than a contact's error, but as it is meant to be
+    "can_off_round_by_a_tenth": scanned_can(5.0),
+    "can_with_a_handle": KNOWN["can_with_a_handle"][0],
+    "box": KNOWN["square_prism"][0],
+}
+
+
+@pytest.mark.parametrize("mesh", NOT_NEARLY.values(), ids=NOT_NEARLY)
+def test_what_is_meant_to_be_so_is_not_nearly_round(mesh: trimesh.Trimesh) -> None:
+    assert near_symmetries_of(mesh) == ()

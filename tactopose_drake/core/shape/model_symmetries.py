@@ -1,0 +1,77 @@
+"""Which turns leave a model's object unchanged, exactly or nearly: as they were told, or as they were found."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from tactopose_drake.core.poses import transform_points
+from tactopose_drake.core.shape.model_cache import Arrays
+from tactopose_drake.core.shape.signed_distance import DistanceGrid
+from tactopose_drake.core.shape.surface_samples import SurfaceSamples
+from tactopose_drake.core.shape.symmetry import CONTINUOUS, RotationalSymmetry, symmetry_group
+from tactopose_drake.core.validation import FloatArray
+
+_TURNS = 12  # that stand for all about an axis
+_ALONG = 0.9986  # cosine of 3 degrees, within which an axis is called one of O's
+
+
+class KnownSymmetries(NamedTuple):
+    """What `ObjectModel` says of its symmetries, by the names that it has there.
+
+    Attributes:
+        symmetries: axes about which the object may be turned without a change.
+        near: axes about which every turn nearly leaves it unchanged.
+        poses: the finite symmetries' group, shape (g, 3, 4).
+        misfits: of these, shape (g,), m.
+    """
+
+    symmetries: tuple[RotationalSymmetry, ...]
+    near: tuple[RotationalSymmetry, ...]
+    poses: FloatArray
+    misfits: FloatArray
+
+
+def known_symmetries(
+    arrays: Arrays, grid: DistanceGrid, samples: SurfaceSamples, given: tuple[RotationalSymmetry, ...] | None
+) -> KnownSymmetries:
+    """The symmetries that are given; None where those hold that were found when the model was built."""
+    if given is not None:
+        poses = symmetry_group(given)
+        return KnownSymmetries(given, (), poses, misfits(grid, samples, poses))
+    centroid = arrays["centroid"]
+    found = tuple(
+        RotationalSymmetry(axis, centroid, int(order))
+        for axis, order in zip(arrays["axes"], arrays["orders"], strict=True)
+    )
+    near = tuple(RotationalSymmetry(axis, centroid, CONTINUOUS) for axis in arrays["near_axes"])
+    return KnownSymmetries(found, near, arrays["symmetry_poses"], arrays["symmetry_misfits"])
+
+
+def misfits(grid: DistanceGrid, samples: SurfaceSamples, poses: FloatArray) -> FloatArray:
+    """How far the samples are off the surface when each of the poses X_OO' (g, 3, 4) moves them, rms, m, shape (g,)."""
+    turned = transform_points(poses, samples.points)
+    distance = grid.distance(turned.reshape(-1, 3)).reshape(len(turned), -1)
+    off: FloatArray = np.sqrt(np.mean(distance**2, axis=1))
+    return off
+
+
+def near_symmetry_line(near: Sequence[RotationalSymmetry], grid: DistanceGrid, samples: SurfaceSamples) -> str:
+    """What a near symmetry means, and how to say that it is one, in a sentence."""
+    turns = np.concatenate([RotationalSymmetry(each.axis, each.point, _TURNS).poses() for each in near])
+    off = f"surface off by up to {1e3 * misfits(grid, samples, turns).max():.1f} mm, rms"
+    named = "any axis" if len(near) > 1 else f"its {axis_name(near[0].axis)} axis"
+    option = " ".join(f"--symmetry {axis_name(each.axis)}" for each in near)
+    return (
+        f"is nearly unchanged by turns about {named} ({off}); where a touch does not tell such turns apart, they are "
+        f"one hypothesis with that direction free. `{option}`, or tp.RotationalSymmetry in from_mesh(symmetry=...), "
+        "says that they never matter, `none` that they do."
+    )
+
+
+def axis_name(axis: FloatArray) -> str:
+    """A unit vector (3,) in O as the option `--symmetry` takes it."""
+    main = int(np.abs(axis).argmax())
+    return "xyz"[main] if abs(axis[main]) > _ALONG else ",".join(f"{x:.3f}" for x in axis + 0.0)
