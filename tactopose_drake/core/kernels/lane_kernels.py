@@ -123,6 +123,64 @@ def weigh(inverse_spacing: float, weight_p: float, weight_n: float, lanes: int, 
             w[NORMAL_ENERGY + lane] += np.log(w[_SPREAD + lane]) + 0.5 * SOFT_ROOT
 
 
+@inlined
+def _field_with_slopes(w, lane, inverse_spacing):
+    """Distance and mean normal at a contact's point, (4,), and their slopes along x, y and z, (4,) each."""
+    fx, fy, fz = w[_FRACTION + lane], w[_FRACTION + _1 + lane], w[_FRACTION + _2 + lane]
+    ox, oy, oz = w[_OUTSIDE + lane], w[_OUTSIDE + _1 + lane], w[_OUTSIDE + _2 + lane]
+    way = np.sqrt(ox * ox + oy * oy + oz * oz)
+    per_way = 1.0 / way if way > 0.0 else 0.0
+    # Outside of the grid the field is its nearest point's, and the way there is added.
+    kx = inverse_spacing if ox == 0.0 else 0.0
+    ky = inverse_spacing if oy == 0.0 else 0.0
+    kz = inverse_spacing if oz == 0.0 else 0.0
+    f0, x0, y0, z0 = _interpolate(w, _CORNERS + lane, fx, fy, fz)
+    f1, x1, y1, z1 = _interpolate(w, _CORNERS + _1 + lane, fx, fy, fz)
+    f2, x2, y2, z2 = _interpolate(w, _CORNERS + _2 + lane, fx, fy, fz)
+    f3, x3, y3, z3 = _interpolate(w, _CORNERS + _3 + lane, fx, fy, fz)
+    x = x0 * kx + ox * per_way, x1 * kx, x2 * kx, x3 * kx
+    y = y0 * ky + oy * per_way, y1 * ky, y2 * ky, y3 * ky
+    z = z0 * kz + oz * per_way, z1 * kz, z2 * kz, z3 * kz
+    return (f0 + way / inverse_spacing, f1, f2, f3), x, y, z
+
+
+@inlined
+def _chained(x, y, z, qx, qy, qz):
+    """A derivative by the point in O as one by (w, R^T v): dq = [q]x w - R^T v."""
+    return y * qz - z * qy, z * qx - x * qz, x * qy - y * qx, -x, -y, -z
+
+
+@inlined
+def _add_squares(w, row, a, b, c, d):
+    """Adds the products of four rows' numbers (6,), the lower triangle of sums of squares."""
+    w[row] += a[0] * a[0] + b[0] * b[0] + c[0] * c[0] + d[0] * d[0]
+    row += _1
+    w[row] += a[1] * a[0] + b[1] * b[0] + c[1] * c[0] + d[1] * d[0]
+    w[row + _1] += a[1] * a[1] + b[1] * b[1] + c[1] * c[1] + d[1] * d[1]
+    row += _2
+    w[row] += a[2] * a[0] + b[2] * b[0] + c[2] * c[0] + d[2] * d[0]
+    w[row + _1] += a[2] * a[1] + b[2] * b[1] + c[2] * c[1] + d[2] * d[1]
+    w[row + _2] += a[2] * a[2] + b[2] * b[2] + c[2] * c[2] + d[2] * d[2]
+    row += _3
+    w[row] += a[3] * a[0] + b[3] * b[0] + c[3] * c[0] + d[3] * d[0]
+    w[row + _1] += a[3] * a[1] + b[3] * b[1] + c[3] * c[1] + d[3] * d[1]
+    w[row + _2] += a[3] * a[2] + b[3] * b[2] + c[3] * c[2] + d[3] * d[2]
+    w[row + _3] += a[3] * a[3] + b[3] * b[3] + c[3] * c[3] + d[3] * d[3]
+    row += _4
+    w[row] += a[4] * a[0] + b[4] * b[0] + c[4] * c[0] + d[4] * d[0]
+    w[row + _1] += a[4] * a[1] + b[4] * b[1] + c[4] * c[1] + d[4] * d[1]
+    w[row + _2] += a[4] * a[2] + b[4] * b[2] + c[4] * c[2] + d[4] * d[2]
+    w[row + _3] += a[4] * a[3] + b[4] * b[3] + c[4] * c[3] + d[4] * d[3]
+    w[row + _4] += a[4] * a[4] + b[4] * b[4] + c[4] * c[4] + d[4] * d[4]
+    row += _5
+    w[row] += a[5] * a[0] + b[5] * b[0] + c[5] * c[0] + d[5] * d[0]
+    w[row + _1] += a[5] * a[1] + b[5] * b[1] + c[5] * c[1] + d[5] * d[1]
+    w[row + _2] += a[5] * a[2] + b[5] * b[2] + c[5] * c[2] + d[5] * d[2]
+    w[row + _3] += a[5] * a[3] + b[5] * b[3] + c[5] * c[3] + d[5] * d[3]
+    w[row + _4] += a[5] * a[4] + b[5] * b[4] + c[5] * c[4] + d[5] * d[4]
+    w[row + _5] += a[5] * a[5] + b[5] * b[5] + c[5] * c[5] + d[5] * d[5]
+
+
 @part
 def add_equations(inverse_spacing: float, weight_p: float, weight_n: float, lanes: int, w: OutFloats1) -> None:
     """Adds a contact's part of the cost, of its gradient, and of the Hessian, each energy times what it counts for.
@@ -131,23 +189,7 @@ def add_equations(inverse_spacing: float, weight_p: float, weight_n: float, lane
     """
     rest = 0.5 * SOFT_ROOT if weight_n > 0.0 else 0.0
     for lane in range(np.uintp(lanes)):
-        fx, fy, fz = w[_FRACTION + lane], w[_FRACTION + _1 + lane], w[_FRACTION + _2 + lane]
-        ox, oy, oz = w[_OUTSIDE + lane], w[_OUTSIDE + _1 + lane], w[_OUTSIDE + _2 + lane]
-        way = np.sqrt(ox * ox + oy * oy + oz * oz)
-        per_way = 1.0 / way if way > 0.0 else 0.0
-        # Outside of the grid the field is its nearest point's, and the way there is added.
-        kx = inverse_spacing if ox == 0.0 else 0.0
-        ky = inverse_spacing if oy == 0.0 else 0.0
-        kz = inverse_spacing if oz == 0.0 else 0.0
-        f0, x0, y0, z0 = _interpolate(w, _CORNERS + lane, fx, fy, fz)
-        f1, x1, y1, z1 = _interpolate(w, _CORNERS + _1 + lane, fx, fy, fz)
-        f2, x2, y2, z2 = _interpolate(w, _CORNERS + _2 + lane, fx, fy, fz)
-        f3, x3, y3, z3 = _interpolate(w, _CORNERS + _3 + lane, fx, fy, fz)
-        f0 += way / inverse_spacing
-        x0, x1, x2, x3 = x0 * kx + ox * per_way, x1 * kx, x2 * kx, x3 * kx
-        y0, y1, y2, y3 = y0 * ky + oy * per_way, y1 * ky, y2 * ky, y3 * ky
-        z0, z1, z2, z3 = z0 * kz + oz * per_way, z1 * kz, z2 * kz, z3 * kz
-
+        (f0, f1, f2, f3), x, y, z = _field_with_slopes(w, lane, inverse_spacing)
         qx, qy, qz = w[_POINT + lane], w[_POINT + _1 + lane], w[_POINT + _2 + lane]
         mx, my, mz = w[_NORMAL + lane], w[_NORMAL + _1 + lane], w[_NORMAL + _2 + lane]
         share_d, share_n = w[DISTANCE_SHARE + lane], w[NORMAL_SHARE + lane]
@@ -162,64 +204,42 @@ def add_equations(inverse_spacing: float, weight_p: float, weight_n: float, lane
 
         # The derivative of half the squared length of the mean normal, which says how its variance changes.
         inside = 1.0 if square < 1.0 else 0.0
-        ax = inside * (f1 * x1 + f2 * x2 + f3 * x3)
-        ay = inside * (f1 * y1 + f2 * y2 + f3 * y3)
-        az = inside * (f1 * z1 + f2 * z2 + f3 * z3)
+        ax = inside * (f1 * x[1] + f2 * x[2] + f3 * x[3])
+        ay = inside * (f1 * y[1] + f2 * y[2] + f3 * y[3])
+        az = inside * (f1 * z[1] + f2 * z[2] + f3 * z[3])
         # The cost's derivative by the point in O, and by the turn of the normal.
-        by_d, by_n, by_spread = share_d * weight_p * weight_p * f0, share_n * weight, share_n * weight
-        by_spread *= 0.5 * misfit - 1.0
-        gx = by_d * x0 + by_n * (ex * x1 + ey * x2 + ez * x3) + by_spread * ax
-        gy = by_d * y0 + by_n * (ex * y1 + ey * y2 + ez * y3) + by_spread * ay
-        gz = by_d * z0 + by_n * (ex * z1 + ey * z2 + ez * z3) + by_spread * az
+        by_d, by_n = share_d * weight_p * weight_p * f0, share_n * weight
+        by_spread = by_n * (0.5 * misfit - 1.0)
+        gx = by_d * x[0] + by_n * (ex * x[1] + ey * x[2] + ez * x[3]) + by_spread * ax
+        gy = by_d * y[0] + by_n * (ex * y[1] + ey * y[2] + ez * y[3]) + by_spread * ay
+        gz = by_d * z[0] + by_n * (ex * z[1] + ey * z[2] + ez * z[3]) + by_spread * az
+        g = _chained(gx, gy, gz, qx, qy, qz)
         row = _GRADIENT + lane
-        w[row] += gy * qz - gz * qy + by_n * (my * f3 - mz * f2)
-        w[row + _1] += gz * qx - gx * qz + by_n * (mz * f1 - mx * f3)
-        w[row + _2] += gx * qy - gy * qx + by_n * (mx * f2 - my * f1)
-        w[row + _3] -= gx
-        w[row + _4] -= gy
-        w[row + _5] -= gz
+        w[row] += g[0] + by_n * (my * f3 - mz * f2)
+        w[row + _1] += g[1] + by_n * (mz * f1 - mx * f3)
+        w[row + _2] += g[2] + by_n * (mx * f2 - my * f1)
+        w[row + _3] += g[3]
+        w[row + _4] += g[4]
+        w[row + _5] += g[5]
 
-        # The rows that carry information, by (w, R^T v): a of the distance along the mean normal, b, c, d of its
-        # direction.
-        unit = scale * weight_p * np.sqrt(share_d)
-        a3, a4, a5 = -unit * f1, -unit * f2, -unit * f3
-        a0, a1, a2 = a5 * qy - a4 * qz, a3 * qz - a5 * qx, a4 * qx - a3 * qy
-        root = np.sqrt(by_n)
-        unit, turn = -root * scale, scale * scale
-        b3, b4, b5 = unit * (x1 - turn * f1 * ax), unit * (y1 - turn * f1 * ay), unit * (z1 - turn * f1 * az)
-        c3, c4, c5 = unit * (x2 - turn * f2 * ax), unit * (y2 - turn * f2 * ay), unit * (z2 - turn * f2 * az)
-        d3, d4, d5 = unit * (x3 - turn * f3 * ax), unit * (y3 - turn * f3 * ay), unit * (z3 - turn * f3 * az)
-        mx, my, mz = root * mx, root * my, root * mz
-        b0, b1, b2 = b5 * qy - b4 * qz, b3 * qz - b5 * qx + mz, b4 * qx - b3 * qy - my
-        c0, c1, c2 = c5 * qy - c4 * qz - mz, c3 * qz - c5 * qx, c4 * qx - c3 * qy + mx
-        d0, d1, d2 = d5 * qy - d4 * qz + my, d3 * qz - d5 * qx - mx, d4 * qx - d3 * qy
-        row = _HESSIAN + lane
-        w[row] += a0 * a0 + b0 * b0 + c0 * c0 + d0 * d0
-        row += _1
-        w[row] += a1 * a0 + b1 * b0 + c1 * c0 + d1 * d0
-        w[row + _1] += a1 * a1 + b1 * b1 + c1 * c1 + d1 * d1
-        row += _2
-        w[row] += a2 * a0 + b2 * b0 + c2 * c0 + d2 * d0
-        w[row + _1] += a2 * a1 + b2 * b1 + c2 * c1 + d2 * d1
-        w[row + _2] += a2 * a2 + b2 * b2 + c2 * c2 + d2 * d2
-        row += _3
-        w[row] += a3 * a0 + b3 * b0 + c3 * c0 + d3 * d0
-        w[row + _1] += a3 * a1 + b3 * b1 + c3 * c1 + d3 * d1
-        w[row + _2] += a3 * a2 + b3 * b2 + c3 * c2 + d3 * d2
-        w[row + _3] += a3 * a3 + b3 * b3 + c3 * c3 + d3 * d3
-        row += _4
-        w[row] += a4 * a0 + b4 * b0 + c4 * c0 + d4 * d0
-        w[row + _1] += a4 * a1 + b4 * b1 + c4 * c1 + d4 * d1
-        w[row + _2] += a4 * a2 + b4 * b2 + c4 * c2 + d4 * d2
-        w[row + _3] += a4 * a3 + b4 * b3 + c4 * c3 + d4 * d3
-        w[row + _4] += a4 * a4 + b4 * b4 + c4 * c4 + d4 * d4
-        row += _5
-        w[row] += a5 * a0 + b5 * b0 + c5 * c0 + d5 * d0
-        w[row + _1] += a5 * a1 + b5 * b1 + c5 * c1 + d5 * d1
-        w[row + _2] += a5 * a2 + b5 * b2 + c5 * c2 + d5 * d2
-        w[row + _3] += a5 * a3 + b5 * b3 + c5 * c3 + d5 * d3
-        w[row + _4] += a5 * a4 + b5 * b4 + c5 * c4 + d5 * d4
-        w[row + _5] += a5 * a5 + b5 * b5 + c5 * c5 + d5 * d5
+        # The rows that carry information: of the distance along the mean normal, and of that normal's direction, which
+        # turns with the increment too.
+        unit, root, turn = scale * weight_p * np.sqrt(share_d), np.sqrt(by_n), scale * scale
+        a = _chained(unit * f1, unit * f2, unit * f3, qx, qy, qz)
+        unit, mx, my, mz = root * scale, root * mx, root * my, root * mz
+        b = _chained(
+            unit * (x[1] - turn * f1 * ax), unit * (y[1] - turn * f1 * ay), unit * (z[1] - turn * f1 * az), qx, qy, qz
+        )
+        c = _chained(
+            unit * (x[2] - turn * f2 * ax), unit * (y[2] - turn * f2 * ay), unit * (z[2] - turn * f2 * az), qx, qy, qz
+        )
+        d = _chained(
+            unit * (x[3] - turn * f3 * ax), unit * (y[3] - turn * f3 * ay), unit * (z[3] - turn * f3 * az), qx, qy, qz
+        )
+        b = b[0], b[1] + mz, b[2] - my, b[3], b[4], b[5]
+        c = c[0] - mz, c[1], c[2] + mx, c[3], c[4], c[5]
+        d = d[0] + my, d[1] - mx, d[2], d[3], d[4], d[5]
+        _add_squares(w, _HESSIAN + lane, a, b, c, d)
     for lane in range(np.uintp(lanes)):
         if w[_SPREAD + lane] > _LARGEST:
             w[COST + lane] += np.log(w[_SPREAD + lane])
