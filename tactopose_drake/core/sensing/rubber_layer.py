@@ -27,6 +27,7 @@ from tactopose_drake.core.sensing.tactile_layout import TactileLayout
 from tactopose_drake.core.validation import FloatArray, positive_number
 
 _MOST_CONFINEMENT = 10.0  # m
+_RIM = 0.02  # of the highest pressure, below which a cell is at a contact's rim
 _MOST_HYSTERESIS = 0.24  # beyond a quarter a cell would read less where it is pressed more
 
 
@@ -92,19 +93,21 @@ def find_neighbours(layout: TactileLayout) -> CellNeighbours:
 def confined_pressure(pressure: FloatArray, neighbours: CellNeighbours, confinement: float) -> FloatArray:
     """The pressure on the cells of a rubber layer, given that of springs, shape (m,), Pa.
 
-    By finite volumes on the cells that are touched, with no pressure at the edges of what is not. The force on all
-    cells stays what it was, for it is the hand's; only the stiffness is another.
+    By finite volumes on the cells that are touched, with no pressure at the edges of what is not. Cells of which the
+    contact covers hardly anything are its rim, and keep their pressure. The force on all cells stays what it was, for
+    it is the hand's; only the stiffness is another.
     """
-    touched = np.flatnonzero(pressure > 0.0)
+    within = pressure > _RIM * pressure.max()
+    touched = np.flatnonzero(within)
     if confinement == 0.0 or len(touched) == 0:
         return pressure
-    is_touched = np.append(pressure > 0.0, False)  # the last is no neighbour
+    is_touched = np.append(within, False)  # the last is no neighbour
     at_rim = ~is_touched[neighbours.others[touched]]
     flow = -neighbours.conductance[np.ix_(touched, touched)]
     flow -= np.diag(flow.sum(axis=1) - np.sum(neighbours.outward[touched], axis=1, where=at_rim))
     areas = neighbours.areas[touched]
     found = np.linalg.solve(np.diag(areas) + confinement**2 * flow, areas * pressure[touched])
-    confined = np.zeros_like(pressure)
+    confined = pressure.copy()
     confined[touched] = found * (areas @ pressure[touched]) / (areas @ found)
     return confined
 
