@@ -188,5 +188,6 @@ def _excess(patch: Patch, units: FloatArray) -> FloatArray:
     turn_first = np.roll(patch.misplacement, 3, axis=(0, 1))
     least = np.repeat([_LEAST_TURN, _LEAST_SHIFT], 3)
     scaled = (turn_first + np.diag(least**2)) / np.outer(units, units)
-    information: FloatArray = np.linalg.inv(scaled)
-    return 0.5 * (information + information.T) - np.eye(6)
+    information = np.linalg.inv(scaled)
+    excess: FloatArray = 0.5 * (information + information.T) - np.eye(6)
+    return excess

@@ -75,7 +75,8 @@ def find_neighbours(layout: TactileLayout) -> CellNeighbours:
     arms = np.linalg.norm(middles - layout.p_TC[:, None], axis=2).ravel()
     flat = middles.reshape(-1, 3)
     # Of a cell's four edges and one of another cell, the nearest to an edge.
-    gaps, edges = scipy.spatial.cKDTree(flat).query(flat, k=min(5, 4 * m))
+    nearest = scipy.spatial.cKDTree(flat).query(flat, k=min(5, 4 * m))
+    gaps, edges = np.asarray(nearest[0]), np.asarray(nearest[1])
     others, conductance = np.full((m, 4), -1), np.zeros((m, m))
     for e, (gap, edge) in enumerate(zip(gaps, edges, strict=True)):
         of_others = np.flatnonzero(edge // 4 != e // 4)
