@@ -195,7 +195,8 @@ def plot(results: Results, path: Path) -> None:
     above, below = figure.subplots(2, 2)
     for column, axes in enumerate(above):
         plot_errors(axes, results.corrections, column)
-    for level, axes in zip((LEVELS[0], LEVELS[-1]), below, strict=True):
+    joints_alone = max((level for level in results.turns if level.mm == 0), key=lambda level: level.deg)
+    for level, axes in zip((joints_alone, LEVELS[-1]), below, strict=True):
         plot_turns(axes, results.turns[level], level)
     figure.savefig(path, format="png")
 

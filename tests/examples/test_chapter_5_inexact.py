@@ -31,8 +31,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         patch.setenv(FOLDER_VARIABLE, str(folder.parent / "cache"))
         patch.setattr(script, "GRIPS", {BOTTLE: script.GRIPS[BOTTLE]})
         patch.setattr(script, "LEVELS", (script.Level(0, 0), script.Level(2, 2)))
+        patch.setattr(script, "SEARCH_LEVELS", (script.Level(2, 2),))
+        patch.setattr(load("table_5_2"), "POSES", 300)
         patch.setattr(corrections, "DIRECT", dataclasses.replace(corrections.DIRECT, max_evaluations=200))
-        options = ["--trials", "2", "--hands", "2", "--search-trials", "0", "--seed", "3", "--out", str(folder)]
+        options = ["--trials", "2", "--hands", "2", "--search-trials", "1", "--seed", "3", "--out", str(folder)]
         result = CliRunner().invoke(script.main, options)
     assert result.exit_code == 0, result.output
     return folder
@@ -52,6 +54,12 @@ def test_every_level_has_its_errors_and_a_verdict(folder: Path) -> None:
     rows = [line for line in text.splitlines() if line.startswith(("| 0 mm, 0 deg", "| 2 mm, 2 deg"))]
     assert len(rows) == 4  # two tables
     assert all(len(row.strip("|").split("|")) == 5 for row in rows)
+    searches = [
+        line for line in text.splitlines() if line.startswith(("| algorithm 5.2, 2 mm", "| algorithm 5.3, 2 mm"))
+    ]
+    costs = [float(cell) for line in searches for cell in line.strip("|").split("|")[1:]]
+    assert len(costs) == 2 * 4
+    assert min(costs) > 0.0
     assert "In deg the covariance match is better than the distance" in text
     assert "ours, told: below both of the thesis' objectives" in text
     assert (folder / "chapter_5_inexact.png").read_bytes().startswith(b"\x89PNG")
