@@ -127,8 +127,9 @@ def main() -> None:
     followed: dict[tuple[str, str], Array] = {}
     for path in paths:
         R, p = read_motion(path, arguments.seconds)
-        for i, name in enumerate(arguments.objects):
-            rows = followed[path.stem, name] = follow(name, R, p, arguments.first_seed + i)
+        for name in arguments.objects:
+            rows = follow(name, R, p, arguments.first_seed + len(followed))
+            followed[path.stem, name] = rows
             table.add_row(path.stem, name, *cells(rows))
     table.add_row("all", "", *cells(np.concatenate(list(followed.values()))), style="bold")
     Console().print(table)
