@@ -1,21 +1,25 @@
 """The belief along recorded motions of real objects in a real hand, laid on the package's objects.
 
-python examples/recorded_motions.py FOLDER --objects bust mug spray_bottle tea_box --seconds 10
+    python examples/recorded_motions.py FOLDER --objects bust mug spray_bottle tea_box --seconds 10 --out out
 
-FOLDER holds CSV files of a magnetic tracker at 100 Hz, with columns ts (s), tx, ty, tz (m), and rx, ry, rz (rad; the
-rotation is Rz Ry Rx), such as those of New Dexterity's Sensorized-Objects. Only a motion relative to its first row is
-used: the object moves so from where it lies, five fingertips that stick to it go with it, and their contacts with the
-true mesh are felt with the noise of the sensors and the hand's calibration, of which the belief is told. It begins with
-a guess that is 33 mm and 16 degrees off. At each instant after the first half second it is asked whether the best pose
-is right, within 10 mm and 10 degrees up to what the touch leaves free, and whether any mode is.
+FOLDER, or what the environment variable TACTOPOSE_MOTIONS names, holds CSV files of a magnetic tracker at 100 Hz, with
+columns ts (s), tx, ty, tz (m), and rx, ry, rz (rad; the rotation is Rz Ry Rx), such as those of New Dexterity's
+Sensorized-Objects. They are not shipped: where there are none, that is said, and nothing is followed. With `--out` the
+errors over time are drawn, too (recorded_motions.png), without what the touch leaves free. Only a motion relative to
+its first row is used: the object moves so from where it lies, five fingertips that stick to it go with it, and their
+contacts with the true mesh are felt with the noise of the sensors and the hand's calibration, of which the belief is
+told. It begins with a guess that is 33 mm and 16 degrees off. At each instant after the first half second it is asked
+whether the best pose is right, within 10 mm and 10 degrees up to what the touch leaves free, and whether any mode is.
 """
 
 import argparse
 import csv
+import os
 import time
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 from motion_families import PERIOD, load, spread_points
 from nearest_images import nearest_increments
 from numpy.typing import NDArray
@@ -31,6 +35,7 @@ from tactopose_drake.core.synthetic import RollingTouch
 from tactopose_drake.core.tracking import Frame, PoseTracker
 
 Array = NDArray[np.float64]
+FOLDER_VARIABLE = "TACTOPOSE_MOTIONS"
 SETTLED = 50  # frames
 RIGHT, WRONG = np.array([0.010, 10.0]), np.array([0.020, 20.0])  # m, deg
 
@@ -63,7 +68,7 @@ def error(model: tp.ObjectModel, X_hat: Array, X_true: Array, free: Array) -> Ar
 
 
 def follow(name: str, R: Array, p: Array, seed: int) -> Array:
-    """For each instant: is the best pose right, is any, is it "ok" while wrong, and how long the update took, s."""
+    """For each instant: is the best pose right, is any, is it "ok" while wrong, the update's time, s, error, m, deg."""
     generator, model = np.random.default_rng(seed), load(name)
     R_PO = random_rotations(generator, 1)[0]
     X_PO = make_poses(R_PO, 0.03 * generator.normal(size=3) - R_PO @ model.vertices.mean(axis=0))
@@ -86,32 +91,56 @@ def follow(name: str, R: Array, p: Array, seed: int) -> Array:
         errors = [error(model, X, touch.X_PO, free) for X in belief.X_PO]
         right = [bool(np.all(e < RIGHT)) for e in errors]
         wrong = belief.status == "ok" and bool(np.any(errors[0] > WRONG))
-        rows.append([right[0], any(right), wrong, seconds])
+        rows.append([right[0], any(right), wrong, seconds, *errors[0]])
     return np.array(rows[SETTLED:], dtype=np.float64)
+
+
+def plot(followed: dict[tuple[str, str], Array], path: Path) -> None:
+    """The best pose's errors over time: a row for each motion, mm and deg beside each other."""
+    motions = list(dict.fromkeys(motion for motion, _ in followed))
+    figure = Figure(figsize=(12, 3 * len(motions)), layout="constrained")
+    for line, motion in zip(figure.subplots(len(motions), 2, squeeze=False), motions, strict=True):
+        for axes, column, scale, unit in zip(line, (4, 5), (1e3, 1.0), ("mm", "deg"), strict=True):
+            for name in (name for of_motion, name in followed if of_motion == motion):
+                rows = followed[motion, name]
+                axes.plot(PERIOD * (SETTLED + np.arange(len(rows))), scale * rows[:, column], label=name, linewidth=0.8)
+            axes.axhline(scale * RIGHT[0] if unit == "mm" else RIGHT[1], color="0.7", linewidth=0.8)
+            axes.set(title=motion, xlabel="s", ylabel=f"error, {unit}", yscale="log")
+        line[0].legend(fontsize=8)
+    figure.savefig(path, format="png")
 
 
 def main() -> None:
     """Prints a table: a line for each motion and object, and one for all."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path)
+    parser.add_argument("folder", type=Path, nargs="?", default=os.environ.get(FOLDER_VARIABLE))
     parser.add_argument("--objects", nargs="+", default=["bust", "mug", "spray_bottle", "tea_box"])
     parser.add_argument("--seconds", type=float, default=10.0, help="of each recording")
     parser.add_argument("--first-seed", type=int, default=0)
+    parser.add_argument("--out", type=Path, help="draws the errors over time into this folder")
     arguments = parser.parse_args()
+    paths = sorted(Path(arguments.folder).glob("*.csv")) if arguments.folder else []
+    if not paths:
+        print(f"No recordings: skipped. {FOLDER_VARIABLE} names a folder of them.")
+        return
     table = Table("motion", "object", "instants", "best right", "any right", '"ok", wrong', "update median, 99 %")
-    every: list[Array] = []
-    for path in sorted(arguments.folder.glob("*.csv")):
+    followed: dict[tuple[str, str], Array] = {}
+    for path in paths:
         R, p = read_motion(path, arguments.seconds)
-        for i, name in enumerate(arguments.objects):
-            every.append(follow(name, R, p, arguments.first_seed + i))
-            table.add_row(path.stem, name, *cells(every[-1]))
-    table.add_row("all", "", *cells(np.concatenate(every)), style="bold")
+        for name in arguments.objects:
+            rows = follow(name, R, p, arguments.first_seed + len(followed))
+            followed[path.stem, name] = rows
+            table.add_row(path.stem, name, *cells(rows))
+    table.add_row("all", "", *cells(np.concatenate(list(followed.values()))), style="bold")
     Console().print(table)
+    if arguments.out is not None:
+        arguments.out.mkdir(parents=True, exist_ok=True)
+        plot(followed, arguments.out / "recorded_motions.png")
 
 
 def cells(rows: Array) -> list[str]:
     """The figures of some instants."""
-    best, some, wrong, _ = rows.mean(axis=0)
+    best, some, wrong = rows[:, :3].mean(axis=0)
     median, slowest = 1e3 * np.quantile(rows[:, 3], [0.5, 0.99])
     return [str(len(rows)), f"{best:.1%}", f"{some:.1%}", f"{wrong:.2%}", f"{median:.1f} ms, {slowest:.1f} ms"]
 

@@ -11,6 +11,7 @@ Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping,
 """
 
 import dataclasses
+import functools
 import hashlib
 import math
 import os
@@ -26,7 +27,7 @@ import tactopose_drake as tp
 from tactopose_drake.core.objectives import CellDistance, CovarianceMatching, LeastSquaresObjective, PatchContact
 from tactopose_drake.core.poses import retract
 from tactopose_drake.core.sensing import Patch, describe_patch
-from tactopose_drake.core.shape import build_point_grid, cache_folder
+from tactopose_drake.core.shape import PointGrid, build_point_grid, cache_folder
 from tactopose_drake.errors import TactoposeError
 from tactopose_drake.resources import model_path
 from tactopose_drake.runs import simulate_grasp
@@ -73,19 +74,40 @@ class PadGrasp:
 
     Attributes:
         model: the object; its frame O is in the middle of its bounding box, its axes are those of its file.
-        patches: in P.
+        patches: in P, in the order of the hand's pads.
         X_PO: true pose of the object, shape (3, 4).
+        q: positions of the hand's joints, in the order of its own plant, rad.
         objectives: what is compared, by name.
     """
 
     model: tp.ObjectModel
     patches: tuple[Patch, ...]
     X_PO: Array
+    q: Array
     objectives: dict[str, LeastSquaresObjective]
+
+    def felt(self, patches: tuple[Patch, ...]) -> "PadGrasp":
+        """The same grasp, of which the pads say something else."""
+        return dataclasses.replace(self, patches=patches, objectives=make_objectives(self.model, patches))
 
 
 class GripLostError(TactoposeError):
     """A simulated hand does not hold its object."""
+
+
+def make_objectives(model: tp.ObjectModel, patches: tuple[Patch, ...]) -> dict[str, LeastSquaresObjective]:
+    """What is compared, by name."""
+    cloud = _point_grid(model)
+    return {
+        PCA: CovarianceMatching(cloud, patches, thickness=LAYER),
+        DISTANCE: CellDistance(cloud, patches),
+        OURS: PatchContact(model.grid, patches),
+    }
+
+
+@functools.cache
+def _point_grid(model: tp.ObjectModel) -> PointGrid:
+    return build_point_grid(model.samples.points)
 
 
 def load_pad_grasp(name: str, scenario: Scenario) -> PadGrasp:
@@ -95,9 +117,11 @@ def load_pad_grasp(name: str, scenario: Scenario) -> PadGrasp:
         GripLostError: if the hand does not hold the object.
     """
     mesh = trimesh.load_mesh(scenario.object_mesh())
-    content = yaml_dump_typed(scenario).encode() + scenario.object_sdf().read_bytes()
+    content = b"with joints" + yaml_dump_typed(scenario).encode() + scenario.object_sdf().read_bytes()
     content += np.asarray(mesh.vertices).tobytes()
-    hand_files = sorted(path for path in model_path("hands", scenario.hand).iterdir() if path.is_file())
+    own = Path(scenario.hand)
+    hand_folder = own.parent if own.is_file() else model_path("hands", scenario.hand)
+    hand_files = sorted(path for path in hand_folder.iterdir() if path.is_file())
     content += b"".join(path.read_bytes() for path in hand_files)
     folder = cache_folder() / "pad_grips"
     path = folder / f"{scenario.object}_{hashlib.blake2b(content, digest_size=6).hexdigest()}.npz"
@@ -117,17 +141,11 @@ def load_pad_grasp(name: str, scenario: Scenario) -> PadGrasp:
             )
             for p_PT, n_PT, pressure, (alpha, threshold, saturation) in pads
         )
-        X_PO = arrays["X_PO"]
+        X_PO, q = arrays["X_PO"], arrays["q"]
     middle = mesh.bounds.mean(axis=0)
     X_PO[:, 3] += X_PO[:, :3] @ middle
     model = tp.ObjectModel.from_mesh(mesh.apply_translation(-middle), name=scenario.object)
-    cloud = build_point_grid(model.samples.points)
-    objectives: dict[str, LeastSquaresObjective] = {
-        PCA: CovarianceMatching(cloud, patches, thickness=LAYER),
-        DISTANCE: CellDistance(cloud, patches),
-        OURS: PatchContact(model.grid, patches),
-    }
-    return PadGrasp(model, patches, X_PO, objectives)
+    return PadGrasp(model, patches, X_PO, q, make_objectives(model, patches))
 
 
 def _save(path: Path, name: str, scenario: Scenario) -> None:
@@ -138,12 +156,13 @@ def _save(path: Path, name: str, scenario: Scenario) -> None:
     result = simulate_grasp(scenario)
     if not result.stable:
         raise GripLostError(f"{name}: {result.reason}.")
-    patches = result.station.diagram.GetOutputPort("patches").Eval(result.context)
+    patches, q = (result.station.diagram.GetOutputPort(n).Eval(result.context) for n in ("patches", "joint_positions"))
     partial = path.with_suffix(f".{os.getpid()}.partial")
     with partial.open("wb") as file:
         np.savez(
             file,
             X_PO=result.X_PO.GetAsMatrix34(),
+            q=q,
             p_PT=[patch.p_PT for patch in patches],
             n_PT=[patch.n_PT for patch in patches],
             pressure=[patch.pressure for patch in patches],

@@ -58,9 +58,11 @@ from .pad_calibration import AlphaFit as AlphaFit
 from .pad_calibration import Press as Press
 from .pad_calibration import cylinder as cylinder
 from .pad_calibration import find_alpha as find_alpha
+from .pad_calibration import fit_alpha as fit_alpha
 from .pad_calibration import patch_of as patch_of
 from .pad_calibration import simulate_presses as simulate_presses
 from .pad_calibration import tilt_errors as tilt_errors
+from .pad_uncertainty import PadUncertainty as PadUncertainty
 from .tactile_pads import TactilePad as TactilePad
 from .tactile_pads import load_tactile_pad as load_tactile_pad
 from .touch_file import Touch as Touch

@@ -87,8 +87,9 @@ class HandConfig:
     rest_positions: dict[str, float] = dataclasses.field(default_factory=dict)  # of joints whose rest is not at 0, rad
     grip_low: list[float] = dataclasses.field(default_factory=list)  # lower corner of where it holds things, m, in P
     grip_high: list[float] = dataclasses.field(default_factory=list)  # upper corner; both only for planned grasps
-    # By how much all of this may be off: it says how far each contact can be trusted. Null: every contact is as certain
-    # as the parameters of `ContactsInPalm` say.
+    # By how much all of this may be off: it says how far each contact, and the place of each tactile array, can be
+    # trusted. Null: contacts are as certain as the parameters of `ContactsInPalm` say, arrays as those of
+    # `PatchContact`.
     uncertainty: HandUncertainty | None = None
     # A file that `tactopose calibrate` has written, whose path begins at the YAML file: what the hand is known to be
     # off by, which whatever estimates from its readings then corrects. Empty: the hand is as its files say.

@@ -149,15 +149,25 @@ def find_alpha(*, modulus: float, thickness: float, cell: float = 0.001) -> Alph
         for name, shape in thesis_shapes().items()
         for press in simulate_presses(name, shape, layout, modulus=modulus, thickness=thickness)
     )
-    ideal = thickness / modulus
+    if np.all(np.isnan(tilt_errors(layout, presses, thickness / modulus))):
+        raise InvalidInputError(f"thickness: is {thickness:g} m; allowed are layers whose presses reach three cells.")
+    return fit_alpha(layout, presses, thickness / modulus)
+
+
+def fit_alpha(layout: TactileLayout, presses: Sequence[Press], near: float) -> AlphaFit:
+    """The alpha that makes the patches' tilts those of the shapes pressed, in the least squares sense.
+
+    Args:
+        layout: the cells.
+        presses: of which at least one reaches three cells.
+        near: alpha is between 0.3 and 3 times this, m/Pa.
+    """
 
     def cost(factor: float) -> float:
-        return float(np.nansum(tilt_errors(layout, presses, factor * ideal) ** 2))
+        return float(np.nansum(tilt_errors(layout, presses, factor * near) ** 2))
 
-    if np.all(np.isnan(tilt_errors(layout, presses, ideal))):
-        raise InvalidInputError(f"thickness: is {thickness:g} m; allowed are layers whose presses reach three cells.")
-    alpha = ideal * float(minimize_scalar(cost, bounds=(0.3, 3.0), method="bounded", options={"xatol": 1e-5}).x)
-    return AlphaFit(alpha, layout, presses, tilt_errors(layout, presses, alpha))
+    alpha = near * float(minimize_scalar(cost, bounds=(0.3, 3.0), method="bounded", options={"xatol": 1e-5}).x)
+    return AlphaFit(alpha, layout, tuple(presses), tilt_errors(layout, presses, alpha))
 
 
 def pressed_pad(cell: float) -> TactileLayout:

@@ -13,6 +13,8 @@ from tactopose_drake.core.sensing.patches import Patch, describe_patch
 from tactopose_drake.core.validation import FloatArray, positive_number
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.hand_config import Hand
+from tactopose_drake.hand.kinematics import HandKinematics
+from tactopose_drake.hand.pad_uncertainty import PadUncertainty
 from tactopose_drake.hand.tactile_pads import TactilePad, load_tactile_pad
 from tactopose_drake.systems.collectable_system import CollectableSystem, declare_cache
 from tactopose_drake.systems.hand_kinematics import declare_kinematics
@@ -68,13 +70,20 @@ class PatchDescriptor(CollectableSystem):
       is not finite.
     """
 
-    def __init__(self, plant: MultibodyPlant, hand: Hand, params: PatchDescriptorParams | None = None) -> None:
+    def __init__(
+        self,
+        plant: MultibodyPlant,
+        hand: Hand,
+        params: PatchDescriptorParams | None = None,
+        uncertainty: PadUncertainty | None = None,
+    ) -> None:
         """Keeps a reference to the plant, and reads the arrays that the hand's description names.
 
         Args:
             plant: finalized plant of the hand alone, for kinematics; not the simulator's.
             hand: the hand in it.
             params: threshold.
+            uncertainty: the hand's errors, which say of each patch by how much its pad may be misplaced.
 
         Raises:
             InvalidInputError: if the hand has no pads, an array's file is unusable, or a pad's threshold is beyond its
@@ -85,7 +94,7 @@ class PatchDescriptor(CollectableSystem):
         self._params.validate()
         if not hand.pad_frames:
             raise InvalidInputError("hand: has no tactile pads; allowed is a hand whose description names some.")
-        self._pad_frames = hand.pad_frames
+        self._pad_frames, self._uncertainty = hand.pad_frames, uncertainty
         self._pads = {pad.name: load_tactile_pad(pad.array) for pad in hand.config.pads}
         self._alpha = {pad.name: pad.alpha for pad in hand.config.pads}
         for name, pad in self._pads.items():
@@ -119,7 +128,8 @@ class PatchDescriptor(CollectableSystem):
     def _calc_described(self, context: Context, cached: AbstractValue) -> None:
         """For each pad its patch, or why there is none."""
         described: dict[str, Patch | str] = {}
-        X_PT = self._kinematics.Eval(context).poses(self._pad_frames)
+        kinematics = self._kinematics.Eval(context)
+        X_PT = kinematics.poses(self._pad_frames)
         for name, port in self._pressures.items():
             pressure = port.Eval(context) if port.HasValue(context) else np.full(port.size(), np.nan)
             age = float(self._ages[name].Eval(context)[0]) if self._ages[name].HasValue(context) else 0.0
@@ -130,11 +140,14 @@ class PatchDescriptor(CollectableSystem):
             elif age > self._params.max_age:
                 described[name] = f"stale: {age:.2f} s old"
             else:
-                described[name] = self._describe(name, X_PT[name], pressure)
+                described[name] = self._describe(name, X_PT[name], pressure, kinematics)
         cached.set_value(described)
 
-    def _describe(self, name: str, X_PT: RigidTransform, pressure: FloatArray) -> Patch | str:
+    def _describe(
+        self, name: str, X_PT: RigidTransform, pressure: FloatArray, kinematics: HandKinematics
+    ) -> Patch | str:
         pad: TactilePad = self._pads[name]
+        errors = self._uncertainty
         try:
             return describe_patch(
                 X_PT.multiply(pad.layout.p_TC.T).T,
@@ -143,6 +156,7 @@ class PatchDescriptor(CollectableSystem):
                 n_PT=pad.layout.n_T @ X_PT.rotation().matrix().T,
                 threshold=max(self._params.threshold, self._params.threshold_share * float(np.nanmax(pressure))),
                 saturation=pad.model.range,
+                misplacement=None if errors is None else errors.covariance(name, pad.layout, kinematics),
             )
         except InvalidInputError as error:
             return f"unusable: {error}"

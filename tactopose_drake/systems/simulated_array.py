@@ -8,6 +8,7 @@ from pydrake.multibody.plant import ContactResults, MultibodyPlant
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import Context, EventStatus, State
 
+from tactopose_drake.core.sensing.rubber_layer import cell_response, confined_pressure, find_neighbours
 from tactopose_drake.core.sensing.tactile_array import PressureField, mean_pressure, read_cells, spread_matrix
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.contact_pressure import pressure_field
@@ -22,8 +23,8 @@ POINT_CONTACT = "a point contact is not felt"
 class TactileArray(CollectableSystem):
     """Measures the pressure on the cells of a pad, from the simulator's hydroelastic contact.
 
-    Each cell averages the normal pressure over its own area; the soft layer shares it with its neighbours; then noise,
-    range, quantisation and dead cells act.
+    Each cell averages the normal pressure over its own area; the soft layer shares it with its neighbours, as rubber
+    does where the array says so; then noise, range, quantisation and dead cells act.
 
     .. pydrake_system::
 
@@ -69,10 +70,13 @@ class TactileArray(CollectableSystem):
         self._pad, self._body = pad, body.index()
         self._X_BT = pad_frame.GetFixedPoseInBodyFrame()
         self._spread = spread_matrix(pad.layout, pad.model.spread)
+        rubber = pad.model.rubber
+        self._rubber = None if rubber is None else (rubber, find_neighbours(pad.layout))
         self._contacts = self.DeclareAbstractInputPort("contact_results", AbstractValue.Make(ContactResults()))
         self._body_poses = self.DeclareAbstractInputPort("body_poses", AbstractValue.Make([RigidTransform()]))
         self._noise = self.DeclareVectorInputPort("noise", len(pad.layout), RandomDistribution.kGaussian)
         self._pressures = self.DeclareDiscreteState(np.full(len(pad.layout), np.nan))
+        self._peaks = self.DeclareDiscreteState(np.zeros(len(pad.layout)))  # since each cell was touched, Pa
         self._status = self.DeclareAbstractState(AbstractValue.Make(NO_SAMPLE))
         self.DeclarePeriodicUnrestrictedUpdateEvent(pad.period, pad.period, self._sample)
         self.DeclareStateOutputPort("pressures", self._pressures)
@@ -83,7 +87,16 @@ class TactileArray(CollectableSystem):
         X_WB = eval_input(self._body_poses, context, list)[self._body]
         noise = self._noise.Eval(context) if self._noise.HasValue(context) else np.zeros(len(self._pad.layout))
 
-        pressure = self._spread @ mean_pressure(self._pad.layout, self._fields(results, X_WB @ self._X_BT))
+        pressure = mean_pressure(self._pad.layout, self._fields(results, X_WB @ self._X_BT))
+        if self._rubber is not None:
+            rubber, neighbours = self._rubber
+            pressure = confined_pressure(pressure, neighbours, rubber.confinement)
+        pressure = self._spread @ pressure
+        if self._rubber is not None:
+            before = context.get_discrete_state(self._peaks).value()
+            peaks = np.where(pressure > 0.0, np.maximum(before, pressure), 0.0)
+            state.get_mutable_discrete_state(self._peaks).SetFromVector(peaks)
+            pressure = cell_response(pressure, peaks, rubber)
         frame = read_cells(pressure, noise, self._pad.model)
         state.get_mutable_discrete_state(self._pressures).SetFromVector(frame.pressure)
         unfelt = f"; {POINT_CONTACT}" if self._has_point_contact(results) else ""

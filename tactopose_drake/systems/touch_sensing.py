@@ -10,6 +10,7 @@ from tactopose_drake.hand.contact_uncertainty import ContactUncertainty
 from tactopose_drake.hand.geometry import BodySpheres
 from tactopose_drake.hand.hand_config import Hand, HandConfig, make_hand_plant
 from tactopose_drake.hand.joint_matrices import reading_offsets
+from tactopose_drake.hand.pad_uncertainty import PadUncertainty
 from tactopose_drake.systems.contact_solver import ContactSolver, ContactSolverParams
 from tactopose_drake.systems.contacts_in_palm import ContactsInPalm, ContactsInPalmParams
 from tactopose_drake.systems.hand_volume import HandVolume
@@ -24,7 +25,7 @@ class TouchParams:
     solver: ContactSolverParams = dataclasses.field(default_factory=ContactSolverParams)
     contacts: ContactsInPalmParams = dataclasses.field(default_factory=ContactsInPalmParams)
     patches: PatchDescriptorParams = dataclasses.field(default_factory=PatchDescriptorParams)  # of a hand with pads
-    # Whether each contact is as certain as the hand's description says, where it does; else as `contacts` says.
+    # Whether each contact and array is as certain as the hand's file says, where it does; else as parameters say.
     use_uncertainty: bool = True
     use_hand_volume: bool = True  # whether it is evidence that the object is not in the hand, nor at silent fingertips
 
@@ -58,9 +59,10 @@ def add_touch(
     solver = builder.AddNamedSystem(
         "contact_solver", ContactSolver(parts.surfaces, params.solver, parts.layers, biases)
     )
-    errors = None
+    errors = pad_errors = None
     if params.use_uncertainty and hand.uncertainty is not None:
         errors = ContactUncertainty(plant, parts, hand.uncertainty)
+        pad_errors = PadUncertainty(plant, parts, hand.uncertainty)
     contacts = builder.AddNamedSystem(
         "contacts_in_palm", ContactsInPalm(plant, parts.sensor_frames, parts.palm_frame, params.contacts, errors)
     )
@@ -71,7 +73,9 @@ def add_touch(
     touch["contact_solutions"] = solver.GetOutputPort("contact_solutions")
     known = dict(touch)
     if hand.pads:
-        descriptor = builder.AddNamedSystem("patch_descriptor", PatchDescriptor(plant, parts, params.patches))
+        descriptor = builder.AddNamedSystem(
+            "patch_descriptor", PatchDescriptor(plant, parts, params.patches, pad_errors)
+        )
         posed.append(descriptor)
         touch |= {"patches": descriptor.GetOutputPort("patches"), "patch_status": descriptor.GetOutputPort("status")}
         known |= touch | {"pads": descriptor.GetOutputPort("pads")}

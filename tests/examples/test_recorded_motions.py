@@ -31,5 +31,21 @@ def test_angles_are_roll_elevation_and_azimuth_also_where_they_wrap(recording: P
 def test_the_belief_follows_it(recording: Path) -> None:
     study = load_script("recorded_motions.py")
     rows = study.follow("tea_box", *study.read_motion(recording, 0.8), 0)
-    assert rows.shape == (28, 4)
+    assert rows.shape == (28, 6)
     assert rows[:, 1].mean() > 0.9
+    assert np.all(np.isfinite(rows))
+
+
+def test_it_is_drawn_and_where_there_is_nothing_that_is_said(
+    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    study, options = load_script("recorded_motions.py"), ["--objects", "tea_box", "--seconds", "0.8"]
+    given = [str(recording.parent), *options, "--out", str(tmp_path / "new")]
+    monkeypatch.setattr("sys.argv", ["recorded_motions.py", *given])
+    study.main()
+    assert "tea_box" in capsys.readouterr().out
+    assert (tmp_path / "new" / "recorded_motions.png").read_bytes().startswith(b"\x89PNG")
+    monkeypatch.delenv(study.FOLDER_VARIABLE, raising=False)
+    monkeypatch.setattr("sys.argv", ["recorded_motions.py", *options])
+    study.main()
+    assert "No recordings: skipped. TACTOPOSE_MOTIONS names a folder of them." in capsys.readouterr().out

@@ -24,6 +24,18 @@ def test_a_column_is_ticked_by_what_succeeded(script: ModuleType) -> None:
     assert rows["here, all"] == ["✓", "×", "×", "×", "×", "✓"]
 
 
+def test_ten_works_of_the_literature_stand_beside_ours(script: ModuleType) -> None:
+    assert len(script.LITERATURE) == 10
+    works = script.Experiment("works", tuple(script.COLUMNS), 0.8, "1.0/2.0", 0.002)
+    text = script.markdown([works], 10, 3)
+    rows = [line for line in text.splitlines() if line.count("|") == 10]
+    honda = next(line for line in rows if "Honda [124]" in line)
+    assert honda.endswith("| ✓ | × | × | ✓ | × | ✓ | 0.5/2 | 0.033 |")
+    ticks = {name: np.sum(done) for name, (done, _, _) in (script.LITERATURE | script.THESIS).items()}
+    assert max(ticks.values()) == 5  # [B16]: "none of the reviewed articles completely fulfills the stated abilities"
+    assert "6 of the 6 columns are ticked here; at most 5 by another row" in text
+
+
 def test_a_pose_that_is_found_counts_and_a_turned_one_does_not(script: ModuleType) -> None:
     trial = script.find_pose(0, 1, True)
     assert trial.translation < 0.05

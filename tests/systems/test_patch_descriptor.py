@@ -11,7 +11,9 @@ from pydrake.systems.primitives import AddRandomInputs
 
 from tactopose_drake.core.sensing.patches import Patch, describe_patch
 from tactopose_drake.errors import InvalidInputError
-from tactopose_drake.hand.hand_config import Hand, add_hand, load_hand_config, make_hand_plant
+from tactopose_drake.hand.hand_config import Hand, HandUncertainty, add_hand, load_hand_config, make_hand_plant
+from tactopose_drake.hand.kinematics import HandKinematics
+from tactopose_drake.hand.pad_uncertainty import PadUncertainty
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
 from tactopose_drake.systems.patch_descriptor import PatchDescriptor, PatchDescriptorParams
 from tactopose_drake.systems.random_sources import seed_random_sources
@@ -66,6 +68,24 @@ def test_each_patch_is_that_of_its_cells_in_the_palm(hand_plant: tuple[Multibody
         np.testing.assert_allclose(patch.covariance, expected.covariance, atol=1e-15)
         np.testing.assert_allclose(patch.centroid, expected.centroid, atol=1e-12)
         assert patch.saturation == pytest.approx(159960.9375)
+
+
+def test_patches_say_by_how_much_a_hand_may_misplace_them(hand_plant: tuple[MultibodyPlant, Hand]) -> None:
+    errors = PadUncertainty(*hand_plant, HandUncertainty(encoder_offset_deg=2.0, mounting=0.001))
+    system, kinematics = (
+        PatchDescriptor(*hand_plant, uncertainty=errors),
+        HandKinematics(hand_plant[0], hand_plant[1].palm_frame),
+    )
+    context, q = system.CreateDefaultContext(), np.full(8, 0.4)
+    system.GetInputPort("joint_positions").FixValue(context, q)
+    for name, pressure in some_pressures().items():
+        system.GetInputPort(f"pressures_{name}").FixValue(context, pressure)
+    kinematics.move(q)
+    for name, pad, patch in zip(PADS, hand_plant[1].config.pads, patches_of(system, context), strict=True):
+        expected = errors.covariance(name, load_tactile_pad(pad.array).layout, kinematics)
+        np.testing.assert_allclose(patch.misplacement, expected, atol=1e-15)
+        assert (np.trace(patch.misplacement[:3, :3]) > 5e-6) == (name != "palm")
+    assert patches_of(*fixed(hand_plant, q, some_pressures()))[0].misplacement is None
 
 
 def test_a_moved_joint_moves_the_patches_of_its_finger_only(hand_plant: tuple[MultibodyPlant, Hand]) -> None:

@@ -17,6 +17,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import AddRandomInputs
 
+from tactopose_drake.core.sensing.rubber_layer import RubberLayer
 from tactopose_drake.core.sensing.tactile_array import TactileModel
 from tactopose_drake.core.sensing.tactile_patterns import CellRow, RowPattern
 from tactopose_drake.errors import InvalidInputError, PortTypeError
@@ -105,6 +106,22 @@ def test_a_soft_layer_reaches_further_and_carries_the_same() -> None:
     readings = [rest_on_pad(pad)[0] for pad in (hard, soft)]
     assert readings[0].sum() == pytest.approx(readings[1].sum())
     assert np.count_nonzero(readings[1] > 100) > np.count_nonzero(readings[0] > 100)
+
+
+def test_rubber_that_keeps_its_volume_carries_the_same_in_a_dome() -> None:
+    pad = make_pad(rubber=RubberLayer(confinement=1.0))
+    pressures, _ = rest_on_pad(pad)
+    assert pressures @ pad.layout.areas == pytest.approx(MASS * 9.81, rel=2e-3)
+    under = np.all(np.abs(pad.layout.p_TC[:, :2] - [0.004, -0.002]) < [0.01, 0.008], axis=1)
+    assert pressures.max() > 1.8 * pressures[under].mean()
+    middle = np.abs(pad.layout.p_TC[pressures.argmax(), :2] - [0.004, -0.002])
+    assert np.all(middle < 0.002)
+
+
+def test_cells_that_lag_read_more_after_a_fall() -> None:
+    plain, lagging = (rest_on_pad(make_pad(rubber=RubberLayer(hysteresis=h)))[0] for h in (0.0, 0.2))
+    assert np.all(lagging >= plain)
+    assert lagging.sum() > 1.01 * plain.sum()
 
 
 def test_noise_is_the_seeds_and_a_dead_cell_is_nan() -> None:

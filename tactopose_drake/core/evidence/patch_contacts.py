@@ -6,10 +6,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.poses import skew
 from tactopose_drake.core.sensing.patches import Patch
+from tactopose_drake.core.validation import FloatArray
 
 # The standard deviation of the normal of a contact without one, rad: it says nothing.
 _ANY_NORMAL = 1e3
+# No pad's place is better known than this, m and rad.
+_LEAST_PLACE, _LEAST_TURN = 1e-5, 1e-4
 
 
 def patch_contacts(
@@ -24,7 +28,8 @@ def patch_contacts(
 
     Where the patch is an area the normal is its third eigenvector. The errors sigma_depth of its m cells turn that
     about the first axis, across which the patch is narrow, by sigma_depth / sqrt(m lambda_2); the pad itself is turned
-    by sigma_rotation. Elsewhere the normal is the pad's, within sigma_lean.
+    by sigma_rotation. Elsewhere the normal is the pad's, within sigma_lean. Where a patch says by how much it may be
+    misplaced, sigma_position and sigma_rotation are the mean ones of that.
 
     Args:
         patches: what the pads feel, in P.
@@ -38,19 +43,30 @@ def patch_contacts(
     """
     felt = [patch for patch in patches if patch.status != "no_contact"]
     normals, sigmas = np.empty((len(felt), 3)), np.full(len(felt), float(sigma_lean))
+    places = np.full(len(felt), float(sigma_position))
     for i, patch in enumerate(felt):
+        turned = sigma_rotation
+        if patch.misplacement is not None:
+            places[i], turned = _mean_sigmas(patch, patch.misplacement)
         if patch.status == "area":
             normals[i] = patch.eigenvectors[:, 2]
             bend = sigma_depth / math.sqrt(np.count_nonzero(patch.active) * patch.eigenvalues[1])
-            sigmas[i] = min(math.hypot(bend, sigma_rotation), sigma_lean)
+            sigmas[i] = min(math.hypot(bend, turned), sigma_lean)
         else:
             normals[i] = -patch.n_PT[patch.active].mean(axis=0)
     return Contacts(
         np.array([patch.centroid for patch in felt]).reshape(-1, 3),
         normals / np.linalg.norm(normals, axis=1, keepdims=True),
-        sigma_position=sigma_position,
+        sigma_position=places,
         sigma_normal=sigmas,
     )
+
+
+def _mean_sigmas(patch: Patch, misplacement: FloatArray) -> tuple[float, float]:
+    """Of the place of the patch's centroid along each axis, m, and of a turn about each axis, rad; means."""
+    by_turn = np.hstack([np.eye(3), -skew(patch.centroid - patch.p_PT.mean(axis=0))])
+    place, turn = np.trace(by_turn @ misplacement @ by_turn.T), np.trace(misplacement[3:, 3:])
+    return max(math.sqrt(place / 3.0), _LEAST_PLACE), max(math.sqrt(turn / 3.0), _LEAST_TURN)
 
 
 def with_patches(contacts: Contacts, patches: Sequence[Patch]) -> Contacts:

@@ -45,7 +45,8 @@ def settle(
         for i in range(run[0], run[1]):
             there += cells.residual[i] ** 2
         for a in range(6):
-            there += trial[a] ** 2
+            for c in range(6):
+                there += trial[a] * pad.information[a, c] * trial[c]
         there *= 0.5
         rejected = not there < cost
         damping = next_damping(damping, not rejected, _LEAST_REFUSED_DAMPING)
@@ -79,9 +80,11 @@ def _expand(sigmas: tuple[float, float], run: Run, cells: Cells, pad: Pad) -> No
     """The gradient and Gauss-Newton Hessian of a pad's cost by its misplacement."""
     g, H = pad.g, pad.H
     arms, slopes, weights, residual, rows = cells.arms, cells.slopes, cells.weights, cells.residual, cells.by_pad
-    H[:] = 0.0
     for a in range(6):
-        H[a, a], g[a] = 1.0, pad.u[a]
+        g[a] = 0.0
+        for c in range(6):
+            H[a, c] = pad.information[a, c]
+            g[a] += H[a, c] * pad.u[c]
     for i in range(run[0], run[1]):
         if weights[i] > 0.0:
             _row(i, arms, slopes, sigmas[0], sigmas[1], rows)
@@ -114,13 +117,11 @@ def _row(i, levers, directions, turn, shift, rows):
 
 
 @part
-def couple(run: Run, cells: Cells, C: OutFloats2, L: OutFloats2) -> None:
-    """A pad's second derivatives: C (6, 6) by misplacement and pose, and the factor L of that by the misplacement."""
-    weights, by_pad, by_pose = cells.weights, cells.by_pad, cells.by_pose
+def couple(run: Run, cells: Cells, pad: Pad, C: OutFloats2) -> None:
+    """A pad's second derivatives: C (6, 6) by misplacement and pose; its factor L is of that by the misplacement."""
+    weights, by_pad, by_pose, L = cells.weights, cells.by_pad, cells.by_pose, pad.L
     C[:] = 0.0
-    L[:] = 0.0
-    for a in range(6):
-        L[a, a] = 1.0
+    L[:] = pad.information
     for i in range(run[0], run[1]):
         if weights[i] > 0.0:
             for a in range(6):

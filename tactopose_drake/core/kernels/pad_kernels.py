@@ -2,12 +2,14 @@
 
 A pad is a run of cells, each a point in P where the surface is (side 0), which is not inside of it (side -1), or not
 outside of it (side 1). The pad is misplaced by u = (turn, shift), in standard deviations, about its middle: a cell at
-the arm l from there is at l + sigma_rotation turn x l + sigma_position shift.
+the arm l from there is at l + sigma_rotation turn x l + sigma_position shift. What is known of u is an
+information matrix: the identity where each of its numbers is off by one and none tells of another.
 
 `grid` is (values, origin, 1 / spacing); `pads` is (points (n, 3), normals (n, 3), traits (n, 4), starts (k + 1,),
-middles (k, 3)), where a cell's traits are its side, weight, depth and half its width, and starts say where the cells of
-each pad begin, and that there are n; `sigmas` is (sigma_rotation, sigma_position). The starts are unsigned, because
-loops over such numbers need no check for negative indices.
+middles (k, 3), excess (k, 6, 6)), where a cell's traits are its side, weight, depth and half its width, starts say
+where the cells of each pad begin, and that there are n, and the excess is by how much the information on u in P exceeds
+the identity; `sigmas` is (sigma_rotation, sigma_position). The starts are unsigned, because loops over such numbers
+need no check for negative indices.
 """
 
 from typing import NamedTuple, TypeAlias
@@ -17,6 +19,7 @@ import numpy as np
 from tactopose_drake.core.compilation import (
     Floats1,
     Floats2,
+    Floats3,
     OutFloats1,
     OutFloats2,
     Unsigned,
@@ -41,6 +44,7 @@ class Pads(NamedTuple):
         traits: side, weight, depth and width of each, shape (n, 4).
         starts: the first cell of each pad, and behind the last one's, shape (k + 1,).
         middles: of the pads, shape (k, 3), m.
+        excess: of the information on each pad's misplacement, in P, over the identity, shape (k, 6, 6).
     """
 
     points: Floats2
@@ -48,6 +52,7 @@ class Pads(NamedTuple):
     traits: Floats2
     starts: UnsignedLongs1
     middles: Floats2
+    excess: Floats3
 
 
 class Cells(NamedTuple):
@@ -82,6 +87,7 @@ class Pad(NamedTuple):
 
     Attributes:
         middle: of the pad in O, shape (3,).
+        information: on the misplacement, in O, shape (6, 6).
         u: the misplacement, shape (6,).
         g, H: gradient (6,) and Hessian (lower triangle of (6, 6)) of the pad's cost there.
         L: a factor, shape (6, 6).
@@ -89,6 +95,7 @@ class Pad(NamedTuple):
     """
 
     middle: OutFloats1
+    information: OutFloats2
     u: OutFloats1
     g: OutFloats1
     H: OutFloats2
@@ -112,14 +119,27 @@ def scratch(n: int) -> tuple[Cells, Pad]:
         np.empty((n, 6)),
         np.empty((n, 6)),
     )
-    pad = Pad(np.empty(3), np.empty(6), np.empty(6), np.empty((6, 6)), np.empty((6, 6)), np.empty(6), np.empty(6))
+    pad = Pad(
+        np.empty(3),
+        np.empty((6, 6)),
+        np.empty(6),
+        np.empty(6),
+        np.empty((6, 6)),
+        np.empty((6, 6)),
+        np.empty(6),
+        np.empty(6),
+    )
     return cells, pad
 
 
 @part
 def enter(pads: Pads, k: int, X: Floats2, cells: Cells, pad: Pad) -> None:
-    """A pad in O at the pose X: its middle, its cells' arms and outward normals; nothing is known of them yet."""
-    points, normals, _, starts, middles = pads
+    """A pad in O at the pose X: its middle, its cells' arms and outward normals, what is known of its misplacement.
+
+    Nothing is known of the cells yet.
+    """
+    points, normals, starts, middles = pads[0], pads[1], pads[3], pads[4]
+    _turn_information(pads[5][k], X, pad.information)
     to_object(X, middles[k], pad.middle)
     for i in range(starts[k], starts[k + 1]):
         to_object(X, points[i], cells.arms[i])
@@ -127,6 +147,19 @@ def enter(pads: Pads, k: int, X: Floats2, cells: Cells, pad: Pad) -> None:
         cells.clear[i] = 0.0
         for a in range(3):
             cells.arms[i, a] -= pad.middle[a]
+
+
+@part
+def _turn_information(excess: Floats2, X: Floats2, information: OutFloats2) -> None:
+    """The information (6, 6) on a misplacement in O, given its excess (6, 6) in P: block by block R^T E R, and 1."""
+    for a in range(6):
+        for c in range(6):
+            first, second = 3 * (a // 3), 3 * (c // 3)
+            total = 0.0
+            for i in range(3):
+                for j in range(3):
+                    total += X[i, a - first] * excess[first + i, second + j] * X[j, c - second]
+            information[a, c] = total + 1.0 if a == c else total
 
 
 @part

@@ -7,11 +7,10 @@ import numpy as np
 
 from tactopose_drake.core.compilation import Floats3, OutFloats1, OutFloats2, OutFloats3, kernel
 from tactopose_drake.core.kernels.grid_kernels import Grid
-from tactopose_drake.core.kernels.matrix_kernels import solve
+from tactopose_drake.core.kernels.matrix_kernels import cholesky, solve
 from tactopose_drake.core.kernels.misplacement_kernels import couple, make_rows, settle
 from tactopose_drake.core.kernels.pad_kernels import Pads, find_normals, scratch
 from tactopose_drake.core.kernels.pose_kernels import turn_translations
-from tactopose_drake.core.kernels.sorting_kernels import copy_vector
 
 
 @kernel
@@ -39,6 +38,12 @@ def patch_residuals(
     starts, n = pads[3], len(pads[0])
     cells, pad = scratch(n)
     C, follow = np.empty((6, 6)), np.empty((6, 6))
+    turned, roots = np.empty((7, 6)), np.empty((len(pads[4]), 6, 6))
+    for k in range(len(pads[4])):
+        roots[k] = pads[5][k]
+        for a in range(6):
+            roots[k, a, a] += 1.0
+        cholesky(roots[k], roots[k])
     for b in range(X.shape[0]):
         residuals[b] = 0.0
         jacobian[b] = 0.0
@@ -46,7 +51,7 @@ def patch_residuals(
             settle(grid, pads, k, sigmas, X[b], cells, pad)
             run = starts[k], starts[k + 1]
             make_rows(cells.slopes, sigmas, run, cells)
-            couple(run, cells, C, pad.L)
+            couple(run, cells, pad, C)
             for c in range(6):
                 follow[c] = -C[:, c]
                 solve(pad.L, follow[c])
@@ -56,12 +61,19 @@ def patch_residuals(
                     jacobian[b, i, c] = cells.by_pose[i, c]
                     for a in range(6):
                         jacobian[b, i, c] += cells.by_pad[i, a] * follow[c, a]
-            for a in range(6):  # The misplacement in P.
-                m, row, first = n + 6 * k + a, a % 3, 3 * (a // 3)
+            turned[:] = 0.0  # The misplacement in P: how it follows the pose, and itself.
+            for a in range(6):
+                row, first = a % 3, 3 * (a // 3)
                 for e in range(3):
-                    residuals[b, m] += X[b, row, e] * pad.u[first + e]
+                    turned[6, a] += X[b, row, e] * pad.u[first + e]
                     for c in range(6):
-                        jacobian[b, m, c] += X[b, row, e] * follow[c, first + e]
+                        turned[c, a] += X[b, row, e] * follow[c, first + e]
+            for a in range(6):
+                m = n + 6 * k + a
+                for e in range(a, 6):
+                    residuals[b, m] += roots[k, e, a] * turned[6, e]
+                    for c in range(6):
+                        jacobian[b, m, c] += roots[k, e, a] * turned[c, e]
         for i in range(residuals.shape[1]):  # From (w, R^T v) to (w, v).
             x, y, z = jacobian[b, i, 3], jacobian[b, i, 4], jacobian[b, i, 5]
             for a in range(3):
@@ -90,9 +102,12 @@ def patch_normal_equations(
             cost[b] += settle(grid, pads, k, sigmas, X[b], cells, pad)
             run = starts[k], starts[k + 1]
             make_rows(cells.slopes, sigmas, run, cells)
-            couple(run, cells, C, pad.L)
+            couple(run, cells, pad, C)
             # The rest of the way to the least cost, by the local model.
-            copy_vector(pad.u, rest)
+            for a in range(6):
+                rest[a] = 0.0
+                for c in range(6):
+                    rest[a] += pad.information[a, c] * pad.u[c]
             for i in range(run[0], run[1]):
                 for a in range(6):
                     g[a] += cells.by_pose[i, a] * cells.residual[i]
@@ -104,7 +119,7 @@ def patch_normal_equations(
             # What the misplacement takes up is not known of the pose: the Schur complement.
             find_normals(grid, run, cells)
             make_rows(cells.normals, sigmas, run, cells)
-            couple(run, cells, C, pad.L)
+            couple(run, cells, pad, C)
             for i in range(run[0], run[1]):
                 if cells.weights[i] > 0.0:
                     for a in range(6):

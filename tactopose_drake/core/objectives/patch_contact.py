@@ -17,6 +17,8 @@ from tactopose_drake.core.validation import FloatArray, positive_number
 
 # The standard deviation of a position that is to say nothing, m.
 _ANYWHERE = 1e3
+# What every pad may be off by in addition to a covariance that says less, perhaps nothing in some directions: rad, m.
+_LEAST_TURN, _LEAST_SHIFT = 1e-4, 1e-5
 
 
 class PatchCells(LeastSquaresObjective):
@@ -36,8 +38,8 @@ class PatchCells(LeastSquaresObjective):
     the length's, adds to the variance. Derivatives take it for constant.
 
     All cells of a pad are off together, because hand and mounting misplace it: shifted by sigma_position along, and
-    turned by sigma_rotation about, each axis. With u (6,) this misplacement in standard deviations, a pad's cost is the
-    least over u of
+    turned by sigma_rotation about, each axis, or as the patch's own `misplacement` says. With u (6,) this misplacement
+    in standard deviations, a pad's cost is the least over u of
 
         1/2 |u|^2 + 1/2 sum_i (phi(q_i(u)) / sigma_i)^2
 
@@ -64,9 +66,13 @@ class PatchCells(LeastSquaresObjective):
         )
         starts = np.cumsum([0, *(len(pad[1]) for pad in pads)], dtype=np.uintp)
         middles = np.array([patch.p_PT.mean(axis=0) for patch in patches]).reshape(-1, 3)
+        if any(patch.misplacement is not None for patch in patches):  # These are in units of the sigmas, too.
+            sigma_rotation, sigma_position = max(sigma_rotation, _LEAST_TURN), max(sigma_position, _LEAST_SHIFT)
+        units = np.repeat([sigma_rotation, sigma_position], 3)
+        excess = np.array([_excess(patch, units) for patch in patches]).reshape(-1, 6, 6)
         self._arguments = (
             grid.nodes,
-            Pads(*map(read_only, (points, normals, traits, starts, middles))),
+            Pads(*map(read_only, (points, normals, traits, starts, middles, excess))),
             (sigma_rotation, sigma_position),
         )
         self._pads, self._rows = len(pads), len(points) + 6 * len(pads)
@@ -129,8 +135,9 @@ class PatchContact(SumObjective):
             patches: what the pads feel.
             sigma_depth: standard deviation of the depth of the surface in a pad, of each cell, m.
             share: standard deviation of a depth as a share of it: alpha, and the layer, are not quite so.
-            sigma_position: standard deviation of each coordinate of a pad's place, m.
-            sigma_rotation: standard deviation of a small turn of a pad about each axis, rad.
+            sigma_position: standard deviation of each coordinate of a pad's place, m; of patches whose `misplacement`
+                is not known.
+            sigma_rotation: standard deviation of a small turn of a pad about each axis, rad; likewise.
             sigma_lean: standard deviation of the turn of a touched surface from the pad about each axis, rad.
 
         Raises:
@@ -172,3 +179,15 @@ def _pad_cells(patch: Patch, sigma_depth: float, share: float) -> tuple[FloatArr
     sides = np.where(patch.saturated[live], 1.0, np.where(patch.active[live], 0.0, -1.0))
     weights, widths = 1.0 / np.hypot(sigma_depth, share * depth), np.full(len(depth), patch.half_pitch)
     return points, patch.n_PT[live], np.stack([sides, weights, depth, widths], axis=1)
+
+
+def _excess(patch: Patch, units: FloatArray) -> FloatArray:
+    """By how much the information on a pad's (turn, shift), in these units (6,), exceeds the identity, shape (6, 6)."""
+    if patch.misplacement is None:
+        return np.zeros((6, 6))
+    turn_first = np.roll(patch.misplacement, 3, axis=(0, 1))
+    least = np.repeat([_LEAST_TURN, _LEAST_SHIFT], 3)
+    scaled = (turn_first + np.diag(least**2)) / np.outer(units, units)
+    information = np.linalg.inv(scaled)
+    excess: FloatArray = 0.5 * (information + information.T) - np.eye(6)
+    return excess

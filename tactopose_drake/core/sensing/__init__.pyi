@@ -14,6 +14,10 @@ from .intrinsic_contact import solve_contacts as solve_contacts
 from .patches import Patch as Patch
 from .patches import PatchParams as PatchParams
 from .patches import describe_patch as describe_patch
+from .rubber_layer import RubberLayer as RubberLayer
+from .rubber_layer import cell_response as cell_response
+from .rubber_layer import confined_pressure as confined_pressure
+from .rubber_layer import find_neighbours as find_neighbours
 from .sensing_range import sensing_box as sensing_box
 from .soft_layer import SoftLayer as SoftLayer
 from .tactile_array import PressureField as PressureField

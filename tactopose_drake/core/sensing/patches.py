@@ -30,6 +30,8 @@ PatchStatus = Literal["area", "narrow", "row", "point", "no_contact"]
 
 # Pressures, Pa, and their depths, m/Pa, are not above these.
 _MOST_PRESSURE, _MOST_ALPHA = 1e12, 1.0
+_MOST_MISPLACEMENT = 1e2  # of where a pad is, m^2 and rad^2
+_ROUNDING = 1e-9  # of a covariance's largest entry
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -73,6 +75,8 @@ class Patch:
             third points along the object's outward normal, into the pad; the first from the pad's first cell towards
             its last; the second completes the frame.
         eigenvalues: variances along the axes, falling, shape (3,), m^2.
+        misplacement: covariance of where the pad is: of a shift, and of a small turn about the mean of its cells, of
+            all cells together, shape (6, 6), m and rad; None where it is not known.
     """
 
     p_PT: FloatArray
@@ -86,6 +90,7 @@ class Patch:
     covariance: FloatArray
     eigenvectors: FloatArray
     eigenvalues: FloatArray
+    misplacement: FloatArray | None = None
 
     def __repr__(self) -> str:
         felt = f", most {np.nanmax(self.pressure) / 1e3:.3g} kPa" if self.is_felt else ""
@@ -136,6 +141,7 @@ def describe_patch(
     n_PT: ArrayLike | None = None,
     threshold: float = 0.0,
     saturation: float | None = None,
+    misplacement: ArrayLike | None = None,
     params: PatchParams = PatchParams(),
 ) -> Patch:
     """Describes a frame of a tactile array by its principal components. [B16] eqs. 5.1 to 5.3.
@@ -150,12 +156,14 @@ def describe_patch(
             the z axis of the cells' frame: a positive alpha says that it points into the pad, a negative, out of it.
         threshold: a cell is active above this pressure, Pa.
         saturation: the highest pressure a cell can tell, Pa; None: there is no such limit.
+        misplacement: covariance of where the pad is: of a shift, and of a small turn about the mean of its cells,
+            shape (6, 6), m and rad, in the cells' frame. None: it is not known; who uses the patch assumes one.
         params: what is flat, and what is across.
 
     Raises:
         InvalidInputError: no cell, no live cell, a shape that does not fit, a position or normal that is not finite, a
-            pressure below zero or infinite, an alpha, threshold or saturation out of range, or normals missing where
-            the pad is curved or parallel to the z axis.
+            pressure below zero or infinite, an alpha, threshold or saturation out of range, normals missing where the
+            pad is curved or parallel to the z axis, or a misplacement that is no covariance.
     """
     p_PT = points_near("p_PT", p_PT, (None, 3))
     if len(p_PT) == 0:
@@ -176,7 +184,18 @@ def describe_patch(
 
     unknown = np.full((3, 3), np.nan)
     patch = Patch(
-        p_PT, n_PT, pressure, abs(alpha), threshold, saturation, "no_contact", unknown[0], unknown, unknown, unknown[0]
+        p_PT,
+        n_PT,
+        pressure,
+        abs(alpha),
+        threshold,
+        saturation,
+        "no_contact",
+        unknown[0],
+        unknown,
+        unknown,
+        unknown[0],
+        None if misplacement is None else _covariance(misplacement),
     )
     patch = _with_components(patch, params)
     for field in dataclasses.fields(patch):
@@ -202,6 +221,17 @@ def _pressures(value: ArrayLike, count: int) -> FloatArray:
         index = int(np.nanargmin(pressure))
         raise InvalidInputError(f"pressure[{index}]: is {pressure[index]:g}; allowed are numbers >= 0, and NaN.")
     return pressure
+
+
+def _covariance(value: ArrayLike) -> FloatArray:
+    """A checked covariance (6, 6)."""
+    covariance = limited("misplacement", value, (6, 6), most=_MOST_MISPLACEMENT)
+    rounding = _ROUNDING * np.abs(covariance).max()
+    if np.abs(covariance - covariance.T).max() > rounding or np.linalg.eigvalsh(covariance)[0] < -rounding:
+        raise InvalidInputError(
+            "misplacement: is no covariance; allowed are symmetric ones without negative eigenvalues."
+        )
+    return covariance
 
 
 def _flat_normal(p_PT: FloatArray, params: PatchParams) -> FloatArray:

@@ -12,6 +12,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
+from tactopose_drake.core.sensing.rubber_layer import RubberLayer
 from tactopose_drake.core.sensing.tactile_kernels import cell_forces, faces_are_valid
 from tactopose_drake.core.sensing.tactile_layout import TactileLayout
 from tactopose_drake.core.validation import FloatArray, finite_array, positive_number
@@ -59,6 +60,7 @@ class TactileModel:
     resolution: float = 0.0  # quantisation step, Pa; 0: none
     noise: float = 0.0  # standard deviation, Pa
     spread: float = 0.0  # how far the soft layer spreads a point force, one standard deviation, m; 0: not at all
+    rubber: RubberLayer | None = None  # how layer and cells differ from springs; null: not at all
     dead_cells: list[int] = dataclasses.field(default_factory=list)  # cells that give no reading
 
     def validate(self, cells: int) -> None:
@@ -73,6 +75,8 @@ class TactileModel:
         positive_number("TactileModel.range", self.range)
         for name in ("resolution", "noise", "spread"):
             positive_number(f"TactileModel.{name}", getattr(self, name), allow_zero=True)
+        if self.rubber is not None:
+            self.rubber.validate()
         for cell in self.dead_cells:
             if not 0 <= cell < cells:
                 raise InvalidInputError(
