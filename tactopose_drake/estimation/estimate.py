@@ -111,8 +111,7 @@ def estimate_pose(
     """
     limit = math.inf if time_limit is None else positive_number("time_limit", time_limit)
     _check_question(model, contacts, method, prior)
-    seed = whole_number("seed", seed, least=0)
-    max_hypotheses = whole_number("max_hypotheses", max_hypotheses, least=1)
+    seed, limited = whole_number("seed", seed, least=0), whole_number("max_hypotheses", max_hypotheses, least=1)
 
     is_far = has_far_origin(model)
     about = prior_about_middle(prior, model.middle) if is_far else prior
@@ -121,7 +120,7 @@ def estimate_pose(
     if len(evidence.touch) < 1:
         raise TooFewContactsError("contacts: there are 0; the estimate needs at least 1, or a patch that is felt.")
     check_units(evidence, model.size)
-    found = weigh_poses(model.about_middle if is_far else model, evidence, method, seed, max_hypotheses, limit)
+    found = weigh_poses(model.about_middle if is_far else model, evidence, method, seed, limited, limit)
     if is_far:
         found, evidence = reported_for_origin(found, model.middle), dataclasses.replace(evidence, prior=prior)
     return dataclasses.replace(found, question=Question(model, evidence))
