@@ -25,7 +25,8 @@ class ForceTest(NamedTuple):
     Attributes:
         times: of the latest frames, oldest first, s.
         forces: of each source then, shape (h, s, 3), N; 0 where one does not touch.
-        ratio: of tangential to normal force, the largest since the object is held.
+        ratio: of tangential to normal force, the largest since the object is held, but for the last moments.
+        noise: by how much of their size forces change in the mean.
         held_time: since when no finger came to touch anew, s.
         inside_time: when a finger was last within its cone of friction, rather than at its limit, s.
     """
@@ -33,6 +34,7 @@ class ForceTest(NamedTuple):
     times: tuple[float, ...] = ()
     forces: FloatArray = np.zeros((0, 0, 3))
     ratio: float = 0.0
+    noise: float = 0.0
     held_time: float = -np.inf
     inside_time: float = -np.inf
 
@@ -63,13 +65,16 @@ def detect_by_forces(
     kept = test._replace(times=times, forces=np.concatenate([before, now]), held_time=held_time)
     ratios = _ratios(params, contacts.f_PC, contacts.n_PC)
     if time < held_time + params.settling_time or not len(ratios):
-        return kept._replace(ratio=0.0, inside_time=-np.inf) if is_new else kept, False
-    ratio = max(test.ratio, min(float(ratios.max()), params.most_ratio))
+        return kept._replace(ratio=0.0, noise=0.0, inside_time=-np.inf) if is_new else kept, False
+    largest = min(float(ratios.max()), params.most_ratio)
+    ratio = test.ratio + params.gain * max(largest - test.ratio, 0.0) if test.ratio > 0.0 else largest
     at_limit = ratios > params.limit_share * max(ratio, params.least_ratio)
-    kept = kept._replace(ratio=ratio, inside_time=test.inside_time if at_limit.all() else time)
+    change = _change(before[0], now[0]) if len(before) else 0.0
+    noise = test.noise + params.gain * (min(change, params.change) - test.noise)
+    kept = kept._replace(ratio=ratio, noise=noise, inside_time=test.inside_time if at_limit.all() else time)
     are_alike = len(ratios) >= params.least_fingers and np.ptp(ratios) < params.alike * ratios.mean()
     slides = are_alike and at_limit.all() and time < kept.inside_time + params.reaching_time
-    gives_way = bool(at_limit.any()) and len(before) > 0 and _change(before[0], now[0]) > params.change
+    gives_way = at_limit.any() and change > max(params.change, params.noises * test.noise)
     return kept, bool(slides or gives_way)
 
 

@@ -88,7 +88,8 @@ class ForceTestParams:
     """When forces say that the object slips."""
 
     time: float = 0.025  # s within which
-    change: float = 0.25  # forces change by this part of their size where friction gives way
+    change: float = 0.15  # forces change by this part of their size where friction gives way,
+    noises: float = 2.5  # and by so many times as much as they do in the mean
     settling_time: float = 0.3  # s after a finger has come to touch, until which forces change by that
     least_force: float = 0.05  # N; less is no load,
     least_share: float = 0.05  # nor is less of all fingers' together
@@ -97,6 +98,7 @@ class ForceTestParams:
     reaching_time: float = 0.3  # s since one of them was not at the limit: fingers may rest there
     limit_share: float = 0.95  # of the largest ratio that was seen while the object was held, from which on one slides
     least_ratio: float = 0.3  # below which nothing slides, whatever was seen
+    gain: float = 0.05  # by which the largest ratio, and what forces change in the mean, follow each frame
     most_ratio: float = 1.0  # beyond which what is seen is no coefficient of friction
 
 
