@@ -65,6 +65,18 @@ def declared_excess(contacts: Contacts, params: PoseTrackerParams) -> FloatArray
     return np.asarray(np.maximum(told - frame - lasting, 0.0))
 
 
+def calibration_excess(contacts: Contacts, params: PoseTrackerParams, calibration: FloatArray) -> FloatArray:
+    """Variances of points, m^2, and of normals, rad^2, of a calibration beyond what is told of it, shape (k, 2).
+
+    Args:
+        contacts: what is told.
+        params: likewise.
+        calibration: factors of the variances, shape (2,).
+    """
+    told = np.square(BiasModel.from_params(params).calibration) + declared_excess(contacts, params)
+    return np.asarray((calibration - 1.0) * told)
+
+
 def averaged_variances(contacts: Contacts, params: PoseTrackerParams, frames: int) -> FloatArray:
     """Variances (k, 2) of the mean of so many frames' contacts, in which only what is new at each time averages out."""
     told = np.stack([contacts.sigma_position, contacts.sigma_normal], axis=1) ** 2
@@ -75,18 +87,16 @@ def averaged_variances(contacts: Contacts, params: PoseTrackerParams, frames: in
 
 def lasting_excess(reading: ContactReading, params: PoseTrackerParams) -> FloatArray:
     """What lasts beside the calibration, with what is doubted of contacts, shape (k, 2)."""
-    mean = averaged_variances(reading.contacts, params, params.window.max_frames)
-    return np.asarray(declared_excess(reading.contacts, params) + (reading.doubt - 1.0)[:, None] * mean)
+    return declared_excess(reading.contacts, params) + _seeming_excess(reading.contacts, reading, params)
 
 
 def as_doubted(reading: ContactReading, params: PoseTrackerParams) -> ContactReading:
     """The reading whose evidence has contacts as unsure as they seem."""
     evidence, count = reading.evidence, len(reading.evidence.contacts)
-    if not np.any(reading.doubt > _NOTICED_DOUBT) or not count:
+    if not count or max(reading.doubt.max(), reading.calibration.max()) < _NOTICED_DOUBT:
         return reading
     contacts = evidence.contacts
-    mean = averaged_variances(contacts, params, params.window.max_frames)
-    more = (reading.doubt[:count] - 1.0)[:, None] * mean
+    more = _seeming_excess(contacts, reading, params)
     contacts = dataclasses.replace(
         contacts,
         covariance=None,
@@ -94,3 +104,10 @@ def as_doubted(reading: ContactReading, params: PoseTrackerParams) -> ContactRea
         sigma_normal=np.sqrt(contacts.sigma_normal**2 + more[:, 1]),
     )
     return reading._replace(evidence=dataclasses.replace(evidence, contacts=contacts))
+
+
+def _seeming_excess(contacts: Contacts, reading: ContactReading, params: PoseTrackerParams) -> FloatArray:
+    """By how much the variances of what lasts of contacts, the reading's first ones, seem larger than told, (k, 2)."""
+    mean = averaged_variances(contacts, params, params.window.max_frames)
+    of_calibration = calibration_excess(contacts, params, reading.calibration)
+    return np.asarray((reading.doubt[: len(contacts)] - 1.0)[:, None] * mean + of_calibration)

@@ -183,6 +183,17 @@ def follow_roughness(
     return dataclasses.replace(modes, cross_covariance=cross, roughness=after)
 
 
+def follow_lasting_errors(
+    modes: TrackedModes, before: ContactReading, after: ContactReading, params: PoseTrackerParams
+) -> TrackedModes:
+    """The modes when what lasts of the contacts' errors is found to be larger or smaller than it was taken for."""
+    roughness = modes.roughness.copy()
+    least = lasting_excess(after, params)
+    changed = roughness[:, after.source] + least - lasting_excess(before, params)
+    roughness[:, after.source] = np.maximum(changed, least)
+    return modes.with_roughness(roughness, BiasModel.from_params(params).variances)
+
+
 def _noise_weights(
     contacts: Contacts, excess: FloatArray, bias: BiasModel, least_share: float
 ) -> tuple[FloatArray, FloatArray]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -121,6 +122,24 @@ class Frame:
             object.__setattr__(self, "tip_velocity", velocities)
 
 
+class SeemingErrors(NamedTuple):
+    """By how much variances of what lasts of contacts' errors seem larger than told.
+
+    Attributes:
+        doubt: factors by source, of what the one-shot estimate doubts; 1 of those that are not there.
+        calibration: factors of those of the hand's calibration, of points and of normals, shape (2,).
+        estimates: of how many estimates the latter are the mean.
+    """
+
+    doubt: Mapping[str, float] = MappingProxyType({})
+    calibration: FloatArray = np.ones(2)
+    estimates: int = 0
+
+    def doubts_of(self, sources: Sequence[str]) -> FloatArray:
+        """The factors of some sources, shape (k,)."""
+        return np.array([self.doubt.get(name, 1.0) for name in sources])
+
+
 class ContactReading(NamedTuple):
     """The contacts of a frame by all sources that are known.
 
@@ -130,6 +149,7 @@ class ContactReading(NamedTuple):
         sources: names of all sources.
         is_new: whether this reading is not the last one again.
         doubt: by how much the variance of what lasts of each one's error seems larger than told, shape (k,).
+        calibration: by how much those of the calibration do, of points and of normals, shape (2,).
         evidence: that of the frame; see `as_doubted`.
     """
 
@@ -138,6 +158,7 @@ class ContactReading(NamedTuple):
     sources: tuple[str, ...]
     is_new: bool
     doubt: FloatArray
+    calibration: FloatArray
     evidence: Evidence
 
     @property
@@ -146,7 +167,7 @@ class ContactReading(NamedTuple):
 
 
 def read_contacts(
-    frame: Frame, sources: tuple[str, ...], p_before: FloatArray, doubt: Mapping[str, float]
+    frame: Frame, sources: tuple[str, ...], p_before: FloatArray, errors: SeemingErrors
 ) -> ContactReading:
     """The frame's contacts by the sources known so far and the new ones.
 
@@ -154,12 +175,12 @@ def read_contacts(
         frame: all that is sensed.
         sources: names of those known so far.
         p_before: the last contacts' points, shape (k, 3), m.
-        doubt: by how much the variances of what lasts seem larger than told, by source; 1 of those that are not there.
+        errors: how large they seem by what was felt so far.
     """
     contacts = frame.evidence.touch
     assert frame.sources is not None
     sources += tuple(name for name in frame.sources if name not in sources)
     source = np.array([sources.index(name) for name in frame.sources], dtype=np.intp)
     is_new = len(contacts) > 0 and not np.array_equal(contacts.p_PC, p_before)
-    factors = np.array([doubt.get(name, 1.0) for name in frame.sources])
-    return ContactReading(contacts, source, sources, is_new, factors, frame.evidence)
+    doubts = errors.doubts_of(frame.sources)
+    return ContactReading(contacts, source, sources, is_new, doubts, errors.calibration, frame.evidence)

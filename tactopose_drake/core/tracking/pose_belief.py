@@ -16,7 +16,8 @@ from tactopose_drake.core.posterior.plausibility import explain_touch
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.statuses import BeliefStatus
-from tactopose_drake.core.tracking.frame import PoseMeasurement
+from tactopose_drake.core.tracking.force_test import ForceTest
+from tactopose_drake.core.tracking.frame import PoseMeasurement, SeemingErrors
 from tactopose_drake.core.tracking.keyframes import Keyframe
 from tactopose_drake.core.tracking.motion_prediction import MotionHistory
 from tactopose_drake.core.tracking.relocalisation import SearchState
@@ -64,8 +65,8 @@ class PoseBelief:
         p_PC: the last contacts' points, shape (k, 3), m.
         touch_time, explained_time, slip_time: when something was last touched, and explained, and when it last slipped,
             s.
-        slip_test: by which it is found to slip.
-        doubt: by how much the variances of what lasts of each source's errors seem larger than told, by its name.
+        slip_test, force_test: by which it is found to slip.
+        errors: by how much the variances of what lasts of the contacts' errors seem larger than told.
         unsettled_time: when another finger came to touch, or the best mode became another one, s.
         felt_time: of each source by its name, when it last touched, s.
         search: how far the search for other modes is.
@@ -88,7 +89,8 @@ class PoseBelief:
     explained_time: float = -np.inf
     slip_time: float = -np.inf
     slip_test: SlipTest = dataclasses.field(default_factory=SlipTest)
-    doubt: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    force_test: ForceTest = dataclasses.field(default_factory=ForceTest)
+    errors: SeemingErrors = dataclasses.field(default_factory=SeemingErrors)
     unsettled_time: float = -np.inf
     felt_time: Mapping[str, float] = dataclasses.field(default_factory=dict)
     search: SearchState = dataclasses.field(default_factory=SearchState)

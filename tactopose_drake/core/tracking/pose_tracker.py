@@ -12,9 +12,11 @@ from tactopose_drake.core.poses import increments_between
 from tactopose_drake.core.posterior.plausibility import explain_touch
 from tactopose_drake.core.shape.free_spin import nearest_images
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.tracking.calibration_scale import estimate_scale, follow_scale
 from tactopose_drake.core.tracking.contact_errors import as_doubted
-from tactopose_drake.core.tracking.contact_update import update_modes
-from tactopose_drake.core.tracking.frame import ContactReading, Frame, read_contacts
+from tactopose_drake.core.tracking.contact_update import follow_lasting_errors, update_modes
+from tactopose_drake.core.tracking.force_test import detect_by_forces
+from tactopose_drake.core.tracking.frame import ContactReading, Frame, SeemingErrors, read_contacts
 from tactopose_drake.core.tracking.keyframes import Keyframe, follow_touch, make_window, move_keyframes
 from tactopose_drake.core.tracking.motion_prediction import (
     Motion,
@@ -75,7 +77,7 @@ class PoseTracker:
             raise InvalidInputError(
                 f"frame.time: is {frame.time:g} s; allowed is the belief's, {belief.time:g} s, or later."
             )
-        reading = as_doubted(read_contacts(frame, belief.sources, belief.p_PC, belief.doubt), params)
+        reading = as_doubted(read_contacts(frame, belief.sources, belief.p_PC, belief.errors), params)
         belief = self._predict(belief, frame, reading, duration)
         belief, is_outlier = see(belief, frame, reading, params.vision)
         if reading.is_new:
@@ -125,13 +127,17 @@ class PoseTracker:
             motion = belief.history.motions[-1] if duration > 0.0 else Motion(np.zeros(6), np.zeros((6, 6)))
             change = PoseChange(belief.modes.X_PO[0], modes.X_PO[0], modes.roughness[0], motion)
             test, slips = detect_slip(self._model, params.slip, belief.slip_test, reading, change)
-            test = test.restarted() if slips else test
         assert frame.sources is not None
+        is_new = any(time > belief.felt_time.get(name, -np.inf) + params.lost_time for name in frame.sources)
+        force_test, gives_way = detect_by_forces(params.force_test, belief.force_test, reading, time, is_new=is_new)
+        slips = slips or gives_way
+        test = test.restarted() if slips else test
         now = Keyframe.of_now(reading, frame.sources)
         belief = dataclasses.replace(
             belief,
             modes=modes,
             slip_test=test,
+            force_test=force_test,
             keyframes=follow_touch(() if slips else belief.keyframes, now, params.window),
             p_PC=reading.contacts.p_PC,
             touch_time=time,
@@ -139,7 +145,6 @@ class PoseTracker:
         )
         X_best, evidence = modes.X_PO[:1], reading.evidence
         explained = bool(len(modes) and explain_touch(self._model, evidence, X_best, params.plausibility)[0])
-        is_new = any(time > belief.felt_time.get(name, -np.inf) + params.lost_time for name in frame.sources)
         unsettled_time = time if is_new else belief.unsettled_time
         is_urgent = slips or is_outlier or not explained or time < unsettled_time + params.settling_time
         if slips or is_outlier or is_new:
@@ -167,13 +172,25 @@ class PoseTracker:
         assert frame.sources is not None
         touch = Touch(frame.evidence, reading, make_window(belief.keyframes, params.window), belief.standing)
         search, weighed = search_on(self._model, params, touch, belief.modes, search)
-        modes, doubt = belief.modes, belief.doubt
-        if weighed is not None:
-            share = max(1.0 / (1.0 + search.agreeing), params.relocalisation.least_share)
-            modes = relocalise(self._model, params, touch, modes, weighed.modes, share)
-            doubt = follow_doubt(doubt, weighed, frame.sources, share)
-            search = search._replace(agreeing=search.agreeing + 1)
-        return dataclasses.replace(belief, modes=modes, doubt=doubt, search=search)
+        belief = dataclasses.replace(belief, search=search)
+        if weighed is None:
+            return belief
+        share = max(1.0 / (1.0 + search.agreeing), params.relocalisation.least_share)
+        errors = self._follow_errors(belief, reading)
+        errors = errors._replace(doubt=follow_doubt(errors.doubt, weighed, frame.sources, share))
+        after = reading._replace(doubt=errors.doubts_of(frame.sources), calibration=errors.calibration)
+        modes = follow_lasting_errors(belief.modes, reading, after, params)
+        modes = relocalise(self._model, params, touch._replace(reading=after), modes, weighed.modes, share)
+        search = search._replace(agreeing=search.agreeing + 1)
+        return dataclasses.replace(belief, modes=modes, errors=errors, search=search)
+
+    def _follow_errors(self, belief: PoseBelief, reading: ContactReading) -> SeemingErrors:
+        """How large the calibration's errors seem to the best mode, if there is one, after the touch."""
+        if not len(belief.modes):
+            return belief.errors
+        X_best = belief.modes.X_PO[0]
+        now = estimate_scale(self._model, self._params, reading, belief.slip_test, X_best)
+        return follow_scale(belief.errors, now, self._params.calibration_scale)
 
     def _has_moved(self, X_before: FloatArray, X_now: FloatArray) -> bool:
         """Whether the best mode (1, 3, 4) is another one than before."""

@@ -26,7 +26,7 @@ from tactopose_drake.core.poses import compose, increments_between
 from tactopose_drake.core.posterior.hypotheses import Modes
 from tactopose_drake.core.searches.pose_problem import make_problem
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.tracking.contact_errors import averaged_variances, lasting_excess
+from tactopose_drake.core.tracking.contact_errors import averaged_variances, calibration_excess, lasting_excess
 from tactopose_drake.core.tracking.contact_update import update_with_contacts
 from tactopose_drake.core.tracking.frame import ContactReading, PoseMeasurement
 from tactopose_drake.core.tracking.keyframes import TouchWindow
@@ -83,7 +83,8 @@ class Touch(NamedTuple):
         """The evidence with the mean of the contacts while they stay, as sure as that is, and with what vision said."""
         contacts, now = self.evidence.contacts, self.window.now
         if len(contacts) == len(now.p_PC):
-            sigmas = np.sqrt(averaged_variances(contacts, params, now.frames))
+            more = calibration_excess(contacts, params, self.reading.calibration)
+            sigmas = np.sqrt(averaged_variances(contacts, params, now.frames) + more)
             contacts = dataclasses.replace(
                 contacts,
                 p_PC=now.p_PC,

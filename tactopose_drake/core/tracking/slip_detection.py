@@ -74,7 +74,7 @@ def detect_slip(
         reading: the contacts.
         change: of the best mode, by the frame.
     """
-    residuals, jacobian = _rows(model, reading, np.stack([change.X_predicted, change.X_PO]))
+    residuals, jacobian = contact_rows_at(model, reading, np.stack([change.X_predicted, change.X_PO]))
     source, count = reading.source, len(reading.sources)
     now = np.full((1, count, _ROWS), np.nan)
     now[0, source] = residuals[0]
@@ -99,7 +99,9 @@ def _has_slipped(
     """Whether the latest of the contacts' residuals (h, k, 4) differ from those before by a slip."""
     contacts = reading.contacts
     told = np.stack([contacts.sigma_position, contacts.sigma_normal], axis=1) ** 2
-    rough = params.rough_share * np.repeat(change.roughness[reading.source] / told, [1, _ROWS - 1], axis=1)
+    rough = params.rough_share * np.repeat(
+        np.maximum(change.roughness[reading.source], 0.0) / told, [1, _ROWS - 1], axis=1
+    )
     error = params.motion_share * error_of_motion(change.X_predicted[None], change.motion)[0]
     tests = (params.few_frames, params.few_threshold), (params.many_frames, params.many_threshold)
     for recent, threshold in tests:
@@ -129,7 +131,7 @@ def _way(p_PC: FloatArray, X_PO: FloatArray, u: FloatArray) -> float:
     return float(np.sqrt(np.mean(np.sum(moved**2, axis=1))))
 
 
-def _rows(model: ObjectModel, reading: ContactReading, X_PO: FloatArray) -> tuple[FloatArray, FloatArray]:
+def contact_rows_at(model: ObjectModel, reading: ContactReading, X_PO: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Residuals (B, k, 4) at poses (B, 3, 4), and their derivatives (B, k, 4, 6); of normals that are none zeros."""
     touch = SurfaceContact(model.grid, reading.contacts)
     flat, slopes = touch.residuals_and_jacobian(X_PO)

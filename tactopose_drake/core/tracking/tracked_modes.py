@@ -67,6 +67,26 @@ class TrackedModes:
             roughness=np.pad(self.roughness, ((0, 0), (0, missing // 6), (0, 0))),
         )
 
+    def with_roughness(self, roughness: FloatArray, variances: FloatArray) -> TrackedModes:
+        """The modes where the biases are found to be larger or smaller than was assumed all along.
+
+        How the increments depend on the biases stays, which is the gain C B^-1 of their covariance C; what is of the
+        biases in their covariance is as the biases' variances B now are.
+
+        Args:
+            roughness: what there is beside these variances from now on, shape (n, s, 2).
+            variances: of a bias of the position, m^2, and of the normal, rad^2, shape (2,).
+        """
+        shape = (len(self), 1, self.cross_covariance.shape[2])
+        before, after = (
+            np.repeat(variances + of_surface, 3, axis=2).reshape(shape) for of_surface in (self.roughness, roughness)
+        )
+        gain = self.cross_covariance / before
+        more = (gain * (after - before)) @ np.swapaxes(gain, 1, 2)
+        return dataclasses.replace(
+            self, covariance=self.covariance + more, cross_covariance=gain * after, roughness=roughness
+        )
+
     def fitted(self, covariance: FloatArray) -> TrackedModes:
         """The modes with other covariances of their increments, (n, 6, 6).
 

@@ -45,6 +45,18 @@ class ContactUpdateParams:
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
+class CalibrationScaleParams:
+    """How much larger than told the errors of the hand's calibration may be."""
+
+    doublings: int = 6  # of the variances that are told, at the most
+    halvings: int = 1  # likewise: a hand may be better than told
+    doubling_share: float = 0.85  # of the probability, that each further doubling or halving has
+    apart_share: float = 0.3  # likewise, for each doubling that points and normals differ by
+    least_frames: int = 2  # of a contact, whose mean tells
+    least_share: float = 0.2  # of a mean over estimates, that is by the last one
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
 class ForgettingParams:
     """For how long touch counts."""
 
@@ -69,6 +81,25 @@ class SlipParams:
     least_distance: float = 0.0008  # that the contacts have moved on the surface, m
     rough_share: float = 0.3  # of the surface's roughness, that changes as a fingertip rolls on
     noise_gain: float = 0.1  # by which the noise follows that of each frame
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class ForceTestParams:
+    """When forces say that the object slips."""
+
+    time: float = 0.025  # s within which
+    change: float = 0.15  # forces change by this part of their size where friction gives way,
+    noises: float = 2.5  # and by so many times as much as they do in the mean
+    settling_time: float = 0.3  # s after a finger has come to touch, until which forces change by that
+    least_force: float = 0.05  # N; less is no load,
+    least_share: float = 0.05  # nor is less of all fingers' together
+    least_fingers: int = 3  # whose ratios of tangential to normal force are alike, where all slide
+    alike: float = 0.1  # so far apart, of their mean
+    reaching_time: float = 0.3  # s since one of them was not at the limit: fingers may rest there
+    limit_share: float = 0.95  # of the largest ratio that was seen while the object was held, from which on one slides
+    least_ratio: float = 0.3  # below which nothing slides, whatever was seen
+    gain: float = 0.05  # by which the largest ratio, and what forces change in the mean, follow each frame
+    most_ratio: float = 1.0  # beyond which what is seen is no coefficient of friction
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -143,7 +174,9 @@ class PoseTrackerParams:
     noise: MotionNoise = dataclasses.field(default_factory=MotionNoise)
     contact_update: ContactUpdateParams = dataclasses.field(default_factory=ContactUpdateParams)
     forgetting: ForgettingParams = dataclasses.field(default_factory=ForgettingParams)
+    calibration_scale: CalibrationScaleParams = dataclasses.field(default_factory=CalibrationScaleParams)
     slip: SlipParams = dataclasses.field(default_factory=SlipParams)
+    force_test: ForceTestParams = dataclasses.field(default_factory=ForceTestParams)
     window: WindowParams = dataclasses.field(default_factory=WindowParams)
     relocalisation: RelocalisationParams = dataclasses.field(default_factory=RelocalisationParams)
     vision: VisionParams = dataclasses.field(default_factory=VisionParams)

@@ -57,4 +57,4 @@ def read(
 ) -> ContactReading:
     """New contacts of some sources, of which none is doubted."""
     source = np.arange(len(contacts)) if source is None else source
-    return ContactReading(contacts, source, sources, True, np.ones(len(contacts)), Evidence(contacts))
+    return ContactReading(contacts, source, sources, True, np.ones(len(contacts)), np.ones(2), Evidence(contacts))

@@ -42,3 +42,26 @@ def test_new_sources_are_unknown_to_the_modes() -> None:
     np.testing.assert_array_equal(wider.cross_covariance[:, :, 6 * SOURCES :], np.zeros((2, 6, 12)))
     np.testing.assert_array_equal(wider.roughness[:, SOURCES:], np.zeros((2, 2, 2)))
     assert wider.with_sources(SOURCES) is wider
+
+
+def test_larger_biases_widen_a_mode_by_how_it_depends_on_them() -> None:
+    """Six contacts' distances that a pose is read off: it errs by what they err by, and by the noise."""
+    generator = np.random.default_rng(0)
+    gain, noise, variances = generator.normal(size=(6, 6)), 0.3 * np.eye(6), np.array([1.0, 4.0])
+
+    def mode(roughness: np.ndarray) -> TrackedModes:
+        B = np.diag(np.repeat(variances + roughness, 3))
+        start = TrackedModes.independent(np.eye(3, 4)[None], np.eye(6)[None], 1)
+        return dataclasses.replace(
+            start,
+            covariance=(gain @ B @ gain.T + noise)[None],
+            cross_covariance=(-gain @ B)[None],
+            roughness=roughness[None, None],
+        )
+
+    before, after = np.array([0.0, 0.5]), np.array([15.0, 0.1])
+    found, expected = mode(before).with_roughness(after[None, None], variances), mode(after)
+    np.testing.assert_allclose(found.covariance, expected.covariance, rtol=1e-12)
+    np.testing.assert_allclose(found.cross_covariance, expected.cross_covariance, rtol=1e-12)
+    np.testing.assert_array_equal(found.roughness, expected.roughness)
+    assert len(TrackedModes.empty(2).with_roughness(np.zeros((0, 2, 2)), variances)) == 0

@@ -1,0 +1,78 @@
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.poses import make_poses, random_rotations, retract
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.tracking.calibration_scale import estimate_scale, follow_scale
+from tactopose_drake.core.tracking.frame import ContactReading, SeemingErrors
+from tactopose_drake.core.tracking.motion_prediction import MotionNoise, move_with_palm
+from tactopose_drake.core.tracking.slip_detection import PoseChange, SlipTest, detect_slip
+from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
+from tests.core.tracking.boxes import draw_biases, make_box, read, touch
+
+PARAMS = PoseTrackerParams()
+TOLD = PARAMS.calibration_position, math.radians(PARAMS.calibration_normal_deg)
+X_PO = make_poses(random_rotations(np.random.default_rng(0), 1), np.array([[0.02, 0.0, 0.1]]))[0]
+REST = move_with_palm(MotionNoise(), 0.01, slips=False)
+
+
+@pytest.fixture(scope="module")
+def box() -> ObjectModel:
+    return make_box()
+
+
+def feel(
+    box: ObjectModel, seed: int, scale: float, X_hat: np.ndarray = X_PO, frames: int = 20
+) -> tuple[ContactReading, SlipTest]:
+    """The last reading of a box that is held still, and the residuals of all at a pose; the hand errs by the scale."""
+    generator, test = np.random.default_rng(seed), SlipTest()
+    bias, still = scale * draw_biases(generator, *TOLD), PoseChange(X_hat, X_hat, np.zeros((6, 2)), REST)
+    for _ in range(frames):
+        reading = read(touch(X_PO, generator, bias, TOLD))
+        test, _ = detect_slip(box, PARAMS.slip, test, reading, still)
+    return reading, test
+
+
+def scales(box: ObjectModel, scale: float) -> np.ndarray:
+    """Of some hands, the root of the factors' geometric mean."""
+    found = [estimate_scale(box, PARAMS, *feel(box, seed, scale), X_PO) for seed in range(8)]
+    return np.array([math.sqrt(math.sqrt(factors[0] * factors[1])) for factors in found if factors is not None])
+
+
+@pytest.mark.parametrize("scale", [1.0, 2.0, 4.0])
+def test_the_scale_is_found_up_to_a_factor(box: ObjectModel, scale: float) -> None:
+    found = scales(box, scale)
+    assert len(found) == 8
+    assert 0.75 * scale < np.median(found) < 1.5 * scale
+    assert np.all((found > 0.4 * scale) & (found < 2.5 * scale))
+
+
+def test_where_the_pose_is_believed_to_be_has_no_part_in_it(box: ObjectModel) -> None:
+    X_near = retract(X_PO, np.array([0.02, -0.01, 0.02, 0.002, -0.002, 0.001]))
+    at_truth, beside = (estimate_scale(box, PARAMS, *feel(box, 3, 2.0, X), X) for X in (X_PO, X_near))
+    assert at_truth is not None
+    np.testing.assert_allclose(beside, at_truth, rtol=0.1)
+
+
+def test_too_few_contacts_or_frames_and_touch_without_normals_tell_nothing(box: ObjectModel) -> None:
+    reading, test = feel(box, 0, 4.0)
+    two = read(reading.contacts.chosen(np.arange(2)), np.arange(2))
+    bare = Contacts(reading.contacts.p_PC, None, sigma_position=reading.contacts.sigma_position)
+    once = feel(box, 0, 4.0, frames=1)
+    for little in ((two, test), (read(bare), test), once, (reading, test.restarted())):
+        assert estimate_scale(box, PARAMS, *little, X_PO) is None
+    kept = SeemingErrors(calibration=np.array([2.0, 3.0]), estimates=4)
+    assert follow_scale(kept, None, PARAMS.calibration_scale) is kept
+
+
+def test_the_factors_are_a_mean_in_which_later_estimates_count_at_least_as_told(box: ObjectModel) -> None:
+    settings = dataclasses.replace(PARAMS.calibration_scale, least_share=0.5)
+    errors = SeemingErrors()
+    for now, expected in ((4.0, 4.0), (16.0, 8.0), (0.5, 2.0)):
+        errors = follow_scale(errors, np.full(2, now), settings)
+        np.testing.assert_allclose(errors.calibration, expected)
+    assert errors.estimates == 3
