@@ -28,24 +28,29 @@ SLIPPED = 0.004  # m in the palm, from when the exploration began, beyond which 
 TOLERANCE = Tolerance()
 
 
+OUTCOMES = ("no grasp", "not ambiguous", "unique", "not unique", "the object slipped")
+
+
 @dataclasses.dataclass(frozen=True)
 class PhysicalExploration:
-    """How one exploration in the simulator went.
+    """How one exploration in the simulator went; all numbers, for a journal.
 
     Attributes:
-        outcome: "unique", "not unique", "ambiguous grasp lost" or why there was none to explore.
+        outcome: which of `OUTCOMES`.
         touches: how many motions there were.
-        right: whether the pose it ended with is the true one.
-        share: of the belief about one pose, before the first touch and at the end.
+        right: 1 where the pose it ended with is the true one, else 0.
+        share_before: of the belief about one pose, before the first touch.
+        share_after: at the end.
         moved: how far the object has moved in the palm meanwhile, m.
         simulated: time, s.
         processor: time, s.
     """
 
-    outcome: str
-    touches: int = 0
-    right: bool = False
-    share: tuple[float, float] = (0.0, 0.0)
+    outcome: float
+    touches: float = 0
+    right: float = 0
+    share_before: float = 0.0
+    share_after: float = 0.0
     moved: float = 0.0
     simulated: float = 0.0
     processor: float = 0.0
@@ -99,11 +104,11 @@ def explore_in_physics(station: Station) -> PhysicalExploration:
         simulator.AdvanceTo(context.get_time() + 0.05)
     estimate = port("explored_hypotheses").Eval(context)
     if port("explored_phase").Eval(context) != "decide" or estimate is None or estimate.status == "no_solution":
-        return PhysicalExploration("no grasp")
+        return PhysicalExploration(OUTCOMES.index("no grasp"))
     first = resolved_share(station.model, estimate.modes, TOLERANCE)
     p_begin = station.object_pose(context).translation()
     if first >= AMBIGUOUS:
-        return PhysicalExploration("not ambiguous", share=(first, first))
+        return PhysicalExploration(OUTCOMES.index("not ambiguous"), share_before=first, share_after=first)
     moved, status = 0.0, "chosen"
     while context.get_time() < LONGEST and status != "resolved" and moved < SLIPPED:
         simulator.AdvanceTo(context.get_time() + 0.05)
@@ -114,11 +119,13 @@ def explore_in_physics(station: Station) -> PhysicalExploration:
     belief = port("explored_hypotheses").Eval(context).modes
     best = distinct_poses(station.model, belief, TOLERANCE).X_PO[:1]
     truth = station.object_pose(context).GetAsMatrix34()
+    outcome = "unique" if status == "resolved" else "the object slipped" if moved >= SLIPPED else "not unique"
     return PhysicalExploration(
-        "unique" if status == "resolved" else "the object slipped" if moved >= SLIPPED else "not unique",
-        int(port("explored_count").Eval(context)[0]),
-        bool(nearest_twins(station.model, best, truth, TOLERANCE).same[0]),
-        (first, float(port("explored_resolved").Eval(context)[0])),
+        OUTCOMES.index(outcome),
+        float(port("explored_count").Eval(context)[0]),
+        float(nearest_twins(station.model, best, truth, TOLERANCE).same[0]),
+        first,
+        float(port("explored_resolved").Eval(context)[0]),
         moved,
         context.get_time(),
         time.process_time() - started,
