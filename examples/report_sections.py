@@ -109,6 +109,16 @@ SECTIONS = (
     Section(script="thesis/figure_6_3.py", covers=("figure 6.3",), quick=("--seed", "0"), full=("--seed", "0")),
     Section(script="thesis/figure_6_4.py", covers=("figure 6.4",), quick=("--grasps", "2"), full=("--grasps", "100")),
     Section(
+        script="thesis/figure_6_4_in_physics.py",
+        quick=("--grasps", "1", "--first-seed", "0"),
+        full=("--grasps", "30", "--first-seed", "0"),
+    ),
+    Section(
+        script="thesis/section_6_2_1.py",
+        quick=("--grasps", "3", "--first-seed", "0"),
+        full=("--grasps", "30", "--first-seed", "0"),
+    ),
+    Section(
         script="calibration.py",
         quick=("--trials", "30", "--first-seed", "0"),
         full=("--trials", "1000", "--first-seed", "0"),

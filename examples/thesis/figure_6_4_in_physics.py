@@ -47,7 +47,7 @@ def study(grasps: int, first_seed: int, journal: TrialJournal) -> Runs:
     reach = hand_reach()
     models = {name: tp.ObjectModel.from_mesh(model_path("objects", f"{name}.obj")) for name in OBJECTS}
     runs: Runs = {rule: [] for rule in RULES}
-    for seed, name in itertools.product(itertools.count(first_seed), OBJECTS):
+    for seed, name in ((seed, name) for seed in itertools.count(first_seed) for name in OBJECTS):
         if len(runs["information"]) >= grasps:
             break
         for rule in RULES:

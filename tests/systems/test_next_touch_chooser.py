@@ -60,7 +60,9 @@ def choose(
         is_vector = isinstance(value, np.ndarray)
         system.GetInputPort(name).FixValue(context, value if is_vector else AbstractValue.Make(value))
     simulator.AdvanceTo(0.001)
-    found, resolved, status = (system.GetOutputPort(name).Eval(context) for name in ("next_touch", "resolved", "status"))
+    found, resolved, status = (
+        system.GetOutputPort(name).Eval(context) for name in ("next_touch", "resolved", "status")
+    )
     return found, float(resolved[0]), status
 
 
@@ -110,9 +112,7 @@ def test_what_is_wanting_is_said(bust: ObjectModel) -> None:
     lost = np.full(24, np.nan)
     assert choose(bust, estimate(0.6, 0.4), joint_positions=lost)[2] == "held: a joint position is not finite"
     five = ("thumb", "first", "middle", "ring", "little")
-    all_hold = choose(
-        bust, estimate(0.6, 0.4), contacts=Contacts(np.tile(MIDDLE, (5, 1))), fingers_in_contact=five
-    )
+    all_hold = choose(bust, estimate(0.6, 0.4), contacts=Contacts(np.tile(MIDDLE, (5, 1))), fingers_in_contact=five)
     assert all_hold[2] == "held: no motion is allowed"
     # While none is asked for, there is none.
     assert choose(bust, estimate(0.6, 0.4), deciding=np.zeros(1))[:2] == (None, 0.0)
