@@ -7,7 +7,8 @@ up to 20 mm along itself, either end up, at any spin. Five fingertips feel it, w
 They tell the line that it lies on, and nothing else. Then the hand lowers it onto a table until it touches, upright and
 leaning to one side and the other: each time the pencil's lowest point lies on a plane that is known in the palm,
 wherever it is on the pencil (`tp.PlaneContact`). Upright alone the slide is told but for the end; the blunt end leans
-on its rim and the sharp one on its tip, which tells them apart. There is no vision, no prior, and no bound on the slide.
+on its rim and the sharp one on its tip, which tells them apart. There is no vision, no prior, and no bound on the
+slide.
 
 The touches of the fingers and of the table are simulated as noise about the true ones, and the pencil rests in the hand
 between them. Prints, and writes as pencil_on_table.md and .png, how often the right end is up and the lower end is

@@ -78,6 +78,11 @@ SECTIONS = (
         quick=("--seeds", "1", "--first-seed", "0"),
         full=("--seeds", "100", "--first-seed", "0"),
     ),
+    Section(
+        script="pencil_on_table.py",
+        quick=("--trials", "5", "--first-seed", "0"),
+        full=("--trials", "100", "--first-seed", "0"),
+    ),
     Section(script="thesis/table_5_1.py", covers=("table 5.1", "figures 5.3 to 5.5")),
     Section(
         script="thesis/table_5_2.py",

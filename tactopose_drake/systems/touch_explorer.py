@@ -30,7 +30,7 @@ class TouchExplorerParams:
     settle_time: float = 0.4
     touch_force: float = 0.25  # from which on a fingertip has met the object, N: it also feels its own acceleration
     press_time: float = 0.1  # how long it must do so until that is remembered, s
-    most_lag: float = 0.2  # of a joint behind its command, beyond which the finger has met what it does not feel, rad
+    most_lag: float = 0.05  # of a joint behind its command, beyond which the finger has met what it does not feel, rad
     most_touches: int = 60  # after which it rests
 
     def validate(self) -> None:
