@@ -25,16 +25,15 @@ from physical_touches import (
     OUTCOMES,
     PhysicalExploration,
     explore_in_physics,
-    hand_reach,
-    plan_by_three,
     scenario_of,
 )
 from rich.console import Console
 from trial_journal import TrialJournal
 
 import tactopose_drake as tp
+from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.resources import model_path
-from tactopose_drake.station import make_station
+from tactopose_drake.station import make_station, plan_scenario
 
 OBJECTS = ("bust", "screwdriver", "spray_bottle")
 RULES = {"information": "by information", "chance": "at random"}
@@ -44,7 +43,6 @@ Runs = dict[str, list[PhysicalExploration]]  # by rule
 
 def study(grasps: int, first_seed: int, journal: TrialJournal) -> Runs:
     """Explores so many ambiguous grasps, the objects in turn, by each rule."""
-    reach = hand_reach()
     models = {name: tp.ObjectModel.from_mesh(model_path("objects", f"{name}.obj")) for name in OBJECTS}
     runs: Runs = {rule: [] for rule in RULES}
     for seed, name in ((seed, name) for seed in itertools.count(first_seed) for name in OBJECTS):
@@ -53,7 +51,7 @@ def study(grasps: int, first_seed: int, journal: TrialJournal) -> Runs:
         for rule in RULES:
             key = {"object": name, "seed": seed, "rule": rule}
             if key not in journal:
-                journal.add(key, dataclasses.astuple(explore(name, seed, rule, reach, models[name])))
+                journal.add(key, dataclasses.astuple(explore(name, seed, rule, models[name])))
             run = PhysicalExploration(*journal[key])
             if OUTCOMES[int(run.outcome)] in ("no grasp", "not ambiguous"):
                 break
@@ -61,11 +59,12 @@ def study(grasps: int, first_seed: int, journal: TrialJournal) -> Runs:
     return runs
 
 
-def explore(name: str, seed: int, rule: str, reach: object, model: tp.ObjectModel) -> PhysicalExploration:
+def explore(name: str, seed: int, rule: str, model: tp.ObjectModel) -> PhysicalExploration:
     """One grasp, explored by one rule."""
     scenario = scenario_of(name, seed, rule)
-    plan = plan_by_three(scenario, model, reach)
-    if plan is None:
+    try:
+        plan = plan_scenario(scenario, model)[0]
+    except InvalidInputError:  # The hand finds no way to hold it by these three.
         return PhysicalExploration(OUTCOMES.index("no grasp"))
     return explore_in_physics(make_station(scenario, plan, model=model))
 

@@ -12,10 +12,7 @@ import time
 import numpy as np
 from pydrake.systems.analysis import Simulator
 
-import tactopose_drake as tp
 from tactopose_drake.core.exploration import Tolerance, distinct_poses, nearest_twins, resolved_share
-from tactopose_drake.core.grasping import GraspPlan, HandReach, ReachParams, plan_grasps
-from tactopose_drake.hand import load_hand_config, make_hand_reach
 from tactopose_drake.station import Scenario, Station
 from tactopose_drake.systems import TouchExplorationParams
 
@@ -60,6 +57,7 @@ def scenario_of(name: str, seed: int, rule: str) -> Scenario:
     """A hand that errs in nothing, and explores."""
     scenario = Scenario(object=name, seed=seed, duration=LONGEST).without_errors()
     scenario.planner.least_fingers = 3
+    scenario.planner.fingers = list(HOLDING[np.random.default_rng((seed, 11)).integers(len(HOLDING))])
     scenario.planner.grasps = 2
     scenario.vision.period = LONGEST + 1.0  # one view, of the open hand
     scenario.estimation.contacts.sigma_position, scenario.estimation.contacts.sigma_normal_deg = 0.0006, 4.0
@@ -69,27 +67,6 @@ def scenario_of(name: str, seed: int, rule: str) -> Scenario:
     scenario.exploration.chooser.seed = seed
     scenario.exploration.explorer.most_touches = MOST_TOUCHES
     return scenario
-
-
-def plan_by_three(scenario: Scenario, model: tp.ObjectModel, reach: HandReach) -> GraspPlan | None:
-    """A planned grasp by the thumb and two other fingers, the rest out of the way; None where there is none."""
-    generator = np.random.default_rng((scenario.seed, 11))
-    chosen = HOLDING[generator.integers(len(HOLDING))]
-    idle = [reach.rest_spheres[name] for name in reach.fingers if name not in chosen]
-    still = [reach.palm_spheres, *idle]
-    by_three = dataclasses.replace(
-        reach,
-        fingers={name: finger for name, finger in reach.fingers.items() if name in chosen},
-        palm_spheres=(np.concatenate([p for p, _ in still]), np.concatenate([r for _, r in still])),
-    )
-    load_P = np.array([-1.0, 0.0, 0.0]) * model.mass * 9.81
-    plans = plan_grasps(model, by_three, load_P, scenario.planner, generator)
-    return plans[0] if plans else None
-
-
-def hand_reach() -> HandReach:
-    """Of the five-fingered hand."""
-    return make_hand_reach(load_hand_config("shadow_like"), ReachParams())
 
 
 def explore_in_physics(station: Station) -> PhysicalExploration:

@@ -18,7 +18,9 @@ def test_a_free_finger_touches_and_the_belief_gathers() -> None:
     scenario.exploration.chooser.enough = 1.0
     scenario.exploration.chooser.moves = 150
     model = scenario.object_model()
-    station = make_station(scenario, study.plan_by_three(scenario, model, study.hand_reach()), model=model)
+    station = make_station(scenario, model=model)
+    assert station.plan is not None
+    assert sorted(station.plan.fingers) == sorted(scenario.planner.fingers)
     simulator = Simulator(station.diagram)
     context = simulator.get_mutable_context()
     station.start(context)
