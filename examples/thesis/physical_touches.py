@@ -22,6 +22,7 @@ AMBIGUOUS, UNIQUE = 0.8, 0.95
 MOST_TOUCHES = 12
 LONGEST_GRASP, LONGEST = 3.5, 45.0  # s, until the hand holds and until the exploration ends
 SLIPPED = 0.004  # m in the palm, from when the exploration began, beyond which the object did not rest in the hand
+RESTING = 0.002  # m/s in the palm, up to which the object rests in the hand when the exploration begins
 TOLERANCE = Tolerance()
 
 
@@ -76,11 +77,18 @@ def explore_in_physics(station: Station) -> PhysicalExploration:
     context = simulator.get_mutable_context()
     station.start(context)
     simulator.set_monitor(station.release_when_held)
-    port = station.diagram.GetOutputPort
+    port, speed = station.diagram.GetOutputPort, np.inf
     while context.get_time() < LONGEST_GRASP and port("explored_phase").Eval(context) != "decide":
+        p_before = station.object_pose(context).translation()
         simulator.AdvanceTo(context.get_time() + 0.05)
+        speed = float(np.linalg.norm(station.object_pose(context).translation() - p_before)) / 0.05
     estimate = port("explored_hypotheses").Eval(context)
-    if port("explored_phase").Eval(context) != "decide" or estimate is None or estimate.status == "no_solution":
+    if (
+        speed > RESTING
+        or port("explored_phase").Eval(context) != "decide"
+        or estimate is None
+        or estimate.status == "no_solution"
+    ):
         return PhysicalExploration(OUTCOMES.index("no grasp"))
     first = resolved_share(station.model, estimate.modes, TOLERANCE)
     p_begin = station.object_pose(context).translation()

@@ -25,9 +25,9 @@ class TouchExplorerParams:
     """Times and limits of the motions."""
 
     period: float = 0.01  # s between two decisions
-    speed: float = 1.5  # of the joint that moves farthest, rad/s
+    speed: float = 0.8  # of the joint that moves farthest, rad/s: faster ones push the object about
     # From the hand's hold, and again from each touch, until a motion is asked for, s: the estimate is to be of then.
-    settle_time: float = 0.4
+    settle_time: float = 0.6
     touch_force: float = 0.25  # from which on a fingertip has met the object, N: it also feels its own acceleration
     press_time: float = 0.1  # how long it must do so until that is remembered, s
     most_lag: float = 0.05  # of a joint behind its command, beyond which the finger has met what it does not feel, rad

@@ -10,6 +10,6 @@ def test_a_hand_feels_on_until_it_knows(capsys: pytest.CaptureFixture[str]) -> N
     printed = capsys.readouterr().out
     end = re.search(r"(\d+) touches, (\d+)% of the belief about one pose, ([\d.]+) mm from the truth", printed)
     assert end is not None
-    assert int(end[2]) >= 97
+    assert int(end[2]) >= 95
     assert float(end[3]) < 10.0
     assert len(re.findall(r"s: \w+ moves, for [\d.]+ of [\d.]+ nats", printed)) >= int(end[1])
