@@ -78,14 +78,14 @@ def explore_in_physics(station: Station) -> PhysicalExploration:
     station.start(context)
     simulator.set_monitor(station.release_when_held)
     port, speed = station.diagram.GetOutputPort, np.inf
-    while context.get_time() < LONGEST_GRASP and port("explored_phase").Eval(context) != "decide":
+    while context.get_time() < LONGEST_GRASP and port("explored_phase").Eval(context) in ("wait", "settle"):
         p_before = station.object_pose(context).translation()
         simulator.AdvanceTo(context.get_time() + 0.05)
         speed = float(np.linalg.norm(station.object_pose(context).translation() - p_before)) / 0.05
     estimate = port("explored_hypotheses").Eval(context)
     if (
         speed > RESTING
-        or port("explored_phase").Eval(context) != "decide"
+        or port("explored_phase").Eval(context) in ("wait", "settle")
         or estimate is None
         or estimate.status == "no_solution"
     ):

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.errors import InvalidInputError, UnknownNameError
+from tactopose_drake.station.grasp_planning import plan_scenario
 from tactopose_drake.station.scenario import Grip, load_scenario
 from tactopose_drake.station.simulated import make_station
 from tactopose_drake.systems.touch_exploration import TouchExplorationParams
@@ -46,3 +47,10 @@ def test_a_grip_has_no_finger_to_spare() -> None:
     scenario.exploration = TouchExplorationParams()
     with pytest.raises(InvalidInputError, match=r"Scenario\.exploration: explores a planned grasp"):
         scenario.validate()
+
+
+def test_a_plan_is_not_asked_of_fingers_that_there_are_not() -> None:
+    scenario = load_scenario("shadow_like")
+    scenario.planner.fingers = ["thumb", "paw"]
+    with pytest.raises(UnknownNameError, match=r"PlannerParams\.fingers: .*'paw'"):
+        plan_scenario(scenario)
