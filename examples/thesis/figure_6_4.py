@@ -57,6 +57,8 @@ from tactopose_drake.visualization import (
 BLUE, GREEN, PINK = Rgba(0.2, 0.35, 0.9, 0.45), Rgba(0.15, 0.7, 0.3, 0.45), Rgba(0.95, 0.45, 0.7, 0.9)
 ORANGE = Rgba(0.95, 0.6, 0.1, 1.0)
 
+ABOUT_AS_WELL = 0.25  # probability of the second pose of the grasp that is shown
+
 Runs = dict[str, dict[str, list[Exploration]]]  # by object, by chooser
 
 
@@ -144,8 +146,12 @@ def plot(runs: Runs, path: Path) -> None:
 
 
 def first_grasp() -> tuple[Grasp, tp.PoseEstimate]:
-    """The ambiguous grasp that is shown: the first of the first object."""
-    return next(ambiguous_grasps(OBJECTS[0]))
+    """The ambiguous grasp that is shown: the first of the first object that another pose explains about as well."""
+    for grasp, estimate in ambiguous_grasps(OBJECTS[0]):
+        weights = distinct_poses(grasp.model, estimate.modes).weights
+        if len(weights) > 1 and weights[1] >= ABOUT_AS_WELL:
+            return grasp, estimate
+    raise AssertionError("there is no end of grasps")
 
 
 def show(meshcat: Meshcat, grasp: Grasp, belief: GaussianMixture) -> str:
