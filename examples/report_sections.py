@@ -95,6 +95,11 @@ SECTIONS = (
         quick=("--seeds", "1", "--first-seed", "0"),
         full=("--seeds", "100", "--first-seed", "0"),
     ),
+    Section(
+        script="pencil_on_table.py",
+        quick=("--trials", "5", "--first-seed", "0"),
+        full=("--trials", "100", "--first-seed", "0"),
+    ),
     Section(script="thesis/table_5_1.py", covers=("table 5.1", "figures 5.3 to 5.5")),
     Section(
         script="thesis/table_5_2.py",
@@ -135,6 +140,16 @@ SECTIONS = (
     Section(script="thesis/figure_6_2.py", covers=("figure 6.2",), quick=("--seed", "0"), full=("--seed", "0")),
     Section(script="thesis/figure_6_3.py", covers=("figure 6.3",), quick=("--seed", "0"), full=("--seed", "0")),
     Section(script="thesis/figure_6_4.py", covers=("figure 6.4",), quick=("--grasps", "2"), full=("--grasps", "100")),
+    Section(
+        script="thesis/figure_6_4_in_physics.py",
+        quick=("--grasps", "1", "--first-seed", "0"),
+        full=("--grasps", "30", "--first-seed", "0"),
+    ),
+    Section(
+        script="thesis/section_6_2_1.py",
+        quick=("--grasps", "3", "--first-seed", "0"),
+        full=("--grasps", "30", "--first-seed", "0"),
+    ),
     Section(
         script="calibration.py",
         quick=("--trials", "30", "--first-seed", "0"),

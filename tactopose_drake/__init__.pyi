@@ -1,4 +1,5 @@
 from .core.evidence.force_balance import ForceBalance as ForceBalance
+from .core.evidence.plane_contact import PlaneContact as PlaneContact
 from .core.grasping.quality import GraspQuality as GraspQuality
 from .core.grasping.quality import force_closure_probability as force_closure_probability
 from .core.grasping.quality import grasp_quality as grasp_quality

@@ -1,11 +1,11 @@
 """Touching until the pose is unique: grasps that leave it ambiguous, and fingers that feel for more.
 
 A grasp of three or four planned fingertips is felt with noise, and the pose estimated from it and a guess, as far off
-as a camera's. It counts as ambiguous when every likely pose is determined by the touch, but none, with its symmetric
-twins and all within 10 mm and 15 degrees of it, carries more than 80 % of the probability. Then one finger after the
-other moves until it meets the object: a finger that takes no part, or one that may leave because the others keep force
-closure. What it felt, or that it felt nothing on its way, is added to the evidence, and the pose estimated again, until
-one carries 95 %.
+as a camera's. It counts as ambiguous when every likely pose is determined by the touch, but no more than 80 % of the
+belief lie within 10 mm and 15 degrees of one pose and its symmetric twins. Then one finger after the other moves until
+it meets the object: a finger that takes no part, or one that may leave because the others keep force closure. What it
+felt, or that it felt nothing on its way, is added to the evidence, and the pose estimated again, until 95 % of the
+belief lie within the tolerance. A single hypothesis that is wider than that does not pass for one pose.
 
 Which finger moves and how is chosen by the expected information, or at random among the same motions that are allowed.
 The object is taken to rest in the hand meanwhile, and that fingers may meet each other is left aside.
@@ -22,11 +22,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 import tactopose_drake as tp
-from tactopose_drake.core.exploration import GuardedMoves, Hold, choose_touch, is_allowed
+from tactopose_drake.core.exploration import (
+    GuardedMoves,
+    Hold,
+    Tolerance,
+    choose_by_chance,
+    choose_touch,
+    distinct_poses,
+    nearest_twins,
+    resolved_share,
+)
 from tactopose_drake.core.grasping import GraspPlan, HandReach, PlannerParams, ReachParams, plan_grasps
-from tactopose_drake.core.poses import compose, exp_so3, increments_between, retract
+from tactopose_drake.core.poses import exp_so3, retract
 from tactopose_drake.core.posterior import GaussianMixture
-from tactopose_drake.core.shape import turn_toward
 from tactopose_drake.hand import load_hand_config, make_hand_reach, rest_positions
 from tactopose_drake.resources import model_path
 
@@ -44,7 +52,7 @@ AMBIGUOUS, UNIQUE = 0.8, 0.95
 MOST_TOUCHES = 60
 # Modes of less probability are not asked what they foresee.
 LEAST_PROBABILITY = 0.01
-SAME_TRANSLATION, SAME_ROTATION = 0.010, np.radians(15.0)
+TOLERANCE = Tolerance(translation=0.010, rotation=np.radians(15.0))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -77,12 +85,12 @@ class Exploration:
     Attributes:
         touches: how many there were; None if the pose was not unique after the most that were tried.
         right: whether the pose that it ended with is the true one.
-        mass: of the best pose, before and after each touch.
+        share: of the belief about one pose, before and after each touch.
     """
 
     touches: int | None
     right: bool
-    mass: tuple[float, ...]
+    share: tuple[float, ...]
 
 
 @functools.cache
@@ -91,10 +99,10 @@ def hand_reach() -> HandReach:
     return make_hand_reach(load_hand_config("shadow_like"), ReachParams())
 
 
-def ambiguous_grasps(name: str) -> Iterator[tuple[Grasp, tp.PoseEstimate]]:
+def ambiguous_grasps(name: str, first_seed: int = 0) -> Iterator[tuple[Grasp, tp.PoseEstimate]]:
     """Ambiguous grasps of an object, one a plan at the most, and what was estimated from them, seed by seed."""
     model = tp.ObjectModel.from_mesh(model_path("objects", f"{name}.obj"))
-    for seed in itertools.count():
+    for seed in itertools.count(first_seed):
         generator = np.random.default_rng((seed, 7))
         params = PlannerParams(grasps=1, most_poses=60)
         for plan in plan_grasps(model, hand_reach(), np.array([0.0, 0.0, -2.0]), params, generator):
@@ -111,7 +119,7 @@ def ambiguous_grasps(name: str) -> Iterator[tuple[Grasp, tp.PoseEstimate]]:
 def is_ambiguous(model: tp.ObjectModel, estimate: tp.PoseEstimate) -> bool:
     """Whether several poses are left, each of them determined."""
     determined = all(len(h.free_directions) == 0 for h in estimate.hypotheses if h.probability > LEAST_PROBABILITY)
-    return estimate.status != "no_solution" and determined and best_mass(model, estimate) < AMBIGUOUS
+    return estimate.status != "no_solution" and determined and share_of(model, estimate) < AMBIGUOUS
 
 
 def feel(model: tp.ObjectModel, plan: GraspPlan, generator: np.random.Generator) -> Grasp | None:
@@ -154,46 +162,14 @@ def estimate_again(grasp: Grasp, contacts: tp.Contacts, untouched: tp.HandGeomet
     return tp.estimate_pose(grasp.model, contacts, prior=grasp.prior, hand=grasp.hand, untouched=untouched)
 
 
-def nearest_twins(model: tp.ObjectModel, X_PO: Array, X_reference: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Of poses (n, 3, 4) the symmetric twins that are nearest to another (3, 4), and which are the same as that one."""
-    twins = compose(X_PO[:, None], model.symmetry_poses[None])
-    shape = twins.shape[:2]
-    twins = turn_toward(twins.reshape(-1, 3, 4), X_reference, model.symmetries)
-    increments = increments_between(X_reference, twins)
-    translation, rotation = np.linalg.norm(increments[:, 3:], axis=1), np.linalg.norm(increments[:, :3], axis=1)
-    off = np.maximum(translation / SAME_TRANSLATION, rotation / SAME_ROTATION).reshape(shape)
-    row, best = np.arange(len(X_PO)), off.argmin(axis=1)
-    return twins.reshape(*shape, 3, 4)[row, best], off[row, best] < 1.0
-
-
 def same_pose(model: tp.ObjectModel, X_PO: Array, X_reference: Array) -> NDArray[np.bool_]:
     """Which poses (n, 3, 4) are one and the same as another (3, 4), up to the object's symmetries."""
-    return nearest_twins(model, X_PO, X_reference)[1]
+    return nearest_twins(model, X_PO, X_reference, TOLERANCE).same
 
 
-def best_mass(model: tp.ObjectModel, estimate: tp.PoseEstimate) -> float:
-    """Probability of the best pose and all that are the same."""
-    belief = estimate.modes
-    return float(belief.weights[same_pose(model, belief.X_PO, belief.X_PO[0])].sum())
-
-
-def distinct_poses(model: tp.ObjectModel, estimate: tp.PoseEstimate) -> GaussianMixture:
-    """The belief with modes that are the same pose made one, and without those that hardly matter."""
-    belief = estimate.modes
-    left = belief.likely(LEAST_PROBABILITY)
-    poses, masses, covariances = [], [], []
-    while len(left):
-        X = belief.X_PO[left[0]]
-        twins, same = nearest_twins(model, belief.X_PO[left], X)
-        members, off = left[same], increments_between(X, twins[same])
-        share = belief.weights[members] / belief.weights[members].sum()
-        poses.append(X)
-        masses.append(belief.weights[members].sum())
-        covariances.append(
-            np.einsum("n,nij->ij", share, belief.covariance[members]) + np.einsum("n,ni,nj->ij", share, off, off)
-        )
-        left = left[~same]
-    return GaussianMixture(np.array(poses), np.array(masses) / np.sum(masses), np.array(covariances))
+def share_of(model: tp.ObjectModel, estimate: tp.PoseEstimate) -> float:
+    """How much of the belief lies within the tolerance of one pose."""
+    return resolved_share(model, estimate.modes, TOLERANCE)
 
 
 def sample_moves(grasp: Grasp, generator: np.random.Generator) -> dict[str, GuardedMoves]:
@@ -222,14 +198,9 @@ def choose_at_random(
     grasp: Grasp, belief: GaussianMixture, moves: dict[str, GuardedMoves], generator: np.random.Generator
 ) -> Choice | None:
     """One of the allowed motions that meet the object at the most probable pose."""
-    options = []
-    for name, motions in moves.items():
-        allowed = (
-            is_allowed(grasp.model, Hold(grasp.contacts, grasp.fingers, FRICTION), belief, name, motions)
-            & motions.feel(grasp.model, belief.X_PO[:1]).is_hit[0]
-        )
-        options += [(name, int(i)) for i in np.flatnonzero(allowed)]
-    return options[generator.integers(len(options))] if options else None
+    hold = Hold(grasp.contacts, grasp.fingers, FRICTION)
+    found = choose_by_chance(grasp.model, hold, belief, moves, generator)
+    return None if found is None else (found.finger, found.move)
 
 
 CHOOSERS: dict[str, Chooser] = {"by information": choose_best, "at random": choose_at_random}
@@ -240,19 +211,20 @@ def explore(grasp: Grasp, estimate: tp.PoseEstimate, chooser: Chooser, seed: int
     generator, noise = np.random.default_rng((seed, 1)), np.random.default_rng((seed, 2))
     choice_generator = np.random.default_rng((seed, 3))
     contacts, free = grasp.contacts, np.zeros((0, 4))
-    masses = [best_mass(grasp.model, estimate)]
+    shares = [share_of(grasp.model, estimate)]
     touches = 0
-    while masses[-1] < UNIQUE and touches < MOST_TOUCHES:
+    while shares[-1] < UNIQUE and touches < MOST_TOUCHES:
         moves = sample_moves(grasp, generator)
-        choice = chooser(grasp, distinct_poses(grasp.model, estimate), moves, choice_generator)
+        choice = chooser(grasp, estimate.modes, moves, choice_generator)
         touches += 1
         if choice is not None:
             contacts, free = touch(grasp, moves[choice[0]].take(np.array([choice[1]])), contacts, free, noise)
             untouched = tp.HandGeometry(free[:, :3], free[:, 3]) if len(free) else None
             estimate = estimate_again(grasp, contacts, untouched)
-        masses.append(best_mass(grasp.model, estimate))
-    is_right = same_pose(grasp.model, estimate.modes.X_PO[:1], grasp.X_PO)[0]
-    return Exploration(touches if masses[-1] >= UNIQUE else None, bool(is_right), tuple(masses))
+        shares.append(share_of(grasp.model, estimate))
+    best = distinct_poses(grasp.model, estimate.modes, TOLERANCE).X_PO[:1]
+    is_right = same_pose(grasp.model, best, grasp.X_PO)[0]
+    return Exploration(touches if shares[-1] >= UNIQUE else None, bool(is_right), tuple(shares))
 
 
 def touch(

@@ -14,6 +14,7 @@ from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.evidence.force_balance import ForceBalance
 from tactopose_drake.core.evidence.hand_clearance import HandClearance
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
+from tactopose_drake.core.evidence.plane_contact import PlaneContact
 from tactopose_drake.core.identification.model_evidence import log_evidence
 from tactopose_drake.core.objectives.contact_mixture import Judgement
 from tactopose_drake.core.posterior.alike_modes import indistinct_images, join_alike
@@ -79,6 +80,7 @@ def estimate_pose(
     max_hypotheses: int = 64,
     time_limit: float | None = None,
     outlier_probability: float = 0.02,
+    planes: Sequence[PlaneContact] = (),
 ) -> PoseEstimate:
     """Finds the poses of an object that explain a touch.
 
@@ -100,6 +102,8 @@ def estimate_pose(
         outlier_probability: over that of a contact as told, that its normal is any; three times as often it is taken to
             be of something else, six times displaced; a patch, nine times of something else. So 0.02 says that a sixth
             of all contacts is false in one way or another, before the touch. 0 switches all that off.
+        planes: known planes of the world, in the palm frame, that the held object touches with its lowest point over
+            each; a table that it was set upon says how far it has slid in the hand.
 
     Raises:
         TooFewContactsError: no contact, and no patch that is felt.
@@ -116,7 +120,7 @@ def estimate_pose(
     is_far = has_far_origin(model)
     about = prior_about_middle(prior, model.middle) if is_far else prior
     felt = with_shape_errors(model, contacts)
-    evidence = Evidence(felt, about, hand, untouched, balance, friction, patches, outlier_probability)
+    evidence = Evidence(felt, about, hand, untouched, balance, friction, patches, outlier_probability, planes)
     if len(evidence.touch) < 1:
         raise TooFewContactsError("contacts: there are 0; the estimate needs at least 1, or a patch that is felt.")
     check_units(evidence, model.size)

@@ -17,6 +17,7 @@ from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.finger_chain import finger_chain
 from tactopose_drake.hand.geometry import BodySpheres, corner_spheres
 from tactopose_drake.hand.hand_config import Hand, HandConfig, add_hand
+from tactopose_drake.hand.hand_joints import HandJoints
 from tactopose_drake.hand.kinematics import HandKinematics
 from tactopose_drake.resources import passing_builder
 
@@ -79,6 +80,15 @@ def make_hand_reach(config: HandConfig, params: ReachParams, seed: int = 0) -> H
 def rest_positions(config: HandConfig, finger: str) -> FloatArray:
     """Where a finger's actuated joints wait when it takes no part, rad or m."""
     return np.array([config.rest_positions.get(name, 0.0) for name in config.finger(finger).joints])
+
+
+def rest_posture(plant: MultibodyPlant, hand: Hand) -> FloatArray:
+    """The hand's joint positions when no finger takes part, shape (nq,), rad."""
+    places, q = HandJoints.of(plant, hand).position, np.zeros(plant.num_positions(hand.model_instance))
+    for finger in hand.config.fingers:
+        for name, position in zip(finger.joints, rest_positions(hand.config, finger.name), strict=True):
+            q[places[name]] = position
+    return q
 
 
 def _finger_geometry(

@@ -12,7 +12,7 @@ from tactopose_drake.core.grasping.grasp_planner import GraspPlan
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.hand.hand_config import Hand
 from tactopose_drake.hand.hand_joints import HandJoints
-from tactopose_drake.hand.hand_reach import rest_positions
+from tactopose_drake.hand.hand_reach import rest_posture
 from tactopose_drake.resources import drawn_pose
 from tactopose_drake.station.scenario import Scenario
 from tactopose_drake.systems.grasp_controller import GraspController
@@ -46,7 +46,7 @@ def add_planned_grasp(
     """Adds a controller that closes the fingers as planned, by their wrenches."""
     motions = {finger: part.motion for finger, part in plan.fingers.items()}
     controller = builder.AddNamedSystem(
-        "grasp_controller", GraspController(plant, hand, motions, _rest(plant, hand), scenario.controller)
+        "grasp_controller", GraspController(plant, hand, motions, rest_posture(plant, hand), scenario.controller)
     )
     for finger in motions:
         builder.Connect(senses[f"wrench_{finger}"], controller.GetInputPort(f"wrench_{finger}"))
@@ -64,7 +64,7 @@ def add_grip(builder: DiagramBuilder, scenario: Scenario, plant: MultibodyPlant,
     controller = builder.AddNamedSystem("grip_controller", GripController(plant, hand, params))
     builder.Connect(controller.GetOutputPort("desired_state"), plant.get_desired_state_input_port(hand.model_instance))
     _connect_controller(builder, plant, hand, controller)
-    q, places = _rest(plant, hand), HandJoints.of(plant, hand).position
+    q, places = rest_posture(plant, hand), HandJoints.of(plant, hand).position
     for joint, position in params.fixed.items():
         q[places[joint]] = position
     X_PO = drawn_pose(f"Grip.X_PO[{scenario.object}]", scenario.grip.X_PO[scenario.object], scenario.seed)
@@ -85,15 +85,6 @@ def _connect_controller(
     builder.ExportOutput(state, "hand_state")
     builder.ExportOutput(controller.GetOutputPort("holding"), "holding")
     builder.ExportOutput(controller.GetOutputPort("status"), "grasp_status")
-
-
-def _rest(plant: MultibodyPlant, hand: Hand) -> FloatArray:
-    """The hand's joint positions when no finger takes part, shape (nq,), rad."""
-    places, q = HandJoints.of(plant, hand).position, np.zeros(plant.num_positions(hand.model_instance))
-    for finger in hand.config.fingers:
-        for name, position in zip(finger.joints, rest_positions(hand.config, finger.name), strict=True):
-            q[places[name]] = position
-    return q
 
 
 def _followed(plant: MultibodyPlant, hand: Hand, q: FloatArray) -> FloatArray:

@@ -36,6 +36,7 @@ from tactopose_drake.systems.grip_controller import GripControllerParams
 from tactopose_drake.systems.pose_estimation import PoseEstimationParams
 from tactopose_drake.systems.pose_tracking import PoseTrackingParams
 from tactopose_drake.systems.simulated_vision import SimulatedVisionParams
+from tactopose_drake.systems.touch_exploration import TouchExplorationParams
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -127,6 +128,7 @@ class Scenario:
     vision: SimulatedVisionParams | DepthTrackerParams = dataclasses.field(default_factory=SimulatedVisionParams)
     estimation: PoseEstimationParams = dataclasses.field(default_factory=PoseEstimationParams)
     tracking: PoseTrackingParams | None = None  # of the belief over time; None: there is none
+    exploration: TouchExplorationParams | None = None  # by free fingers of a planned grasp, once it holds; None: none
 
     def validate(self) -> None:
         """Raises InvalidInputError if a value is out of its range, or a file is missing."""
@@ -139,7 +141,8 @@ class Scenario:
         fixed_pose("Scenario.X_WC", self.X_WC)
         for field in dataclasses.fields(self.check):
             positive_number(f"Scenario.check.{field.name}", getattr(self.check, field.name))
-        for part in (self.reach, self.planner, self.controller, self.vision, self.estimation, self.tracking):
+        parts = (self.reach, self.planner, self.controller, self.vision, self.estimation, self.tracking)
+        for part in (*parts, self.exploration):
             if part is not None:
                 part.validate()
         if self.grip is not None:
@@ -162,6 +165,8 @@ class Scenario:
             if not os.path.isfile(path):
                 known = ", ".join(sorted(shipped.stem for shipped in model_path("objects").glob("*.sdf")))
                 raise InvalidInputError(f"Scenario.object: {path} does not exist; the package's objects are {known}.")
+        if self.grip is not None and self.exploration is not None:
+            raise InvalidInputError("Scenario.exploration: explores a planned grasp; allowed is None with a grip.")
         if self.grip is not None and self.object not in self.grip.X_PO:
             raise InvalidInputError(
                 f"Scenario.object: is {self.object!r}, for which Scenario.grip.X_PO has no place in the hand "

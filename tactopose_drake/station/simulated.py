@@ -28,6 +28,7 @@ from tactopose_drake.hand.contact_properties import (
 from tactopose_drake.hand.hand_config import Hand, add_hand, load_hand_config
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
 from tactopose_drake.resources import add_model, fixed_pose, make_parser, passing_builder
+from tactopose_drake.station.exploration import add_exploration
 from tactopose_drake.station.grasp import GraspStart, add_grip, add_planned_grasp
 from tactopose_drake.station.grasp_planning import plan_scenario
 from tactopose_drake.station.motor_inertia import add_motor_inertia
@@ -50,7 +51,8 @@ class Station:
             `prior`, `hidden_share`, all outputs of `AddPoseEstimation`, `contact_results`, `body_poses`, `query`, and
             of a planned grasp `actuation`; where the scenario tracks, `tracked_object_pose` and so on:
             `object_pose`, `object_pose_in_world`, `covariance`, `hypotheses`, `status` and `belief` of
-            `AddPoseTracking`.
+            `AddPoseTracking`; where it explores, `explored_object_pose` and so on: all outputs of
+            `AddTouchExploration`.
         plant: the simulator's plant: hand and object.
         scene_graph: their geometry.
         hand: the hand in the plant.
@@ -136,6 +138,8 @@ def make_station(
         joints = builder.GetSubsystemByName("joint_positions")
         more = {"joint_velocities": joints.get_output_port(1), "vision": seen, **palm}
         add_tracking(builder, scenario.tracking, hand.config, model, {**senses, **more})
+    if scenario.exploration is not None:
+        add_exploration(builder, scenario.exploration, hand.config, model, senses["joint_positions"])
     if meshcat is not None:
         _add_display(builder, plant, scene_graph, hand, object_body, model, meshcat)
     diagram = finish_station("station", builder, scenario, plant, scene_graph, hand)

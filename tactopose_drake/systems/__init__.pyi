@@ -34,6 +34,9 @@ from .likelihood_display import LikelihoodDisplay as LikelihoodDisplay
 from .likelihood_display import LikelihoodDisplayParams as LikelihoodDisplayParams
 from .live_pose_belief_estimator import LivePoseBeliefEstimator as LivePoseBeliefEstimator
 from .measured_joints import MeasuredJoints as MeasuredJoints
+from .next_touch_chooser import GuardedMove as GuardedMove
+from .next_touch_chooser import NextTouchChooser as NextTouchChooser
+from .next_touch_chooser import NextTouchParams as NextTouchParams
 from .object_identifier import ObjectIdentifier as ObjectIdentifier
 from .object_identifier import ObjectIdentifierParams as ObjectIdentifierParams
 from .object_tracker import ObjectTracker as ObjectTracker
@@ -66,6 +69,10 @@ from .signals import read_signals as read_signals
 from .simulated_array import TactileArray as TactileArray
 from .simulated_vision import SimulatedVision as SimulatedVision
 from .simulated_vision import SimulatedVisionParams as SimulatedVisionParams
+from .touch_exploration import AddTouchExploration as AddTouchExploration
+from .touch_exploration import TouchExplorationParams as TouchExplorationParams
+from .touch_explorer import TouchExplorer as TouchExplorer
+from .touch_explorer import TouchExplorerParams as TouchExplorerParams
 from .tracker_input import TrackerInput as TrackerInput
 from .wrench_space_display import WrenchSpaceDisplay as WrenchSpaceDisplay
 from .wrench_space_display import WrenchSpaceDisplayParams as WrenchSpaceDisplayParams

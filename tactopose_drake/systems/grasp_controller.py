@@ -53,6 +53,7 @@ class GraspController(CollectableSystem):
         - hand_state
         - wrench_<finger> (one for each finger that closes)
         - open
+        - rest_positions
         output_ports:
         - actuation
         - holding
@@ -62,7 +63,10 @@ class GraspController(CollectableSystem):
     - wrench_<finger>: F_S, shape (6,), N m and N; NaN counts as no force.
     - open: shape (1,); above 0 the fingers go back to where they began, and close again afterwards; may stay
       unconnected.
-    - actuation: torques, shape (na,), N m, in the order of the hand's actuators; changes with `hand_state`.
+    - rest_positions: where the joints of the fingers that take no part, and all others, are to be, shape (nq,), rad;
+      may stay unconnected, and they are then where `q_rest` says.
+    - actuation: torques, shape (na,), N m, in the order of the hand's actuators; changes with `hand_state` and
+      `rest_positions`.
     - holding: shape (1,), 1 once all fingers carry their set force (or closing took too long), 0 before and while they
       open.
     - status: str, "closing", "holding", or "holding; not carrying: " and the fingers that never reached their force.
@@ -115,20 +119,26 @@ class GraspController(CollectableSystem):
         self._state_port = self.DeclareVectorInputPort("hand_state", plant.num_multibody_states(hand.model_instance))
         self._wrenches = {finger: self.DeclareVectorInputPort(f"wrench_{finger}", 6) for finger in motions}
         self._open = self.DeclareVectorInputPort("open", 1)
+        self._rest_positions = self.DeclareVectorInputPort("rest_positions", self._nq)
         # Pushes, then since when all fingers carry their set force (s; NaN: they do not), whether holding, and when the
         # fingers began to close, s.
         start = np.append(np.full(len(motions), -self._law.approach_push), [np.nan, 0.0, 0.0])
         state = self.discrete_state_ticket(self.DeclareDiscreteState(start))
         self.DeclarePeriodicDiscreteUpdateEvent(self._params.period, 0.0, self._update)
-        needs = {state, self._state_port.ticket()}
+        needs = {state, self._state_port.ticket(), self._rest_positions.ticket()}
         self.DeclareVectorOutputPort("actuation", len(joints.actuated), self._calc_actuation, needs)
         self.DeclareVectorOutputPort("holding", 1, self._calc_holding, {state})
         needs = {state, *(port.ticket() for port in self._wrenches.values())}
         self.DeclareAbstractOutputPort("status", lambda: AbstractValue.Make(""), self._calc_status, needs)
 
-    def commanded(self, pushes: FloatArray) -> FloatArray:
-        """Commanded positions of all joints of the hand, shape (nq,), rad, for one push a finger, N."""
-        q = self._q_rest.copy()
+    def commanded(self, pushes: FloatArray, q_rest: FloatArray | None = None) -> FloatArray:
+        """Commanded positions of all joints of the hand, shape (nq,), rad.
+
+        Args:
+            pushes: one for each finger that closes, N.
+            q_rest: where the others are to be, shape (nq,), rad; None: where they stay.
+        """
+        q = np.array(self._q_rest if q_rest is None else q_rest)
         for (finger, motion), push in zip(self._motions.items(), pushes, strict=True):
             q[self._joints_of_finger[finger]] = commanded_positions(motion, float(push), self._law)
         return q
@@ -158,7 +168,9 @@ class GraspController(CollectableSystem):
     def _calc_actuation(self, context: Context, output: BasicVector) -> None:
         state = self._state_port.Eval(context)
         q, v = state[self._joint_of_actuator], state[self._nq + self._velocity_of_actuator]
-        q_commanded = self.commanded(context.get_discrete_state_vector().value()[:-3])[self._joint_of_actuator]
+        q_rest = self._rest_positions.Eval(context) if self._rest_positions.HasValue(context) else None
+        pushes = context.get_discrete_state_vector().value()[:-3]
+        q_commanded = self.commanded(pushes, q_rest)[self._joint_of_actuator]
         output.SetFromVector(joint_torques(q, v, q_commanded, self._stiffness, self._damping))
 
     def _calc_holding(self, context: Context, output: BasicVector) -> None:

@@ -145,3 +145,22 @@ def test_status_is_about_the_touch(blob: tp.ObjectModel) -> None:
 def test_evidence_that_does_not_fit_is_refused(blob: tp.ObjectModel, evidence: dict[str, object], message: str) -> None:
     with pytest.raises(tp.TactoposeError, match=message):
         tp.estimate_pose(blob, tp.Contacts([[0.0, 0.0, 0.0]]), **evidence)  # type: ignore[arg-type]
+
+
+def test_a_table_tells_how_far_a_rod_has_slid() -> None:
+    rod = tp.ObjectModel.from_mesh(trimesh.creation.cylinder(radius=0.012, height=0.16, sections=48), samples=600)
+    height = np.array([-0.02, 0.0, 0.02, 0.01, -0.01])
+    angle = np.array([0.0, 2.0, 4.0, 3.0, 5.0])
+    n_PC = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(5)])
+    contacts = tp.Contacts(0.012 * n_PC + height[:, None] * [0.0, 0.0, 1.0], n_PC)
+    slid = 0.017
+    table = tp.PlaneContact(np.array([0.1, 0.0, slid - 0.08]), np.array([0.0, 0.0, 1.0]), 0.0005)
+    free, told = tp.estimate_pose(rod, contacts), tp.estimate_pose(rod, contacts, planes=[table])
+    assert any(abs(row[5]) > 0.9 for row in free.best.free_directions), "the fingers leave the slide open"
+    assert not any(abs(row[5]) > 0.5 for row in told.best.free_directions)
+    assert told.best.X_PO.translation()[2] == pytest.approx(slid, abs=0.0015)
+    assert math.sqrt(told.best.covariance[5, 5]) == pytest.approx(0.0005, rel=0.4)
+    # A table that is elsewhere moves it there, and one that leans as well says no more than where the rim is.
+    lower = tp.PlaneContact(table.p_PQ - [0.0, 0.0, 0.03], table.n_P, 0.0005)
+    moved = tp.estimate_pose(rod, contacts, planes=[lower]).best.X_PO.translation()
+    assert moved[2] == pytest.approx(slid - 0.03, abs=0.0015)

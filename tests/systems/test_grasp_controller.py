@@ -153,3 +153,14 @@ def test_bad_arguments_are_named(hand_plant):
         GraspController(plant, hand, {"pinky": motion(3)}, np.zeros(24))
     with pytest.raises(InvalidInputError, match=r"GraspControllerParams\.period: is 0"):
         GraspController(plant, hand, {}, np.zeros(24), GraspControllerParams(period=0.0))
+
+
+def test_joints_that_do_not_hold_go_where_they_are_told(hand_plant):
+    bench = Bench(hand_plant)
+    before = bench.torque("FFJ3")
+    q = np.zeros(24)
+    q[position(bench.plant, "MFJ3")] = 0.3
+    q[position(bench.plant, "FFJ3")] = 0.7
+    bench.controller.GetInputPort("rest_positions").FixValue(bench.context, q)
+    assert bench.torque("MFJ3") == pytest.approx(PARAMS.finger_stiffness * 0.3)
+    assert bench.torque("FFJ3") == pytest.approx(before), "it closes as planned"

@@ -89,6 +89,17 @@ class Contacts(PlainValue):
         covariance = None if self.covariance is None else self.covariance[index]
         return type(self)(self.p_PC[index], normals, forces, **sigmas, covariance=covariance)
 
+    def joined(self, others: Self) -> Self:
+        """These contacts and others after them, with what both have: normals, forces, covariances."""
+        pairs = [(getattr(self, name), getattr(others, name)) for name in ("n_PC", "f_PC", "covariance")]
+        n_PC, f_PC, covariance = (
+            None if mine is None or theirs is None else np.concatenate([mine, theirs]) for mine, theirs in pairs
+        )
+        sigmas: dict[str, Any] = {
+            name: np.concatenate([getattr(self, name), getattr(others, name)], axis=None) for name in _SIGMAS
+        }
+        return type(self)(np.concatenate([self.p_PC, others.p_PC]), n_PC, f_PC, **sigmas, covariance=covariance)
+
     def rounded(self) -> Self:
         """The contacts with their points to a nanometre and their normals to a nanoradian."""
         other = copy.copy(self)

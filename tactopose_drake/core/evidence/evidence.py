@@ -11,6 +11,7 @@ from tactopose_drake.core.evidence.force_balance import ForceBalance
 from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.evidence.patch_contacts import with_patches
+from tactopose_drake.core.evidence.plane_contact import PlaneContact
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.validation import MOST_FRICTION, MOST_OUTLIERS, in_steps, positive_number
 from tactopose_drake.errors import InvalidInputError, TooFewContactsError
@@ -23,6 +24,7 @@ _KINDS = {
     "untouched": (HandGeometry, "HandGeometry"),
     "balance": (ForceBalance, "ForceBalance"),
 }
+_SEQUENCES: dict[str, type] = {"patches": Patch, "planes": PlaneContact}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -37,6 +39,7 @@ class Evidence:
         untouched: parts of the hand that feel no contact, which the object does not press at all.
         balance: that the object is at rest under the contacts' forces and gravity alone.
         friction: coefficient of friction between fingertips and object, by which no contact slips.
+        planes: known planes of the world that the object touches, with its lowest point over each.
         outlier_probability: that a contact is not what it seems: of something else, elsewhere, or with another normal.
 
     Raises:
@@ -52,6 +55,7 @@ class Evidence:
     friction: float | None = None
     patches: Sequence[Patch] = ()
     outlier_probability: float = 0.02
+    planes: Sequence[PlaneContact] = ()
 
     def __post_init__(self) -> None:
         for name, (kind, called) in _KINDS.items():
@@ -71,12 +75,16 @@ class Evidence:
                 raise InvalidInputError(f"contacts: have no forces; {name} needs them.")
         if self.balance is not None and not len(self.contacts):
             raise TooFewContactsError("contacts: there are 0; balance needs at least 1.")
-        if not isinstance(self.patches, Sequence):
-            raise InvalidInputError(f"patches: is a {type(self.patches).__name__}; allowed is a sequence of Patch.")
-        object.__setattr__(self, "patches", tuple(self.patches))
-        for i, patch in enumerate(self.patches):
-            if not isinstance(patch, Patch):
-                raise InvalidInputError(f"patches[{i}]: is a {type(patch).__name__}; allowed is a Patch.")
+        for name, kind in _SEQUENCES.items():
+            values = getattr(self, name)
+            if not isinstance(values, Sequence):
+                raise InvalidInputError(
+                    f"{name}: is a {type(values).__name__}; allowed is a sequence of {kind.__name__}."
+                )
+            object.__setattr__(self, name, tuple(values))
+            for i, value in enumerate(values):
+                if not isinstance(value, kind):
+                    raise InvalidInputError(f"{name}[{i}]: is a {type(value).__name__}; allowed is a {kind.__name__}.")
 
     def rounded(self) -> "Evidence":
         """The evidence with contacts and prior to a nanometre, and their directions to a nanoradian.

@@ -1,5 +1,14 @@
+from .chance_touch import choose_by_chance as choose_by_chance
+from .foreseen_touch import TouchNoise as TouchNoise
 from .guarded_moves import GuardedMoves as GuardedMoves
+from .next_touch import Candidate as Candidate
 from .next_touch import Hold as Hold
-from .next_touch import SafetyParams as SafetyParams
+from .next_touch import NextTouch as NextTouch
+from .next_touch import TouchCriterion as TouchCriterion
+from .next_touch import choose_telling_touch as choose_telling_touch
 from .next_touch import choose_touch as choose_touch
 from .next_touch import is_allowed as is_allowed
+from .tolerance import Tolerance as Tolerance
+from .tolerance import distinct_poses as distinct_poses
+from .tolerance import nearest_twins as nearest_twins
+from .tolerance import resolved_share as resolved_share

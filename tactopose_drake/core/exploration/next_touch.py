@@ -1,17 +1,13 @@
-"""Which touch to make next: the one that tells most about which of several poses is the true one.
+"""Which touch to make next: the one that tells most about where the object is, or about which object it is.
 
-Each mode of a belief predicts what a guarded move would feel: whether it meets the object, after which way, and with
-which normal. The prediction is spread as the mode is: the move is made at the cubature points of the mode's Gaussian
-[AH09], and the sensor's noise is added. How much the answer is expected to tell is bounded from below by how well the
-predictions can be told apart in pairs, by their Bhattacharyya coefficients [KT17]; no random numbers are needed.
+Where it is: the expected information about the pose, of which mode is true and of where in it, beyond a tolerance (see
+`foreseen_touch.py`). One wide mode leaves as much to be told as several narrow ones. Which it is: the information about
+the object's name alone.
 
-Sources: [B16] J. Bimbo, thesis, 2016, section 6.3. [AH09] I. Arasaratnam and S. Haykin, Cubature Kalman filters, IEEE
-Trans. Automatic Control 54, 2009. [KT17] A. Kolchinsky and B. Tracey, Estimating mixture entropy with pairwise
-distances, Entropy 19, 2017.
+Source: [B16] J. Bimbo, thesis, 2016, sections 6.2.1 and 6.3.
 """
 
 import dataclasses
-import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -19,36 +15,36 @@ from numpy.typing import NDArray
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
+from tactopose_drake.core.exploration.foreseen_touch import (
+    TouchNoise,
+    entropy,
+    foresee,
+    join,
+    told_of_mode,
+    told_within_modes,
+)
 from tactopose_drake.core.exploration.guarded_moves import GuardedMoves
+from tactopose_drake.core.exploration.tolerance import Tolerance, distinct_poses
 from tactopose_drake.core.grasping.quality import grasp_quality
-from tactopose_drake.core.poses import retract
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture, checked_mixture
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.core.validation import FloatArray, limited
 from tactopose_drake.errors import InvalidInputError
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class TouchNoise:
-    """How exactly a touch is felt.
+class TouchCriterion:
+    """What a touch is chosen by.
 
     Attributes:
-        position: standard deviation of the contact along each axis, m.
-        normal: of a small rotation of the normal about each axis, rad; None where no normal is felt.
-        least_facing: cosine between normal and way, beyond which the way's error grows no further: surfaces that a
-            fingertip grazes are not felt exactly, but they are felt.
+        tolerance: within which poses are one and the same.
+        noise: of a touch.
+        likely: probability from which on a mode must be left stable and uncollided.
     """
 
-    position: float = 0.0009
-    normal: float | None = math.radians(5.0)
-    least_facing: float = 0.2
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class SafetyParams:
-    """What a motion must be safe for."""
-
-    likely: float = 0.05  # probability from which on a mode must be left stable and uncollided
+    tolerance: Tolerance = Tolerance()
+    noise: TouchNoise = TouchNoise()
+    likely: float = 0.05
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -90,8 +86,8 @@ class NextTouch:
     Attributes:
         finger: that makes it.
         move: which of the finger's motions.
-        information: by how much it is expected to reduce the entropy over the modes, at least, nats.
-        entropy: before it, nats.
+        information: by how much it is expected to reduce the entropy, at least between modes, nats.
+        entropy: of what is asked before it, nats.
         allowed: for each finger which motions keep the grasp and touch with the fingertip alone, shape (m,).
         value: for each finger the information of each motion, shape (m,), nats.
     """
@@ -105,8 +101,23 @@ class NextTouch:
 
     @property
     def expected_entropy(self) -> float:
-        """After the touch, at most, nats."""
+        """After the touch, nats."""
         return self.entropy - self.information
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Candidate:
+    """An object that may be the one that is held.
+
+    Attributes:
+        model: the object.
+        belief: of its pose, if it is this one.
+        probability: that it is.
+    """
+
+    model: ObjectModel
+    belief: GaussianMixture
+    probability: float
 
 
 def choose_touch(
@@ -115,11 +126,10 @@ def choose_touch(
     belief: GaussianMixture,
     moves: Mapping[str, GuardedMoves],
     *,
-    noise: TouchNoise | None = None,
     others: Mapping[str, HandGeometry] | None = None,
-    safety: SafetyParams = SafetyParams(),
+    criterion: TouchCriterion = TouchCriterion(),
 ) -> NextTouch | None:
-    """The motion that tells most of those that are allowed; None if none is.
+    """The motion that tells most of the pose, of those that are allowed; None if none is.
 
     A finger that holds the object may leave it only if the others keep force closure at every likely mode.
 
@@ -128,21 +138,82 @@ def choose_touch(
         hold: the fingers that hold it.
         belief: of the object's pose; `PoseEstimate.modes`, or `PoseBelief.mixture`.
         moves: what each finger could do.
-        noise: of a touch.
         others: for each finger the rest of the hand, which it must not meet; None to leave that to the caller.
-        safety: which modes are likely.
+        criterion: what touches are chosen by.
 
     Raises:
         InvalidInputError: a belief without a mode.
     """
-    belief = checked_mixture("belief", belief)
-    value = {finger: information(model, belief, options, noise) for finger, options in moves.items()}
+    distinct = distinct_poses(model, checked_mixture("belief", belief), criterion.tolerance)
+    value = {finger: information(model, distinct, options, criterion) for finger, options in moves.items()}
     allowed = {
         finger: is_allowed(
-            model, hold, belief, finger, options, others=None if others is None else others[finger], safety=safety
+            model,
+            hold,
+            distinct,
+            finger,
+            options,
+            others=None if others is None else others[finger],
+            likely=criterion.likely,
         )
         for finger, options in moves.items()
     }
+    return _best(value, allowed, entropy(distinct, criterion.tolerance))
+
+
+def choose_telling_touch(
+    candidates: Sequence[Candidate],
+    hold: Hold,
+    moves: Mapping[str, GuardedMoves],
+    *,
+    others: Mapping[str, HandGeometry] | None = None,
+    criterion: TouchCriterion = TouchCriterion(),
+) -> NextTouch | None:
+    """The motion that tells most of which object it is, of those that are allowed; None if none is.
+
+    It is allowed where it is for each candidate whose probability is likely; entropy and information are the name's.
+
+    Args:
+        candidates: the objects that it may be; their probabilities need not sum to 1.
+        hold: the fingers that hold it.
+        moves: what each finger could do.
+        others: as for `choose_touch`.
+        criterion: what touches are chosen by.
+
+    Raises:
+        InvalidInputError: no candidate, probabilities that are negative or all 0, or a belief without a mode.
+    """
+    weights = _shares_of(candidates)
+    distinct = [
+        Candidate(each.model, distinct_poses(each.model, each.belief, criterion.tolerance), weight)
+        for each, weight in zip(candidates, weights, strict=True)
+    ]
+    value = {finger: name_information(distinct, options, criterion) for finger, options in moves.items()}
+    allowed = {finger: np.ones(len(options), dtype=np.bool_) for finger, options in moves.items()}
+    for each in distinct:
+        if each.probability < min(criterion.likely, weights.max()):
+            continue
+        for finger, options in moves.items():
+            rest = None if others is None else others[finger]
+            allowed[finger] &= is_allowed(
+                each.model, hold, each.belief, finger, options, others=rest, likely=criterion.likely
+            )
+    share = weights[weights > 0.0]
+    return _best(value, allowed, float(-np.sum(share * np.log(share))))
+
+
+def _shares_of(candidates: Sequence[Candidate]) -> FloatArray:
+    """The candidates' probabilities, scaled to sum to 1."""
+    given = limited("candidates.probability", [each.probability for each in candidates], (len(candidates),), most=1e100)
+    if not len(given) or given.min() < 0.0 or not given.sum() > 0.0:
+        raise InvalidInputError(f"candidates.probability: are {given}; allowed are numbers >= 0, one of them > 0.")
+    shares: FloatArray = given / given.sum()
+    return shares
+
+
+def _best(
+    value: Mapping[str, FloatArray], allowed: Mapping[str, NDArray[np.bool_]], entropy_before: float
+) -> NextTouch | None:
     best: tuple[str, int] | None = None
     for finger, mask in allowed.items():
         if mask.any():
@@ -152,7 +223,7 @@ def choose_touch(
     if best is None:
         return None
     finger, move = best
-    return NextTouch(finger, move, float(value[finger][move]), belief.entropy, allowed, value)
+    return NextTouch(finger, move, float(value[finger][move]), entropy_before, allowed, value)
 
 
 def is_allowed(
@@ -163,14 +234,14 @@ def is_allowed(
     moves: GuardedMoves,
     *,
     others: HandGeometry | None = None,
-    safety: SafetyParams = SafetyParams(),
+    likely: float = TouchCriterion.likely,
 ) -> NDArray[np.bool_]:
     """Which motions of a finger leave a stable grasp and touch with the fingertip alone, at all likely modes, (m,).
 
     With the rest of the hand given, the finger must not meet `others` either before its motion ends.
     """
     belief = checked_mixture("belief", belief)
-    X_likely = belief.X_PO[belief.likely(safety.likely)]
+    X_likely = belief.X_PO[belief.likely(likely)]
     if not hold.is_stable_without(finger, model, X_likely):
         return np.zeros(len(moves), dtype=np.bool_)
     clear: NDArray[np.bool_] = np.logical_and.reduce(moves.are_clear(model, X_likely))
@@ -180,62 +251,24 @@ def is_allowed(
 
 
 def information(
-    model: ObjectModel, belief: GaussianMixture, moves: GuardedMoves, noise: TouchNoise | None = None
+    model: ObjectModel, belief: GaussianMixture, moves: GuardedMoves, criterion: TouchCriterion = TouchCriterion()
 ) -> FloatArray:
-    """How much each motion is expected to tell about which mode is true, at least, shape (m,), nats."""
-    noise = TouchNoise() if noise is None else noise
-    hit, mean, covariance = predict(model, belief, moves, noise)
-    overlap = _overlap(mean, covariance)  # (n, n, m)
-    unknown = ~(hit[:, None] * hit[None] > 0.0)
-    overlap = np.where(unknown, 1.0, overlap)
-    # A touch that a mode does not foresee may happen all the same, and the other way round.
-    points = 1 + 2 * 6
-    chance = (hit * points + 0.5) / (points + 1.0)
-    both = np.sqrt(chance[:, None] * chance[None]) * overlap
-    neither = np.sqrt((1.0 - chance[:, None]) * (1.0 - chance[None]))
-    w = belief.weights
-    same = np.einsum("j,ijm->im", w, np.minimum(both + neither, 1.0))
-    gained: FloatArray = -np.einsum("i,im->m", w, np.log(same))  # [KT17] eq. 10, alpha = 1/2
-    return gained
+    """By how much each motion is expected to reduce the entropy of the pose, shape (m,), nats."""
+    foreseen = foresee(model, belief, moves, criterion.noise)
+    return told_of_mode(belief.weights, foreseen) + told_within_modes(belief.weights, foreseen, criterion.tolerance)
 
 
-def predict(
-    model: ObjectModel, belief: GaussianMixture, moves: GuardedMoves, noise: TouchNoise
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """What each mode foresees of each motion.
+def name_information(
+    candidates: Sequence[Candidate], moves: GuardedMoves, criterion: TouchCriterion = TouchCriterion()
+) -> FloatArray:
+    """By how much each motion is expected to reduce the entropy of which candidate it is, shape (m,), nats.
 
-    Returns:
-        Share of the mode's cubature points where there is a touch, shape (n, m); mean of the way and the normal of
-        those, shape (n, m, 4), or (n, m, 1) without normals; covariance with noise, shape (n, m, 4, 4) or (n, m, 1, 1).
+    By the chain rule what the answer tells of candidate and mode, less what it tells of the mode of each candidate; of
+    bounds on these two the difference is no bound itself.
     """
-    spread = math.sqrt(6.0) * np.swapaxes(belief.roots(), 1, 2)  # rows, [AH09] eq. 23
-    increments = np.concatenate([np.zeros((len(belief), 1, 6)), spread, -spread], axis=1)
-    X_PO = retract(np.repeat(belief.X_PO, increments.shape[1], axis=0), increments.reshape(-1, 6))
-    felt = moves.feel(model, X_PO)
-    shape = (len(belief), -1, len(moves))
-    is_hit, facing = felt.is_hit.reshape(shape), np.maximum(felt.facing.reshape(shape), noise.least_facing)
-    z = felt.way.reshape(shape)[..., None]
-    if noise.normal is not None:
-        z = np.concatenate([z, felt.n_PC.reshape(*shape, 3)], axis=-1)
-    share = is_hit / np.maximum(is_hit.sum(axis=1, keepdims=True), 1)
-    mean = np.einsum("nbm,nbmi->nmi", share, z)
-    off = z - mean[:, None]
-    covariance = np.einsum("nbm,nbmi,nbmj->nmij", share, off, off)
-    covariance[..., 0, 0] += np.sum(share * np.square(noise.position / facing), axis=1)
-    # A mode without a touch foresees nothing; any numbers do.
-    covariance[..., 0, 0] += ~is_hit.any(axis=1)
-    if noise.normal is not None:
-        covariance[..., 1:, 1:] += noise.normal**2 * np.eye(3)
-    return is_hit.mean(axis=1), mean, covariance
-
-
-def _overlap(mean: FloatArray, covariance: FloatArray) -> FloatArray:
-    """Bhattacharyya coefficients of Gaussians (n, m, d), (n, m, d, d) by pairs of modes, shape (n, n, m)."""
-    between = 0.5 * (covariance[:, None] + covariance[None])
-    off = mean[:, None] - mean[None]
-    square = np.einsum("abmi,abmi->abm", off, np.linalg.solve(between, off[..., None])[..., 0])
-    log_single = np.linalg.slogdet(covariance)[1]
-    log_between = np.linalg.slogdet(between)[1]
-    log_ratio = log_between - 0.5 * (log_single[:, None] + log_single[None])
-    coefficient: FloatArray = np.exp(-0.125 * square - 0.5 * log_ratio)
-    return coefficient
+    parts = [foresee(each.model, each.belief, moves, criterion.noise) for each in candidates]
+    shares = [each.probability * each.belief.weights for each in candidates]
+    told = told_of_mode(np.concatenate(shares), join(parts))
+    for each, part in zip(candidates, parts, strict=True):
+        told = told - each.probability * told_of_mode(each.belief.weights, part)
+    return np.maximum(told, 0.0)

@@ -6,7 +6,7 @@ This is the simulation's choice of a scene, made with the object's true geometry
 import itertools
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -18,7 +18,7 @@ from tactopose_drake.core.grasping.grasp_law import ClosingMotion
 from tactopose_drake.core.grasping.grasp_score import GraspScore, ScoreParams, score_grasp
 from tactopose_drake.core.grasping.refusals import Refusals
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import FloatArray, positive_number
+from tactopose_drake.core.validation import FloatArray, known_name, positive_number
 from tactopose_drake.errors import InvalidInputError
 
 _GAP = 0.0005  # between the sides of two fingers, m
@@ -43,12 +43,15 @@ class PlannerParams:
     palm_clearance: float = 0.004  # m
     tilt_deg: float = 25.0  # largest angle between the object's z axis and up, deg
     least_fingers: int = 4  # that take part; of a hand with fewer, all
+    fingers: list[str] = field(default_factory=list)  # of which these; empty: any
     restarts: int = 2  # of the choice of one touch a finger, each from another order of the fingers
     rounds: int = 2  # of each, in which every finger's touch is chosen anew
 
     def validate(self) -> None:
         """Raises InvalidInputError if a value is out of its range."""
         for name in PlannerParams.__dataclass_fields__:
+            if name == "fingers":
+                continue
             if name != "finger_distance" or self.finger_distance is not None:
                 positive_number(f"PlannerParams.{name}", getattr(self, name), allow_zero=name == "tilt_deg")
         if self.least_fingers < 2:
@@ -117,6 +120,8 @@ def plan_grasps(
         refusals: why poses are not taken is counted there.
     """
     params.validate()
+    for name in params.fingers:
+        known_name("PlannerParams.fingers", name, hand.fingers)
     search = _Search(model, hand, load_P, params, generator, Refusals() if refusals is None else refusals)
     plans: list[GraspPlan] = []
     for _ in range(params.most_poses):
@@ -184,11 +189,12 @@ class _Search:
         touches: dict[str, Touches] = {}
         idle = 0
         for name, finger in self.hand.fingers.items():
-            refused = self.refusals.touches[name]
-            found = finger.touches(self.model.grid, X_PO, self.generator, self.params.touches, refused)
-            if len(found):
-                touches[name] = found
-            else:
+            if not self.params.fingers or name in self.params.fingers:
+                refused = self.refusals.touches[name]
+                found = finger.touches(self.model.grid, X_PO, self.generator, self.params.touches, refused)
+                if len(found):
+                    touches[name] = found
+            if name not in touches:
                 idle += 1
                 if len(self.hand.fingers) - idle < self.least_fingers:
                     return self._refused(f"fewer than {self.least_fingers} fingers can touch it")

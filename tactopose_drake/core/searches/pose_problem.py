@@ -11,6 +11,7 @@ from tactopose_drake.core.objectives.objective import LeastSquaresObjective, Smo
 from tactopose_drake.core.objectives.patch_contact import PatchContact
 from tactopose_drake.core.objectives.patch_mixture import PatchMixture
 from tactopose_drake.core.objectives.penetration import Penetration
+from tactopose_drake.core.objectives.plane_support import PlaneSupport
 from tactopose_drake.core.objectives.pose_prior import PriorObjective
 from tactopose_drake.core.objectives.surface_contact import ContactWithPrior, SurfaceContact
 from tactopose_drake.core.objectives.wrench_balance import WrenchBalance
@@ -34,9 +35,9 @@ class PoseProblem(NamedTuple):
 
     Attributes:
         touch: the contacts' objective by itself.
-        determining: the objective of what holds the pose from both sides, contacts, patches and balance: its curvature
-            says what is determined. The hand's volume, pads that feel nothing and friction bound the pose on one side
-            only, which curvature hides.
+        determining: the objective of what holds the pose from both sides, contacts, patches, balance and planes: its
+            curvature says what is determined. The hand's volume, pads that feel nothing and friction bound the pose on
+            one side only, which curvature hides.
         likelihood: the objective of all the evidence but the prior.
         objective: that of all the evidence.
         bounding: the terms of the last that are not determining, the prior among them.
@@ -100,6 +101,8 @@ def make_problem(model: ObjectModel, evidence: Evidence) -> PoseProblem:
             pad_mixture = PatchMixture(model, evidence.felt, evidence.outlier_probability)
     if evidence.balance is not None:
         terms.append(balance_term(model, evidence))
+    if evidence.planes:
+        terms.append(PlaneSupport(model, evidence.planes))
     determining = _sum(terms)
     bounding = bounding_terms(model, evidence)
     likelihood = _sum([*terms, *bounding])

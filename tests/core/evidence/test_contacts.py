@@ -112,3 +112,23 @@ def test_a_turn_of_the_palm_changes_nothing_of_a_covariance() -> None:
 def test_a_covariance_that_is_none_is_refused(covariance: np.ndarray, message: str) -> None:
     with pytest.raises(InvalidInputError, match=message):
         Contacts(np.zeros((2, 3)), np.tile([0.0, 0.0, 1.0], (2, 1)), covariance=covariance)
+
+
+def test_joined_contacts_keep_what_both_have() -> None:
+    p, n = np.arange(6.0).reshape(2, 3), np.tile([[0.0, 0.0, 1.0]], (2, 1))
+    first = Contacts(p, n, 2.0 * n, sigma_position=[0.001, 0.002])
+    second = Contacts(p[:1] + 0.5, -n[:1], sigma_position=0.003, sigma_normal=0.2)
+    both = first.joined(second)
+    np.testing.assert_allclose(both.p_PC, [*p, p[0] + 0.5])
+    assert both.n_PC is not None
+    np.testing.assert_allclose(both.n_PC, [*n, -n[0]])
+    assert both.f_PC is None, "the second has no forces"
+    np.testing.assert_allclose(both.sigma_position, [0.001, 0.002, 0.003])
+    np.testing.assert_allclose(both.sigma_normal, [np.radians(5.0), np.radians(5.0), 0.2])
+    again = first.joined(first)
+    assert again.f_PC is not None
+    np.testing.assert_allclose(again.f_PC, 2.0 * np.tile(n, (2, 1)))
+    assert first.joined(Contacts(p[:1])).n_PC is None
+    known = Contacts(p, n, covariance=np.tile(np.diag([1e-6] * 3 + [0.01] * 3), (2, 1, 1)))
+    assert known.joined(first).covariance is None
+    assert known.joined(known).covariance is not None

@@ -4,16 +4,20 @@ import trimesh
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
+from tactopose_drake.core.exploration.chance_touch import choose_by_chance
+from tactopose_drake.core.exploration.foreseen_touch import TouchNoise, entropy, foresee, told_of_mode
 from tactopose_drake.core.exploration.guarded_moves import GuardedMoves
 from tactopose_drake.core.exploration.next_touch import (
+    Candidate,
     Hold,
-    SafetyParams,
-    TouchNoise,
+    TouchCriterion,
+    choose_telling_touch,
     choose_touch,
     information,
     is_allowed,
-    predict,
+    name_information,
 )
+from tactopose_drake.core.exploration.tolerance import Tolerance
 from tactopose_drake.core.poses import exp_so3, make_poses
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.shape.object_model import ObjectModel
@@ -44,12 +48,17 @@ def inward(*angles: float, height: float = 0.0) -> GuardedMoves:
     return GuardedMoves.lines(0.1 * away + [0, 0, height], -away, 0.12, radius=TIP)
 
 
+def between(model: ObjectModel, belief: GaussianMixture, moves: GuardedMoves, noise: TouchNoise) -> np.ndarray:
+    return told_of_mode(belief.weights, foresee(model, belief, moves, noise))
+
+
 def simulated_information(
     model: ObjectModel, belief: GaussianMixture, moves: GuardedMoves, noise: TouchNoise, draws: int
 ) -> np.ndarray:
     """Mutual information of mode and touch by Monte Carlo of the predicted Gaussians, for motions that always hit."""
     generator = np.random.default_rng(0)
-    _, mean, covariance = predict(model, belief, moves, noise)
+    foreseen = foresee(model, belief, moves, noise)
+    mean, covariance = foreseen.mean, foreseen.covariance
     gained = np.zeros(len(moves))
     for m in range(len(moves)):
         factor, precision = np.linalg.cholesky(covariance[:, m]), np.linalg.inv(covariance[:, m])
@@ -82,7 +91,7 @@ def test_it_is_a_lower_bound_and_close_to_what_sampling_gives(mug: ObjectModel) 
     noise = TouchNoise()
     belief = spins(0.0, 0.25, 0.6, probability=[0.5, 0.3, 0.2])
     moves = inward(0.0, 0.2, 0.4, 0.6, 2.0)
-    bound = information(mug, belief, moves, noise)
+    bound = between(mug, belief, moves, noise)
     sampled = simulated_information(mug, belief, moves, noise, draws=1500)
     assert np.all(bound <= sampled + 0.03)
     assert np.corrcoef(bound, sampled)[0, 1] > 0.95
@@ -91,27 +100,59 @@ def test_it_is_a_lower_bound_and_close_to_what_sampling_gives(mug: ObjectModel) 
 
 def test_more_noise_tells_less_and_a_normal_tells_more(mug: ObjectModel) -> None:
     belief, moves = spins(0.0, 0.3), inward(0.0, 0.15, 0.3)
-    plain = information(mug, belief, moves, TouchNoise(position=0.004, normal=None))
-    with_normal = information(mug, belief, moves, TouchNoise(position=0.004))
-    blunt = information(mug, belief, moves, TouchNoise(position=0.02, normal=None))
+    plain = between(mug, belief, moves, TouchNoise(position=0.004, normal=None))
+    with_normal = between(mug, belief, moves, TouchNoise(position=0.004))
+    blunt = between(mug, belief, moves, TouchNoise(position=0.02, normal=None))
     assert np.all(with_normal >= plain - 1e-9)
     assert with_normal.max() > plain.max() + 0.02
     assert blunt.max() < 0.9 * plain.max()
 
 
-def test_equal_modes_and_a_single_one_leave_nothing_to_tell(mug: ObjectModel) -> None:
-    np.testing.assert_allclose(information(mug, spins(0.3), inward(0.0, 1.0)), 0.0, atol=1e-12)
-    np.testing.assert_allclose(information(mug, spins(0.3, 0.3), inward(0.0, 1.0)), 0.0, atol=1e-9)
+def test_equal_modes_and_a_single_one_leave_nothing_to_tell_between_modes(mug: ObjectModel) -> None:
+    noise = TouchNoise()
+    np.testing.assert_allclose(between(mug, spins(0.3), inward(0.0, 1.0), noise), 0.0, atol=1e-12)
+    np.testing.assert_allclose(between(mug, spins(0.3, 0.3), inward(0.0, 1.0), noise), 0.0, atol=1e-9)
+
+
+def shifted(sigma: float) -> GaussianMixture:
+    """One mode, whose place along x has this standard deviation, m; all else is known."""
+    covariance = np.diag([1e-8] * 3 + [sigma**2, 1e-10, 1e-10])
+    return GaussianMixture(np.eye(3, 4)[None], np.ones(1), covariance[None])
+
+
+def test_a_wide_mode_is_told_by_how_much_a_touch_shrinks_it(mug: ObjectModel) -> None:
+    tolerance, noise, sigma = Tolerance(), TouchNoise(normal=None), 0.01
+    along, across = information(mug, shifted(sigma), inward(np.pi, np.pi / 2), TouchCriterion(noise=noise))
+    resolved = tolerance.sigmas[3] ** 2
+    after = 1.0 / (1.0 / sigma**2 + 1.0 / noise.position**2)
+    # Where all points meet the flank, the motion along x measures x, by a Gaussian's update.
+    assert along == pytest.approx(0.5 * np.log((sigma**2 + resolved) / (after + resolved)), rel=0.1)
+    assert across < 0.5 * along
+    assert entropy(shifted(sigma), tolerance) == pytest.approx(0.5 * np.log(1.0 + sigma**2 / resolved), rel=1e-3)
+
+
+def test_a_mode_within_the_tolerance_leaves_little_to_tell(mug: ObjectModel) -> None:
+    assert information(mug, shifted(0.0005), inward(np.pi))[0] < 0.02
+    finer = TouchCriterion(tolerance=Tolerance(translation=0.0005))
+    assert information(mug, shifted(0.0005), inward(np.pi), finer)[0] > 0.1
+
+
+def test_one_wide_mode_is_touched_where_it_is_wide(mug: ObjectModel) -> None:
+    moves = {"little": inward(np.pi / 2, np.pi)}
+    found = choose_touch(mug, Hold(Contacts(HELD), NAMES, 0.7), shifted(0.02), moves)
+    assert found is not None
+    assert found.move == 1
+    assert found.information > 0.8
 
 
 def test_predictions_have_the_spread_of_the_mode_and_the_sensor(mug: ObjectModel) -> None:
     noise = TouchNoise()
-    hit, mean, covariance = predict(mug, spins(0.0), inward(np.pi), noise)
-    assert hit[0, 0] == 1.0
+    foreseen = foresee(mug, spins(0.0), inward(np.pi), noise)
+    assert foreseen.hit[0, 0] == 1.0
     # Far from edges the way's variance is the pose's along the motion and the sensor's.
-    assert mean[0, 0, 0] == pytest.approx(0.1 - 0.03 - TIP, abs=5e-4)
-    assert np.sqrt(covariance[0, 0, 0, 0]) == pytest.approx(np.hypot(0.0008, noise.position), rel=0.1)
-    np.testing.assert_allclose(mean[0, 0, 1:], [-1, 0, 0], atol=0.03)
+    assert foreseen.mean[0, 0, 0] == pytest.approx(0.1 - 0.03 - TIP, abs=5e-4)
+    assert np.sqrt(foreseen.covariance[0, 0, 0, 0]) == pytest.approx(np.hypot(0.0008, noise.position), rel=0.1)
+    np.testing.assert_allclose(foreseen.mean[0, 0, 1:], [-1, 0, 0], atol=0.03)
 
 
 HELD = np.array([[0.0, 0.03, 0.0], [0.0, -0.03, 0.02], [0.0, -0.03, -0.02], [-0.03, 0.0, 0.03]])
@@ -125,7 +166,9 @@ def test_the_best_allowed_motion_is_chosen(mug: ObjectModel) -> None:
     assert found is not None
     assert (found.finger, found.move) == ("ring", 0)
     assert found.information == found.value["ring"].max()
-    assert found.expected_entropy == pytest.approx(np.log(2) - found.information)
+    assert found.entropy == pytest.approx(entropy(belief, Tolerance()))
+    assert found.entropy > np.log(2)
+    assert found.expected_entropy == pytest.approx(found.entropy - found.information)
     assert found.allowed["little"].all()
 
 
@@ -159,12 +202,12 @@ def test_a_motion_must_be_clear_at_each_likely_mode(mug: ObjectModel) -> None:
     assert is_allowed(mug, Hold(contacts, NAMES, 0.7), there, "little", moves).all()
     both = spins(0.0, np.pi, probability=[0.1, 0.9])
     assert not is_allowed(mug, Hold(contacts, NAMES, 0.7), both, "little", moves).any()
-    unlikely = spins(0.0, np.pi, probability=[0.01, 0.99])
+    unlikely = spins(0.0, np.pi, probability=[0.02, 0.98])
     assert is_allowed(mug, Hold(contacts, NAMES, 0.7), unlikely, "little", moves).all()
-    safer = SafetyParams(likely=0.005)
-    assert not is_allowed(mug, Hold(contacts, NAMES, 0.7), unlikely, "little", moves, safety=safer).any()
+    assert not is_allowed(mug, Hold(contacts, NAMES, 0.7), unlikely, "little", moves, likely=0.005).any()
+    safer = TouchCriterion(likely=0.005)
     assert choose_touch(mug, Hold(contacts, NAMES, 0.7), unlikely, {"little": moves}) is not None
-    assert choose_touch(mug, Hold(contacts, NAMES, 0.7), unlikely, {"little": moves}, safety=safer) is None
+    assert choose_touch(mug, Hold(contacts, NAMES, 0.7), unlikely, {"little": moves}, criterion=safer) is None
 
 
 def test_a_finger_that_would_meet_another_takes_another_way(mug: ObjectModel) -> None:
@@ -183,3 +226,43 @@ def test_a_finger_that_would_meet_another_takes_another_way(mug: ObjectModel) ->
 def test_each_contact_has_a_name(mug: ObjectModel) -> None:
     with pytest.raises(InvalidInputError, match="fingers: are 2 names; allowed are as many as contacts, 4"):
         choose_touch(mug, Hold(Contacts(HELD), NAMES[:2], 0.7), spins(0.0), {})
+
+
+@pytest.fixture(scope="module")
+def can() -> ObjectModel:
+    """The mug without its lug."""
+    mesh = trimesh.creation.cylinder(radius=0.03, height=0.1, sections=96)
+    return ObjectModel.from_mesh(mesh, symmetry="none", max_grid_bytes=8_000_000, samples=300)
+
+
+def test_the_name_is_told_where_objects_differ_and_not_where_poses_do(mug: ObjectModel, can: ObjectModel) -> None:
+    candidates = [Candidate(mug, spins(0.0), 0.5), Candidate(can, spins(0.0), 0.5)]
+    lug, flank = name_information(candidates, inward(0.0, 2.0))
+    assert 0.5 * np.log(2.0) < lug <= np.log(2.0)
+    assert flank < 0.02
+    # Where the mug's spin alone is asked, this touch tells it; of the name it tells nothing.
+    (told,) = name_information([Candidate(mug, spins(0.0, np.pi), 1.0)], inward(0.0))
+    assert told < 1e-9
+
+
+def test_the_touch_that_names_the_object_is_chosen(mug: ObjectModel, can: ObjectModel) -> None:
+    hold = Hold(Contacts(HELD), NAMES, 0.7)
+    candidates = [Candidate(mug, spins(0.0), 2.0), Candidate(can, spins(0.0), 2.0)]
+    found = choose_telling_touch(candidates, hold, {"little": inward(2.0, 0.0, -2.0)})
+    assert found is not None
+    assert found.move == 1
+    assert found.entropy == pytest.approx(np.log(2.0))
+    with pytest.raises(InvalidInputError, match="candidates"):
+        choose_telling_touch([Candidate(mug, spins(0.0), 0.0)], hold, {"little": inward(0.0)})
+    with pytest.raises(InvalidInputError, match="candidates"):
+        choose_telling_touch([], hold, {"little": inward(0.0)})
+
+
+def test_chance_takes_any_allowed_motion_that_meets_the_object(mug: ObjectModel) -> None:
+    hold, past = Hold(Contacts(HELD), NAMES, 0.7), inward(0.5, height=0.2)
+    moves = {"little": inward(1.2, 1.9, 2.2), "ring": past, "thumb": inward(0.1)}
+    generator = np.random.default_rng(0)
+    chosen = [choose_by_chance(mug, hold, spins(0.0, np.pi), moves, generator) for _ in range(30)]
+    assert {(found.finger, found.move) for found in chosen if found} == {("little", i) for i in range(3)}
+    assert all(found is not None and found.information >= 0.0 for found in chosen)
+    assert choose_by_chance(mug, hold, spins(0.0), {"ring": past}, generator) is None

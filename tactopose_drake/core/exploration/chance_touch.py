@@ -1,0 +1,61 @@
+"""The next touch by chance: what a choice by information is measured against."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from tactopose_drake.core.evidence.hand_geometry import HandGeometry
+from tactopose_drake.core.exploration.foreseen_touch import entropy
+from tactopose_drake.core.exploration.guarded_moves import GuardedMoves
+from tactopose_drake.core.exploration.next_touch import Hold, NextTouch, TouchCriterion, information, is_allowed
+from tactopose_drake.core.exploration.tolerance import distinct_poses
+from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
+from tactopose_drake.core.shape.object_model import ObjectModel
+
+
+def choose_by_chance(
+    model: ObjectModel,
+    hold: Hold,
+    belief: GaussianMixture,
+    moves: Mapping[str, GuardedMoves],
+    generator: np.random.Generator,
+    *,
+    others: Mapping[str, HandGeometry] | None = None,
+    criterion: TouchCriterion = TouchCriterion(),
+) -> NextTouch | None:
+    """Any motion that `choose_touch` allows and that meets the object at the most probable pose; None if none does.
+
+    Args:
+        model: the object.
+        hold: the fingers that hold it.
+        belief: of its pose.
+        moves: what each finger could do.
+        generator: decides.
+        others: as for `choose_touch`.
+        criterion: which modes are likely.
+
+    Raises:
+        InvalidInputError: a belief without a mode.
+    """
+    distinct = distinct_poses(model, belief, criterion.tolerance)
+    allowed = {
+        finger: is_allowed(
+            model,
+            hold,
+            distinct,
+            finger,
+            options,
+            others=None if others is None else others[finger],
+            likely=criterion.likely,
+        )
+        & options.feel(model, distinct.X_PO[:1]).is_hit[0]
+        for finger, options in moves.items()
+    }
+    choices = [(finger, int(move)) for finger, mask in allowed.items() for move in np.flatnonzero(mask)]
+    if not choices:
+        return None
+    finger, move = choices[generator.integers(len(choices))]
+    told = float(information(model, distinct, moves[finger].take(np.array([move])), criterion)[0])
+    value = {name: np.full(len(options), np.nan) for name, options in moves.items()}
+    value[finger][move] = told
+    return NextTouch(finger, move, told, entropy(distinct, criterion.tolerance), allowed, value)

@@ -1,0 +1,178 @@
+"""What the modes of a belief foresee of guarded motions, and how much the answers are expected to tell.
+
+Each mode predicts what a guarded motion would feel: whether it meets the object, after which way, and with which
+normal. The prediction is spread as the mode is: the motion is made at the cubature points of the mode's Gaussian
+[AH09], and the sensor's noise is added. The information of a touch about the pose is the sum of two parts, by the chain
+rule: what it tells of which mode is true, bounded from below by how well the predictions can be told apart in pairs, by
+their Bhattacharyya coefficients [KT17]; and what it tells of where in each mode the pose is, by the Gaussian's update.
+No random numbers are needed.
+
+Sources: [AH09] I. Arasaratnam and S. Haykin, Cubature Kalman filters, IEEE Trans. Automatic Control 54, 2009. [KT17] A.
+Kolchinsky and B. Tracey, Estimating mixture entropy with pairwise distances, Entropy 19, 2017.
+"""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactopose_drake.core.exploration.guarded_moves import GuardedMoves
+from tactopose_drake.core.exploration.tolerance import Tolerance
+from tactopose_drake.core.poses import retract
+from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.validation import FloatArray
+
+_POINTS = 1 + 2 * 6  # of the cubature, the mode's mean among them
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class TouchNoise:
+    """How exactly a touch is felt.
+
+    Attributes:
+        position: standard deviation of the contact along each axis, m.
+        normal: of a small rotation of the normal about each axis, rad; None where no normal is felt.
+        least_facing: cosine between normal and way, beyond which the way's error grows no further: surfaces that a
+            fingertip grazes are not felt exactly, but they are felt.
+    """
+
+    position: float = 0.0009
+    normal: float | None = math.radians(5.0)
+    least_facing: float = 0.2
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Foreseen:
+    """What n modes foresee of m motions: the answer is the way and, where there is one, the normal; d numbers.
+
+    Attributes:
+        hit: share of each mode's points where there is a touch, shape (n, m).
+        mean: of the answer of those, shape (n, m, d), m and 1.
+        covariance: with noise, shape (n, m, d, d).
+        prior: covariance of each mode, shape (n, 6, 6), rad and m.
+        given_miss: that of its points without a touch, shape (n, m, 6, 6).
+        given_hit: that of its points with one, shape (n, m, 6, 6).
+        given_touch: that of those once the answer is known, shape (n, m, 6, 6).
+    """
+
+    hit: FloatArray
+    mean: FloatArray
+    covariance: FloatArray
+    prior: FloatArray
+    given_miss: FloatArray
+    given_hit: FloatArray
+    given_touch: FloatArray
+
+    @property
+    def chance(self) -> FloatArray:
+        """Probability of a touch, shape (n, m): what a mode does not foresee may happen all the same."""
+        return (self.hit * _POINTS + 0.5) / (_POINTS + 1.0)
+
+
+def foresee(model: ObjectModel, belief: GaussianMixture, moves: GuardedMoves, noise: TouchNoise) -> Foreseen:
+    """What each mode foresees of each motion."""
+    spread = math.sqrt(6.0) * np.swapaxes(belief.roots(), 1, 2)  # rows, [AH09] eq. 23
+    increments = np.concatenate([np.zeros((len(belief), 1, 6)), spread, -spread], axis=1)
+    X_PO = retract(np.repeat(belief.X_PO, _POINTS, axis=0), increments.reshape(-1, 6))
+    felt = moves.feel(model, X_PO)
+    shape = (len(belief), _POINTS, len(moves))
+    is_hit, facing = felt.is_hit.reshape(shape), np.maximum(felt.facing.reshape(shape), noise.least_facing)
+    z = felt.way.reshape(shape)[..., None]
+    if noise.normal is not None:
+        z = np.concatenate([z, felt.n_PC.reshape(*shape, 3)], axis=-1)
+    share = _shares(is_hit)
+    mean = np.einsum("nbm,nbmi->nmi", share, z)
+    off = z - mean[:, None]
+    covariance = np.einsum("nbm,nbmi,nbmj->nmij", share, off, off)
+    covariance[..., 0, 0] += np.sum(share * np.square(noise.position / facing), axis=1)
+    # A mode without a touch foresees nothing; any numbers do.
+    covariance[..., 0, 0] += ~is_hit.any(axis=1)
+    if noise.normal is not None:
+        covariance[..., 1:, 1:] += noise.normal**2 * np.eye(3)
+    given_hit, about = _scatter(increments, share)
+    cross = np.einsum("nbm,nbmi,nbmj->nmij", share, about, off)
+    given_touch = given_hit - cross @ np.linalg.solve(covariance, np.swapaxes(cross, -1, -2))
+    given_miss, _ = _scatter(increments, _shares(~is_hit))
+    return Foreseen(is_hit.mean(axis=1), mean, covariance, belief.covariance, given_miss, given_hit, given_touch)
+
+
+def join(parts: Sequence[Foreseen]) -> Foreseen:
+    """What the modes of several beliefs foresee of the same motions, as those of one."""
+    names = (field.name for field in dataclasses.fields(Foreseen))
+    return Foreseen(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+
+
+def _shares(chosen: NDArray[np.bool_]) -> FloatArray:
+    """Equal weights of the points (n, b, m) that are chosen; zeros where none is."""
+    share: FloatArray = chosen / np.maximum(chosen.sum(axis=1, keepdims=True), 1)
+    return share
+
+
+def _scatter(increments: FloatArray, share: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Covariance (n, m, 6, 6) of points (n, b, 6) with weights (n, b, m), and the points about their mean."""
+    mean = np.einsum("nbm,nbi->nmi", share, increments)
+    about = increments[:, :, None] - mean[:, None]
+    covariance: FloatArray = np.einsum("nbm,nbmi,nbmj->nmij", share, about, about)
+    return covariance, about
+
+
+def told_of_mode(weights: FloatArray, foreseen: Foreseen) -> FloatArray:
+    """What the answers are expected to tell of which mode is true, at least, shape (m,), nats."""
+    overlap = _overlap(foreseen.mean, foreseen.covariance)  # (n, n, m)
+    unknown = ~(foreseen.hit[:, None] * foreseen.hit[None] > 0.0)
+    overlap = np.where(unknown, 1.0, overlap)
+    chance = foreseen.chance
+    both = np.sqrt(chance[:, None] * chance[None]) * overlap
+    neither = np.sqrt((1.0 - chance[:, None]) * (1.0 - chance[None]))
+    same = np.einsum("j,ijm->im", weights, np.minimum(both + neither, 1.0))
+    told: FloatArray = -np.einsum("i,im->m", weights, np.log(same))  # [KT17] eq. 10, alpha = 1/2
+    return told
+
+
+def told_within_modes(weights: FloatArray, foreseen: Foreseen, tolerance: Tolerance) -> FloatArray:
+    """What the answers are expected to tell of where in its mode the pose is, shape (m,), nats.
+
+    Whether there is a touch tells no more than its entropy; where it is, by how much the Gaussian shrinks. Of that
+    counts what is larger than the tolerance, as in `entropy`.
+    """
+    before = _resolved_entropy(foreseen.prior, tolerance)[:, None]
+    miss, hit, touch = (
+        _resolved_entropy(part, tolerance) for part in (foreseen.given_miss, foreseen.given_hit, foreseen.given_touch)
+    )
+    p = foreseen.chance
+    by_hit = np.clip(before - p * hit - (1.0 - p) * miss, 0.0, -p * np.log(p) - (1.0 - p) * np.log(1.0 - p))
+    # All points agree: what is smoothed into the chance tells nothing.
+    by_hit = np.where((foreseen.hit == 0.0) | (foreseen.hit == 1.0), 0.0, by_hit)
+    told: FloatArray = weights @ (by_hit + foreseen.hit * np.maximum(hit - touch, 0.0))
+    return told
+
+
+def entropy(belief: GaussianMixture, tolerance: Tolerance) -> float:
+    """What is still to be told of the pose, nats: which mode it is, and where in it.
+
+    Modes are taken to lie apart. A Gaussian's entropy is that of its sum with one as wide as the tolerance, beyond that
+    of the latter alone: about 0 where the mode is narrower.
+    """
+    return belief.entropy + float(belief.weights @ _resolved_entropy(belief.covariance, tolerance))
+
+
+def _resolved_entropy(covariance: FloatArray, tolerance: Tolerance) -> FloatArray:
+    """Of Gaussians (..., 6, 6), shape (...)."""
+    scaled = covariance / (tolerance.sigmas[:, None] * tolerance.sigmas)
+    half: FloatArray = 0.5 * np.linalg.slogdet(np.eye(6) + scaled)[1]
+    return half
+
+
+def _overlap(mean: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Bhattacharyya coefficients of Gaussians (n, m, d), (n, m, d, d) by pairs of modes, shape (n, n, m)."""
+    between = 0.5 * (covariance[:, None] + covariance[None])
+    off = mean[:, None] - mean[None]
+    square = np.einsum("abmi,abmi->abm", off, np.linalg.solve(between, off[..., None])[..., 0])
+    log_single = np.linalg.slogdet(covariance)[1]
+    log_between = np.linalg.slogdet(between)[1]
+    log_ratio = log_between - 0.5 * (log_single[:, None] + log_single[None])
+    coefficient: FloatArray = np.exp(-0.125 * square - 0.5 * log_ratio)
+    return coefficient

@@ -1,0 +1,130 @@
+"""Which poses are one and the same for a task, and how much of a belief lies about one of them."""
+
+import dataclasses
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactopose_drake.core.poses import compose, increments_between
+from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture, checked_mixture
+from tactopose_drake.core.shape.free_spin import turn_toward
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.validation import FloatArray, positive_number
+
+# Of a Gaussian in three dimensions 95 % lies within so many standard deviations: the root of chi-square's quantile.
+_SIGMAS = 2.795
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Tolerance:
+    """How near to each other poses are one and the same.
+
+    Attributes:
+        translation: between the objects' origins, m.
+        rotation: between their orientations, rad.
+
+    Raises:
+        InvalidInputError: a number that is not positive.
+    """
+
+    translation: float = 0.010
+    rotation: float = math.radians(15.0)
+
+    def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):
+            positive_number(f"Tolerance.{field.name}", getattr(self, field.name))
+
+    @property
+    def sigmas(self) -> FloatArray:
+        """Standard deviations of the increments (w, v) of a pose that is within it at 95 %, shape (6,), rad and m."""
+        return np.repeat([self.rotation, self.translation], 3) / _SIGMAS
+
+
+class Twins(NamedTuple):
+    """Of n poses the ones that look as they do and are nearest to a reference.
+
+    Attributes:
+        X_PO: shape (n, 3, 4).
+        increments: from the reference to them, shape (n, 6), rad and m.
+        same: whether they are one with the reference, within a tolerance, shape (n,).
+    """
+
+    X_PO: FloatArray
+    increments: FloatArray
+    same: NDArray[np.bool_]
+
+
+def nearest_twins(model: ObjectModel, X_PO: FloatArray, X_reference: FloatArray, tolerance: Tolerance) -> Twins:
+    """Of poses (n, 3, 4) the symmetric twins that are nearest to another one (3, 4)."""
+    twins = compose(X_PO[:, None], model.symmetry_poses[None])
+    shape = twins.shape[:2]
+    twins = turn_toward(twins.reshape(-1, 3, 4), X_reference, model.symmetries)
+    increments = increments_between(X_reference, twins)
+    translation, rotation = np.linalg.norm(increments[:, 3:], axis=1), np.linalg.norm(increments[:, :3], axis=1)
+    off = np.maximum(translation / tolerance.translation, rotation / tolerance.rotation).reshape(shape)
+    row, best = np.arange(len(X_PO)), off.argmin(axis=1)
+    return Twins(twins.reshape(*shape, 3, 4)[row, best], increments.reshape(*shape, 6)[row, best], off[row, best] < 1.0)
+
+
+def distinct_poses(
+    model: ObjectModel, belief: GaussianMixture, tolerance: Tolerance = Tolerance(), least: float = 0.01
+) -> GaussianMixture:
+    """The belief with modes that are one and the same made one, by falling weight.
+
+    Args:
+        model: the object, whose symmetric twins are the same.
+        belief: of its pose.
+        tolerance: how near to each other poses are the same.
+        least: modes of less weight are left out, but for the largest.
+
+    Raises:
+        InvalidInputError: a belief without a mode.
+    """
+    belief = checked_mixture("belief", belief)
+    left = belief.likely(least)
+    left = left[np.argsort(-belief.weights[left], kind="stable")]
+    poses, masses, covariances = [], [], []
+    while len(left):
+        X = belief.X_PO[left[0]]
+        twins = nearest_twins(model, belief.X_PO[left], X, tolerance)
+        members, off = left[twins.same], twins.increments[twins.same]
+        share = belief.weights[members] / belief.weights[members].sum()
+        poses.append(X)
+        masses.append(belief.weights[members].sum())
+        covariances.append(
+            np.einsum("n,nij->ij", share, belief.covariance[members]) + np.einsum("n,ni,nj->ij", share, off, off)
+        )
+        left = left[~twins.same]
+    order = np.argsort(-np.array(masses), kind="stable")
+    weights = np.array(masses)[order] / np.sum(masses)
+    return GaussianMixture(np.array(poses)[order], weights, np.array(covariances)[order])
+
+
+def resolved_share(
+    model: ObjectModel,
+    belief: GaussianMixture,
+    tolerance: Tolerance = Tolerance(),
+    *,
+    samples: int = 1000,
+    seed: int = 0,
+) -> float:
+    """The probability that the object is within the tolerance of the pose that most of the belief lies about.
+
+    Unlike the largest mode's weight, it is small where that mode is wide. It is that of poses drawn from the belief.
+
+    Args:
+        model: the object, whose symmetric twins are the same.
+        belief: of its pose.
+        tolerance: how near.
+        samples: how many poses are drawn.
+        seed: of the draws.
+
+    Raises:
+        InvalidInputError: a belief without a mode.
+    """
+    belief = checked_mixture("belief", belief)
+    drawn = belief.sample(samples, np.random.default_rng(seed))
+    best = distinct_poses(model, belief, tolerance).X_PO[0]
+    return float(nearest_twins(model, drawn, best, tolerance).same.mean())

@@ -1,0 +1,43 @@
+"""The exploration by touch in a simulated station."""
+
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
+
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.hand.hand_config import HandConfig
+from tactopose_drake.systems.touch_exploration import AddTouchExploration, TouchExplorationParams
+
+
+def add_exploration(
+    builder: DiagramBuilder,
+    params: TouchExplorationParams,
+    hand: HandConfig,
+    model: ObjectModel,
+    joint_positions: OutputPort,
+) -> Diagram:
+    """Adds the exploration, and gives the station its outputs as `explored_object_pose` and so on.
+
+    Args:
+        builder: of the station, which has "pose_estimation", "vision" and "grasp_controller".
+        params: parameters of each part.
+        hand: the hand.
+        model: the object.
+        joint_positions: as they are measured.
+
+    Returns:
+        The exploration's diagram.
+    """
+    exploration = AddTouchExploration(builder, hand, model, params)
+    estimation, vision, controller = (
+        builder.GetSubsystemByName(name) for name in ("pose_estimation", "vision", "grasp_controller")
+    )
+    for name, port in (
+        *((name, estimation.GetOutputPort(name)) for name in ("contacts", "fingers_in_contact")),
+        ("joint_positions", joint_positions),
+        ("holding", controller.GetOutputPort("holding")),
+        ("prior", vision.GetOutputPort("prior")),
+    ):
+        builder.Connect(port, exploration.GetInputPort(name))
+    builder.Connect(exploration.GetOutputPort("rest_positions"), controller.GetInputPort("rest_positions"))
+    for port in map(exploration.get_output_port, range(exploration.num_output_ports())):
+        builder.ExportOutput(port, f"explored_{port.get_name()}")
+    return exploration

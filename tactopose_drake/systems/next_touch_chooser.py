@@ -1,0 +1,206 @@
+"""Which finger is to touch where next, as a system."""
+
+import dataclasses
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import BasicVector, Context, EventStatus, State
+
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.evidence.hand_geometry import HandGeometry
+from tactopose_drake.core.exploration.chance_touch import choose_by_chance
+from tactopose_drake.core.exploration.guarded_moves import GuardedMoves
+from tactopose_drake.core.exploration.next_touch import Hold, TouchCriterion, choose_touch
+from tactopose_drake.core.exploration.tolerance import Tolerance, resolved_share
+from tactopose_drake.core.grasping.finger_reach import FingerGeometry, ReachParams
+from tactopose_drake.core.grasping.finger_sides import sides
+from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.validation import FloatArray, known_name, positive_number, whole_number
+from tactopose_drake.estimation.results import PoseEstimate
+from tactopose_drake.hand.hand_config import HandConfig, make_hand_plant
+from tactopose_drake.hand.hand_joints import HandJoints
+from tactopose_drake.hand.hand_reach import make_hand_reach
+from tactopose_drake.systems.collectable_system import CollectableSystem
+from tactopose_drake.systems.ports import eval_input, eval_optional_input
+
+_RULES = ("information", "chance")
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class NextTouchParams:
+    """What the next touch is chosen by, and how often."""
+
+    period: float = 0.1  # s between two choices
+    rule: str = "information"  # or "chance": any motion that meets the object at the most probable pose
+    moves: int = 300  # of each finger, to anywhere within its joints' limits
+    places: int = 40  # along each
+    same_translation: float = 0.010  # within which poses are one and the same, m
+    same_rotation_deg: float = 15.0  # likewise, deg
+    enough: float = 0.95  # share of the belief about one pose from which on no touch is needed
+    friction: float = 0.6  # coefficient between fingertips and object
+    seed: int = 0  # of the motions
+
+    def validate(self) -> None:
+        """Raises InvalidInputError if a number is out of its range, or there is no such rule."""
+        for name in ("period", "same_translation", "same_rotation_deg", "enough"):
+            positive_number(f"NextTouchParams.{name}", getattr(self, name))
+        positive_number("NextTouchParams.enough", self.enough, most=1.0)
+        positive_number("NextTouchParams.friction", self.friction, allow_zero=True)
+        whole_number("NextTouchParams.moves", self.moves, least=1)
+        whole_number("NextTouchParams.places", self.places, least=2)
+        whole_number("NextTouchParams.seed", self.seed, least=0)
+        known_name("NextTouchParams.rule", self.rule, _RULES)
+
+    @property
+    def tolerance(self) -> Tolerance:
+        """Within which poses are one and the same."""
+        return Tolerance(translation=self.same_translation, rotation=math.radians(self.same_rotation_deg))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class GuardedMove:
+    """A motion of one finger, straight in its joints, that is to end where the fingertip meets the object.
+
+    Attributes:
+        finger: that makes it.
+        joints: names of the finger's actuated joints.
+        q_start: their positions before, shape (n,), rad.
+        q_goal: where they go if nothing stops them, shape (n,), rad.
+        information: by how much the touch is expected to reduce the entropy, nats.
+        entropy: before it, nats.
+        time: when it was chosen, s.
+    """
+
+    finger: str
+    joints: tuple[str, ...]
+    q_start: FloatArray
+    q_goal: FloatArray
+    information: float
+    entropy: float
+    time: float
+
+
+class NextTouchChooser(CollectableSystem):
+    """Chooses the guarded motion of a free finger that is expected to tell most about the pose of the held object.
+
+    .. pydrake_system::
+
+        name: NextTouchChooser
+        input_ports:
+        - hypotheses
+        - contacts
+        - fingers_in_contact
+        - joint_positions
+        - deciding
+        output_ports:
+        - next_touch
+        - resolved
+        - status
+
+    Inputs are read, and outputs change, at each period in which a motion is asked for. Fingers that touch the object
+    stay: the motions are of the others, from where they are, clear of the other fingers, and of the object but for the
+    fingertip.
+
+    - hypotheses: `PoseEstimate` of an estimate or a belief, X_PO, or None while there is none.
+    - contacts: `Contacts` in P of the fingers that hold the object.
+    - fingers_in_contact: tuple of their names.
+    - joint_positions: of the hand, in the order of a plant of the hand alone, shape (nq,), rad.
+    - deciding: shape (1,), above 0 while a motion is asked for; may stay unconnected, and one always is.
+    - next_touch: `GuardedMove`; None where none is needed or allowed, or the joints are not known.
+    - resolved: the probability that the object is within the tolerance of one pose, shape (1,); 0 before the first.
+    - status: str, "chosen", "resolved" where enough of the belief is about one pose, or "held: " and why there is no
+      choice.
+    """
+
+    def __init__(self, hand: HandConfig, model: ObjectModel, params: NextTouchParams | None = None) -> None:
+        """Makes the fingers' kinematics; keeps a reference to the model.
+
+        Raises:
+            InvalidInputError: parameters out of their range, or a hand of which fewer than two fingertips feel forces.
+        """
+        super().__init__()
+        self._params = NextTouchParams() if params is None else params
+        self._params.validate()
+        self._criterion = TouchCriterion(tolerance=self._params.tolerance)
+        self._model = model
+        reach = make_hand_reach(hand, ReachParams())
+        self._fingers: Mapping[str, FingerGeometry] = {name: part.geometry for name, part in reach.fingers.items()}
+        plant, parts = make_hand_plant(hand)
+        joints = HandJoints.of(plant, parts)
+        self._joints = {name: tuple(hand.finger(name).joints) for name in self._fingers}
+        self._places = {name: joints.positions(names) for name, names in self._joints.items()}
+        self._hypotheses = self.DeclareAbstractInputPort("hypotheses", AbstractValue.Make(None))
+        self._contacts = self.DeclareAbstractInputPort("contacts", AbstractValue.Make(Contacts.empty()))
+        self._holding = self.DeclareAbstractInputPort("fingers_in_contact", AbstractValue.Make(()))
+        self._positions = self.DeclareVectorInputPort("joint_positions", plant.num_positions())
+        self._deciding = self.DeclareVectorInputPort("deciding", 1)
+        self._touch = self.DeclareAbstractState(AbstractValue.Make(None))
+        self._status = self.DeclareAbstractState(AbstractValue.Make("held: no estimate yet"))
+        self._share = self.DeclareDiscreteState([0.0])
+        self.DeclarePeriodicUnrestrictedUpdateEvent(self._params.period, 0.0, self._update)
+        self.DeclareStateOutputPort("next_touch", self._touch)
+        self.DeclareVectorOutputPort(
+            "resolved", 1, self._calc_resolved, prerequisites_of_calc={self.discrete_state_ticket(self._share)}
+        )
+        self.DeclareStateOutputPort("status", self._status)
+
+    def _update(self, context: Context, state: State) -> EventStatus:
+        if self._deciding.HasValue(context) and self._deciding.Eval(context)[0] <= 0.0:
+            return EventStatus.Succeeded()
+        touch, status = None, "held: no estimate yet"
+        estimate = eval_optional_input(self._hypotheses, context, PoseEstimate)
+        if estimate is not None:
+            share = resolved_share(self._model, estimate.modes, self._criterion.tolerance)
+            state.get_mutable_discrete_state(self._share).set_value([share])
+            if estimate.status == "no_solution":
+                status = "held: no pose explains the touch"
+            elif share >= self._params.enough:
+                status = "resolved"
+            else:
+                touch, status = self._choose(context, estimate.modes)
+        state.get_mutable_abstract_state(self._touch).set_value(touch)
+        state.get_mutable_abstract_state(self._status).set_value(status)
+        return EventStatus.Succeeded()
+
+    def _choose(self, context: Context, belief: GaussianMixture) -> tuple[GuardedMove | None, str]:
+        """The motion, and the status that says why there may be none."""
+        q = self._positions.Eval(context)
+        if not np.all(np.isfinite(q)):
+            return None, "held: a joint position is not finite"
+        fingers = eval_input(self._holding, context, tuple)
+        hold = Hold(eval_input(self._contacts, context, Contacts), fingers, self._params.friction)
+        generator = np.random.default_rng([self._params.seed, round(context.get_time() / self._params.period)])
+        goals = {
+            name: generator.uniform(
+                finger.chain.lower, finger.chain.upper, (self._params.moves, len(self._places[name]))
+            )
+            for name, finger in self._fingers.items()
+            if name not in fingers
+        }
+        start = {name: q[self._places[name]] for name in self._fingers}
+        moves = {
+            name: GuardedMoves.of_finger(self._fingers[name], start[name], q_goal, self._params.places)
+            for name, q_goal in goals.items()
+        }
+        others = {name: self._rest_of_hand(name, start) for name in moves}
+        given = self._model, hold, belief, moves
+        if self._params.rule == "chance":
+            found = choose_by_chance(*given, generator, others=others, criterion=self._criterion)
+        else:
+            found = choose_touch(*given, others=others, criterion=self._criterion)
+        if found is None:
+            return None, "held: no motion is allowed"
+        finger = found.finger
+        motion = self._joints[finger], start[finger], goals[finger][found.move]
+        return GuardedMove(finger, *motion, found.information, found.entropy, context.get_time()), "chosen"
+
+    def _rest_of_hand(self, finger: str, q: Mapping[str, FloatArray]) -> HandGeometry:
+        """The last two links and the tips of the other fingers, whose joints are at q."""
+        others = [sides(other, q[name][None]) for name, other in self._fingers.items() if name != finger]
+        return HandGeometry(np.concatenate([p[0] for p, _ in others]), np.concatenate([r for _, r in others]))
+
+    def _calc_resolved(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(context.get_discrete_state(self._share).value())

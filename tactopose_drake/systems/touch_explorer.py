@@ -1,0 +1,267 @@
+"""Feeling for more with a free finger, as a system: it moves, touches, remembers, and comes back."""
+
+import dataclasses
+
+import numpy as np
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import BasicVector, Context, EventStatus, State
+
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.evidence.hand_geometry import HandGeometry
+from tactopose_drake.core.grasping.finger_reach import ReachParams
+from tactopose_drake.core.validation import FloatArray, positive_number, whole_number
+from tactopose_drake.hand.hand_config import HandConfig, make_hand_plant
+from tactopose_drake.hand.hand_joints import HandJoints
+from tactopose_drake.hand.hand_reach import make_hand_reach, rest_posture
+from tactopose_drake.systems.collectable_system import CollectableSystem
+from tactopose_drake.systems.next_touch_chooser import GuardedMove
+from tactopose_drake.systems.ports import eval_input, eval_optional_input
+
+_SWEPT = 0.002  # m between the places of a fingertip that has met nothing
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class TouchExplorerParams:
+    """Times and limits of the motions."""
+
+    period: float = 0.01  # s between two decisions
+    speed: float = 0.8  # of the joint that moves farthest, rad/s: faster ones push the object about
+    # From the hand's hold, and again from each touch, until a motion is asked for, s: the estimate is to be of then.
+    settle_time: float = 0.6
+    touch_force: float = 0.25  # from which on a fingertip has met the object, N: it also feels its own acceleration
+    press_time: float = 0.1  # how long it must do so until that is remembered, s
+    most_lag: float = 0.05  # of a joint behind its command, beyond which the finger has met what it does not feel, rad
+    most_touches: int = 60  # after which it rests
+
+    def validate(self) -> None:
+        """Raises InvalidInputError if a value is not positive."""
+        for field in dataclasses.fields(self):
+            positive_number(f"TouchExplorerParams.{field.name}", getattr(self, field.name))
+        whole_number("TouchExplorerParams.most_touches", self.most_touches, least=1)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Exploration:
+    """Where an exploration stands.
+
+    Attributes:
+        phase: see `TouchExplorer`.
+        since: when it began, s.
+        move: that is under way.
+        share: of its way that is commanded, 0 to 1.
+        way: the finger's measured positions along it, each of shape (n,), rad.
+        felt: contacts that were felt by exploring, in P.
+        swept: spheres where a fingertip has met nothing, centres and radii, shape (n, 4), m.
+        touches: how many motions have ended.
+    """
+
+    phase: str = "wait"
+    since: float = 0.0
+    move: GuardedMove | None = None
+    share: float = 0.0
+    way: tuple[FloatArray, ...] = ()
+    felt: Contacts = dataclasses.field(default_factory=Contacts.empty)
+    swept: FloatArray = dataclasses.field(default_factory=lambda: np.zeros((0, 4)))
+    touches: int = 0
+
+
+class TouchExplorer(CollectableSystem):
+    """Makes one guarded motion after the other while the hand holds an object, and remembers what each has felt.
+
+    .. pydrake_system::
+
+        name: TouchExplorer
+        input_ports:
+        - holding
+        - next_touch
+        - contacts
+        - fingers_in_contact
+        - joint_positions
+        output_ports:
+        - rest_positions
+        - touches
+        - untouched
+        - deciding
+        - phase
+        - count
+
+    All inputs are read once a period. What was felt is kept in the palm's frame: it holds as long as the object rests
+    in the hand.
+
+    - holding: shape (1,), above 0 once the hand holds the object.
+    - next_touch: `GuardedMove`, or None; `NextTouchChooser` gives it. One that was chosen before it was asked for is
+      not made.
+    - contacts: `Contacts` in P, with forces.
+    - fingers_in_contact: tuple of the names of the fingers that make them.
+    - joint_positions: measured, of the hand, shape (nq,), rad.
+    - rest_positions: where the hand's joints are to be, shape (nq,), rad; for the port of `GraspController` that is
+      called so.
+    - touches: `Contacts` in P: those of the fingers that hold the object as they are, and those that were felt by
+      exploring as they were then. Their forces are not of one instant, and do not balance.
+    - untouched: `HandGeometry` in P, where a fingertip has met nothing; None where there is no such place.
+    - deciding: shape (1,), 1 while it waits for a motion to make.
+    - phase: str, "wait" until the hand holds, "settle", "decide", "reach", "press" and "return"; "done" after the most
+      touches.
+    - count: how many motions have ended, shape (1,).
+    """
+
+    def __init__(self, hand: HandConfig, params: TouchExplorerParams | None = None) -> None:
+        """Makes the fingers' kinematics.
+
+        Raises:
+            InvalidInputError: parameters out of their range, or a hand of which fewer than two fingertips feel forces.
+        """
+        super().__init__()
+        self._params = TouchExplorerParams() if params is None else params
+        self._params.validate()
+        self._fingers = {name: part.geometry for name, part in make_hand_reach(hand, ReachParams()).fingers.items()}
+        plant, parts = make_hand_plant(hand)
+        joints = HandJoints.of(plant, parts)
+        self._places = {name: joints.positions(hand.finger(name).joints) for name in self._fingers}
+        self._q_rest = rest_posture(plant, parts)
+        self._holding = self.DeclareVectorInputPort("holding", 1)
+        self._next_touch = self.DeclareAbstractInputPort("next_touch", AbstractValue.Make(None))
+        self._contacts = self.DeclareAbstractInputPort("contacts", AbstractValue.Make(Contacts.empty()))
+        self._touching = self.DeclareAbstractInputPort("fingers_in_contact", AbstractValue.Make(()))
+        self._positions = self.DeclareVectorInputPort("joint_positions", plant.num_positions())
+        self._state = self.DeclareAbstractState(AbstractValue.Make(Exploration()))
+        self.DeclarePeriodicUnrestrictedUpdateEvent(self._params.period, 0.0, self._update)
+        ticket = self.abstract_state_ticket(self._state)
+        self.DeclareVectorOutputPort("rest_positions", len(self._q_rest), self._calc_rest, {ticket})
+        felt = {ticket, self._contacts.ticket(), self._touching.ticket()}
+        self.DeclareAbstractOutputPort("touches", lambda: AbstractValue.Make(None), self._calc_touches, felt)
+        self.DeclareAbstractOutputPort("untouched", lambda: AbstractValue.Make(None), self._calc_untouched, {ticket})
+        self.DeclareVectorOutputPort("deciding", 1, self._calc_deciding, {ticket})
+        self.DeclareAbstractOutputPort("phase", lambda: AbstractValue.Make(""), self._calc_phase, {ticket})
+        self.DeclareVectorOutputPort("count", 1, self._calc_count, {ticket})
+
+    def state(self, context: Context) -> Exploration:
+        """Where the exploration stands in a context of this system."""
+        state: Exploration = context.get_abstract_state(self._state).get_value()
+        return state
+
+    def _update(self, context: Context, state: State) -> EventStatus:
+        before = self.state(context)
+        step = {
+            "wait": self._wait,
+            "settle": self._settle,
+            "decide": self._decide,
+            "reach": self._reach,
+            "press": self._press,
+            "return": self._come_back,
+        }
+        after = before if before.phase == "done" else step[before.phase](context, before)
+        if after is not before:
+            state.get_mutable_abstract_state(self._state).set_value(after)
+        return EventStatus.Succeeded()
+
+    def _wait(self, context: Context, before: Exploration) -> Exploration:
+        if self._holding.Eval(context)[0] <= 0.0:
+            return before
+        return dataclasses.replace(before, phase="settle", since=context.get_time())
+
+    def _settle(self, context: Context, before: Exploration) -> Exploration:
+        if context.get_time() - before.since < self._params.settle_time:
+            return before
+        return dataclasses.replace(before, phase="decide", since=context.get_time())
+
+    def _decide(self, context: Context, before: Exploration) -> Exploration:
+        move = eval_optional_input(self._next_touch, context, GuardedMove)
+        if move is None or move.time < before.since:
+            return before
+        return dataclasses.replace(before, phase="reach", since=context.get_time(), move=move, share=0.0, way=())
+
+    def _reach(self, context: Context, before: Exploration) -> Exploration:
+        """Goes on until the fingertip feels the object, the finger is stopped otherwise, or the way is over."""
+        assert before.move is not None
+        time, move = context.get_time(), before.move
+        if self._felt_row(context, move.finger) is not None:
+            return dataclasses.replace(before, phase="press", since=time)
+        q = np.asarray(self._positions.Eval(context))[self._places[move.finger]]
+        if np.abs(self._commanded(before) - q).max() > self._params.most_lag:
+            return dataclasses.replace(before, phase="return", since=time)
+        way = (*before.way, q)
+        if before.share >= 1.0:
+            return dataclasses.replace(before, phase="return", since=time, swept=self._with_swept(before, way))
+        return dataclasses.replace(before, share=min(1.0, before.share + self._step(move)), way=way)
+
+    def _press(self, context: Context, before: Exploration) -> Exploration:
+        """Remembers what the fingertip feels once it has come to rest there."""
+        assert before.move is not None
+        row = self._felt_row(context, before.move.finger)
+        if row is None:
+            return dataclasses.replace(before, phase="reach")
+        if context.get_time() - before.since < self._params.press_time:
+            return before
+        felt = _joined(before.felt, eval_input(self._contacts, context, Contacts).chosen(np.array([row])))
+        return dataclasses.replace(before, phase="return", since=context.get_time(), felt=felt)
+
+    def _come_back(self, context: Context, before: Exploration) -> Exploration:
+        assert before.move is not None
+        if before.share > 0.0:
+            return dataclasses.replace(before, share=max(0.0, before.share - self._step(before.move)))
+        touches = before.touches + 1
+        phase = "done" if touches >= self._params.most_touches else "settle"
+        return dataclasses.replace(before, phase=phase, since=context.get_time(), move=None, touches=touches)
+
+    def _felt_row(self, context: Context, finger: str) -> int | None:
+        """Which of the contacts is a finger's; None where it feels nothing, or too little."""
+        fingers, contacts = eval_input(self._touching, context, tuple), eval_input(self._contacts, context, Contacts)
+        if finger not in fingers:
+            return None
+        row: int = fingers.index(finger)
+        is_firm = contacts.f_PC is not None and np.linalg.norm(contacts.f_PC[row]) >= self._params.touch_force
+        return row if is_firm else None
+
+    def _step(self, move: GuardedMove) -> float:
+        """Share of a motion's way that is commanded in a period."""
+        farthest = float(np.abs(move.q_goal - move.q_start).max())
+        return self._params.period * self._params.speed / max(farthest, 1e-6)
+
+    def _commanded(self, state: Exploration) -> FloatArray:
+        """The moving finger's joints, shape (n,), rad."""
+        assert state.move is not None
+        return state.move.q_start + state.share * (state.move.q_goal - state.move.q_start)
+
+    def _with_swept(self, before: Exploration, way: tuple[FloatArray, ...]) -> FloatArray:
+        """Where fingertips have met nothing, with the way that is over."""
+        assert before.move is not None
+        finger = self._fingers[before.move.finger]
+        tips = finger.tip(np.array(way))
+        gone = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(tips, axis=0), axis=1)))
+        _, kept = np.unique(np.floor(gone / _SWEPT), return_index=True)
+        spheres = np.column_stack([tips[kept], np.full(len(kept), finger.tip_radius)])
+        return np.concatenate([before.swept, spheres])
+
+    def _calc_rest(self, context: Context, output: BasicVector) -> None:
+        state, q = self.state(context), self._q_rest.copy()
+        if state.move is not None:
+            q[self._places[state.move.finger]] = self._commanded(state)
+        output.SetFromVector(q)
+
+    def _calc_touches(self, context: Context, output: AbstractValue) -> None:
+        state = self.state(context)
+        contacts, fingers = eval_input(self._contacts, context, Contacts), eval_input(self._touching, context, tuple)
+        moving = None if state.move is None else state.move.finger
+        holding = np.array([i for i, name in enumerate(fingers) if name != moving], dtype=np.intp)
+        output.set_value(_joined(contacts.chosen(holding), state.felt))
+
+    def _calc_untouched(self, context: Context, output: AbstractValue) -> None:
+        swept = self.state(context).swept
+        output.set_value(HandGeometry(swept[:, :3], swept[:, 3]) if len(swept) else None)
+
+    def _calc_deciding(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector([float(self.state(context).phase == "decide")])
+
+    def _calc_phase(self, context: Context, output: AbstractValue) -> None:
+        output.set_value(self.state(context).phase)
+
+    def _calc_count(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector([float(self.state(context).touches)])
+
+
+def _joined(first: Contacts, second: Contacts) -> Contacts:
+    """Contacts of both, of which either may be none at all."""
+    if not len(first) or not len(second):
+        return second if not len(first) else first
+    return first.joined(second)

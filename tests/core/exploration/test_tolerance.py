@@ -1,0 +1,66 @@
+import numpy as np
+import pytest
+import trimesh
+
+from tactopose_drake.core.exploration.tolerance import Tolerance, distinct_poses, nearest_twins, resolved_share
+from tactopose_drake.core.poses import exp_so3, make_poses
+from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.errors import InvalidInputError
+
+
+@pytest.fixture(scope="module")
+def can() -> ObjectModel:
+    """A cylinder, whose spin about z and whose end that is up do not matter."""
+    mesh = trimesh.creation.cylinder(radius=0.03, height=0.1, sections=96)
+    return ObjectModel.from_mesh(mesh, max_grid_bytes=3_200_000, samples=300)
+
+
+def mixture(X_PO: np.ndarray, weights: list[float], sigma: float, turn: float = 1e-4) -> GaussianMixture:
+    covariance = np.diag([turn**2] * 3 + [sigma**2] * 3)
+    return GaussianMixture(X_PO, np.array(weights), np.tile(covariance, (len(X_PO), 1, 1)))
+
+
+def at(*places: tuple[float, float, float]) -> np.ndarray:
+    return make_poses(np.tile(np.eye(3), (len(places), 1, 1)), np.array(places))
+
+
+def test_modes_that_are_one_pose_are_made_one(can: ObjectModel) -> None:
+    X_PO = at((0.0, 0.0, 0.0), (0.004, 0.0, 0.0), (0.03, 0.0, 0.0), (0.5, 0.0, 0.0))
+    # The second lies upside down and has another spin.
+    X_PO[1, :, :3] = exp_so3(np.array([np.pi, 0.0, 0.0])) @ exp_so3(np.array([0.0, 0.0, 1.0]))
+    belief = mixture(X_PO, [0.3, 0.25, 0.446, 0.004], 0.001)
+    joined = distinct_poses(can, belief)
+    np.testing.assert_allclose(joined.weights, np.array([0.55, 0.446]) / 0.996)
+    np.testing.assert_allclose(joined.X_PO, X_PO[[0, 2]])
+    # The spread of two modes 4 mm apart counts, beside their own.
+    variance = 0.001**2 + (0.25 / 0.55) * 0.004**2
+    assert joined.covariance[0, 3, 3] == pytest.approx(variance, rel=1e-6)
+
+
+def test_twins_are_nearest_by_what_symmetry_allows(can: ObjectModel) -> None:
+    X_PO = at((0.009, 0.0, 0.0), (0.011, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    X_PO[:3, :, :3] = exp_so3(np.array([0.0, 0.0, 2.0]))
+    X_PO[3, :, :3] = exp_so3(np.array([0.3, 0.0, 0.0]))
+    twins = nearest_twins(can, X_PO, np.eye(3, 4), Tolerance())
+    assert list(twins.same) == [True, False, True, False]
+    np.testing.assert_allclose(twins.X_PO[2], np.eye(3, 4), atol=1e-4)
+    np.testing.assert_allclose(twins.increments[3], [0.3, 0, 0, 0, 0, 0], atol=1e-3)
+
+
+def test_one_wide_mode_does_not_pass_for_one_pose(can: ObjectModel) -> None:
+    here = at((0.0, 0.0, 0.0))
+    assert resolved_share(can, mixture(here, [1.0], 0.001)) == 1.0
+    assert resolved_share(can, mixture(here, [1.0], 0.020)) < 0.1
+    # A pose as wide as the tolerance says is within it at 95 %, in place and in direction each.
+    sigmas = Tolerance().sigmas
+    assert resolved_share(can, mixture(here, [1.0], sigmas[3])) == pytest.approx(0.95, abs=0.02)
+    two = mixture(at((0.0, 0.0, 0.0), (0.1, 0.0, 0.0)), [0.7, 0.3], 0.001)
+    assert resolved_share(can, two) == pytest.approx(0.7, abs=0.05)
+
+
+def test_bad_tolerances_and_beliefs_are_refused(can: ObjectModel) -> None:
+    with pytest.raises(InvalidInputError, match=r"Tolerance\.rotation"):
+        Tolerance(rotation=0.0)
+    with pytest.raises(InvalidInputError, match="belief: has no mode"):
+        resolved_share(can, GaussianMixture.empty())
