@@ -1,5 +1,7 @@
 """Contacts against the surface as it is, edges and thin walls included: the exact likelihood, without derivatives."""
 
+import math
+
 import numpy as np
 
 from tactopose_drake.core.compilation import read_only
@@ -12,6 +14,9 @@ from tactopose_drake.core.validation import FloatArray
 DENSITY_FLOOR = 1e-9
 """The density far from the surface, as a share of that on it: so the cost stays finite."""
 
+# Contacts whose standard deviations are within this factor share their discs.
+_WIDEST_SHARE = 4.0
+
 
 class SurfaceDensity:
     """How likely what was measured of each contact is, if the contact may lie anywhere on the surface.
@@ -22,14 +27,17 @@ class SurfaceDensity:
     """
 
     def __init__(self, model: ObjectModel, contacts: Contacts) -> None:
-        self._surfels = model.surfels(float(np.min(contacts.sigma_position)))
         n_PC = np.zeros_like(contacts.p_PC) if contacts.n_PC is None else contacts.n_PC
-        self._measured = Measurements(
-            read_only(contacts.p_PC),
-            read_only(n_PC),
-            read_only(np.asarray(contacts.sigma_position)),
-            read_only((0.0 if contacts.n_PC is None else 1.0) / contacts.sigma_normal),
-        )
+        sigma = np.asarray(contacts.sigma_position)
+        weight_n = (0.0 if contacts.n_PC is None else 1.0) / np.asarray(contacts.sigma_normal)
+        # The discs are as fine as the surest contact needs. Of others it would take very many, so they have their own.
+        steps = np.floor(np.log(sigma / sigma.min()) / math.log(_WIDEST_SHARE)).astype(np.int64)
+        self._parts = []
+        for step in np.unique(steps):
+            index = np.flatnonzero(steps == step)
+            numbers = contacts.p_PC[index], n_PC[index], sigma[index], weight_n[index]
+            surfels = model.surfels(float(sigma[index].min()))
+            self._parts.append((index, surfels, Measurements(*map(read_only, numbers))))
 
     def cost(self, X_PO: FloatArray) -> FloatArray:
         """Costs (B,) of poses (B, 3, 4)."""
@@ -37,4 +45,10 @@ class SurfaceDensity:
 
     def densities(self, X_PO: FloatArray) -> FloatArray:
         """Of each contact at poses (B, 3, 4), over those on a flat surface with the right normal, shape (B, k)."""
-        return contact_densities(self._surfels, self._measured, np.ascontiguousarray(X_PO))
+        X_PO = np.ascontiguousarray(X_PO)
+        if len(self._parts) == 1:
+            return contact_densities(*self._parts[0][1:], X_PO)
+        density = np.empty((len(X_PO), sum(len(index) for index, _, _ in self._parts)))
+        for index, surfels, measured in self._parts:
+            density[:, index] = contact_densities(surfels, measured, X_PO)
+        return density

@@ -138,3 +138,18 @@ def test_it_is_the_sum_over_all_discs_each_once(height: float) -> None:
         found = cost(model, p[i].tolist(), n[i].tolist())
         # Where hardly any disc counts, it is as good as nothing.
         assert min(found, 12.0) == pytest.approx(min(-math.log(density), 12.0), abs=0.03)
+
+
+def test_contacts_that_are_less_sure_count_by_discs_of_their_own() -> None:
+    box = ObjectModel.from_box([0.06, 0.06, 0.06])
+    p = np.array([[0.0305, 0.001, 0.029], [0.0, 0.04, 0.01], [0.002, 0.0302, 0.001]])
+    n = np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 1.0, 0]])
+    sigma = np.array([SIGMA, 40 * SIGMA, 1.5 * SIGMA])
+    together = SurfaceDensity(box, Contacts(p, n, sigma_position=sigma, sigma_normal=BEND)).densities(IDENTITY)
+    assert max(box._surfels) > 20 * min(box._surfels)
+    alone = [
+        SurfaceDensity(box, Contacts(p[i : i + 1], n[i : i + 1], sigma_position=sigma[i], sigma_normal=BEND))
+        for i in range(3)
+    ]
+    expected = [density.densities(IDENTITY)[0, 0] for density in alone]
+    np.testing.assert_allclose(together[0], expected, rtol=0.03)
