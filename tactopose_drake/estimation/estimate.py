@@ -89,7 +89,7 @@ def estimate_pose(
         contacts: the touch at single points, in the palm frame; may be `Contacts.empty()` where a patch is felt.
         patches: what tactile arrays feel, in the palm frame; those that feel nothing count too. Where they and contacts
             feel the same place twice, the estimate takes that for two touches.
-        prior: what is known without it; None where the object may be anywhere that the touch allows.
+        prior: what is known without touch; None where the object may be anywhere.
         hand: the hand's volume, where the object is not.
         untouched: parts of the hand that feel no contact: the object is not in them, nor presses into them.
         balance: that the object is at rest under the contacts' forces and gravity alone.
@@ -116,14 +116,11 @@ def estimate_pose(
     limit = math.inf if time_limit is None else positive_number("time_limit", time_limit)
     _check_question(model, contacts, method, prior)
     seed, limited = whole_number("seed", seed, least=0), whole_number("max_hypotheses", max_hypotheses, least=1)
-
     is_far = has_far_origin(model)
     about = prior_about_middle(prior, model.middle) if is_far else prior
     felt = with_shape_errors(model, contacts)
     evidence = Evidence(felt, about, hand, untouched, balance, friction, patches, outlier_probability, planes)
-    if len(evidence.touch) < 1:
-        raise TooFewContactsError("contacts: there are 0; the estimate needs at least 1, or a patch that is felt.")
-    check_units(evidence, model.size)
+    _check_touch(evidence, model.size)
     found = weigh_poses(model.about_middle if is_far else model, evidence, method, seed, limited, limit)
     if is_far:
         found, evidence = reported_for_origin(found, model.middle), dataclasses.replace(evidence, prior=prior)
@@ -138,6 +135,12 @@ def _check_question(model: ObjectModel, contacts: Contacts, method: str, prior: 
         raise InvalidInputError(
             f"prior: is None; the method {method!r} starts from one. Without: {', '.join(sorted(GLOBAL_METHODS))}."
         )
+
+
+def _check_touch(evidence: Evidence, size: float) -> None:
+    if len(evidence.touch) < 1:
+        raise TooFewContactsError("contacts: there are 0; the estimate needs at least 1, or a patch that is felt.")
+    check_units(evidence, size)
 
 
 def check_units(evidence: Evidence, size: float) -> None:

@@ -1,6 +1,7 @@
 """From the touch of a hand that holds an object to further touches, until its pose is known."""
 
 import dataclasses
+from typing import NamedTuple
 
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
@@ -88,11 +89,30 @@ def AddTouchExploration(
     params = TouchExplorationParams() if params is None else params
     params.validate()
     inner = DiagramBuilder()
+    _connect(inner, _add_parts(inner, hand, model, params))
+    return builder.AddNamedSystem(name, inner.Build())
+
+
+class _Parts(NamedTuple):
+    estimator: PoseEstimator
+    chooser: NextTouchChooser
+    explorer: TouchExplorer
+    volume: HandVolume
+
+
+def _add_parts(inner: DiagramBuilder, hand: HandConfig, model: ObjectModel, params: TouchExplorationParams) -> _Parts:
     plant, parts = make_hand_plant(hand)
-    estimator = inner.AddNamedSystem("pose_estimator", PoseEstimator(model, params.estimator))
-    chooser = inner.AddNamedSystem("next_touch_chooser", NextTouchChooser(hand, model, params.chooser))
-    explorer = inner.AddNamedSystem("touch_explorer", TouchExplorer(hand, params.explorer))
-    volume = inner.AddNamedSystem("hand_volume", HandVolume(plant, parts, BodySpheres.of_hand(hand)))
+    return _Parts(
+        inner.AddNamedSystem("pose_estimator", PoseEstimator(model, params.estimator)),
+        inner.AddNamedSystem("next_touch_chooser", NextTouchChooser(hand, model, params.chooser)),
+        inner.AddNamedSystem("touch_explorer", TouchExplorer(hand, params.explorer)),
+        inner.AddNamedSystem("hand_volume", HandVolume(plant, parts, BodySpheres.of_hand(hand))),
+    )
+
+
+def _connect(inner: DiagramBuilder, parts: _Parts) -> None:
+    """Connects the parts with each other, and gives the diagram its ports."""
+    estimator, chooser, explorer, volume = parts
     for source, port, taker, taken in (
         (explorer, "touches", estimator, "contacts"),
         (explorer, "untouched", estimator, "untouched"),
@@ -119,4 +139,3 @@ def AddTouchExploration(
         *((explorer, name_out, name_out) for name_out in ("rest_positions", "touches", "phase", "count")),
     ):
         inner.ExportOutput(system.GetOutputPort(port), called)
-    return builder.AddNamedSystem(name, inner.Build())

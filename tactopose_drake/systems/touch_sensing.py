@@ -56,13 +56,11 @@ def add_touch(
     plant, parts = make_hand_plant(hand)
     found = {} if parts.calibration is None else parts.calibration.fingers
     biases = {finger: calibration.bias for finger, calibration in found.items()}
-    solver = builder.AddNamedSystem(
-        "contact_solver", ContactSolver(parts.surfaces, params.solver, parts.layers, biases)
-    )
-    errors = pad_errors = None
-    if params.use_uncertainty and hand.uncertainty is not None:
-        errors = ContactUncertainty(plant, parts, hand.uncertainty)
-        pad_errors = PadUncertainty(plant, parts, hand.uncertainty)
+    solving = ContactSolver(parts.surfaces, params.solver, parts.layers, biases)
+    solver = builder.AddNamedSystem("contact_solver", solving)
+    told = hand.uncertainty if params.use_uncertainty else None
+    errors = None if told is None else ContactUncertainty(plant, parts, told)
+    pad_errors = None if told is None else PadUncertainty(plant, parts, told)
     contacts = builder.AddNamedSystem(
         "contacts_in_palm", ContactsInPalm(plant, parts.sensor_frames, parts.palm_frame, params.contacts, errors)
     )
@@ -73,9 +71,8 @@ def add_touch(
     touch["contact_solutions"] = solver.GetOutputPort("contact_solutions")
     known = dict(touch)
     if hand.pads:
-        descriptor = builder.AddNamedSystem(
-            "patch_descriptor", PatchDescriptor(plant, parts, params.patches, pad_errors)
-        )
+        describing = PatchDescriptor(plant, parts, params.patches, pad_errors)
+        descriptor = builder.AddNamedSystem("patch_descriptor", describing)
         posed.append(descriptor)
         touch |= {"patches": descriptor.GetOutputPort("patches"), "patch_status": descriptor.GetOutputPort("status")}
         known |= touch | {"pads": descriptor.GetOutputPort("pads")}

@@ -192,8 +192,7 @@ def add_equations(inverse_spacing: float, weight_p: float, weight_n: float, lane
         (f0, f1, f2, f3), x, y, z = _field_with_slopes(w, lane, inverse_spacing)
         qx, qy, qz = w[_POINT + lane], w[_POINT + _1 + lane], w[_POINT + _2 + lane]
         mx, my, mz = w[_NORMAL + lane], w[_NORMAL + _1 + lane], w[_NORMAL + _2 + lane]
-        share_d, share_n = w[DISTANCE_SHARE + lane], w[NORMAL_SHARE + lane]
-        square = f1 * f1 + f2 * f2 + f3 * f3
+        share_d, share_n, square = w[DISTANCE_SHARE + lane], w[NORMAL_SHARE + lane], f1 * f1 + f2 * f2 + f3 * f3
         scale = 1.0 / np.sqrt(square + SOFT_LENGTH**2)
         spread = 1.0 + 0.5 * max(0.0, 1.0 - square) * weight_n * weight_n
         weight = weight_n * weight_n / spread  # One over the variance of the normal's difference.
@@ -222,11 +221,10 @@ def add_equations(inverse_spacing: float, weight_p: float, weight_n: float, lane
         w[row + _4] += g[4]
         w[row + _5] += g[5]
 
-        # The rows that carry information: of the distance along the mean normal, and of that normal's direction, which
-        # turns with the increment too.
-        unit, root, turn = scale * weight_p * np.sqrt(share_d), np.sqrt(by_n), scale * scale
-        a = _chained(unit * f1, unit * f2, unit * f3, qx, qy, qz)
+        # The rows that carry information: of the distance along the mean normal, and of that normal's direction.
+        sure, root, turn = scale * weight_p * np.sqrt(share_d), np.sqrt(by_n), scale * scale
         unit, mx, my, mz = root * scale, root * mx, root * my, root * mz
+        a = _chained(sure * f1, sure * f2, sure * f3, qx, qy, qz)
         b = _chained(
             unit * (x[1] - turn * f1 * ax), unit * (y[1] - turn * f1 * ay), unit * (z[1] - turn * f1 * az), qx, qy, qz
         )

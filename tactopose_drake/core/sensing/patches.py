@@ -176,12 +176,7 @@ def describe_patch(
         raise InvalidInputError(f"alpha: is {alpha:g}; allowed with n_PT are numbers >= 0.")
     else:
         n_PT = unit_vectors("n_PT", n_PT, p_PT.shape)
-    threshold = positive_number("threshold", threshold, allow_zero=True)
-    limited("threshold", threshold, (), most=_MOST_PRESSURE)
-    saturation = math.inf if saturation is None else positive_number("saturation", saturation)
-    if saturation <= threshold:
-        raise InvalidInputError(f"saturation: is {saturation:g}; allowed are numbers > threshold = {threshold:g}.")
-
+    threshold, saturation = _range_of_pressures(threshold, saturation)
     unknown = np.full((3, 3), np.nan)
     patch = Patch(
         p_PT,
@@ -197,12 +192,25 @@ def describe_patch(
         unknown[0],
         None if misplacement is None else _covariance(misplacement),
     )
-    patch = _with_components(patch, params)
+    return _read_only(_with_components(patch, params))
+
+
+def _read_only(patch: Patch) -> Patch:
     for field in dataclasses.fields(patch):
         value = getattr(patch, field.name)
         if isinstance(value, np.ndarray):
             value.setflags(write=False)
     return patch
+
+
+def _range_of_pressures(threshold: float, saturation: float | None) -> tuple[float, float]:
+    """From which pressure, Pa, a cell is active, and the highest that it can tell, checked."""
+    least = positive_number("threshold", threshold, allow_zero=True)
+    limited("threshold", least, (), most=_MOST_PRESSURE)
+    most = math.inf if saturation is None else positive_number("saturation", saturation)
+    if most <= least:
+        raise InvalidInputError(f"saturation: is {most:g}; allowed are numbers > threshold = {least:g}.")
+    return least, most
 
 
 def _fixed(array: _Array) -> _Array:
