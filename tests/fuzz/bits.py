@@ -15,7 +15,7 @@ import numpy as np
 
 import tactopose_drake as tp
 from tests.fuzz import touches
-from tests.fuzz.estimation import estimate_arguments, patches_of
+from tests.fuzz.estimation import estimate_arguments, several
 from tests.fuzz.targets import Arguments, build
 
 Array = touches.Array
@@ -94,7 +94,8 @@ def built(given: Arguments) -> Arguments:
     }
     return {
         **given,
-        "patches": patches_of(given["patches"]),
+        "patches": several(tp.describe_patch, given["patches"]),
+        "planes": several(tp.PlaneContact, given["planes"]),
         **{name: build(kind, given[name]) for name, kind in kinds.items()},
     }
 

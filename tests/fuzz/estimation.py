@@ -1,6 +1,7 @@
 """The fuzzer's targets `estimate_pose` and `identify`."""
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,7 @@ def estimate_arguments(rng: np.random.Generator) -> Arguments:
         "model": model,
         "contacts": contacts,
         "patches": [touches.pad(rng, model, X_PO) for _ in range(rng.integers(1, 4) if rng.random() < 0.15 else 0)],
+        "planes": [touches.plane(rng, model, X_PO) for _ in range(rng.integers(1, 4) if rng.random() < 0.1 else 0)],
         "prior": prior,
         "hand": touches.maybe(rng, 0.3, lambda: touches.hand(rng, model, X_PO)),
         "untouched": touches.maybe(rng, 0.15, lambda: touches.hand(rng, model, X_PO)),
@@ -38,16 +40,16 @@ def estimate_arguments(rng: np.random.Generator) -> Arguments:
     }
 
 
-def patches_of(arguments: Any) -> Any:
-    if not isinstance(arguments, list):
-        return arguments
-    return [build(tp.describe_patch, patch) for patch in arguments]
+def several(make: Callable[..., Any], arguments: Any) -> Any:
+    """What `make` makes of each of a list's entries; another value is passed on as it is."""
+    return [build(make, entry) for entry in arguments] if isinstance(arguments, list) else arguments
 
 
 def estimate(arguments: Arguments) -> None:
     given = dict(arguments)
     given["contacts"] = build(tp.Contacts, given["contacts"])
-    given["patches"] = patches_of(given["patches"])
+    given["patches"] = several(tp.describe_patch, given["patches"])
+    given["planes"] = several(tp.PlaneContact, given["planes"])
     given["prior"] = build(tp.PosePrior, given["prior"])
     for name in ("hand", "untouched"):
         given[name] = build(tp.HandGeometry, given[name])
@@ -95,7 +97,7 @@ def identify_arguments(rng: np.random.Generator) -> Arguments:
 def identify(arguments: Arguments) -> None:
     given = dict(arguments)
     given["contacts"] = build(tp.Contacts, given["contacts"])
-    given["patches"] = patches_of(given["patches"])
+    given["patches"] = several(tp.describe_patch, given["patches"])
     result = tp.identify(**given)
     assert result.status in ("ok", "ambiguous", "no_solution")
     likelihood = np.array([identity.likelihood for identity in result.identities])

@@ -139,7 +139,24 @@ def pad(rng: np.random.Generator, touched: tp.ObjectModel, X_PO: Array) -> Argum
         "n_PT": np.tile(X_PO[:, :3] @ -out, (len(p_OT), 1)),
         "threshold": float(rng.choice([0.0, 1e3])),
         "saturation": maybe(rng, 0.3, lambda: 1e5),
+        "misplacement": maybe(rng, 0.4, lambda: covariance(rng)),
     }
+
+
+def covariance(rng: np.random.Generator) -> Array:
+    """Of a shift and a small turn, m and rad, some of it along no direction at all."""
+    root = rng.normal(size=(6, 6)) * np.repeat([log_uniform(rng, 1e-6, 0.01), log_uniform(rng, 1e-5, 0.3)], 3)
+    root[rng.random(6) < 0.2] = 0.0
+    return np.asarray(root.T @ root)
+
+
+def plane(rng: np.random.Generator, touched: tp.ObjectModel, X_PO: Array) -> Arguments:
+    """Those of `PlaneContact`: under the object, or anywhere."""
+    n = rng.normal(size=3)
+    n /= np.linalg.norm(n)
+    points = transform_points(X_PO, touched.samples.points)
+    lowest = points[(points @ n).argmin()]
+    return {"p_PQ": lowest + rng.choice([0.0, 0.0005, 0.05]) * n, "n_P": n, "sigma": log_uniform(rng, 1e-6, 0.1)}
 
 
 def gravity(rng: np.random.Generator) -> Arguments:

@@ -145,9 +145,9 @@ def _as_one(modes: Modes, family: _Family, axes: Sequence[RotationalSymmetry], s
     """A family as one mode: its first one's pose, and the spread of all about that."""
     index = int(family.index[0])
     mass = modes.mixture.weights[family.index]
-    share = mass / mass.sum()
     if len(family.index) == 1:
         return _One(index, float(mass[0]), modes.mixture.covariance[index], modes.free_directions[index])
+    share = mass / mass.sum()
     directions = _turn_directions(modes.mixture.X_PO[index], axes)
     moment = np.einsum("n,nc,nd->cd", share, family.turns, family.turns)
     covariance = (

@@ -133,3 +133,9 @@ def test_images_of_an_inexact_symmetry_are_told_apart_by_small_noise() -> None:
         assert all(len(free) == 0 for free in found.free_directions)
     told = ObjectModel.from_mesh(box, samples=1000, symmetry=model.symmetries, cache=False)
     assert len(indistinct_images(told, 5e-5)) == 8
+
+
+def test_modes_without_mass_stay_as_they_are(can: ObjectModel) -> None:
+    apart = retract(X_FIRST[None], np.array([[0.0, 0.0, 0.0, 0.5, 0.0, 0.0]]))
+    given = modes(np.concatenate([X_FIRST[None], apart]), [1.0, 0.0])
+    np.testing.assert_array_equal(join_alike(given, can).mixture.weights, [1.0, 0.0])
