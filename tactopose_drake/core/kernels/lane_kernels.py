@@ -5,8 +5,7 @@ one array, so far apart, a compiler knows that they do not overlap. What differs
 grid are read) is copied into rows first. A loop over lanes has no branches and no function that exists for single
 numbers only; then it becomes four numbers to an instruction.
 
-All is in the object's frame: increments are (w, R^T v) until `leave`. The formulas are those of
-`surface_contact_kernels.contact_rows`.
+All is in the object's frame: increments are (w, R^T v) until `leave`. The formulas are those of `contact_rows`.
 """
 
 import numpy as np

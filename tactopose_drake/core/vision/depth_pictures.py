@@ -27,9 +27,8 @@ class DepthCameraModel:
     width: int = 240  # of the image, pixels
     height: int = 180  # pixels
     focal_length: float = 200.0  # pixels
-    # Standard deviation of a depth z is this times z^2, 1/m; 1.43e-3 is the Kinect's [K12]. It is the same all over a
-    # patch of pixels for another share of its variance, which no averaging over the object takes away.
-    depth_noise: float = 1.43e-3
+    depth_noise: float = 1.43e-3  # standard deviation of a depth z over z^2, 1/m: the Kinect's [K12]
+    # Of its variance, that is the same all over a patch of pixels: no averaging over the object takes it away.
     common_share: float = 0.3
     nearest: float = 0.1  # that is measured, m
     farthest: float = 3.0  # m

@@ -41,12 +41,10 @@ class DepthTrackerModel:
     most_seen_through: float = 0.5  # share of the others that may see something farther; beyond, the object is lost
     sigma_translation: float = 0.05  # motion between frames, m: standard deviation along each axis
     sigma_rotation_deg: float = 15.0  # likewise about each axis
-    # Distance beyond which points count less, at the first step of the fit, m. It shrinks by a factor from step to
-    # step, and for the last steps it is three sigma.
-    first_width: float = 0.03
-    width_factor: float = 0.6
-    narrowing_steps: int = 8
-    last_steps: int = 8
+    first_width: float = 0.03  # distance beyond which points count less, at the first step of the fit, m
+    width_factor: float = 0.6  # by which that shrinks from step to step
+    narrowing_steps: int = 8  # in which it does
+    last_steps: int = 8  # in which it is three sigma
 
     def validate(self) -> None:
         """Raises InvalidInputError if a value is out of its range."""

@@ -1,4 +1,5 @@
 import dataclasses
+import logging
 import os
 import subprocess
 import sys
@@ -126,7 +127,10 @@ def test_symmetry_may_be_given_or_left_out() -> None:
     assert len(model_of(BOX).symmetry_poses) == 4  # detected: the box's own four
 
 
-def test_near_symmetry_is_said_unless_symmetries_are_told(caplog: pytest.LogCaptureFixture) -> None:
+def test_near_symmetry_is_said_unless_symmetries_are_told(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(logging.getLogger("tactopose_drake"), "filters", [])  # The command line says things once.
     mesh = scanned_can().apply_translation([0.03, 0.0, 0.2])
     for _ in ("built", "from the cache"):
         model = model_of(mesh, name="soup")
