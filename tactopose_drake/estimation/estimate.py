@@ -182,11 +182,12 @@ def weigh_poses(
         found = wider_search.minimize(problem.objective, problem.space, generator, deadline)
         wider = _modes_of(model, evidence, problem, found, max_hypotheses, params.modes)
         modes = min(modes, wider, key=lambda either: float(either.cost.min()))
+    images = _images(model, evidence)
     if not deadline():
-        posterior = make_posterior(model, evidence, problem, params)
-        posterior = dataclasses.replace(posterior, symmetry_poses=_images(model, evidence))
+        posterior = dataclasses.replace(make_posterior(model, evidence, problem, params), symmetry_poses=images)
         modes = weigh_modes(modes, posterior, generator)
-    modes = join_alike(modes, model, params.modes)
+    if model.near_symmetries or len(images) < len(model.symmetry_poses):
+        modes = join_alike(modes, model, params.modes)
     judged, explains = _judge(model, evidence, problem, modes, params)
     hypotheses = _hypotheses(modes, _inlier_probability(problem, evidence, modes, judged), explains)
     undetermined = prior is None and len(evidence.touch) < _FEWEST_FOR_A_POSE
