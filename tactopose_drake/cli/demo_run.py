@@ -185,7 +185,9 @@ def _errors_table(result: DemoResult) -> PageTable:
         ("angle, deg", [np.degrees(report.determined_rotation) for report in both]),
     ]
     rows = tuple(Row((name, *(f"{value:.1f}" for value in pair))) for name, pair in values)
-    return PageTable("Error at the end, where determined", ("against the truth", "vision", "touch"), rows)
+    tracked = result.grasp.station.scenario.tracking is not None
+    which = "Error of the last single estimate" if tracked else "Error at the end"
+    return PageTable(f"{which}, where determined", ("against the truth", "vision", "touch"), rows)
 
 
 def _read_pads(grasp: GraspResult) -> dict[str, tuple[Patch, FloatArray]]:

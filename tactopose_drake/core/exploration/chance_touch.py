@@ -7,7 +7,7 @@ import numpy as np
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.exploration.foreseen_touch import entropy
 from tactopose_drake.core.exploration.guarded_moves import GuardedMoves
-from tactopose_drake.core.exploration.next_touch import Hold, NextTouch, TouchCriterion, information, is_allowed
+from tactopose_drake.core.exploration.next_touch import Hold, NextTouch, TouchCriterion, allowed_moves, information
 from tactopose_drake.core.exploration.tolerance import distinct_poses
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.shape.object_model import ObjectModel
@@ -39,17 +39,8 @@ def choose_by_chance(
     """
     distinct = distinct_poses(model, belief, criterion.tolerance)
     allowed = {
-        finger: is_allowed(
-            model,
-            hold,
-            distinct,
-            finger,
-            options,
-            others=None if others is None else others[finger],
-            likely=criterion.likely,
-        )
-        & options.feel(model, distinct.X_PO[:1]).is_hit[0]
-        for finger, options in moves.items()
+        finger: mask & moves[finger].feel(model, distinct.X_PO[:1]).is_hit[0]
+        for finger, mask in allowed_moves(model, hold, distinct, moves, others, criterion).items()
     }
     choices = [(finger, int(move)) for finger, mask in allowed.items() for move in np.flatnonzero(mask)]
     if not choices:

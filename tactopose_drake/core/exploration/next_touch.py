@@ -146,18 +146,7 @@ def choose_touch(
     """
     distinct = distinct_poses(model, checked_mixture("belief", belief), criterion.tolerance)
     value = {finger: information(model, distinct, options, criterion) for finger, options in moves.items()}
-    allowed = {
-        finger: is_allowed(
-            model,
-            hold,
-            distinct,
-            finger,
-            options,
-            others=None if others is None else others[finger],
-            likely=criterion.likely,
-        )
-        for finger, options in moves.items()
-    }
+    allowed = allowed_moves(model, hold, distinct, moves, others, criterion)
     return _best(value, allowed, entropy(distinct, criterion.tolerance))
 
 
@@ -193,11 +182,8 @@ def choose_telling_touch(
     for each in distinct:
         if each.probability < min(criterion.likely, weights.max()):
             continue
-        for finger, options in moves.items():
-            rest = None if others is None else others[finger]
-            allowed[finger] &= is_allowed(
-                each.model, hold, each.belief, finger, options, others=rest, likely=criterion.likely
-            )
+        for finger, may in allowed_moves(each.model, hold, each.belief, moves, others, criterion).items():
+            allowed[finger] &= may
     share = weights[weights > 0.0]
     return _best(value, allowed, float(-np.sum(share * np.log(share))))
 
@@ -224,6 +210,22 @@ def _best(
         return None
     finger, move = best
     return NextTouch(finger, move, float(value[finger][move]), entropy_before, allowed, value)
+
+
+def allowed_moves(
+    model: ObjectModel,
+    hold: Hold,
+    belief: GaussianMixture,
+    moves: Mapping[str, GuardedMoves],
+    others: Mapping[str, HandGeometry] | None,
+    criterion: TouchCriterion,
+) -> dict[str, NDArray[np.bool_]]:
+    """For each finger which of its motions are allowed, see `is_allowed`; arguments as of `choose_touch`."""
+    rest = dict.fromkeys(moves) if others is None else others
+    return {
+        finger: is_allowed(model, hold, belief, finger, options, others=rest[finger], likely=criterion.likely)
+        for finger, options in moves.items()
+    }
 
 
 def is_allowed(

@@ -34,13 +34,6 @@ def chain(row, q, X, weight, J):
 
 
 @inlined
-def chain_in_object(row, q, J):
-    """As `chain`, by the increment (w, R^T v): dq = [q]x w - R^T v."""
-    J[0], J[1], J[2] = row[1] * q[2] - row[2] * q[1], row[2] * q[0] - row[0] * q[2], row[0] * q[1] - row[1] * q[0]
-    J[3], J[4], J[5] = -row[0], -row[1], -row[2]
-
-
-@inlined
 def turn_normal(m, weight, J):
     """Adds to rows 1 to 3 that the measured normal turns with the increment too: d(R^T n) = [m]x w."""
     J[1, 1] += m[2] * weight
