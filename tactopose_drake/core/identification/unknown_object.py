@@ -76,7 +76,8 @@ def unknown_probability(
         prior: the probability before the touch.
         params: what is assumed of objects that are not known.
     """
-    if prior in (0.0, 1.0):
+    # One contact lies on any object as well: what differs is how well each evidence was summed.
+    if prior in (0.0, 1.0) or len(touch) < 2:
         return prior
     evidence = np.sort(np.asarray(log_evidence))[::-1]
     best, expected = float(evidence[0]) - _LOG_ROTATIONS, log_evidence_of_any(touch, params)
