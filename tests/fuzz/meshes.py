@@ -202,5 +202,5 @@ def damage_arrays(rng: np.random.Generator, arrays: Arrays) -> Arrays:
         elif name == "orders":
             flat[rng.integers(flat.size)] = rng.choice([-1, 1])
         else:
-            flat[0] ^= 0xFF
+            flat.view(np.uint8)[0] ^= 0xFF
     return arrays
