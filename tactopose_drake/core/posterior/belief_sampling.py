@@ -174,10 +174,10 @@ def _certainty(weights: FloatArray, count: NDArray[np.intp]) -> tuple[float, flo
     total = weights.sum()
     if not total > 0.0:
         return 0.5, 0.0
-    each = weights.sum(axis=1)
+    parts = weights / total  # Whose squares are numbers, however far below the best known pose all samples lie.
     variance = np.zeros(weights.shape[1])
-    sampling_weight_kernels.add_variances(weights, weights.sum(axis=0) / total, count, variance)
-    return float(np.sqrt(variance.max()) / total), float(total**2 / np.square(each).sum())
+    sampling_weight_kernels.add_variances(parts, parts.sum(axis=0), count, variance)
+    return float(np.sqrt(variance.max())), float(1.0 / np.square(parts.sum(axis=1)).sum())
 
 
 def _cover(
