@@ -118,7 +118,7 @@ def check_model(model: ObjectModel) -> None:
     np.testing.assert_allclose(np.linalg.norm(normal, axis=1), 1.0, atol=1e-6)
     assert np.isfinite(model.symmetry_poses).all()
     assert np.isfinite(model.symmetry_misfits).all()
-    assert np.isfinite(model.surfels(0.005).discs).all()
+    assert np.isfinite(model.surfels(0.005).blocks).all()
     pairs = model.pair_features.pairs
     assert np.all((pairs >= 0) & (pairs < SAMPLES))
 

@@ -46,7 +46,8 @@ def surfels(vertices: FloatArray, faces: NDArray[np.int32], area: float, spacing
     arrays = model_cache.load(key)
     if arrays is not None and _are_surfels(arrays):
         nx, ny, nz = (int(n) for n in arrays["shape"])
-        return Surfels(arrays["discs"], arrays["first"], arrays["origin"], float(arrays["cell"]), (nx, ny, nz), spacing)
+        blocks, balls, first, origin = (arrays[name] for name in ("blocks", "balls", "first", "origin"))
+        return Surfels(blocks, balls, first, origin, float(arrays["cell"]), (nx, ny, nz), spacing)
     made = make_surfels(vertices, faces, area, spacing)
     kept = {name: np.asarray(getattr(made, name)) for name in _SURFELS}
     model_cache.store(key, kept)
@@ -63,7 +64,8 @@ _PAIR_FEATURES: Layout = {
     "first": (np.int32, (TABLE_SIZE,)),
 }
 _SURFELS: Layout = {
-    "discs": (np.float32, (9, None)),
+    "blocks": (np.float32, (None, 9, BLOCK)),
+    "balls": (np.float32, (None, 4)),
     "first": (np.int32, (None,)),
     "origin": (np.float64, (3,)),
     "cell": (np.float64, ()),
@@ -90,12 +92,14 @@ def _are_surfels(arrays: Arrays) -> bool:
     """Whether arrays from a file can be surfels."""
     if not have_layout(arrays, _SURFELS) or arrays["shape"].min() < 1:
         return False
-    cells = int(np.prod(arrays["shape"].astype(np.float64)))
+    nx, ny, nz = (int(n) for n in arrays["shape"])
+    blocks, balls = arrays["blocks"], arrays["balls"]
     return (
-        len(arrays["first"]) == cells + 1
-        and _is_table(arrays["first"], arrays["discs"].shape[1] - BLOCK)
+        len(arrays["first"]) == nx * ny * (nz + 1)
+        and len(blocks) == len(balls)
+        and _is_table(arrays["first"], len(blocks) * BLOCK)
         and bool(arrays["cell"] > 0.0)
-        and bool(np.isfinite(arrays["discs"]).all())
+        and bool(np.isfinite(blocks).all() and np.isfinite(balls).all())
     )
 
 

@@ -12,22 +12,26 @@ from tactopose_drake.core.compilation import (
     OutFloats2,
     Shape3,
     Singles2,
+    Singles3,
     inlined,
     kernel,
 )
 
-# So many discs are reckoned at once: the layout of `Surfels.discs`, and loops whose length the compiler knows.
-BLOCK = 16
+# So many discs are reckoned at once: the layout of `Surfels.blocks`.
+BLOCK = 8
 # No disc counts for less than the exponential of minus this, which is as far as `_exp_minus` holds.
 _MOST = 24.0
+# Where the numbers of a block begin: see `Surfels.blocks`.
+_Y, _Z, _NX, _NY, _NZ, _AREA, _SPREAD, _ROUGHNESS, _WHOLE = (np.uintp(BLOCK * row) for row in range(1, 10))
 
 
 class Discs(NamedTuple):
     """The discs of `Surfels`, sorted into cells; read-only.
 
     Attributes:
-        rows: one for each number of a disc, shape (9, n + BLOCK).
-        first: the number of discs in the cells before each.
+        blocks: of BLOCK discs each, shape (b, 9, BLOCK).
+        balls: around the discs of each block: centre, m, and radius, m, shape (b, 4).
+        first: see `Surfels.first`.
         origin: the first cell's lower corner, shape (3,), m.
         per_cell: one over a cell's width, 1/m.
         shape: number of cells along x, y and z.
@@ -35,7 +39,8 @@ class Discs(NamedTuple):
         reach: discs count within so many standard deviations.
     """
 
-    rows: Singles2
+    blocks: Singles3
+    balls: Singles2
     first: Ints1
     origin: Floats1
     per_cell: float
@@ -75,13 +80,12 @@ def _exp_minus(x):
 def densities(discs: Discs, measured: Measurements, X: Floats3, density: OutFloats2) -> None:
     """The density of each contact at each pose, into density (B, k); on a flat surface with the right normal it is 1.
 
-    Each number of the discs is an array by itself, read by unsigned offsets, which need no check of their sign, and
-    in whole blocks: what of a run's last block lies behind its end counts for nothing.
+    Cells near the contact are gone through by columns, and in each the blocks that hold their discs; those out of reach
+    are passed over. What the first and the last block hold of the next cells counts, too: no other column has it.
     """
-    rows, first, origin, per_cell, shape, spacing, sigmas = discs
+    blocks, balls, first, origin, per_cell, shape, spacing, sigmas = discs
     p, n, sigma, weight_n = measured
-    x_disc, y_disc, z_disc, x_normal, y_normal, z_normal = rows[0], rows[1], rows[2], rows[3], rows[4], rows[5]
-    area, spread, roughness = rows[6], rows[7], rows[8]
+    numbers, width = blocks.reshape(-1), np.uintp(blocks.shape[2])
     q, m, shares = np.empty(3), np.empty(3), np.empty(BLOCK, dtype=np.float32)
     low, high = np.empty(3, dtype=np.int64), np.empty(3, dtype=np.int64)
     one, half = np.float32(1.0), np.float32(0.5)
@@ -103,28 +107,33 @@ def densities(discs: Discs, measured: Measurements, X: Floats3, density: OutFloa
                 q0, q1, q2 = np.float32(q[0]), np.float32(q[1]), np.float32(q[2])
                 m0, m1, m2 = np.float32(m[0]), np.float32(m[1]), np.float32(m[2])
                 variance, per_across = np.float32(sigma[i] ** 2), np.float32(0.5 / sigma[i] ** 2)
-                per_normal = np.float32(weight_n[i] ** 2)
+                per_normal, nearby = np.float32(weight_n[i] ** 2), np.float32(sigmas * sigma[i])
                 for a in range(low[0], high[0] + 1):
                     for c in range(low[1], high[1] + 1):
-                        row = (a * shape[1] + c) * shape[2]
-                        begin = np.uintp(first[row + low[2]])
-                        count = np.uintp(first[row + high[2] + 1]) - begin
-                        for block in range(np.uintp(0), count, np.uintp(BLOCK)):
-                            for j in range(np.uintp(BLOCK)):
-                                k = begin + block + np.uintp(j)
-                                dx, dy, dz = q0 - x_disc[k], q1 - y_disc[k], q2 - z_disc[k]
-                                d = dx * x_normal[k] + dy * y_normal[k] + dz * z_normal[k]
+                        column = (a * shape[1] + c) * (shape[2] + 1)
+                        begin = np.uintp(first[column + low[2]]) // np.uintp(BLOCK)
+                        end = np.uintp(first[column + high[2] + 1] + BLOCK - 1) // np.uintp(BLOCK)
+                        for block in range(begin, end):
+                            dx, dy, dz = q0 - balls[block, 0], q1 - balls[block, 1], q2 - balls[block, 2]
+                            far = nearby + balls[block, 3]
+                            if dx * dx + dy * dy + dz * dz > far * far:
+                                continue
+                            # A loop whose length the compiler knew it would unroll into single numbers.
+                            for j in range(width):
+                                k = np.uintp(block) * _WHOLE + j
+                                nx, ny, nz = numbers[k + _NX], numbers[k + _NY], numbers[k + _NZ]
+                                dx, dy, dz = q0 - numbers[k], q1 - numbers[k + _Y], q2 - numbers[k + _Z]
+                                d = dx * nx + dy * ny + dz * nz
                                 square = dx * dx + dy * dy + dz * dz - d * d
                                 # One division for both factors.
-                                wider, rougher = variance + spread[k], one + per_normal * roughness[k]
+                                wider = variance + numbers[k + _SPREAD]
+                                rougher = one + per_normal * numbers[k + _ROUGHNESS]
                                 both = one / (wider * rougher)
                                 exponent = per_across * d * d + half * rougher * both * square
                                 # Half the squared difference of unit vectors is one minus their product.
-                                turned = one - (m0 * x_normal[k] + m1 * y_normal[k] + m2 * z_normal[k])
+                                turned = one - (m0 * nx + m1 * ny + m2 * nz)
                                 exponent += per_normal * wider * both * turned
-                                # Without a branch, which would part the block.
-                                share = area[k] * both * _exp_minus(min(exponent, most))
-                                shares[j] += share if block + np.uintp(j) < count else np.float32(0.0)
+                                shares[j] += numbers[k + _AREA] * both * _exp_minus(min(exponent, most))
             total = np.float32(0.0)
             for j in range(BLOCK):
                 total += shares[j]

@@ -39,29 +39,39 @@ class SurfelParams:
 
 @dataclass(frozen=True, eq=False)
 class Surfels:
-    """Discs, sorted into cubic cells.
+    """Discs, sorted into cubic cells; where cells along z follow on each other their discs are a run of whole blocks.
 
     Attributes:
-        discs: centre in O, m; outward unit normal; area, m^2; variance of its points along each axis of its plane, m^2;
-            variance of its normals about each, rad^2; shape (9, n + BLOCK), the last of which are none, of area 0.
-        first: the number of discs in the cells before each, shape (cells + 1,); cells along z lie next to each other.
+        blocks: of BLOCK discs near each other: centre in O, m; outward unit normal; area, m^2; variance of its points
+            along each axis of its plane, m^2; variance of its normals about each, rad^2; shape (b, 9, BLOCK). What
+            fills the last block of a run has no area.
+        balls: centre in O and radius of a ball around the discs of each block, m, shape (b, 4).
+        first: of each column, the number of places before each of its cells, and before the next column's discs,
+            shape (nx * ny * (nz + 1),).
         origin: the first cell's lower corner, shape (3,), m.
         cell: a cell's width, m.
         shape: number of cells along x, y and z.
         spacing: about the distance between neighbours, m.
     """
 
-    discs: NDArray[np.float32]
+    blocks: NDArray[np.float32]
+    balls: NDArray[np.float32]
     first: NDArray[np.int32]
     origin: FloatArray
     cell: float
     shape: tuple[int, int, int]
     spacing: float
 
+    @property
+    def discs(self) -> NDArray[np.float32]:
+        """The same numbers one disc after another, shape (n, 9)."""
+        rows = self.blocks.swapaxes(1, 2).reshape(-1, 9)
+        return rows[rows[:, 6] > 0.0]
+
     def kernel_view(self, reach: float) -> Discs:
         """The discs as kernels read them, of which those count that are within so many standard deviations."""
-        discs, first, origin = read_only(self.discs), read_only(self.first), read_only(self.origin)
-        return Discs(discs, first, origin, 1.0 / self.cell, self.shape, self.spacing, reach)
+        blocks, balls, first, origin = map(read_only, (self.blocks, self.balls, self.first, self.origin))
+        return Discs(blocks, balls, first, origin, 1.0 / self.cell, self.shape, self.spacing, reach)
 
 
 def surfel_spacing(sigma: float, area: float, params: SurfelParams = SurfelParams()) -> float:
@@ -98,17 +108,42 @@ def make_surfels(
             np.column_stack([points, normals, *np.broadcast_arrays(share, share / 12.0, 0.0, points[:, 0])[:3]])[rest],
         ]
     )
-    cell = params.cell_spacings * spacing
-    origin = discs[:, :3].min(axis=0) - 1e-9
-    index = ((discs[:, :3] - origin) / cell).astype(np.int64)
+    return _sorted(discs.astype(np.float32), params.cell_spacings * spacing, spacing)
+
+
+def _sorted(discs: NDArray[np.float32], cell: float, spacing: float) -> Surfels:
+    """Discs (n, 9), in cells of this width, and within each so that neighbours follow on each other."""
+    origin = discs[:, :3].min(axis=0).astype(np.float64) - 1e-9
+    place = (discs[:, :3] - origin) / cell
+    index = place.astype(np.int64)
     nx, ny, nz = (int(n) for n in index.max(axis=0) + 1)
-    key = (index[:, 0] * ny + index[:, 1]) * nz + index[:, 2]
-    order = np.argsort(key, kind="stable")
-    discs = np.concatenate([discs[order].T, np.zeros((9, BLOCK))], axis=1).astype(np.float32)
-    first = np.searchsorted(key[order], np.arange(nx * ny * nz + 1)).astype(np.int32)
-    for array in (discs, first, origin):
+    # Of a column of cells one may be empty: it counts in numbering them, and so does the end.
+    number = (index[:, 0] * ny + index[:, 1]) * (nz + 1) + index[:, 2]
+    order = np.lexsort((_morton(place - index), number))
+    discs, number = discs[order], number[order]
+    # Runs of cells without a gap begin with a block of their own; the last disc's place fills the last block.
+    begins = np.flatnonzero(np.diff(number, prepend=-2) > 1)
+    count = np.diff(begins, append=len(discs))
+    whole = -(-count // BLOCK) * BLOCK
+    at = np.arange(len(discs)) + np.repeat(np.cumsum(whole) - whole - begins, count)
+    filled = np.repeat(discs[begins + count - 1], whole, axis=0)
+    filled[:, 6] = 0.0
+    filled[at] = discs
+    blocks = np.ascontiguousarray(filled.reshape(-1, BLOCK, 9).swapaxes(1, 2))
+    center = 0.5 * (blocks[:, :3].max(axis=2) + blocks[:, :3].min(axis=2))
+    radius = np.sqrt(np.sum((blocks[:, :3] - center[:, :, None]) ** 2, axis=1).max(axis=1))
+    balls = np.column_stack([center, radius])
+    first = np.append(at, len(filled))[np.searchsorted(number, np.arange(nx * ny * (nz + 1)))].astype(np.int32)
+    for array in (blocks, balls, first, origin):
         array.setflags(write=False)
-    return Surfels(discs, first, origin, cell, (nx, ny, nz), spacing)
+    return Surfels(blocks, balls, first, origin, cell, (nx, ny, nz), spacing)
+
+
+def _morton(place: FloatArray) -> NDArray[np.int64]:
+    """Where places (n, 3) in the unit cube come along a curve of Morton's through its 4096 parts."""
+    part = (16.0 * place).astype(np.int64)
+    bits = part[:, :, None] >> np.arange(4) & 1
+    return np.asarray(np.sum(bits << (3 * np.arange(4) + np.arange(3)[:, None]), axis=(1, 2)))
 
 
 def _averages(rows: FloatArray, group: NDArray[np.intp], size: NDArray[np.intp]) -> FloatArray:
