@@ -8,7 +8,8 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.hand.hand_config import HandConfig, add_hand
+from tactopose_drake.hand.hand_config import HandConfig
+from tactopose_drake.hand.hand_in_plant import add_hand
 
 
 def brute_force(

@@ -9,7 +9,8 @@ from pydrake.systems.framework import Context, Diagram
 
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.estimation.prior import PosePrior
-from tactopose_drake.hand.hand_config import load_hand_config, make_hand_plant
+from tactopose_drake.hand.hand_config import load_hand_config
+from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
 
 RADIUS = 0.04

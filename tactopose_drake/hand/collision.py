@@ -46,7 +46,8 @@ from tactopose_drake.core.validation import FloatArray, finite_array
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.hand.geometry import BodySpheres
-from tactopose_drake.hand.hand_config import Hand, HandConfig, add_hand
+from tactopose_drake.hand.hand_config import HandConfig
+from tactopose_drake.hand.hand_in_plant import Hand, add_hand
 from tactopose_drake.hand.shape_depth import ShapeDepth, shape_depth
 
 # How far the facets that stand for a round shape may lie below it, m.

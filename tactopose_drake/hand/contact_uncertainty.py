@@ -23,7 +23,8 @@ from tactopose_drake.core.sensing.intrinsic_contact import ContactSolution
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.hand.contact_gains import contact_gains, wrench_of
 from tactopose_drake.hand.encoder_offsets import encoder_gains
-from tactopose_drake.hand.hand_config import Hand, HandUncertainty
+from tactopose_drake.hand.hand_config import HandUncertainty
+from tactopose_drake.hand.hand_in_plant import Hand
 from tactopose_drake.hand.joint_matrices import joint_matrix
 from tactopose_drake.hand.kinematics import HandKinematics
 

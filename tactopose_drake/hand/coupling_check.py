@@ -8,7 +8,8 @@ from pydrake.multibody.plant import MultibodyPlant
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.findings import Finding, fault
 from tactopose_drake.hand.finger_chain import joints_towards
-from tactopose_drake.hand.hand_config import Hand, HandConfig
+from tactopose_drake.hand.hand_config import HandConfig
+from tactopose_drake.hand.hand_in_plant import Hand
 from tactopose_drake.hand.mimics import Mimic, read_mimics
 from tactopose_drake.resources import make_parser
 

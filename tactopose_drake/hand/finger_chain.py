@@ -10,7 +10,8 @@ from pydrake.multibody.tree import BodyIndex, Frame, Joint, PrismaticJoint, Revo
 from tactopose_drake.core.grasping.serial_chain import SerialChain
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
-from tactopose_drake.hand.hand_config import FingerConfig, Hand
+from tactopose_drake.hand.hand_config import FingerConfig
+from tactopose_drake.hand.hand_in_plant import Hand
 
 
 def finger_chain(plant: MultibodyPlant, hand: Hand, finger: str) -> SerialChain:

@@ -6,7 +6,7 @@ import numpy as np
 from pydrake.geometry import Role, SceneGraphInspector
 from pydrake.multibody.plant import MultibodyPlant
 
-from tactopose_drake.hand.hand_config import Hand
+from tactopose_drake.hand.hand_in_plant import Hand
 from tactopose_drake.hand.shape_depth import shape_depth
 
 _POINTS = 400

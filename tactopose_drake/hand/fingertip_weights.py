@@ -7,7 +7,7 @@ from pydrake.multibody.tree import Frame, Joint
 
 from tactopose_drake.core.sensing.force_torque import weight_wrench
 from tactopose_drake.core.validation import FloatArray
-from tactopose_drake.hand.hand_config import Hand
+from tactopose_drake.hand.hand_in_plant import Hand
 from tactopose_drake.hand.kinematics import HandKinematics
 
 _GRAVITY_W = np.array([0.0, 0.0, -9.81])  # m/s^2, Drake's default

@@ -18,7 +18,8 @@ from tactopose_drake.core.evidence import hand_geometry
 from tactopose_drake.core.shape.sphere_packing import Spheres, pack_box, pack_capsule, pack_convex
 from tactopose_drake.core.validation import FloatArray, instance_of
 from tactopose_drake.errors import InvalidInputError
-from tactopose_drake.hand.hand_config import HandConfig, add_hand
+from tactopose_drake.hand.hand_config import HandConfig
+from tactopose_drake.hand.hand_in_plant import add_hand
 from tactopose_drake.resources import passing_builder
 
 # Points of the unit circle and sphere that stand for a cylinder and an ellipsoid.

@@ -25,8 +25,9 @@ from tactopose_drake.hand.calibration_file import HandCalibration, save_calibrat
 from tactopose_drake.hand.calibration_report import calibration_of
 from tactopose_drake.hand.felt_grasps import FeltGrasps, RecordedGrasp, check_grasps
 from tactopose_drake.hand.grasp_poses import PoseFit, PoseHunt, fit_poses
-from tactopose_drake.hand.hand_config import HandConfig, HandUncertainty, load_hand_config, make_hand_plant
+from tactopose_drake.hand.hand_config import HandConfig, HandUncertainty, load_hand_config
 from tactopose_drake.hand.hand_errors import HandErrors
+from tactopose_drake.hand.hand_in_plant import make_hand_plant
 
 _FEWEST = 3
 _BEFORE = (0.003, math.radians(10.0))  # noise with which poses are fitted to the hand as its files have it, m, rad

@@ -18,7 +18,8 @@ from tactopose_drake.hand.coupling_check import check_couplings
 from tactopose_drake.hand.findings import Finding, Verdict, fault
 from tactopose_drake.hand.finger_chain import finger_chain, joints_towards
 from tactopose_drake.hand.fingertip_fit import fingertip_fit
-from tactopose_drake.hand.hand_config import FingerConfig, Hand, HandConfig, add_hand, load_hand_config
+from tactopose_drake.hand.hand_config import FingerConfig, HandConfig, load_hand_config
+from tactopose_drake.hand.hand_in_plant import Hand, add_hand
 from tactopose_drake.hand.hand_reach import make_hand_reach
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
 

@@ -15,7 +15,8 @@ from pydrake.multibody.tree import PrismaticJoint
 
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.hand.encoder_offsets import SLIDE, measured_joints
-from tactopose_drake.hand.hand_config import Hand, HandUncertainty
+from tactopose_drake.hand.hand_config import HandUncertainty
+from tactopose_drake.hand.hand_in_plant import Hand
 from tactopose_drake.hand.joint_matrices import joint_matrix
 from tactopose_drake.hand.joint_paths import JointPaths
 

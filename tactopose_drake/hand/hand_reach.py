@@ -16,7 +16,8 @@ from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.finger_chain import finger_chain
 from tactopose_drake.hand.geometry import BodySpheres, corner_spheres
-from tactopose_drake.hand.hand_config import Hand, HandConfig, add_hand
+from tactopose_drake.hand.hand_config import HandConfig
+from tactopose_drake.hand.hand_in_plant import Hand, add_hand
 from tactopose_drake.hand.hand_joints import HandJoints
 from tactopose_drake.hand.kinematics import HandKinematics
 from tactopose_drake.resources import passing_builder

@@ -9,7 +9,7 @@ from pydrake.multibody.tree import PrismaticJoint
 
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
-from tactopose_drake.hand.hand_config import Hand
+from tactopose_drake.hand.hand_in_plant import Hand
 
 
 def joint_matrix(plant: MultibodyPlant, hand: Hand, measured: Sequence[str]) -> FloatArray:

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 from pydrake.multibody.plant import MultibodyPlant
 
 from tactopose_drake.core.validation import FloatArray, known_name, number_array
-from tactopose_drake.hand.hand_config import Hand
+from tactopose_drake.hand.hand_in_plant import Hand
 
 
 class NamedJoints:

@@ -20,7 +20,7 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 
 from tactopose_drake.core.validation import FloatArray
-from tactopose_drake.hand.hand_config import Hand, make_hand_plant
+from tactopose_drake.hand.hand_in_plant import Hand, make_hand_plant
 
 
 def change_fingertips(

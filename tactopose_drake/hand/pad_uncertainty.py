@@ -13,7 +13,8 @@ from pydrake.multibody.plant import MultibodyPlant
 from tactopose_drake.core.sensing.tactile_layout import TactileLayout
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.hand.encoder_offsets import encoder_gains
-from tactopose_drake.hand.hand_config import Hand, HandUncertainty
+from tactopose_drake.hand.hand_config import HandUncertainty
+from tactopose_drake.hand.hand_in_plant import Hand
 from tactopose_drake.hand.kinematics import HandKinematics
 
 

@@ -15,7 +15,8 @@ from tactopose_drake.estimation.data_checks import (
     read_data,
 )
 from tactopose_drake.hand.geometry import BodySpheres, HandGeometry
-from tactopose_drake.hand.hand_config import Hand, load_hand_config, make_hand_plant
+from tactopose_drake.hand.hand_config import load_hand_config
+from tactopose_drake.hand.hand_in_plant import Hand, make_hand_plant
 from tactopose_drake.hand.kinematics import HandKinematics
 from tactopose_drake.hand.named_joints import NamedJoints
 from tactopose_drake.resources.yaml_files import shown

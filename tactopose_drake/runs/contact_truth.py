@@ -8,7 +8,7 @@ from pydrake.systems.framework import Context
 
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.estimation.drake_contacts import reported_contacts
-from tactopose_drake.hand.hand_config import Hand
+from tactopose_drake.hand.hand_in_plant import Hand
 
 
 @dataclass(frozen=True, eq=False)

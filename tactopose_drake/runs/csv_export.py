@@ -10,7 +10,8 @@ from pydrake.multibody.tree import PrismaticJoint
 
 from tactopose_drake.estimation.output_files import written_beside
 from tactopose_drake.estimation.prior import PosePrior
-from tactopose_drake.hand.hand_config import load_hand_config, make_hand_plant
+from tactopose_drake.hand.hand_config import load_hand_config
+from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.runs.recorded_senses import RecordedRun
 from tactopose_drake.systems.signals import Value
 

@@ -12,7 +12,8 @@ from pydrake.systems.framework import Context, EventStatus
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import UnknownNameError
 from tactopose_drake.estimation.prior import PosePrior
-from tactopose_drake.hand.hand_config import load_hand_config, make_hand_plant
+from tactopose_drake.hand.hand_config import load_hand_config
+from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.joint_matrices import joint_matrix
 from tactopose_drake.runs.known_signals import known_signals
 from tactopose_drake.runs.recording import Recording

@@ -8,7 +8,8 @@ import numpy as np
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
 from tactopose_drake.estimation.files import load_prior
-from tactopose_drake.hand.hand_config import load_hand_config, make_hand_plant
+from tactopose_drake.hand.hand_config import load_hand_config
+from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.joint_matrices import joint_matrix, joint_offsets
 from tactopose_drake.station.scenario import Scenario
 from tactopose_drake.station.senses import CanSenses, FixedJoints, JointFile

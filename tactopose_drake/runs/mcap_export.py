@@ -15,7 +15,8 @@ from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.drivers.ros2_messages import TRIANGLE_LIST, definition, encode
 from tactopose_drake.estimation.output_files import written_beside
 from tactopose_drake.estimation.prior import PosePrior
-from tactopose_drake.hand.hand_config import add_hand, load_hand_config
+from tactopose_drake.hand.hand_config import load_hand_config
+from tactopose_drake.hand.hand_in_plant import add_hand
 from tactopose_drake.resources import fixed_pose, passing_builder
 from tactopose_drake.runs.recorded_senses import RecordedRun
 from tactopose_drake.runs.ros2_poses import ros_covariance, ros_pose, ros_xyz

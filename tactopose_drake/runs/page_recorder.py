@@ -13,7 +13,8 @@ from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.estimation.results import PoseEstimate
-from tactopose_drake.hand.hand_config import add_hand, load_hand_config
+from tactopose_drake.hand.hand_config import load_hand_config
+from tactopose_drake.hand.hand_in_plant import add_hand
 from tactopose_drake.resources import fixed_pose
 from tactopose_drake.runs.stepping import RunView
 from tactopose_drake.runs.timeline_recorder import TimelineRecorder, belief_port

@@ -11,7 +11,8 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, EventStatus
 
 from tactopose_drake.errors import InvalidFileError
-from tactopose_drake.hand.hand_config import load_hand_config, make_hand_plant
+from tactopose_drake.hand.hand_config import load_hand_config
+from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.named_joints import NamedJoints
 from tactopose_drake.runs.manifest import ESTIMATES, SIGNALS, Manifest, load_manifest
 from tactopose_drake.runs.scenario_replay import as_recorded, have_ended, logged_devices, start_devices

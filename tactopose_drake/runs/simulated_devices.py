@@ -17,7 +17,8 @@ from tactopose_drake.drivers.simulation.simulated_netcanoem import SimulatedNetC
 from tactopose_drake.drivers.simulation.time_series import load_time_series
 from tactopose_drake.errors import BusError
 from tactopose_drake.hand.fingertip_weights import FingertipWeights
-from tactopose_drake.hand.hand_config import load_hand_config, make_hand_plant
+from tactopose_drake.hand.hand_config import load_hand_config
+from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.resources import fixed_pose
 from tactopose_drake.station.scenario import Scenario
 from tactopose_drake.station.senses import CanSenses

@@ -10,7 +10,7 @@ from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from tactopose_drake.core.grasping.grasp_planner import GraspPlan
 from tactopose_drake.core.validation import FloatArray
-from tactopose_drake.hand.hand_config import Hand
+from tactopose_drake.hand.hand_in_plant import Hand
 from tactopose_drake.hand.hand_joints import HandJoints
 from tactopose_drake.hand.hand_reach import rest_posture
 from tactopose_drake.resources import drawn_pose

@@ -7,7 +7,8 @@ from tactopose_drake.core.grasping.grasp_planner import GraspPlan, plan_grasps
 from tactopose_drake.core.grasping.refusals import Refusals
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import InvalidInputError
-from tactopose_drake.hand.hand_config import load_hand_config, make_hand_plant
+from tactopose_drake.hand.hand_config import load_hand_config
+from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.hand_reach import make_hand_reach
 from tactopose_drake.resources import add_model, fixed_pose, make_parser
 from tactopose_drake.station.scenario import Scenario

@@ -12,7 +12,8 @@ from tactopose_drake.drivers.barrett_hand import BarrettHand
 from tactopose_drake.drivers.netcanoem import NetCanOemForceTorque
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
 from tactopose_drake.hand.fingertip_weights import FingertipWeights
-from tactopose_drake.hand.hand_config import Hand, HandConfig, load_hand_config, make_hand_plant
+from tactopose_drake.hand.hand_config import HandConfig, load_hand_config
+from tactopose_drake.hand.hand_in_plant import Hand, make_hand_plant
 from tactopose_drake.hand.joint_matrices import joint_matrix, joint_offsets
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
 from tactopose_drake.resources import fixed_pose

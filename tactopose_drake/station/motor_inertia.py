@@ -13,7 +13,7 @@ from pydrake.systems.framework import Context
 
 from tactopose_drake.core.grasping.serial_chain import SLIDING_ARM
 from tactopose_drake.core.validation import FloatArray
-from tactopose_drake.hand.hand_config import Hand, make_hand_plant
+from tactopose_drake.hand.hand_in_plant import Hand, make_hand_plant
 from tactopose_drake.systems.grasp_controller import GraspControllerParams
 
 _SHARE = 0.5  # of what the spring and damper do in a step, which a joint's inertia and damping must at least be

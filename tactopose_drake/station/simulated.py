@@ -25,7 +25,8 @@ from tactopose_drake.hand.contact_properties import (
     make_meshes_rigid,
     rigid_shapes,
 )
-from tactopose_drake.hand.hand_config import Hand, add_hand, load_hand_config
+from tactopose_drake.hand.hand_config import load_hand_config
+from tactopose_drake.hand.hand_in_plant import Hand, add_hand
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
 from tactopose_drake.resources import add_model, fixed_pose, make_parser, passing_builder
 from tactopose_drake.station.exploration import add_exploration

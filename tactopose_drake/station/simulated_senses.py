@@ -12,7 +12,7 @@ from pydrake.systems.framework import DiagramBuilder, OutputPort
 from pydrake.systems.primitives import AddRandomInputs, Demultiplexer
 
 from tactopose_drake.hand.encoder_offsets import encoder_gains
-from tactopose_drake.hand.hand_config import Hand, make_hand_plant
+from tactopose_drake.hand.hand_in_plant import Hand, make_hand_plant
 from tactopose_drake.hand.other_fingertips import change_fingertips
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
 from tactopose_drake.station.other_object import change_object

@@ -6,7 +6,7 @@ from pydrake.multibody.tree import RigidBody
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.hand.hand_config import Hand
+from tactopose_drake.hand.hand_in_plant import Hand
 from tactopose_drake.resources import fixed_pose
 from tactopose_drake.station.scenario import Scenario
 from tactopose_drake.systems.camera_view import CameraView

@@ -19,7 +19,7 @@ from tactopose_drake.core.grasping.grasp_law import (
 from tactopose_drake.core.grasping.serial_chain import SLIDING_ARM
 from tactopose_drake.core.validation import FloatArray, positive_number
 from tactopose_drake.errors import UnknownNameError
-from tactopose_drake.hand.hand_config import Hand
+from tactopose_drake.hand.hand_in_plant import Hand
 from tactopose_drake.hand.hand_joints import HandJoints
 from tactopose_drake.systems.collectable_system import CollectableSystem
 

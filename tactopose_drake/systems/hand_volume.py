@@ -12,7 +12,7 @@ from pydrake.systems.framework import Context
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.hand.contact_uncertainty import ContactUncertainty
 from tactopose_drake.hand.geometry import BodySpheres, HandGeometry
-from tactopose_drake.hand.hand_config import Hand
+from tactopose_drake.hand.hand_in_plant import Hand
 from tactopose_drake.systems.collectable_system import CollectableSystem, declare_cache
 from tactopose_drake.systems.hand_kinematics import declare_kinematics
 from tactopose_drake.systems.ports import eval_optional_input

@@ -10,7 +10,8 @@ from pydrake.systems.framework import BasicVector, Context, EventStatus, State
 
 from tactopose_drake.core.validation import FloatArray, positive_number
 from tactopose_drake.drivers.lcm_messages import HandSensesMessage
-from tactopose_drake.hand.hand_config import HandConfig, make_hand_plant
+from tactopose_drake.hand.hand_config import HandConfig
+from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.named_joints import NamedJoints
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
 from tactopose_drake.systems.collectable_system import CollectableSystem

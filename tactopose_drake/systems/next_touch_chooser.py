@@ -20,7 +20,8 @@ from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray, known_name, positive_number, whole_number
 from tactopose_drake.estimation.results import PoseEstimate
-from tactopose_drake.hand.hand_config import HandConfig, make_hand_plant
+from tactopose_drake.hand.hand_config import HandConfig
+from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.hand_joints import HandJoints
 from tactopose_drake.hand.hand_reach import make_hand_reach
 from tactopose_drake.systems.collectable_system import CollectableSystem

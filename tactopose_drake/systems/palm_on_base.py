@@ -6,7 +6,7 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context
 
-from tactopose_drake.hand.hand_config import Hand
+from tactopose_drake.hand.hand_in_plant import Hand
 from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.hand_kinematics import declare_kinematics
 

@@ -13,7 +13,8 @@ from pydrake.systems.primitives import MatrixGain
 from tactopose_drake.core.sensing.force_torque import ForceTorqueModel
 from tactopose_drake.core.validation import instance_of
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
-from tactopose_drake.hand.hand_config import Hand, HandConfig, find_hand, make_hand_plant
+from tactopose_drake.hand.hand_config import HandConfig
+from tactopose_drake.hand.hand_in_plant import Hand, find_hand, make_hand_plant
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
 from tactopose_drake.systems.force_torque_sensor import ForceTorqueSensor, load_force_torque_model
 from tactopose_drake.systems.palm_pose import PalmPose

@@ -8,7 +8,8 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.geometry import BodySpheres
-from tactopose_drake.hand.hand_config import HandConfig, make_hand_plant
+from tactopose_drake.hand.hand_config import HandConfig
+from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.systems.hand_volume import HandVolume
 from tactopose_drake.systems.next_touch_chooser import NextTouchChooser, NextTouchParams
 from tactopose_drake.systems.pose_estimator import PoseEstimator, PoseEstimatorParams

@@ -10,7 +10,8 @@ from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.grasping.finger_reach import ReachParams
 from tactopose_drake.core.validation import FloatArray, positive_number, whole_number
-from tactopose_drake.hand.hand_config import HandConfig, make_hand_plant
+from tactopose_drake.hand.hand_config import HandConfig
+from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.hand_joints import HandJoints
 from tactopose_drake.hand.hand_reach import make_hand_reach, rest_posture
 from tactopose_drake.systems.collectable_system import CollectableSystem

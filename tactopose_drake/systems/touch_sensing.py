@@ -8,7 +8,8 @@ from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
 from tactopose_drake.hand.contact_uncertainty import ContactUncertainty
 from tactopose_drake.hand.geometry import BodySpheres
-from tactopose_drake.hand.hand_config import Hand, HandConfig, make_hand_plant
+from tactopose_drake.hand.hand_config import HandConfig
+from tactopose_drake.hand.hand_in_plant import Hand, make_hand_plant
 from tactopose_drake.hand.joint_matrices import reading_offsets
 from tactopose_drake.hand.pad_uncertainty import PadUncertainty
 from tactopose_drake.systems.contact_solver import ContactSolver, ContactSolverParams

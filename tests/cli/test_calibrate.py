@@ -8,7 +8,8 @@ import yaml
 
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.hand.closed_grasps import ClosedGraspParams
-from tactopose_drake.hand.hand_config import HandUncertainty, load_hand_config, make_hand_plant
+from tactopose_drake.hand.hand_config import HandUncertainty, load_hand_config
+from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.resources import model_path
 from tests.cli.test_cli import run
 from tests.core.meshes import smooth_shape

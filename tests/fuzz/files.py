@@ -21,7 +21,8 @@ from tactopose_drake.errors import EndOfLogError, TactoposeError
 from tactopose_drake.estimation.files import load_contacts, load_prior
 from tactopose_drake.estimation.library_files import read_library
 from tactopose_drake.estimation.prior import PosePrior
-from tactopose_drake.hand.hand_config import load_hand_config, make_hand_plant
+from tactopose_drake.hand.hand_config import load_hand_config
+from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
 from tactopose_drake.hand.touch_file import load_touch
 from tactopose_drake.hand.volume_file import load_hand_volume

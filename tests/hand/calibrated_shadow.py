@@ -7,8 +7,9 @@ import numpy as np
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.hand.closed_grasps import ClosedGrasp, ClosedGraspParams, GraspCloser
 from tactopose_drake.hand.felt_grasps import RecordedGrasp
-from tactopose_drake.hand.hand_config import HandConfig, HandUncertainty, load_hand_config, make_hand_plant
+from tactopose_drake.hand.hand_config import HandConfig, HandUncertainty, load_hand_config
 from tactopose_drake.hand.hand_errors import HandErrors
+from tactopose_drake.hand.hand_in_plant import make_hand_plant
 
 UNCERTAINTY = HandUncertainty(
     encoder_offset_deg=2.0,

@@ -14,7 +14,8 @@ from tactopose_drake.errors import InvalidFileError
 from tactopose_drake.hand.calibration_file import HandCalibration, load_calibration, save_calibration
 from tactopose_drake.hand.calibration_report import calibration_of
 from tactopose_drake.hand.closed_grasps import ClosedGrasp
-from tactopose_drake.hand.hand_config import HandConfig, HandUncertainty, load_hand_config, make_hand_plant
+from tactopose_drake.hand.hand_config import HandConfig, HandUncertainty, load_hand_config
+from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.joint_matrices import reading_offsets
 from tactopose_drake.hand.named_joints import NamedJoints
 from tactopose_drake.resources import model_path

@@ -17,7 +17,8 @@ from tactopose_drake.hand.contact_properties import (
     self_collisions,
     unsaid_shapes,
 )
-from tactopose_drake.hand.hand_config import add_hand, load_hand_config
+from tactopose_drake.hand.hand_config import load_hand_config
+from tactopose_drake.hand.hand_in_plant import add_hand
 from tactopose_drake.resources import add_model, make_parser
 from tests.hand.grippers import write_gripper
 

@@ -11,7 +11,8 @@ from tactopose_drake.core.poses import log_so3
 from tactopose_drake.core.sensing.intrinsic_contact import ContactSolution, solve_contacts
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.contact_uncertainty import ContactUncertainty
-from tactopose_drake.hand.hand_config import HandUncertainty, load_hand_config, make_hand_plant
+from tactopose_drake.hand.hand_config import HandUncertainty, load_hand_config
+from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.kinematics import HandKinematics
 
 NONE = {

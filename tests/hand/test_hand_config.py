@@ -13,7 +13,8 @@ from pydrake.systems.framework import DiagramBuilder
 from tactopose_drake.core.surfaces import Capsule, Ellipsoid, Sphere
 from tactopose_drake.errors import InvalidFileError, InvalidInputError, UnknownNameError
 from tactopose_drake.hand.finger_chain import finger_chain
-from tactopose_drake.hand.hand_config import add_hand, find_hand, load_hand_config, make_hand_plant
+from tactopose_drake.hand.hand_config import load_hand_config
+from tactopose_drake.hand.hand_in_plant import add_hand, find_hand, make_hand_plant
 from tactopose_drake.resources import model_path
 
 FINGERS = ("first", "middle", "ring", "little", "thumb")

@@ -6,7 +6,8 @@ from pydrake.common.value import AbstractValue
 from pydrake.multibody.plant import MultibodyPlant
 
 from tactopose_drake.hand.geometry import BodySpheres
-from tactopose_drake.hand.hand_config import Hand, load_hand_config, make_hand_plant
+from tactopose_drake.hand.hand_config import load_hand_config
+from tactopose_drake.hand.hand_in_plant import Hand, make_hand_plant
 from tactopose_drake.hand.kinematics import HandKinematics
 
 CONFIG = load_hand_config("shadow_like")

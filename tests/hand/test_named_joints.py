@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from tactopose_drake.errors import InvalidInputError
-from tactopose_drake.hand.hand_config import load_hand_config, make_hand_plant
+from tactopose_drake.hand.hand_config import load_hand_config
+from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.joint_matrices import joint_matrix
 from tactopose_drake.hand.named_joints import NamedJoints
 

@@ -11,7 +11,8 @@ from tactopose_drake.core.poses import increments_between
 from tactopose_drake.core.posterior.hypotheses import determined_part
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.hand_check import check_hand
-from tactopose_drake.hand.hand_config import HandConfig, load_hand_config, make_hand_plant
+from tactopose_drake.hand.hand_config import HandConfig, load_hand_config
+from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.resources import ModelPackage, model_path
 from tactopose_drake.runs.grasp_simulation import simulate_grasp
 from tactopose_drake.station.own_hand import scenario_for

@@ -8,7 +8,8 @@ import pytest
 
 from tactopose_drake.hand.finger_chain import finger_chain
 from tactopose_drake.hand.hand_check import check_hand
-from tactopose_drake.hand.hand_config import load_hand_config, make_hand_plant
+from tactopose_drake.hand.hand_config import load_hand_config
+from tactopose_drake.hand.hand_in_plant import make_hand_plant
 
 LEAP = """model: {root}/robots/hands/leap_hand/leap_hand_right.urdf
 base_link: base

@@ -7,7 +7,8 @@ import yaml
 
 from tactopose_drake.core.poses import quaternion_from_matrix
 from tactopose_drake.hand.fingertip_weights import FingertipWeights
-from tactopose_drake.hand.hand_config import load_hand_config, make_hand_plant
+from tactopose_drake.hand.hand_config import load_hand_config
+from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.station.scenario import load_scenario
 from tests import held_cube
 

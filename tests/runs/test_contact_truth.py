@@ -4,7 +4,8 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlantConfig
 from pydrake.systems.framework import DiagramBuilder
 
-from tactopose_drake.hand.hand_config import add_hand, load_hand_config
+from tactopose_drake.hand.hand_config import load_hand_config
+from tactopose_drake.hand.hand_in_plant import add_hand
 from tactopose_drake.resources import make_parser, model_path
 from tactopose_drake.runs.contact_truth import ContactTruth, contact_truth
 

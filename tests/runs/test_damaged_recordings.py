@@ -15,7 +15,8 @@ from pydrake.math import RigidTransform
 from tactopose_drake.drivers.log_frames import log_frames
 from tactopose_drake.errors import EndOfLogError, InvalidFileError
 from tactopose_drake.estimation.prior import PosePrior
-from tactopose_drake.hand.hand_config import load_hand_config, make_hand_plant
+from tactopose_drake.hand.hand_config import load_hand_config
+from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
 from tactopose_drake.runs.manifest import SIGNALS, load_manifest, save_manifest
 from tactopose_drake.runs.scenario_replay import replay

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from tactopose_drake.core.poses import make_poses, matrix_from_quaternion, retract
-from tactopose_drake.hand.hand_config import load_hand_config, make_hand_plant
+from tactopose_drake.hand.hand_config import load_hand_config
+from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.named_joints import NamedJoints
 from tactopose_drake.runs.manifest import load_manifest
 from tactopose_drake.runs.recorded_senses import read_recording

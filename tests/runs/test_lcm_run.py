@@ -16,7 +16,8 @@ from pydrake.common.yaml import yaml_dump_typed
 from tactopose_drake.drivers.lcm_inbox import LcmConnection, open_lcm
 from tactopose_drake.drivers.lcm_messages import HandSensesMessage, ObjectBeliefMessage, ObjectPoseMessage
 from tactopose_drake.errors import BusError, InvalidFileError, InvalidInputError
-from tactopose_drake.hand.hand_config import load_hand_config, make_hand_plant
+from tactopose_drake.hand.hand_config import load_hand_config
+from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.named_joints import NamedJoints
 from tactopose_drake.runs.scenario_run import run_scenario
 from tactopose_drake.runs.stepping import RunView

@@ -16,7 +16,8 @@ from pydrake.common.yaml import yaml_dump_typed
 from tactopose_drake.core.poses import random_rotations
 from tactopose_drake.drivers.ros2_link import Ros2Link, stamp_of
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
-from tactopose_drake.hand.hand_config import load_hand_config, make_hand_plant
+from tactopose_drake.hand.hand_config import load_hand_config
+from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.named_joints import NamedJoints
 from tactopose_drake.runs.ros2_inbox import Ros2Inbox
 from tactopose_drake.runs.ros2_poses import increment_covariance, ros_covariance, ros_pose

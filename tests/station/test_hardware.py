@@ -11,7 +11,8 @@ from pydrake.systems.framework import Diagram
 
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import InvalidFileError, InvalidInputError, UnknownNameError
-from tactopose_drake.hand.hand_config import load_hand_config, make_hand_plant
+from tactopose_drake.hand.hand_config import load_hand_config
+from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.resources import model_path
 from tactopose_drake.runs.estimate_writer import EstimateWriter
 from tactopose_drake.runs.known_signals import known_signals

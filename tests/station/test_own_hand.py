@@ -9,7 +9,8 @@ from pydrake.multibody.plant import MultibodyPlant
 
 from tactopose_drake.core.grasping.finger_reach import ReachParams
 from tactopose_drake.errors import InvalidInputError
-from tactopose_drake.hand.hand_config import add_hand, load_hand_config
+from tactopose_drake.hand.hand_config import load_hand_config
+from tactopose_drake.hand.hand_in_plant import add_hand
 from tactopose_drake.hand.hand_reach import make_hand_reach
 from tactopose_drake.resources import fixed_pose
 from tactopose_drake.station.motor_inertia import add_motor_inertia

@@ -9,7 +9,8 @@ from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import DiagramBuilder
 
 from tactopose_drake.errors import InvalidInputError
-from tactopose_drake.hand.hand_config import HandUncertainty, add_hand, load_hand_config
+from tactopose_drake.hand.hand_config import HandUncertainty, load_hand_config
+from tactopose_drake.hand.hand_in_plant import add_hand
 from tactopose_drake.hand.other_fingertips import change_fingertips
 from tactopose_drake.resources import add_model, make_parser
 from tactopose_drake.station.other_object import change_object

@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 from pydrake.math import RigidTransform
 
-from tactopose_drake.hand.hand_config import load_hand_config, make_hand_plant
+from tactopose_drake.hand.hand_config import load_hand_config
+from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.systems.fingertip_velocities import FingertipVelocities
 
 

@@ -4,7 +4,8 @@ from pydrake.systems.analysis import Simulator
 
 from tactopose_drake.core.grasping.grasp_law import ClosingMotion
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
-from tactopose_drake.hand.hand_config import load_hand_config, make_hand_plant
+from tactopose_drake.hand.hand_config import load_hand_config
+from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.hand_joints import HandJoints
 from tactopose_drake.systems.grasp_controller import GraspController, GraspControllerParams
 

@@ -7,7 +7,8 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
-from tactopose_drake.hand.hand_config import Hand, add_hand, load_hand_config, make_hand_plant
+from tactopose_drake.hand.hand_config import load_hand_config
+from tactopose_drake.hand.hand_in_plant import Hand, add_hand, make_hand_plant
 from tactopose_drake.systems.grip_controller import GripController, GripControllerParams, set_motor_gains
 
 SPREAD = {"finger_1_spread_joint": 0.5}

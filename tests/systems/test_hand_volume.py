@@ -8,7 +8,8 @@ from pydrake.systems.framework import Context, DiagramBuilder
 from tactopose_drake.errors import PortTypeError
 from tactopose_drake.hand.contact_uncertainty import ContactUncertainty
 from tactopose_drake.hand.geometry import BodySpheres, HandGeometry
-from tactopose_drake.hand.hand_config import HandConfig, HandUncertainty, add_hand, load_hand_config, make_hand_plant
+from tactopose_drake.hand.hand_config import HandConfig, HandUncertainty, load_hand_config
+from tactopose_drake.hand.hand_in_plant import add_hand, make_hand_plant
 from tactopose_drake.systems.hand_volume import HandVolume
 
 POSITIONS = np.linspace(0.05, 0.6, 24)

@@ -5,7 +5,8 @@ import pytest
 
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.encoder_offsets import encoder_gains
-from tactopose_drake.hand.hand_config import load_hand_config, make_hand_plant
+from tactopose_drake.hand.hand_config import load_hand_config
+from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.systems.joint_encoders import JointEncoders
 
 Q = np.array([0.1, -0.2, 0.3])

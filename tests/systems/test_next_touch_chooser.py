@@ -11,7 +11,8 @@ from tactopose_drake.core.poses import exp_so3, make_poses
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
 from tactopose_drake.estimation.results import PoseEstimate, PoseHypothesis
-from tactopose_drake.hand.hand_config import load_hand_config, make_hand_plant
+from tactopose_drake.hand.hand_config import load_hand_config
+from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.hand_reach import make_hand_reach, rest_posture
 from tactopose_drake.resources import model_path
 from tactopose_drake.systems.next_touch_chooser import GuardedMove, NextTouchChooser, NextTouchParams

@@ -8,7 +8,8 @@ from pydrake.multibody.tree import FixedOffsetFrame
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from tactopose_drake.hand.hand_config import add_hand, load_hand_config
+from tactopose_drake.hand.hand_config import load_hand_config
+from tactopose_drake.hand.hand_in_plant import add_hand
 from tactopose_drake.station.arms.arm import add_arm, load_arm_config, mount_hand
 from tactopose_drake.station.arms.station import ArmSetup
 from tactopose_drake.station.scenario import load_scenario

@@ -12,7 +12,8 @@ from pydrake.systems.primitives import ConstantVectorSource
 
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import InvalidInputError
-from tactopose_drake.hand.hand_config import Hand, add_hand, load_hand_config, make_hand_plant
+from tactopose_drake.hand.hand_config import load_hand_config
+from tactopose_drake.hand.hand_in_plant import Hand, add_hand, make_hand_plant
 from tactopose_drake.hand.hand_joints import HandJoints
 from tactopose_drake.resources import model_path
 from tactopose_drake.systems.pose_estimation import AddPoseEstimation, PoseEstimationParams

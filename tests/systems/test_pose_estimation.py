@@ -15,7 +15,8 @@ from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.estimate import estimate_pose
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.hand.geometry import HandGeometry
-from tactopose_drake.hand.hand_config import HandConfig, add_hand, load_hand_config, make_hand_plant
+from tactopose_drake.hand.hand_config import HandConfig, load_hand_config
+from tactopose_drake.hand.hand_in_plant import add_hand, make_hand_plant
 from tactopose_drake.systems.pose_estimation import AddPoseEstimation, MakePoseEstimation, PoseEstimationParams
 from tactopose_drake.systems.pose_estimator import PoseEstimatorParams
 from tests.pressed_ball import SILENT, make_ball, press

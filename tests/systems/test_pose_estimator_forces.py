@@ -13,7 +13,8 @@ from tactopose_drake.core.synthetic.synthetic_patch import touch_with_pads
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.estimate import estimate_pose
 from tactopose_drake.estimation.prior import PosePrior
-from tactopose_drake.hand.hand_config import add_hand, load_hand_config, make_hand_plant
+from tactopose_drake.hand.hand_config import load_hand_config
+from tactopose_drake.hand.hand_in_plant import add_hand, make_hand_plant
 from tactopose_drake.station.hardware import make_hardware_station
 from tactopose_drake.station.scenario import Scenario
 from tactopose_drake.station.simulated import make_station

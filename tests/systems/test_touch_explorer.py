@@ -7,7 +7,8 @@ from pydrake.systems.analysis import Simulator
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.errors import InvalidInputError
-from tactopose_drake.hand.hand_config import load_hand_config, make_hand_plant
+from tactopose_drake.hand.hand_config import load_hand_config
+from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.hand_joints import HandJoints
 from tactopose_drake.hand.hand_reach import rest_posture
 from tactopose_drake.systems.next_touch_chooser import GuardedMove

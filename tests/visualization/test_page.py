@@ -1,72 +1,21 @@
 """Pages, read in a real browser without a network."""
 
 import dataclasses
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
-import trimesh
-from pydrake.geometry import Meshcat, MeshcatParams
-from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.math import RigidTransform
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.sensing.patches import describe_patch
-from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.estimation.results import PoseEstimate, PoseHypothesis
-from tactopose_drake.visualization.body_meshes import sphere_triangles
-from tactopose_drake.visualization.estimate_page import estimate_meshcat, instant_of, page_of
-from tactopose_drake.visualization.meshcat import draw_scene
+from tactopose_drake.estimation.results import PoseEstimate
+from tactopose_drake.visualization.estimate_page import estimate_meshcat, page_of
 from tactopose_drake.visualization.page import save_html
 from tactopose_drake.visualization.scene import Scene, ShownHypothesis
-from tactopose_drake.visualization.timeline import Curve, Plot, Timeline
 from tests.browser import CHROMIUM, Browser
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium")
-
-COVARIANCE = np.diag(np.square([0.02, 0.02, 0.02, 0.002, 0.002, 0.002]))
-SPIN = np.array([[0.0, 0.0, 1.0, 0.0, 0.0, 0.0]])
-TOUCH = Contacts(
-    [[0.03, 0, 0.01], [-0.03, 0, -0.02], [0, -0.03, 0.03]],
-    [[1, 0, 0], [-1, 0, 0], [0, -1, 0]],
-    [[2, 0, 0], [-1, 0, 0.2], [0, -3, 0.0]],
-)
-POSES = [RigidTransform(), RigidTransform([0.05, 0.0, 0.02]), RigidTransform([-0.05, 0.0, -0.02])]
-SHARES = (0.6, 0.3, 0.1)
-
-
-@pytest.fixture(scope="module")
-def model() -> ObjectModel:
-    cylinder = trimesh.creation.cylinder(radius=0.03, height=0.1, sections=48)
-    return dataclasses.replace(ObjectModel.from_mesh(cylinder, cache=False), name="a_<b>can</b>")
-
-
-@pytest.fixture(scope="module")
-def estimate() -> PoseEstimate:
-    hypotheses = (PoseHypothesis(X_PO, 1.0, share, COVARIANCE, SPIN) for X_PO, share in zip(POSES, SHARES, strict=True))
-    return PoseEstimate(tuple(hypotheses), "ambiguous", 0.01)
-
-
-@pytest.fixture(scope="module")
-def scene(model: ObjectModel, estimate: PoseEstimate) -> Scene:
-    hypotheses = [
-        dataclasses.replace(ShownHypothesis.of(hypothesis), inlier_probability=np.array([0.9, 0.2, 0.95]))
-        for hypothesis in estimate.hypotheses
-    ]
-    return Scene(
-        model=model,
-        contacts=TOUCH,
-        hypotheses=tuple(hypotheses),
-        prior=RigidTransform(RollPitchYaw(0.3, 0.0, 0.0), [0.0, -0.03, 0.03]),
-        truth=RigidTransform([0.0, 0.0, 0.002]),
-        hand=sphere_triangles(np.array([[0.0, 0.06, 0.0], [0.03, 0.06, 0.0]]), np.array([0.02, 0.02])),
-    )
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with Browser() as running:
-        yield running
 
 
 @pytest.fixture(scope="module")
@@ -145,7 +94,7 @@ def test_a_contact_behind_the_object_shines_through_it(
 ) -> None:
     # One on each side: one of them is behind, from wherever it is seen.
     touch = Contacts([[0.03, 0, 0.01], [-0.03, 0, 0.01], [0, 0.03, 0.01], [0, -0.03, 0.01]])
-    bare = Scene(model=scene.model, contacts=touch, hypotheses=(ShownHypothesis(POSES[0]),))
+    bare = Scene(model=scene.model, contacts=touch, hypotheses=(ShownHypothesis(RigidTransform()),))
     save_html(tmp_path / "page.html", estimate_meshcat(bare), page_of(bare, estimate))
     browser.open(tmp_path / "page.html", 900, 700)
     browser.evaluate("document.querySelectorAll('.tp-label').forEach((label) => { label.style.opacity = 0; })")
@@ -162,7 +111,7 @@ def test_pressed_cells_are_seen_within_the_object(
     p_PT = [[0.027, y, z] for y in (-0.005, 0.005) for z in (-0.005, 0.005)]
     patch = describe_patch(p_PT, np.full(4, 5e4), alpha=1e-8, n_PT=np.tile([-1.0, 0.0, 0.0], (4, 1)))
     pressed = Scene(
-        model=scene.model, contacts=Contacts.empty(), patches=(patch,), hypotheses=(ShownHypothesis(POSES[0]),)
+        model=scene.model, contacts=Contacts.empty(), patches=(patch,), hypotheses=(ShownHypothesis(RigidTransform()),)
     )
     save_html(tmp_path / "page.html", estimate_meshcat(pressed), page_of(pressed, estimate))
     browser.open(tmp_path / "page.html", 900, 700)
@@ -250,7 +199,7 @@ def test_the_contacts_are_numbered_in_the_scene(browser: Browser, path: Path) ->
 def test_an_estimate_at_the_truth_does_not_fight_with_it(
     browser: Browser, scene: Scene, estimate: PoseEstimate, tmp_path: Path
 ) -> None:
-    alone = dataclasses.replace(scene, hypotheses=scene.hypotheses[:1], prior=None, hand=None, truth=POSES[0])
+    alone = dataclasses.replace(scene, hypotheses=scene.hypotheses[:1], prior=None, hand=None, truth=RigidTransform())
     save_html(tmp_path / "page.html", estimate_meshcat(alone), page_of(alone, estimate))
     browser.open(tmp_path / "page.html", 900, 700)
     for name in ("95 % region", "not determined"):
@@ -285,50 +234,3 @@ def test_nothing_is_cut_off(browser: Browser, path: Path, width: int, height: in
     shown = pane(browser)
     for border in (shown[:, 2], shown[:, -3]):
         assert np.abs(border - border.mean(axis=1, keepdims=True)).max() < 0.08
-
-
-def test_the_slider_moves_through_a_recording(
-    browser: Browser, scene: Scene, estimate: PoseEstimate, tmp_path: Path
-) -> None:
-    meshcat = Meshcat(MeshcatParams(host="localhost"))
-    draw_scene(meshcat, scene)
-    meshcat.StartRecording()
-    for step in range(21):
-        meshcat.SetTransform("/tactopose/estimate", RigidTransform([0.0, 0.0, 0.002 * step]), 0.1 * step)
-    meshcat.StopRecording()
-    meshcat.PublishRecording()
-    times = np.linspace(0.0, 2.0, 21)
-    states = tuple("held: no contact" if time < 0.95 else "ok" for time in times)
-    width = np.where(times < 0.95, np.nan, 3.0 - times)
-    plots = (Plot("contact force", "N", (Curve("thumb", times), Curve("first", 2 * times))),)
-    plots += (Plot("\u00b1 position", "mm", (Curve("position", width),)),)
-    said = tuple(
-        instant_of(scene, None if time < 0.95 else estimate, state) for time, state in zip(times, states, strict=True)
-    )
-    timeline = Timeline(times, states, plots, said)
-    save_html(tmp_path / "page.html", meshcat, page_of(scene, estimate, timeline=timeline))
-    browser.open(tmp_path / "page.html")
-    height = "viewer.scene_tree.find(['tactopose', 'estimate']).object.position.z"
-    for time, state in ((2.0, "ok"), (0.5, "held: no contact"), (1.5, "ok")):
-        browser.evaluate(
-            f"(() => {{ const at = document.getElementById('tp-time'); at.value = {time};"
-            "at.dispatchEvent(new Event('input')); })()"
-        )
-        assert browser.evaluate(height) == pytest.approx(0.02 * time, abs=1e-4)
-        assert browser.evaluate("document.getElementById('tp-now').innerText") == state
-        assert browser.evaluate("document.getElementById('tp-seconds').innerText") == f"{time:.2f} s"
-        text = browser.evaluate("document.getElementById('tp-said').innerText")
-        assert f"At {time:.2f} s: {'ok' if state == 'ok' else 'no new estimate'}" in text
-        assert ("No contact." in text) == (state != "ok")
-        rows = browser.evaluate("document.querySelectorAll('#tp-hypotheses tr').length")
-        assert rows == (4 if state == "ok" else 0)
-    assert browser.evaluate("document.querySelectorAll('.tp-strip i').length") == 2
-    assert browser.evaluate("document.querySelectorAll('.tp-plot polyline').length") == 3
-    foot = browser.evaluate("document.getElementById('tp-foot').innerText")
-    assert all(text in foot for text in ("contact force, N", "time, s", "thumb", "no new estimate"))
-    ticks = browser.evaluate("[...document.querySelectorAll('.tp-axis i')].map((tick) => tick.innerText)")
-    assert ticks == ["0", "0.5", "1", "1.5", "2"]
-    browser.evaluate("document.getElementById('tp-play').click()")
-    browser.wait_for(f"{height} > 0.0399")
-    browser.wait_for("document.getElementById('tp-play').innerText === 'Play'")
-    assert browser.errors == []

@@ -24,7 +24,7 @@ class TouchSpace:
     def __init__(self, model: ObjectModel, contacts: Contacts) -> None:
         self._p_PC, self._surface = contacts.p_PC, model.samples
         # A pose with the identity's rotation and the centres of touch and surface on each other.
-        middle_O, arm, variance = model.sample_spread
+        middle_O, arm, variance = self._surface.spread
         middle_P = self._p_PC.mean(axis=0)
         self.center = np.column_stack([np.eye(3), middle_P - middle_O])
         # The way from there to p_PC - R q, for any contact, any rotation and any point q of the surface.

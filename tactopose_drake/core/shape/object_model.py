@@ -8,14 +8,13 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tactopose_drake.core.mesh.bodies import cross_products
 from tactopose_drake.core.mesh.loading import MeshSource, mesh_name
-from tactopose_drake.core.mesh.primitives import box_mesh, capsule_mesh, cylinder_mesh, sphere_mesh
 from tactopose_drake.core.mesh.repair import MeshRepairWarning
 from tactopose_drake.core.mesh.solid import DENSITY
 from tactopose_drake.core.shape import kept_parts
@@ -26,6 +25,7 @@ from tactopose_drake.core.shape.model_options import ModelOptions
 from tactopose_drake.core.shape.model_symmetries import known_symmetries, near_symmetry_line
 from tactopose_drake.core.shape.pair_features import PairFeatures, build_pair_features
 from tactopose_drake.core.shape.signed_distance import DistanceGrid
+from tactopose_drake.core.shape.simple_bodies import SimpleBodies
 from tactopose_drake.core.shape.surface_samples import SurfaceSamples
 from tactopose_drake.core.shape.surfels import Surfels, make_surfels, surfel_spacing
 from tactopose_drake.core.shape.symmetry import RotationalSymmetry, sampled_turns
@@ -35,7 +35,7 @@ from tactopose_drake.core.validation import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
-class ObjectModel:
+class ObjectModel(SimpleBodies):
     """A rigid object in its own frame O, made by `from_mesh`; all arrays are read-only.
 
     Attributes:
@@ -142,15 +142,6 @@ class ObjectModel:
         return find_unevenness(self.samples)
 
     @cached_property
-    def sample_spread(self) -> tuple[FloatArray, float, float]:
-        """Of the samples the middle (3,), m, the largest distance from O's origin, m, and a coordinate's mean variance,
-        m^2.
-        """
-        points = self.samples.points
-        variance = float(np.var(points, axis=0, ddof=1).mean())
-        return points.mean(axis=0), float(np.linalg.norm(points, axis=1).max()), variance
-
-    @cached_property
     def pair_features(self) -> PairFeatures:
         """Pairs of surface samples by what two contacts tell of them; made when first needed, in about 0.2 s."""
         make = kept_parts.pair_features if self.is_kept else build_pair_features
@@ -170,8 +161,7 @@ class ObjectModel:
 
     def make_ready(self, sigma_position: float = 0.0009) -> None:
         """Makes or loads all that an estimate needs, for points known to sigma, m, so that none waits for it."""
-        for name in ("pair_features", "sample_spread", "symmetry_turns"):
-            getattr(self, name)
+        _ = self.pair_features, self.symmetry_turns, self.samples.spread
         self.surfels(sigma_position)
 
     @cached_property
@@ -290,45 +280,3 @@ class ObjectModel:
         for array in (*arrays.values(), center, inertia, known.poses):
             array.setflags(write=False)
         return model
-
-    @classmethod
-    def from_box(cls, size: ArrayLike, **options: Any) -> ObjectModel:
-        """A box about O's origin, along its axes.
-
-        Args:
-            size: its sides, shape (3,), m.
-            options: as of `from_mesh`.
-        """
-        return cls.from_mesh(box_mesh(size), **{"name": "box"} | options)
-
-    @classmethod
-    def from_cylinder(cls, radius: float, length: float, **options: Any) -> ObjectModel:
-        """A cylinder along z of O, its middle at the origin.
-
-        Args:
-            radius: m.
-            length: m.
-            options: as of `from_mesh`.
-        """
-        return cls.from_mesh(cylinder_mesh(radius, length), **{"name": "cylinder"} | options)
-
-    @classmethod
-    def from_sphere(cls, radius: float, **options: Any) -> ObjectModel:
-        """A sphere about O's origin.
-
-        Args:
-            radius: m.
-            options: as of `from_mesh`.
-        """
-        return cls.from_mesh(sphere_mesh(radius), **{"name": "sphere"} | options)
-
-    @classmethod
-    def from_capsule(cls, radius: float, length: float, **options: Any) -> ObjectModel:
-        """Hemispheres on a cylinder along z of O, its middle at the origin.
-
-        Args:
-            radius: m.
-            length: of the cylinder, m.
-            options: as of `from_mesh`.
-        """
-        return cls.from_mesh(capsule_mesh(radius, length), **{"name": "capsule"} | options)

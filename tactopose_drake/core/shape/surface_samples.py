@@ -10,6 +10,7 @@ Sources: [B15] K. Basu and A. Owen, Low discrepancy constructions in the triangl
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +33,12 @@ class SurfaceSamples:
 
     def __len__(self) -> int:
         return len(self.points)
+
+    @cached_property
+    def spread(self) -> tuple[FloatArray, float, float]:
+        """The points' middle (3,), m, the largest distance from O's origin, m, a coordinate's mean variance, m^2."""
+        variance = float(np.var(self.points, axis=0, ddof=1).mean())
+        return self.points.mean(axis=0), float(np.linalg.norm(self.points, axis=1).max()), variance
 
 
 def sample_surface(

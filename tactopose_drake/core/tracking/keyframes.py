@@ -8,15 +8,21 @@ moved since, and a touch of the time when the fingers were still closing counts 
 from __future__ import annotations
 
 import dataclasses
+import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.evidence.evidence import Evidence
+from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.poses import compose, skew
-from tactopose_drake.core.tracking.frame import ContactReading
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.tracking.contact_errors import averaged_variances, calibration_excess
+from tactopose_drake.core.tracking.frame import ContactReading, PoseMeasurement
 from tactopose_drake.core.tracking.motion_prediction import Motion
-from tactopose_drake.core.tracking.tracker_params import WindowParams
+from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams, WindowParams
 from tactopose_drake.core.validation import FloatArray
 
 
@@ -156,3 +162,55 @@ def make_window(keyframes: tuple[Keyframe, ...], params: WindowParams) -> TouchW
     )
     keyframe = np.repeat(np.arange(len(added)), [len(frame.p_PC) for frame, _ in added])
     return TouchWindow(now, past, keyframe, 1 + len(added))
+
+
+class Touch(NamedTuple):
+    """What poses are judged by now.
+
+    Attributes:
+        evidence: of now.
+        reading: its contacts by sources.
+        window: the touches of now and of the past.
+        standing: what vision said, as of now.
+    """
+
+    evidence: Evidence
+    reading: ContactReading
+    window: TouchWindow
+    standing: PoseMeasurement | None
+
+    def averaged(self, params: PoseTrackerParams) -> Evidence:
+        """The evidence with the mean of the contacts while they stay, as sure as that is, and with what vision said."""
+        contacts, now = self.evidence.contacts, self.window.now
+        if len(contacts) == len(now.p_PC):
+            more = calibration_excess(contacts, params, self.reading.calibration)
+            sigmas = np.sqrt(averaged_variances(contacts, params, now.frames) + more)
+            contacts = dataclasses.replace(
+                contacts,
+                p_PC=now.p_PC,
+                n_PC=now.n_PC,
+                covariance=None,
+                sigma_position=sigmas[:, 0],
+                sigma_normal=sigmas[:, 1],
+            )
+        prior = None if self.standing is None else self.standing.as_prior()
+        return dataclasses.replace(self.evidence, contacts=contacts, prior=prior)
+
+
+def past_cost(model: ObjectModel, params: PoseTrackerParams, window: TouchWindow, X_PO: FloatArray) -> FloatArray:
+    """The cost of poses (n, 3, 4) by the touches of the past, shape (n,).
+
+    One of them may be of before a slip that nobody noticed: each is a mixture of what it says and of saying nothing.
+    The hand's calibration is the same at all times: of so many touches each counts by the effective sample size.
+    """
+    if window.past is None:
+        return np.zeros(len(X_PO))
+    touch = SurfaceContact(model.grid, window.past)
+    residuals = touch.residuals(np.ascontiguousarray(X_PO)).reshape(len(X_PO), len(window.past), -1)
+    costs = np.zeros((window.count - 1, len(X_PO)))
+    np.add.at(costs, window.keyframe, 0.5 * np.square(residuals).sum(axis=2).T)
+    numbers = np.bincount(window.keyframe) * (1 if window.past.n_PC is None else 3)
+    limits = 0.5 * numbers - math.log(params.window.slip_probability)
+    share = 1.0 / (1.0 + (window.count - 1) * params.window.lasting_share)
+    total: FloatArray = share * np.minimum(costs, limits[:, None]).sum(axis=0)
+    return total

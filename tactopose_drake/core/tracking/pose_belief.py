@@ -16,12 +16,11 @@ from tactopose_drake.core.posterior.plausibility import explain_touch
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.statuses import BeliefStatus
-from tactopose_drake.core.tracking.force_test import ForceTest
 from tactopose_drake.core.tracking.frame import PoseMeasurement, SeemingErrors
 from tactopose_drake.core.tracking.keyframes import Keyframe
 from tactopose_drake.core.tracking.motion_prediction import MotionHistory
 from tactopose_drake.core.tracking.relocalisation import SearchState
-from tactopose_drake.core.tracking.slip_detection import SlipTest
+from tactopose_drake.core.tracking.slip_detection import ForceTest, SlipTest
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tactopose_drake.core.validation import FloatArray

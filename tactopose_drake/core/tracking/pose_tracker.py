@@ -12,12 +12,10 @@ from tactopose_drake.core.poses import increments_between
 from tactopose_drake.core.posterior.plausibility import explain_touch
 from tactopose_drake.core.shape.free_spin import nearest_images
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.tracking.calibration_scale import estimate_scale, follow_scale
-from tactopose_drake.core.tracking.contact_errors import as_doubted
+from tactopose_drake.core.tracking.contact_errors import as_doubted, estimate_scale, follow_doubt, follow_scale
 from tactopose_drake.core.tracking.contact_update import follow_lasting_errors, update_modes
-from tactopose_drake.core.tracking.force_test import detect_by_forces
 from tactopose_drake.core.tracking.frame import ContactReading, Frame, SeemingErrors, read_contacts
-from tactopose_drake.core.tracking.keyframes import Keyframe, follow_touch, make_window, move_keyframes
+from tactopose_drake.core.tracking.keyframes import Keyframe, Touch, follow_touch, make_window, move_keyframes
 from tactopose_drake.core.tracking.motion_prediction import (
     Motion,
     MotionHistory,
@@ -27,8 +25,8 @@ from tactopose_drake.core.tracking.motion_prediction import (
     predict_modes,
 )
 from tactopose_drake.core.tracking.pose_belief import PoseBelief, summarise
-from tactopose_drake.core.tracking.relocalisation import Touch, follow_doubt, relocalise, search_on
-from tactopose_drake.core.tracking.slip_detection import PoseChange, SlipTest, detect_slip
+from tactopose_drake.core.tracking.relocalisation import relocalise, search_on
+from tactopose_drake.core.tracking.slip_detection import PoseChange, SlipTest, detect_by_forces, detect_slip
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tactopose_drake.core.tracking.vision_update import move_standing, see
 from tactopose_drake.core.validation import FloatArray, instance_of
@@ -177,7 +175,8 @@ class PoseTracker:
             return belief
         share = max(1.0 / (1.0 + search.agreeing), params.relocalisation.least_share)
         errors = self._follow_errors(belief, reading)
-        errors = errors._replace(doubt=follow_doubt(errors.doubt, weighed, frame.sources, share))
+        doubt = follow_doubt(errors.doubt, weighed.inlier_probability, weighed.noise_scale, frame.sources, share)
+        errors = errors._replace(doubt=doubt)
         after = reading._replace(doubt=errors.doubts_of(frame.sources), calibration=errors.calibration)
         modes = follow_lasting_errors(belief.modes, reading, after, params)
         modes = relocalise(self._model, params, touch._replace(reading=after), modes, weighed.modes, share)

@@ -7,13 +7,15 @@ stays, the searches weigh the same evidence again, each by samples of its own: t
 what counts. Of each mode of the posterior that the filter has already, the filter's pose stays, which has learnt from
 many frames, unless the touch contradicts it.
 
-Noise that seems larger than told, and contacts that seem false, are the one-shot estimate's own findings. They are of
-the fingers, and last: each source's contacts are doubted by them at the frames to come.
+A search is made in slices, each of which fits into the time of an update: it proposes minima of the touch, from a part
+of the starts, other ones each time; it settles these and the modes that are known by all the evidence; it weighs what
+explains the touch as the estimate does; and what it says is put to use. Over some searches all is searched.
 """
+
+from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -21,20 +23,47 @@ from numpy.typing import NDArray
 
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.kernels.matrix_kernels import inverses
-from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.poses import compose, increments_between
-from tactopose_drake.core.posterior.hypotheses import Modes
-from tactopose_drake.core.searches.pose_problem import make_problem
+from tactopose_drake.core.posterior.belief_sampling import weigh_modes
+from tactopose_drake.core.posterior.hypotheses import Modes, find_modes
+from tactopose_drake.core.posterior.plausibility import explain_with_doubt
+from tactopose_drake.core.posterior.posterior import make_posterior
+from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS
+from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
+from tactopose_drake.core.searches.pair_search import PairSearch, Start, global_stages
+from tactopose_drake.core.searches.patch_searches import patch_search
+from tactopose_drake.core.searches.pose_problem import PoseProblem, make_problem
+from tactopose_drake.core.searches.search import SearchResult
+from tactopose_drake.core.shape.free_spin import nearest_images
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.tracking.contact_errors import averaged_variances, calibration_excess, lasting_excess
+from tactopose_drake.core.tracking.contact_errors import lasting_excess
 from tactopose_drake.core.tracking.contact_update import update_with_contacts
-from tactopose_drake.core.tracking.frame import ContactReading, PoseMeasurement
-from tactopose_drake.core.tracking.keyframes import TouchWindow
+from tactopose_drake.core.tracking.keyframes import Touch, past_cost
 from tactopose_drake.core.tracking.motion_prediction import Motion
-from tactopose_drake.core.tracking.one_shot_posterior import WeighedModes, propose_poses, settle_poses, weigh_poses
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
-from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
+from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams, RelocalisationParams
 from tactopose_drake.core.validation import FloatArray
+
+_REFINEMENT = LevenbergMarquardt(max_iterations=6, tolerance=1e-2)
+
+
+class WeighedModes(NamedTuple):
+    """What the one-shot posterior says.
+
+    Attributes:
+        modes: of the pose.
+        inlier_probability: of each contact, that it is what it claims to be, shape (k,).
+        noise_scale: by how much the noise seems larger than told.
+    """
+
+    modes: Modes
+    inlier_probability: FloatArray
+    noise_scale: float
+
+    def moved(self, motion: Motion) -> WeighedModes:
+        """The same after a motion of the object."""
+        mixture = dataclasses.replace(self.modes.mixture, X_PO=compose(motion.pose, self.modes.mixture.X_PO))
+        return self._replace(modes=dataclasses.replace(self.modes, mixture=mixture))
 
 
 class SearchState(NamedTuple):
@@ -56,45 +85,12 @@ class SearchState(NamedTuple):
     agreeing: int = 0
     time: float = -np.inf
 
-    def moved(self, motion: Motion) -> "SearchState":
+    def moved(self, motion: Motion) -> SearchState:
         """The same after a motion of the object."""
         if self.X_PO is None:
             return self
         weighed = None if self.weighed is None else self.weighed.moved(motion)
         return self._replace(X_PO=compose(motion.pose, self.X_PO), weighed=weighed)
-
-
-class Touch(NamedTuple):
-    """What poses are judged by now.
-
-    Attributes:
-        evidence: of now.
-        reading: its contacts by sources.
-        window: the touches of now and of the past.
-        standing: what vision said, as of now.
-    """
-
-    evidence: Evidence
-    reading: ContactReading
-    window: TouchWindow
-    standing: PoseMeasurement | None
-
-    def averaged(self, params: PoseTrackerParams) -> Evidence:
-        """The evidence with the mean of the contacts while they stay, as sure as that is, and with what vision said."""
-        contacts, now = self.evidence.contacts, self.window.now
-        if len(contacts) == len(now.p_PC):
-            more = calibration_excess(contacts, params, self.reading.calibration)
-            sigmas = np.sqrt(averaged_variances(contacts, params, now.frames) + more)
-            contacts = dataclasses.replace(
-                contacts,
-                p_PC=now.p_PC,
-                n_PC=now.n_PC,
-                covariance=None,
-                sigma_position=sigmas[:, 0],
-                sigma_normal=sigmas[:, 1],
-            )
-        prior = None if self.standing is None else self.standing.as_prior()
-        return dataclasses.replace(self.evidence, contacts=contacts, prior=prior)
 
 
 def search_on(
@@ -111,13 +107,13 @@ def search_on(
     at_once = not len(modes)
     if search.X_PO is None:
         near = dataclasses.replace(evidence, prior=None) if search.searches % 2 else evidence
-        search = search._replace(X_PO=propose_poses(model, settings, near, generator), is_settled=False)
+        search = search._replace(X_PO=_propose_poses(model, settings, near, generator), is_settled=False)
         if not at_once:
             return search, None
     assert search.X_PO is not None
     if not search.is_settled:
         X_PO = np.concatenate([modes.X_PO, search.X_PO])
-        X_PO = settle_poses(model, settings, evidence, X_PO) if len(X_PO) else X_PO
+        X_PO = _settle_poses(model, settings, evidence, X_PO) if len(X_PO) else X_PO
         search = search._replace(X_PO=X_PO, is_settled=True)
         if not at_once and len(X_PO):
             return search, None
@@ -125,8 +121,80 @@ def search_on(
     ended = search._replace(X_PO=None, is_settled=False, searches=search.searches + 1)
     if not len(search.X_PO):
         return ended, None
-    weighed = weigh_poses(model, settings, evidence, search.X_PO, generator)
+    weighed = _weigh_poses(model, settings, evidence, search.X_PO, generator)
     return (ended, weighed) if at_once else (search._replace(weighed=weighed), None)
+
+
+def _propose_poses(
+    model: ObjectModel, params: RelocalisationParams, near: Evidence, generator: np.random.Generator
+) -> FloatArray:
+    """Minima of the touch alone, without what bounds the pose, which is slow; best first, shape (n, 3, 4).
+
+    Args:
+        model: the object.
+        params: how much work it is.
+        near: the touch; where there is a prior, the search goes near it.
+        generator: of random numbers.
+    """
+    starts = params.starts
+    touch = dataclasses.replace(near, hand=None, untouched=None, balance=None, friction=None, patches=near.felt)
+    problem = make_problem(model, touch)
+    pairs = PairSearch(model=model, contacts=touch.contacts)
+    if touch.felt:
+        pairs = patch_search(model, touch.felt, touch.contacts)
+    pairs = dataclasses.replace(
+        pairs,
+        start=Start(candidates=starts, samples=starts // 2),
+        stages=global_stages(starts // 2, starts // 3, starts // 8, starts // 20),
+    )
+    found = pairs.minimize(problem.objective, problem.space, generator)
+    return _distinct(model, params, problem, found).mixture.X_PO
+
+
+def _settle_poses(model: ObjectModel, params: RelocalisationParams, evidence: Evidence, X_PO: FloatArray) -> FloatArray:
+    """Minima of all the evidence that poses (n, 3, 4) lead to, of those that explain the touch, shape (m, 3, 4).
+
+    Of poses that look the same the nearest to the first is taken, where no prior tells them apart.
+    """
+    problem = make_problem(model, evidence)
+    if evidence.prior is None:
+        X_PO = nearest_images(X_PO, X_PO[0], model.symmetry_turns, model.symmetries)
+    found = _REFINEMENT.refine(problem.objective, X_PO)
+    X_PO = _distinct(model, params, problem, found).mixture.X_PO
+    judgement = None if problem.mixture is None else problem.mixture.judge(X_PO)
+    return X_PO[explain_with_doubt(model, evidence, judgement, X_PO)]
+
+
+def _weigh_poses(
+    model: ObjectModel,
+    params: RelocalisationParams,
+    evidence: Evidence,
+    X_PO: FloatArray,
+    generator: np.random.Generator,
+) -> WeighedModes:
+    """The posterior's modes at minima (m, 3, 4) of the evidence, at least one."""
+    problem = make_problem(model, evidence)
+    each = np.zeros(len(X_PO), dtype=np.intp)
+    minima = SearchResult(X_PO, problem.objective.cost(X_PO), each, each == 0)
+    sampling = dataclasses.replace(DEFAULT_PARAMS.sampling, most_rounds=params.rounds, samples=params.samples)
+    posterior = make_posterior(model, evidence, problem, dataclasses.replace(DEFAULT_PARAMS, sampling=sampling))
+    modes = weigh_modes(_distinct(model, params, problem, minima), posterior, generator)
+    if problem.mixture is None:
+        return WeighedModes(modes, np.zeros(0), 1.0)
+    judgement, weights = problem.mixture.judge(modes.mixture.X_PO), modes.mixture.weights
+    return WeighedModes(modes, weights @ judgement.inlier_probability, float(weights @ judgement.noise_scale))
+
+
+def _distinct(model: ObjectModel, params: RelocalisationParams, problem: PoseProblem, found: SearchResult) -> Modes:
+    """Distinct modes by Laplace's approximation, of which not too many are kept."""
+    return find_modes(
+        found,
+        problem.determining.normal_equations(found.X_PO).hessian,
+        problem.space.information,
+        model.symmetry_poses,
+        model.size,
+        params.found,
+    )
 
 
 def relocalise(
@@ -161,47 +229,6 @@ def relocalise(
         before = (modes.log_weight - np.logaddexp.reduce(modes.log_weight))[pairs]
         now = np.where(pairs < 0, now, before + share * (now - before))
     return dataclasses.replace(joined, log_weight=now)
-
-
-def follow_doubt(
-    doubt: Mapping[str, float], weighed: WeighedModes, sources: tuple[str, ...], share: float
-) -> dict[str, float]:
-    """By how much the variances of what lasts of each source's errors seem larger than told, after another search.
-
-    Args:
-        doubt: before.
-        weighed: what the posterior says.
-        sources: of its contacts, in their order, and then of others of which it says nothing.
-        share: of the mean that is by this posterior.
-    """
-    after = dict(doubt)
-    for name, inlier in zip(sources, weighed.inlier_probability, strict=False):
-        now = weighed.noise_scale**2 / max(float(inlier), _LEAST_INLIER)
-        after[name] = math.exp((1.0 - share) * math.log(doubt.get(name, 1.0)) + share * math.log(max(now, 1.0)))
-    return after
-
-
-# However false a contact seems, it counts by this share.
-_LEAST_INLIER = 0.01
-
-
-def past_cost(model: ObjectModel, params: PoseTrackerParams, window: TouchWindow, X_PO: FloatArray) -> FloatArray:
-    """The cost of poses (n, 3, 4) by the touches of the past, shape (n,).
-
-    One of them may be of before a slip that nobody noticed: each is a mixture of what it says and of saying nothing.
-    The hand's calibration is the same at all times: of so many touches each counts by the effective sample size.
-    """
-    if window.past is None:
-        return np.zeros(len(X_PO))
-    touch = SurfaceContact(model.grid, window.past)
-    residuals = touch.residuals(np.ascontiguousarray(X_PO)).reshape(len(X_PO), len(window.past), -1)
-    costs = np.zeros((window.count - 1, len(X_PO)))
-    np.add.at(costs, window.keyframe, 0.5 * np.square(residuals).sum(axis=2).T)
-    numbers = np.bincount(window.keyframe) * (1 if window.past.n_PC is None else 3)
-    limits = 0.5 * numbers - math.log(params.window.slip_probability)
-    share = 1.0 / (1.0 + (window.count - 1) * params.window.lasting_share)
-    total: FloatArray = share * np.minimum(costs, limits[:, None]).sum(axis=0)
-    return total
 
 
 def _match(

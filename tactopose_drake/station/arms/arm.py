@@ -11,7 +11,7 @@ from pydrake.multibody.tree import Frame, ModelInstanceIndex, SpatialInertia
 
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidFileError, InvalidInputError, UnknownNameError
-from tactopose_drake.hand.hand_config import Hand
+from tactopose_drake.hand.hand_in_plant import Hand
 from tactopose_drake.resources import add_model, load_typed_yaml, make_parser, model_path
 
 

@@ -14,7 +14,8 @@ from tactopose_drake.core.validation import FloatArray, finite_array, positive_n
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.hand.geometry import BodySpheres
-from tactopose_drake.hand.hand_config import HandConfig, make_hand_plant
+from tactopose_drake.hand.hand_config import HandConfig
+from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.station.arms.arm import Arm
 from tactopose_drake.station.arms.motion import AxisGoal, reach_axis, smooth_motion
 

@@ -14,7 +14,8 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPo
 from tactopose_drake.core.grasping.grasp_planner import GraspPlan
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import finite_array, positive_number
-from tactopose_drake.hand.hand_config import Hand, add_hand, load_hand_config
+from tactopose_drake.hand.hand_config import load_hand_config
+from tactopose_drake.hand.hand_in_plant import Hand, add_hand
 from tactopose_drake.resources import add_model, fixed_pose, make_parser
 from tactopose_drake.station.arms.arm import Arm, add_arm, hand_inertia, load_arm_config, make_arm_plant, mount_hand
 from tactopose_drake.station.grasp import add_planned_grasp

@@ -1,5 +1,4 @@
 import dataclasses
-import logging
 import os
 import subprocess
 import sys
@@ -14,7 +13,6 @@ import trimesh
 from tactopose_drake.core.mesh.repair import MeshRepairWarning
 from tactopose_drake.core.shape import model_building, model_cache
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.shape.symmetry import RotationalSymmetry
 from tactopose_drake.errors import (
     InvalidFileError,
     InvalidInputError,
@@ -23,7 +21,7 @@ from tactopose_drake.errors import (
     TactoposeError,
     UnknownNameError,
 )
-from tests.core.meshes import ball, create, cube, inside_out, random_pose, scanned_can, shape_poor_in_symmetry
+from tests.core.meshes import ball, create, cube, inside_out, random_pose, shape_poor_in_symmetry
 
 SIDES = np.array([0.05, 0.08, 0.12])
 BOX = create.box(SIDES)
@@ -115,40 +113,6 @@ def test_the_model_turns_with_the_mesh() -> None:
     np.testing.assert_allclose(moved.inertia, R @ still.inertia @ R.T, atol=1e-9 * still.mass)
     points = still.samples.points @ R.T + p
     assert np.percentile(np.abs(moved.grid.distance(points)), 95) < 0.25 * moved.grid.spacing
-
-
-def test_symmetry_may_be_given_or_left_out() -> None:
-    assert model_of(BOX, symmetry="none").symmetries == ()
-    assert len(model_of(BOX, symmetry="none").symmetry_poses) == 1
-    turn = RotationalSymmetry(np.array([0.0, 0.0, 1.0]), np.zeros(3), 4)
-    given = model_of(BOX, symmetry=[turn])
-    assert given.symmetries == (turn,)
-    assert len(given.symmetry_poses) == 4
-    assert len(model_of(BOX).symmetry_poses) == 4  # detected: the box's own four
-
-
-def test_near_symmetry_is_said_unless_symmetries_are_told(
-    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(logging.getLogger("tactopose_drake"), "filters", [])  # The command line says things once.
-    mesh = scanned_can().apply_translation([0.03, 0.0, 0.2])
-    for _ in ("built", "from the cache"):
-        model = model_of(mesh, name="soup")
-        (near,) = model.near_symmetries
-        np.testing.assert_allclose(near.point, model.center_of_mass, atol=1e-9)
-        np.testing.assert_allclose(model.about_middle.near_symmetries[0].point, near.point - model.middle, atol=1e-9)
-        assert "nearly any-fold" in repr(model)
-        (record,) = caplog.records
-        assert record.getMessage().startswith("soup: is nearly unchanged by turns about its z axis (surface off by up")
-        assert "--symmetry z" in record.getMessage()
-        caplog.clear()
-    turn = RotationalSymmetry(np.array([0.0, 0.0, 1.0]), mesh.center_mass, 0)
-    for told in ("none", [turn], []):
-        model = model_of(mesh, symmetry=told)
-        assert model.near_symmetries == ()
-        assert model.symmetries_are_given == (told != "none")
-    assert model_of(BOX).near_symmetries == ()
-    assert not caplog.records
 
 
 def test_a_model_cannot_be_changed() -> None:

@@ -2,11 +2,11 @@ import dataclasses
 
 import numpy as np
 
-from tactopose_drake.core.poses import compose, exp_so3, make_poses, random_rotations, transform_points
-from tactopose_drake.core.tracking.keyframes import Keyframe, follow_touch, make_window, move_keyframes
+from tactopose_drake.core.poses import compose, exp_so3, make_poses, random_rotations, retract, transform_points
+from tactopose_drake.core.tracking.keyframes import Keyframe, follow_touch, make_window, move_keyframes, past_cost
 from tactopose_drake.core.tracking.motion_prediction import Motion
-from tactopose_drake.core.tracking.tracker_params import WindowParams
-from tests.core.tracking.boxes import read, touch
+from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams, WindowParams
+from tests.core.tracking.boxes import make_box, read, touch
 
 PARAMS = WindowParams()
 NAMES = tuple("abcdef")
@@ -76,3 +76,19 @@ def test_fewer_keyframes_than_told_are_kept() -> None:
         some = type(contacts)(contacts.p_PC[:k], None if contacts.n_PC is None else contacts.n_PC[:k])
         frames = follow_touch(frames, Keyframe.of_now(read(some), NAMES[:k]), PARAMS)
     assert len(frames) == PARAMS.max_keyframes + 1
+
+
+def test_touches_of_the_past_tell_poses_apart_but_never_outweigh_a_slip() -> None:
+    box, params = make_box(), PoseTrackerParams()
+    elsewhere = retract(X_PO, np.array([0.0, 0, 0, 0.1, 0, 0]))
+    now, both = touch(X_PO, np.random.default_rng(1)), np.stack([X_PO, elsewhere])
+    before = Keyframe.of_now(read(touch(X_PO, np.random.default_rng(2))), NAMES)
+    fewer = Keyframe.of_now(read(now.chosen(np.arange(3))), NAMES[:3])
+    window = make_window((before, fewer), PARAMS)
+    assert window.count == 2
+    right, wrong = past_cost(box, params, window, both)
+    assert wrong > right
+    assert wrong - right < 0.5 * 18 - np.log(PARAMS.slip_probability)
+    np.testing.assert_array_equal(
+        past_cost(box, params, make_window((Keyframe.of_now(read(now), NAMES),), PARAMS), both), np.zeros(2)
+    )

@@ -1,17 +1,32 @@
+import dataclasses
+
 import numpy as np
 import pytest
 
+from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.poses import make_poses, random_rotations, retract
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.tracking.frame import ContactReading
 from tactopose_drake.core.tracking.motion_prediction import Motion, move_with_palm
-from tactopose_drake.core.tracking.slip_detection import PoseChange, SlipTest, detect_slip
-from tactopose_drake.core.tracking.tracker_params import MotionNoise, SlipParams
-from tests.core.tracking.boxes import draw_biases, make_box, read, touch
+from tactopose_drake.core.tracking.slip_detection import (
+    ForceTest,
+    PoseChange,
+    SlipTest,
+    detect_by_forces,
+    detect_slip,
+)
+from tactopose_drake.core.tracking.tracker_params import ForceTestParams, MotionNoise, SlipParams
+from tests.core.tracking.boxes import SIGMA_NORMAL, SIGMA_POSITION, draw_biases, make_box, n_OC, p_OC, read, touch
 
 PARAMS = SlipParams()
 X_PO = make_poses(random_rotations(np.random.default_rng(0), 1), np.array([[0.02, 0.0, 0.1]]))[0]
 REST = move_with_palm(MotionNoise(), 0.01, slips=False)
 WAY = np.array([0.0, 0, 0, 0.6, -0.5, 0.62])
+
+# Of the test of forces.
+ACROSS = np.roll(n_OC, 1, axis=1)
+HELD = np.array([0.5, 0.3, 0.6, 0.2, 0.4, 0.5])
+PERIOD = 0.01
 
 
 @pytest.fixture(scope="module")
@@ -76,3 +91,69 @@ def test_the_noise_is_learnt_from_single_frames(box: ObjectModel) -> None:
         test, _ = detect_slip(box, PARAMS, test, read(touch(X_PO, generator)), change(X_PO, X_PO))
     assert min(test.noise) > 0.7
     assert max(test.noise) < 1.4
+
+
+def press(ratios: np.ndarray, normal: np.ndarray | float = 2.0) -> ContactReading:
+    """Fingertips that press with these normal forces, N, at ratios (6,) of tangential to normal force."""
+    forces = (np.ones(6) * normal)[:, None] * (n_OC + ratios[:, None] * ACROSS)
+    return read(Contacts(p_OC, n_OC, forces, sigma_position=SIGMA_POSITION, sigma_normal=SIGMA_NORMAL))
+
+
+def feel(readings: list[ContactReading]) -> list[bool]:
+    """At which frames the object is found to slip; at the first all fingers come to touch."""
+    test, said = ForceTest(), []
+    for i, reading in enumerate(readings):
+        test, slips = detect_by_forces(ForceTestParams(), test, reading, PERIOD * i, is_new=i == 0)
+        said.append(slips)
+    return said
+
+
+def test_a_load_that_grows_slowly_within_the_cones_is_no_slip() -> None:
+    grows = [press(HELD, 2.0 + 0.05 * i) for i in range(100)]
+    assert not any(feel(grows))
+    turns = [press(HELD + 0.003 * i * np.array([1, -1, 0, 1, 0, -1])) for i in range(60)]
+    assert not any(feel(turns))
+
+
+def test_forces_that_go_over_to_other_fingers_at_once_are_a_slip() -> None:
+    loose = press(np.array([0.9, 0.3, 0.6, 0.2, 0.4, 0.5]), np.array([0.3, 2, 4, 1, 2, 2]))
+    said = feel([press(HELD)] * 50 + [loose] * 5)
+    assert said.index(True) == 50
+    assert not any(feel([press(HELD)] * 10 + [loose] * 5)), "soon after a finger has come to touch forces change"
+
+
+def test_what_ratios_come_to_while_friction_gives_way_is_no_coefficient() -> None:
+    rising = [press(HELD + np.array([0.1 * i, 0, 0, 0, 0, 0])) for i in range(4)]
+    loose = press(np.array([0.1, 0.3, 0.61, 0.2, 0.4, 0.5]), np.array([0.1, 2, 4, 1, 2, 2]))
+    assert feel([press(HELD)] * 50 + [*rising, loose])[-1]
+
+
+def test_forces_that_always_change_so_much_are_noise() -> None:
+    generator = np.random.default_rng(0)
+    shaking = [press(HELD, 2.0 * (1.0 + 0.15 * generator.normal(size=6))) for _ in range(300)]
+    assert not any(feel(shaking)[100:])
+
+
+def test_a_knock_within_the_cones_is_no_slip() -> None:
+    assert not any(feel([press(HELD)] * 50 + [press(0.5 * HELD, 4.0)] * 5))
+
+
+def test_where_all_fingers_come_to_the_limit_the_object_slides_as_a_whole() -> None:
+    reach = [press(np.minimum(HELD + 0.01 * i, 0.8)) for i in range(100)]
+    said = feel(reach)
+    assert 50 <= said.index(True) <= 60
+    assert not any(said[:50])
+
+
+def test_fingers_that_rest_at_the_limit_since_they_closed_do_not_slide() -> None:
+    assert not any(feel([press(np.full(6, 0.8))] * 100))
+
+
+def test_two_fingers_at_equal_ratios_prove_nothing() -> None:
+    two = [press(np.minimum(HELD + 0.01 * i, 0.8)).contacts.chosen(np.arange(2)) for i in range(100)]
+    assert not any(feel([read(contacts) for contacts in two]))
+
+
+def test_without_forces_nothing_is_said_of_them() -> None:
+    bare = read(dataclasses.replace(press(HELD).contacts, f_PC=None))
+    assert detect_by_forces(ForceTestParams(), ForceTest(), bare, 1.0, is_new=True) == (ForceTest(held_time=1.0), False)

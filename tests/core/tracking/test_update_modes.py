@@ -100,17 +100,6 @@ def test_biases_follow_the_roughness_and_the_covariance_stays_one(before: float,
     np.testing.assert_array_equal(after.cross_covariance[:, :, 6:12], modes.cross_covariance[:, :, 6:12])
 
 
-def test_of_a_mean_of_frames_only_what_is_new_averages_out() -> None:
-    contacts, params = (
-        Contacts(p_OC, n_OC, sigma_position=SIGMA_POSITION, sigma_normal=SIGMA_NORMAL),
-        PoseTrackerParams(),
-    )
-    one, many = (averaged_variances(contacts, params, frames) for frames in (1, 10**6))
-    np.testing.assert_allclose(one, np.tile([SIGMA_POSITION**2, SIGMA_NORMAL**2], (6, 1)))
-    lasting = params.calibration_position**2 + params.surface_position**2
-    np.testing.assert_allclose(many[:, 0], lasting, rtol=1e-5)
-
-
 def test_modes_that_hardly_count_wait_for_a_search(box: ObjectModel) -> None:
     covariance = np.tile(np.diag(np.repeat([0.02**2, 0.001**2], 3)), (3, 1, 1))
     modes = dataclasses.replace(make_modes(covariance), log_weight=np.array([0.0, -1.0, -20.0]))

@@ -8,7 +8,8 @@ from pydrake.multibody.plant import MultibodyPlant
 import tactopose_drake as tp
 from tactopose_drake.core.grasping.held_axis import HeldAxis
 from tactopose_drake.errors import InvalidInputError
-from tactopose_drake.hand.hand_config import add_hand, load_hand_config
+from tactopose_drake.hand.hand_config import load_hand_config
+from tactopose_drake.hand.hand_in_plant import add_hand
 from tactopose_drake.resources import model_path
 from tactopose_drake.station.arms.arm import add_arm, load_arm_config, make_arm_plant, mount_hand
 from tactopose_drake.station.arms.place_planning import PlaceParams, PlacePlanner

@@ -7,12 +7,17 @@ import pytest
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.poses import make_poses, random_rotations, retract
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.tracking.calibration_scale import estimate_scale, follow_scale
+from tactopose_drake.core.tracking.contact_errors import (
+    averaged_variances,
+    estimate_scale,
+    follow_doubt,
+    follow_scale,
+)
 from tactopose_drake.core.tracking.frame import ContactReading, SeemingErrors
 from tactopose_drake.core.tracking.motion_prediction import MotionNoise, move_with_palm
 from tactopose_drake.core.tracking.slip_detection import PoseChange, SlipTest, detect_slip
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
-from tests.core.tracking.boxes import draw_biases, make_box, read, touch
+from tests.core.tracking.boxes import SIGMA_NORMAL, SIGMA_POSITION, draw_biases, make_box, n_OC, p_OC, read, touch
 
 PARAMS = PoseTrackerParams()
 TOLD = PARAMS.calibration_position, math.radians(PARAMS.calibration_normal_deg)
@@ -41,6 +46,22 @@ def scales(box: ObjectModel, scale: float) -> np.ndarray:
     """Of some hands, the root of the factors' geometric mean."""
     found = [estimate_scale(box, PARAMS, *feel(box, seed, scale), X_PO) for seed in range(8)]
     return np.array([math.sqrt(math.sqrt(factors[0] * factors[1])) for factors in found if factors is not None])
+
+
+def test_of_a_mean_of_frames_only_what_is_new_averages_out() -> None:
+    contacts = Contacts(p_OC, n_OC, sigma_position=SIGMA_POSITION, sigma_normal=SIGMA_NORMAL)
+    one, many = (averaged_variances(contacts, PARAMS, frames) for frames in (1, 10**6))
+    np.testing.assert_allclose(one, np.tile([SIGMA_POSITION**2, SIGMA_NORMAL**2], (6, 1)))
+    lasting = PARAMS.calibration_position**2 + PARAMS.surface_position**2
+    np.testing.assert_allclose(many[:, 0], lasting, rtol=1e-5)
+
+
+def test_a_source_whose_contacts_seem_false_is_doubted_from_then_on() -> None:
+    names = tuple("abcdef")
+    doubt = follow_doubt({}, np.array([0.05, 1, 1, 1, 1, 1]), 2.0, names, 1.0)
+    assert doubt == pytest.approx({"a": 80.0, **dict.fromkeys(names[1:], 4.0)})
+    again = follow_doubt(doubt, np.ones(6), 1.0, names, 0.5)
+    assert again["a"] == pytest.approx(80.0**0.5)
 
 
 @pytest.mark.parametrize("scale", [1.0, 2.0, 4.0])

@@ -1,0 +1,146 @@
+"""How a hand gets into a plant, and where in it what its configuration names is found."""
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import FixedOffsetFrame, Frame, Joint, ModelInstanceIndex, WeldJoint
+
+from tactopose_drake.core.poses import exp_so3
+from tactopose_drake.core.sensing.soft_layer import SoftLayer
+from tactopose_drake.core.surfaces import Surface
+from tactopose_drake.errors import InvalidFileError, InvalidInputError, UnknownNameError
+from tactopose_drake.hand.calibration_file import HandCalibration, load_calibration
+from tactopose_drake.hand.contact_gains import thicker
+from tactopose_drake.hand.hand_config import HandConfig
+from tactopose_drake.resources import add_model, make_parser
+
+
+@dataclasses.dataclass(frozen=True)
+class Hand:
+    """A hand in a plant: where the names of its configuration have led.
+
+    `sensor_frames`, `welds` and `surfaces` are those of the fingers with a force-torque sensor, by finger, `layers` of
+    those with a soft skin; `pad_frames` are those of the tactile pads, by pad. `calibration` is what is known of the
+    hand's errors, in a plant that estimates by its readings; there, `sensor_frames` and `surfaces` are where it has
+    found them.
+    """
+
+    config: HandConfig
+    model_instance: ModelInstanceIndex
+    palm_frame: Frame
+    sensor_frames: Mapping[str, Frame]
+    welds: Mapping[str, Joint]
+    surfaces: Mapping[str, Surface]
+    pad_frames: Mapping[str, Frame]
+    layers: Mapping[str, SoftLayer]
+    calibration: HandCalibration | None = None
+
+    @property
+    def fingers(self) -> tuple[str, ...]:
+        """The fingers' names, in the order of the configuration."""
+        return tuple(finger.name for finger in self.config.fingers)
+
+
+def add_hand(plant: MultibodyPlant, config: HandConfig, X_WBase: RigidTransform | None = None) -> Hand:
+    """Parses a hand into a plant that is not finalized yet.
+
+    A joint that moves a finger and has no actuator in the model gets one, without a limit.
+
+    Args:
+        plant: receives the hand. Coupled joints need a discrete plant with a SAP-family contact approximation, which
+            is Drake's default.
+        config: which hand.
+        X_WBase: where to weld the hand's base link; None leaves it free, for the caller to weld on an arm.
+
+    Raises:
+        UnknownNameError: if the model lacks a name of the configuration.
+        InvalidFileError: if Drake cannot read the model.
+        InvalidInputError: if a package of the model is not installed, or a weld is a joint that moves and the sensor is
+            not behind it.
+    """
+    config.validate()
+    model_instance = add_model(make_parser(plant, config.packages), config.model)
+    hand = find_hand(plant, config, model_instance)
+    # Asked for one model's actuators, an unfinished plant says that there is none.
+    actuators = (plant.get_joint_actuator(index) for index in plant.GetJointActuatorIndices())
+    actuated = {actuator.joint().name() for actuator in actuators if actuator.model_instance() == model_instance}
+    driven = dict.fromkeys(name for finger in config.fingers for name in finger.joints)  # fingers may share one
+    for name in (name for name in driven if name not in actuated):
+        plant.AddJointActuator(name, plant.GetJointByName(name, model_instance))
+    if X_WBase is not None:
+        plant.WeldFrames(plant.world_frame(), plant.GetFrameByName(config.base_link, model_instance), X_WBase)
+    return hand
+
+
+def find_hand(plant: MultibodyPlant, config: HandConfig, model_instance: ModelInstanceIndex) -> Hand:
+    """Looks up a hand that is already in a plant.
+
+    Raises:
+        UnknownNameError: if the model lacks a name of the configuration.
+        InvalidInputError: if a weld is a joint that moves and the sensor is not behind it.
+    """
+    frames = {plant.get_frame(index).name(): plant.get_frame(index) for index in plant.GetFrameIndices(model_instance)}
+    joints = {plant.get_joint(index).name(): plant.get_joint(index) for index in plant.GetJointIndices(model_instance)}
+    sensing = [finger for finger in config.fingers if finger.sensor_frame]
+    for finger in config.fingers:
+        needed = [*finger.joints, *(coupling.joint for coupling in finger.couplings)]
+        needed += [finger.weld] if finger in sensing else []
+        for name in needed:
+            if name not in joints:
+                raise UnknownNameError(f"joint of finger {finger.name!r}", name, sorted(joints))
+    pads = {pad.name: pad.frame for pad in config.pads}
+    for name in [config.base_link, config.palm_frame, *(finger.sensor_frame for finger in sensing), *pads.values()]:
+        if name not in frames:
+            raise UnknownNameError("frame of the hand", name, sorted(frames))
+    for finger in sensing:
+        tip, is_fixed = joints[finger.weld].child_body(), isinstance(joints[finger.weld], WeldJoint)
+        if not is_fixed and frames[finger.sensor_frame].body().index() != tip.index():
+            fixed = ", ".join(sorted(name for name, joint in joints.items() if isinstance(joint, WeldJoint))) or "none"
+            raise InvalidInputError(
+                f"HandConfig.fingers[{finger.name}].weld: the joint {finger.weld!r} moves; allowed are those that are "
+                f"fixed ({fixed}), or a sensor frame on the link {tip.name()!r} that it moves."
+            )
+    return Hand(
+        config,
+        model_instance,
+        frames[config.palm_frame],
+        {finger.name: frames[finger.sensor_frame] for finger in sensing},
+        {finger.name: joints[finger.weld] for finger in sensing},
+        {finger.name: finger.surface.make() for finger in sensing},
+        {name: frames[frame] for name, frame in pads.items()},
+        {finger.name: finger.layer.make(finger.name, finger.surface.make()) for finger in sensing if finger.layer},
+    )
+
+
+def make_hand_plant(config: HandConfig) -> tuple[MultibodyPlant, Hand]:
+    """A finalized plant of the hand alone, its base welded to the world: for kinematics from joint positions.
+
+    It is the hand as it is known to be: with its calibration, where the configuration names one.
+    """
+    plant = MultibodyPlant(time_step=0.001)
+    hand = add_hand(plant, config, RigidTransform())
+    if config.calibration:
+        hand = _calibrated(plant, hand, load_calibration(Path(config.calibration)))
+    plant.Finalize()
+    return plant, hand
+
+
+def _calibrated(plant: MultibodyPlant, hand: Hand, calibration: HandCalibration) -> Hand:
+    """The hand in an unfinished plant with its sensors' frames and fingertips where a calibration has found them."""
+    joints = [plant.get_joint(index).name() for index in plant.GetJointIndices(hand.model_instance)]
+    try:
+        calibration.check_names(joints, hand.sensor_frames)
+    except UnknownNameError as error:
+        raise InvalidFileError(f"{hand.config.calibration}: {error}") from None
+    frames, surfaces = dict(hand.sensor_frames), dict(hand.surfaces)
+    for finger, found in calibration.fingers.items():
+        turned, moved = found.mounting[:3], found.mounting[3:]
+        X_SM = RigidTransform(RotationMatrix(exp_so3(turned)), moved)
+        frames[finger] = plant.AddFrame(
+            FixedOffsetFrame(f"{frames[finger].name()}_as_calibrated", frames[finger], X_SM, hand.model_instance)
+        )
+        surfaces[finger] = thicker(surfaces[finger], found.radius.value)
+    return dataclasses.replace(hand, sensor_frames=frames, surfaces=surfaces, calibration=calibration)

@@ -1,0 +1,65 @@
+"""A page of a recording, read in a real browser."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pydrake.geometry import Meshcat, MeshcatParams
+from pydrake.math import RigidTransform
+
+from tactopose_drake.estimation.results import PoseEstimate
+from tactopose_drake.visualization.estimate_page import instant_of, page_of
+from tactopose_drake.visualization.meshcat import draw_scene
+from tactopose_drake.visualization.page import save_html
+from tactopose_drake.visualization.scene import Scene
+from tactopose_drake.visualization.timeline import Curve, Plot, Timeline
+from tests.browser import CHROMIUM, Browser
+
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium")
+
+
+def test_the_slider_moves_through_a_recording(
+    browser: Browser, scene: Scene, estimate: PoseEstimate, tmp_path: Path
+) -> None:
+    meshcat = Meshcat(MeshcatParams(host="localhost"))
+    draw_scene(meshcat, scene)
+    meshcat.StartRecording()
+    for step in range(21):
+        meshcat.SetTransform("/tactopose/estimate", RigidTransform([0.0, 0.0, 0.002 * step]), 0.1 * step)
+    meshcat.StopRecording()
+    meshcat.PublishRecording()
+    times = np.linspace(0.0, 2.0, 21)
+    states = tuple("held: no contact" if time < 0.95 else "ok" for time in times)
+    width = np.where(times < 0.95, np.nan, 3.0 - times)
+    plots = (Plot("contact force", "N", (Curve("thumb", times), Curve("first", 2 * times))),)
+    plots += (Plot("\u00b1 position", "mm", (Curve("position", width),)),)
+    said = tuple(
+        instant_of(scene, None if time < 0.95 else estimate, state) for time, state in zip(times, states, strict=True)
+    )
+    timeline = Timeline(times, states, plots, said)
+    save_html(tmp_path / "page.html", meshcat, page_of(scene, estimate, timeline=timeline))
+    browser.open(tmp_path / "page.html")
+    height = "viewer.scene_tree.find(['tactopose', 'estimate']).object.position.z"
+    for time, state in ((2.0, "ok"), (0.5, "held: no contact"), (1.5, "ok")):
+        browser.evaluate(
+            f"(() => {{ const at = document.getElementById('tp-time'); at.value = {time};"
+            "at.dispatchEvent(new Event('input')); })()"
+        )
+        assert browser.evaluate(height) == pytest.approx(0.02 * time, abs=1e-4)
+        assert browser.evaluate("document.getElementById('tp-now').innerText") == state
+        assert browser.evaluate("document.getElementById('tp-seconds').innerText") == f"{time:.2f} s"
+        text = browser.evaluate("document.getElementById('tp-said').innerText")
+        assert f"At {time:.2f} s: {'ok' if state == 'ok' else 'no new estimate'}" in text
+        assert ("No contact." in text) == (state != "ok")
+        rows = browser.evaluate("document.querySelectorAll('#tp-hypotheses tr').length")
+        assert rows == (4 if state == "ok" else 0)
+    assert browser.evaluate("document.querySelectorAll('.tp-strip i').length") == 2
+    assert browser.evaluate("document.querySelectorAll('.tp-plot polyline').length") == 3
+    foot = browser.evaluate("document.getElementById('tp-foot').innerText")
+    assert all(text in foot for text in ("contact force, N", "time, s", "thumb", "no new estimate"))
+    ticks = browser.evaluate("[...document.querySelectorAll('.tp-axis i')].map((tick) => tick.innerText)")
+    assert ticks == ["0", "0.5", "1", "1.5", "2"]
+    browser.evaluate("document.getElementById('tp-play').click()")
+    browser.wait_for(f"{height} > 0.0399")
+    browser.wait_for("document.getElementById('tp-play').innerText === 'Play'")
+    assert browser.errors == []
