@@ -92,7 +92,7 @@ def explain_with_doubt(
 
 @functools.cache
 def most_false_contacts(count: int, share: float, chance: float) -> int:
-    """Of so many contacts no more than this are false with this chance, by the share that is; three at least are not."""
+    """Of so many contacts, a share of them false, no more than this are with this chance; three at least are not."""
     most = max(count - _FEWEST_THAT_AGREE, 0)
     just, passed = (1.0 - share) ** count, 0.0  # The chance that just so many are, and that no more are.
     for false in range(most):
