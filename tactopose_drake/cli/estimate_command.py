@@ -41,6 +41,13 @@ _path = click.Path(path_type=Path)
     nargs=3,
     help="In the palm frame, m/s^2: the object rests under the contacts' forces alone. Needs forces and its mass.",
 )
+@click.option(
+    "--outlier-probability",
+    type=float,
+    default=0.02,
+    show_default=True,
+    help="That a contact is not of this object at all; 0 takes every contact as told.",
+)
 @click.option("--method", type=click.Choice(list(METHODS)), default="pair_search", show_default=True, help="Search.")
 @click.option(
     "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the search's random numbers."
@@ -58,6 +65,7 @@ def estimate(
     volume_file: Path | None,
     friction: float | None,
     gravity: tuple[float, float, float] | None,
+    outlier_probability: float,
     method: str,
     seed: int,
     out: Path | None,
@@ -87,6 +95,7 @@ def estimate(
             friction=friction,
             method=method,
             seed=seed,
+            outlier_probability=outlier_probability,
         )
     is_false = found.best.inlier_probability[: len(touch.contacts)] < 0.5
     OUT.print(hypotheses_table(found, model))

@@ -42,7 +42,9 @@ class HardwareStation:
             `AddPoseEstimation`, as of a simulated `Station`; `fingertip_torques` of Barrett's hand; `status_<sense>`
             and `age_<sense>` of each device, where a sense is a finger's name or "hand", and `sense_status`; where the
             scenario tracks, `tracked_object_pose` and so on, likewise. Input ports `joint_positions` and `prior` where
-            nothing else gives them, and `joint_velocities`, which may stay unconnected, where the tracking uses them.
+            nothing else gives them; `joint_velocities`, which may stay unconnected, where the tracking uses them; and
+            `palm_pose`, X_WP of a hand that an arm moves, where the fingertips' weight is taken off or the forces'
+            balance counts. While that stays unconnected, the base stands still at the scenario's `X_WBase`.
         model: the object's model.
         scenario: what all this was made from.
     """
@@ -102,8 +104,9 @@ def make_hardware_station(
     if scenario.estimation.estimator.balance:
         X_WBase = fixed_pose("Scenario.X_WBase", scenario.X_WBase)
         palm = builder.AddNamedSystem("palm_pose", PalmOnBase(plant, hand, X_WBase))
-        builder.Connect(known["joint_positions"], palm.get_input_port())
+        builder.Connect(known["joint_positions"], palm.GetInputPort("joint_positions"))
         builder.Connect(palm.get_output_port(), estimation.GetInputPort("palm_pose"))
+    _export_palm_pose(builder)
     for index in range(estimation.num_output_ports()):
         port = estimation.get_output_port(index)
         builder.ExportOutput(port, port.get_name())
@@ -173,6 +176,17 @@ def _add_boards(
     for name, port in ports.items():
         builder.Connect(port, weight.GetInputPort(name))
     return {name: weight.GetOutputPort(name) for name in ports}
+
+
+def _export_palm_pose(builder: DiagramBuilder) -> None:
+    """One input port for all that asks where the palm is."""
+    askers = [name for name in ("fingertip_weight", "palm_pose") if builder.HasSubsystemNamed(name)]
+    ports = [builder.GetSubsystemByName(name).GetInputPort("palm_pose") for name in askers]
+    for i, port in enumerate(ports):
+        if i == 0:
+            builder.ExportInput(port, "palm_pose")
+        else:
+            builder.ConnectInput("palm_pose", port)
 
 
 def _export_statuses(builder: DiagramBuilder, senses: Mapping[str, System]) -> None:

@@ -1,4 +1,4 @@
-"""Where the palm of a hand on a fixed base is in the world."""
+"""Where the palm of a hand is in the world: as an arm says, or on a base that stands still."""
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -9,21 +9,25 @@ from pydrake.systems.framework import Context
 from tactopose_drake.hand.hand_in_plant import Hand
 from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.hand_kinematics import declare_kinematics
+from tactopose_drake.systems.ports import eval_optional_input
 
 
 class PalmOnBase(CollectableSystem):
-    """Finds the palm's pose by the measured joint positions, where the hand's base stands still.
+    """Passes the palm's pose on where it is known, and finds it by the measured joints where the base stands still.
 
     .. pydrake_system::
 
         name: PalmOnBase
         input_ports:
         - joint_positions
+        - palm_pose
         output_ports:
         - palm_pose
 
     - joint_positions: measured positions of the hand's joints, shape (nq,) of the hand's own plant, rad.
-    - palm_pose: `RigidTransform` X_WP; its position is NaN while a joint between base and palm is not known.
+    - palm_pose (input): `RigidTransform` X_WP of a hand that an arm moves. Optional: without it, the base stands still.
+    - palm_pose (output): `RigidTransform` X_WP; by the base, its position is NaN while a joint between base and palm is
+      not known.
     """
 
     def __init__(self, plant: MultibodyPlant, hand: Hand, X_WBase: RigidTransform) -> None:
@@ -32,17 +36,25 @@ class PalmOnBase(CollectableSystem):
         Args:
             plant: finalized plant of the hand alone, for kinematics.
             hand: the hand in it.
-            X_WBase: where its base is.
+            X_WBase: where its base is, unless an arm moves it.
         """
         super().__init__()
         self._X_WBase, self._palm = X_WBase, {"palm": hand.palm_frame}
         base = plant.GetFrameByName(hand.config.base_link, hand.model_instance)
         positions = self.DeclareVectorInputPort("joint_positions", plant.num_positions())
+        self._known = self.DeclareAbstractInputPort("palm_pose", AbstractValue.Make(RigidTransform()))
         self._kinematics = declare_kinematics(self, plant, base, positions)
         self.DeclareAbstractOutputPort(
-            "palm_pose", lambda: AbstractValue.Make(RigidTransform()), self._calc, {self._kinematics.ticket()}
+            "palm_pose",
+            lambda: AbstractValue.Make(RigidTransform()),
+            self._calc,
+            {self._kinematics.ticket(), self._known.ticket()},
         )
 
     def _calc(self, context: Context, output: AbstractValue) -> None:
+        known = eval_optional_input(self._known, context, RigidTransform)
+        if known is not None:
+            output.set_value(known)
+            return
         poses = self._kinematics.Eval(context).poses(self._palm)
         output.set_value(self._X_WBase @ poses["palm"] if poses else RigidTransform(np.full(3, np.nan)))

@@ -13,7 +13,7 @@ from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.searches.pose_problem import check_mass
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import MOST_FRICTION, FloatArray, positive_number
+from tactopose_drake.core.validation import MOST_FRICTION, MOST_OUTLIERS, FloatArray, positive_number
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
 from tactopose_drake.estimation.estimate import METHODS, estimate_pose
 from tactopose_drake.estimation.prior import PosePrior
@@ -40,6 +40,7 @@ class PoseEstimatorParams:
     # how far it may be off.
     collision_tolerance: float = 0.003
     friction: float | None = None  # coefficient of friction, by which no contact slips; None: nothing is known of it
+    outlier_probability: float = 0.02  # that a contact is not of this object at all; 0: every contact is as told
     balance: bool = False  # whether the object rests on the sensing fingertips alone; its mass must be known
 
     def validate(self) -> None:
@@ -54,6 +55,9 @@ class PoseEstimatorParams:
             positive_number("PoseEstimatorParams.max_duration", self.max_duration)
         if self.friction is not None:
             positive_number("PoseEstimatorParams.friction", self.friction, allow_zero=True, most=MOST_FRICTION)
+        positive_number(
+            "PoseEstimatorParams.outlier_probability", self.outlier_probability, allow_zero=True, most=MOST_OUTLIERS
+        )
         for name in ("min_contacts", "max_hypotheses"):
             if getattr(self, name) < 1:
                 raise InvalidInputError(
@@ -209,6 +213,7 @@ class PoseEstimator(CollectableSystem):
             seed=self._params.seed,
             max_hypotheses=self._params.max_hypotheses,
             time_limit=self._params.max_duration,
+            outlier_probability=self._params.outlier_probability,
         )
 
     def _balance(self, context: Context, contacts: Contacts, patches: tuple[Patch, ...]) -> ForceBalance | None:

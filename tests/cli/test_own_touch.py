@@ -62,6 +62,10 @@ def test_all_that_is_known_reaches_the_estimate(folder: Path) -> None:
         ),
         ([*by_touch, "--friction", 0.2], tp.estimate_pose(model, touch.contacts, prior=prior, friction=0.2)),
         (
+            [*by_touch, "--outlier-probability", 0.3],
+            tp.estimate_pose(model, touch.contacts, prior=prior, outlier_probability=0.3),
+        ),
+        (
             [*by_touch, "--gravity", 0, 0, -9.81, "--mass", 0.06],
             tp.estimate_pose(model, touch.contacts, prior=prior, balance=tp.ForceBalance(gravity)),
         ),
@@ -80,6 +84,7 @@ def test_what_does_not_go_together_is_one_line(folder: Path, capsys: pytest.Capt
     for options, text in (
         (["--contacts", bare, "--friction", 0.5], "contacts: have no forces; friction needs them."),
         (["--contacts", folder / "touch.yaml", "--friction", -1], "friction: is -1"),
+        (["--contacts", folder / "touch.yaml", "--outlier-probability", 1], "outlier_probability: is 1; allowed"),
         (["--contacts", folder / "touch.yaml", "--gravity", 0, 0, -9.81], "mass"),
         (["--contacts", folder / "touch.yaml", "--gravity", 0, 0, "nan"], "gravity_P[2]: is nan"),
         (["--contacts", folder / "touch.yaml", "--mass", -1], "mass: is -1"),

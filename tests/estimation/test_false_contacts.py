@@ -73,6 +73,18 @@ def test_larger_noise_is_noticed_and_makes_the_belief_wider(blob: tp.ObjectModel
     assert np.median(wider) > 2.0
 
 
+def test_doubt_at_either_end_gives_sensible_odds(blob: tp.ObjectModel) -> None:
+    X_PO, contacts = touched(blob, 400, count=5)
+    least = []
+    for share in (1e-12, 1e-3, 0.02, 0.3, 0.99):
+        estimate = tp.estimate_pose(blob, contacts, prior=near(X_PO, 0), outlier_probability=share)
+        assert np.isfinite(estimate.best.cost)
+        least.append(estimate.best.inlier_probability.min())
+    assert np.all(np.diff(least) < 0.0)
+    assert least[0] > 1.0 - 1e-6
+    assert least[-1] < 0.1
+
+
 def test_the_standard_error_is_stated(blob: tp.ObjectModel) -> None:
     X_PO, contacts = touched(blob, 300, count=4)
     assert 0.0 <= tp.estimate_pose(blob, contacts).standard_error <= 0.05
@@ -81,7 +93,7 @@ def test_the_standard_error_is_stated(blob: tp.ObjectModel) -> None:
     assert not out_of_time.finished
 
 
-@pytest.mark.parametrize("share", [-0.1, 1.5, math.nan, "0.02", None])
+@pytest.mark.parametrize("share", [-0.1, 1.0, 1.5, math.nan, "0.02", None])
 def test_a_share_of_false_contacts_that_is_none_is_refused(blob: tp.ObjectModel, share: object) -> None:
     _, contacts = touched(blob, 0)
     with pytest.raises(tp.TactoposeError, match="outlier_probability"):

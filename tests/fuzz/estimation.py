@@ -37,6 +37,7 @@ def estimate_arguments(rng: np.random.Generator) -> Arguments:
         "max_hypotheses": int(rng.choice([1, 2, 16, 64])),
         # The thesis' search and its like may take as long as they want to; it is not theirs to hang.
         "time_limit": touches.maybe(rng, 0.1 if is_quick else 1.0, lambda: touches.log_uniform(rng, 1e-6, 1.0)),
+        "outlier_probability": float(rng.choice([0.0, 1e-9, 0.02, 0.02, 0.02, 0.02, 0.3, 0.99])),
     }
 
 

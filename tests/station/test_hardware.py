@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pydrake.common.value import AbstractValue
+from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram
 
@@ -52,7 +53,7 @@ def assert_same_ports(simulated: Diagram, scenario: Scenario, model: ObjectModel
     assert outputs(simulated) - OF_THE_SIMULATOR - outputs(diagram) == {"prior"}
     senses = {"hand"} if devices.hand else set(held_cube.WRENCHES)
     assert outputs(diagram) >= {f"{what}_{sense}" for what in ("status", "age") for sense in senses}
-    assert inputs(diagram) == ({"prior"} if devices.hand else {"prior", "joint_positions"})
+    assert inputs(diagram) == ({"prior"} if devices.hand else {"prior", "joint_positions", "palm_pose"})
 
 
 def test_the_ports_are_those_of_the_simulated_station() -> None:
@@ -73,6 +74,23 @@ def test_joints_and_prior_come_through_ports_of_your_own_diagram(cube: ObjectMod
     off = diagram.GetOutputPort("object_pose").Eval(context).translation() - held_cube.X_PO[:, 3]
     assert np.linalg.norm(off) < 0.004
     np.testing.assert_array_equal(diagram.GetOutputPort("joint_positions").Eval(context), held_cube.Q)
+
+
+def test_where_an_arm_moves_the_hand_its_pose_comes_in_for_weight_and_balance(cube: ObjectModel) -> None:
+    scenario = held_cube.scenario()
+    devices = CanDevices(scenario.senses, live_buses(scenario.senses))
+    assert "palm_pose" in inputs(make_hardware_station(scenario, devices, model=cube).diagram)
+    scenario.estimation.estimator.balance = True
+    diagram = make_hardware_station(scenario, devices, model=scenario.object_model()).diagram
+    askers = [diagram.GetSubsystemByName(name) for name in ("fingertip_weight", "pose_estimation")]
+    context = diagram.CreateDefaultContext()
+    diagram.GetInputPort("joint_positions").FixValue(context, held_cube.Q)
+    ports = [(asker.GetInputPort("palm_pose"), asker.GetMyContextFromRoot(context)) for asker in askers]
+    assert not ports[0][0].HasValue(ports[0][1])  # The base stands still.
+    X_WP = RigidTransform(RollPitchYaw(0.3, -0.8, 1.9), [0.4, 0.1, 0.7])
+    assert not ports[1][0].Eval(ports[1][1]).IsNearlyEqualTo(X_WP, 0.1)
+    diagram.GetInputPort("palm_pose").FixValue(context, AbstractValue.Make(X_WP))
+    assert all(port.Eval(own).IsExactlyEqualTo(X_WP) for port, own in ports)
 
 
 def test_signals_that_do_not_fit_are_named(cube: ObjectModel) -> None:

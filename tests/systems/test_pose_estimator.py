@@ -164,6 +164,14 @@ def test_an_estimate_that_is_cut_short_says_so(box: ObjectModel) -> None:
     assert status in ("ok: the search was cut short", "ambiguous: the search was cut short")
 
 
+@pytest.mark.parametrize("share", [0.0, 0.02, 0.3])
+def test_how_often_contacts_are_of_something_else_reaches_the_estimate(box: ObjectModel, share: float) -> None:
+    bench = Bench(box, outlier_probability=share)
+    bench.fix(contacts=touch(), prior=PRIOR)
+    expected = estimate_pose(box, touch(), prior=PRIOR, max_hypotheses=16, outlier_probability=share)
+    np.testing.assert_array_equal(bench.step()[1].best.inlier_probability, expected.best.inlier_probability)
+
+
 def test_the_pose_turns_with_the_touch(box: ObjectModel) -> None:
     """The same touch, seen from a palm that is elsewhere, gives the same pose, seen from there."""
     X_QP = RigidTransform(RollPitchYaw(0.3, 0.9, -0.5), [0.2, 0.1, -0.3])
@@ -204,6 +212,7 @@ def test_a_value_of_another_type_is_refused_by_the_name_of_the_port(
         ("max_hypotheses", 0),
         ("max_duration", 0.0),
         ("collision_tolerance", -1.0),
+        ("outlier_probability", 1.5),
     ],
 )
 def test_a_bad_parameter_is_named(name: str, value: float) -> None:

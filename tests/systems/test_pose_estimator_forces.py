@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
+from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.plant import MultibodyPlant
 
@@ -104,11 +105,13 @@ def test_the_palm_on_a_fixed_base_is_where_the_plant_has_it() -> None:
     world.Finalize()
     own = world.CreateDefaultContext()
     q = np.random.default_rng(0).uniform(0.0, 0.5, plant.num_positions())
-    system.get_input_port().FixValue(context, q)
+    system.GetInputPort("joint_positions").FixValue(context, q)
     world.SetPositions(own, q)
     X_WP = system.get_output_port().Eval(context)
     assert isinstance(X_WP, RigidTransform)
     assert X_WP.IsNearlyEqualTo(there.palm_frame.CalcPoseInWorld(own), 1e-12)
+    system.GetInputPort("palm_pose").FixValue(context, AbstractValue.Make(X_WP_moved := X_WBase @ X_WBase))
+    assert system.get_output_port().Eval(context).IsExactlyEqualTo(X_WP_moved)
 
 
 def test_stations_know_the_mass_and_the_palm() -> None:

@@ -40,7 +40,8 @@ class Evidence:
         balance: that the object is at rest under the contacts' forces and gravity alone.
         friction: coefficient of friction between fingertips and object, by which no contact slips.
         planes: known planes of the world that the object touches, with its lowest point over each.
-        outlier_probability: that a contact is not what it seems: of something else, elsewhere, or with another normal.
+        outlier_probability: that a contact is of something else than the object. How often it is displaced or has
+            another normal follows, see `ContactKinds`; 0 takes every contact as told.
 
     Raises:
         InvalidInputError: a value of another type, a friction below 0, or balance or friction without forces.

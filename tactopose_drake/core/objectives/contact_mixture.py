@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tactopose_drake.core.compilation import read_only
+from tactopose_drake.core.evidence.contact_kinds import ContactKinds
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.kernels import contact_mixture_kernels
 from tactopose_drake.core.kernels.contact_mixture_kernels import Doubts, Judged
@@ -38,17 +39,16 @@ class ContactDoubt:
     Attributes:
         surroundings: a contact with something else is anywhere within so much of the object, m.
         displacement: standard deviation of how far a displaced contact is off, along each axis, m.
-        kinds: of the false contacts, the shares with another normal, displaced, and of something else; where there are
-            no normals the first are none.
+        kinds: how often a contact is displaced or has another normal, by how often it is of something else.
         doublings: how often the variance of points and that of normals may be twice what is told, and the probability
             of that before the touch. That it is as told is the most probable: data sheets are. Errors of joints, of the
             fingertips' mounting and of the mesh, which no data sheet tells, move points more than they turn normals.
         reached: the exact density is known up to this energy; see `SurfaceDensity`.
     """
 
-    surroundings: float = 0.05
+    surroundings: float = 0.025
     displacement: float = 0.015
-    kinds: tuple[float, float, float] = (1.0, 6.0, 3.0)
+    kinds: ContactKinds = dataclasses.field(default_factory=ContactKinds)
     doublings: tuple[tuple[int, int, float], ...] = (
         (0, 0, 0.56),
         (1, 0, 0.10),
@@ -135,8 +135,8 @@ def _doubts(model: ObjectModel, contacts: Contacts, outlier_probability: float, 
     any_point = np.minimum(model.area * math.sqrt(2.0 * math.pi) * sigma_p / volume, 1.0)
     any_normal = np.minimum(0.5 * sigma_n**2, 1.0) if has_normals else np.ones(len(sigma_n))
     displaced = np.minimum(sigma_p / doubt.displacement, 1.0)
-    # Of all kinds, relative to a contact as told.
-    normal, displaced_too, other = outlier_probability * np.array(doubt.kinds) * [has_normals, 1.0, 1.0]
+    shares = doubt.kinds.shares(outlier_probability)
+    shares = shares if has_normals else shares.without_normals()
     s, t, probability = zip(*doubt.doublings, strict=True)
     return Doubts(
         read_only(np.array(s, dtype=np.int64)),
@@ -144,9 +144,10 @@ def _doubts(model: ObjectModel, contacts: Contacts, outlier_probability: float, 
         read_only(0.5 ** np.array(s)),
         read_only(0.5 ** np.array(t)),
         read_only(np.array(probability) / probability[0]),
-        read_only(normal * any_normal),
-        read_only(displaced_too * displaced),
-        read_only(np.maximum(other * any_point * any_normal, _LEAST_DENSITY)),
+        # Relative to a contact as told.
+        read_only(shares.turned / shares.as_told * any_normal),
+        read_only(shares.displaced / shares.as_told * displaced),
+        read_only(np.maximum(shares.other / shares.as_told * any_point * any_normal, _LEAST_DENSITY)),
         read_only(displaced**2),
         has_normals,
     )

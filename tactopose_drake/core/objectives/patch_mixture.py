@@ -14,6 +14,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from tactopose_drake.core.evidence.contact_kinds import ContactKinds
 from tactopose_drake.core.evidence.patch_contacts import patch_contacts
 from tactopose_drake.core.objectives.objective import NormalEquations, SmoothObjective
 from tactopose_drake.core.objectives.patch_contact import PatchContact
@@ -28,13 +29,14 @@ class PatchDoubt:
 
     Attributes:
         surroundings: a pad on something else is anywhere within so much of the object, m.
-        kinds: how often that is, over the outlier probability: as often as contacts are of something else or displaced.
+        kinds: how often pads are false, as contacts are: one that is displaced counts as one on something else, and
+            what a pad feels has no normal of its own that could be another.
         sigma_depth: standard deviation of each cell's depth, m; `PatchContact`'s.
         share: standard deviation of a depth as a share of it, likewise.
     """
 
     surroundings: float = 0.05
-    kinds: float = 9.0
+    kinds: ContactKinds = dataclasses.field(default_factory=ContactKinds)
     sigma_depth: float = 0.0005
     share: float = 0.2
 
@@ -54,7 +56,8 @@ class PatchMixture(SmoothObjective):
         any_point = np.minimum(model.area * math.sqrt(2.0 * math.pi) * sigma_p / volume, 1.0)
         any_normal = np.minimum(0.5 * sigma_n**2, 1.0)
         by_shape = np.array([_shape_cost(pad, doubt) for pad in pads])
-        self._other_cost = by_shape - np.log(doubt.kinds * outlier_probability * any_point * any_normal)
+        shares = doubt.kinds.shares(outlier_probability).without_normals()
+        self._other_cost = by_shape - np.log(shares.false / shares.as_told * any_point * any_normal)
 
     def cost(self, X_PO: FloatArray) -> FloatArray:
         """Costs (B,) of poses (B, 3, 4)."""

@@ -5,6 +5,7 @@ import functools
 import numpy as np
 from numpy.typing import NDArray
 
+from tactopose_drake.core.evidence.contact_kinds import ContactKinds
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.objectives.contact_mixture import Judgement
@@ -84,20 +85,21 @@ def explain_with_doubt(
         false += np.count_nonzero(judgement.inlier_probability < 0.5, axis=1)
         explained &= judgement.misfit <= _limit(_of_contacts(evidence), params.least_doubted_chance)
     count = len(evidence.contacts) + int(felt.sum())
-    allowed = most_false_contacts(count, evidence.outlier_probability, params.usual_false_contacts)
+    share = ContactKinds().shares(evidence.outlier_probability).false
+    allowed = most_false_contacts(count, share, params.usual_false_contacts)
     return np.asarray(explained & (false <= allowed))
 
 
 @functools.cache
-def most_false_contacts(count: int, outlier_probability: float, chance: float) -> int:
-    """Of so many contacts no more than this are false with this chance; three at least are not."""
+def most_false_contacts(count: int, share: float, chance: float) -> int:
+    """Of so many contacts, a share of them false, no more than this are with this chance; three at least are not."""
     most = max(count - _FEWEST_THAT_AGREE, 0)
-    just, passed = (1.0 - outlier_probability) ** count, 0.0  # The chance that just so many are, and that no more are.
+    just, passed = (1.0 - share) ** count, 0.0  # The chance that just so many are, and that no more are.
     for false in range(most):
         passed += just
         if passed >= chance:
             return false
-        just *= (count - false) / (false + 1) * outlier_probability / (1.0 - outlier_probability)
+        just *= (count - false) / (false + 1) * share / (1.0 - share)
     return most
 
 

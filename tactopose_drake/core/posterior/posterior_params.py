@@ -24,7 +24,8 @@ class PlausibilityParams:
     least_pad_chance: float = 1e-6  # likewise of a pad: what it feels is known less well than its cells' noise says
     # Contacts' residuals, of those that are as told and over the noise as it seems, that are rarer are not explained.
     least_doubted_chance: float = 1e-3
-    usual_false_contacts: float = 0.995  # the chance that there are no more false contacts than are allowed
+    # The chance that there are no more false contacts than are allowed: of five one, of six to ten two.
+    usual_false_contacts: float = 0.8
     comfortable_chance: float = 0.2  # of contacts' residuals; where they are no rarer, no contact calls for doubt
     reach_sigmas: float = 6.0  # standard deviations from where it is believed to be, beyond which an object is not
 

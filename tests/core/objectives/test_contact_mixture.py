@@ -31,6 +31,13 @@ def touch(model: ObjectModel, X_PO: np.ndarray, seed: int, noise: float = 1.0, c
     return Contacts(felt.p_PC, felt.n_PC, **told)
 
 
+def odds(share: float, has_normals: bool) -> tuple[float, float, float]:
+    """Of contacts with any normal, displaced and of something else, over those as told."""
+    w = share / (1.0 - share)  # Of something else, over contacts of the object; of those 1 : w : 6 w are what.
+    told = 1.0 if has_normals else 1.0 + w
+    return w * has_normals, 6.0 * w / told, w * (1.0 + 7.0 * w) / told
+
+
 def formula(model: ObjectModel, contacts: Contacts, X_PO: np.ndarray, share: float) -> float:
     """The negative logarithm of the mixture, written out, at one pose."""
     rows = SurfaceContact(model.grid, contacts).residuals(X_PO).reshape(len(contacts), -1)
@@ -40,7 +47,7 @@ def formula(model: ObjectModel, contacts: Contacts, X_PO: np.ndarray, share: flo
     volume = np.prod(model.grid.upper - model.grid.origin + 2.0 * DOUBT.surroundings)
     any_point = model.area * math.sqrt(2.0 * math.pi) * sigma_p / volume
     any_normal = 0.5 * sigma_n**2 if has_normals else 1.0
-    turned, moved, other = share * np.array(DOUBT.kinds) * [has_normals, 1.0, 1.0]
+    turned, moved, other = odds(share, has_normals)
     ratio = sigma_p / DOUBT.displacement
     total = 0.0
     for doubled, doubled_n, probability in DOUBT.doublings:

@@ -1,0 +1,36 @@
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tactopose_drake.core.evidence.contact_kinds import ContactKinds, KindShares
+
+KINDS = ContactKinds(turned=1.0, displaced=6.0)
+probabilities = st.floats(0.0, 0.99)
+
+
+@given(probabilities)
+def test_the_probability_is_that_of_something_else_and_all_of_them_sum_to_one(p: float) -> None:
+    for shares in (KINDS.shares(p), KINDS.shares(p).without_normals()):
+        assert shares.other == p
+        assert sum(shares) == pytest.approx(1.0, abs=1e-12)
+        assert min(shares) >= 0.0
+        assert shares.false == pytest.approx(1.0 - shares.as_told, abs=1e-12)
+
+
+@given(probabilities, probabilities)
+def test_the_more_is_of_something_else_the_less_is_as_told(p: float, q: float) -> None:
+    less, more = sorted((p, q))
+    assert KINDS.shares(more).as_told <= KINDS.shares(less).as_told
+
+
+@given(st.floats(1e-9, 0.99))
+def test_the_odds_of_the_other_kinds_are_as_many_times_those_of_something_else(p: float) -> None:
+    shares = KINDS.shares(p)
+    assert shares.displaced / shares.as_told == pytest.approx(6.0 * p / (1.0 - p), rel=1e-9)
+    assert shares.turned / shares.as_told == pytest.approx(p / (1.0 - p), rel=1e-9)
+
+
+def test_without_doubt_every_contact_is_as_told_and_where_there_is_no_normal_none_is_another() -> None:
+    assert KINDS.shares(0.0) == KindShares(1.0, 0.0, 0.0, 0.0)
+    shares = KINDS.shares(0.02)
+    assert shares.without_normals() == (shares.as_told + shares.turned, 0.0, shares.displaced, 0.02)
