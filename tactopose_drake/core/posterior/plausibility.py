@@ -111,8 +111,9 @@ def is_comfortable(
     if not len(X_PO) or not len(evidence.contacts):
         return len(X_PO) > 0
     limit = _limit(_of_contacts(evidence), params.comfortable_chance)
-    objectives = SurfaceContact(model.grid, evidence.contacts), SurfaceDensity(model, evidence.contacts)
-    return any(bool(objective.cost(X_PO).min() <= limit) for objective in objectives)
+    if SurfaceContact(model.grid, evidence.contacts).cost(X_PO).min() <= limit:
+        return True
+    return bool(SurfaceDensity(model, evidence.contacts).cost(X_PO).min() <= limit)
 
 
 def _pads_explained(
