@@ -1,6 +1,8 @@
 """Every method that needs no prior, through the public call, on touches that are easy, odd, and impossible."""
 
+import dataclasses
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -69,6 +71,19 @@ def test_monte_carlo_discards_what_the_hand_collides_with(blob: tp.ObjectModel) 
     assert search.is_possible is not None
     away = make_poses(X_PO[:, :3], X_PO[:, 3] + [0.2, 0.0, 0.0])
     np.testing.assert_array_equal(search.is_possible(np.stack([X_PO, away])), [False, True])
+
+
+def test_monte_carlo_makes_one_particle_at_a_time_by_contacts_alone_and_more_where_each_costs_more(
+    blob: tp.ObjectModel,
+) -> None:
+    contacts = touch_surface(blob, X_PO, 5, np.random.default_rng(0))
+    plane = tp.PlaneContact([0.0, 0.0, float(transform_points(X_PO, blob.vertices)[:, 2].min())], [0.0, 0.0, 1.0])
+    known: list[dict[str, Any]] = [{}, {"friction": 0.0}, {"planes": [plane]}]
+    forces = dataclasses.replace(contacts, f_PC=-contacts.n_PC)
+    made = [METHODS["monte_carlo"](blob, Evidence(forces, **each)) for each in known]
+    assert [search.batch for search in made if isinstance(search, MonteCarlo)] == [1, 20, 20]
+    estimate = tp.estimate_pose(blob, contacts, method="monte_carlo", planes=[plane])
+    assert estimate.best.explains_touch
 
 
 @pytest.mark.parametrize("method", ["pair_search", "scaling_series"])
