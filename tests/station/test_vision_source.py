@@ -13,7 +13,6 @@ def test_a_scenario_selects_a_depth_camera_and_its_tracker_finds_the_object() ->
     scenario = load_scenario("shadow_like_depth")
     assert isinstance(scenario.vision, DepthTrackerParams)
     assert scenario.vision.camera.width == 160
-    scenario.planner.grasps = 1
     station = make_station(scenario)
     assert isinstance(station.diagram.GetSubsystemByName("vision"), DepthTracker)
     simulator = Simulator(station.diagram)
