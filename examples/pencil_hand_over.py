@@ -4,6 +4,7 @@ Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping,
 """
 
 import dataclasses
+import functools
 import math
 import shutil
 from pathlib import Path
@@ -36,6 +37,7 @@ TURN, SHIFT, SLIDE = math.radians(10.0), 0.005, 0.020  # of the hand-over, eithe
 BAR_RADIUS, BEYOND, FIRMNESS = 0.006, 8.0, 1.5  # m, N of push, share of the planned force
 
 
+@functools.cache
 def plan_closing() -> GraspPlan:
     """How the hand closes: on any pencil alike, across its palm, with all five fingers.
 

@@ -1,3 +1,5 @@
+import os
+
 import hypothesis
 import pytest
 
@@ -7,6 +9,12 @@ from tests.core.meshes import smooth_shape
 # The first call of a compiled kernel takes long; timing is the benchmarks' business.
 hypothesis.settings.register_profile("tactopose", deadline=None)
 hypothesis.settings.load_profile("tactopose")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Workers keep all cores busy by themselves: threads of OpenBLAS beside them mostly wait, and burn time by it."""
+    if config.getoption("numprocesses", None):
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 @pytest.fixture(scope="session")

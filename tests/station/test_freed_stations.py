@@ -31,13 +31,19 @@ def on_devices(scenario: Scenario) -> Diagram:
     return make_hardware_station(scenario, devices).diagram
 
 
+def simulated(name: str) -> Diagram:
+    scenario = load_scenario(name)
+    scenario.planner.grasps = 1
+    return make_station(scenario).diagram
+
+
 @pytest.mark.parametrize(
     "make",
     [
         lambda: on_devices(held_cube.scenario()),
         lambda: on_devices(held_can.scenario()),
-        lambda: make_station(load_scenario("barrett_like")).diagram,
-        lambda: make_station(load_scenario("shadow_like")).diagram,
+        lambda: simulated("barrett_like"),
+        lambda: simulated("shadow_like"),
     ],
     ids=["force-torque boards", "Barrett's hand", "simulated pads", "simulated fingertips"],
 )

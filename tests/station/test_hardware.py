@@ -58,6 +58,7 @@ def assert_same_ports(simulated: Diagram, scenario: Scenario, model: ObjectModel
 
 def test_the_ports_are_those_of_the_simulated_station() -> None:
     scenario = load_scenario("barrett_like_can")
+    scenario.planner.grasps = 1
     model = ObjectModel.from_mesh(scenario.object_mesh())
     assert_same_ports(make_station(scenario, model=model).diagram, scenario, model)
 

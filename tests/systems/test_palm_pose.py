@@ -40,7 +40,7 @@ def test_on_an_arm_it_is_the_plants_own() -> None:
 def test_in_a_station_it_tells_where_the_object_is_in_the_world() -> None:
     scenario = load_scenario("barrett_like_can")
     scenario.X_WBase = Transform(translation=[0.4, -0.2, 0.7], rotation=Rotation(value=Rotation.Rpy(deg=[50, 20, 70])))
-    scenario.tracking = PoseTrackingParams()
+    scenario.tracking, scenario.planner.grasps = PoseTrackingParams(), 1
     station = make_station(scenario)
     simulator = Simulator(station.diagram)
     root = simulator.get_mutable_context()

@@ -15,7 +15,7 @@ from tactopose_drake.core import poses
 from tactopose_drake.core.grasping.finger_reach import FingerReach, Touches
 from tactopose_drake.core.grasping.finger_sides import are_apart, sides
 from tactopose_drake.core.grasping.grasp_law import ClosingMotion
-from tactopose_drake.core.grasping.grasp_score import GraspScore, ScoreParams, score_grasp
+from tactopose_drake.core.grasping.grasp_score import ContactTerms, GraspScore, ScoreParams, score_grasp
 from tactopose_drake.core.grasping.refusals import Refusals
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray, known_name, positive_number
@@ -224,10 +224,12 @@ class _Search:
         apart = {(a, b): are_apart(placed[a], placed[b], _GAP) for a, b in itertools.combinations(touches, 2)}
         apart |= {(b, a): free.T for (a, b), free in apart.items()}
 
+        terms = {name: ContactTerms.of(touch.p_PC - p_PG, touch.n_PC, self.scoring) for name, touch in touches.items()}
+
         def judge(chosen: Mapping[str, int]) -> GraspScore:
-            rows = [(touches[name].p_PC[i], touches[name].n_PC[i], touches[name].cost[i]) for name, i in chosen.items()]
-            p, n, cost = (np.array(column) for column in zip(*rows, strict=True))
-            return score_grasp(p - p_PG, n, float(cost.sum()), self.load_P, self.scoring)
+            contacts = ContactTerms.one_of_each([terms[name] for name in chosen], list(chosen.values()))
+            cost = np.array([touches[name].cost[i] for name, i in chosen.items()])
+            return score_grasp(contacts, float(cost.sum()), self.load_P, self.scoring)
 
         names = list(touches)
         best: tuple[dict[str, int], GraspScore] | None = None

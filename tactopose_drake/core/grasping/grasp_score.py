@@ -1,7 +1,11 @@
 """How good a choice of contacts is: how much it tells of the object's pose, and how well it carries the object."""
 
+from __future__ import annotations
+
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import nnls
@@ -47,58 +51,91 @@ class GraspScore:
     balanced: bool
 
 
-def score_grasp(p_GC: FloatArray, n: FloatArray, cost: float, load: FloatArray, params: ScoreParams) -> GraspScore:
+class ContactTerms(NamedTuple):
+    """What each of k contacts brings to a grasp, whichever others there are.
+
+    Attributes:
+        wrench: of the edges of its friction cone, each with a normal part of one, torques over the arm and then forces,
+            shape (k, e, 6), N.
+        distance: derivative of its distance by a pose increment, over the standard deviation, shape (k, 6).
+        normal: likewise of its normal, shape (k, 3, 6).
+    """
+
+    wrench: FloatArray
+    distance: FloatArray
+    normal: FloatArray
+
+    @classmethod
+    def of(cls, p_GC: FloatArray, n: FloatArray, params: ScoreParams) -> ContactTerms:
+        """Those of contacts.
+
+        Args:
+            p_GC: contact points relative to the object's centre of mass, in the palm's axes, shape (k, 3), m.
+            n: the object's outward normals, shape (k, 3).
+            params: friction, and how well a touch is known.
+        """
+        helper = np.eye(3)[np.argmin(np.abs(n), axis=1)]
+        t1 = np.cross(n, helper)
+        t1 /= np.linalg.norm(t1, axis=1, keepdims=True)
+        t2 = np.cross(n, t1)
+        angle = np.arange(params.cone_edges) * (2 * math.pi / params.cone_edges)
+        around = np.cos(angle)[None, :, None] * t1[:, None] + np.sin(angle)[None, :, None] * t2[:, None]
+        edges = params.friction * around - n[:, None]
+        wrench = np.concatenate([np.cross(p_GC[:, None], edges) / params.arm, edges], axis=2)
+        distance = np.concatenate([np.cross(p_GC, n), n], axis=1) / params.touch_position
+        normal = np.concatenate([poses.skew(n), np.zeros((len(n), 3, 3))], axis=2) / params.touch_normal
+        return cls(wrench, distance, normal)
+
+    @classmethod
+    def one_of_each(cls, terms: Sequence[ContactTerms], rows: Sequence[int]) -> ContactTerms:
+        """Of each of some contacts' terms one row."""
+        chosen = [(each.wrench[i], each.distance[i], each.normal[i]) for each, i in zip(terms, rows, strict=True)]
+        return cls(*(np.array(column) for column in zip(*chosen, strict=True)))
+
+
+def score_grasp(contacts: ContactTerms, cost: float, load: FloatArray, params: ScoreParams) -> GraspScore:
     """Judges k contacts.
 
     Args:
-        p_GC: contact points relative to the object's centre of mass, in the palm's axes, shape (k, 3), m.
-        n: the object's outward normals, shape (k, 3).
+        contacts: by what each of them brings.
         cost: of the touches by themselves.
         load: the object's weight, shape (3,), N.
         params: see there.
     """
-    value = 0.5 * _information(p_GC, n, params) + len(n) - cost
-    if len(n) < params.least_contacts:
-        return GraspScore(value, np.zeros(len(n)), False)
-    force, imbalance = balance(p_GC, n, load, params)
+    count = len(contacts.distance)
+    value = 0.5 * _information(contacts, params) + count - cost
+    if count < params.least_contacts:
+        return GraspScore(value, np.zeros(count), False)
+    force, imbalance = balance(contacts, load, params)
     clipped = np.clip(force, params.least_force, params.most_force)
     value -= params.imbalance_cost * imbalance + params.clipping_cost * float(np.abs(force - clipped).sum())
     balanced = imbalance < params.most_imbalance and bool(force.min() > params.least_share * params.least_force)
     return GraspScore(value, clipped, balanced)
 
 
-def balance(p: FloatArray, n: FloatArray, load: FloatArray, params: ScoreParams) -> tuple[FloatArray, float]:
+def balance(contacts: ContactTerms, load: FloatArray, params: ScoreParams) -> tuple[FloatArray, float]:
     """Normal forces that, with friction, balance a load and are near a wanted force.
 
     Args:
-        p: contact points about the load's point of attack, shape (k, 3), m.
-        n: the object's outward normals, shape (k, 3).
+        contacts: about the load's point of attack.
         load: shape (3,), N.
-        params: friction, wanted force, and weights.
+        params: wanted force, and weights.
 
     Returns:
         Normal forces, shape (k,), N, and the imbalance that is left, N (torques over the arm).
     """
-    helper = np.eye(3)[np.argmin(np.abs(n), axis=1)]
-    t1 = np.cross(n, helper)
-    t1 /= np.linalg.norm(t1, axis=1, keepdims=True)
-    t2 = np.cross(n, t1)
-    angle = np.arange(params.cone_edges) * (2 * math.pi / params.cone_edges)
-    around = np.cos(angle)[None, :, None] * t1[:, None] + np.sin(angle)[None, :, None] * t2[:, None]
-    edges = params.friction * around - n[:, None]  # (k, e, 3), each with a normal part of one
-    wrench = np.concatenate([np.cross(p[:, None], edges) / params.arm, edges], axis=2).reshape(-1, 6).T
+    count = len(contacts.wrench)
+    wrench = contacts.wrench.reshape(-1, 6).T
     target = np.concatenate([np.zeros(3), -load])
-    sums = np.kron(np.eye(len(n)), np.ones((1, params.cone_edges)))
+    sums = np.repeat(np.eye(count), params.cone_edges, axis=1)
     A = np.vstack([params.balance_weight * wrench, sums])
-    b = np.concatenate([params.balance_weight * target, np.full(len(n), params.normal_force)])
+    b = np.concatenate([params.balance_weight * target, np.full(count, params.normal_force)])
     x, _ = nnls(A, b)
     return sums @ x, float(np.linalg.norm(wrench @ x - target))
 
 
-def _information(p: FloatArray, n: FloatArray, params: ScoreParams) -> float:
+def _information(contacts: ContactTerms, params: ScoreParams) -> float:
     """Half the log determinant of the information on a pose increment that touch and vision give together."""
-    by_distance = np.concatenate([np.cross(p, n), n], axis=1) / params.touch_position
-    by_normal = np.concatenate([poses.skew(n), np.zeros((len(n), 3, 3))], axis=2).reshape(-1, 6) / params.touch_normal
-    rows = np.concatenate([by_distance, by_normal])
+    rows = np.concatenate([contacts.distance, contacts.normal.reshape(-1, 6)])
     prior = np.diag([params.prior_rotation**-2] * 3 + [params.prior_translation**-2] * 3)
     return float(0.5 * np.linalg.slogdet(rows.T @ rows + prior)[1])

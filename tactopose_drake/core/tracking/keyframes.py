@@ -5,8 +5,6 @@ measured, not known. Its error adds to that of each contact, so that a touch cou
 moved since, and a touch of the time when the fingers were still closing counts for next to nothing.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from typing import NamedTuple
@@ -50,7 +48,7 @@ class Keyframe:
     frames: int = 1
 
     @classmethod
-    def of_now(cls, reading: ContactReading, sources: tuple[str, ...]) -> Keyframe:
+    def of_now(cls, reading: ContactReading, sources: tuple[str, ...]) -> "Keyframe":
         """A touch of this time, by its sources."""
         contacts, doubted = reading.contacts, reading.evidence.touch
         variances = np.stack([doubted.sigma_position, doubted.sigma_normal], axis=1) ** 2
@@ -79,7 +77,7 @@ class Keyframe:
             across = np.einsum("ki,kij,kj->k", normals, error, normals)
         return np.stack([across, np.full(len(points), np.trace(self.covariance[:3, :3]) / 3.0)], axis=1)
 
-    def joined_by(self, now: Keyframe, max_frames: int) -> Keyframe:
+    def joined_by(self, now: "Keyframe", max_frames: int) -> "Keyframe":
         """The touch of now, averaged with this one, which is of the same fingers at the same places."""
         order = [self.sources.index(source) for source in now.sources]
         frames = min(self.frames + 1, max_frames)
@@ -91,7 +89,7 @@ class Keyframe:
             n_PC = n_PC / np.linalg.norm(n_PC, axis=1, keepdims=True)
         return dataclasses.replace(now, p_PC=p_PC, n_PC=n_PC, frames=frames)
 
-    def tells_other_than(self, now: Keyframe, params: WindowParams) -> bool:
+    def tells_other_than(self, now: "Keyframe", params: WindowParams) -> bool:
         """Whether other fingers touch now, or one of them elsewhere on the object."""
         if set(self.sources) != set(now.sources):
             return True
