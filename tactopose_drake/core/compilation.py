@@ -9,8 +9,9 @@ sums are reordered and no products fused, so equal arguments give equal bits, wh
     def retract(X: Floats3, increment: Floats2, out: OutFloats3) -> None: ...
 
 One under `@part` is a kernel that only other kernels call; it has no entry for Python, which takes long to compile for
-many arguments. A function under `@inlined` becomes part of its callers, for whatever types they have. It is LLVM that
-puts it there: where numba does, it infers the types of each copy anew, which takes a third as long again.
+many arguments, and no machine code but theirs. A function under `@inlined` becomes part of its callers, for whatever
+types they have. It is LLVM that puts it there: where numba does, it infers the types of each copy anew, which takes a
+third as long again.
 """
 
 import functools
@@ -28,6 +29,7 @@ from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import CPUDispatcher
 from numpy.typing import NDArray
 
+from tactopose_drake.core import linked_code
 from tactopose_drake.core.kernel_cache import kernel_cache
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -174,7 +176,6 @@ class Inlined(_WithoutEntry):
 
 
 _OPTIONS = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
-_NO_ENTRY = {**_OPTIONS, "no_cpython_wrapper": True}
 
 
 def kernel(function: Function) -> Function:
@@ -184,13 +185,18 @@ def kernel(function: Function) -> Function:
 
 def part(function: Function) -> Function:
     """Likewise, a function that only other kernels call."""
-    return typing.cast(Function, _cached(Part(py_func=function, targetoptions={"nopython": True, **_NO_ENTRY})))
+    return typing.cast(Function, _cached(_linked(Part, function)))
 
 
 def inlined(function: Function) -> Function:
     """Makes a function part of the kernels that call it, for the types that they give it."""
-    options = {"nopython": True, "forceinline": True, **_NO_ENTRY}
-    return typing.cast(Function, Inlined(py_func=function, targetoptions=options))
+    return typing.cast(Function, _linked(Inlined, function, forceinline=True))
+
+
+def _linked(kind: type[CPUDispatcher], function: Callable[..., Any], **options: bool) -> Any:
+    """A function that becomes part of others, and nothing by itself."""
+    told = {"nopython": True, **_OPTIONS, "no_cpython_wrapper": True, **options}
+    return kind(py_func=function, targetoptions=told, pipeline_class=linked_code.LinkedCompiler)
 
 
 def _cached(compiled: Kernel) -> Kernel:
@@ -222,8 +228,9 @@ def _kernel_files() -> dict[str, Path]:
 
 @functools.cache
 def _fingerprint(name: str) -> bytes:
-    """Of this file and the file of kernels of that name, with all that it names and so may have compiled into it."""
-    files, found, todo = _kernel_files(), {"": Path(__file__).read_bytes()}, [name]
+    """Of how kernels are compiled, and the file of that name with all that it names and so may have compiled in it."""
+    files, todo = _kernel_files(), [name]
+    found = {path: Path(path).read_bytes() for path in (__file__, linked_code.__file__)}
     while todo:
         here = todo.pop()
         if here in files and here not in found:

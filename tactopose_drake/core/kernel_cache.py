@@ -23,6 +23,7 @@ from typing import Any
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, NullCache, UserWideCacheLocator
 from numba.core.runtime.nrt import rtsys
 
+from tactopose_drake.core.linked_code import load_result
 from tactopose_drake.core.shipped_kernels import are_there, run_here, shipped_file, shipped_key
 
 
@@ -54,6 +55,10 @@ class _TemporaryFolder(UserWideCacheLocator):
 
 class _Places(CompileResultCacheImpl):
     _locator_classes = [*CompileResultCacheImpl._locator_classes, _TemporaryFolder]  # noqa: RUF012 (as in the base class)
+
+    def rebuild(self, target_context: Any, payload: Any) -> Any:
+        """Compiled code from what is kept of it."""
+        return load_result(target_context, payload)
 
 
 class _NoCache(NullCache):

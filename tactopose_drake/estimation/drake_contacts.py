@@ -1,16 +1,22 @@
 """Contacts as Drake's simulator reports them, in the form that the estimate takes."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator
-from typing import NamedTuple, Self
+from typing import TYPE_CHECKING, NamedTuple, Self
 
 import numpy as np
-from pydrake.geometry import ContactSurface
-from pydrake.multibody.plant import ContactResults, MultibodyPlant
-from pydrake.multibody.tree import Frame, RigidBody
-from pydrake.systems.framework import Context
 
 from tactopose_drake.core.evidence import contacts as core_contacts
 from tactopose_drake.core.validation import FloatArray, instance_of
+
+# Imported where they are used: an estimate from contacts that are given needs neither plants nor systems, which take
+# longer to load than it takes itself, and more memory.
+if TYPE_CHECKING:
+    from pydrake.geometry import ContactSurface
+    from pydrake.multibody.plant import ContactResults, MultibodyPlant
+    from pydrake.multibody.tree import Frame, RigidBody
+    from pydrake.systems.framework import Context
 
 
 class ReportedContact(NamedTuple):
@@ -60,6 +66,10 @@ class Contacts(core_contacts.Contacts):
         Raises:
             InvalidInputError: a value of another type.
         """
+        from pydrake.multibody.plant import ContactResults, MultibodyPlant
+        from pydrake.multibody.tree import Frame, RigidBody
+        from pydrake.systems.framework import Context
+
         kinds = {"results": ContactResults, "plant": MultibodyPlant, "context": Context, "palm_frame": Frame}
         for (name, kind), value in zip(kinds.items(), (results, plant, context, palm_frame), strict=True):
             instance_of(name, value, kind)

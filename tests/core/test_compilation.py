@@ -20,7 +20,7 @@ MODULES = [
     "tactopose_drake." + ".".join(path.relative_to(CORE.parent).with_suffix("").parts)
     for path in sorted(CORE.rglob("*_kernels.py"))
 ]
-NUMBA_ELSEWHERE = {"compilation.py", "kernel_cache.py", "prefetch.py"}
+NUMBA_ELSEWHERE = {"compilation.py", "kernel_cache.py", "linked_code.py", "prefetch.py"}
 
 
 def kernels(module: str) -> list[Kernel]:

@@ -1,5 +1,8 @@
 """Contacts that a simulation reports, against what geometry says: balls in a palm of two walls."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from pydrake.geometry import AddCompliantHydroelasticProperties, AddContactMaterial, Box, ProximityProperties, Sphere
@@ -87,3 +90,10 @@ def test_something_else_is_refused() -> None:
     _, plant, plant_context, ball, _ = pressed("point", True)
     with pytest.raises(InvalidInputError, match="results: is a list; allowed is a ContactResults"):
         tp.Contacts.from_contact_results([], plant, plant_context, plant.GetFrameByName("palm"), ball)
+
+
+def test_contacts_that_are_given_load_no_simulator() -> None:
+    code = "import sys, tactopose_drake as tp; tp.Contacts([[0.0, 0.0, 0.1]]); print(*sys.modules)"
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    assert "tactopose_drake.estimation.drake_contacts" in loaded
+    assert not {"pydrake.multibody", "pydrake.geometry", "pydrake.systems"} & set(loaded)

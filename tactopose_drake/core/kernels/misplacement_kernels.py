@@ -10,7 +10,7 @@ from tactopose_drake.core.kernels.grid_kernels import Grid
 from tactopose_drake.core.kernels.least_squares_kernels import next_damping, promised_decrease
 from tactopose_drake.core.kernels.matrix_kernels import cholesky, solve
 from tactopose_drake.core.kernels.pad_kernels import Cells, Pad, Pads, Run, enter, misplace, weigh_cells
-from tactopose_drake.core.kernels.sorting_kernels import copy_vector
+from tactopose_drake.core.kernels.sorting_kernels import copy_matrix, copy_vector
 
 # Where the local model of a pad's cost promises less than this, it is taken at its word. That takes two steps or three;
 # at creases it may take many, which are not worth their time.
@@ -121,7 +121,7 @@ def couple(run: Run, cells: Cells, pad: Pad, C: OutFloats2) -> None:
     """A pad's second derivatives: C (6, 6) by misplacement and pose; its factor L is of that by the misplacement."""
     weights, by_pad, by_pose, L = cells.weights, cells.by_pad, cells.by_pose, pad.L
     C[:] = 0.0
-    L[:] = pad.information
+    copy_matrix(pad.information, L)
     for i in range(run[0], run[1]):
         if weights[i] > 0.0:
             for a in range(6):

@@ -11,6 +11,7 @@ from tactopose_drake.core.kernels.matrix_kernels import cholesky, solve
 from tactopose_drake.core.kernels.misplacement_kernels import couple, make_rows, settle
 from tactopose_drake.core.kernels.pad_kernels import Pads, find_normals, scratch
 from tactopose_drake.core.kernels.pose_kernels import turn_translations
+from tactopose_drake.core.kernels.sorting_kernels import copy_matrix
 
 
 @kernel
@@ -40,7 +41,7 @@ def patch_residuals(
     C, follow = np.empty((6, 6)), np.empty((6, 6))
     turned, roots = np.empty((7, 6)), np.empty((len(pads[4]), 6, 6))
     for k in range(len(pads[4])):
-        roots[k] = pads[5][k]
+        copy_matrix(pads[5][k], roots[k])
         for a in range(6):
             roots[k, a, a] += 1.0
         cholesky(roots[k], roots[k])
@@ -53,7 +54,8 @@ def patch_residuals(
             make_rows(cells.slopes, sigmas, run, cells)
             couple(run, cells, pad, C)
             for c in range(6):
-                follow[c] = -C[:, c]
+                for a in range(6):
+                    follow[c, a] = -C[a, c]
                 solve(pad.L, follow[c])
             for i in range(run[0], run[1]):
                 residuals[b, i] = cells.residual[i]

@@ -32,6 +32,7 @@ from tactopose_drake.core.kernels.joint_state_kernels import (
     make_prior_rows,
     transport_information,
 )
+from tactopose_drake.core.kernels.linear_system_kernels import invert_columns
 from tactopose_drake.core.kernels.matrix_kernels import cholesky, invert
 from tactopose_drake.core.kernels.sigma_point_kernels import (
     SPREAD,
@@ -112,19 +113,16 @@ def regress_modes(
     """
     size, count = priors.information.shape[1], contacts.p.shape[0]
     scratch = _make_scratch(size, count)
-    units, undamped = np.zeros((size, 6)), np.zeros(1)
-    information, covariance = np.empty((size, size)), np.empty((6, 6))
-    for i in range(6):
-        units[i, i] = 1.0
+    columns, undamped = np.empty((6, size)), np.zeros(1)
+    work, covariance = np.empty((size, size)), np.empty((6, 6))
     points, here, g, H, step = scratch.points, scratch.here, scratch.g, scratch.H, scratch.step
     for b in range(X.shape[0]):
         copy_matrix(X[b], here[0])
         for _ in range(settings.rounds):
-            copy_matrix(regression.hessian[b], information)
-            solution = np.linalg.solve(information, units)
+            invert_columns(regression.hessian[b], work, columns)
             for i in range(6):
                 for j in range(6):
-                    covariance[i, j] = solution[i, j]
+                    covariance[i, j] = columns[j, i]
             find_axes(covariance, settings.lever_arm, points)
             limit_axes(here[0], contacts.p, settings.max_displacement, points)
             weigh_normals(grid, contacts, settings, here[0], points, regression.roughness[b])

@@ -1,0 +1,98 @@
+"""Compiled code as the package keeps it: without what nobody is going to use.
+
+Numba makes machine code of each function that it compiles, also of those that are only linked into others, where they
+are compiled once more; and it reads, beside the machine code of a kernel from its cache, what others may link, which
+takes longer and more memory.
+"""
+
+from typing import Any
+
+from llvmlite import binding as llvm
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import Compiler, compile_result
+
+
+class LinkedCompiler(Compiler):
+    """Numba's compiler, for code that is only linked into other code."""
+
+    def __init__(self, typingctx: Any, targetctx: Any, *rest: Any) -> None:
+        super().__init__(typingctx, targetctx, *rest)
+        self.state.library = LinkedLibrary(targetctx.codegen(), "linked")
+
+
+class LinkedLibrary(JITCodeLibrary):
+    """Code that is not made machine code of by itself, and has no address."""
+
+    @property
+    def codegen(self) -> Any:
+        """Where numba tells a function's environment; there is nobody to be told."""
+        return _NoEngine
+
+    def _optimize_final_module(self) -> None:
+        """Where it is linked it is optimised, together with its callers."""
+
+    def _finalize_final_module(self) -> None:
+        self._finalize_dynamic_globals()
+        self._verify_declare_only_symbols()
+        self._finalized = True
+
+    def get_pointer_to_function(self, name: str) -> int:
+        """None."""
+        return 0
+
+    def serialize_using_object_code(self) -> tuple[str, str, bytes]:
+        """For the cache: there is no object code."""
+        return self.name, "linked", self._get_module_for_linking().as_bitcode()
+
+
+class _NoEngine:
+    @staticmethod
+    def set_env(env_name: str, env: Any) -> None:
+        """Nothing."""
+
+
+class _LoadedLibrary(JITCodeLibrary):
+    """Machine code from the cache, and what others may link, which is read when they do."""
+
+    _bitcode: bytes
+
+    def _get_module_for_linking(self) -> Any:
+        if self._shared_module is None:
+            self._shared_module = llvm.parse_bitcode(self._bitcode)
+        return self._shared_module
+
+
+def load_result(target_context: Any, payload: Any) -> Any:
+    """What numba's `CompileResult._reduce` has made plain data of, as its `_rebuild` does it but for the libraries."""
+    (name, kind, data), fndesc, env, signature, _, _, annotation, reload_init, environments = payload
+    for initialise in reload_init:
+        initialise()
+    codegen = target_context.codegen()
+    if kind == "linked":
+        library: Any = LinkedLibrary(codegen, name)
+        library._final_module = library._shared_module = llvm.parse_bitcode(data)
+        library._finalized = True
+    else:
+        library = _LoadedLibrary(codegen, name)
+        object_code, library._bitcode = data
+        library.enable_object_caching()
+        library._set_compiled_object(object_code)
+        library._finalize_final_module()
+        codegen._engine._defined_symbols.add(fndesc.llvm_cpython_wrapper_name)
+    entry = target_context.get_executable(library, fndesc, env)
+    for environment in environments:
+        library.codegen.set_env(environment.env_name, environment)
+    return compile_result(
+        target_context=target_context,
+        typing_context=target_context.typing_context,
+        library=library,
+        environment=env,
+        entry_point=entry,
+        fndesc=fndesc,
+        type_annotation=annotation,
+        signature=signature,
+        objectmode=False,
+        lifted=(),
+        reload_init=reload_init,
+        referenced_envs=environments,
+    )
