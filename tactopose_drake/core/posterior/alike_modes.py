@@ -22,6 +22,8 @@ from tactopose_drake.core.validation import FloatArray
 
 # Over the contacts' sigma, how far a symmetry must leave the surface off for a touch to tell its images apart.
 _TOLD_APART = 1.0
+# Over a spread's trace, what is certain of its other entries.
+_ROUNDING = 1e-15
 # Of a free direction, how much of the way of a turn it must not share to be another one.
 _ANOTHER = 0.5
 
@@ -129,6 +131,7 @@ def _family(
     turns = spins @ np.array([each.axis for each in axes]).reshape(-1, 3).T
     directions = _turn_directions(X_first, axes)
     spread = covariance + covariance[0] + np.pi**2 * directions.T @ directions
+    spread += _ROUNDING * np.trace(spread, axis1=1, axis2=2)[:, None, None] * np.eye(6)
     distance = np.einsum("ni,ni->n", residual, np.linalg.solve(spread, residual[..., None])[..., 0])
     alike = distance <= same_sigmas**2
     alike[0] = True
