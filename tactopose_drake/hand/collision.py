@@ -20,6 +20,7 @@ from pydrake.geometry import (
     Capsule,
     CollisionFilterDeclaration,
     ContactSurface,
+    Convex,
     Cylinder,
     Ellipsoid,
     GeometryId,
@@ -48,6 +49,7 @@ from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.hand.geometry import BodySpheres
 from tactopose_drake.hand.hand_config import Hand, HandConfig, add_hand
 from tactopose_drake.hand.shape_depth import ShapeDepth, shape_depth
+from tactopose_drake.hand.thinned_hull import thinned_hull
 
 # How far the facets that stand for a round shape may lie below it, m.
 _FACET_ERROR = 5e-5
@@ -238,6 +240,8 @@ def _soften(plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand) -> dict[
             if depth is None:
                 scene_graph.RemoveRole(source, geometry, Role.kProximity)
                 continue
+            if isinstance(shape, Mesh | Convex):
+                scene_graph.ChangeShape(source, geometry, thinned_hull(shape))
             properties = ProximityProperties()
             AddCompliantHydroelasticProperties(_facet_length(shape), 1.0, properties)
             scene_graph.AssignRole(source, geometry, properties, RoleAssign.kReplace)
