@@ -18,11 +18,14 @@ from tactopose_drake.hand.coupling_check import check_couplings
 from tactopose_drake.hand.findings import Finding, Verdict, fault
 from tactopose_drake.hand.finger_chain import finger_chain, joints_towards
 from tactopose_drake.hand.fingertip_fit import fingertip_fit
+from tactopose_drake.hand.fingertip_outline import fit_fingertip
 from tactopose_drake.hand.hand_config import FingerConfig, Hand, HandConfig, add_hand, load_hand_config
 from tactopose_drake.hand.hand_reach import make_hand_reach
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
 
 _SLOWEST = 0.5  # s that a joint's damping may take to let the default grasp controller's spring close it
+_LIES_ON_IT = 0.95  # share of a fingertip's surface within 1 mm of the shapes from which on no other is sought
+_FAR_BETTER, _GOOD_ENOUGH = 1.5, 5e-4  # of fingertip surfaces: ratio of residuals, and a residual, m
 _STIFFNESS = ReachParams().stiffness  # N m/rad
 
 
@@ -190,6 +193,20 @@ def _fingertips(plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand) -> I
         )
         verdict: Verdict = "ok" if fit.share > 0.5 else "note" if fit.share > 0.1 else "fault"
         yield Finding(part, text, verdict)
+        if fit.share < _LIES_ON_IT:
+            yield from _better_surface(plant, scene_graph, hand, finger)
+
+
+def _better_surface(plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand, finger: str) -> Iterator[Finding]:
+    """Names a surface that lies far better on the fingertip's shape than the file's."""
+    fitted = fit_fingertip(plant, scene_graph.model_inspector(), hand, finger)
+    if fitted is None or fitted.own_residual < max(_FAR_BETTER * fitted.residual, _GOOD_ENOUGH):
+        return
+    text = (
+        f"a surface fitted to the shape in which the finger ends is off by {1e3 * fitted.residual:.2f} mm (root mean "
+        f"square), the file's by {1e3 * fitted.own_residual:.2f} mm: {fitted.yaml}"
+    )
+    yield Finding(f"fingertip {finger}", text, "note")
 
 
 def _contact(plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand, context: Context) -> Iterator[Finding]:

@@ -97,3 +97,16 @@ def test_a_mesh_that_drake_cannot_read_is_told(tmp_path: Path) -> None:
     model.write_text(model.read_text().replace('<sphere radius="0.012"/>', '<mesh filename="ball.stl"/>', 1))
     check = check_hand(path)
     assert any(finding.part == "model" and "ball.stl" in finding.text for finding in check.findings)
+
+
+def test_a_surface_that_fits_far_better_is_named_and_then_taken(tmp_path: Path) -> None:
+    path = write_gripper(tmp_path)
+    model = tmp_path / "two_finger.urdf"
+    model.write_text(model.read_text().replace('<sphere radius="0.012"/>', '<box size="0.02 0.024 0.04"/>'))
+    (note,) = (text for verdict, text in verdicts(check_hand(path), "fingertip left") if "fitted" in text)
+    better, own = (float(number) for number in re.findall(r"by (\d\.\d+) mm", note))
+    assert better < 0.8
+    assert own > 3.0 * better
+    surface = note[note.index("!Superquadric") :]
+    path.write_text(YAML.replace("!SphereSurface {radius: 0.012}", surface))
+    assert not [text for _, text in verdicts(check_hand(path), "fingertip left") if "fitted" in text]
