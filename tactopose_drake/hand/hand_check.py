@@ -1,6 +1,7 @@
 """What is right and wrong with a hand's files, part by part."""
 
 import logging
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +23,7 @@ from tactopose_drake.hand.fingertip_outline import fit_fingertip
 from tactopose_drake.hand.hand_config import FingerConfig, Hand, HandConfig, add_hand, load_hand_config
 from tactopose_drake.hand.hand_reach import make_hand_reach
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
+from tactopose_drake.resources import complaint_kind
 
 _SLOWEST = 0.5  # s that a joint's damping may take to let the default grasp controller's spring close it
 _LIES_ON_IT = 0.95  # share of a fingertip's surface within 1 mm of the shapes from which on no other is sought
@@ -94,7 +96,7 @@ class _complaints(logging.Handler):  # noqa: N801  It is used as a function.
         self.messages: list[str] = []
 
     def emit(self, record: logging.LogRecord) -> None:
-        self.messages.append(" ".join(record.getMessage().split()))
+        self.messages.append(record.getMessage())
 
     def __enter__(self) -> list[str]:
         self._logger = logging.getLogger("drake")
@@ -126,8 +128,8 @@ def _model(
     bare = [name for name, number in shapes if not number]
     if bare and count:
         yield Finding("model", f"no collision shape, so no part of the hand's volume: {', '.join(bare)}", "note")
-    if complaints:
-        yield Finding("model", f"Drake says, first of {len(complaints)}: {complaints[0]}", "note")
+    for kind, count in Counter(map(complaint_kind, complaints)).items():
+        yield Finding("model", f"Drake says{_times(count)}: {' '.join(kind.split())}", "note")
     P = hand.palm_frame
     yield Finding(
         "palm", f"frame {P.name()!r} on link {P.body().name()!r}; the link {hand.config.base_link!r} carries it"
@@ -137,6 +139,10 @@ def _model(
         yield Finding(
             "palm", f"is moved by {', '.join(moved)}: joints beside the fingers' must be measured too", "note"
         )
+
+
+def _times(count: int) -> str:
+    return f" of {count} places" if count > 1 else ""
 
 
 def _joints(plant: MultibodyPlant, hand: Hand) -> Iterator[Finding]:

@@ -110,3 +110,13 @@ def test_a_surface_that_fits_far_better_is_named_and_then_taken(tmp_path: Path) 
     surface = note[note.index("!Superquadric") :]
     path.write_text(YAML.replace("!SphereSurface {radius: 0.012}", surface))
     assert not [text for _, text in verdicts(check_hand(path), "fingertip left") if "fitted" in text]
+
+
+def test_what_drake_says_of_many_lines_is_one_note(tmp_path: Path) -> None:
+    path = write_gripper(tmp_path)
+    model = tmp_path / "two_finger.urdf"
+    model.write_text(model.read_text().replace("<limit", '<dynamics friction="0.1"/><limit'))
+    notes = [text for verdict, text in verdicts(check_hand(path), "model") if verdict == "note"]
+    assert len(notes) == 1
+    assert "Drake says of 2 places: " in notes[0]
+    assert "friction" in notes[0]
