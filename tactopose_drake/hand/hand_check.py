@@ -210,9 +210,9 @@ def _better_surface(plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand, 
         return
     text = (
         f"a surface fitted to the shape in which the finger ends is off by {1e3 * fitted.residual:.2f} mm (root mean "
-        f"square), the file's by {1e3 * fitted.own_residual:.2f} mm: {fitted.yaml}"
+        f"square), the file's by {1e3 * fitted.own_residual:.2f} mm"
     )
-    yield Finding(f"fingertip {finger}", text, "note")
+    yield Finding(f"fingertip {finger}", text, "note", f"surface: {fitted.yaml}")
 
 
 def _contact(plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand, context: Context) -> Iterator[Finding]:

@@ -59,6 +59,7 @@ def test_couplings_are_compared_with_the_model(tmp_path: Path) -> None:
     check = check_hand(write_gripper(tmp_path, mimic=mimic))
     assert [fault.part for fault in check.faults] == ["couplings"]
     assert "lets 'right_slide' follow 'left_slide'" in check.faults[0].text
+    assert check.faults[0].entry == "{joint: right_slide, follows: left_slide, ratio: 0.5, offset: 0.01}"
 
     both = YAML.replace("joints: [right_slide]", "joints: [left_slide]")
     coupled = both.replace(
@@ -107,7 +108,9 @@ def test_a_surface_that_fits_far_better_is_named_and_then_taken(tmp_path: Path) 
     better, own = (float(number) for number in re.findall(r"by (\d\.\d+) mm", note))
     assert better < 0.8
     assert own > 3.0 * better
-    surface = note[note.index("!Superquadric") :]
+    (entry,) = (found.entry for found in check_hand(path).findings if found.text == note and "left" in found.part)
+    surface = entry.removeprefix("surface: ")
+    assert surface.startswith("!SuperquadricSurface {semi_axes: [")
     path.write_text(YAML.replace("!SphereSurface {radius: 0.012}", surface))
     assert not [text for _, text in verdicts(check_hand(path), "fingertip left") if "fitted" in text]
 
