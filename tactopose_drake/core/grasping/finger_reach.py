@@ -140,7 +140,7 @@ class FingerReach:
         """
         q = self._q[:: max(1, len(self._q) // _WAITING)]
         spheres, radius = self.geometry.all_spheres(q)
-        distance = (_distance(grid, X_PO, spheres)[0] - radius).min(axis=1)
+        distance = (_gap(grid, X_PO, spheres) - radius).min(axis=1)
         order = np.argsort(-distance, kind="stable")
         waiting: FloatArray = q[order[distance[order] > clearance]]
         return waiting
@@ -156,16 +156,15 @@ class FingerReach:
     ) -> Touches:
         """Touches with one place of the fingertip, of so many samples at the most."""
         params, radius = self._params, self.geometry.tip_radius
-        distance, normal = _distance(grid, X_PO, place.p_PK)
-        aligned = alignment(place.compliance, normal)
-        wanted = {
-            "the fingertip does not reach the surface": np.abs(distance - radius) < 0.006,
-            "pressing moves the fingertip another way": aligned > params.least_alignment,
-        }
+        reaches = np.abs(_gap(grid, X_PO, place.p_PK) - radius) < 0.006
+        near = _that_pass({"the fingertip does not reach the surface": reaches}, refused)
+        _, normal = _distance(grid, X_PO, place.p_PK[near])
+        aligned = alignment(place.compliance[near], normal)
+        wanted = {"pressing moves the fingertip another way": aligned > params.least_alignment}
         if place.is_end and self.geometry.has_axis:
-            facing = np.einsum("ni,ni->n", self._axis, -normal)
+            facing = np.einsum("ni,ni->n", self._axis[near], -normal)
             wanted["the finger would touch with its side or back"] = facing > params.least_facing - 0.2
-        index = _that_pass(wanted, refused)
+        index = near[_that_pass(wanted, refused)]
         if len(index) > most:
             index = generator.choice(index, most, replace=False)
         return self._refine(place, grid, X_PO, self._q[index], refused)
@@ -207,7 +206,7 @@ class FingerReach:
         lift = params.lift / np.einsum("ni,nij,nj->n", normal, compliance, normal)
         q_open = np.clip(q - lift[:, None] * closing, chain.lower, chain.upper)
         p_PC = p_PT - geometry.tip_radius * normal
-        opened = _distance(grid, X_PO, geometry.fixed_points(q_open, place.p_SK[None])[:, 0])[0]
+        opened = _gap(grid, X_PO, geometry.fixed_points(q_open, place.p_SK[None])[:, 0])
         clean = {
             "a joint limit keeps the fingertip off": np.abs(distance - geometry.tip_radius) < params.contact_tolerance,
             "pressing moves the fingertip another way": aligned > params.least_alignment,
@@ -233,20 +232,20 @@ class FingerReach:
             # The straight part may lie along the object, but must not be deeper in it elsewhere.
             tip = np.concatenate([geometry.along_straight_part(_PLACES), geometry.p_ST[None]])
             for posture in (q, q_open):
-                beside, _ = _distance(grid, X_PO, geometry.fixed_points(posture, tip))
+                beside = _gap(grid, X_PO, geometry.fixed_points(posture, tip))
                 clear &= np.all(beside > geometry.tip_radius - _DEEPER, axis=1)
         elif geometry.has_axis:
-            side, _ = _distance(grid, X_PO, np.stack([geometry.tip(q, 0.0), geometry.tip(q, 0.5)], axis=1))
+            side = _gap(grid, X_PO, np.stack([geometry.tip(q, 0.0), geometry.tip(q, 0.5)], axis=1))
             clear &= np.all(side > geometry.tip_radius + 0.0005, axis=1)
         for share in np.linspace(0.0, 1.0, params.approach_stops):
-            distance, _ = _distance(grid, X_PO, geometry.spheres(q + share * (q_open - q)))
+            distance = _gap(grid, X_PO, geometry.spheres(q + share * (q_open - q)))
             clear &= np.all(distance > geometry.radius + params.clearance, axis=1)
         return clear
 
     def _is_open(self, grid: DistanceGrid, X_PO: FloatArray, p_PT: FloatArray, normal: FloatArray) -> NDArray[np.bool_]:
         """Whether fingertips about p_PT touch one place only, shape (n,)."""
         params = self._params
-        outside, _ = _distance(grid, X_PO, p_PT + params.outwards * normal)
+        outside = _gap(grid, X_PO, p_PT + params.outwards * normal)
         return np.asarray(outside > self.geometry.tip_radius + params.least_openness * params.outwards)
 
     def _is_smooth(
@@ -275,6 +274,11 @@ def _distance(grid: DistanceGrid, X_PO: FloatArray, p_PQ: FloatArray) -> tuple[F
     R_PO = X_PO[:, :3]
     distance, n_O = grid.distance_and_normal((p_PQ - X_PO[:, 3]) @ R_PO)
     return distance, n_O @ R_PO.T
+
+
+def _gap(grid: DistanceGrid, X_PO: FloatArray, p_PQ: FloatArray) -> FloatArray:
+    """Signed distances (...) of the object at points (..., 3) in P."""
+    return grid.distance((p_PQ - X_PO[:, 3]) @ X_PO[:, :3])
 
 
 def alignment(compliance: FloatArray, normal: FloatArray) -> FloatArray:
