@@ -29,6 +29,11 @@ def check_hand_command(hand: str, html: Path | None, cells: Path | None) -> None
     with ERRORS.status(f"checking {hand}"):
         check = check_hand(hand)
     OUT.print(findings_table(hand, check.findings))
+    entries = [finding for finding in check.findings if finding.entry]
+    if entries:
+        OUT.print("For the hand's file:")
+    for finding in entries:
+        OUT.print(f"{finding.part}: {finding.entry}", soft_wrap=True, highlight=False)
     if html is not None and check.parts is not None:
         save_hand_page(html, hand, check)
         OUT.print(f"Written: {html}", soft_wrap=True)

@@ -7,6 +7,8 @@ from rich.console import Console
 from rich.status import Status
 from rich.text import Text
 
+from tactopose_drake.resources import complaint_kind
+
 
 class PlainConsole(Console):
     """A console that prints text as it is, and letters that are none as Python writes them."""
@@ -41,7 +43,10 @@ def printable(text: str) -> str:
 
 
 class OnceFilter(logging.Filter):
-    """Lets each message of a log through once: models are read more than once, and what is said of them with them."""
+    """Lets each kind of message of a log through once.
+
+    Models are read more than once, and what Drake says of one of their lines it mostly says of many.
+    """
 
     def __init__(self) -> None:
         """Has seen nothing."""
@@ -49,10 +54,10 @@ class OnceFilter(logging.Filter):
         self._seen: set[str] = set()
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Whether the message is new."""
-        message = record.getMessage()
-        is_new = message not in self._seen
-        self._seen.add(message)
+        """Whether the message is the first of its kind."""
+        kind = complaint_kind(record.getMessage())
+        is_new = kind not in self._seen
+        self._seen.add(kind)
         return is_new
 
 

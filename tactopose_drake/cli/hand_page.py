@@ -1,9 +1,10 @@
 """A page that shows a hand with its palm, sensor and fingertip frames, and what was found of its files."""
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
-from pydrake.geometry import Capsule, Ellipsoid, Meshcat, MeshcatParams, Rgba, Shape, Sphere
+from pydrake.geometry import Capsule, Convex, Ellipsoid, Meshcat, MeshcatParams, Rgba, Shape, Sphere
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame
@@ -11,6 +12,7 @@ from pydrake.systems.framework import Context
 
 from tactopose_drake.core.surfaces import Capsule as CapsuleTip
 from tactopose_drake.core.surfaces import Ellipsoid as EllipsoidTip
+from tactopose_drake.core.surfaces import Superquadric as SuperquadricTip
 from tactopose_drake.core.surfaces import Surface
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.hand.findings import Finding
@@ -30,6 +32,7 @@ _KINDS = {
 }
 _LENGTHS = {"P": 0.05, "S": 0.02, "F": 0.012, "T": 0.02}  # of the axes, m
 _TIP_OPACITY = 0.6
+_POINTS = 1500  # of a superquadric, whose hull is drawn
 
 
 def save_hand_page(path: Path, name: str, check: HandCheck) -> None:
@@ -121,6 +124,9 @@ def _shape(surface: Surface) -> Shape:
         return Capsule(surface.radius, surface.length)
     if isinstance(surface, EllipsoidTip):
         return Ellipsoid(*surface.semi_axes)
+    if isinstance(surface, SuperquadricTip):
+        in_F = dataclasses.replace(surface, X_SF=np.eye(3, 4))
+        return Convex(in_F.sample(np.random.default_rng(0), _POINTS).T, "fingertip")
     return Sphere(surface.half_width)
 
 

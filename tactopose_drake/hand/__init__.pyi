@@ -19,6 +19,7 @@ from .fingertip_surfaces import CapsuleSurface as CapsuleSurface
 from .fingertip_surfaces import EllipsoidSurface as EllipsoidSurface
 from .fingertip_surfaces import SkinLayer as SkinLayer
 from .fingertip_surfaces import SphereSurface as SphereSurface
+from .fingertip_surfaces import SuperquadricSurface as SuperquadricSurface
 from .fingertip_weights import FingertipWeights as FingertipWeights
 from .geometry import BodySpheres as BodySpheres
 from .geometry import HandGeometry as HandGeometry

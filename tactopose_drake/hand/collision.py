@@ -20,6 +20,7 @@ from pydrake.geometry import (
     Capsule,
     CollisionFilterDeclaration,
     ContactSurface,
+    Convex,
     Cylinder,
     Ellipsoid,
     GeometryId,
@@ -49,6 +50,7 @@ from tactopose_drake.hand.geometry import BodySpheres
 from tactopose_drake.hand.hand_config import HandConfig
 from tactopose_drake.hand.hand_in_plant import Hand, add_hand
 from tactopose_drake.hand.shape_depth import ShapeDepth, shape_depth
+from tactopose_drake.hand.thinned_hull import thinned_hull
 
 # How far the facets that stand for a round shape may lie below it, m.
 _FACET_ERROR = 5e-5
@@ -239,6 +241,8 @@ def _soften(plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand) -> dict[
             if depth is None:
                 scene_graph.RemoveRole(source, geometry, Role.kProximity)
                 continue
+            if isinstance(shape, Mesh | Convex):
+                scene_graph.ChangeShape(source, geometry, thinned_hull(shape))
             properties = ProximityProperties()
             AddCompliantHydroelasticProperties(_facet_length(shape), 1.0, properties)
             scene_graph.AssignRole(source, geometry, properties, RoleAssign.kReplace)

@@ -6,8 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tactopose_drake.core.sensing.intrinsic_contact import ContactSolution, ContactSolutions, solve_contacts
-from tactopose_drake.core.surfaces import Surface
-from tactopose_drake.core.surfaces.ellipsoid import Ellipsoid
+from tactopose_drake.core.surfaces import Ellipsoid, Superquadric, Surface
 from tactopose_drake.core.validation import FloatArray
 
 # Steps of the differences: of the moment, N m, of the force, N, and of the radius, m.
@@ -53,7 +52,7 @@ def contact_gains(F_S: FloatArray, surface: Surface) -> ContactGains:
 
 def thicker(surface: Surface, by: float) -> Surface:
     """The surface, its radius or semi-axes longer by so much, m."""
-    if isinstance(surface, Ellipsoid):
+    if isinstance(surface, Ellipsoid | Superquadric):
         a, b, c = surface.semi_axes
         return dataclasses.replace(surface, semi_axes=(a + by, b + by, c + by))
     return dataclasses.replace(surface, radius=surface.radius + by)  # type: ignore[attr-defined,call-arg]

@@ -11,7 +11,6 @@ from pydrake.geometry import (
     AddRigidHydroelasticProperties,
     Capsule,
     CollisionFilterDeclaration,
-    Convex,
     Cylinder,
     Ellipsoid,
     GeometryId,
@@ -29,8 +28,11 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import Context
 
+from tactopose_drake.hand.thinned_hull import thinned_hull
+
 _MODULUS = 3e7  # Pa: a hard rubber's, which gives way by a tenth of a millimetre
 _FINEST, _COARSEST = 0.002, 0.006  # m, length of the facets that stand for a shape
+_NEAREST_VERTICES = 5e-4  # of a hull, m
 _VOLUME_MESHES = {".vtk"}
 
 
@@ -46,7 +48,7 @@ def make_compliant(plant: MultibodyPlant, scene_graph: SceneGraph, instance: Mod
         AddCompliantHydroelasticProperties(_facet_length(shape), _MODULUS, properties)
         scene_graph.AssignRole(source, geometry, properties, RoleAssign.kReplace)
         if isinstance(shape, Mesh) and shape.extension() not in _VOLUME_MESHES:
-            scene_graph.ChangeShape(source, geometry, Convex(shape.source(), shape.scale3()))
+            scene_graph.ChangeShape(source, geometry, thinned_hull(shape, _NEAREST_VERTICES))
 
 
 def make_meshes_rigid(plant: MultibodyPlant, scene_graph: SceneGraph, instance: ModelInstanceIndex) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 from pydrake.multibody.plant import MultibodyPlant
 
 from tactopose_drake.errors import InvalidInputError
-from tactopose_drake.hand.findings import Finding, fault
+from tactopose_drake.hand.findings import Finding, Verdict, fault
 from tactopose_drake.hand.finger_chain import joints_towards
 from tactopose_drake.hand.hand_config import HandConfig
 from tactopose_drake.hand.hand_in_plant import Hand
@@ -32,10 +32,11 @@ def check_couplings(plant: MultibodyPlant, hand: Hand) -> Iterator[Finding]:
     for name in sorted({*told, *of_model}):
         ours, theirs = told.get(name), of_model.get(name)
         if ours is None:
+            verdict: Verdict = "fault" if name in _of_fingers(plant, hand) else "note"
             text = (
                 f"the model lets {name!r} follow {theirs.follows!r}; the hand's file does not say so" if theirs else ""
             )
-            yield Finding("couplings", text, "fault" if name in _of_fingers(plant, hand) else "note")
+            yield Finding("couplings", text, verdict, _entry(theirs) if theirs else "")
         elif theirs is None:
             yield Finding("couplings", f"{_shown(ours)}, but the model has no mimic for it: it would dangle", "fault")
         elif ours.follows != theirs.follows or _differ(ours, theirs):
@@ -46,6 +47,12 @@ def check_couplings(plant: MultibodyPlant, hand: Hand) -> Iterator[Finding]:
 
 def _differ(a: Mimic, b: Mimic) -> bool:
     return abs(a.ratio - b.ratio) > _SAME or abs(a.offset - b.offset) > _SAME
+
+
+def _entry(mimic: Mimic) -> str:
+    """A coupling as a hand's file has it."""
+    offset = f", offset: {mimic.offset:g}" if mimic.offset else ""
+    return f"{{joint: {mimic.joint}, follows: {mimic.follows}, ratio: {mimic.ratio:g}{offset}}}"
 
 
 def _shown(mimic: Mimic) -> str:

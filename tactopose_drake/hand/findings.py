@@ -14,11 +14,13 @@ class Finding:
         part: of the hand, in a word or two.
         text: what was found, a sentence without its full stop.
         verdict: "fault" where the hand cannot be used as it is, "note" where it can but one should know.
+        entry: what the part's place in the hand's YAML file should say instead; empty where there is nothing better.
     """
 
     part: str
     text: str
     verdict: Verdict = "ok"
+    entry: str = ""
 
 
 def fault(part: str, error: Exception) -> Finding:

@@ -5,7 +5,7 @@ import dataclasses
 from pydrake.common.schema import Transform
 
 from tactopose_drake.core.sensing.soft_layer import SoftLayer
-from tactopose_drake.core.surfaces import Capsule, Ellipsoid, Sphere, Surface
+from tactopose_drake.core.surfaces import Capsule, Ellipsoid, Sphere, Superquadric, Surface
 from tactopose_drake.core.validation import finite_array
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.resources import fixed_pose
@@ -47,6 +47,22 @@ class CapsuleSurface:
     def make(self) -> Surface:
         """The surface that the contact solver takes."""
         return Capsule(self.radius, self.length, X_SF=fixed_pose("CapsuleSurface.X_SF", self.X_SF))
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class SuperquadricSurface:
+    """A rounded box, cylinder or anything between them and an ellipsoid, `!SuperquadricSurface` in YAML."""
+
+    semi_axes: list[float] = dataclasses.field(default_factory=lambda: [0.009, 0.009, 0.009])  # m
+    # e1 along z and e2 around it, each from 0.1, which is boxy, over 1, an ellipsoid's, to 1.5.
+    exponents: list[float] = dataclasses.field(default_factory=lambda: [1.0, 1.0])
+    X_SF: Transform = dataclasses.field(default_factory=Transform)  # its centre's frame in the sensor's frame
+
+    def make(self) -> Surface:
+        """The surface that the contact solver takes."""
+        a, b, c = finite_array("SuperquadricSurface.semi_axes", self.semi_axes, (3,)).tolist()
+        e1, e2 = finite_array("SuperquadricSurface.exponents", self.exponents, (2,)).tolist()
+        return Superquadric((a, b, c), (e1, e2), X_SF=fixed_pose("SuperquadricSurface.X_SF", self.X_SF))
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)

@@ -28,6 +28,7 @@ _LATITUDES = np.linspace(-np.pi / 2, np.pi / 2, 13)
 # The corners of a cube and the middles of its edges.
 _BOX_EDGES = np.array([sides for sides in itertools.product((-1, 0, 1), repeat=3) if np.count_nonzero(sides) >= 2])
 _CORNER = 0.0005  # radius of the spheres that stand for corners, m
+_KEPT = 64  # hulls of which the spheres are kept
 _MOST_CORNERS = 30  # of a hull
 _HARDLY = (0.0015, 0.003, 0.0045, 0.006)  # that a sphere sticks out of another, m
 
@@ -210,5 +211,14 @@ def _pack(shape: Shape) -> Spheres:
         return pack_convex(np.concatenate(rings) * [shape.a(), shape.b(), shape.c()])
     if isinstance(shape, Mesh | Convex):
         hull = shape.GetConvexHull()
-        return pack_convex(np.array([hull.vertex(i) for i in range(hull.num_vertices())]))
+        return _pack_hull(np.array([hull.vertex(i) for i in range(hull.num_vertices())]).tobytes())
     return np.zeros((0, 3)), np.zeros(0)
+
+
+@functools.lru_cache(maxsize=_KEPT)
+def _pack_hull(vertices: bytes) -> Spheres:
+    """The spheres in a hull, half a second for one of a thousand vertices: fingers are alike, and filled repeatedly."""
+    centres, radii = pack_convex(np.frombuffer(vertices).reshape(-1, 3))
+    for values in (centres, radii):
+        values.setflags(write=False)
+    return centres, radii

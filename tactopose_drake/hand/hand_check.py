@@ -1,6 +1,7 @@
 """What is right and wrong with a hand's files, part by part."""
 
 import logging
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,12 +19,16 @@ from tactopose_drake.hand.coupling_check import check_couplings
 from tactopose_drake.hand.findings import Finding, Verdict, fault
 from tactopose_drake.hand.finger_chain import finger_chain, joints_towards
 from tactopose_drake.hand.fingertip_fit import fingertip_fit
+from tactopose_drake.hand.fingertip_outline import fit_fingertip
 from tactopose_drake.hand.hand_config import FingerConfig, HandConfig, load_hand_config
 from tactopose_drake.hand.hand_in_plant import Hand, add_hand
 from tactopose_drake.hand.hand_reach import make_hand_reach
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
+from tactopose_drake.resources import complaint_kind
 
 _SLOWEST = 0.5  # s that a joint's damping may take to let the default grasp controller's spring close it
+_LIES_ON_IT = 0.95  # share of a fingertip's surface within 1 mm of the shapes from which on no other is sought
+_FAR_BETTER, _GOOD_ENOUGH = 1.5, 5e-4  # of fingertip surfaces: ratio of residuals, and a residual, m
 _STIFFNESS = ReachParams().stiffness  # N m/rad
 
 
@@ -92,7 +97,7 @@ class _complaints(logging.Handler):  # noqa: N801  It is used as a function.
         self.messages: list[str] = []
 
     def emit(self, record: logging.LogRecord) -> None:
-        self.messages.append(" ".join(record.getMessage().split()))
+        self.messages.append(record.getMessage())
 
     def __enter__(self) -> list[str]:
         self._logger = logging.getLogger("drake")
@@ -124,8 +129,8 @@ def _model(
     bare = [name for name, number in shapes if not number]
     if bare and count:
         yield Finding("model", f"no collision shape, so no part of the hand's volume: {', '.join(bare)}", "note")
-    if complaints:
-        yield Finding("model", f"Drake says, first of {len(complaints)}: {complaints[0]}", "note")
+    for kind, count in Counter(map(complaint_kind, complaints)).items():
+        yield Finding("model", f"Drake says{_times(count)}: {' '.join(kind.split())}", "note")
     P = hand.palm_frame
     yield Finding(
         "palm", f"frame {P.name()!r} on link {P.body().name()!r}; the link {hand.config.base_link!r} carries it"
@@ -135,6 +140,10 @@ def _model(
         yield Finding(
             "palm", f"is moved by {', '.join(moved)}: joints beside the fingers' must be measured too", "note"
         )
+
+
+def _times(count: int) -> str:
+    return f" of {count} places" if count > 1 else ""
 
 
 def _joints(plant: MultibodyPlant, hand: Hand) -> Iterator[Finding]:
@@ -191,6 +200,20 @@ def _fingertips(plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand) -> I
         )
         verdict: Verdict = "ok" if fit.share > 0.5 else "note" if fit.share > 0.1 else "fault"
         yield Finding(part, text, verdict)
+        if fit.share < _LIES_ON_IT:
+            yield from _better_surface(plant, scene_graph, hand, finger)
+
+
+def _better_surface(plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand, finger: str) -> Iterator[Finding]:
+    """Names a surface that lies far better on the fingertip's shape than the file's."""
+    fitted = fit_fingertip(plant, scene_graph.model_inspector(), hand, finger)
+    if fitted is None or fitted.own_residual < max(_FAR_BETTER * fitted.residual, _GOOD_ENOUGH):
+        return
+    text = (
+        f"a surface fitted to the shape in which the finger ends is off by {1e3 * fitted.residual:.2f} mm (root mean "
+        f"square), the file's by {1e3 * fitted.own_residual:.2f} mm"
+    )
+    yield Finding(f"fingertip {finger}", text, "note", f"surface: {fitted.yaml}")
 
 
 def _contact(plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand, context: Context) -> Iterator[Finding]:

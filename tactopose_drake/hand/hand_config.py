@@ -7,7 +7,13 @@ from pathlib import Path
 from tactopose_drake.core.validation import finite_array, positive_number
 from tactopose_drake.errors import InvalidFileError, InvalidInputError, UnknownNameError
 from tactopose_drake.hand.calibration_file import load_calibration
-from tactopose_drake.hand.fingertip_surfaces import CapsuleSurface, EllipsoidSurface, SkinLayer, SphereSurface
+from tactopose_drake.hand.fingertip_surfaces import (
+    CapsuleSurface,
+    EllipsoidSurface,
+    SkinLayer,
+    SphereSurface,
+    SuperquadricSurface,
+)
 from tactopose_drake.resources import ModelPackage, load_typed_yaml, model_path
 
 
@@ -49,7 +55,9 @@ class FingerConfig:
     # Joint between finger (parent) and fingertip (child), whose reaction the sensor measures: a fixed one, or one that
     # moves if the sensor frame is fixed on the fingertip.
     weld: str = ""
-    surface: SphereSurface | EllipsoidSurface | CapsuleSurface = dataclasses.field(default_factory=SphereSurface)
+    surface: SphereSurface | EllipsoidSurface | CapsuleSurface | SuperquadricSurface = dataclasses.field(
+        default_factory=SphereSurface
+    )
     layer: SkinLayer | None = None  # the soft skin on the fingertip, whose outside `surface` is; null: rigid
 
 

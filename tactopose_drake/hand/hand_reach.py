@@ -1,16 +1,20 @@
 """What the grasp planner needs to know of a hand, from its model."""
 
+from collections.abc import Mapping
+from types import MappingProxyType
+
 import numpy as np
 from pydrake.geometry import SceneGraphInspector
-from pydrake.math import RigidTransform
+from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 
 from tactopose_drake.core import poses
-from tactopose_drake.core.grasping.finger_reach import FingerGeometry, FingerReach, ReachParams
+from tactopose_drake.core.grasping.finger_geometry import FingerGeometry
+from tactopose_drake.core.grasping.finger_reach import FingerReach, ReachParams
 from tactopose_drake.core.grasping.grasp_planner import HandReach, Spheres
 from tactopose_drake.core.grasping.grip_region import find_grip_region
 from tactopose_drake.core.grasping.serial_chain import SerialChain
-from tactopose_drake.core.surfaces import Capsule, Surface
+from tactopose_drake.core.surfaces import Capsule, Superquadric, Surface
 from tactopose_drake.core.surfaces.surface import random_directions
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
@@ -83,11 +87,20 @@ def rest_positions(config: HandConfig, finger: str) -> FloatArray:
     return np.array([config.rest_positions.get(name, 0.0) for name in config.finger(finger).joints])
 
 
-def rest_posture(plant: MultibodyPlant, hand: Hand) -> FloatArray:
-    """The hand's joint positions when no finger takes part, shape (nq,), rad."""
+def rest_posture(
+    plant: MultibodyPlant, hand: Hand, waiting: Mapping[str, FloatArray] = MappingProxyType({})
+) -> FloatArray:
+    """The hand's joint positions when no finger takes part, shape (nq,), rad.
+
+    Args:
+        plant: holds the hand.
+        hand: the hand in it.
+        waiting: actuated joint positions of the fingers that wait elsewhere than they usually do, by finger.
+    """
     places, q = HandJoints.of(plant, hand).position, np.zeros(plant.num_positions(hand.model_instance))
     for finger in hand.config.fingers:
-        for name, position in zip(finger.joints, rest_positions(hand.config, finger.name), strict=True):
+        positions = waiting.get(finger.name, rest_positions(hand.config, finger.name))
+        for name, position in zip(finger.joints, positions, strict=True):
             q[places[name]] = position
     return q
 
@@ -112,9 +125,25 @@ def _finger_geometry(
     p_BH = np.concatenate([spheres.p_BH[on_finger], poses.transform_points(chain.X_last_sensor, p_SH[beside])])
     radius = np.concatenate([spheres.radius[on_finger], spheres.radius[on_tip][beside]])
     place = np.append(place, np.full(np.count_nonzero(beside), len(bodies) - 1, dtype=np.intp))
-    center, tip_radius = _round_end(surface)
-    root = _root(chain, surface, center, tip_radius)
-    return FingerGeometry(chain, center, tip_radius, place, p_BH, radius, root)
+    form = _as_capsule(chain, surface) if isinstance(surface, Superquadric) else surface
+    center, tip_radius = _round_end(form)
+    root = _root(chain, form, center, tip_radius)
+    return FingerGeometry(chain, center, tip_radius, place, p_BH, radius, root, _start_of_straight_part(form))
+
+
+def _as_capsule(chain: SerialChain, surface: Superquadric) -> Capsule:
+    """The capsule along a superquadric's longest axis that lies in it and touches it on all sides but the wider one.
+
+    Its round end is the one away from the last joint. The planner seeks touches with it; what is felt there is then
+    the superquadric's.
+    """
+    longest = int(np.argmax(surface.semi_axes))
+    axis, center = surface.X_SF[:, longest], surface.X_SF[:, 3]
+    X_SJ = poses.inverse(poses.compose(chain.X_child[-1], chain.X_last_sensor))
+    axis = axis if axis @ (center - X_SJ[:, 3]) >= 0.0 else -axis
+    R_SF = RotationMatrix.MakeFromOneVector(axis, 2).matrix()
+    length = 2.0 * (surface.semi_axes[longest] - surface.half_width)
+    return Capsule(surface.half_width, length, two_ended=True, X_SF=poses.make_poses(R_SF, center))
 
 
 def protrusions(surface: Surface, p_SH: FloatArray, radius: FloatArray) -> FloatArray:
@@ -155,6 +184,14 @@ def _round_end(surface: Surface) -> tuple[FloatArray, float]:
     return p_SF, surface.half_width
 
 
+def _start_of_straight_part(surface: Surface) -> FloatArray | None:
+    """Where in S the part of a fingertip begins that is as thick as its round end, m."""
+    if not isinstance(surface, Capsule) or not surface.length:
+        return None
+    start: FloatArray = surface.X_SF[:, 3] - 0.5 * surface.length * surface.X_SF[:, 2]
+    return start
+
+
 def _palm_spheres(plant: MultibodyPlant, hand: Hand, spheres: BodySpheres) -> Spheres:
     """The spheres that no finger moves, where zero joint positions put them."""
     of_fingers: set[int] = set()
@@ -168,5 +205,5 @@ def _palm_spheres(plant: MultibodyPlant, hand: Hand, spheres: BodySpheres) -> Sp
 
 def _rest_spheres(geometry: FingerGeometry, q: FloatArray) -> Spheres:
     batch = q[None]
-    centres = np.concatenate([geometry.spheres(batch)[0], geometry.tip(batch, 0.0), geometry.tip(batch, 1.0)])
-    return centres, np.append(geometry.radius, [geometry.tip_radius] * 2)
+    centres, radius = geometry.all_spheres(batch)
+    return centres[0], radius

@@ -1,3 +1,4 @@
+from .model_complaints import complaint_kind as complaint_kind
 from .model_files import ModelPackage as ModelPackage
 from .model_files import add_model as add_model
 from .model_files import drawn_pose as drawn_pose

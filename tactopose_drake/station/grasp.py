@@ -46,7 +46,8 @@ def add_planned_grasp(
     """Adds a controller that closes the fingers as planned, by their wrenches."""
     motions = {finger: part.motion for finger, part in plan.fingers.items()}
     controller = builder.AddNamedSystem(
-        "grasp_controller", GraspController(plant, hand, motions, rest_posture(plant, hand), scenario.controller)
+        "grasp_controller",
+        GraspController(plant, hand, motions, rest_posture(plant, hand, plan.waiting), scenario.controller),
     )
     for finger in motions:
         builder.Connect(senses[f"wrench_{finger}"], controller.GetInputPort(f"wrench_{finger}"))

@@ -8,6 +8,7 @@ from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
 from tactopose_drake.core.grasping.finger_reach import ReachParams
 from tactopose_drake.core.grasping.grasp_planner import HandReach
+from tactopose_drake.core.grasping.rod_direction import rod_direction
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.hand_config import load_hand_config
@@ -62,7 +63,7 @@ def object_axis(reach: HandReach) -> FloatArray:
     """The direction in P in which a long object goes through the hand, shape (3,).
 
     It is across the ways from the grip region to the fingertips, which press on the object, and to the palm, which
-    would be in its way.
+    would be in its way; where the fingers cannot close on a rod that lies so, it is a direction in which they can.
     """
     middle = 0.5 * (reach.grip_low + reach.grip_high)
     sides = []
@@ -73,7 +74,7 @@ def object_axis(reach: HandReach) -> FloatArray:
     sides.append(_unit(_palm_middle(reach) - middle))
     _, _, axes = np.linalg.svd(np.array(sides), full_matrices=True)
     axis: FloatArray = axes[-1] * math.copysign(1.0, axes[-1][np.argmax(np.abs(axes[-1]))])
-    return axis
+    return rod_direction(axis, reach.fingers, reach.palm_spheres, reach.grip_low, reach.grip_high)
 
 
 def _palm_middle(reach: HandReach) -> FloatArray:

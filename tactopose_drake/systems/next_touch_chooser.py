@@ -14,7 +14,8 @@ from tactopose_drake.core.exploration.chance_touch import choose_by_chance
 from tactopose_drake.core.exploration.guarded_moves import GuardedMoves
 from tactopose_drake.core.exploration.next_touch import Hold, TouchCriterion, choose_touch
 from tactopose_drake.core.exploration.tolerance import Tolerance, resolved_share
-from tactopose_drake.core.grasping.finger_reach import FingerGeometry, ReachParams
+from tactopose_drake.core.grasping.finger_geometry import FingerGeometry
+from tactopose_drake.core.grasping.finger_reach import ReachParams
 from tactopose_drake.core.grasping.finger_sides import sides
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.shape.object_model import ObjectModel

@@ -1,12 +1,16 @@
 import json
 from pathlib import Path
-from typing import NamedTuple
+from types import SimpleNamespace
+from typing import NamedTuple, cast
 
 import numpy as np
 import pytest
+from pydrake.math import RigidTransform
 from rich.table import Table
 
+from tactopose_drake.cli.demo_command import _belief_line
 from tactopose_drake.cli.demo_run import GraspFailedError, prepare_demo, run_demo
+from tactopose_drake.runs.grasp_simulation import GraspResult
 from tactopose_drake.station.scenario import Scenario, load_scenario
 from tests.cli.test_cli import run
 
@@ -169,3 +173,14 @@ def test_the_belief_over_time_is_asked_for(tmp_path: Path, monkeypatch: pytest.M
         assert run("demo", "--object", "cube", "--out", tmp_path / "out", "--no-open", *more) == 1
     assert asked[0].tracking is None
     assert asked[1].tracking is not None
+
+
+def test_the_belief_s_line_tells_its_status_and_how_far_it_is_off() -> None:
+    ends = {"tracked_status": "ambiguous", "tracked_object_pose": RigidTransform([0.1, 0.203, 0.296])}
+    diagram = SimpleNamespace(GetOutputPort=lambda name: SimpleNamespace(Eval=lambda context: ends[name]))
+    grasp = SimpleNamespace(
+        station=SimpleNamespace(diagram=diagram), context=None, X_PO=RigidTransform([0.1, 0.2, 0.3])
+    )
+    assert _belief_line(cast(GraspResult, grasp)) == (
+        "Belief over time: ambiguous; 5.0 mm off, what is not determined included."
+    )

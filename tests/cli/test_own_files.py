@@ -135,3 +135,14 @@ def test_a_message_of_drake_is_shown_once() -> None:
     once = OnceFilter()
     records = [logging.makeLogRecord({"msg": "no %s", "args": (what,)}) for what in ("mesh", "mesh", "mass")]
     assert [once.filter(record) for record in records] == [True, False, True]
+
+
+def test_what_drake_says_of_many_lines_of_a_model_is_shown_of_the_first() -> None:
+    once = OnceFilter()
+    said = "{}: warning: {}\n[1 2]"
+    messages = [
+        said.format(*message) for message in (("a.urdf:6", "no mass"), ("a.urdf:8", "no mass"), ("a.urdf:8", "no axis"))
+    ]
+    messages += [said.format("b.urdf:6", "no mass")]
+    records = [logging.makeLogRecord({"msg": message}) for message in messages]
+    assert [once.filter(record) for record in records] == [True, False, True, True]

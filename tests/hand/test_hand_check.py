@@ -59,6 +59,7 @@ def test_couplings_are_compared_with_the_model(tmp_path: Path) -> None:
     check = check_hand(write_gripper(tmp_path, mimic=mimic))
     assert [fault.part for fault in check.faults] == ["couplings"]
     assert "lets 'right_slide' follow 'left_slide'" in check.faults[0].text
+    assert check.faults[0].entry == "{joint: right_slide, follows: left_slide, ratio: 0.5, offset: 0.01}"
 
     both = YAML.replace("joints: [right_slide]", "joints: [left_slide]")
     coupled = both.replace(
@@ -97,3 +98,28 @@ def test_a_mesh_that_drake_cannot_read_is_told(tmp_path: Path) -> None:
     model.write_text(model.read_text().replace('<sphere radius="0.012"/>', '<mesh filename="ball.stl"/>', 1))
     check = check_hand(path)
     assert any(finding.part == "model" and "ball.stl" in finding.text for finding in check.findings)
+
+
+def test_a_surface_that_fits_far_better_is_named_and_then_taken(tmp_path: Path) -> None:
+    path = write_gripper(tmp_path)
+    model = tmp_path / "two_finger.urdf"
+    model.write_text(model.read_text().replace('<sphere radius="0.012"/>', '<box size="0.02 0.024 0.04"/>'))
+    (note,) = (text for verdict, text in verdicts(check_hand(path), "fingertip left") if "fitted" in text)
+    better, own = (float(number) for number in re.findall(r"by (\d\.\d+) mm", note))
+    assert better < 0.8
+    assert own > 3.0 * better
+    (entry,) = (found.entry for found in check_hand(path).findings if found.text == note and "left" in found.part)
+    surface = entry.removeprefix("surface: ")
+    assert surface.startswith("!SuperquadricSurface {semi_axes: [")
+    path.write_text(YAML.replace("!SphereSurface {radius: 0.012}", surface))
+    assert not [text for _, text in verdicts(check_hand(path), "fingertip left") if "fitted" in text]
+
+
+def test_what_drake_says_of_many_lines_is_one_note(tmp_path: Path) -> None:
+    path = write_gripper(tmp_path)
+    model = tmp_path / "two_finger.urdf"
+    model.write_text(model.read_text().replace("<limit", '<dynamics friction="0.1"/><limit'))
+    notes = [text for verdict, text in verdicts(check_hand(path), "model") if verdict == "note"]
+    assert len(notes) == 1
+    assert "Drake says of 2 places: " in notes[0]
+    assert "friction" in notes[0]

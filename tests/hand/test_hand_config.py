@@ -10,7 +10,7 @@ from pydrake.multibody.tree import RevoluteJoint
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from tactopose_drake.core.surfaces import Capsule, Ellipsoid, Sphere
+from tactopose_drake.core.surfaces import Capsule, Ellipsoid, Sphere, Superquadric
 from tactopose_drake.errors import InvalidFileError, InvalidInputError, UnknownNameError
 from tactopose_drake.hand.finger_chain import finger_chain
 from tactopose_drake.hand.hand_config import load_hand_config
@@ -193,6 +193,7 @@ def test_another_hand_fits_the_same_description(tmp_path):
         ("!SphereSurface {radius: 0.01}", Sphere),
         ("!EllipsoidSurface {semi_axes: [0.01, 0.01, 0.02]}", Ellipsoid),
         ("!CapsuleSurface {radius: 0.01, length: 0.02}", Capsule),
+        ("!SuperquadricSurface {semi_axes: [0.01, 0.01, 0.02], exponents: [0.4, 0.6]}", Superquadric),
     ],
 )
 def test_fingertip_surfaces_by_tag(tmp_path, text, kind):

@@ -1,12 +1,13 @@
 """What the grasp planner takes from a hand's model: of fingers that slide, of thick ones, and of sensors anywhere."""
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
 
-from tactopose_drake.core.grasping.finger_reach import ReachParams
+from tactopose_drake.core.grasping.finger_reach import FingerReach, ReachParams
 from tactopose_drake.core.grasping.finger_sides import are_apart, half_width, sides
 from tactopose_drake.core.grasping.grasp_planner import PlannerParams, plan_grasps
 from tactopose_drake.core.grasping.refusals import Refusals
@@ -15,7 +16,7 @@ from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.finger_chain import finger_chain
 from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
-from tactopose_drake.hand.hand_reach import make_hand_reach
+from tactopose_drake.hand.hand_reach import make_hand_reach, rest_posture
 from tactopose_drake.hand.joint_matrices import joint_matrix, joint_offsets
 from tests.hand.grippers import YAML, write_gripper
 
@@ -97,3 +98,59 @@ def test_a_coupling_with_an_offset_is_followed(tmp_path: Path) -> None:
 def test_a_hand_whose_fingers_feel_no_forces_cannot_be_planned_for() -> None:
     with pytest.raises(InvalidInputError, match=r"0 of them have a force-torque sensor.*Scenario\.grip"):
         make_hand_reach(load_hand_config("barrett_like"), ReachParams())
+
+
+def test_fingertips_touch_with_their_straight_parts_where_round_ends_hold_nothing(tmp_path: Path) -> None:
+    upright = YAML.replace("!SphereSurface {radius: 0.012}", "!CapsuleSurface {radius: 0.012, length: 0.02}")
+    reach = make_hand_reach(load_hand_config(write_gripper(tmp_path, yaml=upright)), ReachParams())
+    ball = ObjectModel.from_mesh(trimesh.creation.icosphere(subdivisions=3, radius=0.025), cache=False)
+    refusals, params = Refusals(), PlannerParams(grasps=1, most_poses=30)
+    (plan,) = plan_grasps(ball, reach, WEIGHT, params, np.random.default_rng(0), refusals)
+    # A finger that slides across its own axis meets the ball with its side.
+    assert refusals.touches["left"]["the finger would touch with its side or back"] > 0
+    n_a, n_b = (finger.n_PC for finger in plan.fingers.values())
+    assert n_a @ n_b < -0.9
+
+
+def test_an_idle_finger_makes_way_where_no_grasp_is_found_otherwise(tmp_path: Path, cube: ObjectModel) -> None:
+    reach = make_hand_reach(load_hand_config(write_gripper(tmp_path)), ReachParams())
+    left = reach.fingers["left"].geometry
+    beside = left.chain.X_parent.copy()
+    beside[0, 1, 3] += 0.15
+    chain = dataclasses.replace(left.chain, X_parent=beside)
+    spare = FingerReach(dataclasses.replace(left, chain=chain), ReachParams(), np.random.default_rng(0), 200)
+    middle = 0.5 * (reach.grip_low + reach.grip_high)
+    in_the_way = (middle[None], np.array([0.01]))
+    hand = dataclasses.replace(
+        reach, fingers={**reach.fingers, "spare": spare}, rest_spheres={**reach.rest_spheres, "spare": in_the_way}
+    )
+    params = PlannerParams(grasps=1, most_poses=40, least_fingers=2, fingers=["left", "right"])
+    refusals = Refusals()
+    (plan,) = plan_grasps(cube, hand, WEIGHT, params, np.random.default_rng(0), refusals)
+    assert refusals.poses["a finger that takes no part is in its way"] > 0
+    assert set(plan.fingers) == {"left", "right"}
+    q = plan.waiting["spare"]
+    assert spare.geometry.chain.lower[0] <= q[0] <= spare.geometry.chain.upper[0]
+
+
+def test_fingers_that_wait_elsewhere_have_their_own_posture(tmp_path: Path) -> None:
+    plant, hand = make_hand_plant(load_hand_config(write_gripper(tmp_path)))
+    places = [plant.GetJointByName(name).position_start() for name in ("left_slide", "right_slide")]
+    q = rest_posture(plant, hand, {"right": np.array([0.03])})
+    np.testing.assert_allclose(q[places], [0.0, 0.03])
+
+
+def test_a_superquadric_fingertip_is_sought_with_the_capsule_within_it(tmp_path: Path) -> None:
+    boxy = YAML.replace(
+        "!SphereSurface {radius: 0.012}",
+        "!SuperquadricSurface {semi_axes: [0.012, 0.02, 0.014], exponents: [0.4, 0.4],"
+        " X_SF: {translation: [0, 0, 0.005]}}",
+    )
+    geometry = (
+        make_hand_reach(load_hand_config(write_gripper(tmp_path, yaml=boxy)), ReachParams()).fingers["left"].geometry
+    )
+    assert geometry.tip_radius == pytest.approx(0.012)
+    assert geometry.p_SL is not None
+    ends = np.array([geometry.p_ST, geometry.p_SL])
+    np.testing.assert_allclose(np.abs(ends), [[0.0, 0.008, 0.005]] * 2, atol=1e-12)
+    assert ends[0] @ ends[1] < 0.0

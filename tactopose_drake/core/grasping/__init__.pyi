@@ -1,4 +1,4 @@
-from .finger_reach import FingerGeometry as FingerGeometry
+from .finger_geometry import FingerGeometry as FingerGeometry
 from .finger_reach import FingerReach as FingerReach
 from .finger_reach import ReachParams as ReachParams
 from .grasp_law import ClosingMotion as ClosingMotion

@@ -2,91 +2,23 @@
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactopose_drake.core import poses
-from tactopose_drake.core.grasping.serial_chain import SerialChain
+from tactopose_drake.core.grasping.finger_geometry import FingerGeometry
+from tactopose_drake.core.grasping.finger_touches import Touches
 from tactopose_drake.core.shape.signed_distance import DistanceGrid
 from tactopose_drake.core.validation import FloatArray, positive_number
 
 # The cosine between a finger's axis and the direction to the contact that is best: at the fingertip's shoulder.
 _BEST_FACING = 0.6
-
-
-@dataclass(frozen=True, eq=False)
-class FingerGeometry:
-    """A finger's kinematics and shape.
-
-    Attributes:
-        chain: kinematics from palm to sensor.
-        p_ST: centre of the fingertip's round end in the sensor's frame, shape (3,), m.
-        tip_radius: m.
-        body: which body of the chain each sphere is fixed on, shape (s,).
-        p_BH: centres of spheres that fill the finger without its tip, in their bodies, shape (s, 3), m.
-        radius: their radii, shape (s,), m.
-        p_SR: root of the fingertip's axis, which ends in p_ST, in the sensor's frame, shape (3,), m; p_ST itself where
-            the fingertip has no axis and may touch with any of its sides.
-    """
-
-    chain: SerialChain
-    p_ST: FloatArray
-    tip_radius: float
-    body: NDArray[np.intp]
-    p_BH: FloatArray
-    radius: FloatArray
-    p_SR: FloatArray = field(default_factory=lambda: np.zeros(3))
-
-    @property
-    def has_axis(self) -> bool:
-        """Whether the fingertip has an axis."""
-        return bool(np.any(self.p_ST != self.p_SR))
-
-    def spheres(self, q: FloatArray) -> FloatArray:
-        """Centres in P, shape (B, s, 3), for positions q (B, m), rad."""
-        X_PB = self.chain.body_poses(q)[:, self.body]
-        centres: FloatArray = np.einsum("bsij,sj->bsi", X_PB[..., :3], self.p_BH) + X_PB[..., 3]
-        return centres
-
-    def axis(self, q: FloatArray) -> FloatArray:
-        """Points in P on the finger's axis from its last two joints to the round end's centre, (B, 4, 3) or less."""
-        on_links = self.chain.body_poses(q)[:, -2:, :, 3]
-        return np.concatenate([on_links, self.tip(q, 0.0)[:, None], self.tip(q)[:, None]], axis=1)
-
-    def tip(self, q: FloatArray, height: float = 1.0) -> FloatArray:
-        """Points in P on the line from the root of the axis (height 0) to the round end's centre (1), shape (B, 3)."""
-        p_SQ = self.p_SR + height * (self.p_ST - self.p_SR)
-        return poses.transform_points(self.chain.sensor_poses(q), p_SQ[None])[:, 0]
-
-
-@dataclass(frozen=True, eq=False)
-class Touches:
-    """Ways for one finger to touch; n of them.
-
-    Attributes:
-        q: joint positions in contact, shape (n, m), rad.
-        closing: change of joint command that presses with 1 N along the object's normal, shape (n, m), rad/N.
-        q_open: joint positions with the finger lifted off, shape (n, m), rad.
-        p_PC: contact points, shape (n, 3), m.
-        n_PC: the object's outward normals, shape (n, 3).
-        cost: how far each is from a clean touch, shape (n,); 0 is best.
-    """
-
-    q: FloatArray
-    closing: FloatArray
-    q_open: FloatArray
-    p_PC: FloatArray
-    n_PC: FloatArray
-    cost: FloatArray
-
-    def __len__(self) -> int:
-        return len(self.q)
-
-    def take(self, index: NDArray[np.intp]) -> "Touches":
-        """Some of them."""
-        return Touches(*(getattr(self, name)[index] for name in Touches.__dataclass_fields__))
+_PLACES = 3  # along a fingertip's straight part at which it may touch
+_WAITING = 300  # samples of the workspace that are looked at for where a finger may wait
+_BEHIND = 0.1  # cosine by which a touch of the straight part may face backwards
+_DEEPER = 0.0004  # by which the rest of a fingertip may be deeper than where it is planned to touch, m
 
 
 @dataclass(kw_only=True, slots=True)
@@ -116,6 +48,23 @@ class ReachParams:
             positive_number(f"ReachParams.{parameter.name}", getattr(self, parameter.name))
 
 
+@dataclass(frozen=True, eq=False)
+class _Place:
+    """A part of a fingertip that may touch: a sphere as thick as the fingertip.
+
+    Attributes:
+        p_SK: its centre in the sensor's frame, shape (3,), m.
+        p_PK: the centre for each sample of the workspace, shape (n, 3), m.
+        compliance: how far it gives way to forces there, shape (n, 3, 3), m/N.
+        is_end: whether it is the round end, and not on the straight part.
+    """
+
+    p_SK: FloatArray
+    p_PK: FloatArray
+    compliance: FloatArray
+    is_end: bool
+
+
 class FingerReach:
     """Samples of a finger's workspace, made once; asked for touches on any object in any pose."""
 
@@ -135,14 +84,26 @@ class FingerReach:
         margin = np.minimum(params.limit_margin * self._arms, 0.45 * (chain.upper - chain.lower))
         self._lower, self._upper = chain.lower + margin, chain.upper - margin
         self._q = generator.uniform(self._lower, self._upper, (samples, len(margin)))
-        self._p_PT, J = chain.point_jacobians(self._q, geometry.p_ST)
         self._axis = chain.sensor_poses(self._q)[:, :, :3] @ _unit(geometry.p_ST - geometry.p_SR)
-        self._compliance = self._compliances(J)
+        self._end = self._place(geometry.p_ST, is_end=True)
 
     @property
     def reached(self) -> FloatArray:
         """Samples of where the fingertip's round end can be, in P, shape (samples, 3), m."""
-        return self._p_PT
+        return self._end.p_PK
+
+    @property
+    def compliance(self) -> FloatArray:
+        """How far the round end gives way to forces at each of these samples, shape (samples, 3, 3), m/N."""
+        return self._end.compliance
+
+    @cached_property
+    def _straight_part(self) -> list[_Place]:
+        return [self._place(p_SK, is_end=False) for p_SK in self.geometry.along_straight_part(_PLACES)]
+
+    def _place(self, p_SK: FloatArray, *, is_end: bool) -> _Place:
+        p_PK, J = self.geometry.chain.point_jacobians(self._q, p_SK)
+        return _Place(p_SK, p_PK, self._compliances(J), is_end)
 
     def touches(
         self,
@@ -151,6 +112,8 @@ class FingerReach:
         generator: np.random.Generator,
         count: int,
         refused: Counter[str] | None = None,
+        *,
+        with_sides: bool = False,
     ) -> Touches:
         """Up to `count` touches, by rising cost.
 
@@ -160,22 +123,51 @@ class FingerReach:
             generator: chooses among the samples near the surface.
             count: the largest number wanted.
             refused: what is wrong with the touches that are not taken is counted there.
+            with_sides: whether the fingertip may also touch with its straight part, not with its round end alone.
         """
-        params, radius = self._params, self.geometry.tip_radius
-        distance, normal = _distance(grid, X_PO, self._p_PT)
-        alignment = _alignment(self._compliance, normal)
-        wanted = {
-            "the fingertip does not reach the surface": np.abs(distance - radius) < 0.006,
-            "pressing moves the fingertip another way": alignment > params.least_alignment,
-        }
-        if self.geometry.has_axis:
-            facing = np.einsum("ni,ni->n", self._axis, -normal)
-            wanted["the finger would touch with its side or back"] = facing > params.least_facing - 0.2
-        index = _that_pass(wanted, refused)
-        if len(index) > 6 * count:
-            index = generator.choice(index, 6 * count, replace=False)
-        touches = self._refine(grid, X_PO, self._q[index], refused)
+        places = [self._end, *self._straight_part] if with_sides else [self._end]
+        found = [self._touches_at(place, grid, X_PO, generator, 6 * count, refused) for place in places]
+        touches = Touches.joined(found)
         return touches.take(np.argsort(touches.cost, kind="stable")[:count])
+
+    def waiting(self, grid: DistanceGrid, X_PO: FloatArray, clearance: float) -> FloatArray:
+        """Joint positions at which all of the finger is off the object, farthest first, shape (n, m), rad or m.
+
+        Args:
+            grid: the object's signed distance.
+            X_PO: its pose, shape (3, 4).
+            clearance: least distance, m.
+        """
+        q = self._q[:: max(1, len(self._q) // _WAITING)]
+        spheres, radius = self.geometry.all_spheres(q)
+        distance = (_gap(grid, X_PO, spheres) - radius).min(axis=1)
+        order = np.argsort(-distance, kind="stable")
+        waiting: FloatArray = q[order[distance[order] > clearance]]
+        return waiting
+
+    def _touches_at(
+        self,
+        place: _Place,
+        grid: DistanceGrid,
+        X_PO: FloatArray,
+        generator: np.random.Generator,
+        most: int,
+        refused: Counter[str] | None,
+    ) -> Touches:
+        """Touches with one place of the fingertip, of so many samples at the most."""
+        params, radius = self._params, self.geometry.tip_radius
+        reaches = np.abs(_gap(grid, X_PO, place.p_PK) - radius) < 0.006
+        near = _that_pass({"the fingertip does not reach the surface": reaches}, refused)
+        _, normal = _distance(grid, X_PO, place.p_PK[near])
+        aligned = alignment(place.compliance[near], normal)
+        wanted = {"pressing moves the fingertip another way": aligned > params.least_alignment}
+        if place.is_end and self.geometry.has_axis:
+            facing = np.einsum("ni,ni->n", self._axis[near], -normal)
+            wanted["the finger would touch with its side or back"] = facing > params.least_facing - 0.2
+        index = near[_that_pass(wanted, refused)]
+        if len(index) > most:
+            index = generator.choice(index, most, replace=False)
+        return self._refine(place, grid, X_PO, self._q[index], refused)
 
     def _compliances(self, J: FloatArray) -> FloatArray:
         """How far the fingertip gives way to forces, shape (n, 3, 3), m/N, from its Jacobians (n, 3, m)."""
@@ -183,64 +175,77 @@ class FingerReach:
         compliance: FloatArray = weighted @ np.swapaxes(weighted, 1, 2) / self._params.stiffness
         return compliance
 
-    def _onto_surface(self, grid: DistanceGrid, X_PO: FloatArray, q: FloatArray) -> FloatArray:
-        """The joint positions (n, m), moved so that the fingertip is on the surface where it can be."""
+    def _onto_surface(self, place: _Place, grid: DistanceGrid, X_PO: FloatArray, q: FloatArray) -> FloatArray:
+        """The joint positions (n, m), moved so that the place is on the surface where it can be."""
         geometry = self.geometry
         for _ in range(self._params.steps):
-            p_PT, J = geometry.chain.point_jacobians(q, geometry.p_ST)
+            p_PT, J = geometry.chain.point_jacobians(q, place.p_SK)
             distance, normal = _distance(grid, X_PO, p_PT)
             row = np.einsum("ni,nim->nm", normal, J) * self._arms
             gain = (geometry.tip_radius - distance) / np.sum(row * row, axis=1)
             q = np.clip(q + gain[:, None] * row * self._arms, self._lower, self._upper)
         return q
 
-    def _refine(self, grid: DistanceGrid, X_PO: FloatArray, q: FloatArray, refused: Counter[str] | None) -> Touches:
-        """Moves the fingertip onto the surface, and keeps what is clean."""
+    def _refine(
+        self, place: _Place, grid: DistanceGrid, X_PO: FloatArray, q: FloatArray, refused: Counter[str] | None
+    ) -> Touches:
+        """Moves the place onto the surface, and keeps what is clean."""
         geometry, params, chain = self.geometry, self._params, self.geometry.chain
-        q = self._onto_surface(grid, X_PO, q)
-        p_PT, J = chain.point_jacobians(q, geometry.p_ST)
+        q = self._onto_surface(place, grid, X_PO, q)
+        p_PT, J = chain.point_jacobians(q, place.p_SK)
         distance, normal = _distance(grid, X_PO, p_PT)
         compliance = self._compliances(J)
-        alignment = _alignment(compliance, normal)
-        facing = np.full(len(q), _BEST_FACING)
-        if geometry.has_axis:
+        aligned = alignment(compliance, normal)
+        facing, least_facing = np.full(len(q), _BEST_FACING), params.least_facing
+        if not place.is_end:
+            axis = chain.sensor_poses(q)[:, :, :3] @ _unit(geometry.p_ST - place.p_SK)
+            facing, least_facing = np.einsum("ni,ni->n", axis, -normal), -_BEHIND
+        elif geometry.has_axis:
             facing = np.einsum("ni,ni->n", _unit(p_PT - geometry.tip(q, 0.0)), -normal)
         closing = -np.einsum("nim,ni->nm", J, normal) / params.stiffness * self._arms**2
         lift = params.lift / np.einsum("ni,nij,nj->n", normal, compliance, normal)
         q_open = np.clip(q - lift[:, None] * closing, chain.lower, chain.upper)
         p_PC = p_PT - geometry.tip_radius * normal
-        opened = _distance(grid, X_PO, geometry.tip(q_open))[0]
+        opened = _gap(grid, X_PO, geometry.fixed_points(q_open, place.p_SK[None])[:, 0])
         clean = {
             "a joint limit keeps the fingertip off": np.abs(distance - geometry.tip_radius) < params.contact_tolerance,
-            "pressing moves the fingertip another way": alignment > params.least_alignment,
-            "the finger would touch with its side or back": facing > params.least_facing,
+            "pressing moves the fingertip another way": aligned > params.least_alignment,
+            "the finger would touch with its side or back": facing > least_facing,
             "the finger would touch with its very end": facing < params.most_facing,
             "the fingertip would touch an edge or a corner": self._is_open(grid, X_PO, p_PT, normal)
             & self._is_smooth(grid, X_PO, p_PC, normal),
             "the finger cannot open so far": opened > geometry.tip_radius + 0.4 * params.lift,
-            "the finger behind the fingertip would touch": self._is_clear(grid, X_PO, q, q_open),
+            "the finger behind the fingertip would touch": self._is_clear(place, grid, X_PO, q, q_open),
         }
         # A fingertip meets best with its shoulder, not with its very end or its side.
-        cost = 6.0 * (1.0 - alignment) + 2.0 * np.abs(facing - _BEST_FACING)
+        cost = 6.0 * (1.0 - aligned) + 2.0 * np.abs(facing - _BEST_FACING)
         touches = Touches(q, closing, q_open, p_PC, normal, cost)
         return touches.take(_that_pass(clean, refused))
 
-    def _is_clear(self, grid: DistanceGrid, X_PO: FloatArray, q: FloatArray, q_open: FloatArray) -> NDArray[np.bool_]:
-        """Whether the finger behind its round end is off the object, closed at q and on its way to q_open, (n,)."""
+    def _is_clear(
+        self, place: _Place, grid: DistanceGrid, X_PO: FloatArray, q: FloatArray, q_open: FloatArray
+    ) -> NDArray[np.bool_]:
+        """Whether the finger beside the place is off the object, closed at q and on its way to q_open, (n,)."""
         geometry, params = self.geometry, self._params
         clear = np.ones(len(q), dtype=np.bool_)
-        if geometry.has_axis:
-            side, _ = _distance(grid, X_PO, np.stack([geometry.tip(q, 0.0), geometry.tip(q, 0.5)], axis=1))
+        if not place.is_end:
+            # The straight part may lie along the object, but must not be deeper in it elsewhere.
+            tip = np.concatenate([geometry.along_straight_part(_PLACES), geometry.p_ST[None]])
+            for posture in (q, q_open):
+                beside = _gap(grid, X_PO, geometry.fixed_points(posture, tip))
+                clear &= np.all(beside > geometry.tip_radius - _DEEPER, axis=1)
+        elif geometry.has_axis:
+            side = _gap(grid, X_PO, np.stack([geometry.tip(q, 0.0), geometry.tip(q, 0.5)], axis=1))
             clear &= np.all(side > geometry.tip_radius + 0.0005, axis=1)
         for share in np.linspace(0.0, 1.0, params.approach_stops):
-            distance, _ = _distance(grid, X_PO, geometry.spheres(q + share * (q_open - q)))
+            distance = _gap(grid, X_PO, geometry.spheres(q + share * (q_open - q)))
             clear &= np.all(distance > geometry.radius + params.clearance, axis=1)
         return clear
 
     def _is_open(self, grid: DistanceGrid, X_PO: FloatArray, p_PT: FloatArray, normal: FloatArray) -> NDArray[np.bool_]:
         """Whether fingertips about p_PT touch one place only, shape (n,)."""
         params = self._params
-        outside, _ = _distance(grid, X_PO, p_PT + params.outwards * normal)
+        outside = _gap(grid, X_PO, p_PT + params.outwards * normal)
         return np.asarray(outside > self.geometry.tip_radius + params.least_openness * params.outwards)
 
     def _is_smooth(
@@ -271,7 +276,12 @@ def _distance(grid: DistanceGrid, X_PO: FloatArray, p_PQ: FloatArray) -> tuple[F
     return distance, n_O @ R_PO.T
 
 
-def _alignment(compliance: FloatArray, normal: FloatArray) -> FloatArray:
+def _gap(grid: DistanceGrid, X_PO: FloatArray, p_PQ: FloatArray) -> FloatArray:
+    """Signed distances (...) of the object at points (..., 3) in P."""
+    return grid.distance((p_PQ - X_PO[:, 3]) @ X_PO[:, :3])
+
+
+def alignment(compliance: FloatArray, normal: FloatArray) -> FloatArray:
     """Cosine between the normal and the motion that a push along it causes, shape (n,)."""
     motion = np.einsum("nij,nj->ni", compliance, normal)
     cosine: FloatArray = np.einsum("ni,ni->n", motion, normal) / np.linalg.norm(motion, axis=1)

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
-from tactopose_drake.core.grasping.finger_reach import FingerGeometry
+from tactopose_drake.core.grasping.finger_geometry import FingerGeometry
 from tactopose_drake.core.validation import FloatArray
 
 _SLIM = 1.2  # half width of a slim finger about its joints, in radii of its fingertip

@@ -4,24 +4,25 @@ This is the simulation's choice of a scene, made with the object's true geometry
 """
 
 import itertools
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
-from tactopose_drake.core import poses
-from tactopose_drake.core.grasping.finger_reach import FingerReach, Touches
+from tactopose_drake.core.grasping.finger_reach import FingerReach
 from tactopose_drake.core.grasping.finger_sides import are_apart, sides
+from tactopose_drake.core.grasping.finger_touches import Touches
 from tactopose_drake.core.grasping.grasp_law import ClosingMotion
 from tactopose_drake.core.grasping.grasp_score import ContactTerms, GraspScore, ScoreParams, score_grasp
+from tactopose_drake.core.grasping.held_pose import sample_held_pose
 from tactopose_drake.core.grasping.refusals import Refusals
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray, known_name, positive_number
 from tactopose_drake.errors import InvalidInputError
 
 _GAP = 0.0005  # between the sides of two fingers, m
+_IN_ITS_WAY = "a finger that takes no part is in its way"
 _IMBALANCE_OF_TWO = 0.05  # the most of what two fingers hold, N
 
 Spheres = tuple[FloatArray, FloatArray]  # centres in P (n, 3) and radii (n,), m
@@ -94,11 +95,14 @@ class GraspPlan:
         X_PO: shape (3, 4).
         fingers: by name; fingers that take no part are absent.
         score: larger is better.
+        waiting: actuated joint positions, shape (m,), rad or m, of the fingers that take no part and would be in the
+            object's way where they usually wait, by name.
     """
 
     X_PO: FloatArray
     fingers: Mapping[str, FingerPlan]
     score: float
+    waiting: Mapping[str, FloatArray] = field(default_factory=dict)
 
 
 def plan_grasps(
@@ -111,6 +115,10 @@ def plan_grasps(
 ) -> list[GraspPlan]:
     """Grasps by falling score; fewer than asked for, or none, where the hand can hardly hold the object.
 
+    The fingertips touch with their round ends, where a touch tells most of where it is, and fingers that take no part
+    wait where they usually do. Only where no grasp is found so, the straight parts of fingertips may touch too, and
+    idle fingers make way.
+
     Args:
         model: the object.
         hand: the hand.
@@ -122,40 +130,29 @@ def plan_grasps(
     params.validate()
     for name in params.fingers:
         known_name("PlannerParams.fingers", name, hand.fingers)
-    search = _Search(model, hand, load_P, params, generator, Refusals() if refusals is None else refusals)
+    refusals = Refusals() if refusals is None else refusals
     plans: list[GraspPlan] = []
-    for _ in range(params.most_poses):
-        plan = search.plan_at(_sample_pose(model, hand, -load_P, params, generator))
-        if plan is not None:
-            plans.append(plan)
-        if len(plans) >= params.grasps:
+    for is_free in (False, True):
+        search = _Search(model, hand, load_P, params, generator, refusals, is_free)
+        for _ in range(params.most_poses):
+            X_PO = sample_held_pose(model, (hand.grip_low, hand.grip_high), -load_P, params.tilt_deg, generator)
+            plan = search.plan_at(X_PO)
+            if plan is not None:
+                plans.append(plan)
+            if len(plans) >= params.grasps:
+                break
+        has_straight_parts = any(finger.geometry.p_SL is not None for finger in hand.fingers.values())
+        if plans or not (has_straight_parts or refusals.poses[_IN_ITS_WAY]):
             break
     return sorted(plans, key=lambda plan: -plan.score)
 
 
-def _sample_pose(
-    model: ObjectModel, hand: HandReach, up_P: FloatArray, params: PlannerParams, generator: np.random.Generator
-) -> FloatArray:
-    """A random pose X_PO (3, 4): upright within the tilt, any spin, a point of the object's axis in the grip region."""
-    up = up_P / np.linalg.norm(up_P)
-    side = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
-    side /= np.linalg.norm(side)
-    other = np.cross(up, side)
-    spin, lean = generator.uniform(-math.pi, math.pi, 2)
-    tilt = math.radians(generator.uniform(0.0, params.tilt_deg))
-    R_tilt = poses.exp_so3(tilt * (math.cos(lean) * side + math.sin(lean) * other))
-    R_PO = R_tilt @ np.column_stack([side, other, up]) @ poses.exp_so3(np.array([0.0, 0.0, spin]))
-    low, high = model.vertices[:, 2].min(), model.vertices[:, 2].max()
-    # The fingers stand side by side over about twice this length.
-    margin = min(0.035, 0.5 * (high - low))
-    p_OG = np.array([*model.center_of_mass[:2], generator.uniform(low + margin, high - margin)])
-    p_PG = generator.uniform(hand.grip_low, hand.grip_high)
-    return poses.make_poses(R_PO, p_PG - R_PO @ p_OG)
-
-
 @dataclass(frozen=True, eq=False)
 class _Search:
-    """What a search for grasps goes by."""
+    """What a search for grasps goes by.
+
+    `is_free` says that straight parts of fingertips may touch, and that idle fingers may wait anywhere.
+    """
 
     model: ObjectModel
     hand: HandReach
@@ -163,6 +160,7 @@ class _Search:
     params: PlannerParams
     generator: np.random.Generator
     refusals: Refusals
+    is_free: bool
 
     @cached_property
     def least_fingers(self) -> int:
@@ -191,28 +189,48 @@ class _Search:
         for name, finger in self.hand.fingers.items():
             if not self.params.fingers or name in self.params.fingers:
                 refused = self.refusals.touches[name]
-                found = finger.touches(self.model.grid, X_PO, self.generator, self.params.touches, refused)
+                found = finger.touches(
+                    self.model.grid, X_PO, self.generator, self.params.touches, refused, with_sides=self.is_free
+                )
                 if len(found):
                     touches[name] = found
             if name not in touches:
                 idle += 1
                 if len(self.hand.fingers) - idle < self.least_fingers:
                     return self._refused(f"fewer than {self.least_fingers} fingers can touch it")
-                if _least_distance(self.model, X_PO, self.hand.rest_spheres[name]) < clearance:
-                    return self._refused("a finger that takes no part is in its way")
+                if self._waiting(name, X_PO, {}) is None:
+                    return self._refused(_IN_ITS_WAY)
+        if self.is_free and not _oppose(touches):
+            return self._refused("no two fingers press against each other")
         best = self._combine(touches, X_PO[:, :3] @ self.model.center_of_mass + X_PO[:, 3])
         if best is None:
             return self._refused("no choice of touches keeps the fingers apart and the forces in balance")
         chosen, score = best
-        left_out = [name for name in touches if name not in chosen]
-        if any(_least_distance(self.model, X_PO, self.hand.rest_spheres[name]) < clearance for name in left_out):
-            return self._refused("a finger that takes no part is in its way")
+        taken = {name: touches[name].take(np.array([i])) for name, i in chosen.items()}
+        waiting = {name: self._waiting(name, X_PO, taken) for name in self.hand.fingers if name not in chosen}
+        if any(q is None for q in waiting.values()):
+            return self._refused(_IN_ITS_WAY)
         fingers = {}
-        for (name, i), force in zip(chosen.items(), score.force, strict=True):
-            touch = touches[name]
-            motion = ClosingMotion(touch.q_open[i], touch.q[i], touch.closing[i], float(force))
-            fingers[name] = FingerPlan(motion, touch.p_PC[i], touch.n_PC[i])
-        return GraspPlan(X_PO, fingers, score.value)
+        for (name, touch), force in zip(taken.items(), score.force, strict=True):
+            motion = ClosingMotion(touch.q_open[0], touch.q[0], touch.closing[0], float(force))
+            fingers[name] = FingerPlan(motion, touch.p_PC[0], touch.n_PC[0])
+        return GraspPlan(
+            X_PO, fingers, score.value, {name: q for name, q in waiting.items() if q is not None and len(q)}
+        )
+
+    def _waiting(self, name: str, X_PO: FloatArray, taken: Mapping[str, Touches]) -> FloatArray | None:
+        """Where an idle finger waits, beside those that touch: empty where it usually does; None: it has no place."""
+        clearance = self.params.palm_clearance
+        if _least_distance(self.model, X_PO, self.hand.rest_spheres[name]) >= clearance:
+            return np.zeros(0)
+        if not self.is_free:
+            return None
+        q = self.hand.fingers[name].waiting(self.model.grid, X_PO, clearance)
+        free = np.ones(len(q), dtype=bool)
+        for other, touch in taken.items():
+            both = np.concatenate([touch.q, touch.q_open])
+            free &= are_apart(self._sides(name, q), self._sides(other, both), _GAP).all(axis=1)
+        return q[free][0] if free.any() else None
 
     def _refused(self, reason: str) -> GraspPlan | None:
         self.refusals.poses[reason] += 1
@@ -257,6 +275,11 @@ class _Search:
             return sides(geometry, q)
         axis = geometry.axis(q)
         return axis, np.full(axis.shape[1], 0.5 * (self.params.finger_distance - _GAP))
+
+
+def _oppose(touches: Mapping[str, Touches]) -> bool:
+    """Whether some touches of two fingers press against each other, without which no forces are in balance."""
+    return any(float((a.n_PC @ b.n_PC.T).min()) < 0.0 for a, b in itertools.combinations(touches.values(), 2))
 
 
 def _least_distance(model: ObjectModel, X_PO: FloatArray, spheres: Spheres) -> float:

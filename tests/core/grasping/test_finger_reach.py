@@ -1,8 +1,11 @@
+import dataclasses
+
 import numpy as np
 import pytest
 import trimesh
 
-from tactopose_drake.core.grasping.finger_reach import FingerGeometry, FingerReach, ReachParams
+from tactopose_drake.core.grasping.finger_geometry import FingerGeometry
+from tactopose_drake.core.grasping.finger_reach import FingerReach, ReachParams
 from tactopose_drake.core.grasping.serial_chain import SerialChain
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import InvalidInputError
@@ -111,6 +114,44 @@ def test_nothing_to_touch_far_away(reach, ball):
 
 def test_no_touch_from_within_a_swallowed_finger(reach, ball):
     assert len(reach.touches(ball.grid, translation(0.0, 0.0, 0.04), np.random.default_rng(1), 20)) == 0
+
+
+@pytest.fixture(scope="module")
+def long_tip(finger) -> FingerReach:
+    """The same finger with a fingertip that is as thick as its round end from the last joint on."""
+    bare = dataclasses.replace(finger, p_SL=np.array([0.0, 0.0, -0.02]), body=finger.body[:2], p_BH=finger.p_BH[:2])
+    bare = dataclasses.replace(bare, radius=bare.radius[:2])
+    return FingerReach(bare, ReachParams(), np.random.default_rng(0))
+
+
+def test_a_straight_part_touches_only_when_it_may(long_tip, ball):
+    ends = long_tip.touches(ball.grid, X_PO, np.random.default_rng(1), 60)
+    sides = long_tip.touches(ball.grid, X_PO, np.random.default_rng(1), 400, with_sides=True)
+    geometry = long_tip.geometry
+    along = np.concatenate([geometry.along_straight_part(3), geometry.p_ST[None]])
+    for found in (ends, sides):
+        # Nothing of the fingertip is deeper in the object than where it touches.
+        gaps = np.linalg.norm(geometry.fixed_points(found.q, along) - X_PO[:, 3], axis=2) - BALL - RADIUS
+        assert gaps.min() > -8e-4
+        np.testing.assert_allclose(gaps.min(axis=1), 0.0, atol=8e-4)
+        np.testing.assert_allclose(np.linalg.norm(found.p_PC - X_PO[:, 3], axis=1), BALL, atol=4e-4)
+
+    def from_end(found):
+        return np.linalg.norm(geometry.tip(found.q) - X_PO[:, 3], axis=1) - BALL - RADIUS
+
+    assert from_end(ends).max() < 4e-4
+    assert from_end(sides).max() > 2e-3
+    assert np.all(np.diff(sides.cost) >= 0)
+
+
+def test_a_finger_waits_clear_of_the_object_farthest_first(reach, ball):
+    q = reach.waiting(ball.grid, X_PO, 0.004)
+    assert len(q) > 10
+    centres, radius = reach.geometry.all_spheres(q)
+    gaps = (np.linalg.norm(centres - X_PO[:, 3], axis=2) - BALL - radius).min(axis=1)
+    assert gaps.min() > 0.004 - 5e-4
+    assert gaps[0] == pytest.approx(gaps.max(), abs=5e-4)
+    assert len(reach.waiting(ball.grid, translation(0.0, 0.0, 0.0), 0.004)) == 0
 
 
 def test_bad_parameter_is_named():

@@ -4,7 +4,8 @@ import trimesh
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
-from tactopose_drake.core.grasping.finger_reach import FingerGeometry, FingerReach, ReachParams
+from tactopose_drake.core.grasping.finger_geometry import FingerGeometry
+from tactopose_drake.core.grasping.finger_reach import FingerReach, ReachParams
 from tactopose_drake.core.grasping.improvement import (
     ReachabilityParams,
     finger_clearance,

@@ -1,0 +1,76 @@
+"""What grasp planning knows of one finger: its kinematics, and its shape as spheres with a round end."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactopose_drake.core import poses
+from tactopose_drake.core.grasping.serial_chain import SerialChain
+from tactopose_drake.core.validation import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class FingerGeometry:
+    """A finger's kinematics and shape.
+
+    Attributes:
+        chain: kinematics from palm to sensor.
+        p_ST: centre of the fingertip's round end in the sensor's frame, shape (3,), m.
+        tip_radius: m.
+        body: which body of the chain each sphere is fixed on, shape (s,).
+        p_BH: centres of spheres that fill the finger without its tip, in their bodies, shape (s, 3), m.
+        radius: their radii, shape (s,), m.
+        p_SR: root of the fingertip's axis, which ends in p_ST, in the sensor's frame, shape (3,), m; p_ST itself where
+            the fingertip has no axis and may touch with any of its sides.
+        p_SL: where in the sensor's frame the fingertip's straight part begins, which is as thick as the round end and
+            leads to it, shape (3,), m; None where the fingertip is its round end alone.
+    """
+
+    chain: SerialChain
+    p_ST: FloatArray
+    tip_radius: float
+    body: NDArray[np.intp]
+    p_BH: FloatArray
+    radius: FloatArray
+    p_SR: FloatArray = field(default_factory=lambda: np.zeros(3))
+    p_SL: FloatArray | None = None
+
+    @property
+    def has_axis(self) -> bool:
+        """Whether the fingertip has an axis."""
+        return bool(np.any(self.p_ST != self.p_SR))
+
+    def spheres(self, q: FloatArray) -> FloatArray:
+        """Centres in P, shape (B, s, 3), for positions q (B, m), rad."""
+        X_PB = self.chain.body_poses(q)[:, self.body]
+        centres: FloatArray = np.einsum("bsij,sj->bsi", X_PB[..., :3], self.p_BH) + X_PB[..., 3]
+        return centres
+
+    def axis(self, q: FloatArray) -> FloatArray:
+        """Points in P on the finger's axis from its last two joints to the round end's centre, (B, 4, 3) or less."""
+        on_links = self.chain.body_poses(q)[:, -2:, :, 3]
+        return np.concatenate([on_links, self.tip(q, 0.0)[:, None], self.tip(q)[:, None]], axis=1)
+
+    def tip(self, q: FloatArray, height: float = 1.0) -> FloatArray:
+        """Points in P on the line from the root of the axis (height 0) to the round end's centre (1), shape (B, 3)."""
+        p_SQ = self.p_SR + height * (self.p_ST - self.p_SR)
+        return poses.transform_points(self.chain.sensor_poses(q), p_SQ[None])[:, 0]
+
+    def along_straight_part(self, places: int) -> FloatArray:
+        """Points in S on the axis of the straight part, its beginning first, the round end left out, shape (p, 3)."""
+        if self.p_SL is None:
+            return np.zeros((0, 3))
+        share = np.linspace(0.0, 1.0, places, endpoint=False)[:, None]
+        return self.p_SL + share * (self.p_ST - self.p_SL)
+
+    def fixed_points(self, q: FloatArray, p_SQ: FloatArray) -> FloatArray:
+        """Points p_SQ (p, 3) in P for positions q (B, m), shape (B, p, 3), m."""
+        X_PS = self.chain.sensor_poses(q)
+        points: FloatArray = np.einsum("bij,pj->bpi", X_PS[..., :3], p_SQ) + X_PS[:, None, :, 3]
+        return points
+
+    def all_spheres(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Centres (B, s, 3) in P and radii (s,) of the finger with its tip, from the root of its axis on, m."""
+        centres = [self.spheres(q), self.tip(q, 0.0)[:, None], self.tip(q)[:, None]]
+        return np.concatenate(centres, axis=1), np.append(self.radius, [self.tip_radius] * 2)

@@ -1,0 +1,41 @@
+"""Where in a hand an object may be held."""
+
+import math
+
+import numpy as np
+
+from tactopose_drake.core import poses
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.validation import FloatArray
+
+
+def sample_held_pose(
+    model: ObjectModel,
+    grip: tuple[FloatArray, FloatArray],
+    up_P: FloatArray,
+    tilt_deg: float,
+    generator: np.random.Generator,
+) -> FloatArray:
+    """A random pose X_PO (3, 4): upright within the tilt, any spin, a point of the object's axis in the grip region.
+
+    Args:
+        model: the object.
+        grip: lower and upper corner of the grip region, shape (3,), m, in P.
+        up_P: what the object's z axis leans from, shape (3,).
+        tilt_deg: by how much at the most, deg.
+        generator: source of the choice.
+    """
+    up = up_P / np.linalg.norm(up_P)
+    side = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
+    side /= np.linalg.norm(side)
+    other = np.cross(up, side)
+    spin, lean = generator.uniform(-math.pi, math.pi, 2)
+    tilt = math.radians(generator.uniform(0.0, tilt_deg))
+    R_tilt = poses.exp_so3(tilt * (math.cos(lean) * side + math.sin(lean) * other))
+    R_PO = R_tilt @ np.column_stack([side, other, up]) @ poses.exp_so3(np.array([0.0, 0.0, spin]))
+    low, high = model.vertices[:, 2].min(), model.vertices[:, 2].max()
+    # The fingers stand side by side over about twice this length.
+    margin = min(0.035, 0.5 * (high - low))
+    p_OG = np.array([*model.center_of_mass[:2], generator.uniform(low + margin, high - margin)])
+    p_PG = generator.uniform(*grip)
+    return poses.make_poses(R_PO, p_PG - R_PO @ p_OG)

@@ -1,0 +1,125 @@
+"""Points of the shape in which a finger ends, and the surface of the sensor model that lies on them best."""
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+import trimesh
+from pydrake.geometry import Box, Capsule, Convex, Cylinder, Ellipsoid, Mesh, Role, SceneGraphInspector, Shape, Sphere
+from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
+from pydrake.multibody.plant import MultibodyPlant
+
+from tactopose_drake.core.surfaces import Capsule as CapsuleTip
+from tactopose_drake.core.surfaces import Superquadric, Surface
+from tactopose_drake.core.surfaces.surface import random_directions
+from tactopose_drake.core.surfaces.surface_fitting import fit_surface, residual
+from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.hand.hand_in_plant import Hand
+from tactopose_drake.hand.shape_depth import shape_depth
+
+_POINTS = 600
+_DIRECTIONS = random_directions(np.random.default_rng(0), 1000)
+_CIRCLE = np.stack([np.cos(np.arange(48) * np.pi / 24), np.sin(np.arange(48) * np.pi / 24)], axis=1)
+_CORNERS = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
+_WITHIN = 3e-4  # of another shape of the same link, from which on a point is not on the outside, m
+_BACK = 0.7  # cosine between the outward normal and the way back to the joint: what faces it cannot be touched
+_FEWEST = 50  # points that a surface is fitted to
+
+
+@dataclass(frozen=True, eq=False)
+class FittedSurface:
+    """The surface that lies on a fingertip's shape best, and how well it and the hand's own do.
+
+    Attributes:
+        surface: in the sensor's frame.
+        residual: root mean square of the shape's distances from it, m.
+        own_residual: likewise from the surface of the hand's file, m.
+    """
+
+    surface: Surface
+    residual: float
+    own_residual: float
+
+    @property
+    def yaml(self) -> str:
+        """The surface as a hand's file has it, to a hundredth of a millimetre and a tenth of a degree."""
+        R_SF, p_SF = RotationMatrix(self.surface.X_SF[:, :3]), self.surface.X_SF[:, 3]
+        angles = np.degrees(RollPitchYaw(R_SF).vector())
+        place = f"X_SF: {{translation: {_numbers(p_SF, 5)}, rotation: !Rpy {{deg: {_numbers(angles, 1)}}}}}"
+        if isinstance(self.surface, CapsuleTip):
+            size = f"radius: {self.surface.radius:.5g}, length: {self.surface.length:.5g}"
+            return f"!CapsuleSurface {{{size}, {place}}}"
+        if isinstance(self.surface, Superquadric):
+            axes, exponents = _numbers(self.surface.semi_axes, 5), _numbers(self.surface.exponents, 2)
+            return f"!SuperquadricSurface {{semi_axes: {axes}, exponents: {exponents}, {place}}}"
+        return f"!SphereSurface {{radius: {self.surface.half_width:.5g}, {place}}}"
+
+
+def fit_fingertip(
+    plant: MultibodyPlant, inspector: SceneGraphInspector, hand: Hand, finger: str
+) -> FittedSurface | None:
+    """Fits a surface to the shape in which a finger ends; None where its link has none that can be sampled.
+
+    Args:
+        plant: finalized plant that holds the hand.
+        inspector: of the geometry.
+        hand: the hand.
+        finger: its name.
+    """
+    tip = hand.welds[finger].child_body()
+    X_STip = plant.CalcRelativeTransform(plant.CreateDefaultContext(), hand.sensor_frames[finger], tip.body_frame())
+    frame = plant.GetBodyFrameIdOrThrow(tip.index())
+    shapes = [
+        (X_STip @ inspector.GetPoseInFrame(geometry), inspector.GetShape(geometry))
+        for geometry in inspector.GetGeometries(frame, Role.kProximity)
+    ]
+    outlines = [(X_SG, shape, X_SG.multiply(_outline(shape).T).T) for X_SG, shape in shapes if len(_outline(shape))]
+    if not outlines:
+        return None
+    p_SJ = X_STip.translation()
+    _, shape, outline = max(outlines, key=lambda one: np.linalg.norm(one[2] - p_SJ, axis=1).max())
+    outwards = outline.mean(axis=0) - p_SJ
+    outwards /= max(float(np.linalg.norm(outwards)), 1e-9)
+    points = _outside(outline, outwards, [one for one in shapes if one[1] is not shape])
+    if len(points) < _FEWEST:
+        return None
+    surface = fit_surface(points, outwards)
+    return FittedSurface(surface, residual(surface, points), residual(hand.surfaces[finger], points))
+
+
+def _outside(outline: FloatArray, outwards: FloatArray, others: list[tuple[RigidTransform, Shape]]) -> FloatArray:
+    """Points of the hull of an outline (n, 3) in S that neither face the joint nor lie in other shapes, (p, 3), m."""
+    hull = trimesh.convex.convex_hull(outline)
+    points, faces = trimesh.sample.sample_surface(hull, _POINTS, seed=0)
+    seen = hull.face_normals[faces] @ outwards > -_BACK
+    for X_SG, shape in others:
+        depth = shape_depth(shape)
+        if depth is not None:
+            seen &= np.array([depth.at(p) < _WITHIN for p in X_SG.inverse().multiply(points.T).T])
+    outside: FloatArray = np.asarray(points)[seen]
+    return outside
+
+
+def _outline(shape: Shape) -> FloatArray:
+    """Points whose convex hull is the shape's, in its own frame, shape (n, 3), m; none of a shape without an end."""
+    points = np.zeros((0, 3))
+    if isinstance(shape, Sphere):
+        points = shape.radius() * _DIRECTIONS
+    elif isinstance(shape, Ellipsoid):
+        points = _DIRECTIONS * [shape.a(), shape.b(), shape.c()]
+    elif isinstance(shape, Capsule):
+        points = shape.radius() * _DIRECTIONS
+        points[:, 2] += np.copysign(0.5 * shape.length(), points[:, 2])
+    elif isinstance(shape, Cylinder):
+        rings = [np.column_stack([shape.radius() * _CIRCLE, np.full(len(_CIRCLE), z)]) for z in (-0.5, 0.5)]
+        points = np.concatenate(rings) * [1.0, 1.0, shape.length()]
+    elif isinstance(shape, Box):
+        points = _CORNERS * shape.size()
+    elif isinstance(shape, Mesh | Convex):
+        hull = shape.GetConvexHull()
+        points = np.array([hull.vertex(i) for i in range(hull.num_vertices())])
+    return points
+
+
+def _numbers(values: object, digits: int) -> str:
+    return "[" + ", ".join(f"{value:g}" for value in np.round(np.asarray(values), digits) + 0.0) + "]"
