@@ -100,6 +100,13 @@ class Hand:
         while self._link.handle_timeout(max(0, math.ceil(1e3 * (end - time.monotonic())))) or time.monotonic() < end:
             pass
 
+    def fall_silent(self) -> None:
+        """Until the estimator has said that nothing comes, and for some time at the least."""
+        end = time.monotonic() + _LATEST
+        self.hear(_SILENCE)
+        while "no senses for" not in self.said and time.monotonic() < end:
+            self.hear(_SILENCE)
+
     def _hear(self, channel: str, data: bytes) -> None:
         belief = ObjectBeliefMessage.decode(data)
         for text in ("no senses for", "began anew", "are back", "clock went back"):
@@ -164,7 +171,7 @@ def measure(duration: float, rate: float, url: str, restarts: Mapping[str, float
                     raise TimeoutError("the estimator does not answer")
                 if now > first + due.get("sender", math.inf):
                     del due["sender"]
-                    hand.hear(_SILENCE)
+                    hand.fall_silent()
                     hand.begin_anew()
                 if now > first + due.get("estimator", math.inf):
                     del due["estimator"]

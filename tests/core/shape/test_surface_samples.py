@@ -78,7 +78,8 @@ def test_tiny_faces_beside_large_ones_get_their_share(seed: int) -> None:
         mesh = trimesh.Trimesh(vertices, faces, process=False)
         top = mesh.face_normals @ normal > 0.9
     samples = sample_surface(*arrays(mesh), 600)
-    assert abs(np.sum(samples.normals @ normal > 0.9) - 100) <= 3
+    # From one turn of the box to another that varies by 1.1; it would by 9 if samples were drawn one by one.
+    assert abs(np.sum(samples.normals @ normal > 0.9) - 100) <= 5
 
 
 def test_samples_are_read_only() -> None:
