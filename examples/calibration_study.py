@@ -1,8 +1,9 @@
 """Calibrations of a hand with errors, and what they are worth on new grasps of other objects.
 
 Each trial draws a hand's errors, lets that hand close on one object, calibrates it from what it read, and then has it
-grasp other objects: with the errors known exactly, calibrated, and as it is. Grasps are made by kinematics alone, or in
-the simulator, which takes a minute each on a busy machine, and in which no sensor is turned on its finger.
+grasp other objects: with the errors known exactly, calibrated, as it is, and with errors left as small as the grasps
+allow at best (`calibration_bound.py`): an estimate drawn from the Cramer-Rao bound. Grasps are made by kinematics
+alone, or in the simulator, which takes a minute each on a busy machine, and in which no sensor is turned on its finger.
 
 python examples/calibration_study.py --trials 3
 python examples/calibration_study.py --trials 40 --seed 0
@@ -15,6 +16,7 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
+from calibration_bound import least_covariance
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
@@ -94,20 +96,30 @@ class DrawnHand:
             found += simulated_grasps(scenario, model, len(range(k, count, len(objects))), self.generator)
         return found
 
+    def least_covariance(self, grasps: list[ClosedGrasp], noise: tuple[float, float]) -> np.ndarray:
+        """Of its errors after these grasps at best, of contacts with such noise, m and rad; shape (d, d), SI units."""
+        return least_covariance(self._plant, self._parts, self.errors, self.truth, grasps, noise)
+
 
 def run_trial(hand: DrawnHand, known: str, objects: dict[str, tp.ObjectModel], count: int) -> Trial:
     """Calibrates a hand by an object that is known, and tries it on the others."""
     config, errors, truth, generator = hand.config, hand.errors, hand.truth, hand.generator
     others = {name: model for name, model in objects.items() if name != known}
-    result = tp.calibrate_hand(config, [grasp.recorded for grasp in hand.grasps({known: objects[known]}, count)])
+    held = hand.grasps({known: objects[known]}, count)
+    result = tp.calibrate_hand(config, [grasp.recorded for grasp in held])
     new = hand.grasps(others, count)
     guesses = [disturbed(grasp.X_PO, generator) for grasp in new]
     with tempfile.TemporaryDirectory() as folder:
         exact = calibration_of(errors, truth, np.zeros((len(truth), len(truth))), 0.0)
-        exact.noise = result.calibration.noise
+        noise = result.calibration.noise
+        least = hand.least_covariance(held, (noise.position, np.radians(noise.normal_deg)))
+        drawn = generator.spawn(1)[0].multivariate_normal(truth, least)
+        at_bound = calibration_of(errors, drawn, least, 0.0)
+        exact.noise = at_bound.noise = noise
         found = {}
-        for name, calibration in (("known", exact), ("calibrated", result.calibration)):
-            path = Path(folder) / f"{name}.yaml"
+        calibrations = {"known": exact, "calibrated": result.calibration, "at the bound": at_bound}
+        for name, calibration in calibrations.items():
+            path = Path(folder) / f"{name.replace(' ', '_')}.yaml"
             save_calibration(path, calibration)
             found[name] = pose_errors(dataclasses.replace(config, calibration=str(path)), new, guesses)
         found["as it is"] = pose_errors(config, new, guesses)
@@ -174,14 +186,25 @@ def main() -> None:
         for name in (arguments.object, *arguments.others)
     }
     table = Table(title="Hands with errors: new grasps, mm off (median), and what the calibration said of itself")
-    for heading in ("seed", "as it is", "calibrated", "known", "in 95 % intervals", "joints left, deg rms", "left out"):
+    for heading in (
+        "seed",
+        "as it is",
+        "calibrated",
+        "at the bound",
+        "known",
+        "in 95 % intervals",
+        "joints left, deg rms",
+        "left out",
+    ):
         table.add_column(heading, justify="right")
     trials = []
     for seed in track(range(arguments.seed, arguments.seed + arguments.trials), console=Console(stderr=True)):
         hand = DrawnHand(arguments.hand, np.random.default_rng(seed), arguments.simulated)
         trial = run_trial(hand, arguments.object, objects, arguments.grasps)
         trials.append(trial)
-        medians = [f"{1e3 * np.median(trial.errors[name]):.2f}" for name in ("as it is", "calibrated", "known")]
+        medians = [
+            f"{1e3 * np.median(trial.errors[name]):.2f}" for name in ("as it is", "calibrated", "at the bound", "known")
+        ]
         rms = f"{np.sqrt(np.mean(trial.offsets**2)):.2f}"
         table.add_row(str(seed), *medians, f"{np.mean(trial.inside):.0%}", rms, str(trial.left_out))
     console.print(table)
@@ -191,7 +214,8 @@ def main() -> None:
     console.print(
         f"{len(trials)} hands, {arguments.grasps} grasps of {arguments.object} each, and as many of others: median "
         + ", ".join(f"{1e3 * value:.2f} mm {name}" for name, value in medians.items())
-        + f"; calibrated over known {medians['calibrated'] / medians['known']:.2f}.\n"
+        + f"; calibrated over known {medians['calibrated'] / medians['known']:.2f}, at the bound "
+        f"{medians['at the bound'] / medians['known']:.2f}.\n"
         f"{np.mean(inside):.1%} of {len(inside)} errors in their own 95 % intervals; scaled deviations "
         f"{np.sqrt(np.mean(scaled**2)):.2f} rms."
     )

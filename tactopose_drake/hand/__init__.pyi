@@ -13,6 +13,7 @@ from .contact_pressure import pressure_field as pressure_field
 from .contact_uncertainty import ContactUncertainty as ContactUncertainty
 from .encoder_offsets import EncoderGains as EncoderGains
 from .encoder_offsets import encoder_gains as encoder_gains
+from .felt_grasps import FeltGrasps as FeltGrasps
 from .felt_grasps import RecordedGrasp as RecordedGrasp
 from .findings import Finding as Finding
 from .fingertip_surfaces import CapsuleSurface as CapsuleSurface
