@@ -12,8 +12,7 @@ from pydrake.multibody.tree import JacobianWrtVariable
 from pydrake.systems.framework import DiagramBuilder
 
 from tactopose_drake.errors import UnknownNameError
-from tactopose_drake.hand.hand_config import make_parser
-from tactopose_drake.resources import model_path
+from tactopose_drake.resources import make_parser, model_path
 from tactopose_drake.station.arms.arm import add_arm, load_arm_config, make_arm_plant
 
 

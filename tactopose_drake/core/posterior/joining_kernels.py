@@ -1,4 +1,4 @@
-"""Ways between modes, and modes that are one: joined with their masses and moments."""
+"""Modes that overlap are joined, with their masses and moments."""
 
 from typing import NamedTuple
 
@@ -12,20 +12,20 @@ from tactopose_drake.core.compilation import (
     OutFloats1,
     OutFloats2,
     OutFloats3,
-    OutFloats4,
     OutLongs1,
-    OutLongs2,
     kernel,
     part,
 )
-from tactopose_drake.core.kernels.pose_kernels import compose_one, increment_between, retract_one
-from tactopose_drake.core.kernels.sorting_kernels import copy_vector
+from tactopose_drake.core.kernels.matrix_kernels import cholesky, invert
+from tactopose_drake.core.kernels.pose_kernels import compose_one, increment_between
+from tactopose_drake.core.kernels.sorting_kernels import copy_matrix, copy_vector
 
 
 class Joined(NamedTuple):
-    """Masses (g,) and `mode_moments.Moments` of g modes, as joining writes them."""
+    """Masses (g,), spreads (g, 6, 6) about the means, and `mode_moments.Moments` of g modes, as joining writes them."""
 
     mass: OutFloats1
+    spread: OutFloats3
     effective_samples: OutFloats1
     first: OutFloats2
     second: OutFloats3
@@ -38,84 +38,72 @@ class Image(NamedTuple):
     turn: OutFloats2
 
 
-class Reach(NamedTuple):
-    """How images are compared: the way of a turn, m a radian, and the widest turn between modes that are one, rad."""
-
-    arm: float
-    widest_turn: float
-
-
 class Work(NamedTuple):
-    """Scratch: (6,), (6,), and two of (6, 6)."""
+    """Scratch: (6,), (6,), and four of (6, 6)."""
 
     mean: OutFloats1
     d: OutFloats1
     half: OutFloats2
-    products: OutFloats2
-
-
-@kernel
-def lay_paths(
-    X: Floats3, symmetries: Floats3, reach: Reach, shares: Floats1, pairs: OutLongs2, path: OutFloats4
-) -> int:
-    """Fills the pairs of modes X (g, 3, 4) that no wide turn parts, and poses at these shares of the way between them.
-
-    Each way is to the nearest of the second one's images by the symmetries (s, 3, 4). Returns how many pairs there are.
-    """
-    Y, image, u, found = np.empty((3, 4)), Image(np.empty(6), np.empty((6, 6))), np.empty(6), 0
-    for j in range(1, X.shape[0]):
-        for i in range(j):
-            if _nearest_image(X[i], X[j], symmetries, reach, image, Y) < 0:
-                continue
-            pairs[found, 0], pairs[found, 1] = i, j
-            for k in range(shares.shape[0]):
-                for a in range(6):
-                    u[a] = shares[k] * image.u[a]
-                retract_one(X[i], u, path[found, k])
-            found += 1
-    return found
+    C: OutFloats2
+    L: OutFloats2
+    information: OutFloats2
 
 
 @kernel
 def join(
-    X: Floats3, order: Longs1, symmetries: Floats3, family: Longs1, reach: Reach, joined: Joined, owner: OutLongs1
+    X: Floats3, order: Longs1, symmetries: Floats3, limits: tuple[float, float], joined: Joined, owner: OutLongs1
 ) -> None:
-    """Adds each mode to the first of its family in this order, its owner, and leaves it no mass.
+    """Adds each mode to the nearest of those before it that it overlaps, its owner, and leaves it no mass.
 
-    One that a wide turn parts from that keeps what it has: beyond, increments are no measure of how a mode spreads.
+    With u the increment to its image, J the derivative of increments there by those from its own pose, m the means, P
+    the mean products, C the spreads and p its share of both masses, they overlap where d = u + J m' - m is short by the
+    spread p J C' J^T + (1 - p) C. The limits are those of d, in standard deviations, and of the turn in u, rad.
     """
-    image, Y = Image(np.empty(6), np.empty((6, 6))), np.empty((3, 4))
-    work = Work(np.empty(6), np.empty(6), np.empty((6, 6)), np.empty((6, 6)))
-    for place in range(order.shape[0]):
-        j = order[place]
+    peak_sigmas, widest_turn = limits
+    X_image, image = np.empty((3, 4)), Image(np.empty(6), np.empty((6, 6)))
+    nearest = Image(np.empty(6), np.empty((6, 6)))
+    work = Work(np.empty(6), np.empty(6), np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6)))
+    for j in order:
         owner[j] = j
+    for place in range(1, order.shape[0]):
+        j = order[place]
+        least, into = peak_sigmas**2, -1
         for i in order[:place]:
-            if family[i] != family[j] or owner[i] != i:
+            if joined.mass[i] == 0.0:
                 continue
-            s = _nearest_image(X[i], X[j], symmetries, reach, image, Y)
-            if s >= 0:
+            for s in range(symmetries.shape[0]):
+                compose_one(X[j], symmetries[s], X_image)
+                increment_between(X[i], X_image, image.u)
+                if image.u[0] ** 2 + image.u[1] ** 2 + image.u[2] ** 2 > widest_turn**2:
+                    continue
                 _derivative(X[j], symmetries[s], image.turn)
-                _add(joined, i, j, image, work)
-                owner[j] = i
-                break
+                square = _apart(joined, i, j, image, work)
+                if square < least:
+                    least, into = square, i
+                    copy_vector(image.u, nearest.u)
+                    copy_matrix(image.turn, nearest.turn)
+        if into >= 0:
+            _add(joined, into, j, nearest, work)
+            owner[j] = into
 
 
 @part
-def _nearest_image(X: Floats2, X_other: Floats2, symmetries: Floats3, reach: Reach, image: Image, Y: OutFloats2) -> int:
-    """Which of the other's images is the nearest to X, and the increment there; -1 where all are too wide a turn off.
-
-    Y (3, 4) is for work.
-    """
-    nearest, least, u = -1, np.inf, np.empty(6)
-    for s in range(symmetries.shape[0]):
-        compose_one(X_other, symmetries[s], Y)
-        increment_between(X, Y, u)
-        turn = u[0] ** 2 + u[1] ** 2 + u[2] ** 2
-        way = u[3] ** 2 + u[4] ** 2 + u[5] ** 2 + reach.arm**2 * turn
-        if turn <= reach.widest_turn**2 and way < least:
-            nearest, least = s, way
-            copy_vector(u, image.u)
-    return nearest
+def _apart(joined: Joined, i: int, j: int, image: Image, work: Work) -> float:
+    """The squared length of d between the mode i and the image of j, by their spread."""
+    p = joined.mass[j] / (joined.mass[i] + joined.mass[j])
+    C, d = work.C, work.d
+    _transport(image.turn, joined.first[j], joined.spread[j], work.mean, work.half, C)
+    for a in range(6):
+        d[a] = image.u[a] + work.mean[a] - joined.first[i, a]
+        for c in range(6):
+            C[a, c] = p * C[a, c] + (1.0 - p) * joined.spread[i, a, c]
+    cholesky(C, work.L)
+    invert(work.L, work.information)
+    square = 0.0
+    for a in range(6):
+        for c in range(6):
+            square += d[a] * work.information[a, c] * d[c]
+    return square
 
 
 @part
@@ -124,9 +112,10 @@ def _add(joined: Joined, i: int, j: int, image: Image, work: Work) -> None:
 
     The joint mean is m + p d, and P becomes (1 - p) P + p (J P' J^T + J m' u^T + u (J m')^T + u u^T).
     """
-    mass, effective_samples, first, second = joined
+    mass, spread, effective_samples, first, second = joined
     p = mass[j] / (mass[i] + mass[j])
-    u, mean, d, products = image.u, work.mean, work.d, work.products
+    u, mean, d, C, products = image.u, work.mean, work.d, work.C, work.L
+    _transport(image.turn, first[j], spread[j], mean, work.half, C)
     _transport(image.turn, first[j], second[j], mean, work.half, products)
     for a in range(6):
         d[a] = u[a] + mean[a] - first[i, a]
@@ -135,6 +124,7 @@ def _add(joined: Joined, i: int, j: int, image: Image, work: Work) -> None:
         for c in range(6):
             product = products[a, c] + mean[a] * u[c] + u[a] * mean[c] + u[a] * u[c]
             second[i, a, c] = (1.0 - p) * second[i, a, c] + p * product
+            spread[i, a, c] = (1.0 - p) * spread[i, a, c] + p * C[a, c] + p * (1.0 - p) * d[a] * d[c]
     effective_samples[i] = 1.0 / ((1.0 - p) ** 2 / effective_samples[i] + p**2 / effective_samples[j])
     mass[i] += mass[j]
     mass[j] = 0.0

@@ -73,10 +73,9 @@ class MomentParams:
     chance: float = 12.6
     as_good: float = 0.3  # a pose that costs so much more than its mode's minimum explains the touch as well
     tried_shares: tuple[float, ...] = (1.0, 0.75, 0.5, 0.25, 0.0)  # of the way to the mean, the last one none of it
-    # By how much the cost rises at most between minima of one mode, above the higher one: two equal Gaussians are one
-    # mode up to 4.5 standard deviations.
-    ridge: float = 2.0
-    most_joined: int = 24  # modes of which that is asked, the most telling ones
+    # Standard deviations within which the means of one mode lie. Two equal Gaussians make one peak within 2; a little
+    # more, for samples leave it open whether two that lie along a valley are closer.
+    peak_sigmas: float = 3.0
     widest_turn: float = 1.5  # between minima of one mode, rad: beyond, increments are no measure of how a mode spreads
 
 

@@ -220,9 +220,6 @@ def test_the_standard_error_is_that_of_the_weights_from_seed_to_seed() -> None:
         return np.minimum(near.cost(X_PO) + 0.05 * np.sin(900.0 * X_PO[:, 0, 3]), away.cost(X_PO) + 1.0)
 
     class Both(Valley):
-        def cost(self, X_PO: FloatArray) -> FloatArray:
-            return np.minimum(near.cost(X_PO), away.cost(X_PO))
-
         def normal_equations(self, X_PO: FloatArray) -> NormalEquations:
             is_near = near.cost(X_PO) < away.cost(X_PO)
             parts = [(near.normal_equations(X_PO)), (away.normal_equations(X_PO))]
