@@ -90,7 +90,7 @@ def _check(config: HandConfig, complaints: list[str]) -> HandCheck:
 
 
 class _complaints(logging.Handler):  # noqa: N801  It is used as a function.
-    """Collects what Drake logs while it reads a model."""
+    """Collects all that Drake logs while it reads a model, also what filters keep from a terminal."""
 
     def __init__(self) -> None:
         super().__init__(logging.WARNING)
@@ -101,16 +101,17 @@ class _complaints(logging.Handler):  # noqa: N801  It is used as a function.
 
     def __enter__(self) -> list[str]:
         self._logger = logging.getLogger("drake")
-        self._state = self._logger.level, self._logger.propagate
+        self._state = self._logger.level, self._logger.propagate, self._logger.filters
         self._logger.addHandler(self)
+        self._logger.filters = []
         self._logger.setLevel(logging.WARNING)
         self._logger.propagate = False
         return self.messages
 
     def __exit__(self, *_: object) -> None:
         self._logger.removeHandler(self)
-        self._logger.setLevel(self._state[0])
-        self._logger.propagate = self._state[1]
+        level, self._logger.propagate, self._logger.filters = self._state
+        self._logger.setLevel(level)
 
 
 def _model(
