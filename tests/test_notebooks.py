@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from matplotlib import pyplot
 
 NOTEBOOKS = sorted((Path(__file__).parents[1] / "notebooks").glob("*.ipynb"))
 
@@ -30,7 +31,11 @@ def test_runs(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     script.write_text("\n\n".join("".join(cell["source"]) for cell in code_cells(path)), encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("sys.path", [str(tmp_path), *sys.path])
-    runpy.run_path(str(script), run_name="__main__")
+    # A notebook begins without another one's figures.
+    pyplot.close("all")
+    with pyplot.rc_context():
+        runpy.run_path(str(script), run_name="__main__")
+    pyplot.close("all")
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
