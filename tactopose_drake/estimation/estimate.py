@@ -168,7 +168,6 @@ def weigh_poses(
         InvalidInputError: balance of an object whose mass is not known, or whose symmetries move its centre of mass.
     """
     deadline, evidence, params = _Deadline(time_limit), evidence.rounded(), DEFAULT_PARAMS
-    prior = evidence.prior
     problem = make_problem(model, evidence)
     search = METHODS[method](model, evidence)
     generator = np.random.default_rng(seed)
@@ -177,7 +176,7 @@ def weigh_poses(
     if evidence.outlier_probability > 0.0 and not comfortable:
         found = search_with_doubt(model, evidence, problem, search, found, generator, deadline)
     modes = _modes_of(model, evidence, problem, found, max_hypotheses, params.modes)
-    explained = comfortable or prior is None or _judge(model, evidence, problem, modes, params)[1].any()
+    explained = comfortable or evidence.prior is None or _judge(model, evidence, problem, modes, params)[1].any()
     wider_search = None if explained else search.widened()
     if wider_search is not None and not deadline():
         # The valley with the pose may be a narrow one that no start has led to.
@@ -192,7 +191,7 @@ def weigh_poses(
         modes = join_alike(modes, model, params.modes)
     judged, explains = _judge(model, evidence, problem, modes, params)
     hypotheses = _hypotheses(modes, _inlier_probability(problem, evidence, modes, judged), explains)
-    undetermined = prior is None and len(evidence.touch) < _FEWEST_FOR_A_POSE
+    undetermined = evidence.prior is None and len(evidence.touch) < _FEWEST_FOR_A_POSE
     return PoseEstimate(
         hypotheses,
         status_of(hypotheses, undetermined),
@@ -266,11 +265,11 @@ def _monte_carlo(model: ObjectModel, evidence: Evidence) -> MonteCarlo:
 
     It judges one particle at a time, as the thesis does; some at once where each costs more than a look at contacts.
     """
-    volumes, felt = (evidence.hand, evidence.untouched), (*evidence.patches, *evidence.planes)
-    beside = (*volumes, *felt, evidence.balance, evidence.friction)
+    one_each = (evidence.hand, evidence.untouched, evidence.balance, evidence.friction)
+    more_is_known = any(known is not None for known in (*one_each, *evidence.patches, *evidence.planes))
     return MonteCarlo(
         scale=0.5 * degrees_of_freedom(evidence),
-        batch=1 if all(known is None for known in beside) else _PARTICLES_AT_ONCE,
+        batch=_PARTICLES_AT_ONCE if more_is_known else 1,
         is_possible=None if evidence.hand is None else HandClearance(model.samples.points, evidence.hand),
     )
 

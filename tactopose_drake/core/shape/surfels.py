@@ -62,12 +62,6 @@ class Surfels:
     shape: tuple[int, int, int]
     spacing: float
 
-    @property
-    def discs(self) -> NDArray[np.float32]:
-        """The same numbers one disc after another, shape (n, 9)."""
-        rows = self.blocks.swapaxes(1, 2).reshape(-1, 9)
-        return rows[rows[:, 6] > 0.0]
-
     def kernel_view(self, reach: float) -> Discs:
         """The discs as kernels read them, of which those count that are within so many standard deviations."""
         blocks, balls, first, origin = map(read_only, (self.blocks, self.balls, self.first, self.origin))
