@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from tactopose_drake.core.vision import DepthCameraModel
+from tactopose_drake.core.vision import DepthCameraModel, FusionParams, reconstruct
 from tests.examples.scripts import load_script
 
 
@@ -14,6 +14,7 @@ def test_views_from_around_leave_less_unseen_and_touch_corrects_the_guess_on_the
     script = load_script("reconstructed_objects.py")
     monkeypatch.setattr(script, "TOUCHES", 2)
     monkeypatch.setattr(script, "CAMERA", DepthCameraModel(width=160, height=120, focal_length=144.0))
+    monkeypatch.setattr(script, "reconstruct", functools.partial(reconstruct, params=FusionParams(spacing=0.003)))
     monkeypatch.setattr(script, "see", functools.cache(script.see))  # The picture is of what was seen before.
     out = tmp_path / "new"
     arguments = ["--objects", "spray_bottle", "--trials", "1", "--out", str(out)]

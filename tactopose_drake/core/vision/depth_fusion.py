@@ -10,6 +10,7 @@ Sources: [C96] B. Curless and M. Levoy, A volumetric method for building complex
 """
 
 import dataclasses
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -24,6 +25,7 @@ from scipy.spatial import cKDTree
 from tactopose_drake.core.poses import transform_points
 from tactopose_drake.core.validation import FloatArray, positive_number
 from tactopose_drake.core.vision.depth_pictures import DepthCameraModel, rays
+from tactopose_drake.core.vision.level_set_kernels import depth_inside
 from tactopose_drake.errors import InvalidInputError
 
 _MOST_CELLS = 20_000_000
@@ -257,21 +259,10 @@ class _Volume:
 
 def _zero_level(values: FloatArray, origin: FloatArray, step: float) -> tuple[FloatArray, NDArray[np.int32]]:
     """The mesh of the largest part of where values on a grid are negative."""
-    rows, (x, y, z), highest = values.tolist(), origin.tolist(), [count - 2 for count in values.shape]
-
-    def inside(px: float, py: float, pz: float) -> float:
-        at = (px - x) / step, (py - y) / step, (pz - z) / step
-        i, j, k = (min(max(int(place), 0), most) for place, most in zip(at, highest, strict=True))
-        u, v, w = at[0] - i, at[1] - j, at[2] - k
-        total = 0.0
-        for share, plane in ((1.0 - u, rows[i]), (u, rows[i + 1])):
-            low = plane[j][k] * (1.0 - w) + plane[j][k + 1] * w
-            high = plane[j + 1][k] * (1.0 - w) + plane[j + 1][k + 1] * w
-            total -= share * (low * (1.0 - v) + high * v)
-        return total
-
+    corner = float(origin[0]), float(origin[1]), float(origin[2])
+    inside = functools.partial(depth_inside, np.ascontiguousarray(values), corner, step)
     end = origin + step * (np.array(values.shape) - 1)
-    parts = manifold3d.Manifold.level_set(inside, [x, y, z, *end.tolist()], step).decompose()
+    parts = manifold3d.Manifold.level_set(inside, [*corner, *end.tolist()], step).decompose()
     if not parts:
         raise InvalidInputError("views: leave nothing of the object; the poses of the cameras do not fit.")
     mesh = max(parts, key=lambda part: part.volume()).to_mesh64()
