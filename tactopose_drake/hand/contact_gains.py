@@ -46,7 +46,7 @@ def contact_gains(F_S: FloatArray, surface: Surface) -> ContactGains:
     ]
     point, normal = (np.concatenate(both, axis=2) for both in zip(by_wrench, by_radius, strict=True))
     turn = np.cross(n[:, 0, None], np.swapaxes(normal, 1, 2))
-    solutions = solve_contacts(F_S, surface)
+    solutions = ContactSolutions(*(getattr(solved, field.name)[::13] for field in dataclasses.fields(solved)))
     return ContactGains(solutions, np.nan_to_num(point), np.nan_to_num(np.swapaxes(turn, 1, 2)))
 
 

@@ -106,7 +106,7 @@ def _mix(d, n, doubts, work):
             false = doubts.normal[i] * by_point + moved * by_turn + doubts.other[i]
             total[q] *= by_point * by_turn + false
             most = max(most, total[q])
-        if most < 1e-50:  # Many contacts' densities are too small for one number.
+        if not 1e-50 <= most <= 1e50:  # Many contacts' densities are too small or too large for one number.
             shift += np.log(most)
             for q in range(pairs):
                 total[q] /= most

@@ -148,12 +148,13 @@ def test_what_is_left_without_a_contact_is_less_and_never_negative(box: ObjectMo
         assert np.all(np.trace((whole - information) / scale, axis1=1, axis2=2) > 0.0)
 
 
-def test_many_contacts_are_no_matter(box: ObjectModel) -> None:
+@pytest.mark.parametrize(("sigma", "outlier_probability"), [(0.0009, 0.02), (0.02, 0.99)])
+def test_many_contacts_are_no_matter(box: ObjectModel, sigma: float, outlier_probability: float) -> None:
     X_PO = pose(8)
     felt = touch_surface(box, X_PO[0], 400, np.random.default_rng(8))
     away = retract(X_PO, np.array([0.0, 0.0, 0.0, 0.02, 0.01, 0.0]))
-    contacts = Contacts(felt.p_PC, felt.n_PC)
-    cost = ContactMixture(box, contacts, 0.02).cost(np.concatenate([X_PO, away]))
+    mixture = ContactMixture(box, Contacts(felt.p_PC, felt.n_PC, sigma_position=sigma), outlier_probability)
+    cost = mixture.cost(np.concatenate([X_PO, away]))
     assert np.isfinite(cost).all()
     assert cost[0] < cost[1]
 
