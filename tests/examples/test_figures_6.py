@@ -79,7 +79,10 @@ def ambiguous(study: ModuleType) -> tuple[Any, tp.PoseEstimate]:
     return next(study.ambiguous_grasps("bust"))
 
 
-def test_ambiguous_grasps_are_explored_to_the_end(tmp_path: Path) -> None:
+def test_ambiguous_grasps_are_explored_to_the_end(
+    study: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(study, "MOVES", 60)
     printed = run("figure_6_4", "--grasps", "1", "--out", str(tmp_path / "new"))
     assert re.search(r"the two most probable poses carry \d+% and \d+%\. The \w+ finger tells most", printed)
     entropy, expected = (float(x) for x in re.findall(r"entropy ([\d.]+) to ([\d.]+) nats", printed)[0])

@@ -86,12 +86,12 @@ class GuardedMoves:
         share = np.linspace(0.0, 1.0, places)[:, None]
         q = np.broadcast_to(q_start, q_goal.shape)[:, None] * (1.0 - share) + share * q_goal[:, None]
         rows = q.reshape(-1, q_goal.shape[1])
-        tip, body = finger.tip(rows), np.concatenate([finger.spheres(rows), finger.tip(rows, 0.0)[:, None]], axis=1)
+        centres, radius = finger.all_spheres(rows)
         return cls(
-            tip.reshape(len(q_goal), places, 3),
+            centres[:, -1].reshape(len(q_goal), places, 3),
             finger.tip_radius,
-            body.reshape(len(q_goal), places, -1, 3),
-            np.append(finger.radius, finger.tip_radius),
+            centres[:, :-1].reshape(len(q_goal), places, -1, 3),
+            radius[:-1],
         )
 
     def take(self, index: NDArray[np.intp]) -> Self:

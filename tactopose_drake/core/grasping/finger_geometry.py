@@ -43,19 +43,17 @@ class FingerGeometry:
 
     def spheres(self, q: FloatArray) -> FloatArray:
         """Centres in P, shape (B, s, 3), for positions q (B, m), rad."""
-        X_PB = self.chain.body_poses(q)[:, self.body]
-        centres: FloatArray = np.einsum("bsij,sj->bsi", X_PB[..., :3], self.p_BH) + X_PB[..., 3]
-        return centres
+        return self._spheres_on(self.chain.body_poses(q))
 
     def axis(self, q: FloatArray) -> FloatArray:
         """Points in P on the finger's axis from its last two joints to the round end's centre, (B, 4, 3) or less."""
-        on_links = self.chain.body_poses(q)[:, -2:, :, 3]
-        return np.concatenate([on_links, self.tip(q, 0.0)[:, None], self.tip(q)[:, None]], axis=1)
+        X_PB, X_PS = self.chain.all_poses(q)
+        ends = [self._on_axis(X_PS, height)[:, None] for height in (0.0, 1.0)]
+        return np.concatenate([X_PB[:, -2:, :, 3], *ends], axis=1)
 
     def tip(self, q: FloatArray, height: float = 1.0) -> FloatArray:
         """Points in P on the line from the root of the axis (height 0) to the round end's centre (1), shape (B, 3)."""
-        p_SQ = self.p_SR + height * (self.p_ST - self.p_SR)
-        return poses.transform_points(self.chain.sensor_poses(q), p_SQ[None])[:, 0]
+        return self._on_axis(self.chain.sensor_poses(q), height)
 
     def along_straight_part(self, places: int) -> FloatArray:
         """Points in S on the axis of the straight part, its beginning first, the round end left out, shape (p, 3)."""
@@ -72,5 +70,17 @@ class FingerGeometry:
 
     def all_spheres(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Centres (B, s, 3) in P and radii (s,) of the finger with its tip, from the root of its axis on, m."""
-        centres = [self.spheres(q), self.tip(q, 0.0)[:, None], self.tip(q)[:, None]]
-        return np.concatenate(centres, axis=1), np.append(self.radius, [self.tip_radius] * 2)
+        X_PB, X_PS = self.chain.all_poses(q)
+        ends = [self._on_axis(X_PS, height)[:, None] for height in (0.0, 1.0)]
+        return np.concatenate([self._spheres_on(X_PB), *ends], axis=1), np.append(self.radius, [self.tip_radius] * 2)
+
+    def _spheres_on(self, X_PB: FloatArray) -> FloatArray:
+        """Centres of the spheres on bodies at poses (B, k, 3, 4), in P."""
+        X_PB = X_PB[:, self.body]
+        centres: FloatArray = np.einsum("bsij,sj->bsi", X_PB[..., :3], self.p_BH) + X_PB[..., 3]
+        return centres
+
+    def _on_axis(self, X_PS: FloatArray, height: float) -> FloatArray:
+        """As `tip`, of sensors at poses (B, 3, 4)."""
+        p_SQ = self.p_SR + height * (self.p_ST - self.p_SR)
+        return poses.transform_points(X_PS, p_SQ[None])[:, 0]

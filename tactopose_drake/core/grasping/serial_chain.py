@@ -54,7 +54,12 @@ class SerialChain:
 
     def sensor_poses(self, q: FloatArray) -> FloatArray:
         """X_PS, shape (B, 3, 4), for positions q (B, m), rad or m."""
-        return poses.compose(self._sweep(q)[0][:, -1], self.X_last_sensor)
+        return self.all_poses(q)[1]
+
+    def all_poses(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Both: X_PB and X_PS."""
+        X_PB = self.body_poses(q)
+        return X_PB, poses.compose(X_PB[:, -1], self.X_last_sensor)
 
     def point_jacobians(self, q: FloatArray, p_SQ: FloatArray) -> tuple[FloatArray, FloatArray]:
         """A point fixed in S, in P, and how it moves with the joints.
