@@ -69,8 +69,12 @@ def test_a_glass_is_coloured_by_where_a_finger_should_go(tmp_path: Path) -> None
 
 
 @pytest.fixture(scope="module")
-def study() -> ModuleType:
-    return importlib.import_module("touch_study")
+def study() -> Iterator[ModuleType]:
+    """Of few moves."""
+    module = importlib.import_module("touch_study")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "MOVES", 60)
+        yield module
 
 
 @pytest.fixture(scope="module")
@@ -79,10 +83,8 @@ def ambiguous(study: ModuleType) -> tuple[Any, tp.PoseEstimate]:
     return next(study.ambiguous_grasps("bust"))
 
 
-def test_ambiguous_grasps_are_explored_to_the_end(
-    study: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(study, "MOVES", 60)
+@pytest.mark.usefixtures("study")
+def test_ambiguous_grasps_are_explored_to_the_end(tmp_path: Path) -> None:
     printed = run("figure_6_4", "--grasps", "1", "--out", str(tmp_path / "new"))
     assert re.search(r"the two most probable poses carry \d+% and \d+%\. The \w+ finger tells most", printed)
     entropy, expected = (float(x) for x in re.findall(r"entropy ([\d.]+) to ([\d.]+) nats", printed)[0])
@@ -136,6 +138,7 @@ def test_poses_are_the_same_up_to_symmetry_and_a_small_way(study: ModuleType) ->
     assert not study.same_pose(screwdriver, X[:1], np.eye(3, 4))[0]
 
 
+@pytest.mark.usefixtures("study")
 def test_a_grasp_is_touched_until_the_object_has_its_name(tmp_path: Path) -> None:
     run("section_6_2_1", "--grasps", "1", "--out", str(tmp_path / "new"))
     table = (tmp_path / "new" / "section_6_2_1.md").read_text()
