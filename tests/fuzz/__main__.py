@@ -1,9 +1,11 @@
 """Fuzzes the package's public calls: `python -m tests.fuzz --minutes 60`, or `--calls 20000 --kind hostile --jobs 2`.
 
-Prints each finding with the command that makes the same call again, and a summary. Exit status 1 where there is one.
+Prints each finding with the command that makes the same call again, and a summary, also where it is interrupted. Exit
+status 1 where there is one.
 """
 
 import argparse
+import signal
 import sys
 
 from tests.fuzz.bits import bits
@@ -37,6 +39,8 @@ def main() -> int:
     parser.add_argument("--minutes", type=float, help="after which no further call is begun")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     arguments = parser.parse_args()
+    for interrupt in (signal.SIGINT, signal.SIGTERM):  # a shell's background jobs ignore the first
+        signal.signal(interrupt, signal.default_int_handler)
     calls = 1000 if arguments.calls is None and arguments.minutes is None else arguments.calls
     summary = run(
         {name: KINDS[name] for name in arguments.kind or KINDS},

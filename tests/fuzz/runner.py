@@ -111,6 +111,8 @@ def run(
 ) -> Summary:
     """Makes calls of each kind from `seed` on in worker processes, until there are so many or the time is over.
 
+    An interrupt ends it with what was found until then.
+
     Args:
         kinds: by name; importable functions.
         seed: of the first call of each kind.
@@ -124,16 +126,20 @@ def run(
     deadline = None if minutes is None else time.time() + 60.0 * minutes
     end = None if calls is None else seed + calls
     workers = [_Worker(kinds, seed + job, jobs, end, deadline) for job in range(jobs)]
-    while workers:
-        ready = multiprocessing.connection.wait([worker.connection for worker in workers], timeout=1.0)
-        for worker in list(workers):
-            outcomes = worker.receive() if worker.connection in ready else worker.check(wall_limit)
-            for outcome in outcomes:
-                summary.add(outcome)
-                if outcome.result == "finding":
-                    report(outcome)
-            if worker.finished:
-                workers.remove(worker)
+    try:
+        while workers:
+            ready = multiprocessing.connection.wait([worker.connection for worker in workers], timeout=1.0)
+            for worker in list(workers):
+                outcomes = worker.receive() if worker.connection in ready else worker.check(wall_limit)
+                for outcome in outcomes:
+                    summary.add(outcome)
+                    if outcome.result == "finding":
+                        report(outcome)
+                if worker.finished:
+                    workers.remove(worker)
+    except KeyboardInterrupt:  # What was found until then counts.
+        for worker in workers:
+            worker.end()
     return summary
 
 
@@ -178,9 +184,13 @@ class _Worker:
         """A finding, if the current call has not come back for so long."""
         if self._current is None or time.monotonic() - self._since < wall_limit:
             return []
+        self.end()
+        return self._abandon(f"has not come back after {wall_limit:g} s")
+
+    def end(self) -> None:
+        """Ends the process, wherever it is."""
         self._process.kill()
         self._process.join()
-        return self._abandon(f"has not come back after {wall_limit:g} s")
 
     def _abandon(self, detail: str) -> list[Outcome]:
         """Goes on behind the current call in a new process."""

@@ -1,5 +1,6 @@
 """The fuzzer's runner, with calls whose outcome is known."""
 
+import multiprocessing
 import os
 import time
 import warnings
@@ -78,3 +79,12 @@ def test_the_others_go_on_behind_a_call_that_does_not_come_back(kind, detail: st
 
 def test_no_call_is_begun_after_the_time() -> None:
     assert run({"good": answers}, seed=0, calls=None, minutes=0.0, jobs=1, report=print).counts == {}
+
+
+def test_an_interrupt_keeps_what_was_found_until_then() -> None:
+    def interrupt(finding: Outcome) -> None:
+        raise KeyboardInterrupt
+
+    summary = run({"bad": divides}, seed=0, calls=100_000, minutes=None, jobs=1, report=interrupt)
+    assert len(summary.findings) == 1
+    assert not multiprocessing.active_children()

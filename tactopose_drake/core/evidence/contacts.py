@@ -14,6 +14,8 @@ from tactopose_drake.errors import InvalidInputError
 
 # What a sigma may be: m, rad, N. Beyond, the information of a contact and of the rest do not fit into one double.
 _SIGMAS = {"sigma_position": (1e-7, 1e6), "sigma_normal": (1e-5, 1e6), "sigma_force": (1e-6, 1e6)}
+# Estimates of so many take a second; a scan's points are best thinned to fewer.
+_MOST_CONTACTS = 5000
 _MOST_FORCE = 1e6
 _MOST_COVARIANCE = 1e12
 _ROUNDING = 1e-9  # of a matrix's largest entry, by which it may be off its transpose
@@ -24,7 +26,8 @@ class Contacts(PlainValue):
     """Measured contacts, in the palm frame P.
 
     Attributes:
-        p_PC: contact points, shape (k, 3), m; coordinates up to 10 m, for larger ones must be millimetres.
+        p_PC: contact points, shape (k, 3), m; up to 5000, and coordinates up to 10 m, for larger ones must be
+            millimetres.
         n_PC: outward unit normals of the object's surface at the contacts, shape (k, 3), or None. They point out of
             the object into the finger, which is the direction of the normal force on the fingertip.
         f_PC: forces on the fingertips, shape (k, 3), N, up to 1e6; or None.
@@ -39,9 +42,9 @@ class Contacts(PlainValue):
             normal's is not used.
 
     Raises:
-        InvalidInputError: what is not of finite numbers, a shape that does not fit, a normal whose length differs from
-            1 by more than 1e-3, a number out of its range, or a covariance that is not symmetric, or of a point or a
-            normal that no sigma in its range has.
+        InvalidInputError: what is not of finite numbers, too many contacts, a shape that does not fit, a normal whose
+            length differs from 1 by more than 1e-3, a number out of its range, or a covariance that is not symmetric,
+            or of a point or a normal that no sigma in its range has.
     """
 
     p_PC: FloatArray
@@ -55,6 +58,8 @@ class Contacts(PlainValue):
     def __post_init__(self) -> None:
         p_PC = points_near("p_PC", self.p_PC, (None, 3))
         shape, count = (len(p_PC), 3), len(p_PC)
+        if count > _MOST_CONTACTS:
+            raise InvalidInputError(f"p_PC: are {count} contacts; allowed are up to {_MOST_CONTACTS}.")
         n_PC = None if self.n_PC is None else unit_vectors("n_PC", self.n_PC, shape)
         covariance = None if self.covariance is None else _covariances(self.covariance, count)
         sigmas = {name: getattr(self, name) for name in _SIGMAS}

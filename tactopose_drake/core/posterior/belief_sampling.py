@@ -44,6 +44,8 @@ def weigh_modes(modes: Modes, posterior: Posterior, generator: np.random.Generat
     close = np.flatnonzero(mixture.weights > params.least_weighed_share * mixture.weights.max())
     X_close = mixture.X_PO[close]
     information = inverses(mixture.covariance[close])[0] + posterior.gauge
+    if not np.isfinite(information).all():
+        return modes  # What is best known of one is so much better than the rest that doubles do not hold both.
     least = np.minimum(posterior.exact_cost(X_close), modes.cost[close])
     laplace = -least - 0.5 * across_turns(information, posterior.turn_directions(X_close))[1]
     share = np.exp(laplace - laplace.max())

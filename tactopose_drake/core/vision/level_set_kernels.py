@@ -5,8 +5,10 @@ from tactopose_drake.core.compilation import Floats3, Triple, kernel
 
 @kernel
 def depth_inside(values: Floats3, origin: Triple, spacing: float, x: float, y: float, z: float) -> float:
-    """By how much a point lies within what is negative: the grid's values, interpolated trilinearly, with their sign
-    turned. Beyond the grid the outermost cells go on."""
+    """By how much a point lies within what is negative: the grid's interpolated values, with their sign turned.
+
+    Beyond the grid its outermost cells go on.
+    """
     at = (x - origin[0]) / spacing, (y - origin[1]) / spacing, (z - origin[2]) / spacing
     i = min(max(int(at[0]), 0), values.shape[0] - 2)
     j = min(max(int(at[1]), 0), values.shape[1] - 2)

@@ -58,6 +58,12 @@ def test_bad_contacts_are_named(arguments: dict[str, object], message: str) -> N
         Contacts(**arguments)  # type: ignore[arg-type]
 
 
+def test_a_scan_s_points_are_too_many() -> None:
+    assert len(Contacts(np.zeros((5000, 3)))) == 5000
+    with pytest.raises(InvalidInputError, match=r"p_PC: are 5001 contacts; allowed are up to 5000\."):
+        Contacts(np.zeros((5001, 3)))
+
+
 @pytest.mark.parametrize("again", [copy.deepcopy, lambda contacts: pickle.loads(pickle.dumps(contacts))])
 def test_copies_are_equal_and_read_only(again: Callable[[Contacts], Contacts]) -> None:
     contacts = Contacts([[0.0, 0.0, 0.1]], [[0.0, 0.0, 1.0]])

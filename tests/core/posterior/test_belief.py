@@ -1,3 +1,4 @@
+import dataclasses
 import math
 
 import numpy as np
@@ -200,6 +201,17 @@ def test_where_no_sample_counts_the_modes_stay_as_they_were(cost: float) -> None
     found = weigh_modes(start, posterior(valley, lambda X_PO: np.full(len(X_PO), cost)), np.random.default_rng(0))
     np.testing.assert_array_equal(found.mixture.covariance, start.mixture.covariance)
     np.testing.assert_array_equal(found.mixture.X_PO, start.mixture.X_PO)
+
+
+def test_a_spread_that_doubles_do_not_hold_stays_as_it_was() -> None:
+    valley = Valley(pose(), SIGMAS)
+    across = np.linalg.qr(np.random.default_rng(0).normal(size=(6, 6)))[0]
+    flat = across @ np.diag([1e-19, 0.01, 0.01, 0.01, 0.01, 0.01]) @ across.T
+    start = modes(valley, pose()[None])
+    start = dataclasses.replace(start, mixture=GaussianMixture(pose()[None], np.ones(1), 0.5 * (flat + flat.T)[None]))
+    found = weigh_modes(start, posterior(valley), np.random.default_rng(0))
+    np.testing.assert_array_equal(found.mixture.covariance, start.mixture.covariance)
+    assert found.mixture.weights == 1.0
 
 
 def test_the_worth_of_samples_is_their_number_where_they_weigh_the_same() -> None:
