@@ -88,6 +88,7 @@ def estimate(
             model,
             touch.contacts,
             patches=touch.patches,
+            planes=touch.planes,
             prior=prior,
             hand=None if volumes is None else volumes.hand,
             untouched=None if volumes is None else volumes.untouched,

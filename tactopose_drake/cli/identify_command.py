@@ -15,6 +15,7 @@ from rich.table import Table
 from tactopose_drake.cli.consoles import ERRORS, OUT
 from tactopose_drake.cli.workers import processes
 from tactopose_drake.core.mesh.repair import MeshRepairWarning
+from tactopose_drake.errors import InvalidFileError
 from tactopose_drake.estimation.files import save_identification
 from tactopose_drake.estimation.identification import Likelihood, check_prior, identify
 from tactopose_drake.estimation.identities import Identification
@@ -57,7 +58,9 @@ def identify_command(
     folder: Path, contacts_file: Path, jobs: int, likelihood: Likelihood, unknown_prior: float, out: Path | None
 ) -> None:
     """Tells which object of a library the touch is on, or that it may be none of them."""
-    contacts, patches = load_touch(contacts_file)
+    contacts, patches, planes = load_touch(contacts_file)
+    if planes:
+        raise InvalidFileError(f"{contacts_file}: planes: have no say in which object it is; allowed are none.")
     check_prior("--unknown-prior", unknown_prior)
     check_outputs((out,), inputs=(folder, contacts_file))
     with contextlib.nullcontext() if jobs == 1 else processes(jobs) as executor:

@@ -1,4 +1,4 @@
-"""The file of a touch, contacts.yaml: contacts at points, and what tactile arrays feel."""
+"""The file of a touch, contacts.yaml: contacts at points, what arrays feel, and planes that the object rests on."""
 
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.evidence.plane_contact import PlaneContact
 from tactopose_drake.core.poses import identity_poses, transform_points
 from tactopose_drake.core.sensing.patches import Patch, describe_patch
 from tactopose_drake.core.validation import FloatArray
@@ -21,6 +22,7 @@ from tactopose_drake.estimation.data_checks import (
 from tactopose_drake.estimation.files import SIGMA_KEYS, contacts_in
 from tactopose_drake.resources.yaml_files import shown
 
+_PARTS = {"patches": "patch", "planes": "plane"}
 _LIMITS = ("threshold", "saturation")
 
 
@@ -30,10 +32,12 @@ class Touch(NamedTuple):
     Attributes:
         contacts: the touch at single points.
         patches: of tactile arrays, those that feel nothing too.
+        planes: that the object is known to touch.
     """
 
     contacts: Contacts
     patches: tuple[Patch, ...]
+    planes: tuple[PlaneContact, ...] = ()
 
 
 class _Pad(NamedTuple):
@@ -45,7 +49,7 @@ class _Pad(NamedTuple):
 
 
 def load_touch(path: Path) -> Touch:
-    """Reads contacts.yaml: `contacts` and `patches`, of which one may be absent, in the palm frame, m, N and Pa.
+    """Reads contacts.yaml: `contacts` and `patches`, of which one may be absent, and `planes`; in P, in m, N and Pa.
 
     Contacts, `sigma_position` and `sigma_normal_deg` are as `load_contacts` reads them. Each patch has
 
@@ -58,15 +62,31 @@ def load_touch(path: Path) -> Touch:
     - `threshold`, `saturation`: Pa. A cell is active above the one, by default 0, and may feel any pressure at the
       other, by default infinite, or with `array` the array's range.
 
+    Each plane has a `point`, its `normal` towards the object, and `sigma`, m, 1 mm by default: see `PlaneContact`.
+
     Raises:
         InvalidFileError: the file, or that of an array, cannot be read, or does not fit.
     """
-    data = check_mapping(path, "", read_data(path), (), ("contacts", "patches", *SIGMA_KEYS))
+    data = check_mapping(path, "", read_data(path), (), ("contacts", "patches", "planes", *SIGMA_KEYS))
     if "contacts" not in data and "patches" not in data:
         raise InvalidFileError(f"{path}: has neither contacts nor patches; allowed are one or both.")
     contacts = contacts_in(path, data) if "contacts" in data else Contacts.empty()
-    entries = check_list(path, "patches", data["patches"], "patch") if "patches" in data else []
-    return Touch(contacts, tuple(_patch(path, f"patches[{i}]", entry) for i, entry in enumerate(entries)))
+    patches, planes = (check_list(path, key, data[key], one) if key in data else [] for key, one in _PARTS.items())
+    return Touch(
+        contacts,
+        tuple(_patch(path, f"patches[{i}]", entry) for i, entry in enumerate(patches)),
+        tuple(_plane(path, f"planes[{i}]", entry) for i, entry in enumerate(planes)),
+    )
+
+
+def _plane(path: Path, where: str, entry: Any) -> PlaneContact:
+    given = check_mapping(path, where, entry, ("point", "normal"), ("sigma",))
+    point, normal = (check_vector(path, f"{where}.{key}", given[key], 3) for key in ("point", "normal"))
+    sigma = {"sigma": check_number(path, "sigma", given, where)} if "sigma" in given else {}
+    try:
+        return PlaneContact(point, normal, **sigma)
+    except InvalidInputError as error:
+        raise InvalidFileError(f"{path}: {where}: {error}") from None
 
 
 def _patch(path: Path, where: str, entry: Any) -> Patch:

@@ -113,11 +113,14 @@ def test_unusable_input_has_status_two_and_one_line(folder: Path, capsys: pytest
     empty = folder / "empty"
     empty.mkdir()
     (folder / "none.yaml").write_text("contacts: []\n")
+    planes = "planes: [{point: [0, 0, 0], normal: [0, 0, 1]}]\n"
+    (folder / "planes.yaml").write_text((folder / "contacts.yaml").read_text() + planes)
     for library, contacts, said in [
         (empty, folder / "contacts.yaml", "holds no object that can be used"),
         (folder / "missing", folder / "contacts.yaml", "there is no such folder or manifest"),
         (folder / "library", folder / "none.yaml", "allowed is a list of at least one contact"),
         (folder / "library", folder / "missing.yaml", "cannot be read"),
+        (folder / "library", folder / "planes.yaml", "planes: have no say in which object it is"),
     ]:
         assert run(library, contacts) == 2
         out, err = capsys.readouterr()

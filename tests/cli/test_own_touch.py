@@ -24,6 +24,10 @@ patches:
   pressures: [0, 0, 0, 0, 0, 0, 0, 0, 1e4, 0, 0, 0, 0, 0, 0, 2e4, 0, 0, 0, 0, null, 0, 0, 0]
   alpha: 2.0e-8
 """
+PLANES = """
+planes:
+- {point: [0.0, 0.0, -0.04], normal: [0.0, 0.0, 1.0]}
+"""
 VOLUME = """
 spheres: [{center: [0.05, 0.0, 0.0], radius: 0.02}]
 untouched: [{center: [0.0, 0.0, 0.06], radius: 0.01}]
@@ -36,6 +40,7 @@ def folder(tmp_path: Path) -> Path:
     trimesh.creation.box((0.04, 0.06, 0.09)).export(tmp_path / "box.obj")
     (tmp_path / "touch.yaml").write_text(TOUCH)
     (tmp_path / "patches.yaml").write_text(TOUCH + PATCHES)
+    (tmp_path / "planes.yaml").write_text(TOUCH + PLANES)
     (tmp_path / "volume.yaml").write_text(VOLUME)
     (tmp_path / "prior.yaml").write_text(PRIOR)
     return tmp_path
@@ -49,13 +54,17 @@ def test_all_that_is_known_reaches_the_estimate(folder: Path) -> None:
     common = ["--object", folder / "box.obj", "--prior", folder / "prior.yaml", "--out", folder / "out.json"]
     model, prior = tp.ObjectModel.from_mesh(folder / "box.obj", mass=0.06), load_prior(folder / "prior.yaml")
     touch, patched = load_touch(folder / "touch.yaml"), load_touch(folder / "patches.yaml")
-    volumes = load_hand_volume(folder / "volume.yaml")
+    volumes, planes = load_hand_volume(folder / "volume.yaml"), load_touch(folder / "planes.yaml").planes
     gravity = np.array([0.0, 0.0, -9.81])
     by_touch, by_all = ["--contacts", folder / "touch.yaml"], ["--contacts", folder / "patches.yaml"]
     found = []
     for options, expected in (
         (by_touch, tp.estimate_pose(model, touch.contacts, prior=prior)),
         (by_all, tp.estimate_pose(model, patched.contacts, patches=patched.patches, prior=prior)),
+        (
+            ["--contacts", folder / "planes.yaml"],
+            tp.estimate_pose(model, touch.contacts, planes=planes, prior=prior),
+        ),
         (
             [*by_touch, "--hand-volume", folder / "volume.yaml"],
             tp.estimate_pose(model, touch.contacts, prior=prior, hand=volumes.hand, untouched=volumes.untouched),

@@ -58,6 +58,8 @@ patches:
   alpha: 2.0e-8
   threshold: 100
   saturation: 250e3
+planes:
+- {point: [0.0, 0.0, 0.02], normal: [0.0, 0.0, 1.0], sigma: 0.002}
 """
 SPHERES = """spheres: [{center: [0.0, -0.03, 0.02], radius: 0.015}, {center: [0.02, -0.03, 0.05], radius: 0.009}]
 untouched: [{center: [0.05, 0.0, 0.11], radius: 0.008}]

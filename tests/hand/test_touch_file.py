@@ -4,6 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tactopose_drake.core.evidence.plane_contact import PlaneContact
 from tactopose_drake.core.poses import make_poses, matrix_from_quaternion, transform_points
 from tactopose_drake.core.sensing.patches import describe_patch
 from tactopose_drake.errors import InvalidFileError
@@ -70,6 +71,13 @@ def test_contacts_and_patches_go_together(tmp_path: Path) -> None:
     assert len(touch.patches) == 2
 
 
+def test_planes_that_the_object_touches_are_read(tmp_path: Path) -> None:
+    text = "contacts: [{position: [0, 0, 0.1]}]\nplanes: [{point: [0, 0, 0.2], normal: [0, 0, -1], sigma: 0.003}, "
+    first, second = load_touch(write(tmp_path, text + "{point: [0, 1, 0], normal: [0, 1, 0]}]")).planes
+    assert first == PlaneContact(np.array([0.0, 0.0, 0.2]), np.array([0.0, 0.0, -1.0]), 0.003)
+    assert second == PlaneContact(np.array([0.0, 1.0, 0.0]), np.array([0.0, 1.0, 0.0]))
+
+
 def test_the_files_of_the_reference_can_be_read(tmp_path: Path) -> None:
     text = (Path(__file__).parents[2] / "docs" / "reference" / "touch_files.md").read_text()
     readers = {"contacts": load_touch, "prior": load_prior, "volume": load_hand_volume, "spheres": load_hand_volume}
@@ -77,6 +85,7 @@ def test_the_files_of_the_reference_can_be_read(tmp_path: Path) -> None:
     assert [name for name, _ in files] == list(readers)
     read = {name: readers[name](write(tmp_path, content)) for name, content in files}
     assert [patch.status for patch in read["contacts"].patches] == ["area", "row"]
+    assert [plane.sigma for plane in read["contacts"].planes] == [0.002]
     assert read["volume"].untouched is not None
     assert len(read["spheres"].untouched.radius) == 1
 
@@ -85,7 +94,13 @@ def test_the_files_of_the_reference_can_be_read(tmp_path: Path) -> None:
     ("text", "message"),
     [
         ("sigma_position: 0.001", "has neither contacts nor patches; allowed are one or both"),
-        ("touches: []", "key 'touches' is unknown; allowed are contacts, patches, sigma_position, sigma_normal_deg"),
+        ("touches: []", "key 'touches' is unknown; allowed are contacts, patches, planes, sigma_position"),
+        ("planes: [{point: [0, 0, 0], normal: [0, 0, 1]}]", "has neither contacts nor patches"),
+        ("contacts: [{position: [0, 0, 0]}]\nplanes: [{point: [0, 0, 0]}]", r"planes\[0\]: key 'normal' is missing"),
+        (
+            "contacts: [{position: [0, 0, 0]}]\nplanes: [{point: [0, 0, 0], normal: [0, 0, 3]}]",
+            r"planes\[0\]: n_P\[0\]: .*length",
+        ),
         ("patches: {}", "patches: is {}; allowed is a list of at least one patch"),
         ("patches: [3]", r"patches\[0\]: is 3; allowed is a mapping with the keys points, pressures, alpha"),
         (f"patches: [{{{PAD}, depth: 2}}]", r"patches\[0\]: key 'depth' is unknown"),
