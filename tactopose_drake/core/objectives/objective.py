@@ -80,6 +80,11 @@ class LeastSquaresObjective(SmoothObjective, Protocol):
         """The objectives that it is the sum of."""
         return (self,)
 
+    @property
+    def quick(self) -> "LeastSquaresObjective":
+        """What costs less and leads near its minima; itself, where there is no such."""
+        return self
+
 
 def form_normal_equations(residuals: FloatArray, jacobian: FloatArray) -> NormalEquations:
     """Normal equations from residuals (B, m) and any Jacobian (B, m, n)."""
@@ -114,14 +119,19 @@ class SmoothSum(SmoothObjective):
 class SumObjective(SmoothSum, LeastSquaresObjective):
     """The sum of least-squares objectives: their residuals stack, too."""
 
-    def __init__(self, terms: Sequence[LeastSquaresObjective]) -> None:
+    def __init__(self, terms: Sequence[LeastSquaresObjective], quick: LeastSquaresObjective | None = None) -> None:
         super().__init__(terms)
-        self._terms = tuple(terms)
+        self._terms, self._quick = tuple(terms), quick
 
     @property
     def terms(self) -> tuple[LeastSquaresObjective, ...]:
         """The objectives that it is the sum of."""
         return self._terms
+
+    @property
+    def quick(self) -> LeastSquaresObjective:
+        """What it was made with, or itself."""
+        return self if self._quick is None else self._quick
 
     def residuals(self, X_PO: FloatArray) -> FloatArray:
         """Residuals (B, m) of poses (B, 3, 4)."""

@@ -166,20 +166,21 @@ class PairSearch(Search):
         should_stop: StopSignal = never,
     ) -> SearchResult:
         """The minima that the candidates lead to, by rising cost."""
-        if space.reach[0] < np.pi:
-            X_PO = self._starts_near(objective, space, generator)
-            return join_results(*self._refine(self.near_stages, objective, space, X_PO, should_stop)).ranked()
-        X_PO = self._starts_anywhere(space, generator)
-        first, stages = self.stages[0], self.stages[1:]
+        is_near = space.reach[0] < np.pi
+        if is_near:
+            X_PO, quick = self._starts_near(objective, space, generator), objective.quick
+        else:
+            X_PO = self._starts_anywhere(space, generator)
+            quick = objective if objective.is_touch else SurfaceContact(self.model.grid, self.contacts)
+        first, *stages = self.near_stages if is_near else self.stages
         # The first steps are by the touch alone, as the proposals are: other evidence is slow, and tells most once they
         # touch. Then it has its say in which of them go on.
-        if objective.is_touch:
-            touching = first.refinement.refine(objective, X_PO, should_stop)
-        else:
-            touching = first.refinement.refine(SurfaceContact(self.model.grid, self.contacts), X_PO, should_stop)
+        touching = first.refinement.refine(quick, X_PO, should_stop)
+        if quick is not objective:
             touching = touching._replace(cost=objective.cost(touching.X_PO)).ranked()
         X_PO = self._next(first, touching, objective, space)
-        return join_results(*self._refine(stages, objective, space, X_PO, should_stop)).ranked(self.returned)
+        found = join_results(*self._refine(stages, objective, space, X_PO, should_stop))
+        return found.ranked() if is_near else found.ranked(self.returned)
 
     def _starts_anywhere(self, space: PoseSpace, generator: np.random.Generator) -> FloatArray:
         """Proposals, and random poses where there are few of those; turns about an axis make no other start of one."""

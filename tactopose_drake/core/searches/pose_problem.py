@@ -111,8 +111,10 @@ def make_problem(model: ObjectModel, evidence: Evidence) -> PoseProblem:
         objective = likelihood
     else:
         space, known = PriorSpace(prior), PriorObjective(prior)
-        objective = ContactWithPrior(touch, known) if likelihood.is_touch else _sum([*terms, *bounding, known])
         bounding.append(known)
+        objective = ContactWithPrior(touch, known)
+        if not likelihood.is_touch:
+            objective = SumObjective([*terms, *bounding], quick=objective if len(contacts) else None)
     return PoseProblem(touch, determining, likelihood, objective, tuple(bounding), space, mixture, pads, pad_mixture)
 
 
