@@ -17,6 +17,7 @@ from tactopose_drake.core.mesh.repair import MeshRepairWarning
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.estimation.descriptions import false_contacts_line, free_line, status_line
 from tactopose_drake.estimation.estimate import METHODS, estimate_pose
+from tactopose_drake.estimation.far_origins import about_middle
 from tactopose_drake.estimation.files import load_prior, save_result
 from tactopose_drake.estimation.object_files import load_object
 from tactopose_drake.estimation.output_files import check_outputs
@@ -100,7 +101,7 @@ def estimate(
         )
     is_false = found.best.inlier_probability[: len(touch.contacts)] < 0.5
     OUT.print(hypotheses_table(found, model))
-    for line in (free_line(found.best), false_contacts_line(is_false), status_line(found)):
+    for line in (free_line(about_middle(found.best, model)), false_contacts_line(is_false), status_line(found)):
         if line:
             OUT.print(line, soft_wrap=True)
     replaced = [str(path) for path in (out, html) if path is not None and path.is_file()]

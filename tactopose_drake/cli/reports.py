@@ -11,6 +11,7 @@ from rich.table import Table
 
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.estimation.descriptions import determined_sigmas
+from tactopose_drake.estimation.far_origins import about_middle
 from tactopose_drake.estimation.results import PoseEstimate
 
 if TYPE_CHECKING:
@@ -30,7 +31,7 @@ def hypotheses_table(estimate: PoseEstimate, model: ObjectModel) -> Table:
     for heading in ("mass", "translation, mm", "quaternion wxyz", "\u00b1 mm", "\u00b1 deg", "cost"):
         table.add_column(heading, justify="right", no_wrap=True)
     for hypothesis in estimate.hypotheses[:_MOST_ROWS]:
-        rotation, translation = determined_sigmas(hypothesis, model.size)
+        rotation, translation = determined_sigmas(about_middle(hypothesis, model), model.size)
         table.add_row(
             f"{hypothesis.probability:.1%}",
             " ".join(f"{1e3 * x:.1f}" for x in hypothesis.X_PO.translation()),

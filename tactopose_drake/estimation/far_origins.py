@@ -37,6 +37,14 @@ def reported_for_origin(estimate: PoseEstimate, p_OC: FloatArray) -> PoseEstimat
     return dataclasses.replace(estimate, hypotheses=hypotheses)
 
 
+def about_middle(hypothesis: PoseHypothesis, model: ObjectModel) -> PoseHypothesis:
+    """The hypothesis of the pose of the object's middle, where its origin is far away; otherwise itself.
+
+    That is what people mean by how far an object may be off, and what of its pose is not determined.
+    """
+    return _of_origin(hypothesis, -model.middle) if has_far_origin(model) else hypothesis
+
+
 def _of_origin(hypothesis: PoseHypothesis, p_OC: FloatArray) -> PoseHypothesis:
     # p_PO = p_PC - R p_OC, so with R exp(w) its increment is v_O = v_C + R [p_OC]x w.
     J = np.eye(6)

@@ -48,6 +48,8 @@ def estimate_poses(
         TactoposeError: what `estimate_pose` raises of one of the touches, with a note of which one; work that is not
             begun yet is dropped.
     """
+    if isinstance(contacts, Contacts):
+        raise InvalidInputError("contacts: are of one touch; allowed is a sequence of Contacts, one for each touch.")
     contacts = list(contacts)
     of, before = _each("models", models, ObjectModel, len(contacts)), _each("priors", priors, PosePrior, len(contacts))
     seeds = _each("seed", seed, int, len(contacts))

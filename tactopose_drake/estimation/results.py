@@ -56,6 +56,15 @@ class PoseHypothesis(PlainValue):
             f"quaternion wxyz {wxyz}, ± {1e3 * move:.1f} mm, ± {math.degrees(turn):.1f} deg{free}>"
         )
 
+    def in_world(self, X_WP: RigidTransform) -> tuple[RigidTransform, FloatArray]:
+        """The object's pose X_WO and its covariance (6, 6) in the world, where the palm is known to be at X_WP.
+
+        The covariance is of the increment (w, v) as here, but with v in W: R_WO = R_hat exp(w), p_WO = p_hat + v.
+        """
+        turn = np.eye(6)
+        turn[3:, 3:] = X_WP.rotation().matrix()
+        return X_WP @ self.X_PO, turn @ self.covariance @ turn.T
+
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
         """What `to_dict` has made it of, to the last bit.

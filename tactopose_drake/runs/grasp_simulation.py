@@ -10,7 +10,7 @@ from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context
 
-from tactopose_drake.core.grasping.grasp_planner import GraspPlan
+from tactopose_drake.core.grasping.grasp_plan import GraspPlan
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.runs.contact_truth import ContactTruth, contact_truth
 from tactopose_drake.runs.stepping import Observer, RunView

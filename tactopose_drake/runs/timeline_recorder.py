@@ -7,6 +7,7 @@ import numpy as np
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.estimation.descriptions import determined_sigmas
+from tactopose_drake.estimation.far_origins import about_middle
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.hand.hand_config import HandConfig
 from tactopose_drake.runs.stepping import RunView
@@ -96,7 +97,7 @@ class TimelineRecorder:
     def _widths(self, estimate: PoseEstimate | None) -> dict[str, float]:
         if estimate is None or len(estimate.best.free_directions) > MOST_FREE:
             return {}  # Of a pose of which next to nothing is determined, what is says nothing.
-        rotation, translation = determined_sigmas(estimate.best, self._model.size)
+        rotation, translation = determined_sigmas(about_middle(estimate.best, self._model), self._model.size)
         return {"width_position": 1e3 * translation, "width_angle": float(np.degrees(rotation))}
 
 

@@ -3,13 +3,15 @@
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 
-from tactopose_drake.core.grasping.grasp_planner import GraspPlan, plan_grasps
+from tactopose_drake.core.grasping.grasp_plan import GraspPlan
+from tactopose_drake.core.grasping.grasp_planner import plan_grasps
 from tactopose_drake.core.grasping.refusals import Refusals
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.hand_reach import make_hand_reach
+from tactopose_drake.hand.self_collision import SelfCollision
 from tactopose_drake.resources import add_model, fixed_pose, make_parser
 from tactopose_drake.station.scenario import Scenario
 
@@ -32,7 +34,8 @@ def plan_scenario(scenario: Scenario, model: ObjectModel | None = None) -> list[
     load_P = R_WP.inverse() @ (_object_mass(scenario) * plant.gravity_field().gravity_vector())
     reach = make_hand_reach(config, scenario.reach)
     refusals = Refusals()
-    plans = plan_grasps(model, reach, load_P, scenario.planner, np.random.default_rng(scenario.seed), refusals)
+    generator, touches_itself = np.random.default_rng(scenario.seed), SelfCollision(config)
+    plans = plan_grasps(model, reach, load_P, scenario.planner, generator, refusals, touches_itself)
     if not plans:
         raise InvalidInputError(
             f"Scenario.object: the hand {scenario.hand!r} finds no way to hold {scenario.object!r}, "

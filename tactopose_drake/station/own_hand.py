@@ -12,19 +12,22 @@ from tactopose_drake.core.grasping.rod_direction import rod_direction
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.hand_config import load_hand_config
-from tactopose_drake.hand.hand_in_plant import make_hand_plant
+from tactopose_drake.hand.hand_in_plant import Hand, make_hand_plant
 from tactopose_drake.hand.hand_reach import make_hand_reach
 from tactopose_drake.station.scenario import Scenario
+from tactopose_drake.systems.force_torque_sensor import sufficient_calibration
 
 _CAMERA_DISTANCE = 0.4  # from the grip region's middle, m
 _SLOWEST = 0.1  # s that a joint's damping may take to let the grasp controller's spring close it
+_POINTS = 200  # of a fingertip's surface that are looked at
 _LEAST_FINGERS = 3  # of a hand whose fingers may not all oppose each other
 
 
 def scenario_for(hand: str, object_: str, seed: int = 0) -> Scenario:
     """A planned grasp of an object by a hand, whose palm stands so that upright objects fit between its fingers.
 
-    The camera looks over the back of the palm. Joints that the model damps get a spring that is as much stiffer.
+    The camera looks over the back of the palm. Joints that the model damps get a spring that is as much stiffer, and
+    the sensors bear the forces of planned grasps on any place of the fingertips.
 
     Args:
         hand: one of the package by name, or a *.hand.yaml by path.
@@ -56,7 +59,15 @@ def scenario_for(hand: str, object_: str, seed: int = 0) -> Scenario:
     stiffness = max(scenario.controller.finger_stiffness, damping / _SLOWEST)
     scenario.reach.stiffness = scenario.controller.finger_stiffness = stiffness
     scenario.controller.other_stiffness = max(scenario.controller.other_stiffness, 3.0 * stiffness)
+    force = scenario.planner.most_force * math.hypot(1.0, scenario.planner.friction)
+    scenario.sensor.calibration = sufficient_calibration(force, force * _longest_arm(parts))
     return scenario
+
+
+def _longest_arm(hand: Hand) -> float:
+    """How far a fingertip's surface reaches from its sensor at the most, m."""
+    points = [surface.sample(np.random.default_rng(0), _POINTS) for surface in hand.surfaces.values()]
+    return max(float(np.linalg.norm(p_SC, axis=1).max()) for p_SC in points)
 
 
 def object_axis(reach: HandReach) -> FloatArray:

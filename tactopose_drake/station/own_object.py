@@ -1,11 +1,14 @@
 """A simulated object of an object's model: the SDF and the OBJ that a scenario needs."""
 
+import logging
 import re
 from pathlib import Path
 
+import numpy as np
 import trimesh
 
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.estimation.far_origins import has_far_origin
 
 _FRICTION = 0.9
 
@@ -44,7 +47,19 @@ _SDF = """<?xml version="1.0"?>
 
 
 def write_simulated_object(model: ObjectModel, folder: Path) -> Path:
-    """Writes a model's repaired mesh, in metres, as OBJ, and an SDF of it with its mass; returns the SDF's path."""
+    """Writes a model's repaired mesh, in metres, as OBJ, and an SDF of it with its mass; returns the SDF's path.
+
+    The frame of an object whose origin is far away is moved to its middle, and that is said: slips and errors of a pose
+    are those of the frame's origin.
+    """
+    if has_far_origin(model):
+        logging.getLogger("tactopose_drake").warning(
+            "%s: its frame's origin is %.2f m away from it; simulated in a frame at its middle, %s m in the file's.",
+            model.name,
+            float(np.linalg.norm(model.middle)),
+            np.round(model.middle, 4).tolist(),
+        )
+        model = model.about_middle
     name = re.sub(r"\W", "_", model.name, flags=re.ASCII) or "object"
     mesh = trimesh.Trimesh(model.vertices, model.faces, process=False)
     (folder / f"{name}.obj").write_text(str(mesh.export(file_type="obj", include_normals=True)))

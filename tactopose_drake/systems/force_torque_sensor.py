@@ -43,14 +43,33 @@ def load_force_torque_model(calibration: str = "SI-12-0.12", name_or_path: str |
         UnknownNameError: if it has no such calibration.
         InvalidInputError: if a value is out of its range.
     """
-    shipped = model_path("sensors", f"{name_or_path}.yaml")
-    path = shipped if os.path.isfile(shipped) else Path(name_or_path)
+    path = _path(name_or_path)
     file = load_typed_yaml(ForceTorqueModelFile, path)
     if calibration not in file.calibrations:
         raise UnknownNameError(f"{path}: calibration", calibration, sorted(file.calibrations))
     model = file.calibrations[calibration]
     model.validate()
     return model
+
+
+def sufficient_calibration(force: float, moment: float, name_or_path: str | Path = "nano17") -> str:
+    """The calibration of a sensor with the least range that bears a load on every axis; of none, that with the largest.
+
+    Args:
+        force: N.
+        moment: N m.
+        name_or_path: one of the package's sensors by name, or any file by path.
+    """
+    calibrations = load_typed_yaml(ForceTorqueModelFile, _path(name_or_path)).calibrations
+    load = np.repeat([moment, force], 3)
+    spare = {name: float(np.min(np.asarray(model.range) / load)) for name, model in calibrations.items()}
+    bearing = {name: share for name, share in spare.items() if share >= 1.0}
+    return min(bearing, key=lambda name: bearing[name]) if bearing else max(spare, key=lambda name: spare[name])
+
+
+def _path(name_or_path: str | Path) -> Path:
+    shipped = model_path("sensors", f"{name_or_path}.yaml")
+    return shipped if os.path.isfile(shipped) else Path(name_or_path)
 
 
 class ForceTorqueSensor(CollectableSystem):
@@ -75,8 +94,8 @@ class ForceTorqueSensor(CollectableSystem):
     - body_poses: list of `RigidTransform` X_WB, the plant's port of that name; only the sensor's orientation is used.
     - noise: random input, six standard normal numbers (`AddRandomInputs` connects it); zero when not connected.
     - wrench: F_S = [m_x, m_y, m_z, f_x, f_y, f_z] about the origin of S, in S, N m and N. Changes once a period, first
-      at t = period, since a discrete plant has no reaction before its first step. NaN before, and where the plant gives
-      none.
+      at t = period, since a discrete plant has no reaction before its first step. NaN before, where the plant gives
+      none, and while the sensor is saturated: what is beyond its range is not known.
     - status: str, "ok", "no sample yet", "no signal", or "saturated: " and the axes; changes with `wrench`.
     """
 
@@ -125,6 +144,7 @@ class ForceTorqueSensor(CollectableSystem):
         # At rest the finger holds the fingertip against the contact and the weight: the load is minus the reaction.
         measurement = measure(-shift_wrench(F_TipJ_J, self._X_SJ), noise, self._model, context.get_time())
         weight = weight_wrench(self._tip_mass, self._p_STipcm, R_WS.inverse() @ self._g_W)
-        state.get_mutable_discrete_state(self._wrench).SetFromVector(measurement.F_S - weight)
+        wrench = np.full(6, np.nan) if measurement.saturated.any() else measurement.F_S - weight
+        state.get_mutable_discrete_state(self._wrench).SetFromVector(wrench)
         state.get_mutable_abstract_state(self._status).set_value(measurement.status)
         return EventStatus.Succeeded()

@@ -6,6 +6,7 @@ import numpy as np
 from pydrake.geometry import Meshcat, MeshcatParams
 from pydrake.math import RigidTransform
 
+from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.estimation.descriptions import (
     determined_sigmas,
@@ -14,6 +15,7 @@ from tactopose_drake.estimation.descriptions import (
     meaning,
     sigma_line,
 )
+from tactopose_drake.estimation.far_origins import about_middle
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.visualization import appearance
 from tactopose_drake.visualization.appearance import Look
@@ -100,17 +102,17 @@ def instant_of(scene: Scene, estimate: PoseEstimate | None, status: str = "") ->
     sentences = [why[0].upper() + why[1:] + "."] if why else []
     if estimate is not None:
         word = word or estimate.status
-        believed = meaning(estimate)
+        believed, best = meaning(estimate), about_middle(estimate.best, scene.model)
         sentences += [
             f"{believed[0].upper()}{believed[1:]}.",
-            sigma_line(estimate.best, scene.model.size),
-            free_line(estimate.best),
+            sigma_line(best, scene.model.size),
+            free_line(best),
             false_contacts_line(scene.is_false),
         ]
     return Instant(
         status=word,
         sentences=tuple(sentence for sentence in sentences if sentence),
-        hypotheses=_hypotheses(estimate, scene.model.size, len(scene.alternatives)),
+        hypotheses=_hypotheses(estimate, scene.model, len(scene.alternatives)),
         contacts=_contacts(scene),
     )
 
@@ -131,11 +133,11 @@ def scene_switches(scene: Scene) -> tuple[Switch, ...]:
     )
 
 
-def _hypotheses(estimate: PoseEstimate | None, size: float, count: int) -> PageTable:
+def _hypotheses(estimate: PoseEstimate | None, model: ObjectModel, count: int) -> PageTable:
     found = () if estimate is None else estimate.hypotheses
     rows = []
     for index, hypothesis in enumerate(found[: 1 + count]):
-        rotation, translation = determined_sigmas(hypothesis, size)
+        rotation, translation = determined_sigmas(about_middle(hypothesis, model), model.size)
         cells = (
             f"{hypothesis.probability:.1%}",
             _millimetres(hypothesis.X_PO.translation()),

@@ -13,7 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from tactopose_drake.estimation.descriptions import determined_sigmas, free_line, meaning
-from tactopose_drake.estimation.results import PoseEstimate
+from tactopose_drake.estimation.far_origins import about_middle
+from tactopose_drake.estimation.question import Question
+from tactopose_drake.estimation.results import PoseEstimate, PoseHypothesis
 from tactopose_drake.visualization.estimate_page import estimate_meshcat, page_of
 from tactopose_drake.visualization.page import save_html, with_panel
 from tactopose_drake.visualization.picture import small_picture
@@ -55,18 +57,24 @@ def save_estimate(path: Path, estimate: PoseEstimate) -> None:
     save_html(path, estimate_meshcat(scene), page_of(scene, estimate))
 
 
+def _about_middle(hypothesis: PoseHypothesis, question: Question | None) -> PoseHypothesis:
+    return hypothesis if question is None else about_middle(hypothesis, question.model)
+
+
 def notebook_html(estimate: PoseEstimate) -> str:
     """A small table of an estimate, with a picture where it knows what it was made from."""
     question = estimate.question
     lines = [
         f"<b>{estimate.status.replace('_', ' ')}</b>: {meaning(estimate)}.",
-        html.escape(free_line(estimate.best)),
+        html.escape(free_line(_about_middle(estimate.best, question))),
         "<table><tr><th>probability</th><th>x y z, mm</th><th>quaternion wxyz</th><th>\u00b1 mm</th>"
         "<th>\u00b1 deg</th></tr>",
     ]
     for hypothesis in estimate.hypotheses[:_MOST_ROWS]:
         # Without the object's size, how turns compare with slides is not known: a decimetre stands in for it.
-        rotation, translation = determined_sigmas(hypothesis, 0.1 if question is None else question.model.size)
+        rotation, translation = determined_sigmas(
+            _about_middle(hypothesis, question), 0.1 if question is None else question.model.size
+        )
         cells = (
             f"{hypothesis.probability:.1%}",
             " ".join(f"{1e3 * x:.1f}" for x in hypothesis.X_PO.translation()),

@@ -146,6 +146,36 @@ def test_faults_replay_too(tmp_path: Path, fault) -> None:
     np.testing.assert_array_equal([s.F_S for s in played_ok], [s.F_S for s in live_ok])
 
 
+@BOTH
+def test_fd_frames_of_others_on_the_bus_pass_by(tmp_path: Path, suffix: str) -> None:
+    def beside(_: can.Message, replies: list[faults.Reply]) -> list[faults.Reply]:
+        """Each answer comes after two FD frames: of another device, and as long as it and with its identifier."""
+        found: list[faults.Reply] = []
+        for reply in replies:
+            for identifier, length in ((0x123, 64), (reply.frame.arbitration_id, 8)):
+                frame = can.Message(
+                    arbitration_id=identifier,
+                    data=bytes(length),
+                    is_fd=True,
+                    bitrate_switch=True,
+                    is_extended_id=False,
+                )
+                found.append(faults.Reply(reply.delay, frame))
+            found.append(reply)
+        return found
+
+    path = tmp_path / f"log{suffix}"
+    live = record(path, 1.0, beside)
+    assert all(sample.status == "ok" for sample in live)
+    frames, _ = frames_of(path)
+    assert {(frame.arbitration_id, len(frame.data)) for frame in frames if frame.is_fd} > {(0x123, 64)}
+    with open_log(path) as bus, NetCanOemForceTorque(bus, calibration_slot=SLOT) as sensor:
+        with pytest.raises(EndOfLogError):
+            bus.run_until(np.inf)
+        played = unread(sensor)
+    np.testing.assert_array_equal([sample.F_S for sample in played], [sample.F_S for sample in live])
+
+
 def test_commands_of_then_are_passed_over(tmp_path: Path) -> None:
     path = tmp_path / "log.blf"
     with virtual_bus(make_hand()) as bus, CanRecorder(path) as recorder:

@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
-from pydrake.math import RigidTransform
+from pydrake.math import RigidTransform, RollPitchYaw
 
 import tactopose_drake as tp
+from tactopose_drake.core.poses import increments_between, retract
 
 
 def weighed(*probabilities: float, status: str = "ok", explains: tuple[bool, ...] | None = None) -> tp.PoseEstimate:
@@ -46,3 +47,19 @@ def test_too_few_contacts_stay_ambiguous_whatever_is_kept() -> None:
 def test_at_least_one_hypothesis_is_kept() -> None:
     with pytest.raises(tp.TactoposeError, match="kept: keeps no hypothesis"):
         weighed(1.0).keep((False,))
+
+
+def test_a_hypothesis_is_carried_into_the_world_with_its_covariance() -> None:
+    generator = np.random.default_rng(0)
+    A = generator.normal(size=(6, 6))
+    X_PO = RigidTransform(RollPitchYaw(0.3, -0.7, 2.0), [0.1, -0.2, 0.05])
+    hypothesis = tp.PoseHypothesis(X_PO, 1.0, 1.0, A @ A.T, np.zeros((0, 6)))
+    X_WP = RigidTransform(RollPitchYaw(-1.0, 0.4, 0.6), [0.5, 0.0, 1.2])
+    X_WO, covariance = hypothesis.in_world(X_WP)
+    assert X_WO.IsNearlyEqualTo(X_WP @ X_PO, 1e-15)
+    # The columns of A, whose squares the covariance is, as increments of the pose in the palm and in the world.
+    before, after = X_PO.GetAsMatrix34(), X_WO.GetAsMatrix34()
+    step = 1e-6
+    moved = [X_WP @ RigidTransform(retract(before, step * column)) for column in A.T]
+    B = np.array([increments_between(after, X.GetAsMatrix34()) for X in moved]).T / step
+    np.testing.assert_allclose(covariance, B @ B.T, rtol=1e-5, atol=1e-5)

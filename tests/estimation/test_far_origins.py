@@ -1,5 +1,7 @@
 """An object's pose does not depend on where its file has the origin."""
 
+import re
+
 import numpy as np
 import pytest
 import trimesh
@@ -8,7 +10,8 @@ from pydrake.math import RigidTransform
 import tactopose_drake as tp
 from tactopose_drake.core.poses import make_poses, matrix_from_quaternion
 from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
-from tactopose_drake.estimation.far_origins import has_far_origin
+from tactopose_drake.estimation.descriptions import free_line
+from tactopose_drake.estimation.far_origins import about_middle, has_far_origin
 from tactopose_drake.resources import model_path
 
 OFFSET = np.array([1.2, -0.9, 0.8])
@@ -50,6 +53,13 @@ def test_a_far_origin_changes_nothing(models: tuple[tp.ObjectModel, tp.ObjectMod
     spread = to_middle @ b.best.covariance @ to_middle.T
     np.testing.assert_allclose(np.sqrt(np.diag(spread)), np.sqrt(np.diag(a.best.covariance)), rtol=0.3)
     assert np.sqrt(np.trace(b.best.covariance[3:, 3:])) > 5.0 * np.sqrt(np.trace(spread[3:, 3:]))
+    # What people are told is of the middle.
+    assert about_middle(a.best, near) is a.best
+    np.testing.assert_allclose(about_middle(b.best, far).covariance, spread, atol=1e-12)
+    shown = [re.search(r"<td>([0-9.]+)</td><td>([0-9.]+)</td></tr>", e._repr_html_()) for e in (a, b)]
+    mm, deg = np.array([[float(cell) for cell in row.groups()] for row in shown if row is not None]).T
+    assert mm[1] == pytest.approx(mm[0], rel=0.3, abs=0.1)
+    assert deg[1] == pytest.approx(deg[0], rel=0.3, abs=0.1)
 
 
 def test_a_free_turn_about_a_far_axis_stays_one_free_direction() -> None:
@@ -63,3 +73,5 @@ def test_a_free_turn_about_a_far_axis_stays_one_free_direction() -> None:
     # The turn that leaves the cylinder's middle where it is.
     v_middle = free[3:] - estimate.best.X_PO.rotation().matrix() @ np.cross(OFFSET, free[:3])
     assert np.linalg.norm(v_middle) < 1e-2 * np.linalg.norm(free[:3])
+    assert "slide along" in free_line(estimate.best)  # of the far origin
+    assert free_line(about_middle(estimate.best, model)) == "Not determined by the touch: turn about the object's z."

@@ -87,6 +87,8 @@ def test_a_fault_names_the_touch(box: tp.ObjectModel) -> None:
 
 def test_numbers_that_do_not_agree_are_refused(box: tp.ObjectModel) -> None:
     contacts, priors = touches([box] * 3)
+    with pytest.raises(InvalidInputError, match="contacts: are of one touch; allowed is a sequence of Contacts"):
+        tp.estimate_poses(box, contacts[0])
     with pytest.raises(InvalidInputError, match=r"models: allowed are one ObjectModel, and as many as .* touches, 3"):
         tp.estimate_poses([box] * 2, contacts)
     with pytest.raises(InvalidInputError, match=r"priors: allowed are one PosePrior"):

@@ -8,7 +8,7 @@ import pytest
 import trimesh
 from pydrake.geometry import Meshcat, MeshcatParams
 
-from tactopose_drake.core.grasping.grasp_planner import GraspPlan
+from tactopose_drake.core.grasping.grasp_plan import GraspPlan
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.resources import model_path
 from tests.examples.scripts import share_script

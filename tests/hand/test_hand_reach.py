@@ -1,6 +1,7 @@
 """What the grasp planner takes from a hand's model: of fingers that slide, of thick ones, and of sensors anywhere."""
 
 import dataclasses
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -9,9 +10,10 @@ import trimesh
 
 from tactopose_drake.core.grasping.finger_reach import FingerReach, ReachParams
 from tactopose_drake.core.grasping.finger_sides import are_apart, half_width, sides
-from tactopose_drake.core.grasping.grasp_planner import PlannerParams, plan_grasps
+from tactopose_drake.core.grasping.grasp_planner import HandReach, PlannerParams, plan_grasps
 from tactopose_drake.core.grasping.refusals import Refusals
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.finger_chain import finger_chain
 from tactopose_drake.hand.hand_config import load_hand_config
@@ -112,25 +114,60 @@ def test_fingertips_touch_with_their_straight_parts_where_round_ends_hold_nothin
     assert n_a @ n_b < -0.9
 
 
-def test_an_idle_finger_makes_way_where_no_grasp_is_found_otherwise(tmp_path: Path, cube: ObjectModel) -> None:
-    reach = make_hand_reach(load_hand_config(write_gripper(tmp_path)), ReachParams())
+def spare_finger(reach: HandReach, offset: float) -> FingerReach:
+    """A finger like the left one, so far beside it, m."""
     left = reach.fingers["left"].geometry
     beside = left.chain.X_parent.copy()
-    beside[0, 1, 3] += 0.15
+    beside[0, 1, 3] += offset
     chain = dataclasses.replace(left.chain, X_parent=beside)
-    spare = FingerReach(dataclasses.replace(left, chain=chain), ReachParams(), np.random.default_rng(0), 200)
-    middle = 0.5 * (reach.grip_low + reach.grip_high)
-    in_the_way = (middle[None], np.array([0.01]))
-    hand = dataclasses.replace(
-        reach, fingers={**reach.fingers, "spare": spare}, rest_spheres={**reach.rest_spheres, "spare": in_the_way}
-    )
+    return FingerReach(dataclasses.replace(left, chain=chain), ReachParams(), np.random.default_rng(0), 200)
+
+
+def with_idle_fingers(reach: HandReach, idle: dict[str, FingerReach]) -> HandReach:
+    """A hand that has these fingers too, which usually wait in the middle of the grip region."""
+    in_the_way = (0.5 * (reach.grip_low + reach.grip_high)[None], np.array([0.01]))
+    rest = {**reach.rest_spheres, **dict.fromkeys(idle, in_the_way)}
+    return dataclasses.replace(reach, fingers={**reach.fingers, **idle}, rest_spheres=rest)
+
+
+def test_an_idle_finger_makes_way_where_no_grasp_is_found_otherwise(tmp_path: Path, cube: ObjectModel) -> None:
+    reach = make_hand_reach(load_hand_config(write_gripper(tmp_path)), ReachParams())
+    spare = spare_finger(reach, 0.15)
     params = PlannerParams(grasps=1, most_poses=40, least_fingers=2, fingers=["left", "right"])
-    refusals = Refusals()
+    refusals, hand = Refusals(), with_idle_fingers(reach, {"spare": spare})
     (plan,) = plan_grasps(cube, hand, WEIGHT, params, np.random.default_rng(0), refusals)
     assert refusals.poses["a finger that takes no part is in its way"] > 0
     assert set(plan.fingers) == {"left", "right"}
     q = plan.waiting["spare"]
     assert spare.geometry.chain.lower[0] <= q[0] <= spare.geometry.chain.upper[0]
+
+
+def test_idle_fingers_that_make_way_stay_apart(tmp_path: Path, cube: ObjectModel) -> None:
+    reach = make_hand_reach(load_hand_config(write_gripper(tmp_path)), ReachParams())
+    params = PlannerParams(grasps=1, most_poses=40, least_fingers=2, fingers=["left", "right"])
+    width = 2.0 * reach.fingers["left"].geometry.tip_radius
+
+    def places(hand: HandReach) -> dict[str, FloatArray]:
+        """Of the fingertips that make way, in P."""
+        (plan,) = plan_grasps(cube, hand, WEIGHT, params, np.random.default_rng(0))
+        return {name: hand.fingers[name].geometry.tip(q[None])[0] for name, q in plan.waiting.items()}
+
+    def pair(distance: float) -> HandReach:
+        return with_idle_fingers(
+            reach, {"one": spare_finger(reach, 0.15), "other": spare_finger(reach, 0.15 + distance)}
+        )
+
+    # Each for itself goes as far as it can, as these two do that have room for that beside each other.
+    far = places(pair(2.0 * width))
+    np.testing.assert_allclose(far["other"] - far["one"], [0.0, 2.0 * width, 0.0], atol=1e-12)
+    near = places(pair(0.5 * width))
+    assert np.linalg.norm(near["other"] - near["one"]) > width
+    # Nor does one go where another one waits as it always does.
+    hand = pair(2.0 * width)
+    rest = {**hand.rest_spheres, "other": (far["one"][None], np.array([0.5 * width]))}
+    alone = places(dataclasses.replace(hand, rest_spheres=rest))
+    assert set(alone) == {"one"}
+    assert np.linalg.norm(alone["one"] - far["one"]) > width
 
 
 def test_fingers_that_wait_elsewhere_have_their_own_posture(tmp_path: Path) -> None:
@@ -154,3 +191,18 @@ def test_a_superquadric_fingertip_is_sought_with_the_capsule_within_it(tmp_path:
     ends = np.array([geometry.p_ST, geometry.p_SL])
     np.testing.assert_allclose(np.abs(ends), [[0.0, 0.008, 0.005]] * 2, atol=1e-12)
     assert ends[0] @ ends[1] < 0.0
+
+
+def test_a_grasp_in_which_the_hand_would_touch_itself_is_not_taken(tmp_path: Path, cube: ObjectModel) -> None:
+    reach = make_hand_reach(load_hand_config(write_gripper(tmp_path)), ReachParams())
+    asked: list[set[str]] = []
+
+    def touches_itself(positions: Mapping[str, FloatArray]) -> bool:
+        asked.append(set(positions))
+        return len(asked) <= 2
+
+    params, refusals = PlannerParams(grasps=1), Refusals()
+    (plan,) = plan_grasps(cube, reach, WEIGHT, params, np.random.default_rng(0), refusals, touches_itself)
+    assert refusals.poses["the hand would touch itself"] == 2
+    assert len(asked) == 4  # with the fingers open, and as they touch
+    assert all(names == {"left", "right"} == set(plan.fingers) for names in asked)

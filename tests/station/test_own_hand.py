@@ -17,7 +17,7 @@ from tactopose_drake.station.motor_inertia import add_motor_inertia
 from tactopose_drake.station.own_hand import object_axis, scenario_for
 from tactopose_drake.station.simulated import check_bodies
 from tactopose_drake.systems.grasp_controller import GraspControllerParams
-from tests.hand.grippers import write_gripper
+from tests.hand.grippers import YAML, write_gripper
 
 
 def test_objects_stand_across_the_fingers_and_the_palm(tmp_path: Path) -> None:
@@ -43,6 +43,15 @@ def test_damped_joints_get_a_stiffer_spring(tmp_path: Path) -> None:
     scenario = scenario_for(str(path), "cube")
     assert slack == 5.0
     assert scenario.reach.stiffness == scenario.controller.finger_stiffness == pytest.approx(40.0)
+
+
+def test_sensors_bear_the_moments_of_long_fingertips(tmp_path: Path) -> None:
+    assert scenario_for(str(write_gripper(tmp_path)), "cube").sensor.calibration == "SI-12-0.12"
+    # At the finger's root, 10 cm from what touches.
+    behind = YAML.replace("sensor_frame: left_tip", "sensor_frame: left_finger").replace(
+        "{radius: 0.012}", "{radius: 0.012, X_SF: {translation: [-0.06, 0, 0.1]}}", 1
+    )
+    assert scenario_for(str(write_gripper(tmp_path, yaml=behind)), "cube").sensor.calibration == "SI-50-0.5"
 
 
 def test_light_joints_get_their_motor_s_inertia(tmp_path: Path) -> None:

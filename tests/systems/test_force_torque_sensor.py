@@ -18,7 +18,11 @@ from pydrake.systems.primitives import AddRandomInputs, LogVectorOutput
 
 from tactopose_drake.core.sensing.force_torque import ForceTorqueModel
 from tactopose_drake.errors import InvalidFileError, UnknownNameError
-from tactopose_drake.systems.force_torque_sensor import ForceTorqueSensor, load_force_torque_model
+from tactopose_drake.systems.force_torque_sensor import (
+    ForceTorqueSensor,
+    load_force_torque_model,
+    sufficient_calibration,
+)
 from tactopose_drake.systems.random_sources import seed_random_sources
 
 F_W = np.array([0.4, -1.5, 0.7])
@@ -92,7 +96,20 @@ def test_an_overload_saturates_and_says_so(finger) -> None:
     simulate(diagram, context)
     sensor_context = sensor.GetMyContextFromRoot(context)
     assert sensor.GetOutputPort("status").Eval(sensor_context).startswith("saturated: m_x")
-    assert np.all(np.abs(sensor.GetOutputPort("wrench").Eval(sensor_context)[:3]) < 0.12 + 0.01)
+    assert np.all(np.isnan(sensor.GetOutputPort("wrench").Eval(sensor_context)))  # as a board's driver has it
+
+
+@pytest.mark.parametrize(
+    ("force", "moment", "calibration"),
+    [
+        (12.0, 0.12, "SI-12-0.12"),
+        (8.0, 0.13, "SI-25-0.25"),
+        (26.0, 0.1, "SI-50-0.5"),
+        (8.0, 0.9, "SI-50-0.5"),
+    ],
+)
+def test_the_least_range_that_bears_a_load_is_taken(force: float, moment: float, calibration: str) -> None:
+    assert sufficient_calibration(force, moment) == calibration
 
 
 def log_of(finger, seed: int) -> np.ndarray:

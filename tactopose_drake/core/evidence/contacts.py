@@ -3,7 +3,8 @@
 import copy
 import dataclasses
 import math
-from typing import Any, Self
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from typing import Any, Never, Protocol, Self, SupportsIndex
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,6 +20,17 @@ _MOST_CONTACTS = 5000
 _MOST_FORCE = 1e6
 _MOST_COVARIANCE = 1e12
 _ROUNDING = 1e-9  # of a matrix's largest entry, by which it may be off its transpose
+
+
+class DataFrame(Protocol):
+    """A table with named columns, such as one of pandas or Polars."""
+
+    @property
+    def columns(self) -> Iterable[Any]:
+        """The columns' names."""
+
+    def __getitem__(self, name: str, /) -> Any:
+        """A column."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -87,6 +99,24 @@ class Contacts(PlainValue):
     def __len__(self) -> int:
         return len(self.p_PC)
 
+    def __getitem__(self, index: SupportsIndex | slice | Sequence[int] | NDArray[np.integer | np.bool_]) -> Self:
+        """One contact by its number, or some by a slice, numbers or a mask; each is `Contacts` too."""
+        rows, some = np.atleast_1d(np.arange(len(self))[index]), copy.copy(self)
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            if value is not None:
+                value = value[rows]
+                value.setflags(write=False)
+                object.__setattr__(some, field.name, value)
+        return some
+
+    def __iter__(self) -> Iterator[Self]:
+        return (self[row] for row in range(len(self)))
+
+    def __array__(self, *_: object, **__: object) -> Never:
+        # numpy would take them for a sequence of sequences without an end.
+        raise TypeError("Contacts are no array; their points are p_PC")
+
     def chosen(self, index: NDArray[np.intp]) -> Self:
         """Some of the contacts, in the order of the index."""
         normals, forces = (None if rows is None else rows[index] for rows in (self.n_PC, self.f_PC))
@@ -133,9 +163,47 @@ class Contacts(PlainValue):
         return f"<Contacts: {len(self)} {', '.join(known)}{sigmas}>"
 
     @classmethod
+    def from_dataframe(cls, frame: DataFrame, **sigmas: Any) -> Self:
+        """Contacts of a table with a row for each, a DataFrame of pandas or Polars.
+
+        Args:
+            frame: has the columns `p_x`, `p_y`, `p_z` of the points, in P, m; where they are known, `n_x`, `n_y`, `n_z`
+                of the normals and `f_x`, `f_y`, `f_z` of the forces, N; and `sigma_position`, `sigma_normal`,
+                `sigma_force` in m, rad and N. Other columns say nothing of contacts and are left alone.
+            sigmas: those, and `covariance`, where the table has no such columns.
+
+        Raises:
+            InvalidInputError: if a column of three is missing, a sigma is given twice, or a value is not allowed.
+        """
+        if not hasattr(frame, "columns"):
+            raise InvalidInputError(f"frame: is a {type(frame).__name__}; allowed is a table with named columns.")
+        names = {str(name) for name in frame.columns}
+        vectors: dict[str, Any] = {f"{kind}_PC": _vectors(frame, names, kind) for kind in "pnf"}
+        if vectors["p_PC"] is None:
+            raise InvalidInputError("frame: has no column 'p_x'; the points' are p_x, p_y and p_z, m.")
+        for name in _SIGMAS.keys() & names:
+            if name in sigmas:
+                raise InvalidInputError(f"{name}: is given, and is a column of the table; allowed is one of them.")
+            sigmas[name] = np.asarray(frame[name])
+        return cls(**vectors, **sigmas)
+
+    @classmethod
     def empty(cls) -> Self:
         """No contact at all."""
         return cls(np.zeros((0, 3)))
+
+
+def _vectors(frame: DataFrame, names: Collection[str], kind: str) -> list[list[float]] | None:
+    """Three columns of a table as rows; None where it has none of the three."""
+    wanted = [f"{kind}_{axis}" for axis in "xyz"]
+    missing = [name for name in wanted if name not in names]
+    if len(missing) == len(wanted):
+        return None
+    if missing:
+        raise InvalidInputError(
+            f"frame: has no column {missing[0]!r}; allowed are all of {', '.join(wanted)}, or none."
+        )
+    return [list(row) for row in zip(*(np.asarray(frame[name]).tolist() for name in wanted), strict=True)]
 
 
 def _span(values: FloatArray) -> str:

@@ -6,7 +6,7 @@ from .grasp_law import GraspLaw as GraspLaw
 from .grasp_law import commanded_positions as commanded_positions
 from .grasp_law import joint_torques as joint_torques
 from .grasp_law import update_push as update_push
-from .grasp_planner import GraspPlan as GraspPlan
+from .grasp_plan import GraspPlan as GraspPlan
 from .grasp_planner import HandReach as HandReach
 from .grasp_planner import PlannerParams as PlannerParams
 from .grasp_planner import Spheres as Spheres

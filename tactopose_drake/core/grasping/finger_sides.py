@@ -1,5 +1,8 @@
 """Whether the fingers of a grasp are beside each other, or in each other."""
 
+from dataclasses import dataclass
+from typing import Self
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
@@ -10,6 +13,42 @@ from tactopose_drake.core.validation import FloatArray
 _SLIM = 1.2  # half width of a slim finger about its joints, in radii of its fingertip
 
 _SMALL = 0.001  # radius of spheres that stand for mere corners, m
+_PLACES = 3  # along a fingertip's straight part at which a sphere stands for it
+
+Spheres = tuple[FloatArray, FloatArray]  # centres in P in some postures (B, s, 3) and radii (s,), m
+
+
+@dataclass(frozen=True, eq=False)
+class FingerShape:
+    """A finger in some postures, B of them, as spheres.
+
+    Attributes:
+        sides: its last two links and its tip.
+        whole: all its links and its tip; of a slim finger its sides, for those of such are what meets.
+    """
+
+    sides: Spheres
+    whole: Spheres
+
+    @classmethod
+    def of(cls, geometry: FingerGeometry, q: FloatArray) -> Self:
+        """A finger at positions q (B, m), rad or m."""
+        near = sides(geometry, q)
+        return cls(near, near if _is_slim(geometry) else _filling(geometry, q, 0))
+
+    @classmethod
+    def of_axis(cls, geometry: FingerGeometry, q: FloatArray, width: float) -> Self:
+        """A slim finger about whose joints a width is given, m."""
+        axis = geometry.axis(q)
+        near = axis, np.full(axis.shape[1], width)
+        return cls(near, near)
+
+    def apart(self, other: Self, least: float) -> NDArray[np.bool_]:
+        """Which postures of two fingers leave so much between the sides of either and the other, m, (B, B of other)."""
+        free = are_apart(self.sides, other.whole, least)
+        if self.whole is not self.sides or other.whole is not other.sides:
+            free &= are_apart(self.whole, other.sides, least)
+        return free
 
 
 def half_width(geometry: FingerGeometry) -> float:
@@ -21,22 +60,31 @@ def half_width(geometry: FingerGeometry) -> float:
     return float(reach.max(initial=geometry.tip_radius))
 
 
-def sides(geometry: FingerGeometry, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+def sides(geometry: FingerGeometry, q: FloatArray) -> Spheres:
     """Spheres that stand for a finger's last two links and tip: centres in P (B, s, 3) and radii (s,), m.
 
     Of a slim finger they are as wide as the finger, about its joints; of another, those that fill it.
     """
-    width = half_width(geometry)
-    if width <= _SLIM * geometry.tip_radius:
+    if _is_slim(geometry):
         axis = geometry.axis(q)
-        return axis, np.full(axis.shape[1], width)
-    last = (geometry.body >= len(geometry.chain.bodies) - 2) & (geometry.radius > _SMALL)
-    centres = np.concatenate([geometry.spheres(q)[:, last], geometry.tip(q)[:, None]], axis=1)
-    return centres, np.append(geometry.radius[last], geometry.tip_radius)
+        return axis, np.full(axis.shape[1], half_width(geometry))
+    return _filling(geometry, q, len(geometry.chain.bodies) - 2)
 
 
-def are_apart(a: tuple[FloatArray, FloatArray], b: tuple[FloatArray, FloatArray], least: float) -> NDArray[np.bool_]:
-    """Which postures of two fingers leave so much between their spheres, m: (len(a), len(b)) of `sides` of each."""
+def _is_slim(geometry: FingerGeometry) -> bool:
+    return half_width(geometry) <= _SLIM * geometry.tip_radius
+
+
+def _filling(geometry: FingerGeometry, q: FloatArray, first: int) -> Spheres:
+    """Spheres that fill a finger's links from one on, counted from the palm, and its tip, mere corners left out."""
+    chosen = (geometry.body >= first) & (geometry.radius > _SMALL)
+    tip = np.concatenate([geometry.along_straight_part(_PLACES), geometry.p_ST[None]])
+    centres = np.concatenate([geometry.spheres(q)[:, chosen], geometry.fixed_points(q, tip)], axis=1)
+    return centres, np.append(geometry.radius[chosen], np.full(len(tip), geometry.tip_radius))
+
+
+def are_apart(a: Spheres, b: Spheres, least: float) -> NDArray[np.bool_]:
+    """Which postures of two fingers leave so much between these spheres of each, m, shape (B of a, B of b)."""
     (p_a, r_a), (p_b, r_b) = a, b
     reach = r_a[:, None] + r_b
     apart = np.empty((len(p_a), len(p_b)), dtype=np.bool_)

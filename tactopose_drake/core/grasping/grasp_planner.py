@@ -4,16 +4,17 @@ This is the simulation's choice of a scene, made with the object's true geometry
 """
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
 from tactopose_drake.core.grasping.finger_reach import FingerReach
-from tactopose_drake.core.grasping.finger_sides import are_apart, sides
+from tactopose_drake.core.grasping.finger_sides import FingerShape, are_apart
 from tactopose_drake.core.grasping.finger_touches import Touches
 from tactopose_drake.core.grasping.grasp_law import ClosingMotion
+from tactopose_drake.core.grasping.grasp_plan import FingerPlan, GraspPlan
 from tactopose_drake.core.grasping.grasp_score import ContactTerms, GraspScore, ScoreParams, score_grasp
 from tactopose_drake.core.grasping.held_pose import sample_held_pose
 from tactopose_drake.core.grasping.refusals import Refusals
@@ -26,6 +27,7 @@ _IN_ITS_WAY = "a finger that takes no part is in its way"
 _IMBALANCE_OF_TWO = 0.05  # the most of what two fingers hold, N
 
 Spheres = tuple[FloatArray, FloatArray]  # centres in P (n, 3) and radii (n,), m
+TouchesItself = Callable[[Mapping[str, FloatArray]], bool]
 
 
 @dataclass(kw_only=True, slots=True)
@@ -78,33 +80,6 @@ class HandReach:
     grip_high: FloatArray
 
 
-@dataclass(frozen=True, eq=False)
-class FingerPlan:
-    """What one finger is to do, and where it is meant to touch: point (3,), m, and object's normal (3,), in P."""
-
-    motion: ClosingMotion
-    p_PC: FloatArray
-    n_PC: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class GraspPlan:
-    """An object's pose in the palm, and the fingers that touch it.
-
-    Attributes:
-        X_PO: shape (3, 4).
-        fingers: by name; fingers that take no part are absent.
-        score: larger is better.
-        waiting: actuated joint positions, shape (m,), rad or m, of the fingers that take no part and would be in the
-            object's way where they usually wait, by name.
-    """
-
-    X_PO: FloatArray
-    fingers: Mapping[str, FingerPlan]
-    score: float
-    waiting: Mapping[str, FloatArray] = field(default_factory=dict)
-
-
 def plan_grasps(
     model: ObjectModel,
     hand: HandReach,
@@ -112,6 +87,7 @@ def plan_grasps(
     params: PlannerParams,
     generator: np.random.Generator,
     refusals: Refusals | None = None,
+    touches_itself: TouchesItself = lambda positions: False,
 ) -> list[GraspPlan]:
     """Grasps by falling score; fewer than asked for, or none, where the hand can hardly hold the object.
 
@@ -126,6 +102,8 @@ def plan_grasps(
         params: see there.
         generator: source of all random choices.
         refusals: why poses are not taken is counted there.
+        touches_itself: whether the hand's links are in each other where actuated joints of some fingers, by name, are
+            at positions of shape (m,), rad or m, and the others wait where they usually do.
     """
     params.validate()
     for name in params.fingers:
@@ -133,7 +111,7 @@ def plan_grasps(
     refusals = Refusals() if refusals is None else refusals
     plans: list[GraspPlan] = []
     for is_free in (False, True):
-        search = _Search(model, hand, load_P, params, generator, refusals, is_free)
+        search = _Search(model, hand, load_P, params, generator, refusals, touches_itself, is_free)
         for _ in range(params.most_poses):
             X_PO = sample_held_pose(model, (hand.grip_low, hand.grip_high), -load_P, params.tilt_deg, generator)
             plan = search.plan_at(X_PO)
@@ -160,6 +138,7 @@ class _Search:
     params: PlannerParams
     generator: np.random.Generator
     refusals: Refusals
+    touches_itself: TouchesItself
     is_free: bool
 
     @cached_property
@@ -198,7 +177,7 @@ class _Search:
                 idle += 1
                 if len(self.hand.fingers) - idle < self.least_fingers:
                     return self._refused(f"fewer than {self.least_fingers} fingers can touch it")
-                if self._waiting(name, X_PO, {}) is None:
+                if self._is_in_the_way(name, X_PO) and not (self.is_free and len(self._ways_out(name, X_PO))):
                     return self._refused(_IN_ITS_WAY)
         if self.is_free and not _oppose(touches):
             return self._refused("no two fingers press against each other")
@@ -207,30 +186,53 @@ class _Search:
             return self._refused("no choice of touches keeps the fingers apart and the forces in balance")
         chosen, score = best
         taken = {name: touches[name].take(np.array([i])) for name, i in chosen.items()}
-        waiting = {name: self._waiting(name, X_PO, taken) for name in self.hand.fingers if name not in chosen}
-        if any(q is None for q in waiting.values()):
+        waiting = self._making_way(X_PO, taken)
+        if waiting is None:
             return self._refused(_IN_ITS_WAY)
+        postures = [{name: getattr(touch, q)[0] for name, touch in taken.items()} for q in ("q_open", "q")]
+        if any(self.touches_itself({**waiting, **posture}) for posture in postures):
+            return self._refused("the hand would touch itself")
         fingers = {}
         for (name, touch), force in zip(taken.items(), score.force, strict=True):
             motion = ClosingMotion(touch.q_open[0], touch.q[0], touch.closing[0], float(force))
             fingers[name] = FingerPlan(motion, touch.p_PC[0], touch.n_PC[0])
-        return GraspPlan(
-            X_PO, fingers, score.value, {name: q for name, q in waiting.items() if q is not None and len(q)}
-        )
+        return GraspPlan(X_PO, fingers, score.value, waiting)
 
-    def _waiting(self, name: str, X_PO: FloatArray, taken: Mapping[str, Touches]) -> FloatArray | None:
-        """Where an idle finger waits, beside those that touch: empty where it usually does; None: it has no place."""
-        clearance = self.params.palm_clearance
-        if _least_distance(self.model, X_PO, self.hand.rest_spheres[name]) >= clearance:
-            return np.zeros(0)
-        if not self.is_free:
+    def _is_in_the_way(self, name: str, X_PO: FloatArray) -> bool:
+        """Whether an idle finger is too near the object where it usually waits."""
+        return _least_distance(self.model, X_PO, self.hand.rest_spheres[name]) < self.params.palm_clearance
+
+    def _ways_out(self, name: str, X_PO: FloatArray) -> FloatArray:
+        """Where else an idle finger may wait, as far as the object is concerned: joint positions, shape (n, m)."""
+        return self.hand.fingers[name].waiting(self.model.grid, X_PO, self.params.palm_clearance)
+
+    def _making_way(self, X_PO: FloatArray, taken: Mapping[str, Touches]) -> dict[str, FloatArray] | None:
+        """Where those idle fingers wait that are in the way, beside all other fingers; None: one has no place."""
+        placed = [self._shape(name, np.concatenate([touch.q, touch.q_open])) for name, touch in taken.items()]
+        leaving, resting = [], list[Spheres]()
+        for name in (name for name in self.hand.fingers if name not in taken):
+            centres, radius = self.hand.rest_spheres[name]
+            rest = centres[None], radius
+            if self._is_in_the_way(name, X_PO):
+                leaving.append(name)
+            else:
+                resting.append(rest)
+        if leaving and not self.is_free:
             return None
-        q = self.hand.fingers[name].waiting(self.model.grid, X_PO, clearance)
-        free = np.ones(len(q), dtype=bool)
-        for other, touch in taken.items():
-            both = np.concatenate([touch.q, touch.q_open])
-            free &= are_apart(self._sides(name, q), self._sides(other, both), _GAP).all(axis=1)
-        return q[free][0] if free.any() else None
+        waiting: dict[str, FloatArray] = {}
+        for name in leaving:
+            q = self._ways_out(name, X_PO)
+            shape = self._shape(name, q)
+            free = np.ones(len(q), dtype=bool)
+            for other in placed:
+                free &= shape.apart(other, _GAP).all(axis=1)
+            for rest in resting:
+                free &= are_apart(shape.sides, rest, _GAP).all(axis=1)
+            if not free.any():
+                return None
+            waiting[name] = q[free][0]
+            placed.append(self._shape(name, waiting[name][None]))
+        return waiting
 
     def _refused(self, reason: str) -> GraspPlan | None:
         self.refusals.poses[reason] += 1
@@ -238,8 +240,8 @@ class _Search:
 
     def _combine(self, touches: Mapping[str, Touches], p_PG: FloatArray) -> tuple[dict[str, int], GraspScore] | None:
         """The best choice found of one touch a finger, by changing one finger at a time."""
-        placed = {name: self._sides(name, touch.q) for name, touch in touches.items()}
-        apart = {(a, b): are_apart(placed[a], placed[b], _GAP) for a, b in itertools.combinations(touches, 2)}
+        placed = {name: self._shape(name, touch.q) for name, touch in touches.items()}
+        apart = {(a, b): placed[a].apart(placed[b], _GAP) for a, b in itertools.combinations(touches, 2)}
         apart |= {(b, a): free.T for (a, b), free in apart.items()}
 
         terms = {name: ContactTerms.of(touch.p_PC - p_PG, touch.n_PC, self.scoring) for name, touch in touches.items()}
@@ -268,13 +270,12 @@ class _Search:
                     best = chosen, score
         return best
 
-    def _sides(self, finger: str, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Spheres that stand for a finger in some postures, to keep fingers apart."""
-        geometry = self.hand.fingers[finger].geometry
-        if self.params.finger_distance is None:
-            return sides(geometry, q)
-        axis = geometry.axis(q)
-        return axis, np.full(axis.shape[1], 0.5 * (self.params.finger_distance - _GAP))
+    def _shape(self, finger: str, q: FloatArray) -> FingerShape:
+        """A finger in some postures, to keep fingers apart."""
+        geometry, distance = self.hand.fingers[finger].geometry, self.params.finger_distance
+        if distance is None:
+            return FingerShape.of(geometry, q)
+        return FingerShape.of_axis(geometry, q, 0.5 * (distance - _GAP))
 
 
 def _oppose(touches: Mapping[str, Touches]) -> bool:

@@ -11,7 +11,7 @@ from pydrake.multibody.tree import RigidBody
 from pydrake.systems.controllers import InverseDynamicsController
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort
 
-from tactopose_drake.core.grasping.grasp_planner import GraspPlan
+from tactopose_drake.core.grasping.grasp_plan import GraspPlan
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import finite_array, positive_number
 from tactopose_drake.hand.hand_config import load_hand_config

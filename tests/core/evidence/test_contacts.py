@@ -138,3 +138,68 @@ def test_joined_contacts_keep_what_both_have() -> None:
     known = Contacts(p, n, covariance=np.tile(np.diag([1e-6] * 3 + [0.01] * 3), (2, 1, 1)))
     assert known.joined(first).covariance is None
     assert known.joined(known).covariance is not None
+
+
+def some_contacts() -> Contacts:
+    generator = np.random.default_rng(0)
+    rows = generator.normal(size=(3, 4, 3))
+    n = rows[1] / np.linalg.norm(rows[1], axis=1, keepdims=True)
+    covariance = np.tile(np.diag([1e-6] * 3 + [1e-2] * 3), (4, 1, 1)) * np.arange(1.0, 5.0)[:, None, None]
+    return Contacts(rows[0], n, rows[2], covariance=covariance)
+
+
+def test_contacts_are_indexed_and_walked_through() -> None:
+    contacts = some_contacts()
+    assert contacts[:] == contacts  # to the last bit
+    assert contacts[1] == contacts[[1]] == contacts[1:2]
+    assert contacts[-1] == contacts[3]
+    assert contacts[[2, 0]] == contacts[np.array([2, 0])] != contacts[[0, 2]]
+    assert contacts[np.array([True, False, False, True])] == contacts[::3]
+    assert [len(contact) for contact in contacts] == [1] * 4
+    assert [contact.p_PC.tolist()[0] for contact in contacts] == contacts.p_PC.tolist()
+    np.testing.assert_array_equal(contacts[2].covariance, contacts.covariance[2:3])
+    assert list(Contacts.empty()) == []
+    with pytest.raises(IndexError):
+        contacts[4]
+    with pytest.raises(ValueError, match="read-only"):
+        contacts[1:].p_PC[0, 0] = 1.0
+
+
+def test_contacts_are_no_array_of_points() -> None:
+    with pytest.raises(InvalidInputError, match="Contacts are no array; their points are p_PC"):
+        Contacts(some_contacts())  # type: ignore[arg-type]
+
+
+class Table(dict[str, list[object]]):
+    """What pandas and Polars have in common."""
+
+    @property
+    def columns(self) -> list[str]:
+        return list(self)
+
+
+POINT_COLUMNS = {f"p_{axis}": POINTS[:, i].tolist() for i, axis in enumerate("xyz")}
+NORMAL_COLUMNS = {f"n_{axis}": NORMALS[:, i].tolist() for i, axis in enumerate("xyz")}
+
+
+def test_a_table_s_rows_are_contacts() -> None:
+    more = {"finger": ["thumb", "first"], "sigma_normal": [0.1, 0.2]}
+    contacts = Contacts.from_dataframe(Table(**NORMAL_COLUMNS, **POINT_COLUMNS, **more), sigma_position=0.002)
+    assert contacts == Contacts(POINTS, NORMALS, sigma_position=0.002, sigma_normal=[0.1, 0.2])
+    forces = {f"f_{axis}": [1.0, 2.0] for axis in "xyz"}
+    assert Contacts.from_dataframe(Table(**POINT_COLUMNS, **forces)) == Contacts(POINTS, f_PC=[[1.0] * 3, [2.0] * 3])
+
+
+@pytest.mark.parametrize(
+    ("frame", "sigmas", "message"),
+    [
+        (Table(x=[0.0]), {}, "frame: has no column 'p_x'"),
+        (POINT_COLUMNS, {}, "frame: is a dict; allowed is a table"),
+        (Table(**POINT_COLUMNS, n_x=[1.0, 0.0]), {}, "has no column 'n_y'; allowed are all of n_x, n_y, n_z, or none"),
+        (Table(**{**POINT_COLUMNS, "p_y": ["a", "b"]}), {}, r"p_PC: not an array of numbers"),
+        (Table(**POINT_COLUMNS, sigma_position=[0.1, 0.1]), {"sigma_position": 0.1}, "sigma_position: is given, and"),
+    ],
+)
+def test_a_table_without_what_is_needed_is_refused(frame, sigmas: dict[str, float], message: str) -> None:
+    with pytest.raises(InvalidInputError, match=message):
+        Contacts.from_dataframe(frame, **sigmas)

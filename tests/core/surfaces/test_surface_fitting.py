@@ -45,3 +45,23 @@ def test_the_form_that_points_are_of_is_found(surface: Surface) -> None:
 def test_a_simpler_form_is_kept_while_it_is_about_as_good() -> None:
     nearly_round = Superquadric((0.01, 0.01005, 0.0101), (1.0, 1.0), X_SF=X_SF)
     assert isinstance(fit_surface(points_on(nearly_round), X_SF[:, 2]), Sphere)
+
+
+@pytest.mark.parametrize(("exponent", "kind"), [(0.77, Sphere), (0.70, Superquadric)])
+def test_about_as_good_is_half_as_much_again(exponent: float, kind: type[Surface]) -> None:
+    """What is left of the points is their own roughness of 0.4 mm, and what a sphere cannot follow."""
+    boxy, generator = Superquadric((0.01,) * 3, (exponent,) * 2, X_SF=X_SF), np.random.default_rng(0)
+    p = boxy.sample(generator, 400)
+    p = p + 4e-4 * generator.normal(size=(len(p), 1)) * boxy.normal(p)
+    found = fit_surface(p, X_SF[:, 2])
+    assert type(found) is kind
+    if kind is Sphere:
+        assert 1.3 < residual(found, p) / residual(boxy, p) < 1.5
+
+
+def test_what_is_exact_to_a_fifth_of_a_millimetre_is_good_enough() -> None:
+    nearly_round = Superquadric((0.01, 0.01, 0.01), (0.9, 0.9), X_SF=X_SF)
+    p = points_on(nearly_round)
+    found = fit_surface(p, X_SF[:, 2])
+    assert isinstance(found, Sphere)  # though many times as far off as the exact fit
+    assert 1e-4 < residual(found, p) < 2e-4

@@ -1,0 +1,49 @@
+"""Whether a hand would touch itself in a posture, by its model's own collision shapes."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+from pydrake.systems.framework import DiagramBuilder
+
+from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.hand.contact_properties import let_overlap, self_collisions
+from tactopose_drake.hand.hand_config import HandConfig
+from tactopose_drake.hand.hand_in_plant import add_hand
+from tactopose_drake.hand.hand_joints import HandJoints
+from tactopose_drake.hand.hand_reach import rest_posture
+
+
+class SelfCollision:
+    """Asks Drake whether links of a hand are in each other; a mesh counts as its convex hull.
+
+    Shapes that overlap at zero joint positions may always do so, as they may in the simulation.
+    """
+
+    def __init__(self, config: HandConfig) -> None:
+        """Builds a diagram of the hand alone."""
+        builder = DiagramBuilder()
+        self._plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.001)
+        self._hand = add_hand(self._plant, config, RigidTransform())
+        self._plant.Finalize()
+        self._diagram = builder.Build()
+        posture = self._plant.GetMyContextFromRoot(self._diagram.CreateDefaultContext())
+        let_overlap(self._plant, scene_graph, posture, self._hand.model_instance)
+        self._context = self._plant.GetMyContextFromRoot(self._diagram.CreateDefaultContext())
+        self._place = HandJoints.of(self._plant, self._hand).position
+
+    def __call__(self, positions: Mapping[str, FloatArray]) -> bool:
+        """Whether links are in each other.
+
+        Args:
+            positions: of some fingers' actuated joints, shape (m,), rad or m, by finger; the others wait where they
+                usually do, and coupled joints follow.
+        """
+        q = rest_posture(self._plant, self._hand, positions)
+        for finger in self._hand.config.fingers:
+            for coupling in finger.couplings:
+                leader = q[self._place[coupling.follows]]
+                q[self._place[coupling.joint]] = coupling.ratio * leader + coupling.offset
+        self._plant.SetPositions(self._context, self._hand.model_instance, np.asarray(q))
+        return bool(self_collisions(self._plant, self._context, self._hand.model_instance))

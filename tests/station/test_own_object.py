@@ -1,0 +1,31 @@
+"""Simulated objects of meshes that somebody has scanned."""
+
+import logging
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.estimation.object_files import load_object
+from tactopose_drake.station.own_object import write_simulated_object
+
+OFFSET = np.array([1.2, -1.0, 0.7])
+
+
+@pytest.mark.parametrize("is_far", [False, True])
+def test_the_frame_of_a_far_origin_is_moved_to_the_middle(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, is_far: bool
+) -> None:
+    mesh = trimesh.creation.box((0.04, 0.06, 0.08))
+    offset = OFFSET if is_far else np.array([0.0, 0.0, 0.04])
+    mesh.apply_translation(offset)
+    model = ObjectModel.from_mesh(mesh, mass=0.3, name="scan", cache=False)
+    with caplog.at_level(logging.WARNING, "tactopose_drake"):
+        written = load_object(write_simulated_object(model, tmp_path))
+    assert written.mass == pytest.approx(0.3)
+    np.testing.assert_allclose(np.ptp(written.vertices, axis=0), [0.04, 0.06, 0.08], atol=1e-6)
+    np.testing.assert_allclose(written.middle, np.zeros(3) if is_far else offset, atol=1e-6)
+    np.testing.assert_allclose(written.center_of_mass, written.middle, atol=1e-5)
+    assert ("simulated in a frame at its middle, [1.2, -1.0, 0.7] m in the file's" in caplog.text) == is_far
