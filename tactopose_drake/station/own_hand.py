@@ -15,6 +15,7 @@ from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.hand_reach import make_hand_reach
 from tactopose_drake.station.scenario import Scenario
+from tactopose_drake.systems.force_torque_sensor import finest_calibration
 
 _CAMERA_DISTANCE = 0.4  # from the grip region's middle, m
 _SLOWEST = 0.1  # s that a joint's damping may take to let the grasp controller's spring close it
@@ -24,7 +25,8 @@ _LEAST_FINGERS = 3  # of a hand whose fingers may not all oppose each other
 def scenario_for(hand: str, object_: str, seed: int = 0) -> Scenario:
     """A planned grasp of an object by a hand, whose palm stands so that upright objects fit between its fingers.
 
-    The camera looks over the back of the palm. Joints that the model damps get a spring that is as much stiffer.
+    The camera looks over the back of the palm. Joints that the model damps get a spring that is as much stiffer, and
+    fingertips that reach far from their sensors get sensors of a larger range.
 
     Args:
         hand: one of the package by name, or a *.hand.yaml by path.
@@ -53,6 +55,9 @@ def scenario_for(hand: str, object_: str, seed: int = 0) -> Scenario:
     damping = max(float(np.max(joint.default_damping_vector())) for joint in driven)
     scenario = Scenario(hand=hand, object=object_, seed=seed, X_WBase=_transform(X_WBase), X_WC=_transform(X_WC))
     scenario.planner.least_fingers = _LEAST_FINGERS
+    tips = [finger.geometry for finger in reach.fingers.values()]
+    arm = max(float(np.linalg.norm(tip.p_ST)) + tip.tip_radius for tip in tips)
+    scenario.sensor.calibration = finest_calibration(scenario.planner.most_force, arm, scenario.sensor.file)
     stiffness = max(scenario.controller.finger_stiffness, damping / _SLOWEST)
     scenario.reach.stiffness = scenario.controller.finger_stiffness = stiffness
     scenario.controller.other_stiffness = max(scenario.controller.other_stiffness, 3.0 * stiffness)

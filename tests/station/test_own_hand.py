@@ -8,7 +8,7 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 
 from tactopose_drake.core.grasping.finger_reach import ReachParams
-from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.errors import InvalidFileError, InvalidInputError
 from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.hand_in_plant import add_hand
 from tactopose_drake.hand.hand_reach import make_hand_reach
@@ -16,8 +16,9 @@ from tactopose_drake.resources import fixed_pose
 from tactopose_drake.station.motor_inertia import add_motor_inertia
 from tactopose_drake.station.own_hand import object_axis, scenario_for
 from tactopose_drake.station.simulated import check_bodies
+from tactopose_drake.systems.force_torque_sensor import finest_calibration
 from tactopose_drake.systems.grasp_controller import GraspControllerParams
-from tests.hand.grippers import write_gripper
+from tests.hand.grippers import YAML, write_gripper
 
 
 def test_objects_stand_across_the_fingers_and_the_palm(tmp_path: Path) -> None:
@@ -127,3 +128,26 @@ def test_a_scenario_names_its_own_sensors_file(tmp_path: Path) -> None:
     scenario.sensor.calibration = "SI-12-0.12"
     with pytest.raises(InvalidInputError, match=r"own\.yaml: calibration"):
         scenario.validate()
+
+
+def test_fingertips_far_from_their_sensors_get_sensors_of_a_larger_range(tmp_path: Path) -> None:
+    near = scenario_for(str(write_gripper(tmp_path)), "cube")
+    assert near.sensor.calibration == "SI-12-0.12"
+    radius = "{radius: 0.012"
+    away = YAML.replace(radius, f"{radius}, X_SF: {{translation: [0, 0, 0.05]}}")
+    far = scenario_for(str(write_gripper(tmp_path, yaml=away)), "cube")
+    assert far.sensor.calibration == "SI-50-0.5"
+    assert far.sensor.model().range[0] > far.planner.most_force * 0.062 > 0.25
+
+
+def test_the_finest_calibration_that_suffices_is_taken() -> None:
+    assert finest_calibration(5.0, 0.02) == "SI-12-0.12"
+    assert finest_calibration(5.0, 0.03) == "SI-25-0.25"
+    assert finest_calibration(13.0, 0.001) == "SI-25-0.25"
+    assert finest_calibration(50.0, 1.0) == "SI-50-0.5"
+
+
+def test_a_sensor_s_file_without_calibrations_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "none.yaml").write_text("calibrations: {}\n")
+    with pytest.raises(InvalidFileError, match="calibrations: is empty"):
+        finest_calibration(1.0, 0.01, tmp_path / "none.yaml")
