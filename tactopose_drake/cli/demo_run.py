@@ -30,6 +30,7 @@ from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
+from tactopose_drake.runs.disturbed_sensors import disturbed_sensors
 from tactopose_drake.runs.grasp_simulation import GraspResult, simulate_grasp
 from tactopose_drake.runs.timeline_recorder import TimelineRecorder
 from tactopose_drake.station.scenario import Scenario
@@ -57,6 +58,7 @@ class DemoResult:
     Attributes:
         grasp: the simulation at its end.
         fingers: one report for each fingertip in contact that has a force-torque sensor.
+        disturbed: a sentence for each of their sensors that reads something else than the object's touch.
         pads: one report for each tactile pad.
         vision, touch: reports on the pose before and after the touch.
         hidden_share: how much of the object's camera side the hand hides, 0 to 1.
@@ -67,6 +69,7 @@ class DemoResult:
 
     grasp: GraspResult
     fingers: tuple[FingerReport, ...]
+    disturbed: tuple[str, ...]
     pads: tuple[PadReport, ...]
     vision: PoseReport
     touch: PoseReport
@@ -119,6 +122,7 @@ def run_demo(
     return DemoResult(
         grasp=grasp,
         fingers=tuple(report_finger(name, row, contacts, truth.tips.get(name)) for row, name in enumerate(names)),
+        disturbed=disturbed_sensors(grasp.station, context),
         pads=tuple(report_pad(name, *pads[name], truth.pads.get(name)) for name in pads),
         vision=vision,
         touch=touched,

@@ -157,8 +157,12 @@ def _model(
     bare = [name for name, number in shapes if not number]
     if bare and count:
         yield Finding("model", f"no collision shape, so no part of the hand's volume: {', '.join(bare)}", "note")
-    for kind, count in Counter(map(complaint_kind, complaints)).items():
-        yield Finding("model", f"Drake says{_times(count)}: {' '.join(kind.split())}", "note")
+    kinds = Counter(map(complaint_kind, complaints))
+    firsts = {complaint_kind(message): message for message in reversed(complaints)}
+    for kind, count in kinds.items():
+        # The model is known: its name is enough.
+        text = " ".join(firsts[kind].replace(f"{Path(hand.config.model).parent}/", "").split()).removesuffix(".")
+        yield Finding("model", f"Drake says{_times(count)}: {text}", "note")
     P = hand.palm_frame
     yield Finding(
         "palm", f"frame {P.name()!r} on link {P.body().name()!r}; the link {hand.config.base_link!r} carries it"

@@ -133,7 +133,7 @@ def test_what_drake_says_of_many_lines_is_one_note(tmp_path: Path, monkeypatch: 
     model.write_text(model.read_text().replace("<limit", '<dynamics friction="0.1"/><limit'))
     notes = [text for verdict, text in verdicts(check_hand(path), "model") if verdict == "note"]
     assert len(notes) == 1
-    assert "Drake says of 2 places: " in notes[0]
+    assert "Drake says of 2 places: two_finger.urdf:" in notes[0]
     assert "friction" in notes[0]
 
 
@@ -218,3 +218,12 @@ def test_of_a_shape_that_tapers_the_end_is_fitted(tmp_path: Path) -> None:
     (length, left) = re.findall(r"the last (\d+) mm of the shape .* is off by (\d\.\d+) mm", note)[0]
     assert 20 < int(length) < 30
     assert float(left) < 0.7
+
+
+def test_what_drake_says_is_told_to_its_end(tmp_path: Path) -> None:
+    path = write_gripper(tmp_path)
+    model = tmp_path / "two_finger.urdf"
+    model.write_text(model.read_text().replace('ixx="2e-5"', 'ixx="9e-5"', 1))
+    (note,) = (text for verdict, text in verdicts(check_hand(path), "model") if verdict == "note")
+    assert note.startswith("Drake says: two_finger.urdf:")
+    assert note.endswith("do not satisfy the triangle inequality")
