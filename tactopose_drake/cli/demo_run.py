@@ -102,8 +102,11 @@ def run_demo(
     recorder = TimelineRecorder(load_hand_config(scenario.hand), model)
     grasp = simulate_grasp(scenario, model=model, meshcat=meshcat, on_progress=on_progress, observer=recorder.show)
     if not grasp.stable:
-        reasons = "; ".join((*grasp.failed_attempts, grasp.reason))
-        raise GraspFailedError(f"no grasp of the {scenario.object} with seed {scenario.seed} held it: {reasons}.")
+        reasons = (*grasp.failed_attempts, grasp.reason)
+        raise GraspFailedError(
+            f"no grasp of the {model.name.replace('_', ' ')} with seed {scenario.seed} held it, of {len(reasons)} that "
+            f"were tried: {'; '.join(reasons)}. Another seed tries others."
+        )
     diagram, context = grasp.station.diagram, grasp.context
     contacts: Contacts = diagram.GetOutputPort("contacts").Eval(context)
     names: list[str] = diagram.GetOutputPort("fingers_in_contact").Eval(context)
