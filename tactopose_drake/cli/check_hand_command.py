@@ -9,7 +9,7 @@ from rich.table import Table
 from tactopose_drake.cli.consoles import ERRORS, OUT
 from tactopose_drake.cli.hand_page import save_hand_page
 from tactopose_drake.estimation.output_files import check_outputs
-from tactopose_drake.hand.findings import Finding
+from tactopose_drake.hand.findings import Finding, fingers_yaml
 from tactopose_drake.hand.hand_check import check_hand
 from tactopose_drake.hand.hand_config import PadConfig
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
@@ -29,11 +29,9 @@ def check_hand_command(hand: str, html: Path | None, cells: Path | None) -> None
     with ERRORS.status(f"checking {hand}"):
         check = check_hand(hand)
     OUT.print(findings_table(hand, check.findings))
-    entries = [finding for finding in check.findings if finding.entry]
-    if entries:
-        OUT.print("For the hand's file:")
-    for finding in entries:
-        OUT.print(f"{finding.part}: {finding.entry}", soft_wrap=True, highlight=False)
+    if check.entries:
+        OUT.print("For the hand's file, in these fingers' places:")
+        OUT.print(fingers_yaml(check.entries), soft_wrap=True, highlight=False, markup=False)
     if html is not None and check.parts is not None:
         save_hand_page(html, hand, check)
         OUT.print(f"Written: {html}", soft_wrap=True)

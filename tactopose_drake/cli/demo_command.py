@@ -82,6 +82,8 @@ def demo(**given: Any) -> None:
     )
     if result.fingers:
         OUT.print(fingers_table(result.fingers))
+    for sentence in result.disturbed:
+        OUT.print(sentence, style="yellow")
     if result.pads:
         OUT.print(pads_table(result.pads))
     OUT.print(poses_table((result.vision, result.touch)))

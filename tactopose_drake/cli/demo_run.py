@@ -30,6 +30,7 @@ from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
+from tactopose_drake.runs.disturbed_sensors import disturbed_sensors
 from tactopose_drake.runs.grasp_simulation import GraspResult, simulate_grasp
 from tactopose_drake.runs.timeline_recorder import TimelineRecorder
 from tactopose_drake.station.scenario import Scenario
@@ -57,6 +58,7 @@ class DemoResult:
     Attributes:
         grasp: the simulation at its end.
         fingers: one report for each fingertip in contact that has a force-torque sensor.
+        disturbed: a sentence for each of their sensors that reads something else than the object's touch.
         pads: one report for each tactile pad.
         vision, touch: reports on the pose before and after the touch.
         hidden_share: how much of the object's camera side the hand hides, 0 to 1.
@@ -67,6 +69,7 @@ class DemoResult:
 
     grasp: GraspResult
     fingers: tuple[FingerReport, ...]
+    disturbed: tuple[str, ...]
     pads: tuple[PadReport, ...]
     vision: PoseReport
     touch: PoseReport
@@ -99,8 +102,11 @@ def run_demo(
     recorder = TimelineRecorder(load_hand_config(scenario.hand), model)
     grasp = simulate_grasp(scenario, model=model, meshcat=meshcat, on_progress=on_progress, observer=recorder.show)
     if not grasp.stable:
-        reasons = "; ".join((*grasp.failed_attempts, grasp.reason))
-        raise GraspFailedError(f"no grasp of the {scenario.object} with seed {scenario.seed} held it: {reasons}.")
+        reasons = (*grasp.failed_attempts, grasp.reason)
+        raise GraspFailedError(
+            f"no grasp of the {model.name.replace('_', ' ')} with seed {scenario.seed} held it, of {len(reasons)} that "
+            f"were tried: {'; '.join(reasons)}. Another seed tries others."
+        )
     diagram, context = grasp.station.diagram, grasp.context
     contacts: Contacts = diagram.GetOutputPort("contacts").Eval(context)
     names: list[str] = diagram.GetOutputPort("fingers_in_contact").Eval(context)
@@ -119,6 +125,7 @@ def run_demo(
     return DemoResult(
         grasp=grasp,
         fingers=tuple(report_finger(name, row, contacts, truth.tips.get(name)) for row, name in enumerate(names)),
+        disturbed=disturbed_sensors(grasp.station, context),
         pads=tuple(report_pad(name, *pads[name], truth.pads.get(name)) for name in pads),
         vision=vision,
         touch=touched,

@@ -1,9 +1,41 @@
-"""What a check finds."""
+"""What a check finds, and what a hand's file should say instead."""
 
+import json
+import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
+from tactopose_drake.hand.hand_config import Coupling
+
 Verdict = Literal["ok", "note", "fault"]
+
+_PLAIN = re.compile(r"[A-Za-z_][A-Za-z0-9_./-]*")
+_WORDS = {"yes", "no", "on", "off", "true", "false", "null"}  # that YAML does not read as names
+
+
+@dataclass(frozen=True)
+class Entry:
+    """What a finger's place in the hand's file should say.
+
+    Attributes:
+        finger: its name.
+        key: of the finger's, such as "joints".
+        value: names, couplings, one name, or of the key "surface" its YAML.
+    """
+
+    finger: str
+    key: str
+    value: tuple[str, ...] | tuple[Coupling, ...] | str
+
+    @property
+    def yaml(self) -> str:
+        """The entry's lines."""
+        if isinstance(self.value, str):
+            return f"{self.key}: {self.value if self.key == 'surface' else _name(self.value)}"
+        names = [_name(value) for value in self.value if isinstance(value, str)]
+        couplings = [f"\n- {_coupling(value)}" for value in self.value if isinstance(value, Coupling)]
+        return f"{self.key}:{''.join(couplings)}" if couplings else f"{self.key}: [{', '.join(names)}]"
 
 
 @dataclass(frozen=True)
@@ -14,15 +46,37 @@ class Finding:
         part: of the hand, in a word or two.
         text: what was found, a sentence without its full stop.
         verdict: "fault" where the hand cannot be used as it is, "note" where it can but one should know.
-        entry: what the part's place in the hand's YAML file should say instead; empty where there is nothing better.
+        entries: what the hand's file should say instead; empty where there is nothing better.
     """
 
     part: str
     text: str
     verdict: Verdict = "ok"
-    entry: str = ""
+    entries: tuple[Entry, ...] = ()
 
 
 def fault(part: str, error: Exception) -> Finding:
     """An error as what was found."""
     return Finding(part, " ".join(str(error).split()).removesuffix("."), "fault")
+
+
+def fingers_yaml(entries: Iterable[Entry]) -> str:
+    """The entries as lines of the hand's file, finger by finger."""
+    lines: list[str] = []
+    fingers: dict[str, list[Entry]] = {}
+    for entry in entries:
+        fingers.setdefault(entry.finger, []).append(entry)
+    for finger, its in fingers.items():
+        lines.append(f"- name: {_name(finger)}")
+        lines += ["  " + line for entry in its for line in entry.yaml.splitlines()]
+    return "\n".join(lines)
+
+
+def _name(name: str) -> str:
+    return name if _PLAIN.fullmatch(name) and name.lower() not in _WORDS else json.dumps(name)
+
+
+def _coupling(coupling: Coupling) -> str:
+    offset = f", offset: {coupling.offset:g}" if coupling.offset else ""
+    names = f"joint: {_name(coupling.joint)}, follows: {_name(coupling.follows)}"
+    return f"{{{names}, ratio: {coupling.ratio:g}{offset}}}"

@@ -24,6 +24,10 @@ _CORNERS = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
 _WITHIN = 3e-4  # of another shape of the same link, from which on a point is not on the outside, m
 _BACK = 0.7  # cosine between the outward normal and the way back to the joint: what faces it cannot be touched
 _FEWEST = 50  # points that a surface is fitted to
+_OFF, _BETTER = (
+    1e-3,
+    0.5,
+)  # at the finger's end: residual from which on only that is fitted, m, and share of it left then
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,11 +38,13 @@ class FittedSurface:
         surface: in the sensor's frame.
         residual: root mean square of the shape's distances from it, m.
         own_residual: likewise from the surface of the hand's file, m.
+        length: of the shape's end, which alone it lies on, m; None where it lies on all of the shape.
     """
 
     surface: Surface
     residual: float
     own_residual: float
+    length: float | None = None
 
     @property
     def yaml(self) -> str:
@@ -59,6 +65,8 @@ def fit_fingertip(
     plant: MultibodyPlant, inspector: SceneGraphInspector, hand: Hand, finger: str
 ) -> FittedSurface | None:
     """Fits a surface to the shape in which a finger ends; None where its link has none that can be sampled.
+
+    Where no surface lies on all of a shape, such as one that tapers, it is fitted to the end, with which fingers touch.
 
     Args:
         plant: finalized plant that holds the hand.
@@ -84,7 +92,23 @@ def fit_fingertip(
     if len(points) < _FEWEST:
         return None
     surface = fit_surface(points, outwards)
+    end, length = _end(points, outwards)
+    off = residual(surface, end)
+    if off > _OFF and len(end) >= _FEWEST:
+        of_end = fit_surface(end, outwards)
+        if residual(of_end, end) < _BETTER * off:
+            return FittedSurface(of_end, residual(of_end, end), residual(hand.surfaces[finger], end), length)
     return FittedSurface(surface, residual(surface, points), residual(hand.surfaces[finger], points))
+
+
+def _end(points: FloatArray, outwards: FloatArray) -> tuple[FloatArray, float]:
+    """Those of the points (n, 3) on the shape's end, which is as long as the shape is thick, and that length, m."""
+    height = points @ outwards
+    across = points - height[:, None] * outwards
+    _, _, axes = np.linalg.svd(across - across.mean(axis=0), full_matrices=False)
+    length = float(np.ptp(across @ axes[:2].T, axis=0).min())
+    end: FloatArray = points[height > height.max() - length]
+    return end, length
 
 
 def _outside(outline: FloatArray, outwards: FloatArray, others: list[tuple[RigidTransform, Shape]]) -> FloatArray:

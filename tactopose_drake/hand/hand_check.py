@@ -1,38 +1,39 @@
 """What is right and wrong with a hand's files, part by part."""
 
+import copy
+import dataclasses
 import logging
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from pydrake.geometry import Role, SceneGraph
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.multibody.tree import Joint
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
 from tactopose_drake.core.grasping.finger_reach import ReachParams
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.contact_properties import rigid_shapes, self_collisions, unsaid_shapes
 from tactopose_drake.hand.coupling_check import check_couplings
-from tactopose_drake.hand.findings import Finding, Verdict, fault
-from tactopose_drake.hand.finger_chain import finger_chain, joints_towards
-from tactopose_drake.hand.fingertip_fit import fingertip_fit
-from tactopose_drake.hand.fingertip_outline import fit_fingertip
-from tactopose_drake.hand.hand_config import FingerConfig, HandConfig, load_hand_config
+from tactopose_drake.hand.findings import Entry, Finding, fault
+from tactopose_drake.hand.finger_chain import joints_towards
+from tactopose_drake.hand.fingertip_check import check_fingertips
+from tactopose_drake.hand.hand_config import HandConfig, load_hand_config
 from tactopose_drake.hand.hand_in_plant import Hand, add_hand
 from tactopose_drake.hand.hand_reach import make_hand_reach
+from tactopose_drake.hand.joint_check import check_joints
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
 from tactopose_drake.resources import complaint_kind
 
 _SLOWEST = 0.5  # s that a joint's damping may take to let the default grasp controller's spring close it
-_LIES_ON_IT = 0.95  # share of a fingertip's surface within 1 mm of the shapes from which on no other is sought
-_FAR_BETTER, _GOOD_ENOUGH = 1.5, 5e-4  # of fingertip surfaces: ratio of residuals, and a residual, m
+_STRUCTURE = ("joints", "couplings", "sensor_frame", "weld")  # of a finger, on which its surface depends
 _STIFFNESS = ReachParams().stiffness  # N m/rad
 
 
-@dataclass(frozen=True, eq=False)
+@dataclasses.dataclass(frozen=True, eq=False)
 class CheckedHand:
     """A hand alone, its base fixed, in a plant with its geometry."""
 
@@ -42,12 +43,17 @@ class CheckedHand:
     hand: Hand
 
 
-@dataclass(frozen=True, eq=False)
+@dataclasses.dataclass(frozen=True, eq=False)
 class HandCheck:
-    """What was found, part by part, and the hand that it was found of; None where its files do not give one."""
+    """What was found, part by part, and the hand that it was found of; None where its files do not give one.
+
+    `entries` are what the hand's file should say instead, those of the findings and those that follow once they are
+    taken.
+    """
 
     findings: tuple[Finding, ...]
     parts: CheckedHand | None = None
+    entries: tuple[Entry, ...] = ()
 
     @property
     def faults(self) -> tuple[Finding, ...]:
@@ -62,7 +68,27 @@ def check_hand(name_or_path: str | Path) -> HandCheck:
     except InvalidInputError as error:
         return HandCheck((fault("file", error),))
     with _complaints() as complaints:
-        return _check(config, complaints)
+        check = _check(config, complaints)
+        return dataclasses.replace(check, entries=_entries(config, check))
+
+
+def _entries(config: HandConfig, check: HandCheck) -> tuple[Entry, ...]:
+    """The findings' entries, and the surfaces of fingertips that are found where these say."""
+    entries = tuple(entry for finding in check.findings for entry in finding.entries)
+    structure = [entry for entry in entries if entry.key in _STRUCTURE]
+    if not structure:
+        return entries
+    mended = copy.deepcopy(config)
+    for entry in structure:
+        setattr(
+            mended.finger(entry.finger), entry.key, entry.value if isinstance(entry.value, str) else list(entry.value)
+        )
+    try:
+        findings = _check(mended, []).findings
+    except InvalidInputError:
+        return entries
+    surfaces = [entry for finding in findings for entry in finding.entries if entry.key == "surface"]
+    return (*structure, *surfaces)
 
 
 def _check(config: HandConfig, complaints: list[str]) -> HandCheck:
@@ -78,14 +104,15 @@ def _check(config: HandConfig, complaints: list[str]) -> HandCheck:
     context = plant.GetMyContextFromRoot(diagram.CreateDefaultContext())
     findings = (
         *_model(plant, scene_graph, hand, tuple(complaints)),
-        *_joints(plant, hand),
+        *check_joints(plant, hand),
         *check_couplings(plant, hand),
-        *_fingertips(plant, scene_graph, hand),
+        *check_fingertips(plant, scene_graph, hand),
         *_contact(plant, scene_graph, hand, context),
         *_dynamics(plant, hand, context),
-        *_reach(config),
         *_pads(config),
     )
+    if not any(finding.verdict == "fault" and finding.part != "contact" for finding in findings):
+        findings += tuple(_reach(config))
     return HandCheck(findings, CheckedHand(diagram, plant, scene_graph, hand))
 
 
@@ -130,8 +157,12 @@ def _model(
     bare = [name for name, number in shapes if not number]
     if bare and count:
         yield Finding("model", f"no collision shape, so no part of the hand's volume: {', '.join(bare)}", "note")
-    for kind, count in Counter(map(complaint_kind, complaints)).items():
-        yield Finding("model", f"Drake says{_times(count)}: {' '.join(kind.split())}", "note")
+    kinds = Counter(map(complaint_kind, complaints))
+    firsts = {complaint_kind(message): message for message in reversed(complaints)}
+    for kind, count in kinds.items():
+        # The model is known: its name is enough.
+        text = " ".join(firsts[kind].replace(f"{Path(hand.config.model).parent}/", "").split()).removesuffix(".")
+        yield Finding("model", f"Drake says{_times(count)}: {text}", "note")
     P = hand.palm_frame
     yield Finding(
         "palm", f"frame {P.name()!r} on link {P.body().name()!r}; the link {hand.config.base_link!r} carries it"
@@ -145,76 +176,6 @@ def _model(
 
 def _times(count: int) -> str:
     return f" of {count} places" if count > 1 else ""
-
-
-def _joints(plant: MultibodyPlant, hand: Hand) -> Iterator[Finding]:
-    joints = [plant.get_joint(index) for index in plant.GetJointIndices(hand.model_instance)]
-    moving = sorted((joint.position_start(), joint.name()) for joint in joints if joint.num_positions())
-    yield Finding("joints", f"order of joint_positions: {', '.join(name for _, name in moving)}")
-    for finger in hand.config.fingers:
-        part = f"finger {finger.name}"
-        if not finger.sensor_frame:
-            yield Finding(part, "has no force-torque sensor: it takes no part in planned grasps", "note")
-            continue
-        try:
-            chain = finger_chain(plant, hand, finger.name)
-        except InvalidInputError as error:
-            yield fault(part, error)
-            continue
-        yield from _order(plant, hand, finger)
-        span = [
-            f"{name} {low:.3g} to {high:.3g}"
-            for name, low, high in zip(finger.joints, chain.lower, chain.upper, strict=True)
-        ]
-        limited = bool(np.all(np.isfinite([*chain.lower, *chain.upper])) and np.all(chain.upper > chain.lower))
-        text = f"joint limits: {', '.join(span)}"
-        yield Finding(
-            part, text if limited else f"{text}; planned grasps need finite ones", "ok" if limited else "fault"
-        )
-
-
-def _order(plant: MultibodyPlant, hand: Hand, finger: FingerConfig) -> Iterator[Finding]:
-    path = joints_towards(plant, hand, hand.sensor_frames[finger.name])
-    follows = {coupling.joint: coupling.follows for coupling in finger.couplings}
-    order = list(dict.fromkeys(follows.get(name, name) for name in path))
-    if order == finger.joints:
-        yield Finding(f"finger {finger.name}", f"its joints lead from the palm outwards: {', '.join(path)}")
-    else:
-        text = f"its joints are {', '.join(finger.joints)}; from the palm outwards they are {', '.join(order)}"
-        yield Finding(f"finger {finger.name}", text, "note")
-
-
-def _fingertips(plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand) -> Iterator[Finding]:
-    for finger, frame in hand.sensor_frames.items():
-        part, weld = f"fingertip {finger}", hand.welds[finger]
-        tip = weld.child_body().name()
-        yield Finding(part, f"sensor frame {frame.name()!r} at joint {weld.name()!r}, before link {tip!r}")
-        fit = fingertip_fit(plant, scene_graph.model_inspector(), hand, finger)
-        if fit is None:
-            yield Finding(
-                part, f"the link {tip!r} has no collision shape, which its surface could be compared with", "fault"
-            )
-            continue
-        text = (
-            f"of its surface {fit.share:.0%} lie within 1 mm of the collision shapes of link {tip!r}; "
-            f"the rest is up to {1e3 * fit.above:.1f} mm above and {1e3 * fit.below:.1f} mm below"
-        )
-        verdict: Verdict = "ok" if fit.share > 0.5 else "note" if fit.share > 0.1 else "fault"
-        yield Finding(part, text, verdict)
-        if fit.share < _LIES_ON_IT:
-            yield from _better_surface(plant, scene_graph, hand, finger)
-
-
-def _better_surface(plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand, finger: str) -> Iterator[Finding]:
-    """Names a surface that lies far better on the fingertip's shape than the file's."""
-    fitted = fit_fingertip(plant, scene_graph.model_inspector(), hand, finger)
-    if fitted is None or fitted.own_residual < max(_FAR_BETTER * fitted.residual, _GOOD_ENOUGH):
-        return
-    text = (
-        f"a surface fitted to the shape in which the finger ends is off by {1e3 * fitted.residual:.2f} mm (root mean "
-        f"square), the file's by {1e3 * fitted.own_residual:.2f} mm"
-    )
-    yield Finding(f"fingertip {finger}", text, "note", f"surface: {fitted.yaml}")
 
 
 def _contact(plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand, context: Context) -> Iterator[Finding]:
@@ -238,12 +199,16 @@ def _contact(plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand, context
 
 def _dynamics(plant: MultibodyPlant, hand: Hand, context: Context) -> Iterator[Finding]:
     joints = [plant.get_joint(index) for index in plant.GetJointIndices(hand.model_instance)]
-    moved = [joint.child_body() for joint in joints if joint.num_positions()]
-    light = [body.name() for body in moved if not body.get_mass(context) > 0.0]
-    if light:
-        text = f"links without a mass, which can be posed but not simulated: {', '.join(light)}"
+    light = [joint for joint in joints if joint.num_positions() and not joint.child_body().get_mass(context) > 0.0]
+    bare = [joint.child_body().name() for joint in light if not _carried(plant, joint, context) > 0.0]
+    carrying = [joint.child_body().name() for joint in light if joint.child_body().name() not in bare]
+    if bare:
+        text = f"links without a mass, which can be posed but not simulated: {', '.join(bare)}"
         yield Finding("dynamics", text, "note")
-    else:
+    if carrying:
+        text = f"links without a mass, which are simulated with that of what they carry: {', '.join(carrying)}"
+        yield Finding("dynamics", text, "note")
+    if not light:
         yield Finding(
             "dynamics", f"all links have masses, {plant.CalcTotalMass(context, [hand.model_instance]):.3g} kg in all"
         )
@@ -255,6 +220,12 @@ def _dynamics(plant: MultibodyPlant, hand: Hand, context: Context) -> Iterator[F
             f"and controller a stiffness of {damping / 0.1:g} N m/rad"
         )
         yield Finding("dynamics", text, "note")
+
+
+def _carried(plant: MultibodyPlant, joint: Joint, context: Context) -> float:
+    """The mass of all that a joint moves, kg."""
+    bodies = plant.GetBodiesKinematicallyAffectedBy([joint.index()])
+    return sum(float(plant.get_body(index).get_mass(context)) for index in bodies)
 
 
 def _reach(config: HandConfig) -> Iterator[Finding]:

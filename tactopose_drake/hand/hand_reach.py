@@ -24,6 +24,7 @@ from tactopose_drake.hand.hand_config import HandConfig
 from tactopose_drake.hand.hand_in_plant import Hand, add_hand
 from tactopose_drake.hand.hand_joints import HandJoints
 from tactopose_drake.hand.kinematics import HandKinematics
+from tactopose_drake.hand.shared_joints import with_held_joints
 from tactopose_drake.resources import passing_builder
 
 # Samples of a finger's workspace for each of its joints.
@@ -108,7 +109,7 @@ def rest_posture(
 def _finger_geometry(
     plant: MultibodyPlant, inspector: SceneGraphInspector, hand: Hand, finger: str, spheres: BodySpheres
 ) -> FingerGeometry:
-    chain, surface = finger_chain(plant, hand, finger), hand.surfaces[finger]
+    chain, surface = with_held_joints(finger_chain(plant, hand, finger), hand.config, finger), hand.surfaces[finger]
     bodies = [int(plant.GetBodyByName(name, hand.model_instance).index()) for name in chain.bodies]
     tip = int(hand.welds[finger].child_body().index())
     corners = corner_spheres(plant, inspector, [body for body in bodies if body != tip])

@@ -60,7 +60,7 @@ def scenario_for(hand: str, object_: str, seed: int = 0) -> Scenario:
     scenario.reach.stiffness = scenario.controller.finger_stiffness = stiffness
     scenario.controller.other_stiffness = max(scenario.controller.other_stiffness, 3.0 * stiffness)
     force = scenario.planner.most_force * math.hypot(1.0, scenario.planner.friction)
-    scenario.sensor.calibration = sufficient_calibration(force, force * _longest_arm(parts))
+    scenario.sensor.calibration = sufficient_calibration(force, force * _longest_arm(parts), scenario.sensor.file)
     return scenario
 
 

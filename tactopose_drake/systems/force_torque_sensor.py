@@ -15,7 +15,7 @@ from pydrake.systems.framework import Context, EventStatus, State
 
 from tactopose_drake.core.sensing.force_torque import ForceTorqueModel, measure, shift_wrench, weight_wrench
 from tactopose_drake.core.validation import positive_number
-from tactopose_drake.errors import UnknownNameError
+from tactopose_drake.errors import InvalidFileError, UnknownNameError
 from tactopose_drake.hand.fingertip_weights import fingertip_mass
 from tactopose_drake.resources import load_typed_yaml, model_path
 from tactopose_drake.systems.collectable_system import CollectableSystem
@@ -43,11 +43,10 @@ def load_force_torque_model(calibration: str = "SI-12-0.12", name_or_path: str |
         UnknownNameError: if it has no such calibration.
         InvalidInputError: if a value is out of its range.
     """
-    path = _path(name_or_path)
-    file = load_typed_yaml(ForceTorqueModelFile, path)
-    if calibration not in file.calibrations:
-        raise UnknownNameError(f"{path}: calibration", calibration, sorted(file.calibrations))
-    model = file.calibrations[calibration]
+    path, calibrations = _read(name_or_path)
+    if calibration not in calibrations:
+        raise UnknownNameError(f"{path}: calibration", calibration, sorted(calibrations))
+    model = calibrations[calibration]
     model.validate()
     return model
 
@@ -59,17 +58,24 @@ def sufficient_calibration(force: float, moment: float, name_or_path: str | Path
         force: N.
         moment: N m.
         name_or_path: one of the package's sensors by name, or any file by path.
+
+    Raises:
+        InvalidFileError: if the file cannot be read, does not fit the format, or has no calibration.
     """
-    calibrations = load_typed_yaml(ForceTorqueModelFile, _path(name_or_path)).calibrations
+    path, calibrations = _read(name_or_path)
+    if not calibrations:
+        raise InvalidFileError(f"{path}: calibrations: is empty; allowed are one or more.")
     load = np.repeat([moment, force], 3)
     spare = {name: float(np.min(np.asarray(model.range) / load)) for name, model in calibrations.items()}
     bearing = {name: share for name, share in spare.items() if share >= 1.0}
     return min(bearing, key=lambda name: bearing[name]) if bearing else max(spare, key=lambda name: spare[name])
 
 
-def _path(name_or_path: str | Path) -> Path:
+def _read(name_or_path: str | Path) -> tuple[Path, dict[str, ForceTorqueModel]]:
+    """The file of a sensor, and its calibrations by name."""
     shipped = model_path("sensors", f"{name_or_path}.yaml")
-    return shipped if os.path.isfile(shipped) else Path(name_or_path)
+    path = shipped if os.path.isfile(shipped) else Path(name_or_path)
+    return path, load_typed_yaml(ForceTorqueModelFile, path).calibrations
 
 
 class ForceTorqueSensor(CollectableSystem):

@@ -138,7 +138,7 @@ def test_a_grasp_that_fails_says_why() -> None:
     scenario.object = "tea_box"
     scenario.duration = 0.1
     scenario.check.attempts = 1
-    with pytest.raises(GraspFailedError, match="with seed 0 held it: the fingers did not close in time"):
+    with pytest.raises(GraspFailedError, match="seed 0 held it, of 1 that were tried: the fingers did not close"):
         run_demo(scenario)
 
 

@@ -1,10 +1,12 @@
 """The page of a checked hand, read in a real browser."""
 
+import dataclasses
 from pathlib import Path
 
 import pytest
 
 from tactopose_drake.cli.hand_page import save_hand_page
+from tactopose_drake.hand.findings import Finding
 from tactopose_drake.hand.hand_check import check_hand
 from tests.browser import CHROMIUM, Browser
 
@@ -17,6 +19,8 @@ _LABELS = (
 
 def test_a_hands_page_names_its_frames_and_says_what_was_found(tmp_path: Path) -> None:
     check = check_hand("shadow_like")
+    path_note = Finding("model", "Drake says: /a/long" + 20 * "/path" + ".urdf: a warning", "note")
+    check = dataclasses.replace(check, findings=(*check.findings, path_note))
     save_hand_page(tmp_path / "hand.html", "shadow_like", check)
     assert (tmp_path / "hand.html").stat().st_size < 6e6
     with Browser() as browser:

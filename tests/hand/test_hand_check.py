@@ -4,8 +4,12 @@ import logging
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
+import trimesh
 
+from tactopose_drake.core.surfaces.surface import random_directions
+from tactopose_drake.hand.findings import Entry, fingers_yaml
 from tactopose_drake.hand.hand_check import HandCheck, check_hand
 from tests.hand.grippers import YAML, write_gripper
 
@@ -59,8 +63,13 @@ def test_couplings_are_compared_with_the_model(tmp_path: Path) -> None:
     mimic = '<mimic joint="left_slide" multiplier="0.5" offset="0.01"/>'
     check = check_hand(write_gripper(tmp_path, mimic=mimic))
     assert [fault.part for fault in check.faults] == ["couplings"]
-    assert "lets 'right_slide' follow 'left_slide'" in check.faults[0].text
-    assert check.faults[0].entry == "{joint: right_slide, follows: left_slide, ratio: 0.5, offset: 0.01}"
+    assert "finger 'right': the model lets 'right_slide' follow 'left_slide'" in check.faults[0].text
+    assert fingers_yaml(check.entries) == (
+        "- name: right\n"
+        "  joints: [left_slide]\n"
+        "  couplings:\n"
+        "  - {joint: right_slide, follows: left_slide, ratio: 0.5, offset: 0.01}"
+    )
 
     both = YAML.replace("joints: [right_slide]", "joints: [left_slide]")
     coupled = both.replace(
@@ -109,8 +118,8 @@ def test_a_surface_that_fits_far_better_is_named_and_then_taken(tmp_path: Path) 
     better, own = (float(number) for number in re.findall(r"by (\d\.\d+) mm", note))
     assert better < 0.8
     assert own > 3.0 * better
-    (entry,) = (found.entry for found in check_hand(path).findings if found.text == note and "left" in found.part)
-    surface = entry.removeprefix("surface: ")
+    (entry,) = (entry for entry in check_hand(path).entries if entry.finger == "left")
+    surface = entry.yaml.removeprefix("surface: ")
     assert surface.startswith("!SuperquadricSurface {semi_axes: [")
     path.write_text(YAML.replace("!SphereSurface {radius: 0.012}", surface))
     assert not [text for _, text in verdicts(check_hand(path), "fingertip left") if "fitted" in text]
@@ -124,5 +133,97 @@ def test_what_drake_says_of_many_lines_is_one_note(tmp_path: Path, monkeypatch: 
     model.write_text(model.read_text().replace("<limit", '<dynamics friction="0.1"/><limit'))
     notes = [text for verdict, text in verdicts(check_hand(path), "model") if verdict == "note"]
     assert len(notes) == 1
-    assert "Drake says of 2 places: " in notes[0]
+    assert "Drake says of 2 places: two_finger.urdf:" in notes[0]
     assert "friction" in notes[0]
+
+
+def test_a_tip_without_a_shape_gives_way_to_the_link_before_it_and_all_that_follows(tmp_path: Path) -> None:
+    """A link that only marks the fingertip's place is named, as many models have one."""
+    path = write_gripper(tmp_path, yaml=YAML.replace("surface: !SphereSurface {radius: 0.012}", "layer: null"))
+    model = tmp_path / "two_finger.urdf"
+    mark = (
+        '<link name="{0}_mark"/><joint name="{0}_mark_weld" type="fixed">'
+        '<parent link="{0}_tip"/><child link="{0}_mark"/></joint>'
+    )
+    marks = "".join(mark.format(name) for name in ("left", "right"))
+    model.write_text(model.read_text().replace("</robot>", marks + "</robot>"))
+    for name in ("left", "right"):
+        path.write_text(path.read_text().replace(f"sensor_frame: {name}_tip", f"sensor_frame: {name}_mark"))
+        path.write_text(path.read_text().replace(f"weld: {name}_weld", f"weld: {name}_mark_weld"))
+    check = check_hand(path)
+    assert [fault.part for fault in check.faults] == ["fingertip left", "fingertip right"]
+    assert "the nearest one that has is 'left_tip' behind the joint 'left_weld'" in check.faults[0].text
+    (surface,) = (entry.value for entry in check.entries if (entry.finger, entry.key) == ("left", "surface"))
+    assert isinstance(surface, str)
+    assert surface.startswith("!SphereSurface {radius: 0.0119")
+    assert fingers_yaml(check.entries).splitlines()[:3] == [
+        "- name: left",
+        "  sensor_frame: left_tip",
+        "  weld: left_weld",
+    ]
+    taken = YAML.replace("!SphereSurface {radius: 0.012}", surface)
+    path.write_text(taken)
+    assert check_hand(path).entries == ()
+
+
+def test_wrong_joints_are_named_with_the_right_ones(tmp_path: Path) -> None:
+    wrong = YAML.replace("joints: [left_slide]", "joints: [right_slide]")
+    assert check_hand(write_gripper(tmp_path, yaml=wrong)).entries == (Entry("left", "joints", ("left_slide",)),)
+
+
+def test_names_that_yaml_would_take_for_something_else_are_quoted() -> None:
+    assert Entry("index", "joints", ("1", "off", "joint_1.0")).yaml == 'joints: ["1", "off", joint_1.0]'
+    assert Entry("index", "weld", "3").yaml == 'weld: "3"'
+
+
+def test_one_motor_for_two_fingers_is_told(tmp_path: Path) -> None:
+    mimic = '<mimic joint="left_slide" multiplier="1"/>'
+    coupled = "joints: [left_slide]\n  couplings: [{joint: right_slide, follows: left_slide}]"
+    path = write_gripper(tmp_path, mimic=mimic, yaml=YAML.replace("joints: [right_slide]", coupled))
+    (note,) = (text for verdict, text in verdicts(check_hand(path), "joints") if verdict == "note")
+    assert note.startswith("'left_slide' moves the fingers left, right together; planned grasps take each by itself")
+
+
+def test_a_link_without_a_mass_that_carries_one_is_simulated(tmp_path: Path) -> None:
+    path = write_gripper(tmp_path)
+    model = tmp_path / "two_finger.urdf"
+    inertial = (
+        '<inertial><mass value="{0}"/><inertia ixx="{1}" ixy="0" ixz="0" iyy="{1}" iyz="0" izz="{1}"/></inertial>'
+    )
+    model.write_text(model.read_text().replace(inertial.format("0.05", "2e-5"), "", 1))
+    assert verdicts(check_hand(path), "dynamics") == [
+        ("note", "links without a mass, which are simulated with that of what they carry: left_finger")
+    ]
+    model.write_text(model.read_text().replace(inertial.format("0.01", "1e-6"), "", 1))
+    assert verdicts(check_hand(path), "dynamics") == [
+        ("note", "links without a mass, which can be posed but not simulated: left_finger")
+    ]
+
+
+def test_of_a_shape_that_tapers_the_end_is_fitted(tmp_path: Path) -> None:
+    """A wedge, 48 mm wide where it begins and 16 mm where its round end does: no surface lies on all of it."""
+    x = np.repeat([-0.03, 0.025], 2 * 24)
+    turn = np.tile(np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False), 4)
+    wide = np.where(x < 0.0, 0.024, 0.009)
+    end = 0.009 * random_directions(np.random.default_rng(0), 400) + [0.025, 0.0, 0.0]
+    across = np.where(x < 0.0, 0.013, 0.009)
+    points = np.concatenate([np.column_stack([x, wide * np.sign(np.cos(turn)), across * np.sin(turn)]), end])
+    trimesh.convex.convex_hull(points).export(tmp_path / "wedge.obj")
+    path = write_gripper(tmp_path, yaml=YAML.replace("{radius: 0.012}", "{radius: 0.002}"))
+    model = tmp_path / "two_finger.urdf"
+    ball = '<geometry><sphere radius="0.012"/></geometry>'
+    wedge = '<origin rpy="0 -1.5708 0" xyz="0 0 0.03"/><geometry><mesh filename="wedge.obj"/></geometry>'
+    model.write_text(model.read_text().replace(ball, wedge))
+    (note,) = (text for _, text in verdicts(check_hand(path), "fingertip left") if "fitted" in text)
+    (length, left) = re.findall(r"the last (\d+) mm of the shape .* is off by (\d\.\d+) mm", note)[0]
+    assert 20 < int(length) < 30
+    assert float(left) < 0.7
+
+
+def test_what_drake_says_is_told_to_its_end(tmp_path: Path) -> None:
+    path = write_gripper(tmp_path)
+    model = tmp_path / "two_finger.urdf"
+    model.write_text(model.read_text().replace('ixx="2e-5"', 'ixx="9e-5"', 1))
+    (note,) = (text for verdict, text in verdicts(check_hand(path), "model") if verdict == "note")
+    assert note.startswith("Drake says: two_finger.urdf:")
+    assert note.endswith("do not satisfy the triangle inequality")

@@ -8,7 +8,7 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 
 from tactopose_drake.core.grasping.finger_reach import ReachParams
-from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.errors import InvalidFileError, InvalidInputError
 from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.hand_in_plant import add_hand
 from tactopose_drake.hand.hand_reach import make_hand_reach
@@ -16,6 +16,7 @@ from tactopose_drake.resources import fixed_pose
 from tactopose_drake.station.motor_inertia import add_motor_inertia
 from tactopose_drake.station.own_hand import object_axis, scenario_for
 from tactopose_drake.station.simulated import check_bodies
+from tactopose_drake.systems.force_torque_sensor import sufficient_calibration
 from tactopose_drake.systems.grasp_controller import GraspControllerParams
 from tests.hand.grippers import YAML, write_gripper
 
@@ -136,3 +137,9 @@ def test_a_scenario_names_its_own_sensors_file(tmp_path: Path) -> None:
     scenario.sensor.calibration = "SI-12-0.12"
     with pytest.raises(InvalidInputError, match=r"own\.yaml: calibration"):
         scenario.validate()
+
+
+def test_a_sensor_s_file_without_calibrations_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "none.yaml").write_text("calibrations: {}\n")
+    with pytest.raises(InvalidFileError, match="calibrations: is empty"):
+        sufficient_calibration(1.0, 0.01, tmp_path / "none.yaml")

@@ -1,0 +1,65 @@
+"""Whether the fingertips of a hand's file are where its model has their shapes."""
+
+from collections.abc import Iterator
+
+from pydrake.geometry import Role, SceneGraph
+from pydrake.multibody.plant import MultibodyPlant
+
+from tactopose_drake.hand.findings import Entry, Finding, Verdict
+from tactopose_drake.hand.fingertip_fit import fingertip_fit
+from tactopose_drake.hand.fingertip_outline import fit_fingertip
+from tactopose_drake.hand.hand_in_plant import Hand
+
+_LIES_ON_IT = 0.95  # share of a fingertip's surface within 1 mm of the shapes from which on no other is sought
+_FAR_BETTER, _GOOD_ENOUGH = 1.5, 5e-4  # of fingertip surfaces: ratio of residuals, and a residual, m
+
+
+def check_fingertips(plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand) -> Iterator[Finding]:
+    """Compares the fingertips' surfaces with their links' collision shapes, and looks for better ones."""
+    for finger, frame in hand.sensor_frames.items():
+        part, weld = f"fingertip {finger}", hand.welds[finger]
+        tip = weld.child_body().name()
+        yield Finding(part, f"sensor frame {frame.name()!r} at joint {weld.name()!r}, before link {tip!r}")
+        fit = fingertip_fit(plant, scene_graph.model_inspector(), hand, finger)
+        if fit is None:
+            yield _bare(plant, scene_graph, hand, finger)
+            continue
+        text = (
+            f"of its surface {fit.share:.0%} lie within 1 mm of the collision shapes of link {tip!r}; "
+            f"the rest is up to {1e3 * fit.above:.1f} mm outside of them and {1e3 * fit.below:.1f} mm inside"
+        )
+        verdict: Verdict = "ok" if fit.share > 0.5 else "note" if fit.share > 0.1 else "fault"
+        yield Finding(part, text, verdict)
+        if fit.share < _LIES_ON_IT:
+            yield from _better_surface(plant, scene_graph, hand, finger)
+
+
+def _bare(plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand, finger: str) -> Finding:
+    """What to name instead of a link without a shape: the nearest one towards the palm that has one."""
+    part, tip = f"fingertip {finger}", hand.welds[finger].child_body()
+    text = f"the link {tip.name()!r} has no collision shape, which its surface could be compared with"
+    joints = [plant.get_joint(index) for index in plant.GetJointIndices(hand.model_instance)]
+    before = {joint.child_body().index(): joint for joint in joints}
+    inspector = scene_graph.model_inspector()
+    body = tip
+    while body.index() in before and body.index() != hand.palm_frame.body().index():
+        joint = before[body.index()]
+        if inspector.GetGeometries(plant.GetBodyFrameIdOrThrow(body.index()), Role.kProximity):
+            text += f"; the nearest one that has is {body.name()!r} behind the joint {joint.name()!r}"
+            entries = Entry(finger, "sensor_frame", body.name()), Entry(finger, "weld", joint.name())
+            return Finding(part, text, "fault", entries)
+        body = joint.parent_body()
+    return Finding(part, text, "fault")
+
+
+def _better_surface(plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand, finger: str) -> Iterator[Finding]:
+    """Names a surface that lies far better on the fingertip's shape than the file's."""
+    fitted = fit_fingertip(plant, scene_graph.model_inspector(), hand, finger)
+    if fitted is None or fitted.own_residual < max(_FAR_BETTER * fitted.residual, _GOOD_ENOUGH):
+        return
+    where = f"the last {1e3 * fitted.length:.0f} mm of " if fitted.length is not None else ""
+    text = (
+        f"a surface fitted to {where}the shape in which the finger ends is off by {1e3 * fitted.residual:.2f} mm (root "
+        f"mean square), the file's by {1e3 * fitted.own_residual:.2f} mm"
+    )
+    yield Finding(f"fingertip {finger}", text, "note", (Entry(finger, "surface", fitted.yaml),))

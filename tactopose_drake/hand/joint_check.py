@@ -1,0 +1,71 @@
+"""Whether the joints that a hand's file names move its fingers."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from pydrake.multibody.plant import MultibodyPlant
+
+from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.hand.coupling_check import lacking_couplings
+from tactopose_drake.hand.findings import Entry, Finding, fault
+from tactopose_drake.hand.finger_chain import finger_chain, joints_towards
+from tactopose_drake.hand.hand_config import FingerConfig
+from tactopose_drake.hand.hand_in_plant import Hand
+from tactopose_drake.hand.shared_joints import held_joints, shared_joints
+
+
+def check_joints(plant: MultibodyPlant, hand: Hand) -> Iterator[Finding]:
+    """Compares the joints of a hand's file with those that move each finger's sensor in the model."""
+    joints = [plant.get_joint(index) for index in plant.GetJointIndices(hand.model_instance)]
+    moving = sorted((joint.position_start(), joint.name()) for joint in joints if joint.num_positions())
+    yield Finding("joints", f"order of joint_positions: {', '.join(name for _, name in moving)}")
+    without_couplings = lacking_couplings(plant, hand)
+    for finger in hand.config.fingers:
+        part = f"finger {finger.name}"
+        if not finger.sensor_frame:
+            yield Finding(part, "has no force-torque sensor: it takes no part in planned grasps", "note")
+            continue
+        order = _order(plant, hand, finger)
+        try:
+            chain = finger_chain(plant, hand, finger.name)
+        except InvalidInputError as error:
+            # What the couplings lack is said of them, in fewer words.
+            if finger.name not in without_couplings:
+                better = (Entry(finger.name, "joints", order),) if order else ()
+                yield Finding(part, fault(part, error).text, "fault", better)
+            continue
+        if list(order) == finger.joints:
+            path = joints_towards(plant, hand, hand.sensor_frames[finger.name])
+            yield Finding(part, f"its joints lead from the palm outwards: {', '.join(path)}")
+        else:
+            text = f"its joints are {', '.join(finger.joints)}; from the palm outwards they are {', '.join(order)}"
+            yield Finding(part, text, "note")
+        span = [
+            f"{name} {low:.3g} to {high:.3g}"
+            for name, low, high in zip(finger.joints, chain.lower, chain.upper, strict=True)
+        ]
+        limited = bool(np.all(np.isfinite([*chain.lower, *chain.upper])) and np.all(chain.upper > chain.lower))
+        text = f"joint limits: {', '.join(span)}"
+        yield Finding(
+            part, text if limited else f"{text}; planned grasps need finite ones", "ok" if limited else "fault"
+        )
+    yield from _shared(hand)
+
+
+def _order(plant: MultibodyPlant, hand: Hand, finger: FingerConfig) -> tuple[str, ...]:
+    """The actuated joints that move a finger's sensor, from the palm outwards."""
+    path = joints_towards(plant, hand, hand.sensor_frames[finger.name])
+    follows = {coupling.joint: coupling.follows for coupling in finger.couplings}
+    return tuple(dict.fromkeys(follows.get(name, name) for name in path))
+
+
+def _shared(hand: Hand) -> Iterator[Finding]:
+    held = held_joints(hand.config)
+    for joint, fingers in shared_joints(hand.config).items():
+        text = f"{joint!r} moves the fingers {', '.join(fingers)} together; planned grasps "
+        if joint in held:
+            rest = hand.config.rest_positions.get(joint, 0.0)
+            text += f"leave it where it rests, at {rest:g}: name another place in `rest_positions`"
+        else:
+            text += "take each by itself, and hold only what lies in the middle between them"
+        yield Finding("joints", text, "note")
