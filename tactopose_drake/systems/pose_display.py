@@ -26,6 +26,8 @@ from tactopose_drake.visualization.pose_marks import add_hypotheses, add_object,
 from tactopose_drake.visualization.scene import Scene, ShownHypothesis, false_contacts, touch_of, worth_drawing
 from tactopose_drake.visualization.touch_marks import add_touch, move_touch
 
+_MARGIN = 2.2  # in which the hand about the object is seen, and estimates that are still beside it
+
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class PoseDisplayParams:
@@ -35,7 +37,7 @@ class PoseDisplayParams:
     path: str = "/tactopose"  # of all parts in Meshcat's tree
     max_contacts: int = 10  # that can be shown at once
     friction_coefficient: float | None = None  # of the friction cones; no cones without
-    aim_camera: bool = True  # once, at what is known of the object's pose when a simulation is initialized
+    aim_camera: bool = True  # once, at where the object is or is thought to be when a simulation is initialized
     max_alternatives: int = MOVING_ALTERNATIVES  # hypotheses beside the best that can be shown at once, 0 to 5
     max_pads: int = 4  # tactile pads whose pressed cells can be shown at once
     max_cells: int = 24  # of each pad that can be shown
@@ -146,9 +148,10 @@ class PoseDisplay(CollectableSystem):
             contacts=self._touch(context)[0],
             hypotheses=self._shown(context),
             prior=None if prior is None else prior.X_PO,
+            truth=self._true_pose(context, X_WP),
             up_P=X_WP.rotation().inverse() @ np.array([0.0, 0.0, 1.0]),
         )
-        aim_camera(self._meshcat, scene, X_WP, stage=False)
+        aim_camera(self._meshcat, scene, X_WP, stage=False, margin=_MARGIN)
 
     def _move_parts(self, context: Context) -> EventStatus:
         path, time, meshcat = self._params.path, context.get_time(), self._meshcat
@@ -156,10 +159,8 @@ class PoseDisplay(CollectableSystem):
         meshcat.SetTransform(path, X_WP, time)
         prior = eval_optional_input(self._prior, context, PosePrior)
         place(meshcat, f"{path}/prior", None if prior is None else prior.X_PO, time)
-        X_WB = eval_optional_input(self._body_poses, context, list)
         if self._object_body is not None:
-            X_PO = None if X_WB is None else X_WP.inverse() @ X_WB[self._object_body]
-            place(meshcat, f"{path}/truth", X_PO, time)
+            place(meshcat, f"{path}/truth", self._true_pose(context, X_WP), time)
         (contacts, patches), params = self._touch(context), self._params
         hypotheses = self._shown(context)
         move_hypotheses(meshcat, path, self._model, hypotheses, params.max_alternatives, time)
@@ -181,6 +182,11 @@ class PoseDisplay(CollectableSystem):
         if estimate is None:
             return ()
         return worth_drawing([ShownHypothesis.of(hypothesis) for hypothesis in estimate.hypotheses])
+
+    def _true_pose(self, context: Context, X_WP: RigidTransform) -> RigidTransform | None:
+        """X_PO in the simulation; None where there is none."""
+        X_WB = eval_optional_input(self._body_poses, context, list)
+        return None if X_WB is None or self._object_body is None else X_WP.inverse() @ X_WB[self._object_body]
 
     def _palm_pose(self, context: Context) -> RigidTransform:
         X_WB = eval_optional_input(self._body_poses, context, list)

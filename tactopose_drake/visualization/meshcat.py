@@ -61,7 +61,9 @@ def upright(scene: Scene) -> RigidTransform:
     return RigidTransform(RotationMatrix.MakeFromOneVector(scene.up_P, 2).inverse(), np.zeros(3))
 
 
-def aim_camera(meshcat: Meshcat, scene: Scene, X_WP: RigidTransform, *, stage: bool = True) -> None:
+def aim_camera(
+    meshcat: Meshcat, scene: Scene, X_WP: RigidTransform, *, stage: bool = True, margin: float = 1.0
+) -> None:
     """Points Meshcat's camera at a scene from where its picture is taken.
 
     Args:
@@ -69,6 +71,7 @@ def aim_camera(meshcat: Meshcat, scene: Scene, X_WP: RigidTransform, *, stage: b
         scene: what to look at; where there is nothing in it, the camera stays.
         X_WP: the palm in Meshcat's world.
         stage: whether the background becomes light, and grid and axes are hidden.
+        margin: how much larger what is seen is than the scene, 1 or more.
     """
     points = points_of_interest(scene)
     if not len(points):
@@ -76,7 +79,7 @@ def aim_camera(meshcat: Meshcat, scene: Scene, X_WP: RigidTransform, *, stage: b
     low, high = points.min(axis=0), points.max(axis=0)
     direction = X_WP.rotation() @ choose_view(scene)
     look = set_stage if stage else _look
-    look(meshcat, X_WP @ (0.5 * (low + high)), float(np.linalg.norm(high - low)), direction)
+    look(meshcat, X_WP @ (0.5 * (low + high)), margin * float(np.linalg.norm(high - low)), direction)
 
 
 def set_stage(meshcat: Meshcat, target: FloatArray, size: float, direction: FloatArray) -> None:

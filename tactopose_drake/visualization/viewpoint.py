@@ -57,7 +57,7 @@ def choose_view(scene: Scene) -> FloatArray:
 def _seen(scene: Scene, camera: Camera) -> tuple[float, float]:
     """The area that the object shows past the hand, m^2, and the share of contacts that neither of them hides."""
     nearest: NDArray[np.floating] = np.zeros((camera.height, camera.width))
-    pose = scene.estimate or scene.prior
+    pose = scene.estimate or scene.prior or scene.truth
     if pose is not None:
         nearest = _inverse_depth(pose.multiply(scene.model.vertices.T).T, scene.model.faces, camera)
     if scene.hand is not None:

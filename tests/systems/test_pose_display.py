@@ -227,6 +227,18 @@ def test_a_simulated_object_is_shown_as_wires_where_it_is(model: ObjectModel) ->
     assert meshcat.visible("/tactopose/truth")
 
 
+def test_the_camera_looks_at_a_simulated_object_of_which_nothing_is_known_yet(model: ObjectModel) -> None:
+    plant = MultibodyPlant(0.0)
+    bodies = [plant.AddRigidBody(name, SpatialInertia.SolidSphereWithMass(1.0, 0.1)) for name in ("palm", "object")]
+    plant.Finalize()
+    meshcat = RecordingMeshcat()
+    display = PoseDisplay(meshcat, model, bodies[0].body_frame(), object_body=bodies[1])
+    poses = [RigidTransform(), X_WPalm, RigidTransform([1.0, 2.0, 3.1])]
+    run(display, contacts=Contacts.empty(), object_pose=X_PO, hypotheses=None, body_poses=poses)
+    assert len(meshcat.cameras) == 1
+    np.testing.assert_allclose(meshcat.target, [1.0, 2.0, 3.1], atol=0.1)
+
+
 @pytest.mark.parametrize(
     ("name", "value"),
     [("period", 0.0), ("max_contacts", -1), ("friction_coefficient", 0.0), ("max_alternatives", 9), ("max_cells", -2)],
