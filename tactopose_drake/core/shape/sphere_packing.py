@@ -72,15 +72,21 @@ def pack_convex(vertices: FloatArray, params: PackingParams = PackingParams()) -
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     step = float((high - low).min()) / params.cells_across
     axes = [np.linspace(a, b, math.ceil((b - a) / step) + 1) for a, b in zip(low, high, strict=True)]
-    candidates = np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")], axis=1)
+    shape, spacing = tuple(len(axis) for axis in axes), np.array([axis[1] - axis[0] for axis in axes])
+    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    candidates = grid.reshape(-1, 3)
     radii = -(candidates @ halfspaces[:, :3].T + halfspaces[:, 3]).max(axis=1)
-    smallest = params.least_share * radii.max()
+    order = np.flatnonzero(radii > params.least_share * radii.max())
+    order = order[np.argsort(-radii[order], kind="stable")]
 
-    centres, chosen = [], []
-    while radii.max() > smallest:
-        best = int(np.argmax(radii))
-        centres.append(candidates[best])
-        chosen.append(radii[best])
-        distance = np.linalg.norm(candidates - candidates[best], axis=1)
-        radii = np.where(distance < params.core_share * radii[best], 0.0, radii)
-    return np.array(centres), np.array(chosen)
+    is_free, chosen = np.ones(shape, dtype=np.bool_), []
+    for best in order:
+        place = np.unravel_index(best, shape)
+        if not is_free[place]:
+            continue
+        chosen.append(best)
+        core = params.core_share * radii[best]
+        reach = np.ceil(core / spacing).astype(int)
+        near = tuple(slice(max(0, i - n), i + n + 1) for i, n in zip(place, reach, strict=True))
+        is_free[near] &= np.linalg.norm(grid[near] - candidates[best], axis=-1) >= core
+    return candidates[chosen], radii[chosen]
