@@ -29,6 +29,7 @@ class RecordingMeshcat:
 
     def SetTransform(self, path: str, pose: RigidTransform, time: float | None = None) -> None:
         self.transforms[path] = pose
+        self.properties.pop((path, "scale"), None)  # As a live page does.
         self.times.add(time)
 
     def SetProperty(self, path: str, name: str, value: object, time: float | None = None) -> None:

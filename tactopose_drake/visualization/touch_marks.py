@@ -91,8 +91,9 @@ def move_touch(
         if contacts.f_PC is not None and has_arrow:
             shaft = float(lengths[row]) - _HEAD_LENGTH
             meshcat.SetTransform(f"{at}/force", along(contacts.f_PC[row]), time)
-            meshcat.SetProperty(f"{at}/force/shaft", "scale", [1.0, 1.0, shaft], time)
+            # In this order: where nothing is recorded, a transform takes a scale back.
             meshcat.SetTransform(f"{at}/force/shaft", RigidTransform([0.0, 0.0, shaft / 2]), time)
+            meshcat.SetProperty(f"{at}/force/shaft", "scale", [1.0, 1.0, shaft], time)
             meshcat.SetTransform(f"{at}/force/head", RigidTransform(_FLIPPED, [0.0, 0.0, shaft + _HEAD_LENGTH]), time)
 
 
