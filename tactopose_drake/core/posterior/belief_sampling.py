@@ -45,14 +45,13 @@ def weigh_modes(modes: Modes, posterior: Posterior, generator: np.random.Generat
     X_close = mixture.X_PO[close]
     information = inverses(mixture.covariance[close])[0] + posterior.gauge
     if not np.isfinite(information).all():
-        return modes  # What is best known of one is so much better than the rest that doubles do not hold both.
+        return modes  # What is best known of one and the rest of it do not fit into doubles.
     least = np.minimum(posterior.exact_cost(X_close), modes.cost[close])
     laplace = -least - 0.5 * across_turns(information, posterior.turn_directions(X_close))[1]
     share = np.exp(laplace - laplace.max())
     share /= share.sum()
     worthy = np.flatnonzero(share > params.least_sampled_share)
     sampled = close[worthy]
-
     proposal = _cover(mixture.X_PO[sampled], share[worthy], information[worthy], posterior, generator)
     start = _Start(mixture.X_PO[sampled], modes.cost[sampled], mixture.covariance[sampled], float(least.min()))
     increments, weights, lowest, error = _draw(proposal, start, posterior, generator)
