@@ -16,13 +16,14 @@ from tactopose_drake.core.grasping.finger_touches import Touches
 from tactopose_drake.core.grasping.grasp_law import ClosingMotion
 from tactopose_drake.core.grasping.grasp_plan import FingerPlan, GraspPlan
 from tactopose_drake.core.grasping.grasp_score import ContactTerms, GraspScore, ScoreParams, score_grasp
-from tactopose_drake.core.grasping.held_pose import sample_held_pose
+from tactopose_drake.core.grasping.held_pose import sample_held_pose, shifted_off
 from tactopose_drake.core.grasping.refusals import Refusals
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray, known_name, positive_number
 from tactopose_drake.errors import InvalidInputError
 
 _GAP = 0.0005  # between the sides of two fingers, m
+_IN_THE_PALM = "the object would be in the palm"
 _IN_ITS_WAY = "a finger that takes no part is in its way"
 _IMBALANCE_OF_TWO = 0.05  # the most of what two fingers hold, N
 
@@ -92,8 +93,8 @@ def plan_grasps(
     """Grasps by falling score; fewer than asked for, or none, where the hand can hardly hold the object.
 
     The fingertips touch with their round ends, where a touch tells most of where it is, and fingers that take no part
-    wait where they usually do. Only where no grasp is found so, the straight parts of fingertips may touch too, and
-    idle fingers make way.
+    wait where they usually do. Only where no grasp is found so, the straight parts of fingertips may touch too, idle
+    fingers make way, and objects that would be in the palm are held farther out.
 
     Args:
         model: the object.
@@ -114,13 +115,15 @@ def plan_grasps(
         search = _Search(model, hand, load_P, params, generator, refusals, touches_itself, is_free)
         for _ in range(params.most_poses):
             X_PO = sample_held_pose(model, (hand.grip_low, hand.grip_high), -load_P, params.tilt_deg, generator)
-            plan = search.plan_at(X_PO)
+            plan = search.plan_at(
+                shifted_off(model, X_PO, hand.palm_spheres, params.palm_clearance) if is_free else X_PO
+            )
             if plan is not None:
                 plans.append(plan)
             if len(plans) >= params.grasps:
                 break
         has_straight_parts = any(finger.geometry.p_SL is not None for finger in hand.fingers.values())
-        if plans or not (has_straight_parts or refusals.poses[_IN_ITS_WAY]):
+        if plans or not (has_straight_parts or refusals.poses[_IN_ITS_WAY] or refusals.poses[_IN_THE_PALM]):
             break
     return sorted(plans, key=lambda plan: -plan.score)
 
@@ -129,7 +132,8 @@ def plan_grasps(
 class _Search:
     """What a search for grasps goes by.
 
-    `is_free` says that straight parts of fingertips may touch, and that idle fingers may wait anywhere.
+    `is_free` says that straight parts of fingertips may touch, that idle fingers may wait anywhere, and that the object
+    may be farther out than the grip region.
     """
 
     model: ObjectModel
@@ -162,7 +166,7 @@ class _Search:
         """The best grasp of the object in a pose; None where there is none, and why is counted."""
         clearance = self.params.palm_clearance
         if _least_distance(self.model, X_PO, self.hand.palm_spheres) < clearance:
-            return self._refused("the object would be in the palm")
+            return self._refused(_IN_THE_PALM)
         touches: dict[str, Touches] = {}
         idle = 0
         for name, finger in self.hand.fingers.items():

@@ -8,6 +8,8 @@ from tactopose_drake.core import poses
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 
+_STEPS, _BEYOND = 6, 0.0005  # in which an object is shifted off, and how much farther than it must be, m
+
 
 def sample_held_pose(
     model: ObjectModel,
@@ -39,3 +41,27 @@ def sample_held_pose(
     p_OG = np.array([*model.center_of_mass[:2], generator.uniform(low + margin, high - margin)])
     p_PG = generator.uniform(*grip)
     return poses.make_poses(R_PO, p_PG - R_PO @ p_OG)
+
+
+def shifted_off(
+    model: ObjectModel, X_PO: FloatArray, spheres: tuple[FloatArray, FloatArray], clearance: float
+) -> FloatArray:
+    """The pose (3, 4), shifted in a few steps so far that the object keeps off spheres, if that is far enough.
+
+    Each step leads off the sphere that is deepest in the object.
+
+    Args:
+        model: the object.
+        X_PO: its pose, shape (3, 4).
+        spheres: centres in P (n, 3) and radii (n,), m.
+        clearance: m.
+    """
+    centres, radius = spheres
+    for _ in range(_STEPS):
+        distance, n_O = model.grid.distance_and_normal((centres - X_PO[:, 3]) @ X_PO[:, :3])
+        deepest = int(np.argmin(distance - radius))
+        lacking = clearance - (distance - radius)[deepest]
+        if lacking <= 0.0:
+            break
+        X_PO = poses.make_poses(X_PO[:, :3], X_PO[:, 3] - (lacking + _BEYOND) * (X_PO[:, :3] @ n_O[deepest]))
+    return X_PO
