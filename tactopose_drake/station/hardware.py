@@ -107,8 +107,7 @@ def make_hardware_station(
         builder.Connect(known["joint_positions"], palm.GetInputPort("joint_positions"))
         builder.Connect(palm.get_output_port(), estimation.GetInputPort("palm_pose"))
     _export_palm_pose(builder)
-    for index in range(estimation.num_output_ports()):
-        port = estimation.get_output_port(index)
+    for port in map(estimation.get_output_port, range(estimation.num_output_ports())):
         builder.ExportOutput(port, port.get_name())
     if scenario.tracking is not None:
         _add_tracking(builder, scenario.tracking, config, model, {**known, **ages})
