@@ -16,11 +16,12 @@ from tactopose_drake.core.evidence.force_balance import ForceBalance
 from tactopose_drake.core.mesh.repair import MeshRepairWarning
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.estimation.descriptions import false_contacts_line, free_line, status_line
-from tactopose_drake.estimation.estimate import METHODS, estimate_pose
+from tactopose_drake.estimation.estimate import estimate_pose
 from tactopose_drake.estimation.far_origins import about_middle
 from tactopose_drake.estimation.files import load_prior, save_result
 from tactopose_drake.estimation.object_files import load_object
 from tactopose_drake.estimation.output_files import check_outputs
+from tactopose_drake.estimation.search_methods import METHODS
 
 _path = click.Path(path_type=Path)
 

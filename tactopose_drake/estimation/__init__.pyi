@@ -1,8 +1,6 @@
 from .descriptions import direction_names as direction_names
 from .direct_search import Direct as Direct
 from .drake_contacts import Contacts as Contacts
-from .estimate import GLOBAL_METHODS as GLOBAL_METHODS
-from .estimate import METHODS as METHODS
 from .estimate import estimate_pose as estimate_pose
 from .files import hypotheses_data as hypotheses_data
 from .files import load_contacts as load_contacts
@@ -24,3 +22,5 @@ from .prior import PosePrior as PosePrior
 from .results import PoseEstimate as PoseEstimate
 from .results import PoseHypothesis as PoseHypothesis
 from .results import Status as Status
+from .search_methods import GLOBAL_METHODS as GLOBAL_METHODS
+from .search_methods import METHODS as METHODS

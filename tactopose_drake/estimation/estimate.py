@@ -3,7 +3,7 @@
 import dataclasses
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,6 @@ from pydrake.math import RigidTransform
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.evidence.force_balance import ForceBalance
-from tactopose_drake.core.evidence.hand_clearance import HandClearance
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.evidence.plane_contact import PlaneContact
 from tactopose_drake.core.identification.model_evidence import log_evidence
@@ -20,51 +19,28 @@ from tactopose_drake.core.objectives.contact_mixture import Judgement
 from tactopose_drake.core.posterior.alike_modes import indistinct_images, join_alike
 from tactopose_drake.core.posterior.belief_sampling import weigh_modes
 from tactopose_drake.core.posterior.hypotheses import Modes, find_modes
-from tactopose_drake.core.posterior.plausibility import degrees_of_freedom, explain_with_doubt, is_comfortable
+from tactopose_drake.core.posterior.plausibility import explain_with_doubt, is_comfortable
 from tactopose_drake.core.posterior.posterior import make_posterior
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, ModeParams, PosteriorParams
-from tactopose_drake.core.searches.baselines.gradient_descent import GradientDescent
-from tactopose_drake.core.searches.baselines.monte_carlo import MonteCarlo
-from tactopose_drake.core.searches.baselines.scaling_series import ScalingSeries
-from tactopose_drake.core.searches.baselines.simulated_annealing import SimulatedAnnealing
 from tactopose_drake.core.searches.doubt import search_with_doubt
-from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
-from tactopose_drake.core.searches.pair_search import PairSearch
-from tactopose_drake.core.searches.patch_searches import patch_search
 from tactopose_drake.core.searches.pose_problem import PoseProblem, make_problem
-from tactopose_drake.core.searches.search import Search, SearchResult
+from tactopose_drake.core.searches.search import SearchResult
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.free_spin import turn_alike
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray, instance_of, known_name, positive_number, whole_number
 from tactopose_drake.errors import InvalidInputError, TooFewContactsError
-from tactopose_drake.estimation.direct_search import Direct
 from tactopose_drake.estimation.far_origins import has_far_origin, prior_about_middle, reported_for_origin
-from tactopose_drake.estimation.mathematical_program import PoseProgram
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.estimation.question import Question
 from tactopose_drake.estimation.results import PoseEstimate, PoseHypothesis, status_of
+from tactopose_drake.estimation.search_methods import GLOBAL_METHODS, METHODS
 from tactopose_drake.estimation.shape_errors import with_shape_errors
 
 # Contacts that are farther apart than a hand reaches, m, and than this many sizes of the object, are not in metres.
 _WIDEST_HAND, _WIDEST_TOUCH = 1.0, 30.0
 # Without a prior, fewer contacts and patches leave whole families of poses, whichever mode carries most of the mass.
 _FEWEST_FOR_A_POSE = 3
-# Of the thesis' search, where other things are known beside contacts; up to 100 reach the same costs.
-_PARTICLES_AT_ONCE = 20
-
-METHODS: dict[str, Callable[[ObjectModel, Evidence], Search]] = {
-    "pair_search": lambda model, evidence: _pair_search(model, evidence),
-    "levenberg_marquardt": lambda model, evidence: LevenbergMarquardt(),
-    "gradient_descent": lambda model, evidence: GradientDescent(length=model.size / 2),
-    "mathematical_program": lambda model, evidence: PoseProgram(length=model.size / 2),
-    "monte_carlo": lambda model, evidence: _monte_carlo(model, evidence),
-    "direct": lambda model, evidence: Direct(),
-    "simulated_annealing": lambda model, evidence: SimulatedAnnealing(),
-    "scaling_series": lambda model, evidence: ScalingSeries(),
-}
-GLOBAL_METHODS = frozenset({"pair_search", "monte_carlo", "direct", "simulated_annealing", "scaling_series"})
-"""The methods that need no prior."""
 
 
 def estimate_pose(
@@ -252,26 +228,6 @@ def _modes_of(
 
 def _images(model: ObjectModel, evidence: Evidence) -> FloatArray:
     return indistinct_images(model, float(np.min(evidence.touch.sigma_position)))
-
-
-def _pair_search(model: ObjectModel, evidence: Evidence) -> PairSearch:
-    if evidence.felt:
-        return patch_search(model, evidence.felt, evidence.contacts)
-    return PairSearch(model=model, contacts=evidence.contacts)
-
-
-def _monte_carlo(model: ObjectModel, evidence: Evidence) -> MonteCarlo:
-    """Its scale is what noise alone makes the true pose cost, on average: half of what the touch measures.
-
-    It judges one particle at a time, as the thesis does; some at once where each costs more than a look at contacts.
-    """
-    one_each = (evidence.hand, evidence.untouched, evidence.balance, evidence.friction)
-    more_is_known = any(known is not None for known in (*one_each, *evidence.patches, *evidence.planes))
-    return MonteCarlo(
-        scale=0.5 * degrees_of_freedom(evidence),
-        batch=_PARTICLES_AT_ONCE if more_is_known else 1,
-        is_possible=None if evidence.hand is None else HandClearance(model.samples.points, evidence.hand),
-    )
 
 
 def _inlier_probability(problem: PoseProblem, evidence: Evidence, modes: Modes, judged: Judgement | None) -> FloatArray:

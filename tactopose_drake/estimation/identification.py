@@ -36,11 +36,12 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.statuses import Status
 from tactopose_drake.core.validation import instance_of, known_name, positive_number, shown, whole_number
 from tactopose_drake.errors import InvalidInputError, TooFewContactsError
-from tactopose_drake.estimation.estimate import METHODS, check_units, weigh_poses
+from tactopose_drake.estimation.estimate import check_units, weigh_poses
 from tactopose_drake.estimation.identities import Identification, Identity
 from tactopose_drake.estimation.object_library import LibraryObject, ObjectLibrary
 from tactopose_drake.estimation.pickling import Sealed
 from tactopose_drake.estimation.results import PoseEstimate
+from tactopose_drake.estimation.search_methods import METHODS
 from tactopose_drake.estimation.shape_errors import with_shape_errors
 
 Likelihood = Literal["evidence", "inverse_cost"]

@@ -53,7 +53,7 @@ def test_a_touch_that_the_near_search_does_not_explain_is_looked_at_again(bottle
     contacts = touch_surface(bottle, X_PO, 5, np.random.default_rng(3))
     prior = tp.PosePrior(displaced(X_PO, 3))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("tactopose_drake.estimation.estimate.PairSearch", Stuck)
+        patch.setattr("tactopose_drake.estimation.search_methods.PairSearch", Stuck)
         # Where contacts may be false, one such may explain where the starts lead.
         estimate = tp.estimate_pose(bottle, contacts, prior=prior, outlier_probability=0.0)
     assert estimate.best.explains_touch

@@ -15,9 +15,10 @@ from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.poses import exp_so3, make_poses, transform_points
 from tactopose_drake.core.searches.baselines.monte_carlo import MonteCarlo
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
+from tactopose_drake.core.synthetic.synthetic_patch import touch_with_pads
 from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
-from tactopose_drake.estimation.estimate import GLOBAL_METHODS, METHODS
 from tactopose_drake.estimation.prior import PosePrior
+from tactopose_drake.estimation.search_methods import GLOBAL_METHODS, METHODS
 
 NAMES = sorted(GLOBAL_METHODS)
 X_PO = make_poses(exp_so3(np.array([0.3, -0.8, 0.2])), np.array([0.02, -0.03, 0.06]))
@@ -84,6 +85,15 @@ def test_monte_carlo_makes_one_particle_at_a_time_by_contacts_alone_and_more_whe
     assert [search.batch for search in made if isinstance(search, MonteCarlo)] == [1, 20, 20]
     estimate = tp.estimate_pose(blob, contacts, method="monte_carlo", planes=[plane])
     assert estimate.best.explains_touch
+
+
+def test_monte_carlo_makes_fewer_particles_where_pads_are_felt(blob: tp.ObjectModel) -> None:
+    generator = np.random.default_rng(0)
+    contacts, patches = touch_surface(blob, X_PO, 5, generator), touch_with_pads(blob, X_PO, 2, generator)
+    made = [METHODS["monte_carlo"](blob, Evidence(contacts, patches=felt)) for felt in ((), patches)]
+    by_contacts, by_pads = [search.anywhere for search in made if isinstance(search, MonteCarlo)]
+    assert by_pads.particles < 0.5 * by_contacts.particles
+    assert by_pads.population / by_pads.particles == by_contacts.population / by_contacts.particles
 
 
 @pytest.mark.parametrize("method", ["pair_search", "scaling_series"])

@@ -12,7 +12,7 @@ from tactopose_drake.core.poses import increments_between, make_poses, random_ro
 from tactopose_drake.core.posterior.hypotheses import determined_part
 from tactopose_drake.core.synthetic.synthetic_patch import flat_pad, touch_with_pads
 from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
-from tactopose_drake.estimation.estimate import GLOBAL_METHODS
+from tactopose_drake.estimation.search_methods import GLOBAL_METHODS
 from tests.core.meshes import shape_poor_in_symmetry
 
 ALPHA = 1e-7

@@ -8,7 +8,7 @@ import numpy as np
 
 import tactopose_drake as tp
 from tactopose_drake.core.evidence.force_balance import ForceBalance
-from tactopose_drake.estimation.estimate import GLOBAL_METHODS, METHODS
+from tactopose_drake.estimation.search_methods import GLOBAL_METHODS, METHODS
 from tests.fuzz import touches
 from tests.fuzz.targets import Arguments, Target, build
 
