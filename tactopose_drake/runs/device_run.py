@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import Context, EventStatus
+from pydrake.systems.framework import Context, EventStatus, PortDataType
 
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import UnknownNameError
@@ -138,6 +138,6 @@ def warm_up(station: HardwareStation) -> None:
             port.FixValue(context, AbstractValue.Make(PosePrior(np.eye(3, 4))))
         elif port.get_name().startswith("wrench_"):
             port.FixValue(context, np.array([0.0, 0.0, 0.0, 0.0, 2.0, -2.0]))
-        else:
+        elif port.get_data_type() == PortDataType.kVectorValued:
             port.FixValue(context, np.zeros(port.size()))
     simulator.AdvanceTo(1e-3)

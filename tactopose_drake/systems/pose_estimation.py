@@ -47,6 +47,7 @@ def AddPoseEstimation(
         - age_<pad>
         - joint_positions
         - prior
+        - planes
         - palm_pose
         output_ports:
         - object_pose
@@ -66,6 +67,7 @@ def AddPoseEstimation(
     - age_<pad>: of those pressures, s; an old frame counts for nothing.
     - joint_positions: measured positions of the hand's joints, in the order of a plant of the hand alone, rad.
     - prior: `PosePrior` X_PO; may stay unconnected where the method needs none.
+    - planes: of `PoseEstimator`; may stay unconnected.
     - palm_pose: of `PoseEstimator`; there is such a port only where the estimator uses `balance`.
     - object_pose, hypotheses, status: of `PoseEstimator`; contact_solutions: of `ContactSolver`; contacts,
       fingers_in_contact, contact_status: of `ContactsInPalm` (its `status`).
@@ -96,7 +98,7 @@ def MakePoseEstimation(hand: HandConfig, model: ObjectModel, params: PoseEstimat
     collision = HandCollision(hand, model) if params.check_collisions else None
     estimator = builder.AddNamedSystem("pose_estimator", PoseEstimator(model, params.estimator, collision))
     add_touch(builder, hand, params, estimator)
-    for port in ("prior", *(("palm_pose",) if params.estimator.balance else ())):
+    for port in ("prior", "planes", *(("palm_pose",) if params.estimator.balance else ())):
         builder.ExportInput(estimator.GetInputPort(port), port)
     diagram = builder.Build()
     diagram.set_name("pose_estimation")

@@ -15,9 +15,10 @@ from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import MOST_FRICTION, MOST_OUTLIERS, FloatArray, positive_number
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
-from tactopose_drake.estimation.estimate import METHODS, estimate_pose
+from tactopose_drake.estimation.estimate import estimate_pose
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.estimation.results import PoseEstimate
+from tactopose_drake.estimation.search_methods import METHODS
 from tactopose_drake.hand.collision import HandCollision, keep_clear
 from tactopose_drake.systems.collectable_system import CollectableSystem, declare_cache
 from tactopose_drake.systems.ports import eval_input, eval_optional_input
@@ -79,6 +80,7 @@ class PoseEstimator(CollectableSystem):
         - prior
         - hand
         - untouched
+        - planes
         - joint_positions
         - palm_pose
         output_ports:
@@ -95,6 +97,8 @@ class PoseEstimator(CollectableSystem):
     - prior: `PosePrior` X_PO, or None while there is none yet. May stay unconnected where the method needs no prior.
     - hand: `HandGeometry` in P, where the object is not, or None; may stay unconnected.
     - untouched: `HandGeometry` in P, the parts of the hand that feel no contact, or None; may stay unconnected.
+    - planes: tuple of `PlaneContact` in P, what of the world the held object rests against now and has rested against
+      in this hold; may stay unconnected.
     - joint_positions: of the hand, shape (nq,), rad; there is such a port only where collisions are checked.
     - palm_pose: `RigidTransform` X_WP, z of the world upwards; there is such a port only with `balance`, which counts
       while the pose is finite, a contact is felt, and no patch, whose force would be missing.
@@ -136,6 +140,7 @@ class PoseEstimator(CollectableSystem):
         self._prior = self.DeclareAbstractInputPort("prior", AbstractValue.Make(None))
         self._hand = self.DeclareAbstractInputPort("hand", AbstractValue.Make(None))
         self._untouched = self.DeclareAbstractInputPort("untouched", AbstractValue.Make(None))
+        self._planes = self.DeclareAbstractInputPort("planes", AbstractValue.Make(()))
         self._palm_pose = (
             self.DeclareAbstractInputPort("palm_pose", AbstractValue.Make(RigidTransform()))
             if self._params.balance
@@ -214,6 +219,7 @@ class PoseEstimator(CollectableSystem):
             max_hypotheses=self._params.max_hypotheses,
             time_limit=self._params.max_duration,
             outlier_probability=self._params.outlier_probability,
+            planes=eval_optional_input(self._planes, context, tuple) or (),
         )
 
     def _balance(self, context: Context, contacts: Contacts, patches: tuple[Patch, ...]) -> ForceBalance | None:

@@ -15,6 +15,7 @@ from tactopose_drake.errors import InvalidFileError, InvalidInputError, UnknownN
 from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.resources import model_path
+from tactopose_drake.runs.device_run import warm_up
 from tactopose_drake.runs.estimate_writer import EstimateWriter
 from tactopose_drake.runs.known_signals import known_signals
 from tactopose_drake.runs.scenario_replay import replay
@@ -92,6 +93,16 @@ def test_where_an_arm_moves_the_hand_its_pose_comes_in_for_weight_and_balance(cu
     assert not ports[1][0].Eval(ports[1][1]).IsNearlyEqualTo(X_WP, 0.1)
     diagram.GetInputPort("palm_pose").FixValue(context, AbstractValue.Make(X_WP))
     assert all(port.Eval(own).IsExactlyEqualTo(X_WP) for port, own in ports)
+
+
+def test_a_station_warms_up_by_the_touch_alone_whatever_else_it_may_be_told(cube: ObjectModel) -> None:
+    scenario = held_cube.scenario()
+    scenario.estimation.estimator.balance = True
+    wrenches = {f"wrench_{finger}": Signal.constant(F_S) for finger, F_S in held_cube.WRENCHES.items()}
+    station = make_hardware_station(scenario, None, wrenches, model=scenario.object_model())
+    estimation = station.diagram.GetSubsystemByName("pose_estimation")
+    assert {"planes", "palm_pose", "prior"} < inputs(estimation)
+    warm_up(station)
 
 
 def test_signals_that_do_not_fit_are_named(cube: ObjectModel) -> None:

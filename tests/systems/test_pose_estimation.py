@@ -10,6 +10,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
 from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.evidence.plane_contact import PlaneContact
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.estimate import estimate_pose
@@ -87,7 +88,7 @@ def test_the_ports_are_those_that_are_promised(hand: HandConfig, model: ObjectMo
     assert diagram.get_name() == "touch"
     inputs = {diagram.get_input_port(i).get_name() for i in range(diagram.num_input_ports())}
     outputs = {diagram.get_output_port(i).get_name() for i in range(diagram.num_output_ports())}
-    assert inputs == {f"wrench_{finger.name}" for finger in hand.fingers} | {"joint_positions", "prior"}
+    assert inputs == {f"wrench_{finger.name}" for finger in hand.fingers} | {"joint_positions", "prior", "planes"}
     assert outputs >= {"object_pose", "hypotheses", "status", "contacts"}
 
 
@@ -101,6 +102,8 @@ def test_the_diagram_does_what_its_parts_do_by_hand(hand: HandConfig, model: Obj
     context = simulator.get_mutable_context()
     connect(diagram, context, hand, fingers)
     diagram.GetInputPort("prior").FixValue(context, AbstractValue.Make(prior))
+    planes = (PlaneContact(prior.X_PO.translation() - [0.0, 0.0, 0.05], [0.0, 0.0, 1.0]),)
+    diagram.GetInputPort("planes").FixValue(context, AbstractValue.Make(planes))
     simulator.AdvanceTo(0.01)
 
     contacts = diagram.GetOutputPort("contacts").Eval(context)
@@ -112,6 +115,7 @@ def test_the_diagram_does_what_its_parts_do_by_hand(hand: HandConfig, model: Obj
         contacts,
         prior=prior,
         hand=hand_volume(hand),
+        planes=planes,
         seed=3,
         max_hypotheses=PoseEstimatorParams().max_hypotheses,
     )

@@ -5,6 +5,7 @@ import pytest
 from pydrake.math import RigidTransform, RollPitchYaw
 
 from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.evidence.plane_contact import PlaneContact
 from tactopose_drake.core.poses import retract
 from tactopose_drake.core.sensing.patches import Patch, describe_patch
 from tactopose_drake.core.shape.object_model import ObjectModel
@@ -185,6 +186,20 @@ def test_the_pose_turns_with_the_touch(box: ObjectModel) -> None:
     assert (X_QP @ pose).IsNearlyEqualTo(bench.step()[0], 1e-4)
 
 
+def test_a_table_says_how_far_the_object_has_slid(box: ObjectModel) -> None:
+    sides = Contacts(X_PO.multiply(p_OC[:4].T).T, X_PO.rotation().multiply(n_OC[:4].T).T)
+    assert not n_OC[:4, 2].any()
+    slid = X_PO @ RigidTransform([0.0, 0.0, 0.015])
+    table = PlaneContact(X_PO.multiply([0.0, 0.0, -0.07]), X_PO.rotation().multiply([0.0, 0.0, 1.0]))
+    off = {}
+    for planes in ((), (table,)):
+        bench = Bench(box)
+        bench.fix(contacts=sides, prior=PosePrior(slid, 0.02, 0.15), planes=planes)
+        off[planes] = abs((X_PO.inverse() @ bench.step()[0]).translation()[2])
+    assert off[()] > 0.01
+    assert off[table,] < 0.002
+
+
 @pytest.mark.parametrize(
     "inputs",
     [
@@ -193,6 +208,7 @@ def test_the_pose_turns_with_the_touch(box: ObjectModel) -> None:
         {"contacts": touch(), "patches": {"not": 1}},
         {"contacts": touch(), "hand": {"not": 1}},
         {"contacts": touch(), "untouched": {"not": 1}},
+        {"contacts": touch(), "planes": {"not": 1}},
     ],
 )
 def test_a_value_of_another_type_is_refused_by_the_name_of_the_port(
