@@ -76,6 +76,7 @@ class BeliefInputs:
         self._vision = declare("vision", None)
         self._hand = declare("hand", None)
         self._untouched = declare("untouched", None)
+        self._planes = declare("planes", ())
         self._tips = declare("tip_velocities", None)
         self.palm = declare("palm_pose", RigidTransform())
 
@@ -96,6 +97,7 @@ class BeliefInputs:
             hand=eval_optional_input(self._hand, context, HandGeometry),
             untouched=untouched,
             patches=patches,
+            planes=eval_optional_input(self._planes, context, tuple) or (),
         )
         remarks, points = [], evidence.touch.p_PC
         if np.array_equal(points, before.points):

@@ -69,6 +69,7 @@ class PoseBeliefEstimator(CollectableSystem):
         - vision
         - hand
         - untouched
+        - planes
         - tip_velocities
         - palm_pose
         output_ports:
@@ -93,6 +94,7 @@ class PoseBeliefEstimator(CollectableSystem):
       the first as a prior; None while there is none.
     - hand: `HandGeometry` in P, where the object is not, or None.
     - untouched: `HandGeometry` in P, the parts of the hand that feel no contact, or None.
+    - planes: tuple of `PlaneContact` in P, what of the world the object rests against; they count while it is felt.
     - tip_velocities: dict of the fingertips' spatial velocities [w, v] in P by finger, or None: the object then moves
       with the palm.
     - palm_pose: `RigidTransform` X_WP; a NaN where it is not known.

@@ -51,6 +51,7 @@ def AddPoseTracking(
         - joint_positions
         - joint_velocities
         - prior
+        - planes
         - vision
         - palm_pose
         output_ports:
@@ -68,8 +69,8 @@ def AddPoseTracking(
         - patches
         - patch_status
 
-    - wrench_<finger>, pressures_<pad>, age_<pad>, joint_positions, prior: as those of `AddPoseEstimation`, in whose
-      place it can be put.
+    - wrench_<finger>, pressures_<pad>, age_<pad>, joint_positions, prior, planes: as those of `AddPoseEstimation`, in
+      whose place it can be put.
     - joint_velocities: of the same joints, rad/s; there is such a port only where `use_joint_velocities`. May stay
       unconnected where they are not measured.
     - vision, palm_pose, and the outputs up to belief: of `PoseBeliefEstimator`; the others as of `AddPoseEstimation`.
@@ -105,7 +106,7 @@ def MakePoseTracking(hand: HandConfig, model: ObjectModel, params: PoseTrackingP
         builder.ConnectInput("joint_positions", tips.GetInputPort("joint_positions"))
         builder.ExportInput(tips.GetInputPort("joint_velocities"), "joint_velocities")
         builder.Connect(tips.GetOutputPort("tip_velocities"), belief.GetInputPort("tip_velocities"))
-    for port in ("prior", "vision", "palm_pose"):
+    for port in ("prior", "planes", "vision", "palm_pose"):
         builder.ExportInput(belief.GetInputPort(port), port)
     diagram = builder.Build()
     diagram.set_name("pose_tracking")

@@ -11,6 +11,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context
 
 from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.evidence.plane_contact import PlaneContact
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.frame import Frame, PoseMeasurement
 from tactopose_drake.core.tracking.pose_belief import PoseBelief
@@ -84,6 +85,25 @@ def test_touch_and_vision_give_the_pose_on_every_port(box: ObjectModel) -> None:
     covariance = bench.read("covariance").reshape(6, 6)
     np.testing.assert_array_equal(covariance, estimate.best.covariance)
     assert np.linalg.eigvalsh(covariance)[0] > 0.0
+
+
+def test_a_table_says_how_far_the_object_has_slid_in_the_hand(box: ObjectModel) -> None:
+    slid = X_PO @ RigidTransform([0.0, 0.0, 0.015])
+    table = PlaneContact(X_PO.multiply([0.0, 0.0, -0.07]), X_PO.rotation().multiply([0.0, 0.0, 1.0]))
+    along, spread = {}, {}
+    for planes in ((), (table,)):
+        bench = Bench(PoseBeliefEstimator(box))
+        bench.fix(prior=PosePrior(slid, 0.02, 0.15), planes=planes, fingers_in_contact=FINGERS[:4])
+        for _ in range(10):
+            felt = touch(X_PO.GetAsMatrix34(), bench.generator)
+            bench.fix(contacts=felt[:4])
+            bench.simulator.AdvanceTo(bench.context.get_time() + 0.01)
+        along[planes] = abs((X_PO.inverse() @ bench.read("object_pose")).translation()[2])
+        z_P = X_PO.rotation().matrix()[:, 2]
+        spread[planes] = math.sqrt(z_P @ bench.read("covariance").reshape(6, 6)[3:, 3:] @ z_P)
+    assert along[()] > 0.01
+    assert along[table,] < 0.004
+    assert spread[table,] < 0.5 * spread[()]
 
 
 def test_before_anything_is_known_it_says_so(box: ObjectModel) -> None:

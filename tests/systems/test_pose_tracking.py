@@ -57,7 +57,7 @@ def test_a_prior_never_ages_while_nothing_was_felt_and_no_port_of_the_estimation
     assert all(diagram.HasInputPort(name) for name in names)
     simulator = Simulator(diagram)
     context = simulator.get_mutable_context()
-    for name in names - {"prior"}:
+    for name in names - {"prior", "planes"}:
         port = diagram.GetInputPort(name)
         port.FixValue(context, np.zeros(port.size()))
     X_PO = RigidTransform([0.0, -0.5, 0.0])
