@@ -4,7 +4,7 @@ Laplace's approximation takes each mode for a Gaussian by its curvature. Real mo
 edge, and bend where a direction is hardly determined: a Gaussian that fits at the middle leaves the valley. Therefore
 each mode is covered by tiles, densities like Laplace's that lie along its floor; samples of their mixture are weighted
 by the exact posterior over the mixture [OZ00]; and a mode's mass, its pose and the spread about it are its samples'.
-Modes that turn out to overlap are joined.
+Modes between which the density hardly falls are joined.
 
 Source: [OZ00] A. Owen and Y. Zhou, Safe and effective importance sampling, J. Am. Stat. Assoc. 95, 2000 (deterministic
 mixture weights). [CDG08] O. Cappe et al., Adaptive importance sampling in general mixture classes, Stat. Comput. 18,
@@ -21,7 +21,7 @@ from tactopose_drake.core.kernels.matrix_kernels import inverses
 from tactopose_drake.core.posterior import sampling_weight_kernels
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.posterior.hypotheses import Modes, free_directions
-from tactopose_drake.core.posterior.joined_modes import join_overlapping
+from tactopose_drake.core.posterior.joined_modes import Families, find_families
 from tactopose_drake.core.posterior.mode_moments import Moments, toward_the_mean, weigh_moments
 from tactopose_drake.core.posterior.posterior import Posterior
 from tactopose_drake.core.posterior.student_t_mixture import (
@@ -53,8 +53,15 @@ def weigh_modes(modes: Modes, posterior: Posterior, generator: np.random.Generat
     worthy = np.flatnonzero(share > params.least_sampled_share)
     sampled = close[worthy]
     proposal = _cover(mixture.X_PO[sampled], share[worthy], information[worthy], posterior, generator)
-    start = _Start(mixture.X_PO[sampled], modes.cost[sampled], mixture.covariance[sampled], float(least.min()))
-    increments, weights, lowest, error = _draw(proposal, start, posterior, generator)
+    families = find_families(
+        mixture.X_PO[sampled],
+        posterior.objective,
+        lambda X_PO: _to_the_floor(X_PO, posterior),
+        posterior.symmetry_poses,
+        posterior.size,
+        posterior.params.moments,
+    )
+    increments, weights, lowest, error = _draw(proposal, families, float(least.min()), posterior, generator)
     mass = weights.sum(axis=0)
     moments = weigh_moments(increments, weights)
     if not (moments.effective_samples > 1.0).any():
@@ -64,17 +71,8 @@ def weigh_modes(modes: Modes, posterior: Posterior, generator: np.random.Generat
     masses = mixture.weights * (every.sum() / mixture.weights[close].sum())
     masses[close] = every
     log_mass = float(np.log(masses.sum()) - lowest + _LOG_TURNS[len(posterior.turns[0])])
-    found = _update(modes, sampled, masses / masses.sum(), moments, posterior, log_mass)
+    found = _update(modes, sampled, masses / masses.sum(), moments, families, posterior, log_mass)
     return dataclasses.replace(found, standard_error=error)
-
-
-class _Start(NamedTuple):
-    """The modes that are sampled: minima (g, 3, 4), their costs (g,), covariances (g, 6, 6), and the lowest cost."""
-
-    X_PO: FloatArray
-    cost: FloatArray
-    covariance: FloatArray
-    lowest: float
 
 
 class _Samples(NamedTuple):
@@ -89,7 +87,9 @@ class _Samples(NamedTuple):
     standard_error: float
 
 
-def _draw(proposal: StudentTMixture, start: _Start, posterior: Posterior, generator: np.random.Generator) -> _Samples:
+def _draw(
+    proposal: StudentTMixture, families: Families, lowest: float, posterior: Posterior, generator: np.random.Generator
+) -> _Samples:
     """Samples, so many that the modes' probabilities are sure enough, or as many as are drawn at the most.
 
     Where those of one round are not enough, the next are drawn about them as their weights say [CDG08]; all are weighed
@@ -97,51 +97,42 @@ def _draw(proposal: StudentTMixture, start: _Start, posterior: Posterior, genera
     """
     params = posterior.params.sampling
     proposals: list[StudentTMixture] = []
-    modes = len(start.X_PO)
+    X_mode, modes = families.X_PO, len(families.X_PO)
     X_PO, cost, densities = np.empty((0, 3, 4)), np.empty(0), np.empty((0, modes))
     increments = Increments(np.empty((0, modes, 6)), np.empty((0, modes)))
-    lowest = start.lowest
     while True:
         proposals.append(proposal)
         fresh = proposal.sample(generator)
         if len(X_PO):
             densities += len(fresh) * proposal.densities(increments)
-        to_fresh = find_increments(start.X_PO, fresh)
+        to_fresh = find_increments(X_mode, fresh)
         of_fresh = sum(drawn.count.sum() * drawn.densities(to_fresh) for drawn in proposals)
         increments = Increments(*map(np.concatenate, zip(increments, to_fresh, strict=True)))
-        X_PO, cost = np.concatenate([X_PO, fresh]), np.concatenate([cost, posterior.exact_cost(fresh)])
+        X_PO, cost = np.concatenate([X_PO, fresh]), np.concatenate([cost, _cost_of_one_image(fresh, X_mode, posterior)])
         densities = np.concatenate([densities, of_fresh])
         lowest, weights = min(lowest, float(cost.min())), np.empty_like(densities)
         sampling_weight_kernels.weigh(cost, lowest, densities / len(X_PO), weights)
         count = np.concatenate([drawn.count for drawn in proposals])
-        error, effective = _certainty(weights, count)
-        if error > params.standard_error and effective >= params.effective_samples:
-            # Of modes that overlap the shares are noisier than what they are together.
-            error, _ = _certainty(_joined_weights(increments.u, weights, start, posterior), count)
+        # Of modes that are one the shares are noisier than what they are together.
+        error, effective = _certainty(families.together(weights), count)
         sure = error <= params.standard_error and effective >= params.effective_samples
         if sure or effective == 0.0 or len(proposals) == params.most_rounds:
             return _Samples(increments.u, weights, lowest, error)
-        proposal = _about(X_PO, weights, start.X_PO, posterior)
+        proposal = _about(X_PO, weights, X_mode, posterior)
 
 
-def _joined_weights(increments: FloatArray, weights: FloatArray, start: _Start, posterior: Posterior) -> FloatArray:
-    """The weights (B, g) of samples in the modes' shares, where those that overlap are one."""
-    known = np.flatnonzero(np.count_nonzero(weights, axis=0) > 1)
-    of_known = np.ascontiguousarray(weights[:, known])
-    moments = weigh_moments(np.take(increments, known, axis=1), of_known)
-    spread = _spread(start.X_PO[known], moments, start.covariance[known], posterior)
-    _, _, owner = join_overlapping(
-        start.X_PO[known],
-        start.cost[known],
-        of_known.sum(axis=0),
-        spread,
-        moments,
-        posterior.symmetry_poses,
-        posterior.params.moments,
-    )
-    together = np.zeros((len(known), len(known)))
-    together[np.arange(len(known)), owner] = 1.0
-    return of_known @ together
+def _cost_of_one_image(X_PO: FloatArray, X_mode: FloatArray, posterior: Posterior) -> FloatArray:
+    """The exact cost of samples (B, 3, 4); infinite where an image by a symmetry is nearer to a mode than the sample.
+
+    Of all images of a pose one counts, or modes that are wide enough to reach their own images would count manyfold.
+    """
+    if len(posterior.symmetry_poses) == 1:
+        return posterior.exact_cost(X_PO)
+    nearest = np.empty(len(X_PO), dtype=np.intp)
+    sampling_weight_kernels.find_nearest_images(X_PO, X_mode, posterior.symmetry_poses, 0.5 * posterior.size, nearest)
+    cost, own = np.full(len(X_PO), np.inf), nearest == 0
+    cost[own] = posterior.exact_cost(X_PO[own])
+    return cost
 
 
 def _about(X_PO: FloatArray, weights: FloatArray, X_mode: FloatArray, posterior: Posterior) -> StudentTMixture:
@@ -253,24 +244,17 @@ def _update(
     sampled: NDArray[np.intp],
     masses: FloatArray,
     moments: Moments,
+    families: Families,
     posterior: Posterior,
     log_mass: float,
 ) -> Modes:
-    """The modes with these masses, and of those that the samples know their moments; what overlaps is one."""
+    """The modes with these masses, and of those that the samples know their moments; of a family one."""
     params, X_PO, covariance = posterior.params, modes.mixture.X_PO.copy(), modes.mixture.covariance.copy()
     cost, mass = modes.cost.copy(), masses.copy()
     known = moments.effective_samples > 1.0
     index, moments = sampled[known], Moments(*(moment[known] for moment in moments))
     laplace = covariance[index]
-    mass[index], moments, _ = join_overlapping(
-        X_PO[index],
-        cost[index],
-        mass[index],
-        _spread(X_PO[index], moments, laplace, posterior),
-        moments,
-        posterior.symmetry_poses,
-        params.moments,
-    )
+    mass[index], moments, _ = families.chosen(np.flatnonzero(known)).join(cost[index], mass[index], moments)
     left = mass[index] > 0.0
     index, laplace, moments = index[left], laplace[left], Moments(*(moment[left] for moment in moments))
     X_PO[index], cost[index], second = toward_the_mean(

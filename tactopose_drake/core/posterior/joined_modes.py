@@ -1,45 +1,125 @@
-"""Modes that overlap are one: a valley with bumps along its floor has many minima, and is one hypothesis.
+"""Modes between which the density hardly falls are one: a valley with bumps along its floor has many minima.
 
-Two equal Gaussians of a mixture make one peak when their means are within two standard deviations of each other; modes
-are one up to three, for samples leave it open whether those along a valley are closer. That is asked of the modes as
-they were sampled: often they are much wider than the curvature at their minima says.
+Two equal Gaussians make one peak when their means are within two standard deviations of each other, and at four and a
+half the density between them is e^-2 of that at either. Whether that is so is asked of the posterior itself, and not of
+samples: those are few in some modes, and others with another seed. Minima are joined by rising saddles, as long as the
+saddle is a low one above the lowest minimum of either side, which then is all its minima's [CGOS13]: a mode that is
+joined by way of a third one is so however many the search has found between them.
+
+Source: [CGOS13] F. Chazal et al., Persistence-based clustering in Riemannian manifolds, J. ACM 60, 2013.
 """
+
+from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactopose_drake.core.posterior.joining_kernels import Joined, join
+from tactopose_drake.core.objectives.objective import Objective
+from tactopose_drake.core.posterior.joining_kernels import Joined, join, lay_paths
 from tactopose_drake.core.posterior.mode_moments import Moments
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, MomentParams
 from tactopose_drake.core.validation import FloatArray
 
+# Shares of the way between two minima at which the density is asked for.
+_SHARES = np.arange(1.0, 6.0) / 6.0
 
-def join_overlapping(
+
+class Families(NamedTuple):
+    """Which of g modes are one.
+
+    Attributes:
+        X_PO: their minima, shape (g, 3, 4).
+        family: the first mode of each one's family, maybe itself, shape (g,).
+        symmetry_poses: the object's finite symmetry group as poses X_OO', the identity first, shape (s, 3, 4).
+        arm: the way of a turn by a radian, by which images are compared, m.
+    """
+
+    X_PO: FloatArray
+    family: NDArray[np.intp]
+    symmetry_poses: FloatArray
+    arm: float
+
+    def chosen(self, index: NDArray[np.intp]) -> "Families":
+        """Of some of the modes."""
+        return self._replace(X_PO=self.X_PO[index], family=self.family[index])
+
+    def together(self, weights: FloatArray) -> FloatArray:
+        """Weights (B, g) of samples in the modes' shares, in the families' shares."""
+        sums = np.zeros((len(self.family), len(self.family)))
+        sums[np.arange(len(self.family)), self.family] = 1.0
+        return weights @ sums
+
+    def join(
+        self, cost: FloatArray, mass: FloatArray, moments: Moments
+    ) -> tuple[FloatArray, Moments, NDArray[np.intp]]:
+        """The masses and moments of modes of which those of a family are one: that of the lowest cost.
+
+        Args:
+            cost: of the minima, shape (g,).
+            mass: of the modes, shape (g,).
+            moments: of increments from the minima.
+
+        Returns:
+            Masses, none for a mode that another one has taken in; the moments; and which mode each one is part of.
+        """
+        mass, joint = mass.copy(), Moments(*(moment.copy() for moment in moments))
+        order, owner = np.argsort(cost, kind="stable"), np.empty(len(mass), dtype=np.intp)
+        join(self.X_PO, order, self.symmetry_poses, self.family, self.arm, Joined(mass, *joint), owner)
+        return mass, joint, owner
+
+
+def find_families(
     X_PO: FloatArray,
-    cost: FloatArray,
-    mass: FloatArray,
-    spread: FloatArray,
-    moments: Moments,
+    objective: Objective,
+    to_the_floor: Callable[[FloatArray], FloatArray],
     symmetry_poses: FloatArray,
+    size: float,
     params: MomentParams = DEFAULT_PARAMS.moments,
-) -> tuple[FloatArray, Moments, NDArray[np.intp]]:
-    """The masses and moments of modes of which those that overlap, up to a symmetry, are one: that of the lowest cost.
+) -> Families:
+    """Finds which minima are one mode, directly or by others between them.
 
     Args:
-        X_PO: minima, shape (g, 3, 4).
-        cost: of the minima, shape (g,).
-        mass: of the modes, shape (g,).
-        spread: their covariances about the minima, shape (g, 6, 6).
-        moments: of increments from the minima.
+        X_PO: minima, the most telling first, shape (g, 3, 4); those behind `params.most_joined` stay alone.
+        objective: the negative log posterior.
+        to_the_floor: moves poses (B, 3, 4) beside a valley down to its floor.
         symmetry_poses: the object's finite symmetry group as poses X_OO', the identity first, shape (s, 3, 4).
-        params: which modes overlap.
-
-    Returns:
-        Masses, none for a mode that another one has taken in; the moments; and which mode each one is part of.
+        size: the object's, m.
+        params: which minima are one mode.
     """
-    mass, joint = mass.copy(), Moments(*(moment.copy() for moment in moments))
-    spread = spread - moments.first[:, :, None] * moments.first[:, None]
-    limits = params.peak_sigmas, params.widest_turn
-    order, owner = np.argsort(cost, kind="stable"), np.empty(len(X_PO), dtype=np.intp)
-    join(X_PO, order, symmetry_poses, limits, Joined(mass, spread, *joint), owner)
-    return mass, joint, owner
+    found = Families(X_PO, np.arange(len(X_PO)), symmetry_poses, 0.5 * size)
+    asked = np.ascontiguousarray(X_PO[: params.most_joined])
+    if len(asked) < 2:
+        return found
+    pairs = np.stack(np.tril_indices(len(asked), -1), axis=1)
+    low = objective.cost(asked)
+    family, saddle = found.family[: len(asked)], _saddles(asked, low, pairs, found, objective, to_the_floor)
+    for k in np.argsort(saddle, kind="stable"):
+        first, other = np.sort(family[pairs[k]])
+        if first != other and saddle[k] <= max(low[first], low[other]) + params.ridge:
+            low[first] = min(low[first], low[other])
+            family[family == other] = first
+    return found
+
+
+def _saddles(
+    X_PO: FloatArray,
+    cost: FloatArray,
+    pairs: NDArray[np.intp],
+    images: Families,
+    objective: Objective,
+    to_the_floor: Callable[[FloatArray], FloatArray],
+) -> FloatArray:
+    """The highest cost on the ways between pairs (n, 2) of minima (g, 3, 4) of these costs (g,), shape (n,).
+
+    A way that rises is straight no longer, where its points find lower ones on the valley's floor.
+    """
+    ends, ways = cost[pairs].max(axis=1), np.empty((len(pairs), len(_SHARES), 3, 4))
+    lay_paths(X_PO, pairs, images.symmetry_poses, images.arm, _SHARES, ways)
+    costs = objective.cost(ways.reshape(-1, 3, 4)).reshape(len(pairs), -1)
+    rising = costs.max(axis=1) > ends
+    if rising.any():
+        bent = objective.cost(to_the_floor(ways[rising].reshape(-1, 3, 4))).reshape(-1, len(_SHARES))
+        costs[rising] = np.minimum(costs[rising], bent)
+    saddles: FloatArray = np.maximum(costs.max(axis=1), ends)
+    return saddles

@@ -1,4 +1,4 @@
-"""Modes that overlap are joined, with their masses and moments."""
+"""Ways between modes, and modes that are one: joined with their masses and moments."""
 
 from typing import NamedTuple
 
@@ -9,23 +9,23 @@ from tactopose_drake.core.compilation import (
     Floats2,
     Floats3,
     Longs1,
+    Longs2,
     OutFloats1,
     OutFloats2,
     OutFloats3,
+    OutFloats4,
     OutLongs1,
     kernel,
     part,
 )
-from tactopose_drake.core.kernels.matrix_kernels import cholesky, invert
-from tactopose_drake.core.kernels.pose_kernels import compose_one, increment_between
-from tactopose_drake.core.kernels.sorting_kernels import copy_matrix, copy_vector
+from tactopose_drake.core.kernels.pose_kernels import compose_one, increment_between, retract_one
+from tactopose_drake.core.kernels.sorting_kernels import copy_vector
 
 
 class Joined(NamedTuple):
-    """Masses (g,), spreads (g, 6, 6) about the means, and `mode_moments.Moments` of g modes, as joining writes them."""
+    """Masses (g,) and `mode_moments.Moments` of g modes, as joining writes them."""
 
     mass: OutFloats1
-    spread: OutFloats3
     effective_samples: OutFloats1
     first: OutFloats2
     second: OutFloats3
@@ -39,71 +39,64 @@ class Image(NamedTuple):
 
 
 class Work(NamedTuple):
-    """Scratch: (6,), (6,), and four of (6, 6)."""
+    """Scratch: (6,), (6,), and two of (6, 6)."""
 
     mean: OutFloats1
     d: OutFloats1
     half: OutFloats2
-    C: OutFloats2
-    L: OutFloats2
-    information: OutFloats2
+    products: OutFloats2
+
+
+@kernel
+def lay_paths(X: Floats3, pairs: Longs2, symmetries: Floats3, arm: float, shares: Floats1, path: OutFloats4) -> None:
+    """Fills poses (n, t, 3, 4) at shares (t,) of the ways between pairs (n, 2) of modes X (g, 3, 4).
+
+    Each way is from the second one to the nearest of the first one's images by the symmetries (s, 3, 4), where a turn
+    by a radian is a way of `arm`.
+    """
+    Y, image, u = np.empty((3, 4)), Image(np.empty(6), np.empty((6, 6))), np.empty(6)
+    for n in range(pairs.shape[0]):
+        i = pairs[n, 1]
+        _find_nearest_image(X[i], X[pairs[n, 0]], symmetries, arm, image, Y)
+        for t in range(shares.shape[0]):
+            for a in range(6):
+                u[a] = shares[t] * image.u[a]
+            retract_one(X[i], u, path[n, t])
 
 
 @kernel
 def join(
-    X: Floats3, order: Longs1, symmetries: Floats3, limits: tuple[float, float], joined: Joined, owner: OutLongs1
+    X: Floats3, order: Longs1, symmetries: Floats3, family: Longs1, arm: float, joined: Joined, owner: OutLongs1
 ) -> None:
-    """Adds each mode to the nearest of those before it that it overlaps, its owner, and leaves it no mass.
-
-    With u the increment to its image, J the derivative of increments there by those from its own pose, m the means, P
-    the mean products, C the spreads and p its share of both masses, they overlap where d = u + J m' - m is short by the
-    spread p J C' J^T + (1 - p) C. The limits are those of d, in standard deviations, and of the turn in u, rad.
-    """
-    peak_sigmas, widest_turn = limits
-    X_image, image = np.empty((3, 4)), Image(np.empty(6), np.empty((6, 6)))
-    nearest = Image(np.empty(6), np.empty((6, 6)))
-    work = Work(np.empty(6), np.empty(6), np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6)))
-    for j in order:
-        owner[j] = j
-    for place in range(1, order.shape[0]):
+    """Adds each mode to the first of its family in this order, its owner, and leaves it no mass."""
+    image, Y = Image(np.empty(6), np.empty((6, 6))), np.empty((3, 4))
+    work = Work(np.empty(6), np.empty(6), np.empty((6, 6)), np.empty((6, 6)))
+    for place in range(order.shape[0]):
         j = order[place]
-        least, into = peak_sigmas**2, -1
+        owner[j] = j
         for i in order[:place]:
-            if joined.mass[i] == 0.0:
-                continue
-            for s in range(symmetries.shape[0]):
-                compose_one(X[j], symmetries[s], X_image)
-                increment_between(X[i], X_image, image.u)
-                if image.u[0] ** 2 + image.u[1] ** 2 + image.u[2] ** 2 > widest_turn**2:
-                    continue
+            if family[i] == family[j] and owner[i] == i:
+                s = _find_nearest_image(X[i], X[j], symmetries, arm, image, Y)
                 _derivative(X[j], symmetries[s], image.turn)
-                square = _apart(joined, i, j, image, work)
-                if square < least:
-                    least, into = square, i
-                    copy_vector(image.u, nearest.u)
-                    copy_matrix(image.turn, nearest.turn)
-        if into >= 0:
-            _add(joined, into, j, nearest, work)
-            owner[j] = into
+                _add(joined, i, j, image, work)
+                owner[j] = i
+                break
 
 
 @part
-def _apart(joined: Joined, i: int, j: int, image: Image, work: Work) -> float:
-    """The squared length of d between the mode i and the image of j, by their spread."""
-    p = joined.mass[j] / (joined.mass[i] + joined.mass[j])
-    C, d = work.C, work.d
-    _transport(image.turn, joined.first[j], joined.spread[j], work.mean, work.half, C)
-    for a in range(6):
-        d[a] = image.u[a] + work.mean[a] - joined.first[i, a]
-        for c in range(6):
-            C[a, c] = p * C[a, c] + (1.0 - p) * joined.spread[i, a, c]
-    cholesky(C, work.L)
-    invert(work.L, work.information)
-    square = 0.0
-    for a in range(6):
-        for c in range(6):
-            square += d[a] * work.information[a, c] * d[c]
-    return square
+def _find_nearest_image(
+    X: Floats2, X_other: Floats2, symmetries: Floats3, arm: float, image: Image, Y: OutFloats2
+) -> int:
+    """Which of the other's images is the nearest to X, and fills the increment there; Y (3, 4) is for work."""
+    nearest, least, u = 0, np.inf, np.empty(6)
+    for s in range(symmetries.shape[0]):
+        compose_one(X_other, symmetries[s], Y)
+        increment_between(X, Y, u)
+        way = u[3] ** 2 + u[4] ** 2 + u[5] ** 2 + arm**2 * (u[0] ** 2 + u[1] ** 2 + u[2] ** 2)
+        if way < least:
+            nearest, least = s, way
+            copy_vector(u, image.u)
+    return nearest
 
 
 @part
@@ -112,10 +105,9 @@ def _add(joined: Joined, i: int, j: int, image: Image, work: Work) -> None:
 
     The joint mean is m + p d, and P becomes (1 - p) P + p (J P' J^T + J m' u^T + u (J m')^T + u u^T).
     """
-    mass, spread, effective_samples, first, second = joined
+    mass, effective_samples, first, second = joined
     p = mass[j] / (mass[i] + mass[j])
-    u, mean, d, C, products = image.u, work.mean, work.d, work.C, work.L
-    _transport(image.turn, first[j], spread[j], mean, work.half, C)
+    u, mean, d, products = image.u, work.mean, work.d, work.products
     _transport(image.turn, first[j], second[j], mean, work.half, products)
     for a in range(6):
         d[a] = u[a] + mean[a] - first[i, a]
@@ -124,7 +116,6 @@ def _add(joined: Joined, i: int, j: int, image: Image, work: Work) -> None:
         for c in range(6):
             product = products[a, c] + mean[a] * u[c] + u[a] * mean[c] + u[a] * u[c]
             second[i, a, c] = (1.0 - p) * second[i, a, c] + p * product
-            spread[i, a, c] = (1.0 - p) * spread[i, a, c] + p * C[a, c] + p * (1.0 - p) * d[a] * d[c]
     effective_samples[i] = 1.0 / ((1.0 - p) ** 2 / effective_samples[i] + p**2 / effective_samples[j])
     mass[i] += mass[j]
     mass[j] = 0.0

@@ -37,10 +37,10 @@ class SamplingParams:
     samples: int = 128  # poses that are drawn in a round
     # Rounds end when no mode's probability has a larger standard error than this, and the samples are worth as many of
     # the posterior itself.
-    standard_error: float = 0.02
+    standard_error: float = 0.014
     effective_samples: float = 40.0
-    most_rounds: int = 12
-    most_densities: int = 15_000  # of contacts at samples, which is where the time goes; one round at the least
+    most_rounds: int = 24
+    most_densities: int = 40_000  # of contacts at samples, which is where the time goes; one round at the least
     tiles: int = 16  # densities that cover the modes, beside one at each
     steps: int = 3  # of Gauss and Newton, that bring the tiles to the valley's floor
     # Modes that hold less than this share of the mass by Laplace's approximation are taken at its word; those that hold
@@ -73,10 +73,10 @@ class MomentParams:
     chance: float = 12.6
     as_good: float = 0.3  # a pose that costs so much more than its mode's minimum explains the touch as well
     tried_shares: tuple[float, ...] = (1.0, 0.75, 0.5, 0.25, 0.0)  # of the way to the mean, the last one none of it
-    # Standard deviations within which the means of one mode lie. Two equal Gaussians make one peak within 2; a little
-    # more, for samples leave it open whether two that lie along a valley are closer.
-    peak_sigmas: float = 3.0
-    widest_turn: float = 1.5  # between minima of one mode, rad: beyond, increments are no measure of how a mode spreads
+    # By how much the cost rises at most between minima of one mode, above the higher one: two equal Gaussians are one
+    # mode up to 4.5 standard deviations.
+    ridge: float = 2.0
+    most_joined: int = 24  # modes of which that is asked, the most telling ones
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, slots=True)

@@ -23,6 +23,7 @@ from tactopose_drake.core.compilation import (
     OutFloats2,
     OutFloats3,
     OutFloats4,
+    OutLongs1,
     kernel,
 )
 from tactopose_drake.core.kernels import least_squares_kernels, pose_kernels
@@ -40,6 +41,27 @@ def weigh(cost: Floats1, lowest: float, densities: Floats2, weights: OutFloats2)
         weight = np.exp(lowest - cost[b]) / (densities.shape[0] * density)
         for g in range(densities.shape[1]):
             weights[b, g] = weight * (densities[b, g] / density)
+
+
+@kernel
+def find_nearest_images(X: Floats3, X_mode: Floats3, symmetries: Floats3, arm: float, nearest: OutLongs1) -> None:
+    """By which symmetry (s, 3, 4) the image of each pose X (B, 3, 4) is that is nearest to one of the modes (g, 3, 4).
+
+    A turn by a small angle counts as the way of an arm, m.
+    """
+    image, turns = np.empty((3, 4)), 0.5 * arm * arm
+    for b in range(X.shape[0]):
+        least = np.inf
+        for s in range(symmetries.shape[0]):
+            pose_kernels.compose_one(X[b], symmetries[s], image)
+            for g in range(X_mode.shape[0]):
+                square = 0.0
+                for i in range(3):
+                    square += (image[i, 3] - X_mode[g, i, 3]) ** 2
+                    for j in range(3):
+                        square += turns * (image[i, j] - X_mode[g, i, j]) ** 2
+                if square < least:
+                    least, nearest[b] = square, s
 
 
 @kernel

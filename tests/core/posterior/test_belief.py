@@ -152,6 +152,40 @@ def test_the_masses_are_those_of_the_exact_posterior() -> None:
     assert np.all(np.diff(found.mixture.weights) <= 0)
 
 
+def test_a_mode_that_reaches_its_own_images_counts_once() -> None:
+    # Thirds of a turn about z are a symmetry. One mode is free in that turn, the other is not: as wide as a third of a
+    # turn is the first one's mass, which its images share, and so is the other's.
+    third, sigma = 2.0 * np.pi / 3.0, 0.2
+    lower = math.log(third / (math.sqrt(2.0 * math.pi) * sigma))
+    away = np.array([0.0, 0.1, 0.0])
+
+    class Thirds(Valley):
+        def residuals(self, X_PO: FloatArray) -> FloatArray:
+            spin = np.arctan2(X_PO[:, 1, 0], X_PO[:, 0, 0])
+            spin = spin - third * np.rint(spin / third)
+            is_away = X_PO[:, 1, 3] > 0.05
+            middle = X_PO[:, :, 3] - np.where(is_away[:, None], away, 0.0)
+            turn = np.where(is_away, spin / sigma, 0.0)
+            rows: FloatArray = np.concatenate([X_PO[:, :2, 2] / 0.03, middle / 0.001, turn[:, None]], axis=1)
+            return rows
+
+        def cost(self, X_PO: FloatArray) -> FloatArray:
+            cost: FloatArray = super().cost(X_PO) - np.where(X_PO[:, 1, 3] > 0.05, lower, 0.0)
+            return cost
+
+    X_PO = np.stack([np.eye(3, 4), make_poses(np.eye(3), away)])
+    images = make_poses(exp_so3(np.outer([0.0, 1.0, -1.0], [0.0, 0.0, third])), np.zeros((3, 3)))
+    valley = Thirds(np.eye(3, 4), SIGMAS)
+    covariance = np.linalg.inv(valley.normal_equations(X_PO).hessian + np.diag([0, 0, 1 / 1.7, 0, 0, 0]))
+    start = Modes(GaussianMixture(X_PO, np.full(2, 0.5), covariance), valley.cost(X_PO), (np.empty((0, 6)),) * 2, 0.0)
+    asked = dataclasses.replace(posterior(valley, samples=4000, tiles=32), symmetry_poses=images)
+    found = weigh_modes(start, asked, np.random.default_rng(0))
+    is_away = found.mixture.X_PO[:, 1, 3] > 0.05
+    assert found.mixture.weights[is_away].sum() == pytest.approx(0.5, abs=0.05)
+    # The turn is known as well as the symmetry tells it: evenly within a third.
+    assert found.mixture.covariance[~is_away][0, 2, 2] == pytest.approx(third**2 / 12.0, rel=0.15)
+
+
 def test_a_bent_valley_is_as_long_as_it_is() -> None:
     # A turn with a standard deviation of 20 degrees moves the object along an arc of 100 mm.
     sigmas = np.array([0.02, 0.02, math.radians(20), 0.001, 0.001, 0.001])
@@ -232,6 +266,9 @@ def test_the_standard_error_is_that_of_the_weights_from_seed_to_seed() -> None:
         return np.minimum(near.cost(X_PO) + 0.05 * np.sin(900.0 * X_PO[:, 0, 3]), away.cost(X_PO) + 1.0)
 
     class Both(Valley):
+        def cost(self, X_PO: FloatArray) -> FloatArray:
+            return np.minimum(near.cost(X_PO), away.cost(X_PO))
+
         def normal_equations(self, X_PO: FloatArray) -> NormalEquations:
             is_near = near.cost(X_PO) < away.cost(X_PO)
             parts = [(near.normal_equations(X_PO)), (away.normal_equations(X_PO))]

@@ -1,9 +1,13 @@
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
+from tactopose_drake.core.objectives.objective import Objective
 from tactopose_drake.core.poses import compose, exp_so3, increments_between, make_poses, retract
-from tactopose_drake.core.posterior.joined_modes import join_overlapping
+from tactopose_drake.core.posterior.joined_modes import Families, find_families
 from tactopose_drake.core.posterior.mode_moments import Moments, weigh_moments
+from tactopose_drake.core.posterior.posterior_params import MomentParams
 from tactopose_drake.core.posterior.student_t_mixture import find_increments
 from tactopose_drake.core.validation import FloatArray
 
@@ -25,30 +29,132 @@ def beside(*lengths: float) -> FloatArray:
     return retract(np.tile(X_PO, (len(lengths), 1, 1)), np.diag(SIGMAS)[: len(lengths)] * np.array(lengths)[:, None])
 
 
-def join(
-    X: FloatArray, mass: list[float], covariance: FloatArray | None = None, symmetries: FloatArray = ALONE
-) -> tuple[FloatArray, Moments]:
-    """Joins modes by rising cost."""
-    spread = np.tile(np.diag(SIGMAS**2), (len(X), 1, 1)) if covariance is None else covariance
-    cost = np.arange(len(X), dtype=float)
-    mass_of, moments, _ = join_overlapping(X, cost, np.array(mass), spread, centred(spread), symmetries)
-    return mass_of, moments
+class Valleys:
+    """Of costs by the way from X_PO along the first direction, in standard deviations: given at some, else between."""
+
+    def __init__(self, places: list[float], costs: list[float]) -> None:
+        self._places, self._costs = places, costs
+
+    def cost(self, X: FloatArray) -> FloatArray:
+        u = increments_between(np.broadcast_to(X_PO, X.shape), X) / SIGMAS
+        return np.interp(u[:, 0], self._places, self._costs) + 0.5 * np.square(u[:, 1:]).sum(axis=1)
 
 
-def test_modes_within_three_standard_deviations_are_one() -> None:
-    mass, moments = join(beside(0.0, 2.9, 3.3), [0.5, 0.1, 0.4])
-    np.testing.assert_allclose(mass, [0.6, 0.0, 0.4])
-    np.testing.assert_allclose(moments.first[0] / SIGMAS, [0, 2.9 * 0.1 / 0.6, 0, 0, 0, 0], atol=1e-12)
-    np.testing.assert_array_equal(moments.first[2], 0.0)
+def families(
+    X: FloatArray,
+    objective: Objective,
+    symmetries: FloatArray = ALONE,
+    to_the_floor: Callable[[FloatArray], FloatArray] = lambda X: X,
+) -> Families:
+    return find_families(X, objective, to_the_floor, symmetries, size=0.1)
 
 
-def test_of_those_that_overlap_the_lowest_cost_stays_and_owns_them() -> None:
+def all_one(X: FloatArray, symmetries: FloatArray = ALONE) -> Families:
+    return families(X, Valleys([0.0], [0.0]), symmetries)
+
+
+def along(*lengths: float) -> FloatArray:
+    """Poses so many standard deviations from X_PO along the first direction."""
+    u = np.zeros((len(lengths), 6))
+    u[:, 0] = SIGMAS[0] * np.array(lengths)
+    return retract(np.tile(X_PO, (len(lengths), 1, 1)), u)
+
+
+def test_modes_are_one_where_the_cost_between_hardly_rises() -> None:
+    ridge = MomentParams().ridge
+    for height, together in ((ridge - 0.1, True), (ridge + 0.1, False)):
+        # Above the higher one, which costs 0.5.
+        objective = Valleys([0.0, 5.0, 10.0], [0.0, 0.5 + height, 0.5])
+        family = families(along(0.0, 10.0), objective).family
+        assert (family[1] == 0) == together
+
+
+def test_a_ridge_beside_the_middle_counts_too() -> None:
+    for place in (1.0, 2.0, 4.0, 5.0):
+        objective = Valleys([0.0, place - 0.5, place, place + 0.5, 6.0], [0.0, 0.0, 3.0, 0.0, 0.0])
+        np.testing.assert_array_equal(families(along(0.0, 6.0), objective).family, [0, 1])
+
+
+def test_minima_along_a_valley_are_one_by_those_between_and_not_across_a_ridge() -> None:
+    places = np.arange(0.0, 31.0)
+    bumps = 1.5 * (1.0 - np.cos(2.0 * np.pi * places / 6.0)) / 2.0
+    bumps[(places > 18.0) & (places < 24.0)] = 8.0
+    valley = Valleys(places.tolist(), bumps.tolist())
+    np.testing.assert_array_equal(families(along(0.0, 24.0, 6.0, 12.0, 30.0), valley).family, [0, 1, 0, 0, 1])
+
+
+def test_two_gaussians_are_one_up_to_four_and_a_half_standard_deviations() -> None:
+    def cost(way: FloatArray, apart: float) -> FloatArray:
+        return -np.logaddexp(-0.5 * way**2, -0.5 * (way - apart) ** 2)
+
+    for apart, together in ((4.2, True), (4.8, False)):
+        places = np.linspace(-1.0, 6.0, 701)
+        family = families(along(0.0, apart), Valleys(places.tolist(), cost(places, apart).tolist())).family
+        assert (family[1] == 0) == together
+
+
+def test_a_high_minimum_between_two_low_ones_does_not_join_them() -> None:
+    # From the one in the middle the ways to the others rise by no more than a ridge; from those they rise by six.
+    hill = Valleys([0.0, 4.0, 5.0, 6.0, 10.0], [0.0, 6.0, 5.0, 6.0, 0.5])
+    family = families(along(0.0, 10.0, 5.0), hill).family
+    assert family[0] != family[1]
+    low = Valleys([0.0, 4.0, 5.0, 6.0, 10.0], [0.0, 1.9, 1.0, 1.9, 0.5])
+    np.testing.assert_array_equal(families(along(0.0, 10.0, 5.0), low).family, [0, 0, 0])
+
+
+def test_a_bent_valley_is_one_mode() -> None:
+    class Bent:
+        def cost(self, X: FloatArray) -> FloatArray:
+            u = increments_between(np.broadcast_to(X_PO, X.shape), X) / SIGMAS
+            return np.square(u[:, 1] - _arch(u[:, 0]))
+
+    def to_the_arch(X: FloatArray) -> FloatArray:
+        u = increments_between(np.broadcast_to(X_PO, X.shape), X) / SIGMAS
+        u[:, 1] = _arch(u[:, 0])
+        return retract(np.tile(X_PO, (len(u), 1, 1)), u * SIGMAS)
+
+    np.testing.assert_array_equal(families(along(0.0, 6.0), Bent()).family, [0, 1])
+    np.testing.assert_array_equal(families(along(0.0, 6.0), Bent(), to_the_floor=to_the_arch).family, [0, 0])
+    # Where the floor is not found, the straight way counts.
+    away = families(along(0.0, 1.0), Bent(), to_the_floor=lambda X: X + 1.0).family
+    np.testing.assert_array_equal(away, [0, 0])
+
+
+def _arch(way: FloatArray) -> FloatArray:
+    return 0.5 * way * (6.0 - way)
+
+
+def test_minima_round_an_axis_are_one_and_the_least_telling_stay_alone() -> None:
+    turns = np.zeros((3, 6))
+    turns[:, 2] = np.radians([0.0, 120.0, -120.0])
+    flat = Valleys([0.0], [0.0])
+
+    class Round:
+        def cost(self, X: FloatArray) -> FloatArray:
+            return np.zeros(len(X))
+
+    np.testing.assert_array_equal(families(retract(np.tile(X_PO, (3, 1, 1)), turns), Round()).family, [0, 0, 0])
+    most = MomentParams().most_joined
+    family = families(along(*np.linspace(0.0, 1.0, most + 3)), flat).family
+    np.testing.assert_array_equal(family, [0] * most + [most, most + 1, most + 2])
+
+
+def test_of_a_family_the_lowest_cost_stays_and_owns_the_others() -> None:
     spread = np.tile(np.diag(SIGMAS**2), (3, 1, 1))
-    mass, _, owner = join_overlapping(
-        beside(0.0, 1.0, 9.0), np.array([3.0, 2.0, 4.0]), np.array([0.5, 0.1, 0.4]), spread, centred(spread), ALONE
-    )
+    found = all_one(along(0.0, 1.0, 9.0))._replace(family=np.array([0, 0, 2]))
+    mass, _, owner = found.join(np.array([3.0, 2.0, 4.0]), np.array([0.5, 0.1, 0.4]), centred(spread))
     np.testing.assert_allclose(mass, [0.0, 0.6, 0.4])
     np.testing.assert_array_equal(owner, [1, 1, 2])
+    weights = np.array([[0.2, 0.1, 0.0], [0.0, 0.3, 0.4]])
+    np.testing.assert_allclose(found.together(weights), [[0.3, 0.0, 0.0], [0.3, 0.0, 0.4]])
+
+
+def test_without_the_first_of_a_family_the_others_are_still_one() -> None:
+    spread = np.tile(np.diag(SIGMAS**2), (2, 1, 1))
+    found = all_one(along(0.0, 1.0, 2.0)).chosen(np.array([1, 2]))
+    mass, _, owner = found.join(np.array([2.0, 1.0]), np.array([0.3, 0.7]), centred(spread))
+    np.testing.assert_allclose(mass, [0.0, 1.0])
+    np.testing.assert_array_equal(owner, [1, 1])
 
 
 def test_the_joint_moments_are_those_of_the_samples_together() -> None:
@@ -59,7 +165,7 @@ def test_the_joint_moments_are_those_of_the_samples_together() -> None:
     weights = np.zeros((8000, 2))
     weights[:4000, 0], weights[4000:, 1] = 0.6 / 4000, 0.4 / 4000
     apart = weigh_moments(find_increments(X, samples).u, weights)
-    mass, joint, _ = join_overlapping(X, np.zeros(2), np.array([0.6, 0.4]), apart.second, apart, ALONE)
+    mass, joint, _ = all_one(X).join(np.zeros(2), np.array([0.6, 0.4]), apart)
     together = weigh_moments(find_increments(X[:1], samples).u, weights.sum(axis=1, keepdims=True))
     np.testing.assert_allclose(mass, [1.0, 0.0])
     np.testing.assert_allclose(joint.first[0] / SIGMAS, together.first[0] / SIGMAS, atol=0.02)
@@ -67,18 +173,10 @@ def test_the_joint_moments_are_those_of_the_samples_together() -> None:
     assert joint.effective_samples[0] == pytest.approx(together.effective_samples[0])
 
 
-def test_a_little_mode_in_a_wide_one_joins_it_and_a_wide_one_keeps_off_a_narrow_one() -> None:
-    wide, narrow = np.diag(SIGMAS**2), 1e-4 * np.diag(SIGMAS**2)
-    inside, _ = join(beside(0.0, 1.0), [0.9, 0.1], np.stack([wide, narrow]))
-    np.testing.assert_allclose(inside, [1.0, 0.0])
-    around, _ = join(beside(0.0, 2.0), [0.9, 0.1], np.stack([narrow, wide]))
-    np.testing.assert_allclose(around, [0.9, 0.1])
-
-
 def test_what_is_given_stays_as_it_was() -> None:
     spread = np.tile(np.diag(SIGMAS**2), (2, 1, 1))
     mass, moments = np.array([0.7, 0.3]), centred(spread)
-    join_overlapping(beside(0.0, 1.0), np.zeros(2), mass, spread, moments, ALONE)
+    all_one(beside(0.0, 1.0)).join(np.zeros(2), mass, moments)
     np.testing.assert_array_equal(mass, [0.7, 0.3])
     np.testing.assert_array_equal(moments.second, spread)
     np.testing.assert_array_equal(moments.first, 0.0)
@@ -90,18 +188,18 @@ def test_images_by_a_symmetry_are_compared_where_they_are_alike(seed: int) -> No
     generator = np.random.default_rng(seed)
     roots = generator.normal(size=(2, 6, 6)) * SIGMAS[:, None] / 6
     covariance = roots @ np.swapaxes(roots, 1, 2) + np.diag(SIGMAS**2)
-    X = beside(0.0, 1.0)
-    mass, direct = join(X, [0.7, 0.3], covariance)
+    X, cost, masses = beside(0.0, 1.0), np.array([0.0, 1.0]), np.array([0.7, 0.3])
+    mass, direct, _ = all_one(X).join(cost, masses, centred(covariance))
     np.testing.assert_allclose(mass, [1.0, 0.0])
 
     # How the second mode's increments turn with it, by differences.
     image = compose(X[1], HALF_TURN)
     u = increments_between(image, compose(retract(np.tile(X[1], (6, 1, 1)), 1e-6 * np.eye(6)), HALF_TURN)) / 1e-6
     covariance[1] = u.T @ covariance[1] @ u
-    group = np.stack([np.eye(3, 4), HALF_TURN])
-    mass, there = join(np.stack([X[0], image]), [0.7, 0.3], covariance, group)
+    group, there = np.stack([np.eye(3, 4), HALF_TURN]), np.stack([X[0], image])
+    mass, by_image, _ = all_one(there, group).join(cost, masses, centred(covariance))
     np.testing.assert_allclose(mass, [1.0, 0.0])
-    np.testing.assert_allclose(there.first / SIGMAS, direct.first / SIGMAS, atol=1e-6)
-    np.testing.assert_allclose(there.second[0] / SCALE, direct.second[0] / SCALE, atol=1e-3)
-    apart, _ = join(np.stack([X[0], image]), [0.7, 0.3], covariance)
-    np.testing.assert_allclose(apart, [0.7, 0.3])
+    np.testing.assert_allclose(by_image.first / SIGMAS, direct.first / SIGMAS, atol=1e-6)
+    np.testing.assert_allclose(by_image.second[0] / SCALE, direct.second[0] / SCALE, atol=1e-3)
+    _, half_a_turn_off, _ = all_one(there).join(cost, masses, centred(covariance))
+    assert np.trace(half_a_turn_off.second[0][:3, :3]) > 0.25 * np.pi**2
