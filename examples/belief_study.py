@@ -5,8 +5,10 @@ python examples/belief_study.py --objects bust mug spray_bottle tea_box light_bu
 A hand closes on an object that was laid into it, in Drake's physics: contacts arrive one by one, and the object moves
 by centimetres meanwhile. Each grasp is felt with a prior of where the object was laid, and without. From half a second
 after the last finger's first contact the belief's best pose is compared with the truth at those instants at which the
-one-shot estimate of the same instant is right: within 10 mm and 10 degrees, up to what the touch leaves free. Of all
-instants it is asked whether the belief says "ok" while it is off by 20 mm or 20 degrees.
+one-shot estimate of the same instant is right: within 10 mm and 10 degrees, up to what the touch leaves free. Where two
+poses are about as probable the estimate is right by chance at every second instant, or so; therefore those instants are
+also counted apart at which it says "ok". Of all instants it is asked whether the belief says "ok" while it is off by 20
+mm or 20 degrees.
 """
 
 import argparse
@@ -54,6 +56,7 @@ class Instant:
     status: str
     belief_error: Array
     estimate_error: Array
+    estimate_is_sure: bool
 
 
 def lay(model: tp.ObjectModel, generator: np.random.Generator) -> drake.RigidTransform:
@@ -151,12 +154,15 @@ def run_grasp(name: str, model: tp.ObjectModel, seed: int, with_prior: bool) -> 
         )
         status = tracking.GetOutputPort("status").Eval(belief).split(":")[0]
         fingers = tracking.GetOutputPort("fingers_in_contact").Eval(belief)
-        instants.append(Instant(float(time), fingers, status, felt, found))
+        is_sure = estimation.GetOutputPort("status").Eval(estimate).split(":")[0] == "ok"
+        instants.append(Instant(float(time), fingers, status, felt, found, is_sure))
     return instants
 
 
 def counts(instants: list[Instant]) -> Array:
-    """How many instants count, at how many of them the belief is right; how many there are, "ok" while wrong."""
+    """How many instants count, and at how many the belief is right; both again where the estimate is sure; how many are
+    "ok" while wrong, and how many there are.
+    """
     first: dict[str, float] = {}
     for instant in instants:
         for finger in instant.fingers:
@@ -165,7 +171,8 @@ def counts(instants: list[Instant]) -> Array:
     counted = [i for i in instants if i.time > begin and np.all(i.estimate_error < RIGHT)]
     right = [i for i in counted if np.all(i.belief_error < RIGHT)]
     wrong = [i for i in instants if i.status == "ok" and np.any(i.belief_error > WRONG)]
-    return np.array([len(counted), len(right), len(instants), len(wrong)])
+    sure = [sum(i.estimate_is_sure for i in some) for some in (counted, right)]
+    return np.array([len(counted), len(right), *sure, len(wrong), len(instants)])
 
 
 def main() -> None:
@@ -176,13 +183,13 @@ def main() -> None:
     parser.add_argument("--first-seed", type=int, default=0)
     arguments = parser.parse_args()
     for with_prior in (True, False):
-        total = np.zeros(4)
+        total = np.zeros(6)
         for name in arguments.objects:
             model = tp.ObjectModel.from_mesh(model_path("objects", f"{name}.obj"))
             seeds = range(arguments.first_seed, arguments.first_seed + arguments.placements)
             of_object = sum(
                 (counts(run_grasp(name, model, seed, with_prior)) for seed in track(seeds, description=name)),
-                np.zeros(4),
+                np.zeros(6),
             )
             total += of_object
             print_line(name, of_object)
@@ -191,10 +198,11 @@ def main() -> None:
 
 def print_line(name: str, of_instants: Array) -> None:
     """The counts in words."""
-    counted, right, instants, wrong = of_instants
+    counted, right, counted_sure, right_sure, wrong, instants = of_instants
     Console().print(
         f"{name}: the belief is right at {right / max(counted, 1.0):.1%} of {counted:.0f} instants at which the "
-        f'estimate is; "ok" while wrong at {wrong / instants:.2%} of {instants:.0f}'
+        f"estimate is, at {right_sure / max(counted_sure, 1.0):.1%} of {counted_sure:.0f} at which it is sure as well; "
+        f'"ok" while wrong at {wrong / instants:.2%} of {instants:.0f}'
     )
 
 

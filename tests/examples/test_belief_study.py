@@ -13,7 +13,9 @@ def test_a_belief_follows_a_grasp_from_its_first_contact(
     load_script("belief_study.py").main()
     printed = " ".join(capsys.readouterr().out.split())
     for case in ("all, with a prior", "all, without"):
-        found = re.search(rf"{case}: the belief is right at ([0-9.]+)% of (\d+) instants .*? at ([0-9.]+)%", printed)
+        found = re.search(
+            rf"{case}: the belief is right at ([0-9.]+)% of (\d+) instants .*? wrong at ([0-9.]+)%", printed
+        )
         assert found is not None
         right, counted, wrong = map(float, found.groups())
         assert counted > 10

@@ -239,10 +239,10 @@ def test_where_no_sample_counts_the_modes_stay_as_they_were(cost: float) -> None
 
 def test_a_spread_that_doubles_do_not_hold_stays_as_it_was() -> None:
     valley = Valley(pose(), SIGMAS)
-    across = np.linalg.qr(np.random.default_rng(0).normal(size=(6, 6)))[0]
-    flat = across @ np.diag([1e-19, 0.01, 0.01, 0.01, 0.01, 0.01]) @ across.T
+    # Whether 1e-19 beside 0.01, turned, has an inverse in doubles is a matter of how a processor rounds; zero has none.
+    flat = np.diag([0.0, 0.01, 0.01, 0.01, 0.01, 0.01])
     start = modes(valley, pose()[None])
-    start = dataclasses.replace(start, mixture=GaussianMixture(pose()[None], np.ones(1), 0.5 * (flat + flat.T)[None]))
+    start = dataclasses.replace(start, mixture=GaussianMixture(pose()[None], np.ones(1), flat[None]))
     found = weigh_modes(start, posterior(valley), np.random.default_rng(0))
     np.testing.assert_array_equal(found.mixture.covariance, start.mixture.covariance)
     assert found.mixture.weights == 1.0
