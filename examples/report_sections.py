@@ -171,6 +171,11 @@ SECTIONS = (
         full=("--trials", "500", "--first-seed", "0"),
     ),
     Section(
+        script="held_still.py",
+        quick=("--trials", "24", "--first-seed", "0"),
+        full=("--trials", "2004", "--first-seed", "0"),
+    ),
+    Section(
         script="unknown_objects.py",
         quick=("--trials", "20", "--known", "6", "--seed", "0"),
         full=("--trials", "300", "--seed", "0"),

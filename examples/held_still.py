@@ -1,0 +1,102 @@
+"""Whether an answer holds still: touches that are moved by next to nothing, and another seed of the search.
+
+python examples/held_still.py --trials 600
+
+Objects in random poses are touched at random places, with three, five and eight contacts, with a prior and without, in
+turn. Each touch is asked three times: as it is, with every coordinate moved by 1e-13 m, and as it is with another seed.
+Asked is how often the probability of the best hypothesis changes by more than 0.02 and 0.05, and how often the best
+pose moves by more than one standard deviation of its own.
+
+Inputs count to the nanometre, so the first change is none but where a coordinate lies at the border of two. Two seeds
+are two samples of one posterior, and two searches: each probability has the standard error that the estimate states.
+"""
+
+import argparse
+import itertools
+from typing import NamedTuple
+
+import numpy as np
+from calibration import OBJECTS, touch
+from nearest_images import nearest_increments
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
+import tactopose_drake as tp
+from tactopose_drake.resources import model_path
+
+MOVED = 1e-13  # m
+CELLS = tuple(itertools.product((3, 5, 8), (True, False)))  # of contacts, and whether there is a prior
+
+
+class Change(NamedTuple):
+    """Of an answer against another one to the same touch.
+
+    Attributes:
+        probability: by how much the best hypothesis' differs.
+        sigmas: how far the best pose is off, in its standard deviations.
+    """
+
+    probability: float
+    sigmas: float
+
+
+def moved(contacts: tp.Contacts, generator: np.random.Generator) -> tp.Contacts:
+    """The contacts with every coordinate moved to either side."""
+    p_PC = contacts.p_PC + MOVED * generator.choice([-1.0, 1.0], size=contacts.p_PC.shape)
+    return tp.Contacts(p_PC, contacts.n_PC, sigma_position=contacts.sigma_position, sigma_normal=contacts.sigma_normal)
+
+
+def change(model: tp.ObjectModel, first: tp.PoseEstimate, other: tp.PoseEstimate) -> Change:
+    """How the other answer differs from the first."""
+    information = np.linalg.inv(first.best.covariance)
+    X_PO = [estimate.best.X_PO.GetAsMatrix34() for estimate in (first, other)]
+    u = nearest_increments(model, X_PO[0], information, X_PO[1][None])[0]
+    return Change(abs(first.best.probability - other.best.probability), float(np.sqrt(u @ information @ u)))
+
+
+def run_trial(model: tp.ObjectModel, count: int, has_prior: bool, seed: int) -> tuple[Change, Change]:
+    """Touches the object; returns what next to nothing changes, and what another seed does."""
+    felt = touch(model, seed, argparse.Namespace(noise=1.0, contacts=count, spread=False), has_prior)
+    answers = [
+        tp.estimate_pose(model, contacts, prior=felt.prior, seed=of_search)
+        for contacts, of_search in ((felt.contacts, 0), (moved(felt.contacts, felt.generator), 0), (felt.contacts, 1))
+    ]
+    return change(model, answers[0], answers[1]), change(model, answers[0], answers[2])
+
+
+def main() -> None:
+    """Prints a table with a row for each number of contacts, with a prior and without."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--trials", type=int, default=600, help="in all")
+    parser.add_argument("--first-seed", type=int, default=0)
+    parser.add_argument("--objects", nargs="+", default=list(OBJECTS))
+    arguments = parser.parse_args()
+    models = [tp.ObjectModel.from_mesh(model_path("objects", f"{name}.obj")) for name in arguments.objects]
+    changes: dict[tuple[int, bool], list[tuple[Change, Change]]] = {cell: [] for cell in CELLS}
+    for trial in track(range(arguments.trials), description="touches"):
+        cell = CELLS[trial % len(CELLS)]
+        model = models[trial // len(CELLS) % len(models)]
+        changes[cell].append(run_trial(model, *cell, arguments.first_seed + trial))
+    table = Table("contacts", "prior", "touches", "moved: > 0.02", "> 1 sigma", "seed: > 0.02", "> 0.05", "> 1 sigma")
+    for (count, has_prior), of_cell in changes.items():
+        table.add_row(str(count), "yes" if has_prior else "no", *shares(of_cell))
+    table.add_row("all", "", *shares([pair for of_cell in changes.values() for pair in of_cell]))
+    Console().print(table)
+
+
+def shares(of_cell: list[tuple[Change, Change]]) -> list[str]:
+    """How many touches there are, and what shares of them change by more than is asked."""
+    by_move, by_seed = (list(each) for each in zip(*of_cell, strict=True)) if of_cell else ([], [])
+    asked = [
+        (by_move, lambda one: one.probability > 0.02),
+        (by_move, lambda one: one.sigmas > 1.0),
+        (by_seed, lambda one: one.probability > 0.02),
+        (by_seed, lambda one: one.probability > 0.05),
+        (by_seed, lambda one: one.sigmas > 1.0),
+    ]
+    return [str(len(of_cell)), *(f"{sum(map(is_so, some)) / max(len(some), 1):.1%}" for some, is_so in asked)]
+
+
+if __name__ == "__main__":
+    main()
