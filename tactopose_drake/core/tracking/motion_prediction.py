@@ -18,9 +18,9 @@ matrix; hard and soft finger contacts).
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +36,8 @@ from tactopose_drake.core.validation import FloatArray
 _ANY_ROTATION = (np.pi**2 / 3.0 + 2.0) / 3.0
 
 
-class Motion(NamedTuple):
+@dataclasses.dataclass(frozen=True, eq=False)
+class Motion:
     """A small rigid motion of the object in P, a rotation about the origin of P and then a translation.
 
     Attributes:
@@ -47,12 +48,12 @@ class Motion(NamedTuple):
     twist: FloatArray
     covariance: FloatArray
 
-    @property
+    @functools.cached_property
     def pose(self) -> FloatArray:
         """The motion as a pose that acts from the left, X_PO_after = pose X_PO_before, shape (3, 4)."""
         return np.column_stack([exp_so3(self.twist[:3]), self.twist[3:]])
 
-    @property
+    @functools.cached_property
     def adjoint(self) -> FloatArray:
         """What the motion makes of a small twist before it, shape (6, 6)."""
         pose = self.pose
@@ -61,7 +62,7 @@ class Motion(NamedTuple):
         adjoint[3:, :3] = skew(pose[:, 3]) @ pose[:, :3]
         return adjoint
 
-    @property
+    @functools.cached_property
     def increment_map(self) -> FloatArray:
         """What the motion makes of the increments (w, v) from a pose, shape (6, 6): w stays, v turns with it."""
         turn = np.eye(6)

@@ -193,6 +193,8 @@ class PoseTracker:
 
     def _has_moved(self, X_before: FloatArray, X_now: FloatArray) -> bool:
         """Whether the best mode (1, 3, 4) is another one than before."""
+        if np.array_equal(X_before, X_now):
+            return False
         X_near = nearest_images(X_now, X_before[0], self._model.symmetry_turns, self._model.symmetries)
         u = increments_between(X_before, X_near)[0]
         moved = np.linalg.norm(u[3:]) + self._params.lever_arm * self._model.size * np.linalg.norm(u[:3])

@@ -124,8 +124,9 @@ def _has_slipped(
             weight[known].reshape(-1),
             difference[known].reshape(-1),
         )
-        square, u = _explain(J, weights, differences, elapsed * error)
-        if square > threshold and _way(contacts.p_PC, change.X_PO, u) > params.least_distance:
+        if _explained(J, weights, differences, elapsed * error) <= threshold:
+            continue
+        if _way(contacts.p_PC, change.X_PO, _explaining_motion(J, weights, differences)) > params.least_distance:
             return True
     return False
 
@@ -164,23 +165,28 @@ def _follow_noise(noise: tuple[float, float], change: FloatArray, params: SlipPa
     return float(after[0]), float(after[1])
 
 
-def _explain(J: FloatArray, weight: FloatArray, difference: FloatArray, error: FloatArray) -> tuple[float, FloatArray]:
-    """How much a motion explains of differences (m,), and which, shape (6,).
+def _explained(J: FloatArray, weight: FloatArray, difference: FloatArray, error: FloatArray) -> float:
+    """How much a motion explains of differences (m,).
 
-    Without a slip g = J^T W d has the covariance A + A E A, with A = J^T W J and E that of the motion's error; then the
-    first, g^T (A + A E A)^-1 g, is chi-square with six degrees of freedom at most.
+    Without a slip g = J^T W d has the covariance A + A E A, with A = J^T W J and E that of the motion's error; then
+    g^T (A + A E A)^-1 g is chi-square with six degrees of freedom at most.
     """
     JW = J.T * weight
     A, g = JW @ J, JW @ difference
     expected = A + A @ error @ A
     scale = 1.0 / np.sqrt(np.diag(expected) + 1e-12)
     held = expected * np.outer(scale, scale) + 1e-6 * np.eye(6)
-    square = float((g * scale) @ np.linalg.solve(held, g * scale))
-    u = (
-        np.linalg.solve(A * np.outer(scale, scale) + 1e-4 * np.eye(6) * (scale**2 * np.diag(A)).max(), g * scale)
-        * scale
-    )
-    return square, u
+    return float((g * scale) @ np.linalg.solve(held, g * scale))
+
+
+def _explaining_motion(J: FloatArray, weight: FloatArray, difference: FloatArray) -> FloatArray:
+    """The increment (6,) of the pose that explains differences (m,) best."""
+    JW = J.T * weight
+    A, g = JW @ J, JW @ difference
+    scale = 1.0 / np.sqrt(np.diag(A) + 1e-12)
+    held = A * np.outer(scale, scale) + 1e-4 * np.eye(6)
+    u: FloatArray = np.linalg.solve(held, g * scale) * scale
+    return u
 
 
 class ForceTest(NamedTuple):

@@ -121,7 +121,7 @@ def move_standing(belief: PoseBelief, motion: Motion, time: float, *, was_taken:
     if belief.standing is None or (was_taken and belief.vision.accepted_time <= belief.touch_time):
         return None
     if belief.touch_time == -np.inf:
-        motion = motion._replace(covariance=np.zeros((6, 6)))
+        motion = dataclasses.replace(motion, covariance=np.zeros((6, 6)))
     X_PO, covariance = predict_poses(belief.standing.X_PO[None], belief.standing.covariance[None], motion)
     return PoseMeasurement(time, X_PO[0], covariance[0])
 
