@@ -5,7 +5,7 @@ python examples/in_hand_motions.py --motions 200 --out in_hand_motions
 Four families of motion, with contacts on the true mesh at 100 Hz: a screwdriver is turned about its axis, a cylinder is
 rolled between thumb and fingers, objects are carried about by the fingertips, and objects slip under load. Each begins
 with a guess that is 33 mm and 16 degrees off. The estimate knows the noise, and the fingertips' velocities with theirs;
-of the slip nobody tells it.
+of the slip nobody tells it. With `--calibration 4` what lasts of the errors is four times what it is told.
 
 A mode is right when the truth, or an image of it under the object's symmetries, lies in the ellipsoid that holds 99.9 %
 of its Gaussian. Where one mode has all but 1 % of the mass, and the belief does not call itself lost, the normalised
@@ -35,6 +35,7 @@ class Figures:
     instants: int
     right: float
     best_right: float
+    ok_but_wrong: float
     unique: float
     square: float
     square_error: float
@@ -64,6 +65,7 @@ def figures(runs: list[list[Instant]]) -> Figures:
         instants=len(instants),
         right=float(np.mean([instant.right for instant in instants])),
         best_right=float(np.mean([instant.best_right for instant in instants])),
+        ok_but_wrong=float(np.mean([instant.ok_but_wrong for instant in instants])),
         unique=len(squares) / len(instants),
         square=float(squares.mean()) if len(squares) else np.nan,
         square_error=float(np.sqrt(np.sum(sums**2)) / len(squares)) if len(squares) else np.nan,
@@ -80,7 +82,8 @@ def line(name: str, f: Figures) -> str:
     """The figures in words."""
     text = (
         f"{name}: {f.motions} motions, {f.instants} instants; a right mode in {f.right:.1%}, the best is right in "
-        f"{f.best_right:.1%}; unique in {f.unique:.0%}, NEES there {f.square:.2f} +- {f.square_error:.2f} (honest: 6); "
+        f'{f.best_right:.1%}, "ok" while wrong in {f.ok_but_wrong:.2%}; '
+        f"unique in {f.unique:.0%}, NEES there {f.square:.2f} +- {f.square_error:.2f} (honest: 6); "
         f"errors {1e3 * f.translation:.2f} mm, {np.degrees(f.rotation):.2f} deg rms; "
         f"update {1e3 * f.median:.2f} ms median, {1e3 * f.slowest:.2f} ms at 99 %"
     )
@@ -135,6 +138,7 @@ def main() -> None:
     parser.add_argument("--motions", type=int, default=200, help="in all, shared out among the families")
     parser.add_argument("--steps", type=int, default=200, help="of 10 ms each")
     parser.add_argument("--first-seed", type=int, default=0)
+    parser.add_argument("--calibration", type=float, default=1.0, help="what lasts of the errors, over what is told")
     parser.add_argument("--families", nargs="+", default=list(FAMILIES), choices=list(FAMILIES))
     parser.add_argument("--out", type=Path, default=Path("in_hand_motions"))
     arguments = parser.parse_args()
@@ -142,7 +146,7 @@ def main() -> None:
     run_motion(arguments.families[0], arguments.first_seed, 3)  # The first compiles.
     runs = {
         family: [
-            run_motion(family, arguments.first_seed + seed, arguments.steps)
+            run_motion(family, arguments.first_seed + seed, arguments.steps, arguments.calibration)
             for seed in track(range(each), description=family)
         ]
         for family in arguments.families

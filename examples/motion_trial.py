@@ -1,8 +1,9 @@
 """Follows the pose of one object that moves in the hand, and judges the belief at each instant.
 
 The contacts are on the true mesh. The belief begins with a guess that is off by its own standard deviations; it knows
-the noise, and the fingertips' velocities with theirs. A mode is right when the truth, or an image of it under the
-object's symmetries, lies in the ellipsoid that holds 99.9 % of its Gaussian.
+the noise, and the fingertips' velocities with theirs. The hand's calibration may be worse than it is told. A mode is
+right when the truth, or an image of it under the object's symmetries, lies in the ellipsoid that holds 99.9 % of its
+Gaussian.
 """
 
 import dataclasses
@@ -16,12 +17,15 @@ from scipy.stats import chi2
 
 import tactopose_drake as tp
 from tactopose_drake.core.evidence import Evidence
+from tactopose_drake.core.objectives import SurfaceContact
 from tactopose_drake.core.poses import make_poses, random_rotations, retract
-from tactopose_drake.core.synthetic import RollingTouch
+from tactopose_drake.core.posterior import determined_part, free_directions
+from tactopose_drake.core.synthetic import RollingTouch, TouchNoise
 from tactopose_drake.core.tracking import Frame, PoseBelief, PoseTracker
 
 Array = NDArray[np.float64]
 UNIQUE = 0.99
+WRONG = 0.020, np.radians(20.0)  # m, rad
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,6 +41,8 @@ class Instant:
         square: normalised estimation error squared of the best mode.
         translation, rotation: its error, m and rad.
         said_translation, said_rotation: root mean squares of what it says these are.
+        ok_but_wrong: whether it is called "ok", and the best mode is off by 20 mm or 20 degrees, up to what the touch
+            leaves free.
         seconds: that the update took.
         slides: whether the object truly slid.
     """
@@ -51,11 +57,14 @@ class Instant:
     rotation: float
     said_translation: float
     said_rotation: float
+    ok_but_wrong: bool
     seconds: float
     slides: bool
 
 
-def judge(model: tp.ObjectModel, belief: PoseBelief, X_true: Array, seconds: float, slides: bool) -> Instant:
+def judge(
+    model: tp.ObjectModel, belief: PoseBelief, contacts: tp.Contacts, X_true: Array, seconds: float, slides: bool
+) -> Instant:
     """Compares a belief with the truth."""
     dimensions = 6 - sum(symmetry.is_continuous for symmetry in model.symmetries)
     right: list[bool] = []
@@ -77,27 +86,47 @@ def judge(model: tp.ObjectModel, belief: PoseBelief, X_true: Array, seconds: flo
         float(np.linalg.norm(error[:3])),
         float(np.sqrt(np.trace(covariance[3:, 3:]))),
         float(np.sqrt(np.trace(covariance[:3, :3]))),
+        belief.status == "ok" and is_wrong(model, error, contacts, X_true),
         seconds,
         slides,
     )
 
 
-def run_motion(family: str, seed: int, steps: int) -> list[Instant]:
-    """Moves one object, and follows it."""
+def is_wrong(model: tp.ObjectModel, error: Array, contacts: tp.Contacts, X_true: Array) -> bool:
+    """Whether an error (6,) is one of 20 mm or 20 degrees, without its part along what the touch leaves free."""
+    hessian = SurfaceContact(model.grid, contacts).normal_equations(X_true[None]).hessian
+    determined = determined_part(error, free_directions(hessian, model.size)[0], model.size)
+    return bool(np.linalg.norm(determined[3:]) > WRONG[0] or np.linalg.norm(determined[:3]) > WRONG[1])
+
+
+def run_motion(family: str, seed: int, steps: int, calibration: float = 1.0) -> list[Instant]:
+    """Moves one object, and follows it, by a hand whose calibration is so many times as bad as told."""
     generator = np.random.default_rng([sorted(FAMILIES).index(family), seed])
     model, p_OC, motion = FAMILIES[family](generator, steps)
     R_PO = random_rotations(generator, 1)[0]
     X_PO = make_poses(R_PO, 0.03 * generator.normal(size=3) - R_PO @ model.vertices.mean(axis=0))
-    touch = RollingTouch(model, X_PO, p_OC, generator)
+    told = TouchNoise()
+    noise = dataclasses.replace(
+        told,
+        stable_position=calibration * told.stable_position,
+        stable_normal_deg=calibration * told.stable_normal_deg,
+    )
+    touch = RollingTouch(model, X_PO, p_OC, generator, noise)
     guess = tp.PosePrior(X_PO)
     guess = tp.PosePrior(retract(X_PO, generator.normal(size=6) * guess.sigmas))
     tracker = PoseTracker(model)
     belief, instants = tracker.start(0.0), []
     for i, step in enumerate(motion(touch)):
         touch.move(step.twist, step.tip_turn, step.slides, PERIOD)
-        contacts, velocities = touch.measure()
+        measured, velocities = touch.measure()
+        contacts = tp.Contacts(
+            measured.p_PC,
+            measured.n_PC,
+            sigma_position=np.hypot(told.position, told.stable_position),
+            sigma_normal=np.radians(np.hypot(told.normal_deg, told.stable_normal_deg)),
+        )
         started = time.process_time()
         frame = Frame(PERIOD * (i + 1), Evidence(contacts, prior=guess), touch.sources, velocities)
         belief = tracker.step(belief, frame)
-        instants.append(judge(model, belief, touch.X_PO, time.process_time() - started, step.slides))
+        instants.append(judge(model, belief, contacts, touch.X_PO, time.process_time() - started, step.slides))
     return instants
