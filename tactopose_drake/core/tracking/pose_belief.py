@@ -10,8 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactopose_drake.core.evidence.evidence import Evidence
+from tactopose_drake.core.kernels.matrix_kernels import inverses
 from tactopose_drake.core.plain_values import numbers
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
+from tactopose_drake.core.posterior.hypotheses import free_directions
 from tactopose_drake.core.posterior.plausibility import explain_touch
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS
 from tactopose_drake.core.shape.object_model import ObjectModel
@@ -24,6 +26,9 @@ from tactopose_drake.core.tracking.slip_detection import ForceTest, SlipTest
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tactopose_drake.core.validation import FloatArray
+
+# Fewer contacts and pads leave whole families of poses, however narrow the one is that is followed.
+_FEWEST_FOR_A_POSE = 3
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -49,7 +54,8 @@ class PoseBelief:
 
     Attributes:
         time: s.
-        status: "ok"; "ambiguous" when no mode carries nearly all of the mass, or the touch is too new; "slipping" when
+        status: "ok"; "ambiguous" when no mode carries nearly all of the mass, the best one is a whole
+            family of poses, or the touch is too new; "slipping" when
             the touch is not what the motion predicts, and the belief follows it; "no_contact" when nothing is touched,
             so that the pose is only predicted; "lost" when no pose is known that explains the touch, or nothing has
             been touched for long: what stands here is then no estimate.
@@ -71,6 +77,7 @@ class PoseBelief:
         search: how far the search for other modes is.
         vision: what vision has said.
         X_WP: where the palm was, shape (3, 4); None where that is not known.
+        untouched: what would be believed had nothing been touched since this touch began; None once it is explained.
     """
 
     time: float
@@ -95,6 +102,7 @@ class PoseBelief:
     search: SearchState = dataclasses.field(default_factory=SearchState)
     vision: VisionRecord = dataclasses.field(default_factory=VisionRecord)
     X_WP: FloatArray | None = None
+    untouched: PoseBelief | None = None
 
     def __repr__(self) -> str:
         best = f", best {self.probability[0]:.0%} at {numbers(1e3 * self.X_PO[0, :, 3], 1)} mm" if self.has_pose else ""
@@ -147,9 +155,27 @@ def summarise(
         explained_time=belief.time if has_contact and explains[:1].any() else belief.explained_time,
     )
     status, remarks = judge(belief, params, has_contact=has_contact)
+    if status == "ok" and (reason := _left_open(model, belief)):
+        status, remarks = "ambiguous", (reason,)
     if belief.vision.remark:
         remarks = (*remarks, belief.vision.remark)
     return dataclasses.replace(belief, status=status, remarks=remarks)
+
+
+def _left_open(model: ObjectModel, belief: PoseBelief) -> str:
+    """Why the best mode is no answer although it carries the mass: it is a whole family of poses; empty if it is none.
+
+    One direction may be left open, the slide along a rod, and turns that do not change the object.
+    """
+    is_seen = belief.vision.accepted_time >= max(belief.unsettled_time, belief.slip_time)
+    count = len(belief.p_PC)
+    if count < _FEWEST_FOR_A_POSE and not is_seen:
+        return f"{count} contact{'s' * (count > 1)}; {_FEWEST_FOR_A_POSE} are needed, or vision since then"
+    information = inverses(belief.covariance[:1])[0]
+    open_directions = len(free_directions(information, model.size)[0])
+    if open_directions > 1 + sum(symmetry.is_continuous for symmetry in model.symmetries):
+        return f"{open_directions} directions are left open"
+    return ""
 
 
 def judge(belief: PoseBelief, params: PoseTrackerParams, *, has_contact: bool) -> tuple[BeliefStatus, tuple[str, ...]]:

@@ -75,6 +75,10 @@ class PoseTracker:
             raise InvalidInputError(
                 f"frame.time: is {frame.time:g} s; allowed is the belief's, {belief.time:g} s, or later."
             )
+        if belief.untouched is not None and not len(frame.evidence.touch):
+            # A touch that no pose has explained and that is gone was none: fingers that start to move feel inertia.
+            belief = belief.untouched
+        untouched = self._untouched(belief, frame)
         reading = as_doubted(read_contacts(frame, belief.sources, belief.p_PC, belief.errors), params)
         belief = self._predict(belief, frame, reading, duration)
         belief, is_outlier = see(belief, frame, reading, params.vision)
@@ -82,7 +86,18 @@ class PoseTracker:
             belief = self._update_with_touch(belief, frame, reading, duration, is_outlier=is_outlier)
         elif reading.has_contact:
             belief = dataclasses.replace(belief, touch_time=frame.time)
-        return summarise(self._model, params, belief, reading.evidence, has_contact=reading.has_contact)
+        belief = summarise(self._model, params, belief, reading.evidence, has_contact=reading.has_contact)
+        is_explained = belief.explained_time == frame.time
+        return dataclasses.replace(belief, untouched=None if is_explained else untouched)
+
+    def _untouched(self, belief: PoseBelief, frame: Frame) -> PoseBelief | None:
+        """What would be believed now without a touch that begins, or that nothing has explained since it did."""
+        begins = belief.touch_time < belief.time and belief.has_pose
+        before = belief if begins else belief.untouched
+        if before is None or not len(frame.evidence.touch):
+            return None
+        nothing = dataclasses.replace(frame.evidence, contacts=Contacts.empty(), patches=())
+        return self.step(before, dataclasses.replace(frame, evidence=nothing, sources=()))
 
     def _predict(self, belief: PoseBelief, frame: Frame, reading: ContactReading, duration: float) -> PoseBelief:
         """The belief at the frame's time, before anything that is sensed then."""

@@ -1,4 +1,6 @@
+import dataclasses
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -9,7 +11,7 @@ from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.poses import increments_between, make_poses, random_rotations, retract
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.frame import Frame, PoseMeasurement
-from tactopose_drake.core.tracking.pose_belief import PoseBelief
+from tactopose_drake.core.tracking.pose_belief import PoseBelief, summarise
 from tactopose_drake.core.tracking.pose_tracker import PoseTracker
 from tactopose_drake.core.tracking.tracker_params import MixtureParams, PoseTrackerParams, SlipParams
 from tactopose_drake.errors import InvalidInputError
@@ -32,13 +34,18 @@ class Follower:
         self.tracker, self.generator = tracker, np.random.default_rng(seed)
         self.belief: PoseBelief = tracker.start(0.0)
 
-    def feel(self, X: np.ndarray | None, count: int = 1, vision: PoseMeasurement | None = None) -> PoseBelief:
-        """Frames of a touch at a pose; of none, where that is None."""
+    def feel(
+        self,
+        X: np.ndarray | None,
+        count: int = 1,
+        vision: PoseMeasurement | None = None,
+        fingers: Sequence[int] = range(6),
+    ) -> PoseBelief:
+        """Frames of a touch at a pose by some fingers; of none, where that is None."""
         for _ in range(count):
-            contacts = Contacts.empty() if X is None else touch(X, self.generator)
-            frame = Frame(
-                self.belief.time + 0.01, Evidence(contacts, prior=GUESS), None if X is None else NAMES, vision=vision
-            )
+            contacts = Contacts.empty() if X is None else touch(X, self.generator)[list(fingers)]
+            names = None if X is None else tuple(NAMES[i] for i in fingers)
+            frame = Frame(self.belief.time + 0.01, Evidence(contacts, prior=GUESS), names, vision=vision)
             self.belief = self.tracker.step(self.belief, frame)
         return self.belief
 
@@ -144,6 +151,60 @@ def test_a_touch_that_no_pose_explains_is_lost(tracker: PoseTracker) -> None:
         belief = tracker.step(follower.belief, Frame(follower.belief.time + 0.01, Evidence(contacts), ("a", "b", "c")))
         follower.belief = belief
     assert belief.message == "lost: no pose explains the touch"
+
+
+def test_a_touch_that_nothing_explains_and_that_is_gone_was_none(tracker: PoseTracker) -> None:
+    led, quiet = Follower(tracker), Follower(tracker)
+    for follower in (led, quiet):
+        follower.feel(None, 3)
+    # As fingers do that start to move: all of them push, and nothing of the object's size is between them.
+    apart = Contacts(10.0 * touch(X_PO, led.generator).p_PC, touch(X_PO, led.generator).n_PC)
+    led.belief = tracker.step(led.belief, Frame(led.belief.time + 0.01, Evidence(apart, prior=GUESS), NAMES))
+    assert led.belief.status == "lost"
+    assert led.belief.untouched is not None
+    quiet.feel(None)
+    for _ in range(3):
+        led.feel(None)
+        quiet.feel(None)
+        np.testing.assert_array_equal(led.belief.X_PO, quiet.belief.X_PO)
+        np.testing.assert_array_equal(led.belief.covariance, quiet.belief.covariance)
+        assert led.belief.message == quiet.belief.message
+    assert led.belief.untouched is None
+
+
+def test_a_touch_that_is_explained_stays_when_it_is_gone(tracker: PoseTracker) -> None:
+    follower = Follower(tracker)
+    follower.feel(None, 3)
+    assert follower.feel(X_PO, 12).untouched is None
+    assert error(follower.feel(None, 2), X_PO)[0] < 0.003
+
+
+def test_two_contacts_are_no_answer_without_what_is_seen_since_then(tracker: PoseTracker) -> None:
+    follower = Follower(tracker)
+    said = [follower.feel(X_PO, fingers=(0, 1)) for _ in range(40)]
+    assert "ok" not in {belief.status for belief in said}
+    reason = "2 contacts; 3 are needed, or vision since then"
+    assert reason in {remark for belief in said for remark in belief.remarks}
+    assert follower.feel(X_PO, 30).status == "ok"
+    follower = Follower(tracker)
+    for _ in range(30):
+        seen = PoseMeasurement(follower.belief.time, X_PO, np.diag(np.repeat([0.02**2, 0.002**2], 3)))
+        follower.feel(X_PO, vision=seen, fingers=(0, 1))
+    assert follower.belief.status == "ok"
+
+
+def test_a_mode_that_is_open_in_two_directions_is_no_answer(tracker: PoseTracker) -> None:
+    box, params = make_box(), PoseTrackerParams()
+    follower = Follower(tracker)
+    belief, evidence = follower.feel(X_PO, 12), Evidence(touch(X_PO, follower.generator))
+    assert belief.status == "ok"
+    for wide, said in (((3,), "ok"), ((3, 4), "ambiguous: 2 directions are left open")):
+        covariance = belief.modes.covariance.copy()
+        for axis in wide:
+            covariance[:, axis, axis] += 0.03**2
+        modes = dataclasses.replace(belief.modes, covariance=covariance)
+        opened = dataclasses.replace(belief, modes=modes, explained_time=belief.time)
+        assert summarise(box, params, opened, evidence, has_contact=True).message == said
 
 
 def test_vision_that_is_late_counts_as_of_its_time(tracker: PoseTracker) -> None:
