@@ -61,16 +61,14 @@ def AddPoseEstimation(
         - patch_status
 
     - wrench_<finger>: one per finger of the hand, F_S on the fingertip about its sensor's origin, as a sensor measures
-      it: [m_x, m_y, m_z, f_x, f_y, f_z], N m and N; NaN where there is no reading. This and the next two may stay
-      unconnected.
+      it: [m_x, m_y, m_z, f_x, f_y, f_z], N m and N; NaN: no reading. This and the next two may stay unconnected.
     - pressures_<pad>: one per tactile pad of the hand, of its cells, Pa; NaN where there is no reading.
-    - age_<pad>: of those pressures, s; an old frame counts for nothing.
-    - joint_positions: measured positions of the hand's joints, in the order of a plant of the hand alone, rad.
+    - age_<pad>: of those, s; an old frame counts for nothing.
+    - joint_positions: measured, of the hand's joints, in the order of a plant of the hand alone, rad.
     - prior: `PosePrior` X_PO; may stay unconnected where the method needs none.
-    - planes: of `PoseEstimator`; may stay unconnected.
-    - palm_pose: of `PoseEstimator`; there is such a port only where the estimator uses `balance`.
-    - object_pose, hypotheses, status: of `PoseEstimator`; contact_solutions: of `ContactSolver`; contacts,
-      fingers_in_contact, contact_status: of `ContactsInPalm` (its `status`).
+    - planes, which may stay unconnected, and palm_pose, which is there only with `balance`: of `PoseEstimator`, as are
+      object_pose, hypotheses, status; contact_solutions: of `ContactSolver`; contacts, fingers_in_contact,
+      contact_status: of `ContactsInPalm` (its `status`).
     - patches, patch_status: of `PatchDescriptor` (its `status`); only where the hand has pads.
 
     Args:

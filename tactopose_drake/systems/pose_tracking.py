@@ -71,8 +71,7 @@ def AddPoseTracking(
 
     - wrench_<finger>, pressures_<pad>, age_<pad>, joint_positions, prior, planes: as those of `AddPoseEstimation`, in
       whose place it can be put.
-    - joint_velocities: of the same joints, rad/s; there is such a port only where `use_joint_velocities`. May stay
-      unconnected where they are not measured.
+    - joint_velocities: of the same joints, rad/s; only where `use_joint_velocities`. May stay unconnected.
     - vision, palm_pose, and the outputs up to belief: of `PoseBeliefEstimator`; the others as of `AddPoseEstimation`.
 
     Args:
