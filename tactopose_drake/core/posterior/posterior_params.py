@@ -73,8 +73,8 @@ class MomentParams:
     chance: float = 12.6
     as_good: float = 0.3  # a pose that costs so much more than its mode's minimum explains the touch as well
     tried_shares: tuple[float, ...] = (1.0, 0.75, 0.5, 0.25, 0.0)  # of the way to the mean, the last one none of it
-    # By how much the cost rises at most between minima of one mode, above the higher one: two equal Gaussians are one
-    # mode up to 4.5 standard deviations.
+    # By how much the saddle between minima of one mode is at most above the higher side's lowest: two equal Gaussians
+    # are one mode up to 4.5 standard deviations.
     ridge: float = 2.0
     most_joined: int = 24  # modes of which that is asked, the most telling ones
 

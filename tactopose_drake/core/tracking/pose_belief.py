@@ -54,11 +54,10 @@ class PoseBelief:
 
     Attributes:
         time: s.
-        status: "ok"; "ambiguous" when no mode carries nearly all of the mass, the best one is a whole
-            family of poses, or the touch is too new; "slipping" when
-            the touch is not what the motion predicts, and the belief follows it; "no_contact" when nothing is touched,
-            so that the pose is only predicted; "lost" when no pose is known that explains the touch, or nothing has
-            been touched for long: what stands here is then no estimate.
+        status: "ok"; "ambiguous" when no mode carries nearly all of the mass, the best one is a whole family of poses,
+            or the touch is too new; "slipping" when the touch is not what the motion predicts, and the belief follows
+            it; "no_contact" when nothing is touched, so that the pose is only predicted; "lost" when no pose is known
+            that explains the touch, or nothing has been touched for long: what stands here is then no estimate.
         remarks: what else is to be known of the belief.
         mixture: the pose's modes by falling probability; none where nothing is known yet.
         explains_touch: which of them noise alone may separate from the touch, shape (n,).
