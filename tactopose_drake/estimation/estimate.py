@@ -39,8 +39,6 @@ from tactopose_drake.estimation.shape_errors import with_shape_errors
 
 # Contacts that are farther apart than a hand reaches, m, and than this many sizes of the object, are not in metres.
 _WIDEST_HAND, _WIDEST_TOUCH = 1.0, 30.0
-# Without a prior, fewer contacts and patches leave whole families of poses, whichever mode carries most of the mass.
-_FEWEST_FOR_A_POSE = 3
 
 
 def estimate_pose(
@@ -167,7 +165,7 @@ def weigh_poses(
         modes = join_alike(modes, model, params.modes)
     judged, explains = _judge(model, evidence, problem, modes, params)
     hypotheses = _hypotheses(modes, _inlier_probability(problem, evidence, modes, judged), explains)
-    undetermined = evidence.prior is None and len(evidence.touch) < _FEWEST_FOR_A_POSE
+    undetermined = evidence.prior is None and len(evidence.touch) < params.modes.fewest_contacts
     return PoseEstimate(
         hypotheses,
         status_of(hypotheses, undetermined),

@@ -27,9 +27,6 @@ from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tactopose_drake.core.validation import FloatArray
 
-# Fewer contacts and pads leave whole families of poses, however narrow the one is that is followed.
-_FEWEST_FOR_A_POSE = 3
-
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class VisionRecord:
@@ -167,9 +164,9 @@ def _left_open(model: ObjectModel, belief: PoseBelief) -> str:
     One direction may be left open, the slide along a rod, and turns that do not change the object.
     """
     is_seen = belief.vision.accepted_time >= max(belief.unsettled_time, belief.slip_time)
-    count = len(belief.p_PC)
-    if count < _FEWEST_FOR_A_POSE and not is_seen:
-        return f"{count} contact{'s' * (count > 1)}; {_FEWEST_FOR_A_POSE} are needed, or vision since then"
+    count, fewest = len(belief.p_PC), DEFAULT_PARAMS.modes.fewest_contacts
+    if count < fewest and not is_seen:
+        return f"{count} contact{'s' * (count > 1)}; {fewest} are needed, or vision since then"
     information = inverses(belief.covariance[:1])[0]
     open_directions = len(free_directions(information, model.size)[0])
     if open_directions > 1 + sum(symmetry.is_continuous for symmetry in model.symmetries):
