@@ -173,6 +173,7 @@ def measure(duration: float, rate: float, url: str, restarts: Mapping[str, float
                     del due["sender"]
                     hand.fall_silent()
                     hand.begin_anew()
+                    next_time = time.monotonic()
                 if now > first + due.get("estimator", math.inf):
                     del due["estimator"]
                     estimator.kill()
