@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from tactopose_drake.core.posterior.hypotheses import determined_part
+from tactopose_drake.core.posterior.hypotheses import determined_rows
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.estimation.results import PoseEstimate, PoseHypothesis
 
@@ -44,12 +44,6 @@ def sigma_line(hypothesis: PoseHypothesis, size: float) -> str:
     rotation, translation = determined_sigmas(hypothesis, size)
     sigmas = f"\u00b1 {1e3 * translation:.1f} mm, \u00b1 {np.degrees(rotation):.1f} deg"
     return f"Where determined, by its own account: {sigmas}."
-
-
-def determined_rows(covariance: FloatArray, free: FloatArray, size: float) -> FloatArray:
-    """Increments (6, 6) whose outer products add up to a covariance without its part along free directions (f, 6)."""
-    rows = np.asarray(np.linalg.cholesky(covariance).T, dtype=np.float64)
-    return determined_part(rows, free, size)
 
 
 def determined_sigmas(hypothesis: PoseHypothesis, size: float) -> tuple[float, float]:

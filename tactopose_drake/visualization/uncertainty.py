@@ -5,9 +5,10 @@ from typing import NamedTuple
 import numpy as np
 from pydrake.math import RigidTransform, RotationMatrix
 
+from tactopose_drake.core.posterior import determined_rows
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
-from tactopose_drake.estimation.descriptions import determined_rows, direction_name
+from tactopose_drake.estimation.descriptions import direction_name
 from tactopose_drake.visualization.appearance import MOST_FREE
 from tactopose_drake.visualization.arrow_shapes import SLIDE_TIP, TURN_TIP
 from tactopose_drake.visualization.scene import ShownHypothesis

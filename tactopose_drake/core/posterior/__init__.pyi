@@ -3,6 +3,7 @@ from .cramer_rao import cramer_rao_bound as cramer_rao_bound
 from .gaussian_mixture import GaussianMixture as GaussianMixture
 from .hypotheses import Modes as Modes
 from .hypotheses import determined_part as determined_part
+from .hypotheses import determined_rows as determined_rows
 from .hypotheses import find_modes as find_modes
 from .hypotheses import free_directions as free_directions
 from .metrics import touch_errors as touch_errors

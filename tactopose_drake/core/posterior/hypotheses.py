@@ -132,6 +132,12 @@ def determined_part(increments: FloatArray, free: FloatArray, size: float) -> Fl
     return determined
 
 
+def determined_rows(covariance: FloatArray, free: FloatArray, size: float) -> FloatArray:
+    """Increments (6, 6) whose outer products add up to a covariance without its part along free directions (f, 6)."""
+    rows = np.asarray(np.linalg.cholesky(covariance).T, dtype=np.float64)
+    return determined_part(rows, free, size)
+
+
 def _metric_basis(free: FloatArray, units: FloatArray) -> FloatArray:
     """Orthonormal columns (6, f) that span the directions (f, 6) in metres."""
     columns: FloatArray = np.linalg.qr((free / units).T)[0]

@@ -72,3 +72,10 @@ def nearest_images(
         best = np.argmax(X_PO[:, :, :3].reshape(-1, 9) @ wanted.T, axis=1)
         X_PO = compose(X_PO, turns[best])
     return turn_toward(X_PO, X_reference, symmetries)
+
+
+def continuous_turns(symmetries: Sequence[RotationalSymmetry], X_PO: FloatArray) -> FloatArray:
+    """Increments (w, v) of a pose (3, 4) by unit turns about the continuous axes, shape (n, 6), rad and m."""
+    axes = [symmetry for symmetry in symmetries if symmetry.is_continuous]
+    rows = [np.append(each.axis, X_PO[:, :3] @ np.cross(each.point, each.axis)) for each in axes]
+    return np.array(rows).reshape(-1, 6)

@@ -11,11 +11,13 @@ from numpy.typing import NDArray
 
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.kernels.matrix_kernels import inverses
+from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.plain_values import numbers
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
-from tactopose_drake.core.posterior.hypotheses import free_directions
+from tactopose_drake.core.posterior.hypotheses import determined_rows, free_directions
 from tactopose_drake.core.posterior.plausibility import explain_touch
-from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS
+from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, ModeParams
+from tactopose_drake.core.shape.free_spin import continuous_turns
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.statuses import BeliefStatus
 from tactopose_drake.core.tracking.frame import PoseMeasurement, SeemingErrors
@@ -151,26 +153,34 @@ def summarise(
         explained_time=belief.time if has_contact and explains[:1].any() else belief.explained_time,
     )
     status, remarks = judge(belief, params, has_contact=has_contact)
-    if status == "ok" and (reason := _left_open(model, belief)):
+    if status == "ok" and (reason := _left_open(model, params, belief, evidence)):
         status, remarks = "ambiguous", (reason,)
     if belief.vision.remark:
         remarks = (*remarks, belief.vision.remark)
     return dataclasses.replace(belief, status=status, remarks=remarks)
 
 
-def _left_open(model: ObjectModel, belief: PoseBelief) -> str:
+def _left_open(model: ObjectModel, params: PoseTrackerParams, belief: PoseBelief, evidence: Evidence) -> str:
     """Why the best mode is no answer although it carries the mass: it is a whole family of poses; empty if it is none.
 
-    One direction may be left open, the slide along a rod, and turns that do not change the object.
+    One direction may be left open, the slide along a rod, and turns that do not change the object. What the touch of
+    now determines has to be known to the spread of an answer: a mode that is wider reaches where the touch tells more.
     """
     is_seen = belief.vision.accepted_time >= max(belief.unsettled_time, belief.slip_time)
     count, fewest = len(belief.p_PC), DEFAULT_PARAMS.modes.fewest_contacts
     if count < fewest and not is_seen:
         return f"{count} contact{'s' * (count > 1)}; {fewest} are needed, or vision since then"
-    information = inverses(belief.covariance[:1])[0]
-    open_directions = len(free_directions(information, model.size)[0])
-    if open_directions > 1 + sum(symmetry.is_continuous for symmetry in model.symmetries):
-        return f"{open_directions} directions are left open"
+    X_PO, covariance = belief.X_PO[:1], belief.covariance[0]
+    turns = continuous_turns(model.symmetries, X_PO[0])
+    free = free_directions(inverses(covariance[None])[0], model.size, known=[turns])[0]
+    if len(free) > 1 + len(turns):
+        return f"{len(free)} directions are left open"
+    information = SurfaceContact(model.grid, evidence.touch).normal_equations(X_PO).hessian
+    untold = free_directions(information, model.size, known=[turns], params=ModeParams(free_share=params.untold_share))
+    rows = determined_rows(covariance, untold[0], model.size)
+    turn, slide = (float(np.linalg.norm(part, 2)) for part in (rows[:, :3], rows[:, 3:]))
+    if turn > np.radians(params.answer_turn_deg) or slide > params.answer_distance:
+        return f"known to {1e3 * slide:.0f} mm and {np.degrees(turn):.0f} degrees"
     return ""
 
 
@@ -188,7 +198,7 @@ def judge(belief: PoseBelief, params: PoseTrackerParams, *, has_contact: bool) -
         return "lost", ("no pose explains the touch",)
     if time < belief.slip_time + params.slip_time or not belief.explains_touch[0]:
         return "slipping", ()
-    if belief.probability[0] < DEFAULT_PARAMS.modes.answer_share:
+    if belief.probability[0] < params.answer_probability:
         return "ambiguous", ()
     if time < belief.unsettled_time + params.settling_time - 1e-9:
         return "ambiguous", ("the touch is new",)

@@ -193,18 +193,32 @@ def test_two_contacts_are_no_answer_without_what_is_seen_since_then(tracker: Pos
     assert follower.belief.status == "ok"
 
 
-def test_a_mode_that_is_open_in_two_directions_is_no_answer(tracker: PoseTracker) -> None:
+def test_a_mode_that_is_wide_is_an_answer_only_along_what_the_touch_does_not_tell(tracker: PoseTracker) -> None:
     box, params = make_box(), PoseTrackerParams()
     follower = Follower(tracker)
-    belief, evidence = follower.feel(X_PO, 12), Evidence(touch(X_PO, follower.generator))
+    belief, contacts = follower.feel(X_PO, 12), touch(X_PO, follower.generator)
+    sides = contacts[np.flatnonzero(np.abs(contacts.n_PC @ X_PO[:, 0]) < 0.3)]
+    assert 3 <= len(sides) < len(contacts)
     assert belief.status == "ok"
-    for wide, said in (((3,), "ok"), ((3, 4), "ambiguous: 2 directions are left open")):
-        covariance = belief.modes.covariance.copy()
-        for axis in wide:
-            covariance[:, axis, axis] += 0.03**2
+    for told, wide, said in (
+        (sides, [0], "ok"),
+        (contacts, [0], "ambiguous: known to 30 mm and 1 degrees"),
+        (sides, [0, 1], "ambiguous: 2 directions are left open"),
+    ):
+        covariance, slides = belief.modes.covariance.copy(), X_PO[:, wide]
+        covariance[:, 3:, 3:] += 0.03**2 * slides @ slides.T
         modes = dataclasses.replace(belief.modes, covariance=covariance)
         opened = dataclasses.replace(belief, modes=modes, explained_time=belief.time)
-        assert summarise(box, params, opened, evidence, has_contact=True).message == said
+        assert summarise(box, params, opened, Evidence(told), has_contact=True).message == said
+
+
+def test_what_is_less_sure_than_an_answer_is_ambiguous(tracker: PoseTracker) -> None:
+    follower = Follower(tracker)
+    belief, evidence = follower.feel(X_PO, 12), Evidence(touch(X_PO, follower.generator))
+    for share, said in ((0.99, "ok"), (0.97, "ambiguous")):
+        modes = dataclasses.replace(belief.modes.chosen([0, 0]), log_weight=np.log([share, 1.0 - share]))
+        doubted = dataclasses.replace(belief, modes=modes)
+        assert summarise(make_box(), PoseTrackerParams(), doubted, evidence, has_contact=True).message == said
 
 
 def test_vision_that_is_late_counts_as_of_its_time(tracker: PoseTracker) -> None:
