@@ -85,11 +85,16 @@ def _held_by_rounding(information: FloatArray, size: float) -> FloatArray:
     lost = np.flatnonzero(~np.isfinite(inverses(information)[1]))
     if not len(lost):
         return information
-    information, scales = information.copy(), np.outer(units := np.repeat([2.0 / size, 1.0], 3), units)
+    information, scales = information.copy(), np.outer(units := increments_of_one_metre(size), units)
     values, rows = eigenpairs(information[lost] * scales)
     values = np.maximum(values, _ROUNDING * values.max(axis=1, keepdims=True))
     information[lost] = np.einsum("ni,nia,nib->nab", values, rows, rows) / scales
     return information
+
+
+def increments_of_one_metre(size: float) -> FloatArray:
+    """Each coordinate of an increment (w, v) that moves a point at half an object's size by a metre, shape (6,)."""
+    return np.repeat([2.0 / size, 1.0], 3)
 
 
 def free_directions(
@@ -104,7 +109,7 @@ def free_directions(
     direction is free when its standard deviation from the touch alone exceeds a share of the size. Of directions that
     are known to be free, rows (f, 6) for each matrix, those across them are found that are free too.
     """
-    units = np.repeat([2.0 / size, 1.0], 3)  # Increments of one metre.
+    units = increments_of_one_metre(size)
     limit = 1.0 / (params.free_share * size) ** 2
     scaled = touch_information * np.outer(units, units)
     free = [np.empty((0, 6))] * len(scaled) if known is None else list(known)
@@ -125,7 +130,7 @@ def free_directions(
 
 def determined_part(increments: FloatArray, free: FloatArray, size: float) -> FloatArray:
     """Increments (..., 6) without their part along the free directions (f, 6), in the metric of `free_directions`."""
-    units = np.repeat([2.0 / size, 1.0], 3)
+    units = increments_of_one_metre(size)
     basis = _metric_basis(free, units)
     metres = increments / units
     determined: FloatArray = (metres - (metres @ basis) @ basis.T) * units

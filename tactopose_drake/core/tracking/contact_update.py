@@ -47,6 +47,8 @@ from tactopose_drake.core.kernels.refinement_kernels import refine_modes
 from tactopose_drake.core.kernels.regression_kernels import Regression, regress_modes
 from tactopose_drake.core.kernels.sigma_point_kernels import RegressionSettings
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
+from tactopose_drake.core.posterior.hypotheses import determined_part, free_directions, increments_of_one_metre
+from tactopose_drake.core.posterior.posterior_params import ModeParams
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.contact_errors import BiasModel, declared_excess, lasting_excess
 from tactopose_drake.core.tracking.frame import ContactReading
@@ -134,36 +136,59 @@ def update_modes(
     count = np.count_nonzero(modes.log_weight >= modes.log_weight[0] + math.log(params.mixture.least_updated_share))
     first = min(int(count), params.mixture.max_updated)
     forgotten = min(1.0, duration / params.forgetting.time)
-    forgetful = forget(
-        model, reading.contacts, modes.chosen(slice(first)), forgotten, params.forgetting.half_information
-    )
+    predicted = modes.chosen(slice(first))
+    information = SurfaceContact(model.grid, reading.contacts).normal_equations(predicted.X_PO).hessian
+    forgetful = forget(information, predicted, forgotten, params.forgetting.half_information)
     update = update_with_contacts(model, params, reading, forgetful)
+    told = only_as_told(model, params, information, predicted.covariance, update.covariance)
     updated = dataclasses.replace(
-        forgetful, X_PO=update.X_PO, covariance=update.covariance, cross_covariance=update.cross_covariance
+        forgetful, X_PO=update.X_PO, covariance=told, cross_covariance=update.cross_covariance
     )
     updated = follow_roughness(updated, reading, update.roughness, params)
     return updated if first == len(modes) else updated.joined(modes.chosen(slice(first, None)))
 
 
-def forget(
-    model: ObjectModel, contacts: Contacts, modes: TrackedModes, forgotten: float, half_information: float
-) -> TrackedModes:
+def forget(information: FloatArray, modes: TrackedModes, forgotten: float, half_information: float) -> TrackedModes:
     """The modes before an update, wider in the directions of which the touch tells.
 
     Args:
-        model: the object.
-        contacts: the touch, by which what a frame tells is measured.
+        information: what the touch tells of the n modes, by tangents, shape (n, 6, 6).
         modes: as they are predicted.
         forgotten: the share of its variance by which a direction that only the touch determines grows.
         half_information: of a frame over what is known of a direction; then it grows by half of that.
     """
-    information = SurfaceContact(model.grid, contacts).normal_equations(modes.X_PO).hessian
     root = np.linalg.cholesky(modes.covariance)
     values, vectors = np.linalg.eigh(np.swapaxes(root, 1, 2) @ information @ root)
     axes = root @ vectors
     growth = forgotten * values / (values + half_information)
     covariance = modes.covariance + (axes * growth[:, None]) @ np.swapaxes(axes, 1, 2)
     return dataclasses.replace(modes, covariance=covariance)
+
+
+def only_as_told(
+    model: ObjectModel, params: PoseTrackerParams, information: FloatArray, before: FloatArray, after: FloatArray
+) -> FloatArray:
+    """The covariances (n, 6, 6) after an update, as wide as before it in directions of which the touch tells nothing.
+
+    What is regressed over a wide spread finds the ends of a family of poses, at which the contacts would leave the
+    surface that they slide along. These are no news at the next frame, and within them the touch tells nothing.
+
+    Args:
+        model: the object.
+        params: from which spread on the touch tells nothing.
+        information: what it tells of the modes, by tangents, shape (n, 6, 6).
+        before: covariances, shape (n, 6, 6).
+        after: likewise.
+    """
+    share, told = ModeParams(free_share=params.untold_share), after.copy()
+    for i, rows in enumerate(free_directions(information, model.size, params=share)):
+        if len(rows):
+            roots = np.linalg.cholesky(np.stack([before[i], after[i]])).swapaxes(1, 2)
+            untold = (roots - determined_part(roots, rows, model.size)) / increments_of_one_metre(model.size)
+            values, vectors = np.linalg.eigh(untold[0].T @ untold[0] - untold[1].T @ untold[1])
+            lost = (vectors.T * np.sqrt(np.maximum(values, 0.0))[:, None]) * increments_of_one_metre(model.size)
+            told[i] += lost.T @ lost
+    return told
 
 
 def follow_roughness(

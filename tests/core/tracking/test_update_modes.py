@@ -6,6 +6,7 @@ import pytest
 from scipy.linalg import eigh
 
 from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.poses import retract
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.contact_errors import as_doubted, averaged_variances, lasting_excess
@@ -23,8 +24,13 @@ def box() -> ObjectModel:
     return make_box()
 
 
-def make_modes(covariance: np.ndarray) -> TrackedModes:
-    return TrackedModes.independent(np.tile(np.eye(3, 4), (len(covariance), 1, 1)), covariance, 6)
+def make_modes(covariance: np.ndarray, sources: int = 6) -> TrackedModes:
+    return TrackedModes.independent(np.tile(np.eye(3, 4), (len(covariance), 1, 1)), covariance, sources)
+
+
+def told(box: ObjectModel, contacts: Contacts, count: int) -> np.ndarray:
+    """The information of contacts at so many modes."""
+    return SurfaceContact(box.grid, contacts).normal_equations(np.tile(X_PO, (count, 1, 1))).hessian
 
 
 def update_often(box: ObjectModel, frames: int, forgetting_time: float = 1e9) -> TrackedModes:
@@ -52,7 +58,7 @@ def test_forgetting_leaves_the_pose_less_sure(box: ObjectModel) -> None:
 def test_what_the_touch_tells_of_is_forgotten_and_nothing_else(box: ObjectModel) -> None:
     one_face = Contacts(p_OC[:1], sigma_position=SIGMA_POSITION)
     covariance = np.diag(np.repeat([math.radians(0.01) ** 2, SIGMA_POSITION**2], 3))
-    wider = forget(box, one_face, make_modes(covariance[None]), 0.2, 0.1).covariance[0]
+    wider = forget(told(box, one_face, 1), make_modes(covariance[None]), 0.2, 0.1).covariance[0]
     growth = np.diag(wider)[3:] / np.diag(covariance)[3:] - 1.0
     along = np.abs(n_OC[0])
     # A frame tells as much as is known: 1 / (1 + 0.1) of the share.
@@ -64,9 +70,23 @@ def test_what_the_touch_tells_of_is_forgotten_and_nothing_else(box: ObjectModel)
 def test_what_is_known_far_better_than_the_touch_tells_stays(box: ObjectModel) -> None:
     contacts = Contacts(p_OC, n_OC, sigma_position=SIGMA_POSITION, sigma_normal=SIGMA_NORMAL)
     tight, wide = (np.diag(np.repeat([(a * 0.05) ** 2, (a * 0.003) ** 2], 3)) for a in (0.01, 1.0))
-    wider = forget(box, contacts, make_modes(np.stack([tight, wide])), 0.2, 0.1).covariance
+    wider = forget(told(box, contacts, 2), make_modes(np.stack([tight, wide])), 0.2, 0.1).covariance
     assert eigh(wider[0], tight, eigvals_only=True).max() < 1.01
     assert eigh(wider[1], wide, eigvals_only=True).max() > 1.15
+
+
+def test_frames_on_one_face_tell_nothing_of_slides_along_it(box: ObjectModel) -> None:
+    normal, across = n_OC[0], np.eye(3)[[(np.argmax(np.abs(n_OC[0])) + k) % 3 for k in (1, 2)]]
+    face = p_OC[0] @ normal * normal + 0.01 * np.array([[1, 1], [-1, 1], [0, -1]]) @ across
+    generator, modes = np.random.default_rng(0), make_modes(np.diag(np.repeat([0.2**2, 0.03**2], 3))[None], 3)
+    for _ in range(40):
+        p_PC = face + SIGMA_POSITION * generator.normal(size=face.shape)
+        contacts = Contacts(p_PC, np.tile(normal, (3, 1)), sigma_position=SIGMA_POSITION, sigma_normal=SIGMA_NORMAL)
+        modes = update_modes(box, PoseTrackerParams(), read(contacts, np.arange(3), tuple("abc")), modes, 0.01)
+    slides, depth = modes.covariance[0][3:, 3:], 0.004
+    assert normal @ slides @ normal < depth**2
+    for direction in across:
+        assert direction @ slides @ direction > 0.95 * 0.03**2
 
 
 def joint_covariance(modes: TrackedModes) -> np.ndarray:
