@@ -10,7 +10,7 @@ from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.poses import retract
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.contact_errors import as_doubted, averaged_variances, lasting_excess
-from tactopose_drake.core.tracking.contact_update import follow_roughness, forget, update_modes
+from tactopose_drake.core.tracking.contact_update import follow_roughness, forget, only_as_told, update_modes
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import ForgettingParams, PoseTrackerParams
 from tests.core.tracking.boxes import SIGMA_NORMAL, SIGMA_POSITION, make_box, n_OC, p_OC, read, touch
@@ -24,8 +24,8 @@ def box() -> ObjectModel:
     return make_box()
 
 
-def make_modes(covariance: np.ndarray, sources: int = 6) -> TrackedModes:
-    return TrackedModes.independent(np.tile(np.eye(3, 4), (len(covariance), 1, 1)), covariance, sources)
+def make_modes(covariance: np.ndarray) -> TrackedModes:
+    return TrackedModes.independent(np.tile(np.eye(3, 4), (len(covariance), 1, 1)), covariance, 6)
 
 
 def told(box: ObjectModel, contacts: Contacts, count: int) -> np.ndarray:
@@ -75,18 +75,17 @@ def test_what_is_known_far_better_than_the_touch_tells_stays(box: ObjectModel) -
     assert eigh(wider[1], wide, eigvals_only=True).max() > 1.15
 
 
-def test_frames_on_one_face_tell_nothing_of_slides_along_it(box: ObjectModel) -> None:
-    normal, across = n_OC[0], np.eye(3)[[(np.argmax(np.abs(n_OC[0])) + k) % 3 for k in (1, 2)]]
-    face = p_OC[0] @ normal * normal + 0.01 * np.array([[1, 1], [-1, 1], [0, -1]]) @ across
-    generator, modes = np.random.default_rng(0), make_modes(np.diag(np.repeat([0.2**2, 0.03**2], 3))[None], 3)
-    for _ in range(40):
-        p_PC = face + SIGMA_POSITION * generator.normal(size=face.shape)
-        contacts = Contacts(p_PC, np.tile(normal, (3, 1)), sigma_position=SIGMA_POSITION, sigma_normal=SIGMA_NORMAL)
-        modes = update_modes(box, PoseTrackerParams(), read(contacts, np.arange(3), tuple("abc")), modes, 0.01)
-    slides, depth = modes.covariance[0][3:, 3:], 0.004
-    assert normal @ slides @ normal < depth**2
-    for direction in across:
-        assert direction @ slides @ direction > 0.95 * 0.03**2
+def test_where_the_touch_tells_nothing_an_update_leaves_the_covariance_as_it_was(box: ObjectModel) -> None:
+    face = p_OC[0] + 0.01 * np.array([[0, 1, 1], [0, -1, 1], [0, 0, -1.0]])
+    contacts = Contacts(face, np.tile(n_OC[0], (3, 1)), sigma_position=SIGMA_POSITION, sigma_normal=SIGMA_NORMAL)
+    before = np.diag(np.repeat([0.2**2, 0.02**2], 3))
+    for share in (0.01, 2.0):  # of the standard deviations before: what an update claims to know
+        after = only_as_told(box, PoseTrackerParams(), told(box, contacts, 1), before[None], share**2 * before[None])[0]
+        assert np.linalg.eigvalsh(after).min() > 0.0
+        sigmas = np.sqrt(np.diag(after) / np.diag(before))
+        open_ones = [0, 4, 5]  # the turn about the face's normal, and slides along it
+        np.testing.assert_allclose(sigmas[open_ones], max(share, 1.0), rtol=1e-6)
+        np.testing.assert_allclose(sigmas[[1, 2, 3]], share, rtol=0.1)
 
 
 def joint_covariance(modes: TrackedModes) -> np.ndarray:
