@@ -53,11 +53,11 @@ class PatchMixture(SmoothObjective):
         felt = patch_contacts(pads)
         sigma_p, sigma_n = np.asarray(felt.sigma_position), np.asarray(felt.sigma_normal)
         volume = float(np.prod(model.grid.upper - model.grid.origin + 2.0 * doubt.surroundings))
-        any_point = np.minimum(model.area * math.sqrt(2.0 * math.pi) * sigma_p / volume, 1.0)
-        any_normal = np.minimum(0.5 * sigma_n**2, 1.0)
+        log_any_point = np.minimum(math.log(model.area * math.sqrt(2.0 * math.pi) / volume) + np.log(sigma_p), 0.0)
+        log_any_normal = np.minimum(math.log(0.5) + 2.0 * np.log(sigma_n), 0.0)
         by_shape = np.array([_shape_cost(pad, doubt) for pad in pads])
         shares = doubt.kinds.shares(outlier_probability).without_normals()
-        self._other_cost = by_shape - np.log(shares.false / shares.as_told * any_point * any_normal)
+        self._other_cost = by_shape - math.log(shares.false / shares.as_told) - log_any_point - log_any_normal
 
     def cost(self, X_PO: FloatArray) -> FloatArray:
         """Costs (B,) of poses (B, 3, 4)."""

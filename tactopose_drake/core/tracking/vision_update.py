@@ -5,6 +5,7 @@ Poses come late, repeated, frozen, or more frequent than their errors change.
 
 import dataclasses
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,13 +19,24 @@ from tactopose_drake.core.tracking.tracker_params import VisionParams
 from tactopose_drake.core.validation import FloatArray
 
 
+class Sighting(NamedTuple):
+    """A pose from vision, and how much of a measurement it is.
+
+    The errors of pictures that follow each other are much the same: of those within the correlation time each counts
+    as a share of one measurement.
+    """
+
+    pose: PoseMeasurement  # as of now
+    share: float  # in (0, 1]: the power to which its likelihood is taken
+
+
 def read_vision(
     record: VisionRecord,
     measurement: PoseMeasurement | None,
     history: MotionHistory,
     time: float,
     params: VisionParams,
-) -> tuple[PoseMeasurement | None, VisionRecord]:
+) -> tuple[Sighting | None, VisionRecord]:
     """What vision says that is new, as of now, and the record of it.
 
     Args:
@@ -50,12 +62,8 @@ def read_vision(
     record = dataclasses.replace(record, times=times, X_PO=measurement.X_PO, remark="")
     if now is None:
         return None, record
-    if len(times) > 1:
-        # The errors of pictures that follow each other are much the same.
-        correlation_time = params.correlation_time
-        since = max(min(abs(measurement.time - earlier) for earlier in times[:-1]), 1e-3 * correlation_time)
-        now = dataclasses.replace(now, covariance=now.covariance * max(1.0, correlation_time / since))
-    return now, record
+    since = min((abs(measurement.time - earlier) for earlier in times[:-1]), default=params.correlation_time)
+    return Sighting(now, min(1.0, max(since / params.correlation_time, 1e-3))), record
 
 
 def see(belief: PoseBelief, frame: Frame, reading: ContactReading, params: VisionParams) -> tuple[PoseBelief, bool]:
@@ -72,11 +80,11 @@ def see(belief: PoseBelief, frame: Frame, reading: ContactReading, params: Visio
     prior = frame.evidence.prior
     if standing is None and never_felt and prior is not None:
         standing = PoseMeasurement.from_prior(prior, frame.time)
-    measurement, record = read_vision(belief.vision, frame.vision, belief.history, frame.time, params)
-    if measurement is not None:
+    sighting, record = read_vision(belief.vision, frame.vision, belief.history, frame.time, params)
+    if sighting is not None:
         if len(modes):
             log_outlier = math.log(params.outlier_probability / (8.0 * math.pi**2 * params.outlier_volume))
-            modes, is_inlier = update_with_pose(modes, measurement, log_outlier)
+            modes, is_inlier = update_with_pose(modes, sighting, log_outlier)
             is_outlier = not is_inlier[0]
             order = np.argsort(-modes.log_weight, kind="stable")
             if order[0] != 0:
@@ -86,8 +94,8 @@ def see(belief: PoseBelief, frame: Frame, reading: ContactReading, params: Visio
             record = dataclasses.replace(record, remark="vision is not believed")
         else:
             # A prior is a guess of the same kind, which the first picture takes the place of.
-            standing = measurement if len(record.times) == 1 else fuse(standing, measurement, params)
-            record = dataclasses.replace(record, accepted_time=measurement.time)
+            standing = sighting.pose if len(record.times) == 1 else fuse(standing, sighting, params)
+            record = dataclasses.replace(record, accepted_time=sighting.pose.time)
     if never_felt and standing is not None and not reading.has_contact:
         modes = TrackedModes.independent(standing.X_PO[None], standing.covariance[None], len(reading.sources))
         if prior is not None:
@@ -95,15 +103,16 @@ def see(belief: PoseBelief, frame: Frame, reading: ContactReading, params: Visio
     return dataclasses.replace(belief, modes=modes, standing=standing, vision=record), is_outlier
 
 
-def fuse(standing: PoseMeasurement | None, measurement: PoseMeasurement, params: VisionParams) -> PoseMeasurement:
+def fuse(standing: PoseMeasurement | None, sighting: Sighting, params: VisionParams) -> PoseMeasurement:
     """What vision said, with one more of its poses; of two that contradict each other the later one."""
+    measurement, share = sighting
     if standing is None:
         return measurement
     u = increments_between(standing.X_PO[None], measurement.X_PO[None])[0]
     expected = standing.covariance + measurement.covariance
     if u @ np.linalg.solve(expected, u) > params.gate:
         return measurement
-    gain = np.linalg.solve(expected, standing.covariance).T
+    gain = np.linalg.solve(standing.covariance + measurement.covariance / share, standing.covariance).T
     covariance = standing.covariance - gain @ standing.covariance
     X_PO = retract(standing.X_PO[None], (gain @ u)[None])[0]
     return PoseMeasurement(measurement.time, X_PO, 0.5 * (covariance + covariance.T))
@@ -127,32 +136,33 @@ def move_standing(belief: PoseBelief, motion: Motion, time: float, *, was_taken:
 
 
 def update_with_pose(
-    modes: TrackedModes, measurement: PoseMeasurement, log_outlier: float
+    modes: TrackedModes, sighting: Sighting, log_outlier: float
 ) -> tuple[TrackedModes, NDArray[np.bool_]]:
     """The modes after a measurement of the pose, a Kalman update of each for which it is no outlier.
 
     Args:
         modes: before.
-        measurement: as of the modes' time.
+        sighting: as of the modes' time. Whether it is an outlier is asked of the whole measurement, whatever its share.
         log_outlier: the logarithm of the density of outliers, where that of others is normal, 1/(rad^3 m^3). The gate
             of a mode is where both are equal.
 
     Returns:
         The modes, and within the gates of which the measurement is, shape (n,).
     """
+    measurement, share = sighting
     innovation = increments_between(modes.X_PO, measurement.X_PO)
     expected = modes.covariance + measurement.covariance
-    gain = np.swapaxes(np.linalg.solve(expected, modes.covariance), 1, 2)
     nis = np.einsum("ni,ni->n", innovation, np.linalg.solve(expected, innovation[..., None])[..., 0])
     log_density: FloatArray = -0.5 * (nis + np.linalg.slogdet(expected)[1]) - 3.0 * np.log(2.0 * np.pi)
     is_inlier = log_density > log_outlier
-    gain *= is_inlier[:, None, None]
+    tempered = modes.covariance + measurement.covariance / share
+    gain = np.swapaxes(np.linalg.solve(tempered, modes.covariance), 1, 2) * is_inlier[:, None, None]
     covariance = modes.covariance - gain @ modes.covariance
     after = dataclasses.replace(
         modes,
         X_PO=retract(modes.X_PO, np.einsum("nij,nj->ni", gain, innovation)),
         covariance=0.5 * (covariance + np.swapaxes(covariance, 1, 2)),
         cross_covariance=modes.cross_covariance - gain @ modes.cross_covariance,
-        log_weight=modes.log_weight + np.maximum(log_density, log_outlier),
+        log_weight=modes.log_weight + share * np.maximum(log_density, log_outlier),
     )
     return after, is_inlier

@@ -83,3 +83,9 @@ def test_many_cells_of_as_much_noise_as_told_are_no_reason_to_doubt(model: Objec
     X_PO = make_poses(random_rotations(generator, 1), np.zeros((1, 3)))[0]
     patches = touch_with_pads(model, X_PO, 4, generator, sigma_depth=0.0005)
     assert PatchMixture(model, patches, 0.02).inlier_probability(X_PO[None]).min() > 0.5
+
+
+def test_the_least_doubt_that_there_is_has_a_cost(model: ObjectModel) -> None:
+    X_PO, pads = touch(model, 0)
+    least = PatchMixture(model, pads, 5e-324)
+    np.testing.assert_allclose(least.cost(X_PO[None]), PatchContact(model.grid, pads).cost(X_PO[None]))
