@@ -32,6 +32,7 @@ PatchStatus = Literal["area", "narrow", "row", "point", "no_contact"]
 _MOST_PRESSURE, _MOST_ALPHA = 1e12, 1.0
 _MOST_MISPLACEMENT = 1e2  # of where a pad is, m^2 and rad^2
 _ROUNDING = 1e-9  # of a covariance's largest entry
+_LEAST_EXTENT = 1e-9  # m; cells nearer to each other than that are at one place
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -58,7 +59,7 @@ class Patch:
       differ by more than the patch is wide, so none of the components can be taken for the surface's normal.
     - "row": the active cells are two, or lie in one line. The first eigenvector and eigenvalue are known; how the
       surface is tilted about that line is not.
-    - "point": one active cell. The centroid is known.
+    - "point": one active cell, or several at one place. The centroid is known.
     - "no_contact": no active cell, but each live cell says that the object is not there.
 
     Attributes:
@@ -265,7 +266,7 @@ def _with_components(patch: Patch, params: PatchParams) -> Patch:
     inward /= max(float(np.linalg.norm(inward)), 1e-9)
     flat = cells - cells.mean(axis=0)
     extents = np.linalg.svd(flat - np.outer(flat @ inward, inward), compute_uv=False)
-    if extents[0] == 0:
+    if extents[0] < _LEAST_EXTENT:
         return dataclasses.replace(patch, status="point", centroid=centroid)
     covariance = np.cov(points.T)  # [B16] eq. 2.33
     rising, axes = np.linalg.eigh(covariance)

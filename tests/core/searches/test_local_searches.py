@@ -35,8 +35,8 @@ SEARCHES: dict[str, Search] = {
 
 
 DESCENTS = {
-    "increments": GradientDescent(tolerance=1e-14),
-    "quaternion": GradientDescent(tolerance=1e-14, parameters=QuaternionParameters()),
+    "increments": GradientDescent(max_iterations=20_000, tolerance=1e-14),
+    "quaternion": GradientDescent(max_iterations=20_000, tolerance=1e-14, parameters=QuaternionParameters()),
 }
 
 

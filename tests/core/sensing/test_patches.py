@@ -124,6 +124,11 @@ def test_one_cell_is_a_point() -> None:
     assert np.isnan(patch.eigenvectors).all()
 
 
+def test_cells_at_one_place_are_a_point() -> None:
+    apart = 1e-160 * np.random.default_rng(0).normal(size=(4, 3))
+    assert tp.describe_patch(apart, np.full(4, 1000.0), alpha=ALPHA, n_PT=OUT[:4]).status == "point"
+
+
 @pytest.mark.parametrize("cells", [(0, 1), (0, 12), (3, 4, 5), (1, 4, 7, 10), (0, 7, 14), (5, 23)])
 def test_a_row_tells_its_own_direction_only(cells: tuple[int, ...]) -> None:
     patch = tp.describe_patch(CELLS, only(*cells), alpha=ALPHA, n_PT=OUT)

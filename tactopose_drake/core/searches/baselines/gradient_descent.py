@@ -28,7 +28,7 @@ class GradientDescent(Search):
         parameters: what is moved: six increments, or the thesis' quaternion and translation.
     """
 
-    max_iterations: int = 20_000
+    max_iterations: int = 5_000
     tolerance: float = 1e-9
     length: float = 0.05
     parameters: Parameters = dataclasses.field(default_factory=IncrementParameters)
