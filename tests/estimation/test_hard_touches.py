@@ -78,3 +78,15 @@ def test_many_contacts_determine_the_pose_as_well_as_they_can(objects: dict[str,
     assert estimate.status == "ok"
     assert error @ bound.information @ error < 30.0
     assert error @ np.linalg.inv(estimate.best.covariance) @ error < 30.0
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_fingertips_in_a_row_on_one_face_of_a_box_may_be_on_any(seed: int) -> None:
+    tea_box, generator = tp.ObjectModel.from_mesh(model_path("objects", "tea_box.obj")), np.random.default_rng(seed)
+    R = random_rotations(generator, 1)[0]
+    p_RC = np.linspace([-0.033, 0, 0], [0.033, 0, 0], 4) + generator.normal(size=(4, 3)) * [0.003, 0.003, 0.0003]
+    found = tp.estimate_pose(tea_box, tp.Contacts(p_RC @ R.T, np.tile(R[:, 2], (4, 1))))
+    faces = [int(np.argmax(np.abs(h.X_PO.rotation().matrix().T @ R[:, 2]))) for h in found.hypotheses]
+    assert set(faces) == {0, 1, 2}
+    assert found.status == "ambiguous"
+    assert 0.3 < found.hypotheses[0].probability < 0.9

@@ -64,8 +64,8 @@ class Start:
         kept: so many of all these go on, by their cost; all, if it is None.
     """
 
-    choice: PairChoice = PairChoice()
-    candidates: int = 250
+    choice: PairChoice = PairChoice(poses=8000)
+    candidates: int = 300
     samples: int = 250
     fewest: int | None = 20
     kept: int | None = None

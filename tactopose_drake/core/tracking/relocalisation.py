@@ -44,7 +44,7 @@ from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams, RelocalisationParams
 from tactopose_drake.core.validation import FloatArray
 
-_REFINEMENT = LevenbergMarquardt(max_iterations=6, tolerance=1e-2)
+_REFINEMENT = LevenbergMarquardt(max_iterations=20, tolerance=1e-2)
 
 
 class WeighedModes(NamedTuple):
@@ -72,6 +72,8 @@ class SearchState(NamedTuple):
     Attributes:
         X_PO: what the slices so far have found, as of now, shape (n, 3, 4); None between two searches.
         is_settled: whether these are minima of all the evidence.
+        minima: what the last search has found, as of now, shape (m, 3, 4): a mode that the filter leads off its own way
+            is found again.
         weighed: what the posterior says of them; None before the last slice.
         searches: how many there were.
         agreeing: how many of them since something happened that makes what they said before worthless.
@@ -80,6 +82,7 @@ class SearchState(NamedTuple):
 
     X_PO: FloatArray | None = None
     is_settled: bool = False
+    minima: FloatArray = np.empty((0, 3, 4))
     weighed: WeighedModes | None = None
     searches: int = 0
     agreeing: int = 0
@@ -87,10 +90,9 @@ class SearchState(NamedTuple):
 
     def moved(self, motion: Motion) -> SearchState:
         """The same after a motion of the object."""
-        if self.X_PO is None:
-            return self
+        X_PO = None if self.X_PO is None else compose(motion.pose, self.X_PO)
         weighed = None if self.weighed is None else self.weighed.moved(motion)
-        return self._replace(X_PO=compose(motion.pose, self.X_PO), weighed=weighed)
+        return self._replace(X_PO=X_PO, minima=compose(motion.pose, self.minima), weighed=weighed)
 
 
 def search_on(
@@ -112,9 +114,9 @@ def search_on(
             return search, None
     assert search.X_PO is not None
     if not search.is_settled:
-        X_PO = np.concatenate([modes.X_PO, search.X_PO])
+        X_PO = np.concatenate([modes.X_PO, search.minima, search.X_PO])
         X_PO = _settle_poses(model, settings, evidence, X_PO) if len(X_PO) else X_PO
-        search = search._replace(X_PO=X_PO, is_settled=True)
+        search = search._replace(X_PO=X_PO, is_settled=True, minima=X_PO[: params.mixture.max_modes])
         if not at_once and len(X_PO):
             return search, None
     assert search.X_PO is not None

@@ -17,7 +17,7 @@ def test_a_search_without_each_contact_in_turn_finds_what_a_false_one_hides() ->
     parts[1].apply_translation([0.035, 0.01, -0.02])
     model = ObjectModel.from_mesh(trimesh.boolean.union(parts, engine="manifold"))
     found_by = {"all": 0, "doubt": 0}
-    for seed in range(8):
+    for seed in range(24):
         generator = np.random.default_rng(seed)
         X_PO = make_poses(random_rotations(generator, 1), 0.03 * generator.normal(size=(1, 3)))
         felt = touch_surface(model, X_PO[0], 7, generator, spread=True)
@@ -34,4 +34,4 @@ def test_a_search_without_each_contact_in_turn_finds_what_a_false_one_hides() ->
         again = search_with_doubt(model, evidence, problem, search, found, generator, lambda: True)
         assert np.isfinite(again.cost).all()
         assert len(again.X_PO)
-    assert found_by["doubt"] >= 7 > found_by["all"]
+    assert found_by["doubt"] >= 16 > found_by["all"]

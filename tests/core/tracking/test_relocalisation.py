@@ -8,6 +8,7 @@ from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.poses import compose, increments_between, make_poses, random_rotations, retract
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.tracking import relocalisation
 from tactopose_drake.core.tracking.contact_errors import follow_doubt
 from tactopose_drake.core.tracking.frame import PoseMeasurement
 from tactopose_drake.core.tracking.keyframes import Keyframe, Touch, make_window
@@ -86,11 +87,28 @@ def test_a_search_is_made_of_four_slices_while_there_is_a_mode_to_keep_up(box: O
     assert weighed is not None
 
 
+def test_what_a_search_has_found_starts_the_next_however_little_is_proposed(
+    box: ObjectModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    touched, modes, state = touch_of(touch(X_PO, np.random.default_rng(1))), TrackedModes.empty(6), SearchState()
+    while not state.searches:
+        state, _ = search_on(box, PARAMS, touched, modes, state)
+    monkeypatch.setattr(relocalisation, "_propose_poses", lambda *_: np.empty((0, 3, 4)))
+    astray = modes_at(ELSEWHERE)
+    for start in (state._replace(minima=np.empty((0, 3, 4))), state):
+        again, weighed = start, None
+        while weighed is None and again.searches == state.searches:
+            again, weighed = search_on(box, PARAMS, touched, astray, again)
+        finds_it = weighed is not None and off(relocalise(box, PARAMS, touched, astray, weighed.modes, 1.0)) < 0.005
+        assert finds_it == (start is state)
+
+
 def test_what_is_found_meanwhile_moves_with_the_object() -> None:
     motion = Motion(np.array([0.1, -0.2, 0.3, 0.01, 0.02, -0.01]), np.zeros((6, 6)))
-    moved = SearchState(X_PO=X_PO[None]).moved(motion).X_PO
-    assert moved is not None
-    np.testing.assert_allclose(moved[0], compose(motion.pose, X_PO), atol=1e-15)
+    moved = SearchState(X_PO=X_PO[None], minima=X_PO[None]).moved(motion)
+    assert moved.X_PO is not None
+    for X in (moved.X_PO, moved.minima):
+        np.testing.assert_allclose(X[0], compose(motion.pose, X_PO), atol=1e-15)
 
 
 def test_weights_are_means_over_the_searches_that_agree(box: ObjectModel) -> None:

@@ -192,10 +192,14 @@ def keep_best(
     field: Field,
     table: Floats2,
     images: Images,
+    alike: float,
     X_best: OutFloats3,
     cost: OutSingles1,
 ) -> int:
-    """Fills the poses and costs, and returns their number. What is worse than so many already is left as it is."""
+    """Fills the poses and costs, and returns their number. What is worse than so many already is left as it is.
+
+    Costs below `alike` tell nothing: which of such poses counts as the better one is left to chance.
+    """
     pairs = samples.pairs
     matches, begins, ends, spins = matched
     axes, middle, X, frame = np.empty((3, 3)), np.empty(3), np.empty((3, 4)), np.empty((6, 3))
@@ -217,7 +221,9 @@ def keep_best(
             for spin in range(spins[q]):
                 _pair_pose(samples.normals, i, j, Frames(axes, middle, frame), spin, spins[q], X)
                 if _is_near(X, images):
-                    total = coarse_cost(field, table, order, X, limit)
+                    total = coarse_cost(field, table, order, X, max(limit, alike))
+                    if total < alike:
+                        total = alike * _chance(row, spin)
                     if total <= limit:
                         kept[used, 0], kept[used, 1], kept[used, 2] = q, row, spin
                         kept_cost[used] = total
@@ -240,6 +246,12 @@ def keep_best(
         _pair_pose(samples.normals, i, j, Frames(axes, middle, frame), spin, spins[q], X_best[place])
         cost[place] = kept_cost[k]
     return used
+
+
+@inlined
+def _chance(row, spin):
+    """A number from 0 to 1, as good as random, of a match and spin [multiplicative hashing, Knuth]."""
+    return float(((row * 2654435761 + spin * 2246822519) ^ (row >> 3)) & 0xFFFFFF) / 0x1000000
 
 
 @inlined

@@ -18,6 +18,9 @@ from tactopose_drake.core.shape.coarse_field import CoarseField
 from tactopose_drake.core.shape.pair_features import PairFeatures
 from tactopose_drake.core.validation import FloatArray
 
+# Coarse costs of so much for each contact, and less, are alike.
+_ALIKE = 0.5
+
 
 @dataclass(frozen=True, eq=False)
 class MatchedPairs:
@@ -60,6 +63,10 @@ def best_poses(
 ) -> tuple[FloatArray, NDArray[np.float32]]:
     """Of the poses of all pairs those within reach that cost least, `count` at the most.
 
+    Costs of up to a half for each contact tell nothing: samples, voxels and sensors err as much. Such poses are taken
+    by chance; else those would come first that happen to lie well in the voxels, all on one face of a box that is
+    touched by one.
+
     A pose is in reach when one of its images is, which the object's symmetries make: of those only one is looked up.
 
     Args:
@@ -73,7 +80,7 @@ def best_poses(
         turns: the object's symmetries as poses X_OO', shape (g, 3, 4).
 
     Returns:
-        The poses (n, 3, 4), and their coarse costs, rising, shape (n,).
+        The poses (n, 3, 4), and their coarse costs, rising, shape (n,); chance numbers where these tell nothing.
     """
     most = min(count, pairs.count)
     X_PO, cost = np.empty((most, 3, 4)), np.empty(most, dtype=np.float32)
@@ -90,6 +97,7 @@ def best_poses(
         kernel_field(field),
         table,
         images,
+        _ALIKE * len(table),
         X_PO,
         cost,
     )
