@@ -34,7 +34,7 @@ def touches() -> Iterator[tuple[tp.ObjectModel, tp.Contacts, np.ndarray]]:
     generator = np.random.default_rng(0)
     models = [tp.ObjectModel.from_mesh(model_path("objects", f"{name}.obj")) for name in OBJECTS]
     for model in models:  # Else pages of their files come into memory whenever a touch is the first to read them.
-        model.grid.nodes.sum(), model.coarse_field.values.sum()
+        _ = model.grid.nodes.values.sum() + model.coarse_field.values.sum()
     while True:
         model = models[generator.integers(len(models))]
         X_PO = make_poses(random_rotations(generator, 1), generator.normal(scale=0.05, size=(1, 3)))[0]
