@@ -81,7 +81,7 @@ class PoseTracker:
         untouched = self._untouched(belief, frame)
         reading = as_doubted(read_contacts(frame, belief.sources, belief.p_PC, belief.errors), params)
         belief = self._predict(belief, frame, reading, duration)
-        belief, is_outlier = see(belief, frame, reading, params.vision)
+        belief, is_outlier = see(self._model, belief, frame, reading, params.vision)
         if reading.is_new:
             belief = self._update_with_touch(belief, frame, reading, duration, is_outlier=is_outlier)
         elif reading.has_contact:

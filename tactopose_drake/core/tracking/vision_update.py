@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactopose_drake.core.poses import increments_between, retract
+from tactopose_drake.core.shape.free_spin import nearest_images
+from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.frame import ContactReading, Frame, PoseMeasurement
 from tactopose_drake.core.tracking.motion_prediction import Motion, MotionHistory, predict_poses
 from tactopose_drake.core.tracking.pose_belief import PoseBelief, VisionRecord
@@ -66,10 +68,13 @@ def read_vision(
     return Sighting(now, min(1.0, max(since / params.correlation_time, 1e-3))), record
 
 
-def see(belief: PoseBelief, frame: Frame, reading: ContactReading, params: VisionParams) -> tuple[PoseBelief, bool]:
+def see(
+    model: ObjectModel, belief: PoseBelief, frame: Frame, reading: ContactReading, params: VisionParams
+) -> tuple[PoseBelief, bool]:
     """The belief with what vision and a prior say now, and whether the best mode takes that for an outlier.
 
     Args:
+        model: the object.
         belief: as it is predicted.
         frame: all that is sensed now.
         reading: its contacts.
@@ -84,7 +89,7 @@ def see(belief: PoseBelief, frame: Frame, reading: ContactReading, params: Visio
     if sighting is not None:
         if len(modes):
             log_outlier = math.log(params.outlier_probability / (8.0 * math.pi**2 * params.outlier_volume))
-            modes, is_inlier = update_with_pose(modes, sighting, log_outlier)
+            modes, is_inlier = update_with_pose(model, modes, sighting, log_outlier)
             is_outlier = not is_inlier[0]
             order = np.argsort(-modes.log_weight, kind="stable")
             if order[0] != 0:
@@ -136,11 +141,14 @@ def move_standing(belief: PoseBelief, motion: Motion, time: float, *, was_taken:
 
 
 def update_with_pose(
-    modes: TrackedModes, sighting: Sighting, log_outlier: float
+    model: ObjectModel, modes: TrackedModes, sighting: Sighting, log_outlier: float
 ) -> tuple[TrackedModes, NDArray[np.bool_]]:
     """The modes after a measurement of the pose, a Kalman update of each for which it is no outlier.
 
+    Of the poses that look as the measured one does, the nearest to a mode is the one that it is updated with.
+
     Args:
+        model: the object.
         modes: before.
         sighting: as of the modes' time. Whether it is an outlier is asked of the whole measurement, whatever its share.
         log_outlier: the logarithm of the density of outliers, where that of others is normal, 1/(rad^3 m^3). The gate
@@ -150,7 +158,9 @@ def update_with_pose(
         The modes, and within the gates of which the measurement is, shape (n,).
     """
     measurement, share = sighting
-    innovation = increments_between(modes.X_PO, measurement.X_PO)
+    turns, symmetries = model.symmetry_turns, model.symmetries
+    X_seen = [nearest_images(measurement.X_PO[None], X_PO, turns, symmetries)[0] for X_PO in modes.X_PO]
+    innovation = increments_between(modes.X_PO, np.array(X_seen))
     expected = modes.covariance + measurement.covariance
     nis = np.einsum("ni,ni->n", innovation, np.linalg.solve(expected, innovation[..., None])[..., 0])
     log_density: FloatArray = -0.5 * (nis + np.linalg.slogdet(expected)[1]) - 3.0 * np.log(2.0 * np.pi)
