@@ -64,7 +64,7 @@ class Start:
         kept: so many of all these go on, by their cost; all, if it is None.
     """
 
-    choice: PairChoice = PairChoice(poses=8000)
+    choice: PairChoice = PairChoice()
     candidates: int = 300
     samples: int = 250
     fewest: int | None = 20

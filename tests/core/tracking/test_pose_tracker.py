@@ -1,6 +1,4 @@
-import dataclasses
 import math
-from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -9,46 +7,20 @@ import trimesh
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
-from tactopose_drake.core.poses import increments_between, make_poses, random_rotations, retract
+from tactopose_drake.core.poses import increments_between, retract
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.frame import Frame, PoseMeasurement
-from tactopose_drake.core.tracking.pose_belief import PoseBelief, summarise
+from tactopose_drake.core.tracking.pose_belief import PoseBelief
 from tactopose_drake.core.tracking.pose_tracker import PoseTracker
 from tactopose_drake.core.tracking.tracker_params import MixtureParams, PoseTrackerParams, SlipParams
 from tactopose_drake.errors import InvalidInputError
 from tests.core.tracking.boxes import make_box, touch
-
-NAMES = tuple("abcdef")
-X_PO = make_poses(random_rotations(np.random.default_rng(0), 1), np.array([[0.02, 0.0, 0.1]]))[0]
-GUESS = GaussianPrior(retract(X_PO, np.array([0.1, -0.15, 0.1, 0.01, -0.02, 0.01])))
+from tests.core.tracking.follower import GUESS, NAMES, X_PO, Follower
 
 
 @pytest.fixture(scope="module")
 def tracker() -> PoseTracker:
     return PoseTracker(make_box())
-
-
-class Follower:
-    """A belief that is fed frame after frame, 10 ms apart."""
-
-    def __init__(self, tracker: PoseTracker, seed: int = 0) -> None:
-        self.tracker, self.generator = tracker, np.random.default_rng(seed)
-        self.belief: PoseBelief = tracker.start(0.0)
-
-    def feel(
-        self,
-        X: np.ndarray | None,
-        count: int = 1,
-        vision: PoseMeasurement | None = None,
-        fingers: Sequence[int] = range(6),
-    ) -> PoseBelief:
-        """Frames of a touch at a pose by some fingers; of none, where that is None."""
-        for _ in range(count):
-            contacts = Contacts.empty() if X is None else touch(X, self.generator)[list(fingers)]
-            names = None if X is None else tuple(NAMES[i] for i in fingers)
-            frame = Frame(self.belief.time + 0.01, Evidence(contacts, prior=GUESS), names, vision=vision)
-            self.belief = self.tracker.step(self.belief, frame)
-        return self.belief
 
 
 def error(belief: PoseBelief, X: np.ndarray) -> tuple[float, float]:
@@ -180,72 +152,6 @@ def test_a_touch_that_is_explained_stays_when_it_is_gone(tracker: PoseTracker) -
     assert error(follower.feel(None, 2), X_PO)[0] < 0.003
 
 
-def test_two_contacts_are_no_answer_without_what_is_seen_since_then(tracker: PoseTracker) -> None:
-    follower = Follower(tracker)
-    said = [follower.feel(X_PO, fingers=(0, 1)) for _ in range(40)]
-    assert "ok" not in {belief.status for belief in said}
-    # However sure the best mode is, and for however long.
-    sure = dataclasses.replace(said[-1], modes=said[-1].modes.chosen([0]), unsettled_time=0.0)
-    evidence = Evidence(touch(X_PO, follower.generator)[:2])
-    reason = "ambiguous: 2 contacts; 3 are needed, or vision since then"
-    assert summarise(make_box(), PoseTrackerParams(), sure, evidence, has_contact=True).message == reason
-    assert follower.feel(X_PO, 30).status == "ok"
-    follower = Follower(tracker)
-    for _ in range(30):
-        seen = PoseMeasurement(follower.belief.time, X_PO, np.diag(np.repeat([0.02**2, 0.002**2], 3)))
-        follower.feel(X_PO, vision=seen, fingers=(0, 1))
-    assert follower.belief.status == "ok"
-
-
-def test_a_mode_that_is_wide_is_an_answer_only_along_what_the_touch_does_not_tell(tracker: PoseTracker) -> None:
-    box, params = make_box(), PoseTrackerParams()
-    follower = Follower(tracker)
-    belief, contacts = follower.feel(X_PO, 12), touch(X_PO, follower.generator)
-    sides = contacts[np.flatnonzero(np.abs(contacts.n_PC @ X_PO[:, 0]) < 0.3)]
-    assert 3 <= len(sides) < len(contacts)
-    assert belief.status == "ok"
-    for told, wide, said in (
-        (sides, [0], "ok"),
-        (contacts, [0], "ambiguous: known to 30 mm and 1 degrees"),
-        (sides, [0, 1], "ambiguous: 2 directions are left open"),
-    ):
-        covariance, slides = belief.modes.covariance.copy(), X_PO[:, wide]
-        covariance[:, 3:, 3:] += 0.03**2 * slides @ slides.T
-        modes = dataclasses.replace(belief.modes, covariance=covariance)
-        opened = dataclasses.replace(belief, modes=modes, explained_time=belief.time)
-        assert summarise(box, params, opened, Evidence(told), has_contact=True).message == said
-
-
-def test_a_ball_on_a_stick_that_is_held_by_the_ball_may_point_anywhere() -> None:
-    angles = np.linspace(-0.5 * np.pi, math.acos(1.0 / 3.0), 40)
-    ball = 0.03 * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    mesh = trimesh.creation.revolve([*ball, (0.01, 0.1), (0.0, 0.1)], sections=48)
-    # Its origin is the stick's other end, so that the poses it may have lie on a sphere.
-    model = ObjectModel.from_mesh(mesh.apply_translation([0.0, 0.0, -0.1]), cache=False)
-    tracker, generator = PoseTracker(model), np.random.default_rng(0)
-    belief, n_OC = tracker.start(0.0), np.array([[1.0, 0, -0.5], [-0.6, 0.8, -0.3], [-0.5, -0.9, -0.2]])
-    n_OC /= np.linalg.norm(n_OC, axis=1, keepdims=True)
-    turns = []
-    for k in range(100):
-        n_PC = n_OC + 0.03 * generator.normal(size=(3, 3))
-        n_PC /= np.linalg.norm(n_PC, axis=1, keepdims=True)
-        p_PC = 0.03 * n_OC + 0.0005 * generator.normal(size=(3, 3))
-        evidence = Evidence(Contacts(p_PC, n_PC, sigma_position=0.0009, sigma_normal=0.09))
-        belief = tracker.step(belief, Frame(0.01 * (k + 1), evidence, ("a", "b", "c")))
-        assert belief.status != "ok", belief
-        turns.append(math.sqrt(np.linalg.eigvalsh(belief.covariance[0][:3, :3])[0]))
-    assert min(turns[20:]) > math.radians(6.0)
-
-
-def test_what_is_less_sure_than_an_answer_is_ambiguous(tracker: PoseTracker) -> None:
-    follower = Follower(tracker)
-    belief, evidence = follower.feel(X_PO, 12), Evidence(touch(X_PO, follower.generator))
-    for share, said in ((0.99, "ok"), (0.97, "ambiguous")):
-        modes = dataclasses.replace(belief.modes.chosen([0, 0]), log_weight=np.log([share, 1.0 - share]))
-        doubted = dataclasses.replace(belief, modes=modes)
-        assert summarise(make_box(), PoseTrackerParams(), doubted, evidence, has_contact=True).message == said
-
-
 def test_vision_that_is_late_counts_as_of_its_time(tracker: PoseTracker) -> None:
     """The object moves with the fingertips; vision, 0.1 s late, would be 2 cm off without the motion since."""
     twist = np.array([0.0, 0, 0, 0.2, 0, 0])
@@ -305,7 +211,6 @@ def test_modes_that_a_symmetry_makes_alike_are_one() -> None:
 
 
 def make_box_mesh():  # type: ignore[no-untyped-def]
-    import trimesh
 
     return trimesh.creation.box((0.06, 0.10, 0.14))
 

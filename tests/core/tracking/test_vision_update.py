@@ -48,7 +48,6 @@ def test_vision_that_shows_the_object_turned_into_itself_is_believed(box: Object
 
 
 def test_pictures_of_one_correlation_time_are_as_one_measurement(box: ObjectModel) -> None:
-    """But that the modes' likelihood is linearised at each of them."""
     once, _ = update_with_pose(box, mode(0.01), seen(0.005, 1.0), LOG_OUTLIER)
     often = mode(0.01)
     for _ in range(15):
