@@ -1,6 +1,6 @@
 """How honest the belief is: does the truth lie where the hypotheses say, as often as they say?
 
-python examples/calibration.py --trials 1000 --out calibration
+python examples/calibration.py --trials 1000
 
 Objects in random poses are touched at random places, with the noise that the estimate is told. A hypothesis holds the
 truth when the squared Mahalanobis distance between them, up to the object's symmetries, is below the 95 % point of
@@ -178,7 +178,7 @@ def main() -> None:
     parser.add_argument("--contacts", type=int, default=5)
     parser.add_argument("--noise", type=float, default=1.0, help="in units of 0.9 mm and 5 degrees")
     parser.add_argument("--spread", action="store_true", help="contacts far apart, rather than anywhere")
-    parser.add_argument("--out", type=Path, default=Path("calibration"))
+    parser.add_argument("--out", type=Path, default=Path("out/calibration"))
     arguments = parser.parse_args()
     meshes = [model_path("objects", f"{name}.obj") for name in arguments.objects]
     if arguments.scans is not None:

@@ -1,6 +1,6 @@
 """The belief of a pose over time: is it right, honest and fast while an object moves in the hand?
 
-python examples/in_hand_motions.py --motions 200 --out in_hand_motions
+python examples/in_hand_motions.py --motions 200
 
 Four families of motion, with contacts on the true mesh at 100 Hz: a screwdriver is turned about its axis, a cylinder is
 rolled between thumb and fingers, objects are carried about by the fingertips, and objects slip under load. Each begins
@@ -140,7 +140,7 @@ def main() -> None:
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--calibration", type=float, default=1.0, help="what lasts of the errors, over what is told")
     parser.add_argument("--families", nargs="+", default=list(FAMILIES), choices=list(FAMILIES))
-    parser.add_argument("--out", type=Path, default=Path("in_hand_motions"))
+    parser.add_argument("--out", type=Path, default=Path("out/in_hand_motions"))
     arguments = parser.parse_args()
     each = max(1, arguments.motions // len(arguments.families))
     run_motion(arguments.families[0], arguments.first_seed, 3)  # The first compiles.

@@ -135,7 +135,7 @@ def main() -> None:
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--objects", nargs="+", default=list(OBJECTS))
     parser.add_argument("--false", type=int, default=0, help="pads of each grip that are pressed on something else")
-    parser.add_argument("--out", type=Path, default=Path("patch_calibration"))
+    parser.add_argument("--out", type=Path, default=Path("out/patch_calibration"))
     arguments = parser.parse_args()
     models = [tp.ObjectModel.from_mesh(model_path("objects", f"{name}.obj")) for name in arguments.objects]
     seeds = range(arguments.first_seed, arguments.first_seed + arguments.trials)

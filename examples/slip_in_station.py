@@ -1,6 +1,6 @@
 """Slip under load in the simulated station: a hand of 24 joints holds an object that grows heavier until it slides.
 
-python examples/slip_in_station.py --objects bust mug --out slip_in_station
+python examples/slip_in_station.py --objects bust mug
 
 The belief is updated at 100 Hz from the simulated fingertips' wrenches and the joints; contact is Drake's hydroelastic
 one. Printed are the belief's error beside what it says of it, its normalised estimation error squared (6 for an honest
@@ -103,7 +103,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--objects", nargs="+", default=["bust", "mug"])
     parser.add_argument("--seconds", type=float, default=1.0, help="that the time is measured for")
-    parser.add_argument("--out", type=Path, default=Path("slip_in_station"))
+    parser.add_argument("--out", type=Path, default=Path("out/slip_in_station"))
     arguments = parser.parse_args()
     runs, lines = {}, []
     for name in arguments.objects:

@@ -1,6 +1,6 @@
 """What the belief is worth where the world is not as told: false contacts, turned normals, more noise, another mesh.
 
-python examples/world_not_as_told.py --trials 500 --out world_not_as_told
+python examples/world_not_as_told.py --trials 500
 
 Objects in random poses are touched at random places, far apart, as the estimate is told; then something is changed
 of which it is told nothing. A pose is right within 10 mm and 15 degrees, up to the object's symmetries. Of the answers
@@ -160,7 +160,7 @@ def main() -> None:
     parser.add_argument("--scans", type=Path, help="a folder of further meshes")
     parser.add_argument("--contacts", type=int, default=5)
     parser.add_argument("--worlds", nargs="+", type=int, default=list(range(len(WORLDS))), help="by their numbers")
-    parser.add_argument("--out", type=Path, default=Path("world_not_as_told"))
+    parser.add_argument("--out", type=Path, default=Path("out/world_not_as_told"))
     arguments = parser.parse_args()
     meshes = [model_path("objects", f"{name}.obj") for name in arguments.objects]
     if arguments.scans is not None:
