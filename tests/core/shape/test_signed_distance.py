@@ -92,7 +92,8 @@ def test_the_field_turns_and_moves_with_the_mesh(seed: int) -> None:
     X = random_pose(generator)
     still = build_grid(*arrays(mesh), spacing=0.003)
     moved = build_grid(*arrays(mesh.copy().apply_transform(X)), spacing=0.003)
-    p = mesh.vertices[::7] * generator.uniform(0.8, 1.15, (len(mesh.vertices[::7]), 1))
+    # Not far within, where the distance bends more between nodes, up to its ridge.
+    p = mesh.vertices[::7] * generator.uniform(0.9, 1.15, (len(mesh.vertices[::7]), 1))
     d, n = still.distance_and_normal(p)
     d_moved, n_moved = moved.distance_and_normal(p @ X[:3, :3].T + X[:3, 3])
     np.testing.assert_allclose(d_moved, d, atol=3e-4)
