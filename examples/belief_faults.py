@@ -16,7 +16,7 @@ from collections.abc import Iterator
 
 import numpy as np
 from motion_families import CARRIED, PERIOD, load, spread_points
-from nearest_images import nearest_increments
+from nearest_images import least_error
 from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import track
@@ -26,7 +26,7 @@ import tactopose_drake as tp
 from tactopose_drake.core.evidence import Contacts, Evidence
 from tactopose_drake.core.objectives import SurfaceContact
 from tactopose_drake.core.poses import make_poses, random_rotations, retract
-from tactopose_drake.core.posterior import determined_part, free_directions
+from tactopose_drake.core.posterior import free_directions
 from tactopose_drake.core.synthetic import RollingTouch
 from tactopose_drake.core.tracking import Frame, PoseBelief, PoseMeasurement, PoseTracker
 
@@ -44,11 +44,8 @@ def lay(generator: np.random.Generator) -> tuple[tp.ObjectModel, Array]:
 
 def error(model: tp.ObjectModel, belief: PoseBelief, X_true: Array, contacts: Contacts) -> Array:
     """[m, deg] of the best pose to the nearest image of the truth, without the part along the free directions."""
-    metric = np.diag(np.repeat([(model.size / 2) ** 2, 1.0], 3))
-    u = nearest_increments(model, belief.X_PO[0], metric, X_true[None])[0]
     information = SurfaceContact(model.grid, contacts).normal_equations(X_true[None]).hessian
-    free = free_directions(information, model.size)[0]
-    u = determined_part(u, free, model.size) if len(free) else u
+    u = least_error(model, belief.X_PO[0], X_true, free_directions(information, model.size)[0])
     return np.array([np.linalg.norm(u[3:]), np.degrees(np.linalg.norm(u[:3]))])
 
 

@@ -16,14 +16,14 @@ import dataclasses
 
 import numpy as np
 import pydrake.all as drake
-from nearest_images import nearest_increments
+from nearest_images import least_error
 from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import track
 
 import tactopose_drake as tp
 from tactopose_drake.core.objectives import SurfaceContact
-from tactopose_drake.core.posterior import determined_part, free_directions
+from tactopose_drake.core.posterior import free_directions
 from tactopose_drake.hand import Hand, add_hand, load_hand_config
 from tactopose_drake.resources import model_path
 from tactopose_drake.systems import AddPoseEstimation, AddPoseTracking, PoseEstimationParams
@@ -91,9 +91,7 @@ def clear_of_the_hand(
 
 def error(model: tp.ObjectModel, X_hat: Array, X_true: Array, free: Array) -> Array:
     """[m, deg] to the nearest image of the truth, without the part along the free directions."""
-    metric = np.diag(np.repeat([(model.size / 2) ** 2, 1.0], 3))
-    u = nearest_increments(model, X_hat, metric, X_true[None])[0]
-    u = determined_part(u, free, model.size) if len(free) else u
+    u = least_error(model, X_hat, X_true, free)
     return np.array([np.linalg.norm(u[3:]), np.degrees(np.linalg.norm(u[:3]))])
 
 

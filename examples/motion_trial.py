@@ -11,7 +11,7 @@ import time
 
 import numpy as np
 from motion_families import FAMILIES, PERIOD
-from nearest_images import nearest_increments
+from nearest_images import least_error, nearest_increments
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
@@ -19,7 +19,7 @@ import tactopose_drake as tp
 from tactopose_drake.core.evidence import Evidence
 from tactopose_drake.core.objectives import SurfaceContact
 from tactopose_drake.core.poses import make_poses, random_rotations, retract
-from tactopose_drake.core.posterior import determined_part, free_directions
+from tactopose_drake.core.posterior import free_directions
 from tactopose_drake.core.synthetic import RollingTouch, TouchNoise
 from tactopose_drake.core.tracking import Frame, PoseBelief, PoseTracker
 
@@ -74,7 +74,8 @@ def judge(
         u = nearest_increments(model, belief.X_PO[b], information, X_true[None])[0]
         right.append(bool(u @ information @ u < chi2.ppf(0.999, dimensions)))
         if b == 0:
-            square, error, covariance = u @ information @ u, u, belief.covariance[0]
+            square, covariance = u @ information @ u, belief.covariance[0]
+            error = least_error(model, belief.X_PO[0], X_true)
     return Instant(
         belief.time,
         belief.status,
@@ -86,17 +87,17 @@ def judge(
         float(np.linalg.norm(error[:3])),
         float(np.sqrt(np.trace(covariance[3:, 3:]))),
         float(np.sqrt(np.trace(covariance[:3, :3]))),
-        belief.status == "ok" and is_wrong(model, error, contacts, X_true),
+        belief.status == "ok" and is_wrong(model, belief.X_PO[0], contacts, X_true),
         seconds,
         slides,
     )
 
 
-def is_wrong(model: tp.ObjectModel, error: Array, contacts: tp.Contacts, X_true: Array) -> bool:
-    """Whether an error (6,) is one of 20 mm or 20 degrees, without its part along what the touch leaves free."""
+def is_wrong(model: tp.ObjectModel, X_PO: Array, contacts: tp.Contacts, X_true: Array) -> bool:
+    """Whether a pose is off by 20 mm or 20 degrees, but for what the touch leaves free."""
     hessian = SurfaceContact(model.grid, contacts).normal_equations(X_true[None]).hessian
-    determined = determined_part(error, free_directions(hessian, model.size)[0], model.size)
-    return bool(np.linalg.norm(determined[3:]) > WRONG[0] or np.linalg.norm(determined[:3]) > WRONG[1])
+    error = least_error(model, X_PO, X_true, free_directions(hessian, model.size)[0])
+    return bool(np.linalg.norm(error[3:]) > WRONG[0] or np.linalg.norm(error[:3]) > WRONG[1])
 
 
 def run_motion(family: str, seed: int, steps: int, calibration: float = 1.0) -> list[Instant]:

@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 
 import tactopose_drake as tp
 from tactopose_drake.core.poses import compose, exp_so3, increments_between, make_poses, right_jacobian
+from tactopose_drake.core.posterior import determined_part
 from tactopose_drake.core.shape import turn_toward
 
 Array = NDArray[np.float64]
@@ -27,3 +28,17 @@ def nearest_increments(model: tp.ObjectModel, X_PO: Array, information: Array, X
     least = np.einsum("bsi,ij,bsj->bs", u, information, u).argmin(axis=1)
     nearest: Array = u[np.arange(len(X_true)), least]
     return nearest
+
+
+def least_error(model: tp.ObjectModel, X_PO: Array, X_true: Array, free: Array | None = None) -> Array:
+    """From a pose (3, 4) to the nearest image of the true one by how far the surface is off, shape (6,), rad and m.
+
+    Args:
+        model: the object.
+        X_PO: the pose.
+        X_true: the true one, shape (3, 4).
+        free: directions (f, 6) along which no error counts.
+    """
+    metric = np.diag(np.repeat([(model.size / 2) ** 2, 1.0], 3))
+    u: Array = nearest_increments(model, X_PO, metric, X_true[None])[0]
+    return u if free is None or not len(free) else determined_part(u, free, model.size)

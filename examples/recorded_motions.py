@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 from motion_families import PERIOD, load, spread_points
-from nearest_images import nearest_increments
+from nearest_images import least_error
 from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
@@ -30,7 +30,7 @@ import tactopose_drake as tp
 from tactopose_drake.core.evidence import Evidence
 from tactopose_drake.core.objectives import SurfaceContact
 from tactopose_drake.core.poses import log_so3, make_poses, random_rotations, retract
-from tactopose_drake.core.posterior import determined_part, free_directions
+from tactopose_drake.core.posterior import free_directions
 from tactopose_drake.core.synthetic import RollingTouch
 from tactopose_drake.core.tracking import Frame, PoseTracker
 
@@ -61,9 +61,7 @@ def read_motion(path: Path, seconds: float) -> tuple[Array, Array]:
 
 def error(model: tp.ObjectModel, X_hat: Array, X_true: Array, free: Array) -> Array:
     """[m, deg] to the nearest image of the truth, without the part along the free directions."""
-    metric = np.diag(np.repeat([(model.size / 2) ** 2, 1.0], 3))
-    u = nearest_increments(model, X_hat, metric, X_true[None])[0]
-    u = determined_part(u, free, model.size) if len(free) else u
+    u = least_error(model, X_hat, X_true, free)
     return np.array([np.linalg.norm(u[3:]), np.degrees(np.linalg.norm(u[:3]))])
 
 

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 from calibration import OBJECTS, region_holds
-from nearest_images import nearest_increments
+from nearest_images import least_error, nearest_increments
 from numpy.typing import NDArray
 from rich.progress import track
 from scipy.stats import chi2
@@ -123,8 +123,7 @@ def run_trial(model: tp.ObjectModel, world: World, seed: int, count: int, has_pr
     best = estimate.best
     information = np.linalg.inv(best.covariance)
     error = nearest_increments(model, best.X_PO.GetAsMatrix34(), information, X_PO[None])[0]
-    metres = np.repeat([model.size / 2.0, 1.0], 3)
-    near = nearest_increments(model, best.X_PO.GetAsMatrix34(), np.diag(metres**2), X_PO[None])[0]
+    near = least_error(model, best.X_PO.GetAsMatrix34(), X_PO)
     return Trial(
         right=bool(np.linalg.norm(near[3:]) < RIGHT[0] and np.linalg.norm(near[:3]) < RIGHT[1]),
         sure=best.probability > SURE,
