@@ -27,7 +27,7 @@ from tactopose_drake.core.shape.pair_features import PairFeatures, build_pair_fe
 from tactopose_drake.core.shape.signed_distance import DistanceGrid
 from tactopose_drake.core.shape.simple_bodies import SimpleBodies
 from tactopose_drake.core.shape.surface_samples import SurfaceSamples
-from tactopose_drake.core.shape.surfels import Surfels, make_surfels, surfel_spacing
+from tactopose_drake.core.shape.surfels import Surfels, make_surfels, surfel_sigmas, surfel_spacing
 from tactopose_drake.core.shape.symmetry import RotationalSymmetry, sampled_turns
 from tactopose_drake.core.shape.symmetry_detection import SymmetryDetectionParams
 from tactopose_drake.core.shape.unevenness import Unevenness, find_unevenness
@@ -159,10 +159,16 @@ class ObjectModel(SimpleBodies):
     def _surfels(self) -> dict[float, Surfels]:
         return {}
 
-    def make_ready(self, sigma_position: float = 0.0009) -> None:
-        """Makes or loads all that an estimate needs, for points known to sigma, m, so that none waits for it."""
+    def make_ready(self, sigma_position: float = 0.0009, largest_sigma: float | None = None) -> None:
+        """Makes or loads all that estimates need, so that none waits for it.
+
+        Args:
+            sigma_position: to which points are known, m.
+            largest_sigma: for points known to anything between the two, m.
+        """
         _ = self.pair_features, self.symmetry_turns, self.samples.spread
-        self.surfels(sigma_position)
+        for sigma in surfel_sigmas(sigma_position, sigma_position if largest_sigma is None else largest_sigma):
+            self.surfels(sigma)
 
     @cached_property
     def symmetry_turns(self) -> FloatArray:

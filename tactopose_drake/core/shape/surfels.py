@@ -23,6 +23,8 @@ from tactopose_drake.core.shape.surface_samples import points_along_surface
 from tactopose_drake.core.shape.surfel_kernels import BLOCK, Discs, Measurements, densities
 from tactopose_drake.core.validation import FloatArray
 
+_AN_OCTAVE = 4  # spacings
+
 
 @dataclass(frozen=True, kw_only=True)
 class SurfelParams:
@@ -71,7 +73,14 @@ class Surfels:
 def surfel_spacing(sigma: float, area: float, params: SurfelParams = SurfelParams()) -> float:
     """The spacing, m, that suits a point known to sigma, m, on a surface of this area, m^2: one of four an octave."""
     wanted = max(params.spacing_sigmas * sigma, params.least_spacing, math.sqrt(area / params.max_surfels))
-    return 1e-3 * float(2.0 ** (0.25 * math.ceil(4.0 * math.log2(1e3 * wanted) - 0.5)))
+    return 1e-3 * float(2.0 ** (math.ceil(_AN_OCTAVE * math.log2(1e3 * wanted) - 0.5) / _AN_OCTAVE))
+
+
+def surfel_sigmas(least: float, largest: float, params: SurfelParams = SurfelParams()) -> FloatArray:
+    """Standard deviations of points, m, from the least to the largest, that between them suit all spacings."""
+    least = max(least, params.least_spacing / params.spacing_sigmas)
+    steps = max(0, math.ceil(_AN_OCTAVE * math.log2(largest / least)))
+    return np.asarray(least * 2.0 ** (np.arange(steps + 1) / _AN_OCTAVE))
 
 
 def make_surfels(

@@ -101,6 +101,12 @@ def averaged_variances(contacts: Contacts, params: PoseTrackerParams, frames: in
     return np.asarray(lasting + (told - lasting) / frames)
 
 
+def surest_position(params: PoseTrackerParams) -> float:
+    """To what a point may come to be known, m: a mean of frames, by a calibration as good as it may be found to be."""
+    best = 0.5 ** (0.5 * params.calibration_scale.halvings) * params.calibration_position
+    return math.hypot(best, params.surface_position, params.frame_position / math.sqrt(params.window.max_frames))
+
+
 def lasting_excess(reading: ContactReading, params: PoseTrackerParams) -> FloatArray:
     """What lasts beside the calibration, with what is doubted of contacts, shape (k, 2)."""
     return declared_excess(reading.contacts, params) + _seeming_excess(reading.contacts, reading, params)

@@ -12,7 +12,13 @@ from tactopose_drake.core.poses import increments_between
 from tactopose_drake.core.posterior.plausibility import explain_touch
 from tactopose_drake.core.shape.free_spin import nearest_images
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.tracking.contact_errors import as_doubted, estimate_scale, follow_doubt, follow_scale
+from tactopose_drake.core.tracking.contact_errors import (
+    as_doubted,
+    estimate_scale,
+    follow_doubt,
+    follow_scale,
+    surest_position,
+)
 from tactopose_drake.core.tracking.contact_update import follow_lasting_errors, update_modes
 from tactopose_drake.core.tracking.frame import ContactReading, Frame, SeemingErrors, read_contacts
 from tactopose_drake.core.tracking.keyframes import Keyframe, Touch, follow_touch, make_window, move_keyframes
@@ -31,6 +37,9 @@ from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tactopose_drake.core.tracking.vision_update import move_standing, see
 from tactopose_drake.core.validation import FloatArray, instance_of
 from tactopose_drake.errors import InvalidInputError
+
+# Points that are less sure than this, m, seem to be so where a finger touches something else.
+_LEAST_SURE = 0.02
 
 
 class PoseTracker:
@@ -52,7 +61,7 @@ class PoseTracker:
         self._params.validate()
         self._model = model
         make_kernels_ready()
-        model.make_ready()
+        model.make_ready(surest_position(self._params), _LEAST_SURE)
 
     def start(self, time: float = 0.0) -> PoseBelief:
         """The belief that knows nothing, s."""
