@@ -23,13 +23,17 @@ noise that seems larger than told, and contacts that seem false, for as long as 
 seen from frame to frame; what they are off beyond that, lasts.
 
 What neither sees, because a mode that is narrow sees little of the surface, is counted at each frame anew, and a mode
-that learns from it grows sure of a pose beside the truth. Therefore what the touch told of the pose is forgotten, by a
-factor for each direction, as in directional forgetting [K87].
+that learns from it grows sure of a pose beside the truth. So do slopes that differ a little from one frame to the next,
+which tell biases and pose apart where nothing does: a filter that is linearised at other states each time gains
+information that there is none of [H08]. Therefore what the touch told of the pose is forgotten, by a factor for each
+direction, as in directional forgetting [K87]; and in no direction does a frame make a mode surer than it was before, or
+than the touch of now could make it were it felt for ever, whichever is more: biases do not average out.
 
 Sources: [G15] A. Garcia-Fernandez et al., Posterior linearization filter: principles and implementation using sigma
-points, IEEE Trans. Signal Processing, 2015; [K87] R. Kulhavy, Restricted exponential forgetting in real-time
-identification, Automatica, 1987; [S66] S. Schmidt, Application of state-space methods to navigation
-problems, 1966 (the consider filter).
+points, IEEE Trans. Signal Processing, 2015; [H08] G. Huang, A. Mourikis, S. Roumeliotis, Analysis and improvement of
+the consistency of extended Kalman filter based SLAM, ICRA 2008; [K87] R. Kulhavy, Restricted exponential forgetting in
+real-time identification, Automatica, 1987; [S66] S. Schmidt, Application of state-space methods to navigation problems,
+1966 (the consider filter).
 """
 
 from __future__ import annotations
@@ -52,6 +56,7 @@ from tactopose_drake.core.posterior.posterior_params import ModeParams
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.contact_errors import BiasModel, declared_excess, lasting_excess
 from tactopose_drake.core.tracking.frame import ContactReading
+from tactopose_drake.core.tracking.slip_detection import contact_rows_at
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tactopose_drake.core.validation import FloatArray
@@ -95,9 +100,10 @@ def update_with_contacts(
     variances = bias.with_roughness(modes.roughness)
     information = _joint_information(modes.covariance, modes.cross_covariance, variances)
     count, size = information.shape[:2]
-    weights = _noise_weights(contacts, declared_excess(contacts, params), bias, settings.least_noise_share)
+    weights = 1.0 / np.sqrt(_new_variances(contacts, params).T)
     grid = model.grid.nodes
     n_PC = np.zeros_like(contacts.p_PC) if contacts.n_PC is None else contacts.n_PC
+    weights[1] *= contacts.n_PC is not None
     arrays = ContactArrays(*map(read_only, (contacts.p_PC, n_PC, *weights, reading.source)))
     priors = ModePriors(read_only(modes.X_PO), read_only(information))
     X_PO, hessian = np.array(modes.X_PO if X_start is None else X_start), np.empty((count, size, size))
@@ -137,12 +143,15 @@ def update_modes(
     first = min(int(count), params.mixture.max_updated)
     forgotten = min(1.0, duration / params.forgetting.time)
     predicted = modes.chosen(slice(first))
-    information = SurfaceContact(model.grid, reading.contacts).normal_equations(predicted.X_PO).hessian
+    rows = contact_rows_at(model, reading, predicted.X_PO)[1]
+    information = np.einsum("nkri,nkrj->nij", rows, rows)
     forgetful = forget(information, predicted, forgotten, params.forgetting.half_information)
     update = update_with_contacts(model, params, reading, forgetful)
-    told = only_as_told(model, params, information, predicted.covariance, update.covariance)
+    most = most_information(params, reading, predicted, rows)
+    covariance = limit_gain(forgetful.covariance, most, update.covariance)
+    covariance = only_as_told(model, params, information, predicted.covariance, covariance)
     updated = dataclasses.replace(
-        forgetful, X_PO=update.X_PO, covariance=told, cross_covariance=update.cross_covariance
+        forgetful, X_PO=update.X_PO, covariance=covariance, cross_covariance=update.cross_covariance
     )
     updated = follow_roughness(updated, reading, update.roughness, params)
     return updated if first == len(modes) else updated.joined(modes.chosen(slice(first, None)))
@@ -163,6 +172,47 @@ def forget(information: FloatArray, modes: TrackedModes, forgotten: float, half_
     growth = forgotten * values / (values + half_information)
     covariance = modes.covariance + (axes * growth[:, None]) @ np.swapaxes(axes, 1, 2)
     return dataclasses.replace(modes, covariance=covariance)
+
+
+def most_information(
+    params: PoseTrackerParams, reading: ContactReading, modes: TrackedModes, rows: FloatArray
+) -> FloatArray:
+    """What the touch tells of the modes when only what lasts of its errors is left, shape (n, 6, 6).
+
+    As in a keyframe, what is new at each time averages out over some frames, and not further: contacts roll on.
+
+    Args:
+        params: what is assumed.
+        reading: what is touched.
+        modes: as they are predicted.
+        rows: the derivatives (n, k, 4, 6) of the contacts' residuals there, in their standard deviations.
+    """
+    contacts = reading.contacts
+    lasting = BiasModel.from_params(params).variances + modes.roughness[:, reading.source]
+    variances = lasting + _new_variances(contacts, params) / params.window.max_frames
+    told = np.stack([contacts.sigma_position, contacts.sigma_normal], axis=1) ** 2
+    weighted = rows * (told / variances)[..., [0, 1, 1, 1], None]
+    return np.asarray(np.einsum("nkri,nkrj->nij", weighted, rows))
+
+
+def limit_gain(before: FloatArray, most: FloatArray, after: FloatArray) -> FloatArray:
+    """Covariances (n, 6, 6) after an update that are no narrower, in any direction, than a touch can make them.
+
+    Where the touch tells less than was known before, they are no narrower than they were.
+
+    Args:
+        before: covariances, shape (n, 6, 6).
+        most: information of the touch, however often it is felt, shape (n, 6, 6).
+        after: covariances that the update claims, shape (n, 6, 6).
+    """
+    root = np.linalg.cholesky(before)
+    values, vectors = np.linalg.eigh(np.swapaxes(root, 1, 2) @ most @ root)
+    # In these axes what was known is 1, and what the touch may tell are the values: the larger one of both holds.
+    least = (root @ vectors) / np.sqrt(np.maximum(values, 1.0))[:, None]
+    unit = np.linalg.inv(least)
+    values, vectors = np.linalg.eigh(unit @ after @ np.swapaxes(unit, 1, 2))
+    axes = (least @ vectors) * np.sqrt(np.maximum(values, 1.0))[:, None]
+    return np.asarray(axes @ np.swapaxes(axes, 1, 2))
 
 
 def only_as_told(
@@ -219,20 +269,11 @@ def follow_lasting_errors(
     return modes.with_roughness(roughness, BiasModel.from_params(params).variances)
 
 
-def _noise_weights(
-    contacts: Contacts, excess: FloatArray, bias: BiasModel, least_share: float
-) -> tuple[FloatArray, FloatArray]:
-    """One over the standard deviations of what is new at each time, of points and of normals, shape (k,) each.
-
-    Normals that there are none of have the weight 0.
-    """
-    position, normal = (
-        1.0 / np.sqrt(np.maximum(np.square(sigma) - lasting**2 - more, np.square(least_share * np.asarray(sigma))))
-        for sigma, lasting, more in zip(
-            (contacts.sigma_position, contacts.sigma_normal), bias.calibration, excess.T, strict=True
-        )
-    )
-    return position, normal * (contacts.n_PC is not None)
+def _new_variances(contacts: Contacts, params: PoseTrackerParams) -> FloatArray:
+    """Variances of what is new at each time, of points, m^2, and of normals, rad^2, shape (k, 2)."""
+    told = np.stack([contacts.sigma_position, contacts.sigma_normal], axis=1) ** 2
+    lasting = np.square(BiasModel.from_params(params).calibration) + declared_excess(contacts, params)
+    return np.asarray(np.maximum(told - lasting, params.contact_update.least_noise_share**2 * told))
 
 
 def _regression_settings(params: PoseTrackerParams, size: float) -> RegressionSettings:

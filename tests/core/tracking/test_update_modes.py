@@ -3,6 +3,7 @@ import math
 
 import numpy as np
 import pytest
+import trimesh
 from scipy.linalg import eigh
 
 from tactopose_drake.core.evidence.contacts import Contacts
@@ -10,7 +11,15 @@ from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.poses import retract
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.contact_errors import as_doubted, averaged_variances, lasting_excess
-from tactopose_drake.core.tracking.contact_update import follow_roughness, forget, only_as_told, update_modes
+from tactopose_drake.core.tracking.contact_update import (
+    follow_roughness,
+    forget,
+    limit_gain,
+    most_information,
+    only_as_told,
+    update_modes,
+)
+from tactopose_drake.core.tracking.slip_detection import contact_rows_at
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import ForgettingParams, PoseTrackerParams
 from tests.core.tracking.boxes import SIGMA_NORMAL, SIGMA_POSITION, make_box, n_OC, p_OC, read, touch
@@ -73,6 +82,58 @@ def test_what_is_known_far_better_than_the_touch_tells_stays(box: ObjectModel) -
     wider = forget(told(box, contacts, 2), make_modes(np.stack([tight, wide])), 0.2, 0.1).covariance
     assert eigh(wider[0], tight, eigvals_only=True).max() < 1.01
     assert eigh(wider[1], wide, eigvals_only=True).max() > 1.15
+
+
+def test_an_update_makes_a_mode_no_surer_than_it_was_or_than_the_touch_can(box: ObjectModel) -> None:
+    face = p_OC[0] + 0.01 * np.array([[0, 1, 1], [0, -1, 1], [0, 0, -1.0]])
+    contacts = Contacts(face, np.tile(n_OC[0], (3, 1)), sigma_position=SIGMA_POSITION, sigma_normal=SIGMA_NORMAL)
+    params, modes = PoseTrackerParams(), make_modes(np.diag(np.repeat([0.2**2, 0.02**2], 3))[None])
+    reading = read(contacts, np.arange(3))
+    rows = contact_rows_at(box, reading, modes.X_PO)[1]
+    most, before = most_information(params, reading, modes, rows), modes.covariance
+    one_frame = told(box, contacts, 1)[0]
+    open_ones, felt = [0, 4, 5], [1, 2, 3]  # the turn about the face's normal, slides along it; the others
+    # Of what is told more than half lasts: however many frames are averaged, they do not tell three times as much.
+    gain = np.diag(most[0])[felt] / np.diag(one_frame)[felt]
+    assert np.all((gain > 1.5) & (gain < 3.0))
+    limit = np.diag(np.linalg.inv(most[0] + 1e-6 * np.eye(6)))
+    for claimed in (1e-3, 0.5, 2.0):  # of the standard deviations before: what an update says
+        after = limit_gain(before, most, claimed**2 * before)[0]
+        assert np.linalg.eigvalsh(after).min() > 0.0
+        shares = np.diag(after) / np.diag(before[0])
+        np.testing.assert_allclose(shares[open_ones], max(claimed, 1.0) ** 2, rtol=0.01)
+        expected = np.maximum(claimed**2, limit / np.diag(before[0]))
+        np.testing.assert_allclose(shares[felt], expected[felt], rtol=0.1)
+    sure = 1e-8 * before  # from elsewhere
+    np.testing.assert_allclose(limit_gain(sure, most, 0.01 * sure), sure, rtol=1e-6, atol=1e-20)
+
+
+def test_frames_of_one_touch_do_not_tell_its_lasting_errors_from_the_pose() -> None:
+    """Four fingers along a cylinder, whose slopes differ from frame to frame: who trusts them grows too sure."""
+    model = ObjectModel.from_mesh(trimesh.creation.cylinder(0.03, 0.12, sections=64), cache=False, symmetry="none")
+    params = PoseTrackerParams(calibration_position=0.002, calibration_normal_deg=10.0)
+    sigma_position, sigma_normal = math.hypot(0.002, 0.00075), math.radians(math.hypot(10.0, 4.3))
+    ratios = []
+    for seed in range(5):
+        generator = np.random.default_rng(seed)
+        angles = np.array([0.0, np.pi, 0.3, -0.3]) + 0.1 * generator.normal(size=4)
+        n_OC = np.stack([np.cos(angles), np.sin(angles), np.zeros(4)], axis=1)
+        p_OC = 0.03 * n_OC + np.array([[0, 0, z] for z in (-0.045, -0.015, 0.02, 0.045)])
+        p_OC += 0.002 * generator.normal(size=(4, 3))
+        n_OC += math.radians(10.0) * generator.normal(size=(4, 3))
+        modes = TrackedModes.independent(X_PO[None], np.diag(np.repeat([0.28**2, 0.033**2], 3))[None], 4)
+        for _ in range(60):
+            n_PC = n_OC + math.radians(4.3) * generator.normal(size=(4, 3))
+            n_PC /= np.linalg.norm(n_PC, axis=1, keepdims=True)
+            p_PC = p_OC + 0.00075 * generator.normal(size=(4, 3))
+            felt = Contacts(p_PC, n_PC, sigma_position=sigma_position, sigma_normal=sigma_normal)
+            modes = update_modes(model, params, read(felt, sources=tuple("abcd")), modes, 0.01)
+        # The tilts, which the touch determines, against what an estimate by one touch without new noise knows of them.
+        n_PC = n_OC / np.linalg.norm(n_OC, axis=1, keepdims=True)
+        lasting = Contacts(p_OC, n_PC, sigma_position=0.002, sigma_normal=math.radians(10.0))
+        one_touch = np.linalg.inv(told(model, lasting, 1)[0] + np.diag(np.repeat([0.28**-2, 0.033**-2], 3)))
+        ratios.append(np.diag(modes.covariance[0])[:2] / np.diag(one_touch)[:2])
+    assert np.sqrt(np.min(ratios)) > 0.55, np.sqrt(ratios).round(2).tolist()
 
 
 def test_where_the_touch_tells_nothing_an_update_leaves_the_covariance_as_it_was(box: ObjectModel) -> None:
