@@ -81,6 +81,13 @@ def declared_excess(contacts: Contacts, params: PoseTrackerParams) -> FloatArray
     return np.asarray(np.maximum(told - frame - lasting, 0.0))
 
 
+def new_variances(contacts: Contacts, params: PoseTrackerParams) -> FloatArray:
+    """Variances of what is new at each time, of points, m^2, and of normals, rad^2, shape (k, 2)."""
+    told = np.stack([contacts.sigma_position, contacts.sigma_normal], axis=1) ** 2
+    lasting = np.square(BiasModel.from_params(params).calibration) + declared_excess(contacts, params)
+    return np.asarray(np.maximum(told - lasting, params.contact_update.least_noise_share**2 * told))
+
+
 def calibration_excess(contacts: Contacts, params: PoseTrackerParams, calibration: FloatArray) -> FloatArray:
     """Variances of points, m^2, and of normals, rad^2, of a calibration beyond what is told of it, shape (k, 2).
 

@@ -45,7 +45,6 @@ from typing import NamedTuple
 import numpy as np
 
 from tactopose_drake.core.compilation import read_only
-from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.kernels.joint_state_kernels import ContactArrays, ModePriors
 from tactopose_drake.core.kernels.refinement_kernels import refine_modes
 from tactopose_drake.core.kernels.regression_kernels import Regression, regress_modes
@@ -54,7 +53,7 @@ from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.posterior.hypotheses import determined_part, free_directions, increments_of_one_metre
 from tactopose_drake.core.posterior.posterior_params import ModeParams
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.tracking.contact_errors import BiasModel, declared_excess, lasting_excess
+from tactopose_drake.core.tracking.contact_errors import BiasModel, lasting_excess, new_variances
 from tactopose_drake.core.tracking.frame import ContactReading
 from tactopose_drake.core.tracking.slip_detection import contact_rows_at
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
@@ -100,7 +99,7 @@ def update_with_contacts(
     variances = bias.with_roughness(modes.roughness)
     information = _joint_information(modes.covariance, modes.cross_covariance, variances)
     count, size = information.shape[:2]
-    weights = 1.0 / np.sqrt(_new_variances(contacts, params).T)
+    weights = 1.0 / np.sqrt(new_variances(contacts, params).T)
     grid = model.grid.nodes
     n_PC = np.zeros_like(contacts.p_PC) if contacts.n_PC is None else contacts.n_PC
     weights[1] *= contacts.n_PC is not None
@@ -189,7 +188,7 @@ def most_information(
     """
     contacts = reading.contacts
     lasting = BiasModel.from_params(params).variances + modes.roughness[:, reading.source]
-    variances = lasting + _new_variances(contacts, params) / params.window.max_frames
+    variances = lasting + new_variances(contacts, params) / params.window.max_frames
     told = np.stack([contacts.sigma_position, contacts.sigma_normal], axis=1) ** 2
     weighted = rows * (told / variances)[..., [0, 1, 1, 1], None]
     return np.asarray(np.einsum("nkri,nkrj->nij", weighted, rows))
@@ -267,13 +266,6 @@ def follow_lasting_errors(
     changed = roughness[:, after.source] + least - lasting_excess(before, params)
     roughness[:, after.source] = np.maximum(changed, least)
     return modes.with_roughness(roughness, BiasModel.from_params(params).variances)
-
-
-def _new_variances(contacts: Contacts, params: PoseTrackerParams) -> FloatArray:
-    """Variances of what is new at each time, of points, m^2, and of normals, rad^2, shape (k, 2)."""
-    told = np.stack([contacts.sigma_position, contacts.sigma_normal], axis=1) ** 2
-    lasting = np.square(BiasModel.from_params(params).calibration) + declared_excess(contacts, params)
-    return np.asarray(np.maximum(told - lasting, params.contact_update.least_noise_share**2 * told))
 
 
 def _regression_settings(params: PoseTrackerParams, size: float) -> RegressionSettings:
