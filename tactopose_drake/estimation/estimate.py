@@ -146,7 +146,7 @@ def weigh_poses(
     search = METHODS[method](model, evidence)
     generator = np.random.default_rng(seed)
     found = search.minimize(problem.objective, problem.space, generator, deadline)
-    comfortable = is_comfortable(model, evidence, found.X_PO, params.plausibility)
+    comfortable = is_comfortable(model, evidence, problem, found.X_PO, params.plausibility)
     if evidence.outlier_probability > 0.0 and not comfortable:
         found = search_with_doubt(model, evidence, problem, search, found, generator, deadline)
     modes = _modes_of(model, evidence, problem, found, max_hypotheses, params.modes)
@@ -159,8 +159,7 @@ def weigh_poses(
         modes = min(modes, wider, key=lambda either: float(either.cost.min()))
     images = _images(model, evidence)
     if not deadline():
-        posterior = dataclasses.replace(make_posterior(model, evidence, problem, params), symmetry_poses=images)
-        modes = weigh_modes(modes, posterior, generator)
+        modes = weigh_modes(modes, make_posterior(model, evidence, problem, params, images), generator)
     if model.near_symmetries or len(images) < len(model.symmetry_poses):
         modes = join_alike(modes, model, params.modes)
     judged, explains = _judge(model, evidence, problem, modes, params)
