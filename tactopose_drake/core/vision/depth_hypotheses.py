@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tactopose_drake.core.poses import compose, increments_between
-from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.poses import compose, increments_between, retract
 from tactopose_drake.core.shape.free_spin import turn_toward
+from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.core.vision.depth_detection import find_poses
 from tactopose_drake.core.vision.depth_pictures import DepthPicture
@@ -19,8 +19,8 @@ from tactopose_drake.core.vision.depth_tracking import DepthTrackerModel, Tracke
 
 _ALIKE = 0.5  # of a depth's standard deviation, by which a pose may agree less than the best one and stay
 _APART = np.array([0.09, 0.005])  # rad and m, from which on two poses are not one and the same
-# That are followed. Each is as likely as the best one for the covariance, in whose ellipsoid of 95 % it then lies.
-_MOST = 9
+_MOST = 9  # that are followed, some of which may be lost: of a hidden handle's angles each stands for some
+_SAMPLES = np.random.default_rng(0).normal(size=(64, 6))  # of each but the best, by which it counts
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,8 +29,8 @@ class TrackedPoses:
 
     Attributes:
         found: the fits, the best first.
-        covariance: of the best one's increment (w, v), v in C, that reaches as far as the others, shape (6, 6), rad and
-            m.
+        covariance: of the best one's increment (w, v), v in C, if each is as probable, shape (6, 6), rad and m: the
+            second moment about the best one.
     """
 
     found: tuple[TrackedPose, ...]
@@ -66,23 +66,26 @@ def _alike(found: list[TrackedPose], picture: DepthPicture, object_model: Object
     """Those of the fits, the best first, that agree about as well as it does, and are not one and the same."""
     best = found[0]
     most = best.disagreement + _ALIKE * picture.camera.depth_noise * best.X_CO[2, 3] ** 2
-    kept, spread = [best], np.zeros((6, 6))
+    kept, moment = [best], best.covariance
     for fit in found[1:]:
         if fit.disagreement > most or len(kept) == _MOST:
             break
-        if all(_are_apart(_way(object_model, one, fit)) for one in kept):
+        if all(_are_apart(_ways(object_model, one, fit.X_CO[None])[0]) for one in kept):
             kept.append(fit)
-            way = _way(object_model, best, fit)
-            spread += np.outer(way, way)
-    return TrackedPoses(tuple(kept), best.covariance + spread / len(kept))
+            X_CO = retract(fit.X_CO, _SAMPLES @ np.linalg.cholesky(fit.covariance).T)
+            ways = _ways(object_model, best, X_CO)
+            moment = moment + ways.T @ ways / len(ways)
+    return TrackedPoses(tuple(kept), moment / len(kept))
 
 
-def _way(object_model: ObjectModel, one: TrackedPose, other: TrackedPose) -> FloatArray:
-    """The increment from a pose to the nearest of those that look like another, shape (6,)."""
-    images = compose(other.X_CO[None], object_model.symmetry_poses)
-    ways = increments_between(one.X_CO, turn_toward(images, one.X_CO, object_model.symmetries))
-    way: FloatArray = ways[np.argmin(np.linalg.norm(ways[:, :3], axis=1))]
-    return way
+def _ways(object_model: ObjectModel, one: TrackedPose, X_CO: FloatArray) -> FloatArray:
+    """The increments from a pose to the nearest of those that look like each of others (n, 3, 4), shape (n, 6)."""
+    images = compose(X_CO[:, None], object_model.symmetry_poses)
+    turned = turn_toward(images.reshape(-1, 3, 4), one.X_CO, object_model.symmetries)
+    ways = increments_between(one.X_CO, turned).reshape(*images.shape[:2], 6)
+    nearest = np.argmin(np.linalg.norm(ways[..., :3], axis=2), axis=1)
+    found: FloatArray = ways[np.arange(len(ways)), nearest]
+    return found
 
 
 def _are_apart(way: FloatArray) -> bool:
