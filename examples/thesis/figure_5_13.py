@@ -117,8 +117,8 @@ def markdown(found: dict[str, Found]) -> str:
         f"in {sum(one.place is not None for one in found.values())}; of {len(sure)} first ones with more than 95 % "
         f"{sum(not one.right[0] for one in sure)} are wrong.",
         f"- Of {asked} grips with a wrong pose beside the right one, the covariances cost less at the right one in "
-        f"{told[PCA]}, the distances in {told[DISTANCE]}: the thesis' claim, that the former tell apart what the latter "
-        f"do not, {'holds' if told[PCA] > told[DISTANCE] else 'does not hold'} here.",
+        f"{told[PCA]}, the distances in {told[DISTANCE]}: the thesis' claim, that the former tell apart what the "
+        f"latter do not, {'holds' if told[PCA] > told[DISTANCE] else 'does not hold'} here.",
     ]
     return "\n".join([*lines, ""])
 

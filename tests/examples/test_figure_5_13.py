@@ -36,7 +36,7 @@ def test_the_verdict_counts_right_poses_and_what_tells_them_apart(script: Module
     found = {
         "first": script.Found("ambiguous", (0.6, 0.4), (True, False), told),
         "second": script.Found("ambiguous", (0.7, 0.3), (False, True), told),
-        "wrong": script.Found("ok", (0.99,), (False,), {cost: (np.nan, 1.0) for cost in script.COSTS}),
+        "wrong": script.Found("ok", (0.99,), (False,), dict.fromkeys(script.COSTS, (np.nan, 1.0))),
     }
     text = script.markdown(found)
     assert "Right first in 1 of 3 grips, among the hypotheses in 2; of 1 first ones with more than 95 % 1 are" in text
