@@ -144,7 +144,7 @@ def main(out: Path | None) -> None:
     """Finds the poses that the arrays of six grips leave possible, without a guess."""
     found = {name: find(load_pad_grasp(name, scenario)) for name, scenario in GRIPS.items()}
     text = markdown(found)
-    Console().print(text, highlight=False, markup=False)
+    Console().print(text, highlight=False, markup=False, soft_wrap=True)
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
         (out / "figure_5_13.md").write_text(text, encoding="utf-8")
