@@ -162,7 +162,7 @@ def main(grasps: int, first_seed: int, out: Path | None) -> None:
             key = {"first_seed": first_seed, "grasp": seed, "rule": rule}
             if key not in journal:
                 naming = explore(models, grasp, found, rule, seed)
-                journal.add(key, (np.nan if naming.touches is None else naming.touches, naming.right))
+                journal.add(key, (np.nan if naming.touches is None else naming.touches, float(naming.right)))
             touches, right = journal[key]
             runs[rule].append(Naming(None if np.isnan(touches) else int(touches), bool(right)))
     text = markdown(runs)
