@@ -55,6 +55,24 @@ LITERATURE = {
     "Zito [133], arm's paths that tell poses apart": ((1, 1, 0, 0, 0, 0), "-/-", "200"),
     "Pezzementi [137], maps of tactile images": ((1, 1, 1, 0, 1, 0), "4/≈30", "-"),
 }
+# Which works these are, by the thesis' words on them.
+WORKS = {
+    90: "A. Aggarwal and F. Kirchner, Object recognition and localization: the role of tactile sensors, Sensors, 2014",
+    124: "K. Honda et al., Real-time pose estimation of an object manipulated by multi-fingered hand using 3D stereo "
+    "vision and tactile sensing, IROS, 1998",
+    127: "A. Petrovskaya and O. Khatib, Global localization of objects via touch, IEEE Trans. Robotics, 2011",
+    128: "P. Hebert et al., Fusion of stereo vision, force-torque, and joint sensors for estimation of in-hand object "
+    "location, ICRA, 2011",
+    129: "C. Corcoran and R. Platt, A measurement model for tracking hand-object state during dexterous manipulation, "
+    "ICRA, 2010",
+    131: "M. Chalon, J. Reinecke and M. Pfanne, Online in-hand object localization, IROS, 2013",
+    132: "M. Koval et al., Pose estimation for contact manipulation with manifold particle filters, IROS, 2013",
+    133: "C. Zito et al., Sequential trajectory re-planning with tactile information gain for dexterous grasping under "
+    "object-pose uncertainty, IROS, 2013",
+    135: "J. Laaksonen, E. Nikandrova and V. Kyrki, Probabilistic sensor-based grasping, IROS, 2012",
+    137: "Z. Pezzementi, C. Reyda and G. Hager, Object mapping, recognition, and localization from tactile geometry, "
+    "ICRA, 2011",
+}
 # [B16] table 6.1: 6-DOF, complex objects, global pose, no exploration, identification, moving object; mm/deg; s.
 COLUMNS = ("6-DOF", "complex objects", "global pose", "no exploration", "identification", "moving object")
 THESIS = {
@@ -196,6 +214,7 @@ def markdown(made: list[Experiment], trials: int, seed: int) -> str:
         f"- {sum(shown)} of the {len(COLUMNS)} columns are ticked here; at most {most} by another row.",
         "- The rows of the ten works and of the thesis are the thesis' own (tables 2.1 and 6.1; in brackets its "
         "references): of other objects and hands, and not run here.",
+        *(f"- [{number}] {work}." for number, work in WORKS.items()),
     ]
     return "\n".join(lines) + "\n"
 

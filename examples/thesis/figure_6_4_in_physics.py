@@ -12,6 +12,7 @@ Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping,
 """
 
 import dataclasses
+import functools
 import itertools
 from pathlib import Path
 
@@ -31,6 +32,7 @@ from rich.console import Console
 from trial_journal import TrialJournal
 
 import tactopose_drake as tp
+from tactopose_drake.core.grasping import GraspPlan
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.resources import model_path
 from tactopose_drake.station import make_station, plan_scenario
@@ -43,7 +45,6 @@ Runs = dict[str, list[PhysicalExploration]]  # by rule
 
 def study(grasps: int, first_seed: int, journal: TrialJournal) -> Runs:
     """Explores so many ambiguous grasps, the objects in turn, by each rule."""
-    models = {name: tp.ObjectModel.from_mesh(model_path("objects", f"{name}.obj")) for name in OBJECTS}
     runs: Runs = {rule: [] for rule in RULES}
     for seed, name in ((seed, name) for seed in itertools.count(first_seed) for name in OBJECTS):
         if len(runs["information"]) >= grasps:
@@ -51,7 +52,7 @@ def study(grasps: int, first_seed: int, journal: TrialJournal) -> Runs:
         for rule in RULES:
             key = {"object": name, "seed": seed, "rule": rule}
             if key not in journal:
-                journal.add(key, dataclasses.astuple(explore(name, seed, rule, models[name])))
+                journal.add(key, dataclasses.astuple(explore(name, seed, rule)))
             run = PhysicalExploration(*journal[key])
             if OUTCOMES[int(run.outcome)] in ("no grasp", "not ambiguous"):
                 break
@@ -59,14 +60,27 @@ def study(grasps: int, first_seed: int, journal: TrialJournal) -> Runs:
     return runs
 
 
-def explore(name: str, seed: int, rule: str, model: tp.ObjectModel) -> PhysicalExploration:
-    """One grasp, explored by one rule."""
-    scenario = scenario_of(name, seed, rule)
+@functools.cache
+def model_of(name: str) -> tp.ObjectModel:
+    """A shipped object."""
+    return tp.ObjectModel.from_mesh(model_path("objects", f"{name}.obj"))
+
+
+@functools.lru_cache(maxsize=1)
+def plan_of(name: str, seed: int) -> GraspPlan | None:
+    """How the hand takes it, whatever the rule; None where it finds no way to hold it by these three fingers."""
     try:
-        plan = plan_scenario(scenario, model)[0]
-    except InvalidInputError:  # The hand finds no way to hold it by these three.
+        return plan_scenario(scenario_of(name, seed, next(iter(RULES))), model_of(name))[0]
+    except InvalidInputError:
+        return None
+
+
+def explore(name: str, seed: int, rule: str) -> PhysicalExploration:
+    """One grasp, explored by one rule."""
+    plan = plan_of(name, seed)
+    if plan is None:
         return PhysicalExploration(OUTCOMES.index("no grasp"))
-    return explore_in_physics(make_station(scenario, plan, model=model))
+    return explore_in_physics(make_station(scenario_of(name, seed, rule), plan, model=model_of(name)))
 
 
 HEADINGS = ("next touch", "grasps", "one pose", "of these right", "mean touches", "slipped", "median moved, mm")

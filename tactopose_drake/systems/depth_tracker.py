@@ -14,9 +14,9 @@ from pydrake.systems.sensors import ImageDepth32F
 from tactopose_drake.core.poses import compose, inverse, random_rotations
 from tactopose_drake.core.tracking.frame import PoseMeasurement
 from tactopose_drake.core.validation import FloatArray, positive_number
-from tactopose_drake.core.vision.depth_detection import find_pose
+from tactopose_drake.core.vision.depth_hypotheses import TrackedPoses, track_poses
 from tactopose_drake.core.vision.depth_pictures import DepthCameraModel, take_picture
-from tactopose_drake.core.vision.depth_tracking import DepthTrackerModel, fit_pose
+from tactopose_drake.core.vision.depth_tracking import DepthTrackerModel
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.systems.camera_view import CameraView
@@ -55,10 +55,9 @@ class DepthTrackerParams:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _TrackerState:
-    """Where the object was seen last (X_CO; None: lost), what is under way, and what is out."""
+    """Where the object was seen last (None: lost), what is under way, and what is out."""
 
-    X_CO: FloatArray | None = None
-    covariance: FloatArray | None = None
+    tracked: TrackedPoses | None = None
     waiting: tuple[tuple[float, PoseMeasurement | None], ...] = ()
     measurement: PoseMeasurement | None = None
     hidden_share: float = 0.0
@@ -68,7 +67,8 @@ class DepthTracker(CollectableSystem):
     """Fits the object's model to what the hand leaves of it in the images of a depth camera.
 
     Where the object is, it knows from the images alone: at first, and whenever it has lost the object, it looks for it
-    in the whole image, and then follows it.
+    in the whole image, and then follows it. Where several poses agree with the images about equally well, as those of a
+    mug whose handle is hidden, it follows them all; the covariance reaches as far as they do.
 
     .. pydrake_system::
 
@@ -149,7 +149,7 @@ class DepthTracker(CollectableSystem):
             depth = depth_of(eval_input(self._image, context, ImageDepth32F))
             after = self._track(before, depth, [X_CW @ X for X in X_WB])
         X_CP = (X_CW @ X_WB[self._palm] @ self._X_BP).GetAsMatrix34()
-        waiting = (*before.waiting, (time + params.latency, self._answer(after, X_CP, time, generator)))
+        waiting = (*before.waiting, (time + params.latency, self._answer(after.tracked, X_CP, time, generator)))
         state.get_mutable_abstract_state(self._state).set_value(
             _delivered(dataclasses.replace(after, waiting=waiting), time)
         )
@@ -167,26 +167,19 @@ class DepthTracker(CollectableSystem):
             ).astype(np.int32),
             self._params.camera,
         )
-        found = None
-        if before.X_CO is not None and before.covariance is not None:
-            found = fit_pose(picture, self._object_model, before.X_CO, before.covariance, self._params.model)
-        if found is None:
-            found = find_pose(picture, self._object_model, self._params.model)
-        if found is None:
-            return dataclasses.replace(before, X_CO=None, covariance=None, hidden_share=1.0)
-        return dataclasses.replace(
-            before, X_CO=found.X_CO, covariance=found.covariance, hidden_share=found.hidden_share
-        )
+        tracked = track_poses(picture, self._object_model, before.tracked, self._params.model)
+        hidden_share = 1.0 if tracked is None else tracked.best.hidden_share
+        return dataclasses.replace(before, tracked=tracked, hidden_share=hidden_share)
 
     def _answer(
-        self, tracked: _TrackerState, X_CP: FloatArray, time: float, generator: np.random.Generator
+        self, tracked: TrackedPoses | None, X_CP: FloatArray, time: float, generator: np.random.Generator
     ) -> PoseMeasurement | None:
         """The tracker's answer in the palm, with what goes wrong on its way."""
         wrong, missing = generator.random(2)
-        if tracked.X_CO is None or tracked.covariance is None or missing < self._params.missing_share:
+        if tracked is None or missing < self._params.missing_share:
             return None
         X_PC = inverse(X_CP)
-        X_PO = compose(X_PC, tracked.X_CO)
+        X_PO = compose(X_PC, tracked.best.X_CO)
         if wrong < self._params.wrong_share:
             X_PO = np.column_stack([random_rotations(generator, 1)[0], X_PO[:, 3] + _WRONG * generator.normal(size=3)])
         turn = np.eye(6)  # an increment's translation is in C, and is to be in P
@@ -211,8 +204,8 @@ class DepthTracker(CollectableSystem):
         output.set_value(None if measurement is None else PosePrior.of(measurement.as_prior()))
 
     def _calc_pose(self, context: Context, output: AbstractValue) -> None:
-        X_CO = self._get(context).X_CO
-        output.set_value(None if X_CO is None else self._X_WC @ RigidTransform(X_CO))
+        tracked = self._get(context).tracked
+        output.set_value(None if tracked is None else self._X_WC @ RigidTransform(tracked.best.X_CO))
 
     def _calc_hidden(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector([self._get(context).hidden_share])

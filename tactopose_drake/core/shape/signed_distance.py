@@ -14,6 +14,7 @@ from tactopose_drake.core.mesh import bodies as mesh_bodies
 from tactopose_drake.core.mesh.winding_kernels import winding_numbers
 from tactopose_drake.core.shape import distance_transform
 from tactopose_drake.core.shape.distance_kernels import signed_field
+from tactopose_drake.core.shape.field_kernels import interpolate
 from tactopose_drake.core.shape.smooth_normals import NormalParams, corner_normals, smooth_normals
 from tactopose_drake.core.validation import FloatArray, positive_number
 from tactopose_drake.errors import InvalidInputError
@@ -98,25 +99,10 @@ class DistanceGrid:
     def _interpolate(self, p_OQ: ArrayLike, channels: int) -> FloatArray:
         """The first `channels` fields at points (..., 3), shape (..., channels); the distance extended outside."""
         points = np.asarray(p_OQ, dtype=np.float64)
-        inside = np.clip(points, self.origin, self.upper)
-        cell = (inside - self.origin) / self.spacing
-        node = np.minimum(cell.astype(np.intp), np.array(self.shape) - 2)
-        t = cell - node
-        _, ny, nz = self.shape
-        flat = self.values.reshape(-1, 4)
-        corner = (node[..., 0] * ny + node[..., 1]) * nz + node[..., 2]
-        fields = np.zeros((*points.shape[:-1], channels))
-        for a in (0, 1):
-            for b in (0, 1):
-                for c in (0, 1):
-                    weight = (
-                        (t[..., 0] if a else 1.0 - t[..., 0])
-                        * (t[..., 1] if b else 1.0 - t[..., 1])
-                        * (t[..., 2] if c else 1.0 - t[..., 2])
-                    )
-                    fields += weight[..., None] * flat[corner + (a * ny + b) * nz + c, :channels]
-        fields[..., 0] += np.linalg.norm(points - inside, axis=-1)
-        return fields
+        flat = np.ascontiguousarray(points.reshape(-1, 3))
+        fields = np.empty((len(flat), channels))
+        interpolate(read_only(self.values), read_only(self.origin), self.upper, self.spacing, flat, fields)
+        return fields.reshape(*points.shape[:-1], channels)
 
 
 def build_grid(

@@ -1,8 +1,10 @@
-from .depth_detection import find_pose as find_pose
+from .depth_detection import find_poses as find_poses
 from .depth_fusion import DepthView as DepthView
 from .depth_fusion import FusionParams as FusionParams
 from .depth_fusion import Reconstruction as Reconstruction
 from .depth_fusion import reconstruct as reconstruct
+from .depth_hypotheses import TrackedPoses as TrackedPoses
+from .depth_hypotheses import track_poses as track_poses
 from .depth_pictures import DepthCameraModel as DepthCameraModel
 from .depth_pictures import DepthPicture as DepthPicture
 from .depth_pictures import noisy_depth as noisy_depth

@@ -1,18 +1,28 @@
 """Where a known object is in a depth image, of which nothing is known but which pixels are the hand's.
 
-Orientations that are spread evenly are each brought to the points that are seen and fitted to them; of the best, that
-one wins whose own depth image agrees most with the picture: where the object should be seen and is not, and where
-something is seen that it does not explain, counts against it.
+Orientations that are spread evenly are each brought to the points that are seen and fitted to them, and the best of
+them by the tracker. Those come first whose own depth image agrees most with the picture: where the object should be
+seen and is not, and where something is seen that it does not explain, counts against a pose.
+
+Many objects look much like themselves upside down, or turned about an axis, as a mug whose handle is hidden does. So
+the best pose is tried upside down and turned, too, until nothing is better.
 """
 
 import math
 
 import numpy as np
 
-from tactopose_drake.core.poses import make_poses, random_rotations, retract, transform_points
+from tactopose_drake.core.poses import (
+    compose,
+    exp_so3,
+    make_poses,
+    random_rotations,
+    retract,
+    transform_points,
+)
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
-from tactopose_drake.core.vision.depth_pictures import DepthPicture, expected_picture
+from tactopose_drake.core.vision.depth_pictures import DepthPicture, fit_to_picture
 from tactopose_drake.core.vision.depth_tracking import (
     DepthTrackerModel,
     TrackedPose,
@@ -23,13 +33,15 @@ _ORIENTATIONS = 400  # that are tried; any is then within some 25 degrees of one
 _STEPS = 10  # of each one's fit
 _POINTS = 200  # that these fits use
 _REFINED = 24  # of the best, which the tracker fits
-_DISAGREEMENT = 0.01  # m, of depths; what differs by more counts as this
+_TURNS = 12  # about each axis of the best one's box, each upside down, too
+_ROUNDS = 3  # of turning the best one
+_BETTER = 1e-5  # by which the best one must agree better for another round, m
 # What is known of the object before it is seen: rad about each axis and m along each.
 _ANYWHERE = np.diag(np.repeat([math.pi, 1.0], 3) ** 2)
 
 
-def find_pose(picture: DepthPicture, object_model: ObjectModel, model: DepthTrackerModel) -> TrackedPose | None:
-    """The pose of the object that agrees best with a picture; None where too few points are seen.
+def find_poses(picture: DepthPicture, object_model: ObjectModel, model: DepthTrackerModel) -> list[TrackedPose]:
+    """Poses of the object, those first that agree best with a picture; none where too few points are seen.
 
     All that is seen, but for the hand where the picture knows it, is taken for the object.
 
@@ -40,21 +52,38 @@ def find_pose(picture: DepthPicture, object_model: ObjectModel, model: DepthTrac
     """
     points = picture.points(without_hand=True)
     if len(points) < model.least_pixels:
-        return None
+        return []
     few = points[np.linspace(0, len(points) - 1, min(len(points), _POINTS)).astype(int)]
+    found = _refined(picture, object_model, _roughly_fitted(few, object_model, _starts(few, object_model)), model)
+    for _ in range(_ROUNDS):
+        if not found:
+            break
+        best = found[0]
+        turned = _roughly_fitted(few, object_model, compose(best.X_CO[None], _turns(object_model)))
+        found = _in_order([*found, *_refined(picture, object_model, turned, model)])
+        if found[0].disagreement > best.disagreement - _BETTER:
+            break
+    return found
+
+
+def _starts(points: FloatArray, object_model: ObjectModel) -> FloatArray:
+    """Poses (B, 3, 4), turned anyhow, where the side that is seen lies in the middle of the points."""
     starts = make_poses(random_rotations(np.random.default_rng(0), _ORIENTATIONS), np.zeros((_ORIENTATIONS, 3)))
     samples = object_model.samples
-    facing = np.einsum("bij,nj->bni", starts[:, :, :3], samples.normals)[:, :, 2] < 0.0
+    facing = starts[:, 2, :3] @ samples.normals.T < 0.0
     seen = transform_points(starts, samples.points)
-    starts[:, :, 3] = few.mean(axis=0) - np.einsum("bni,bn->bi", seen, facing / facing.sum(axis=1, keepdims=True))
-    fitted = _roughly_fitted(few, object_model, starts)
-    order = np.argsort([_disagreement(picture, object_model, X_CO) for X_CO in fitted])
-    best: tuple[float, TrackedPose | None] = (math.inf, None)
-    for X_CO in fitted[order[:_REFINED]]:
-        found = fit_pose(picture, object_model, X_CO, _ANYWHERE, model)
-        if found is not None:
-            best = min(best, (_disagreement(picture, object_model, found.X_CO), found), key=lambda entry: entry[0])
-    return best[1]
+    starts[:, :, 3] = points.mean(axis=0) - np.einsum("bni,bn->bi", seen, facing / facing.sum(axis=1, keepdims=True))
+    return starts
+
+
+def _turns(object_model: ObjectModel) -> FloatArray:
+    """The object turned about the axes of its box, as it is and upside down, X_OO' (6 * _TURNS, 3, 4)."""
+    angles = np.linspace(0.0, 2.0 * math.pi, _TURNS, endpoint=False)
+    spins = exp_so3((angles[:, None, None] * np.eye(3)).reshape(-1, 3)).reshape(_TURNS, 3, 3, 3)
+    flips = exp_so3(math.pi * np.eye(3)[[1, 2, 0]])
+    R_OT = np.concatenate([spins, flips @ spins]).reshape(-1, 3, 3)
+    centre = 0.5 * (object_model.vertices.min(axis=0) + object_model.vertices.max(axis=0))
+    return make_poses(R_OT, centre - R_OT @ centre)
 
 
 def _roughly_fitted(points: FloatArray, object_model: ObjectModel, X_CO: FloatArray) -> FloatArray:
@@ -73,13 +102,14 @@ def _roughly_fitted(points: FloatArray, object_model: ObjectModel, X_CO: FloatAr
     return poses
 
 
-def _disagreement(picture: DepthPicture, object_model: ObjectModel, X_CO: FloatArray) -> float:
-    """How far the picture and the object's own image are apart, on average over the pixels of either, m."""
-    expected = expected_picture(object_model, X_CO, picture).depth
-    either = (np.isfinite(expected) | np.isfinite(picture.depth)) & ~picture.hand
-    if not either.any():
-        return _DISAGREEMENT
-    apart = np.full(int(either.sum()), _DISAGREEMENT)
-    both = np.isfinite(expected[either]) & np.isfinite(picture.depth[either])
-    apart[both] = np.minimum(np.abs(expected[either][both] - picture.depth[either][both]), _DISAGREEMENT)
-    return float(apart.mean())
+def _refined(
+    picture: DepthPicture, object_model: ObjectModel, X_CO: FloatArray, model: DepthTrackerModel
+) -> list[TrackedPose]:
+    """The tracker's fits from the best of poses (B, 3, 4), in order."""
+    order = np.argsort([fit_to_picture(picture, object_model, X).disagreement for X in X_CO])
+    fits = [fit_pose(picture, object_model, X, _ANYWHERE, model) for X in X_CO[order[:_REFINED]]]
+    return _in_order([fit for fit in fits if fit is not None])
+
+
+def _in_order(found: list[TrackedPose]) -> list[TrackedPose]:
+    return sorted(found, key=lambda fit: fit.disagreement)

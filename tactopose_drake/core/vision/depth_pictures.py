@@ -17,6 +17,7 @@ from tactopose_drake.core.validation import FloatArray, positive_number
 from tactopose_drake.core.vision.rasterizer import Camera, inverse_depths
 from tactopose_drake.errors import InvalidInputError
 
+_DISAGREEMENT = 0.01  # of depths; what differs by more counts as this, m
 _MARGIN = 0.004  # by which one surface must lie before another to hide it, beyond three sigma of the noise, m
 
 
@@ -80,11 +81,15 @@ class PictureFit:
         hidden_share: of the pixels where the object would be seen, those where something nearer is, 0 to 1.
         seen_through: of the others, those where something farther or nothing is seen, 0 to 1.
         misfit: root mean square of how much farther these others see than the object, m.
+        disagreement: how far the picture and the object's own image are apart, on average over the pixels of either, up
+            to a centimetre, m: where the object should be seen and is not, and where something is seen that it does not
+            explain, counts against it.
     """
 
     hidden_share: float
     seen_through: float
     misfit: float
+    disagreement: float
 
 
 def rays(camera: DepthCameraModel) -> FloatArray:
@@ -160,17 +165,29 @@ def fit_to_picture(picture: DepthPicture, object_model: ObjectModel, X_CO: Float
         X_CO: its pose in the camera, shape (3, 4).
     """
     image = expected_picture(object_model, X_CO, picture).depth
-    inner = binary_erosion(np.isfinite(image))
+    inner, apart = binary_erosion(np.isfinite(image)), _disagreement(picture, image)
     if not inner.any():
-        return PictureFit(1.0, 0.0, 0.0)
+        return PictureFit(1.0, 0.0, 0.0, apart)
     expected, seen = image[inner], picture.depth[inner]
     margin = _margin(expected, picture.camera)
     hidden = (seen < expected - margin) | picture.hand[inner]
     if hidden.all():
-        return PictureFit(1.0, 0.0, 0.0)
+        return PictureFit(1.0, 0.0, 0.0, apart)
     beyond = np.clip(seen[~hidden] - expected[~hidden], 0.0, object_model.size)
     through = beyond > margin[~hidden]
-    return PictureFit(float(np.mean(hidden)), float(np.mean(through)), float(np.sqrt(np.mean(beyond**2))))
+    return PictureFit(float(np.mean(hidden)), float(np.mean(through)), float(np.sqrt(np.mean(beyond**2))), apart)
+
+
+def _disagreement(picture: DepthPicture, image: FloatArray) -> float:
+    """Of the object's own image (height, width), see `PictureFit`."""
+    either = (np.isfinite(image) | np.isfinite(picture.depth)) & ~picture.hand
+    if not either.any():
+        return _DISAGREEMENT
+    expected, seen = image[either], picture.depth[either]
+    both = np.isfinite(expected) & np.isfinite(seen)
+    apart = np.full(len(seen), _DISAGREEMENT)
+    apart[both] = np.minimum(np.abs(expected[both] - seen[both]), _DISAGREEMENT)
+    return float(apart.mean())
 
 
 def _margin(depth: FloatArray, camera: DepthCameraModel) -> FloatArray:

@@ -77,6 +77,7 @@ class TrackedPose:
         residual: root mean square of the points' distances from the surface, m.
         points: how many were fitted.
         hidden_share: of the object's pixels at this pose, those where something nearer is seen, 0 to 1.
+        disagreement: of picture and object at this pose, m, see `PictureFit`.
     """
 
     X_CO: FloatArray
@@ -84,6 +85,7 @@ class TrackedPose:
     residual: float
     points: int
     hidden_share: float
+    disagreement: float
 
 
 def fit_pose(
@@ -126,7 +128,8 @@ def fit_pose(
     posterior = np.linalg.inv(effective + np.linalg.inv(covariance + model.motion) + _spin_information(object_model))
     if not model.knows_hand:
         posterior = posterior + _elsewhere(points, distance)
-    return TrackedPose(found, 0.5 * (posterior + posterior.T), residual, int(near.sum()), agreement.hidden_share)
+    covariance = 0.5 * (posterior + posterior.T)
+    return TrackedPose(found, covariance, residual, int(near.sum()), agreement.hidden_share, agreement.disagreement)
 
 
 def sigmas(points: FloatArray, picture: DepthPicture) -> FloatArray:

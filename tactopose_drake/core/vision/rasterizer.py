@@ -136,7 +136,7 @@ def _nearest_faces(
     """Inverse depth, face and weights of its corners at each pixel; the faces that lie before the camera."""
     depth = np.maximum(p_C[:, 2], 1e-9)
     pixels = camera.focal_length * p_C[:, :2] / depth[:, None] + 0.5 * np.array([camera.width, camera.height])
-    visible = np.all(p_C[faces, 2] > _NEAR, axis=1)
-    chosen = np.ascontiguousarray(faces[visible], dtype=np.int32)
+    before = p_C[:, 2] > _NEAR
+    chosen = np.ascontiguousarray(faces if before.all() else faces[before[faces].all(axis=1)], dtype=np.int32)
     inverse_depth, face, weights = rasterize(pixels, 1.0 / depth, chosen, camera.width, camera.height)
     return inverse_depth, face, weights, chosen

@@ -1,0 +1,43 @@
+"""Many look-ups in a distance grid at once."""
+
+import numpy as np
+
+from tactopose_drake.core.compilation import Floats1, Floats2, OutFloats2, Singles4, kernel
+
+
+@kernel
+def interpolate(
+    values: Singles4, origin: Floats1, upper: Floats1, spacing: float, points: Floats2, fields: OutFloats2
+) -> None:
+    """The first of a grid's channels at points (n, 3), trilinearly, into fields (n, channels).
+
+    To the first, the distance, the way to a point outside of the grid is added.
+
+    Args:
+        values: at the nodes, shape (nx, ny, nz, 4).
+        origin: the first node, shape (3,), m.
+        upper: the last node, shape (3,), m.
+        spacing: between nodes, m.
+        points: shape (n, 3), m.
+        fields: receives as many channels as it has columns.
+    """
+    i, t = np.empty(3, dtype=np.int64), np.empty(3)
+    for n in range(points.shape[0]):
+        outside = 0.0
+        for axis in range(3):
+            inside = min(max(points[n, axis], origin[axis]), upper[axis])
+            u = (inside - origin[axis]) / spacing
+            i[axis] = min(int(u), values.shape[axis] - 2) if u > 0.0 else 0  # NaN must not become an index
+            t[axis] = u - i[axis]
+            outside += (points[n, axis] - inside) ** 2
+        for c in range(fields.shape[1]):
+            fields[n, c] = 0.0
+        for a in range(2):
+            x = t[0] if a == 1 else 1.0 - t[0]
+            for b in range(2):
+                xy = x * (t[1] if b == 1 else 1.0 - t[1])
+                for k in range(2):
+                    weight = xy * (t[2] if k == 1 else 1.0 - t[2])
+                    for c in range(fields.shape[1]):
+                        fields[n, c] += weight * values[i[0] + a, i[1] + b, i[2] + k, c]
+        fields[n, 0] += np.sqrt(outside)

@@ -1,0 +1,68 @@
+"""What depth images leave open of an object's pose is followed, and said."""
+
+import functools
+
+import numpy as np
+import trimesh
+
+from tactopose_drake.core.poses import increments_between, make_poses
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.vision.depth_hypotheses import track_poses
+from tactopose_drake.core.vision.depth_pictures import DepthCameraModel, DepthPicture
+from tactopose_drake.core.vision.depth_tracking import DepthTrackerModel
+from tests.core.vision.seen_scenes import NO_HAND, picture_of
+
+CAMERA = DepthCameraModel(width=120, height=90, focal_length=110.0)
+MODEL = DepthTrackerModel()
+INSIDE, BEYOND = 12.59, 22.46  # squared Mahalanobis distances in six dimensions of 95 and 99.9 %
+
+
+@functools.cache
+def cup() -> ObjectModel:
+    """A cylinder with a handle in the middle of its height: upside down the handle is on the other side."""
+    body, handle = trimesh.creation.cylinder(0.04, 0.1, sections=48), trimesh.creation.box([0.03, 0.012, 0.06])
+    handle.apply_translation([0.05, 0.0, 0.008])
+    return ObjectModel.from_mesh(trimesh.boolean.union([body, handle], engine="manifold"), cache=False)
+
+
+def seen(model: ObjectModel, angle: float, seed: int) -> tuple[DepthPicture, np.ndarray]:
+    """A picture of an object that stands across the view, turned about its axis, and its pose."""
+    c, s = np.cos(angle), np.sin(angle)
+    across = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+    X_CO = make_poses(across @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), np.array([0.0, 0.01, 0.6]))
+    return picture_of(model, X_CO, NO_HAND, CAMERA, np.random.default_rng(seed)), X_CO
+
+
+def squared(error: np.ndarray, covariance: np.ndarray) -> float:
+    """In units of a covariance."""
+    return float(error @ np.linalg.solve(covariance, error))
+
+
+def test_where_the_handle_is_hidden_the_covariance_reaches_wherever_it_may_be() -> None:
+    model, tracked, alone = cup(), None, []
+    picture, X_CO = seen(model, np.radians(105.0), seed=2)  # behind the body
+    for _ in range(2):  # in the second picture, too, which it follows
+        tracked = track_poses(picture, model, tracked, MODEL)
+        assert tracked is not None
+        error = increments_between(tracked.best.X_CO, X_CO)
+        assert squared(error, tracked.covariance) < INSIDE
+        alone.append(squared(error, tracked.best.covariance))
+    assert min(alone) > BEYOND  # upside down, of which that fit knows nothing
+
+
+def test_where_the_handle_is_seen_one_pose_is_left() -> None:
+    picture, X_CO = seen(cup(), np.radians(150.0), seed=1)
+    tracked = track_poses(picture, cup(), None, MODEL)
+    assert tracked is not None
+    assert len(tracked.found) == 1
+    error = increments_between(tracked.best.X_CO, X_CO)
+    assert np.linalg.norm(error[3:]) < 0.004
+    assert np.linalg.norm(error[:3]) < 0.1
+
+
+def test_poses_that_look_the_same_are_one() -> None:
+    model = ObjectModel.from_mesh(trimesh.creation.cylinder(0.03, 0.11), cache=False)
+    picture, _ = seen(model, 0.4, seed=0)
+    tracked = track_poses(picture, model, None, MODEL)
+    assert tracked is not None
+    assert len(tracked.found) == 1
