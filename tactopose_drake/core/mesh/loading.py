@@ -4,7 +4,8 @@ What comes out is bounded before the work: the file's size, the size that an arc
 vertices and faces with every instance counted. Of other files a mesh file may name only buffers in its own folder or
 below.
 
-trimesh takes most of a second to load. That is left until a mesh is read, which the kept model of a file does without.
+trimesh takes most of a second to load. That is left until a mesh is read, which the kept model of a file does without,
+as do plain OBJ files.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactopose_drake.core.mesh.mesh_documents import check_document
+from tactopose_drake.core.mesh.plain_obj import plain_obj
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidFileError, InvalidInputError, InvalidMeshError, UnknownNameError
 
@@ -102,16 +104,19 @@ def load_mesh(source: MeshSource) -> RawMesh:
 
 
 def _read(path: Path) -> RawMesh:
-    """What trimesh's reader for the file's format makes of it.
+    """What trimesh's reader for the file's format makes of it, or the reader for plain OBJ files, which is the same.
 
     The readers raise whatever their parsing stumbles over, and numpy warns of numbers that overflow: both mean no more
     than that the file is damaged.
     """
+    ending = path.suffix.lower()
+    if ending == ".obj" and (plain := plain_obj(path.read_bytes())) is not None:
+        _check_counts(str(path), faces=len(plain[1]), vertices=len(plain[0]))
+        return RawMesh(*plain)
     import trimesh
 
     from tactopose_drake.core.mesh.mesh_references import ReferencedFiles
 
-    ending = path.suffix.lower()
     options: dict[str, Any] = {"skip_materials": True} if ending in _WITH_MATERIALS else {}
     try:
         check_document(path, LARGEST_FILE)
@@ -135,6 +140,12 @@ def _read(path: Path) -> RawMesh:
         raise InvalidFileError(f"{path}: cannot be read as a mesh ({reason}).") from error
 
 
+def _check_counts(name: str, faces: int, vertices: int) -> None:
+    for what, count, most in (("faces", faces, MOST_FACES), ("vertices", vertices, MOST_VERTICES)):
+        if count > most:
+            raise InvalidMeshError(f"{name}: has {count} {what}; allowed are {most} and fewer.")
+
+
 def _joined(source: trimesh.Trimesh | trimesh.Scene, name: str) -> RawMesh:
     """The triangles of a mesh, or of a scene's meshes, placed; the size is known before anything is joined."""
     import trimesh
@@ -144,12 +155,8 @@ def _joined(source: trimesh.Trimesh | trimesh.Scene, name: str) -> RawMesh:
         meshes = [mesh for mesh in placed if isinstance(mesh, trimesh.Trimesh)]
     else:
         meshes = [source]
-    for what, count, most in (
-        ("faces", sum(len(mesh.faces) for mesh in meshes), MOST_FACES),
-        ("vertices", sum(len(mesh.vertices) for mesh in meshes), MOST_VERTICES),
-    ):
-        if count > most:
-            raise InvalidMeshError(f"{name}: has {count} {what}; allowed are {most} and fewer.")
+    faces, vertices = (sum(len(getattr(mesh, what)) for mesh in meshes) for what in ("faces", "vertices"))
+    _check_counts(name, faces, vertices)
     mesh = source.to_mesh() if isinstance(source, trimesh.Scene) else source
     return RawMesh(
         np.array(mesh.vertices, dtype=np.float64).reshape(-1, 3), np.array(mesh.faces, dtype=np.int64).reshape(-1, 3)

@@ -15,7 +15,6 @@ DENSITY = 1000.0
 """Assumed density where no mass is given, kg/m^3."""
 
 _FLAT_BODY = 1e-6  # volume over area as a share of the size, which is none but for rounding
-_FAR = 10.0  # sizes from the origin at which the integrals would lose digits that count
 _ROUNDING = 1e-9  # relative, of the integrals
 
 
@@ -51,17 +50,11 @@ def solid_properties(vertices: FloatArray, faces: AnyIntArray) -> SolidPropertie
     lower, upper = vertices.min(axis=0), vertices.max(axis=0)
     size = float(np.linalg.norm(upper - lower))
     middle = 0.5 * (lower + upper)
-    near = vertices if np.abs(middle).max() <= _FAR * size else vertices - middle
     area = 0.5 * float(np.linalg.norm(cross_products(vertices, faces), axis=1).sum())
     if volumes(vertices, faces)[0] <= _FLAT_BODY * size * area:
         raise InvalidMeshError("is flat: it encloses no volume.")
-    import trimesh  # As late as in `loading`.
-
-    properties = trimesh.triangles.mass_properties(near[faces], density=DENSITY)
-    volume = float(properties.volume)
-    centroid, inertia = np.array(properties.center_mass), np.array(properties.inertia)
-    if near is not vertices:
-        centroid += middle
+    volume, centroid, inertia = _integrals((vertices - middle)[faces])
+    centroid += middle
     moments = np.linalg.eigvalsh(inertia)
     # The mean squares of the distances from the three principal planes, which no body has below zero.
     squares = (0.5 * moments.sum() - moments) / (DENSITY * volume)
@@ -77,6 +70,17 @@ def solid_properties(vertices: FloatArray, faces: AnyIntArray) -> SolidPropertie
             f"{DENSITY:g} kg/m^3)."
         )
     return SolidProperties(volume, centroid, inertia)
+
+
+def _integrals(corners: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+    """Volume, centroid and inertia about it, of the tetrahedra between the origin and triangles (f, 3, 3)."""
+    weight = np.einsum("fi,fi->f", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6.0
+    sums = corners.sum(axis=1)
+    volume = float(weight.sum())
+    centroid = np.einsum("f,fi->i", weight, sums) / (4.0 * volume)
+    squares = np.einsum("f,fi,fj->ij", weight, sums, sums) + np.einsum("f,fci,fcj->ij", weight, corners, corners)
+    squares = squares / 20.0 - volume * np.outer(centroid, centroid)
+    return volume, centroid, DENSITY * (np.trace(squares) * np.eye(3) - squares)
 
 
 def _check_closed(faces: AnyIntArray) -> None:
