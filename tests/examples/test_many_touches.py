@@ -18,7 +18,8 @@ def test_each_touch_has_the_pose_of_its_object(example: ModuleType, tmp_path: Pa
     result = CliRunner().invoke(example.main, arguments, catch_exceptions=False)
     assert result.exit_code == 0, result.output
     assert "30 touches of 12 objects by 2 threads in" in result.stdout
-    found = np.load(tmp_path / "new" / "touches.npz")
+    with np.load(tmp_path / "new" / "touches.npz") as file:
+        found = dict(file)
     assert len(found["name"]) == 12
     assert list(found["touched"][:13]) == [*range(12), 0]
     sure = found["probability"] > 0.95
