@@ -22,6 +22,7 @@ release. A trial succeeds if the pencil then stands in the box, through the hole
 import argparse
 import csv
 import dataclasses
+import math
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -114,14 +115,22 @@ def main() -> None:
 
 def print_table(trials: list[Trial]) -> None:
     """The summary, and every failure."""
-    table = Table(title=f"{sum(t.success for t in trials)} of {len(trials)} pencils in the hole")
+    named = [trial for trial in trials if math.isfinite(trial.upside_down)]
+    right = sum(trial.upside_down < 0.5 for trial in named)
+    table = Table(
+        caption=f"right end in {right} of the {len(named)} that were taken to the hole",
+        title=f"{sum(t.success for t in trials)} of {len(trials)} pencils in the hole, right end named",
+    )
     for heading in ("", "median", "95 %", "largest"):
         table.add_column(heading)
     for name, label in (
         ("angle_deg", "axis by touch, °"),
-        ("end_mm", "lower end by touch, mm"),
+        ("end_mm", "lower end by touch, across the pencil, mm"),
         ("sigma_mm", "its stated standard deviation, mm"),
+        ("along_mm", "lower end along the pencil, mm"),
+        ("sigma_along_mm", "its stated standard deviation, mm"),
         ("upside_down", "probability of the wrong end up"),
+        ("touches", "times that the pencil touched the table"),
         ("hole_mm", "axis from the hole's at the rim, mm"),
         ("turned_deg", "turned in the hand, °"),
         ("tries", "grips until one was firm"),
