@@ -39,6 +39,10 @@ class PlaceTaskParams:
         for field in dataclasses.fields(self):
             positive_number(f"PlaceTaskParams.{field.name}", getattr(self, field.name))
 
+    def is_known(self, held: HeldAxis) -> bool:
+        """Whether the table need not be asked any more about a rod's lower end."""
+        return held.sigma_end <= self.most_sigma_end and max(held.same_way, 1.0 - held.same_way) >= self.sure
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class TaskState:

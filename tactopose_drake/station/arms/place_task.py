@@ -145,10 +145,10 @@ class PlaceTask(CollectableSystem):
         if misplacement <= self._params.most_misplaced and status == "holding":
             return before.to("feel", time)
         if before.tried + 1 >= self._params.tries:
-            reason = status
-            if status == "holding":
-                where = f"the rod's end is {1e3 * misplacement:.0f} mm off its place"
-                reason = "nothing is felt in the hand" if held is None else where
+            felt = "nothing is felt in the hand"
+            if held is not None:
+                felt = f"the rod's end is {1e3 * misplacement:.0f} mm off its place"
+            reason = felt if status == "holding" else status
             return self._fail(context, before, f"no good grip in {self._params.tries} tries: {reason}")
         after = dataclasses.replace(before.to("again", time), tried=before.tried + 1)
         # By an estimate that is less exact than the rod is misplaced, the hand gets nearer to it.
@@ -169,7 +169,7 @@ class PlaceTask(CollectableSystem):
             return before
         held = self._held(context)
         if held is not None and held.sigma <= self._params.most_sigma:
-            if not self._is_known(held) and len(before.touches) < self._params.touches:
+            if not self._params.is_known(held) and len(before.touches) < self._params.touches:
                 return self._set_upon_table(context, before, held)
             if held.sigma_end <= self._params.most_sigma_end:
                 planned = self._to_hole(context, before, held)
@@ -180,12 +180,6 @@ class PlaceTask(CollectableSystem):
             return self._fail(context, before, "nothing is felt in the hand")
         deviations = f"{1e3 * held.sigma:.1f} mm across and {1e3 * held.sigma_end:.1f} mm along it only"
         return self._fail(context, before, f"ambiguous: the rod's end is known to {deviations}")
-
-    def _is_known(self, held: HeldAxis) -> bool:
-        """Whether the table need not be asked any more."""
-        return held.sigma_end <= self._params.most_sigma_end and abs(2.0 * held.same_way - 1.0) >= (
-            2.0 * self._params.sure - 1.0
-        )
 
     def _set_upon_table(self, context: Context, before: TaskState, held: HeldAxis) -> TaskState:
         estimate = eval_input(self._hypotheses, context, PoseEstimate)
@@ -227,12 +221,9 @@ class PlaceTask(CollectableSystem):
         """The table that the rod touches now."""
         X_PW = eval_input(self._palm_pose, context, RigidTransform).inverse()
         p_PQ, n_P = X_PW.multiply(self._planner.p_WTable), X_PW.rotation().col(2)
-        return TableTouch(
-            PlaneContact(p_PQ, n_P, self._params.sigma_touch),
-            eval_input(self._contacts, context, Contacts),
-            eval_input(self._fingers, context, tuple),
-            self._planner.fingertips(self._positions.Eval(context)),
-        )
+        contacts, fingers = eval_input(self._contacts, context, Contacts), eval_input(self._fingers, context, tuple)
+        X_PS = self._planner.fingertips(self._positions.Eval(context))
+        return TableTouch(PlaneContact(p_PQ, n_P, self._params.sigma_touch), contacts, fingers, X_PS)
 
     def _go_on(self, context: Context, before: TaskState) -> TaskState:
         """Follows the motions; stops where the rod has moved in the hand."""

@@ -18,7 +18,6 @@ from tactopose_drake.station.arms.arm import add_arm, load_arm_config, make_arm_
 from tactopose_drake.station.arms.carried_hand import CarriedHand
 from tactopose_drake.station.arms.place_planning import PlaceParams, PlacePlanner
 from tactopose_drake.station.arms.station import ArmSetup
-from tactopose_drake.station.arms.table_leans import Lean, choose_lean, ends_apart
 
 Q = np.array(ArmSetup().q_start)
 X_FBASE = ArmSetup().X_FBase.GetDeterministicValue()
@@ -118,8 +117,9 @@ def test_the_rod_leans_on_the_table_and_the_hand_stays_off_it(planner: PlacePlan
         np.testing.assert_allclose(move.value(0.0)[:, 0], Q, atol=1e-9)
         np.testing.assert_allclose(move.value(move.end_time()), lower.value(0.0), atol=1e-9)
         first, last = (palm_in_world(lower.value(time)[:, 0], q_hand) for time in (0.0, lower.end_time()))
-        np.testing.assert_allclose(first.rotation().matrix(), last.rotation().matrix(), atol=0.01)  # straight down
-        np.testing.assert_allclose(first.translation()[:2], last.translation()[:2], atol=0.002)
+        # Straight down, with one lean; it may turn about the way down.
+        np.testing.assert_allclose(first.rotation().matrix()[2], last.rotation().matrix()[2], atol=2e-3)
+        np.testing.assert_allclose(first.multiply(held.p_PQ)[:2], last.multiply(held.p_PQ)[:2], atol=1e-3)
         # Not in a hurry: the slower the arm, the nearer the rod is to where it first touches.
         speed = (first.translation()[2] - last.translation()[2]) / lower.end_time()
         assert 0.0 < speed < PlaceParams().touch_speed
@@ -128,23 +128,6 @@ def test_the_rod_leans_on_the_table_and_the_hand_stays_off_it(planner: PlacePlan
         assert palm_in_world(above, q_hand).translation()[2] > first.translation()[2] + 0.1
         seen.append(np.degrees(np.arccos(-first.rotation().multiply(held.direction)[2])))
     assert seen[1] > 30.0
-
-
-def test_the_table_tells_ends_apart_by_a_lean(planner: PlacePlanner) -> None:
-    model = pencil()
-    angles = np.radians([0.0, 20.0, 40.0])
-    n_P = np.array([[np.cos(angle), 0.0, np.sin(angle)] for angle in angles])
-    apart = ends_apart(model, either_end_up(model, 1e-4), n_P)
-    # A blunt end 3.5 mm wide is as much lower than a sharp one as its rim is; the touches err by 0.5 mm each.
-    np.testing.assert_allclose(apart, (3.5e-3 - 0.45e-3) * np.sin(angles) / (np.sqrt(2.0) * 0.5e-3), atol=0.8)
-    assert np.all(np.diff(apart) > 1.0)
-    leans = [Lean(n, 0.05) for n in n_P]
-    assert choose_lean(model, either_end_up(model, 1e-4), leans, 0.08)[0] is leans[2]
-    # The hand does not allow all of them; where it may be that it allows none, the one for the shortest rods.
-    leans[2] = Lean(n_P[2], 0.09)
-    assert choose_lean(model, either_end_up(model, 1e-4), leans, 0.08)[0] is leans[1]
-    leans[1] = Lean(n_P[1], 0.04)
-    assert choose_lean(model, either_end_up(model, 1e-4), leans, 0.03)[0] is leans[1]
 
 
 def pencil() -> tp.ObjectModel:

@@ -280,8 +280,9 @@ def test_the_table_is_touched_until_slide_and_end_are_known() -> None:
     bench.hold(hypotheses=estimate(sigma_end=0.03, up=0.5))
     assert bench.run(0.15) == "feel"
     assert bench.run(0.15) == "approach"
-    assert bench.run(0.5) == "approach"  # over the table, until nothing shakes any more
-    assert bench.run(0.1) == "lower"
+    assert bench.run(0.42) == "approach"  # over the table, until nothing shakes any more
+    assert bench.arm[0] == pytest.approx(5.0)
+    assert bench.run(0.06) == "lower"
     assert bench.planes == ()
     bench.set_object(contacts=touch(2, pressed=0.04))  # less than what counts as the table, above the weight
     assert bench.run(0.1) == "lower"
@@ -295,7 +296,10 @@ def test_the_table_is_touched_until_slide_and_end_are_known() -> None:
     bench.set(joint_positions=[0.001, 0.0, 0.0])
     (moved,) = bench.planes
     np.testing.assert_allclose(moved.n_P, plane.n_P, atol=1e-3)
-    assert (moved.p_PQ - plane.p_PQ) @ plane.n_P == pytest.approx(0.001 * plane.n_P[0], rel=0.1)
+    middle, shift = touch(2).p_PC.mean(axis=0), np.array([0.001, 0.0, 0.0])
+    height = (middle - plane.p_PQ) @ plane.n_P
+    assert (middle + shift - moved.p_PQ) @ moved.n_P == pytest.approx(height, abs=2e-5)
+    assert abs((middle + shift - plane.p_PQ) @ plane.n_P - height) > 1e-4
 
     bench.set_object(contacts=touch(2), hypotheses=estimate(up=0.9))
     assert bench.run(0.5) == "feel"
