@@ -171,7 +171,7 @@ def make_control_stack(plan: GraspPlan) -> ArmStation:
         )
         builder.Connect(parts.plant.get_body_poses_output_port(), vision.GetInputPort("body_poses"))
         builder.Connect(vision.GetOutputPort("prior"), parts.estimation.GetInputPort("vision"))
-        grip = HeldAxis(np.array([0.0, -0.05, 0.11]), np.array([-1.0, 0.0, 0.0]), 0.0)
+        grip = HeldAxis(np.array([0.0, -0.05, 0.11]), np.array([-1.0, 0.0, 0.0]), 0.0875)
         task = AddPlaceTask(builder, parts, setup, grip, PlaceParams())
         return task.GetOutputPort("arm_reference")
 

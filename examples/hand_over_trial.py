@@ -15,7 +15,7 @@ from tactopose_drake.systems import seed_random_sources
 
 DOWN_P = np.array(PlaceParams().down_P)
 HOLE_RADIUS, RIM = 0.015, 0.1  # m; the rim's height above the table
-LONGEST, REST = 25.0, 0.6  # simulated time at the most, and after the hand has opened, s
+LONGEST, REST = 60.0, 0.6  # simulated time at the most, and after the hand has opened, s
 
 
 @dataclasses.dataclass
@@ -30,7 +30,10 @@ class Trial:
     angle_deg: float = math.nan  # between the pencil's axis as felt and in truth
     end_mm: float = math.nan  # how far the pencil's lower end is from where it is felt, across the pencil
     sigma_mm: float = math.nan  # its standard deviation as stated
+    along_mm: float = math.nan  # likewise, along the pencil
+    sigma_along_mm: float = math.nan
     upside_down: float = math.nan  # probability that the hypotheses give to the wrong end up
+    touches: int = 0  # of the table
     # In truth, from when it was let go until the task failed or the hand was to open: how far the pencil turned in the
     # hand, and how far its lower end moved.
     turned_deg: float = math.nan
@@ -64,6 +67,8 @@ def run_trial(closing: GraspPlan, station: ArmStation, seed: int, longest: float
         elif phase == "feel":
             station.object_joint.Unlock(station.plant.GetMyMutableContextFromRoot(context))
             let_go = _lower_half(station, context)
+        elif phase == "lift":
+            trial.touches += 1
         elif phase == "move":
             _note_touch(trial, station, context)
         elif phase == "release":
@@ -96,9 +101,10 @@ def _note_touch(trial: Trial, station: ArmStation, context: Context) -> None:
     X_PO = station.object_pose(context)
     axis = X_PO.rotation().col(2) * math.copysign(1.0, X_PO.rotation().col(2) @ held.direction)
     trial.angle_deg = math.degrees(math.acos(min(1.0, float(axis @ held.direction))))
-    end = held.point(task.planner.longest_end) - X_PO.translation()
-    trial.end_mm = 1e3 * float(np.linalg.norm(end - (end @ axis) * axis))
-    trial.sigma_mm = 1e3 * held.sigma
+    off = held.point(held.end) - _lower_half(station, context)[1]
+    trial.end_mm = 1e3 * float(np.linalg.norm(off - (off @ axis) * axis))
+    trial.along_mm = 1e3 * abs(float(off @ axis))
+    trial.sigma_mm, trial.sigma_along_mm = 1e3 * held.sigma, 1e3 * held.sigma_end
     estimate = station.diagram.GetOutputPort("hypotheses").Eval(context)
     trial.upside_down = sum(
         hypothesis.probability
@@ -136,14 +142,15 @@ def _at_rim(station: ArmStation, context: Context) -> np.ndarray:
 
 
 def _judge(station: ArmStation, context: Context, phase: str, trial: Trial) -> tuple[bool, str]:
-    """Whether the pencil stands in the box through the hole, and what is wrong else."""
+    """Whether the pencil stands in the box through the hole, and the right end is named; and what is wrong else."""
     low, high = _ends(station, context)
     inside = low[2] < RIM - 0.03 < RIM < high[2] and np.abs(low[:2] - hole()).max() < 0.06
     if inside and np.linalg.norm(_at_rim(station, context) - hole()) < HOLE_RADIUS:
-        return True, "in the hole"
+        named = trial.upside_down < 0.5
+        return named, "in the hole" if named else "in the hole, with the wrong end named"
     if phase.startswith("failed"):
         return False, phase.removeprefix("failed: ")
-    if phase in ("receive", "again", "feel", "move", "insert", "release"):
+    if phase in ("receive", "again", "feel", "approach", "lower", "lift", "move", "insert", "release"):
         return False, f"not finished: {phase}"
     if trial.hole_mm > 1e3 * HOLE_RADIUS:
         return False, f"pose wrong: {trial.hole_mm:.0f} mm beside the hole's axis at the rim"
@@ -155,10 +162,11 @@ def explain(trial: Trial) -> str:
     """What the task says of a failure, and what the simulator knows of it."""
     if math.isnan(trial.turned_deg):
         return f"{trial.outcome}; the pencil was not let go"
-    touch = "the arm did not set off"
+    touch = "the arm did not set off for the hole"
     if not math.isnan(trial.end_mm):
         touch = (
-            f"touch was {trial.end_mm:.1f} mm off at the lower end when the arm set off ({trial.sigma_mm:.1f} stated)"
+            f"touch was {trial.end_mm:.1f} mm off at the lower end when the arm set off for the hole "
+            f"({trial.sigma_mm:.1f} stated)"
         )
     return (
         f"{trial.outcome}; {touch}; since the pencil was let go, it turned by {trial.turned_deg:.0f}° in the hand and "

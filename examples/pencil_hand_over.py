@@ -65,10 +65,10 @@ def plan_closing() -> GraspPlan:
 
 
 def best_grip(closing: GraspPlan) -> HeldAxis:
-    """The axis of the bar that the hand is made to close on, from the middle of its touches towards the lower end."""
+    """The axis of the bar that the hand is made to close on, by the middle of which it holds it, lower end ahead."""
     p_PG = np.mean([part.p_PC for part in closing.fingers.values()], axis=0)
     direction, p_PB = -closing.X_PO[:, 2], closing.X_PO[:, 3]
-    return HeldAxis(p_PB + ((p_PG - p_PB) @ direction) * direction, direction, 0.0)
+    return HeldAxis(p_PB + ((p_PG - p_PB) @ direction) * direction, direction, 0.5 * LENGTH)
 
 
 def hand_over(plan: GraspPlan, generator: np.random.Generator) -> GraspPlan:
@@ -108,7 +108,8 @@ def make_trial_station(closing: GraspPlan, pencil: Path, meshcat: Meshcat | None
     # All of a pencil is within two millimetres of an edge, where the normal says little.
     scenario.estimation.contacts.sigma_position = 0.0006
     scenario.estimation.contacts.sigma_normal_deg = 8.0
-    place = PlaceParams(most_slide=SLIDE)
+    scenario.estimation.estimator.period = 0.4  # a rod's slide is a wide mode, whose samples take their time
+    place = PlaceParams()
     scenes = "package://tactopose_drake/models/scenes"
     box = Transform(translation=[*place.p_WHole[:2], 0.0])
     setup = ArmSetup(scene=[SceneModel(model=f"{scenes}/table.sdf"), SceneModel(model=f"{scenes}/hole_box.sdf")])

@@ -11,8 +11,8 @@ on its rim and the sharp one on its tip, which tells them apart. There is no vis
 slide.
 
 The touches of the fingers and of the table are simulated as noise about the true ones, and the pencil rests in the hand
-between them. Prints, and writes as pencil_on_table.md and .png, how often the right end is up and the lower end is
-known. A hundred pencils take some two minutes of one core.
+between them; `hand_over_and_place.py` does it with an arm in the simulator. Prints, and writes as pencil_on_table.md
+and .png, how often the right end is up and the lower end is known. A hundred pencils take some two minutes of one core.
 
 [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016.
 """

@@ -9,8 +9,8 @@ from .arms.motion import reach_axis as reach_axis
 from .arms.motion import smooth_motion as smooth_motion
 from .arms.place_decision import AddPlaceTask as AddPlaceTask
 from .arms.place_planning import PlaceParams as PlaceParams
+from .arms.place_state import PlaceTaskParams as PlaceTaskParams
 from .arms.place_task import PlaceTask as PlaceTask
-from .arms.place_task import PlaceTaskParams as PlaceTaskParams
 from .arms.station import ArmParts as ArmParts
 from .arms.station import ArmSetup as ArmSetup
 from .arms.station import ArmStation as ArmStation

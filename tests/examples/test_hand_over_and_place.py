@@ -80,8 +80,8 @@ def test_failures_are_explained(trials: ModuleType) -> None:
     assert trials.explain(Trial(3, outcome="no firm grip")) == "no firm grip; the pencil was not let go"
     dropped = Trial(4, outcome="it moved", end_mm=1.2, sigma_mm=3.4, turned_deg=61.0, moved_mm=40.0)
     assert trials.explain(dropped) == (
-        "it moved; touch was 1.2 mm off at the lower end when the arm set off (3.4 stated); since the pencil was let "
-        "go, it turned by 61° in the hand and its lower end moved by 40 mm"
+        "it moved; touch was 1.2 mm off at the lower end when the arm set off for the hole (3.4 stated); since the "
+        "pencil was let go, it turned by 61° in the hand and its lower end moved by 40 mm"
     )
     assert "the arm did not set off" in trials.explain(Trial(5, outcome="ambiguous", turned_deg=0.0, moved_mm=0.0))
 

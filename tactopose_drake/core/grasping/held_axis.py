@@ -10,21 +10,26 @@ from tactopose_drake.core.validation import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class HeldAxis:
-    """The axis of a held object in the palm.
+    """The axis of a held object in the palm, and how far the object reaches along it.
 
-    Which of the object's ends is which, its slide along the axis and its spin about it are left out: a rod that two
-    hypotheses hold end for end has one axis.
+    Its spin about the axis is left out, and a rod that two hypotheses hold end for end has one axis.
 
     Attributes:
         p_PQ: the axis' point that is nearest to the grip, shape (3,), m.
         direction: unit vector along it, shape (3,).
-        sigma: standard deviation, across the axis, of its point at the distance that was asked for, m: the spread of
-            the hypotheses and the covariance of each.
+        end: how far from `p_PQ` the object reaches in that direction, m.
+        sigma: standard deviation, across the axis, of where it ends, m: the spread of the hypotheses and the covariance
+            of each.
+        sigma_end: standard deviation of `end`, m.
+        same_way: probability that the object's own axis points along `direction`, rather than against it.
     """
 
     p_PQ: FloatArray
     direction: FloatArray
-    sigma: float
+    end: float
+    sigma: float = 0.0
+    sigma_end: float = 0.0
+    same_way: float = 1.0
 
     def point(self, distance: float) -> FloatArray:
         """The point at a distance from `p_PQ` along the direction, shape (3,), m."""
@@ -38,10 +43,10 @@ def find_held_axis(
     probability: FloatArray,
     *,
     axis: FloatArray,
-    point: FloatArray,
+    middle: FloatArray,
+    half_length: float,
     towards: FloatArray,
     p_PG: FloatArray,
-    distance: float,
 ) -> HeldAxis:
     """The mean axis of n hypotheses.
 
@@ -50,17 +55,19 @@ def find_held_axis(
         covariance: of their increments, shape (n, 6, 6), rad and m.
         probability: shape (n,); need not add up to 1.
         axis: unit vector of the object's axis in O, shape (3,).
-        point: a point of the axis in O, shape (3,), m.
+        middle: the point of the axis in O that is as far from one end as from the other, shape (3,), m.
+        half_length: of the object along the axis, m.
         towards: direction in P into which the axis is to point, shape (3,).
         p_PG: middle of the grip, shape (3,), m.
-        distance: from the point nearest to the grip to the one whose standard deviation is wanted, m.
     """
     weight = probability / probability.sum()
     direction = X_PO[:, :, :3] @ axis
-    direction *= np.where(direction @ towards < 0.0, -1.0, 1.0)[:, None]
-    p_PA = X_PO[:, :, :3] @ point + X_PO[:, :, 3]
-    along = np.einsum("ni,ni->n", p_PG - p_PA, direction)
-    near = p_PA + along[:, None] * direction
+    against = direction @ towards < 0.0
+    direction *= np.where(against, -1.0, 1.0)[:, None]
+    p_PM = X_PO[:, :, :3] @ middle + X_PO[:, :, 3]
+    along = np.einsum("ni,ni->n", p_PG - p_PM, direction)
+    near, ends = p_PM + along[:, None] * direction, half_length - along
+    distance = float(weight @ ends)
     end = near + distance * direction
     mean = weight @ direction
     mean /= np.linalg.norm(mean)
@@ -70,8 +77,16 @@ def find_held_axis(
     R_PO = X_PO[:, :, :3]
     p_OE = np.einsum("nji,nj->ni", R_PO, end - X_PO[:, :, 3])
     jacobian = np.concatenate([-R_PO @ skew(p_OE), np.broadcast_to(np.eye(3), R_PO.shape)], axis=2)
-    # Of three coordinates the one along the axis does not count.
+    spread = jacobian @ covariance @ np.swapaxes(jacobian, 1, 2)
+    variance_end = np.einsum("ni,nij,nj->n", direction, spread, direction) + (ends - distance) ** 2
     across = np.eye(3) - direction[:, :, None] * direction[:, None, :]
-    spread = across @ jacobian @ covariance @ np.swapaxes(jacobian, 1, 2) @ across
-    variance = np.linalg.eigvalsh(spread)[:, -1] + np.sum(np.einsum("nij,nj->ni", across, end - p_PE) ** 2, axis=1)
-    return HeldAxis(p_PQ, mean, float(np.sqrt(weight @ variance)))
+    variance = np.linalg.eigvalsh(across @ spread @ across)[:, -1]
+    variance += np.sum(np.einsum("nij,nj->ni", across, end - p_PE) ** 2, axis=1)
+    return HeldAxis(
+        p_PQ,
+        mean,
+        distance,
+        sigma=float(np.sqrt(weight @ variance)),
+        sigma_end=float(np.sqrt(weight @ variance_end)),
+        same_way=float(weight @ ~against),
+    )

@@ -79,7 +79,12 @@ def reach_axis(
 
 
 def smooth_motion(
-    plant: MultibodyPlant, q: FloatArray, *, speed_share: float, most_acceleration: float
+    plant: MultibodyPlant,
+    q: FloatArray,
+    *,
+    speed_share: float,
+    most_acceleration: float,
+    most_speed: tuple[Frame, float] | None = None,
 ) -> PiecewisePolynomial:
     """The fastest motion along a smooth path through joint positions, from rest to rest; its time begins at 0.
 
@@ -88,6 +93,7 @@ def smooth_motion(
         q: shape (n, nq), rad, two or more and no two neighbours alike.
         speed_share: of the joints' largest speeds that may be used.
         most_acceleration: of any joint, rad/s^2.
+        most_speed: of a frame's origin in the world, m/s; None: it may be as fast as the joints let it.
 
     Returns:
         Cubic in time, which a system's state may hold.
@@ -104,6 +110,8 @@ def smooth_motion(
     )
     acceleration = np.full(plant.num_velocities(), most_acceleration)
     toppra.AddJointAccelerationLimit(-acceleration, acceleration)
+    if most_speed is not None:
+        toppra.AddFrameTranslationalSpeedLimit(*most_speed)
     timing = toppra.SolvePathParameterization()
     motion = PathParameterizedTrajectory(path, timing)
     times = np.linspace(motion.start_time(), motion.end_time(), max(3, int(np.ceil(motion.end_time() / _STEP))))

@@ -1,5 +1,7 @@
 """Decides what arm and hand do to put a handed-over rod into a hole: the decision in figure 6.5 of the thesis.
 
+The forces of the fingertips on the rod add up to its weight; from when it touches the table on they carry less.
+
 Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016, section 4.3.2.3.
 """
 
@@ -7,68 +9,22 @@ import dataclasses
 
 import numpy as np
 from pydrake.common.value import AbstractValue
+from pydrake.math import RigidTransform
 from pydrake.systems.framework import BasicVector, Context, EventStatus, State
-from pydrake.trajectories import PiecewisePolynomial
 
 from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.evidence.plane_contact import PlaneContact
 from tactopose_drake.core.grasping.held_axis import HeldAxis
-from tactopose_drake.core.validation import FloatArray, positive_number
+from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.station.arms.place_planning import PlacePlanner
+from tactopose_drake.station.arms.place_state import PlaceTaskParams, TaskState
+from tactopose_drake.station.arms.table_touch import TableTouch, force_on_hand
 from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.ports import eval_input, eval_optional_input
 
 # Phases in which the hand is to be open.
 _OPEN = ("open", "meet", "again", "release", "retreat", "done")
-
-
-@dataclasses.dataclass(kw_only=True, slots=True)
-class PlaceTaskParams:
-    """Times and limits of the task."""
-
-    period: float = 0.02  # s between two decisions
-    # To get a grip in which every finger carries its share and the rod lies where the hand holds it best.
-    tries: int = 5
-    most_misplaced: float = 0.006  # of the lower end from there, across the rod, m
-    # From the hand's hold, and again from the rod being let go, to the look at the estimate, s.
-    settle_time: float = 0.5
-    patience: float = 2.0  # how long an estimate that is good enough is waited for, s
-    most_sigma: float = 0.005  # standard deviation of the rod's lower end across its axis, m
-    # Of the lower end in the palm while it is carried, beyond three standard deviations of the estimates, m.
-    most_drift: float = 0.005
-    most_offset: float = 0.003  # of the lower end above the hole, by the estimate then; else the arm aligns it anew, m
-    alignments: int = 2  # of that at the most
-    open_time: float = 1.5  # for the fingers to open, s
-
-    def validate(self) -> None:
-        """Raises InvalidInputError if a value is not positive."""
-        for field in dataclasses.fields(self):
-            positive_number(f"PlaceTaskParams.{field.name}", getattr(self, field.name))
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class TaskState:
-    """Where the task stands.
-
-    Attributes:
-        phase: see `PlaceTask`.
-        since: when it began, s.
-        q: the arm's positions at its end, or all along it if there is no motion, shape (nq,), rad.
-        motion: of the arm, from `since` on.
-        held: the rod's axis by which the motions were planned.
-        ahead: the motions that follow: the insertion, the retreat; or the one to meet the rod.
-        tried: how many grips were given up.
-        aligned: how often the rod was aligned anew above the hole.
-    """
-
-    phase: str
-    since: float
-    q: FloatArray
-    motion: PiecewisePolynomial | None = None
-    held: HeldAxis | None = None
-    ahead: tuple[PiecewisePolynomial, ...] = ()
-    tried: int = 0
-    aligned: int = 0
 
 
 class PlaceTask(CollectableSystem):
@@ -81,29 +37,41 @@ class PlaceTask(CollectableSystem):
         - holding
         - grasp_status
         - contacts
+        - fingers_in_contact
         - hypotheses
         - joint_positions
+        - palm_pose
         output_ports:
         - arm_reference
         - open
+        - planes
         - phase
 
     All inputs are read once a period.
 
     - holding: shape (1,), above 0 once the hand holds something.
     - grasp_status: str, "holding" where every finger carries its share; the `status` of `GraspController`.
-    - contacts: `Contacts` in P.
+    - contacts: `Contacts` in P, with forces.
+    - fingers_in_contact: tuple of the fingers' names, in the order of the contacts.
     - hypotheses: `PoseEstimate` of X_PO, or None while there is none.
     - joint_positions: of the hand, shape (nq,), rad.
+    - palm_pose: `RigidTransform` X_WP, by the joints of arm and hand.
     - arm_reference: positions, then velocities of the arm's joints, shape (2 na,), rad and rad/s.
     - open: shape (1,), 1 where the hand is to open.
-    - phase: str, "receive", "touch", "open", "meet", "again", "feel", "move", "insert", "release", "retreat" and
-      "done"; or "failed: " and why, from when on the arm stays where it is and the hand holds on.
+    - planes: tuple of `PlaneContact` in P, the table each time that the held rod touched it, as the rod has it that has
+      moved with the fingertips since; empty once it is let go.
+    - phase: str, "receive", "touch", "open", "meet", "again", "feel", "approach", "lower", "lift", "move", "insert",
+      "release", "retreat" and "done"; or "failed: " and why, from when on the arm stays where it is and the hand holds
+      on.
 
     Whoever hands over holds on until "feel". Before, the rod's place is felt ("touch"); where it does not lie in the
     hand as it should, the hand opens ("open"), the arm brings it to where it does ("meet"), and it closes once more.
     Where a grip tells too little for that, or is not firm although the rod lies well, the hand opens too ("again"), and
     the rod is to be offered anew.
+
+    The hand alone feels neither how far the rod has slid along itself nor which of its ends is up. So the arm brings it
+    over the table ("approach"), and down ("lower") until the force on it says that it touches, lifts it ("lift"), and
+    feels again with what is known now; with another lean each time, until both are known.
     """
 
     def __init__(self, planner: PlacePlanner, q_receive: FloatArray, params: PlaceTaskParams | None = None) -> None:
@@ -122,8 +90,10 @@ class PlaceTask(CollectableSystem):
         self._holding = self.DeclareVectorInputPort("holding", 1)
         self._grasp_status = self.DeclareAbstractInputPort("grasp_status", AbstractValue.Make(""))
         self._contacts = self.DeclareAbstractInputPort("contacts", AbstractValue.Make(Contacts.empty()))
+        self._fingers = self.DeclareAbstractInputPort("fingers_in_contact", AbstractValue.Make(()))
         self._hypotheses = self.DeclareAbstractInputPort("hypotheses", AbstractValue.Make(None))
         self._positions = self.DeclareVectorInputPort("joint_positions", planner.num_hand_positions)
+        self._palm_pose = self.DeclareAbstractInputPort("palm_pose", AbstractValue.Make(RigidTransform()))
         self._state = self.DeclareAbstractState(AbstractValue.Make(TaskState("receive", 0.0, q)))
         self.DeclarePeriodicUnrestrictedUpdateEvent(self._params.period, 0.0, self._update)
         ticket = self.abstract_state_ticket(self._state)
@@ -131,6 +101,9 @@ class PlaceTask(CollectableSystem):
             "arm_reference", 2 * len(q), self._calc_reference, prerequisites_of_calc={ticket, self.time_ticket()}
         )
         self.DeclareVectorOutputPort("open", 1, self._calc_open, prerequisites_of_calc={ticket})
+        self.DeclareAbstractOutputPort(
+            "planes", lambda: AbstractValue.Make(()), self._calc_planes, {ticket, self._positions.ticket()}
+        )
         self.DeclareAbstractOutputPort(
             "phase", lambda: AbstractValue.Make(""), self._calc_phase, prerequisites_of_calc={ticket}
         )
@@ -152,6 +125,7 @@ class PlaceTask(CollectableSystem):
             "touch": self._touch,
             "again": self._again,
             "feel": self._feel,
+            "lower": self._lower,
         }.get(before.phase, self._go_on)
         after = before if before.phase == "done" or before.phase.startswith("failed") else decide(context, before)
         if after is not before:
@@ -159,9 +133,7 @@ class PlaceTask(CollectableSystem):
         return EventStatus.Succeeded()
 
     def _receive(self, context: Context, before: TaskState) -> TaskState:
-        if self._holding.Eval(context)[0] <= 0.0:
-            return before
-        return dataclasses.replace(before, phase="touch", since=context.get_time())
+        return before.to("touch", context.get_time()) if self._holding.Eval(context)[0] > 0.0 else before
 
     def _touch(self, context: Context, before: TaskState) -> TaskState:
         """Decides, while the rod is still held by whoever hands it over, whether the grip is good."""
@@ -171,14 +143,14 @@ class PlaceTask(CollectableSystem):
         held, status = self._held(context), eval_input(self._grasp_status, context, str)
         misplacement = np.inf if held is None else self._planner.misplacement(held)
         if misplacement <= self._params.most_misplaced and status == "holding":
-            return dataclasses.replace(before, phase="feel", since=time)
+            return before.to("feel", time)
         if before.tried + 1 >= self._params.tries:
-            reason = status
-            if status == "holding":
-                where = f"the rod's end is {1e3 * misplacement:.0f} mm off its place"
-                reason = "nothing is felt in the hand" if held is None else where
+            felt = "nothing is felt in the hand"
+            if held is not None:
+                felt = f"the rod's end is {1e3 * misplacement:.0f} mm off its place"
+            reason = felt if status == "holding" else status
             return self._fail(context, before, f"no good grip in {self._params.tries} tries: {reason}")
-        after = dataclasses.replace(before, phase="again", since=time, tried=before.tried + 1)
+        after = dataclasses.replace(before.to("again", time), tried=before.tried + 1)
         # By an estimate that is less exact than the rod is misplaced, the hand gets nearer to it.
         if held is not None and max(held.sigma, self._params.most_misplaced) < misplacement:
             meet = self._planner.meet(before.q, self._positions.Eval(context), held)
@@ -187,28 +159,71 @@ class PlaceTask(CollectableSystem):
         return after
 
     def _again(self, context: Context, before: TaskState) -> TaskState:
-        if context.get_time() - before.since < self._params.open_time:
-            return before
-        return dataclasses.replace(before, phase="receive", since=context.get_time())
+        time = context.get_time()
+        return before if time - before.since < self._params.open_time else before.to("receive", time)
 
     def _feel(self, context: Context, before: TaskState) -> TaskState:
-        """Waits for an estimate that tells the rod's lower end well enough, then plans."""
+        """Waits for an estimate that tells the rod's axis well enough, then plans."""
         waited = context.get_time() - before.since
         if waited < self._params.settle_time:
             return before
         held = self._held(context)
         if held is not None and held.sigma <= self._params.most_sigma:
-            positions = self._positions.Eval(context)
-            plan = self._planner.plan(before.q, positions, held)
-            if plan is None:
-                return self._fail(context, before, "the arm cannot reach the hole")
-            move, insert, retreat = plan
-            return TaskState("move", context.get_time(), _end(move), move, held, (insert, retreat))
+            if not self._params.is_known(held) and len(before.touches) < self._params.touches:
+                return self._set_upon_table(context, before, held)
+            if held.sigma_end <= self._params.most_sigma_end:
+                planned = self._to_hole(context, before, held)
+                return planned or self._fail(context, before, "the arm cannot reach the hole")
         if waited < self._params.patience:
             return before
         if held is None:
             return self._fail(context, before, "nothing is felt in the hand")
-        return self._fail(context, before, f"ambiguous: the rod's end is known to {1e3 * held.sigma:.1f} mm only")
+        deviations = f"{1e3 * held.sigma:.1f} mm across and {1e3 * held.sigma_end:.1f} mm along it only"
+        return self._fail(context, before, f"ambiguous: the rod's end is known to {deviations}")
+
+    def _set_upon_table(self, context: Context, before: TaskState, held: HeldAxis) -> TaskState:
+        estimate = eval_input(self._hypotheses, context, PoseEstimate)
+        planned = self._planner.touch_table(before.q, self._positions.Eval(context), held, estimate)
+        if planned is None:
+            return self._fail(context, before, "the arm cannot reach the table")
+        move, down, above = planned
+        after = before.to("approach", context.get_time(), move)
+        return dataclasses.replace(after, held=held, ahead=(down,), above=above)
+
+    def _to_hole(self, context: Context, before: TaskState, held: HeldAxis) -> TaskState | None:
+        planned = self._planner.plan(before.q, self._positions.Eval(context), held)
+        if planned is None:
+            return None
+        move, insert, retreat = planned
+        return dataclasses.replace(before.to("move", context.get_time(), move), held=held, ahead=(insert, retreat))
+
+    def _lower(self, context: Context, before: TaskState) -> TaskState:
+        """Down until the table is felt, and up again."""
+        time, force = context.get_time(), self._pressed(context)
+        lost = self._lost(context, before)
+        if lost:
+            return self._fail(context, before, f"the rod moved in the hand on the table: {lost}")
+        if force - before.carried >= self._params.touch_force:
+            assert before.above is not None
+            up = self._planner.lift(before.reference(time)[0], before.above)
+            return dataclasses.replace(before.to("lift", time, up), touches=(*before.touches, self._table(context)))
+        assert before.motion is not None
+        if time - before.since < before.motion.end_time():
+            return before
+        return self._fail(context, before, "the rod does not reach the table")
+
+    def _pressed(self, context: Context) -> float:
+        """The force of the rod on the hand, upwards, N."""
+        X_WP = eval_input(self._palm_pose, context, RigidTransform)
+        return force_on_hand(eval_input(self._contacts, context, Contacts), X_WP.rotation().matrix()[2])
+
+    def _table(self, context: Context) -> TableTouch:
+        """The table that the rod touches now."""
+        X_PW = eval_input(self._palm_pose, context, RigidTransform).inverse()
+        p_PQ, n_P = X_PW.multiply(self._planner.p_WTable), X_PW.rotation().col(2)
+        contacts, fingers = eval_input(self._contacts, context, Contacts), eval_input(self._fingers, context, tuple)
+        X_PS = self._planner.fingertips(self._positions.Eval(context))
+        return TableTouch(PlaneContact(p_PQ, n_P, self._params.sigma_touch), contacts, fingers, X_PS)
 
     def _go_on(self, context: Context, before: TaskState) -> TaskState:
         """Follows the motions; stops where the rod has moved in the hand."""
@@ -216,25 +231,28 @@ class PlaceTask(CollectableSystem):
         if before.phase in ("open", "release"):
             if passed < self._params.open_time:
                 return before
-            following, motion = "meet" if before.phase == "open" else "retreat", before.ahead[0]
-            return TaskState(following, time, _end(motion), motion, tried=before.tried)
+            after = before.to("meet" if before.phase == "open" else "retreat", time, before.ahead[0])
+            return dataclasses.replace(after, ahead=())
         assert before.motion is not None
-        if before.phase in ("move", "insert"):
+        if before.phase in ("approach", "lift", "move", "insert"):
             lost = self._lost(context, before)
             if lost:
                 return self._fail(context, before, f"the rod moved in the hand during {before.phase!r}: {lost}")
-        if passed < before.motion.end_time():
+        pause = self._params.pause if before.phase == "approach" else 0.0
+        if passed < before.motion.end_time() + pause:
             return before
         if before.phase == "move":
-            aligned = self._align(context, before)
-            if aligned is not None:
-                return aligned
-            insert, retreat = before.ahead
-            return TaskState("insert", time, _end(insert), insert, before.held, (retreat,))
-        if before.phase in ("meet", "insert"):
-            following = "receive" if before.phase == "meet" else "release"
-            return dataclasses.replace(before, phase=following, since=time, motion=None)
-        return dataclasses.replace(before, phase="done", since=time, motion=None)
+            return self._align(context, before) or self._next(before, "insert", time)
+        if before.phase == "approach":
+            return dataclasses.replace(self._next(before, "lower", time), carried=self._pressed(context))
+        if before.phase == "insert":
+            return dataclasses.replace(before.to("release", time), touches=())
+        return before.to({"meet": "receive", "lift": "feel", "retreat": "done"}[before.phase], time)
+
+    def _next(self, before: TaskState, phase: str, time: float) -> TaskState:
+        """The first of the motions that follow."""
+        motion, *ahead = before.ahead
+        return dataclasses.replace(before.to(phase, time, motion), ahead=tuple(ahead))
 
     def _align(self, context: Context, before: TaskState) -> TaskState | None:
         """Above the hole: a motion to where the rod has slipped to on the way; None where it is well aligned."""
@@ -244,12 +262,8 @@ class PlaceTask(CollectableSystem):
         assert before.held is not None
         if self._planner.end_distance(held, before.held) <= self._params.most_offset:
             return None
-        plan = self._planner.plan(before.q, self._positions.Eval(context), held)
-        if plan is None:
-            return None
-        move, insert, retreat = plan
-        time, aligned = context.get_time(), before.aligned + 1
-        return TaskState("move", time, _end(move), move, held, (insert, retreat), aligned=aligned)
+        planned = self._to_hole(context, before, held)
+        return None if planned is None else dataclasses.replace(planned, aligned=before.aligned + 1)
 
     def _held(self, context: Context) -> HeldAxis | None:
         estimate = eval_optional_input(self._hypotheses, context, PoseEstimate)
@@ -267,26 +281,20 @@ class PlaceTask(CollectableSystem):
         return f"its end by {1e3 * drift:.0f} mm" if drift > allowed else ""
 
     def _fail(self, context: Context, before: TaskState, reason: str) -> TaskState:
-        q = self._reference(context)[0]
-        return TaskState(f"failed: {reason}", context.get_time(), q, held=before.held)
-
-    def _reference(self, context: Context) -> tuple[FloatArray, FloatArray]:
-        state = self.state(context)
-        if state.motion is None:
-            return state.q, np.zeros_like(state.q)
-        time = min(context.get_time() - state.since, state.motion.end_time())
-        return state.motion.value(time)[:, 0], state.motion.EvalDerivative(time, 1)[:, 0]
+        time = context.get_time()
+        q, _ = before.reference(time)
+        return TaskState(f"failed: {reason}", time, q, held=before.held)
 
     def _calc_reference(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(np.concatenate(self._reference(context)))
+        output.SetFromVector(np.concatenate(self.state(context).reference(context.get_time())))
 
     def _calc_open(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector([float(self.state(context).phase in _OPEN)])
 
+    def _calc_planes(self, context: Context, output: AbstractValue) -> None:
+        touches = self.state(context).touches
+        X_PS = self._planner.fingertips(self._positions.Eval(context)) if touches else {}
+        output.set_value(tuple(touch.as_of(X_PS) for touch in touches))
+
     def _calc_phase(self, context: Context, output: AbstractValue) -> None:
         output.set_value(self.state(context).phase)
-
-
-def _end(motion: PiecewisePolynomial) -> FloatArray:
-    q: FloatArray = motion.value(motion.end_time())[:, 0]
-    return q

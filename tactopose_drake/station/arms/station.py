@@ -22,7 +22,7 @@ from tactopose_drake.station.grasp import add_planned_grasp
 from tactopose_drake.station.scenario import Scenario
 from tactopose_drake.station.simulated import Station, feed_estimation, finish_station
 from tactopose_drake.station.simulated_senses import add_palm_pose, add_senses, simulate_errors
-from tactopose_drake.systems.pose_estimation import AddPoseEstimation, PoseEstimationParams
+from tactopose_drake.systems.pose_estimation import AddPoseEstimation
 from tactopose_drake.systems.pose_tracking import AddPoseTracking, PoseTrackingParams
 
 
@@ -76,6 +76,7 @@ class ArmParts:
         hand: the hand in the simulator's plant.
         object_body: the object there.
         model: the object's model for estimation.
+        palm_pose: X_WP, by the joints of arm and hand.
         senses: the hand's senses by the names of `AddPoseEstimation`'s inputs.
         estimation: the diagram of `AddPoseEstimation` or `AddPoseTracking`; its `prior` or `vision` is not connected.
     """
@@ -88,6 +89,7 @@ class ArmParts:
     hand: Hand
     object_body: RigidBody
     model: ObjectModel
+    palm_pose: OutputPort
     senses: Mapping[str, OutputPort]
     estimation: Diagram
 
@@ -160,14 +162,19 @@ def make_arm_station(
     for name, port in senses.items():
         builder.ExportOutput(port, name)
     start = add_planned_grasp(builder, scenario, plant, hand, senses, plan)
+    palm_pose = add_palm_pose(builder, plant, hand)
     if setup.tracking is None:
-        estimation = _add_estimation(builder, plant, hand, model, scenario.estimation)
+        estimation = AddPoseEstimation(builder, hand.config, model, scenario.estimation)
     else:
-        estimation = _add_tracking(builder, plant, hand, model, setup.tracking)
+        estimation = _add_tracking(builder, hand, model, setup.tracking)
+    if estimation.HasInputPort("palm_pose"):
+        builder.Connect(palm_pose, estimation.GetInputPort("palm_pose"))
     feed_estimation(builder, estimation, senses)
 
     arm_plant, arm_alone = make_arm_plant(config, X_WBase, hand_inertia(plant, arm, hand, start.q))
-    parts = ArmParts(plant, scene_graph, arm, arm_plant, arm_alone, hand, object_body, model, senses, estimation)
+    parts = ArmParts(
+        plant, scene_graph, arm, arm_plant, arm_alone, hand, object_body, model, palm_pose, senses, estimation
+    )
     _add_arm_control(builder, parts, setup, add_decision(builder, parts))
     if meshcat is not None:
         MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat)
@@ -177,25 +184,12 @@ def make_arm_station(
     )
 
 
-def _add_estimation(
-    builder: DiagramBuilder, plant: MultibodyPlant, hand: Hand, model: ObjectModel, params: PoseEstimationParams
-) -> Diagram:
-    """The estimate of each instant, with what it takes beyond the senses."""
-    estimation = AddPoseEstimation(builder, hand.config, model, params)
-    if params.estimator.balance:
-        builder.Connect(add_palm_pose(builder, plant, hand), estimation.GetInputPort("palm_pose"))
-    return estimation
-
-
-def _add_tracking(
-    builder: DiagramBuilder, plant: MultibodyPlant, hand: Hand, model: ObjectModel, params: PoseTrackingParams
-) -> Diagram:
+def _add_tracking(builder: DiagramBuilder, hand: Hand, model: ObjectModel, params: PoseTrackingParams) -> Diagram:
     """The belief over time, with what it takes beyond the senses."""
     tracking = AddPoseTracking(builder, hand.config, model, params)
     if params.use_joint_velocities:
         velocities = builder.GetSubsystemByName("joint_positions").get_output_port(1)
         builder.Connect(velocities, tracking.GetInputPort("joint_velocities"))
-    builder.Connect(add_palm_pose(builder, plant, hand), tracking.GetInputPort("palm_pose"))
     return tracking
 
 

@@ -65,3 +65,18 @@ def test_a_motion_goes_from_rest_to_rest_within_the_limits(arm_plant: tuple[Mult
     motion = smooth_motion(plant, ways, speed_share=0.5, most_acceleration=2.0)
     passed = np.array([motion.value(t)[:, 0] for t in np.linspace(0.0, motion.end_time(), 2000)])
     assert np.linalg.norm(passed - ways[1], axis=1).min() < 0.01
+
+
+def test_a_frame_is_no_faster_than_it_may_be(arm_plant: tuple[MultibodyPlant, Arm]) -> None:
+    plant, arm = arm_plant
+    limits = {"speed_share": 0.5, "most_acceleration": 2.0}
+    ways = Q + np.array([7 * [0.0], [0.3, 0.2, -0.3, 0.4, 0.1, 0.0, 0.6]])
+    fast = smooth_motion(plant, ways, **limits)
+    slow = smooth_motion(plant, ways, **limits, most_speed=(arm.flange, 0.02))
+    assert slow.end_time() > 3.0 * fast.end_time()
+    context, speeds = plant.CreateDefaultContext(), []
+    for time in np.linspace(0.0, slow.end_time(), 60):
+        plant.SetPositions(context, slow.value(time)[:, 0])
+        plant.SetVelocities(context, slow.EvalDerivative(time, 1)[:, 0])
+        speeds.append(np.linalg.norm(arm.flange.CalcSpatialVelocityInWorld(context).translational()))
+    assert 0.018 < max(speeds) < 0.0205

@@ -1,5 +1,7 @@
 """How the arm meets a rod that is handed over, and how it takes it to the hole."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from pydrake.math import RigidTransform, RollPitchYaw
@@ -8,30 +10,33 @@ from pydrake.multibody.plant import MultibodyPlant
 import tactopose_drake as tp
 from tactopose_drake.core.grasping.held_axis import HeldAxis
 from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.estimation.results import PoseEstimate, PoseHypothesis
 from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.hand_in_plant import add_hand
 from tactopose_drake.resources import model_path
 from tactopose_drake.station.arms.arm import add_arm, load_arm_config, make_arm_plant, mount_hand
+from tactopose_drake.station.arms.carried_hand import CarriedHand
 from tactopose_drake.station.arms.place_planning import PlaceParams, PlacePlanner
 from tactopose_drake.station.arms.station import ArmSetup
 
 Q = np.array(ArmSetup().q_start)
 X_FBASE = ArmSetup().X_FBase.GetDeterministicValue()
-GRIP = HeldAxis(np.array([0.0, -0.05, 0.11]), np.array([-1.0, 0.0, 0.0]), 0.0)
+GRIP = HeldAxis(np.array([0.0, -0.05, 0.11]), np.array([-1.0, 0.0, 0.0]), 0.0875)
 
 
 def make_planner(model: tp.ObjectModel) -> PlacePlanner:
     arm_plant, arm = make_arm_plant(load_arm_config("seven_axis"), RigidTransform())
-    return PlacePlanner(arm_plant, arm, load_hand_config("shadow_like"), X_FBASE, model, GRIP, PlaceParams())
+    hand = CarriedHand(arm_plant, arm, load_hand_config("shadow_like"), X_FBASE, Q)
+    return PlacePlanner(hand, model, GRIP, PlaceParams())
 
 
 @pytest.fixture(scope="module")
 def planner() -> PlacePlanner:
-    return make_planner(tp.ObjectModel.from_mesh(model_path("objects", "pencil.obj"), mass=0.0055))
+    return make_planner(pencil())
 
 
 def moved(held: HeldAxis, X: RigidTransform) -> HeldAxis:
-    return HeldAxis(X.multiply(held.p_PQ), X.rotation().multiply(held.direction), held.sigma)
+    return dataclasses.replace(held, p_PQ=X.multiply(held.p_PQ), direction=X.rotation().multiply(held.direction))
 
 
 def palm_in_world(q: np.ndarray, q_hand: np.ndarray) -> RigidTransform:
@@ -70,13 +75,12 @@ def test_the_met_rod_lies_in_the_hand_as_the_grip_wants_it(planner: PlacePlanner
 
 def test_misplacement_is_that_of_the_lower_end_across_the_rod(planner: PlacePlanner) -> None:
     assert planner.misplacement(GRIP) == 0.0
-    along = HeldAxis(GRIP.point(0.02), GRIP.direction, 0.0)
+    along = dataclasses.replace(GRIP, p_PQ=GRIP.point(0.02))
     assert planner.misplacement(along) == pytest.approx(0.0, abs=1e-12)
-    aside = HeldAxis(GRIP.p_PQ + np.array([0.0, 0.003, 0.004]), GRIP.direction, 0.0)
+    aside = dataclasses.replace(GRIP, p_PQ=GRIP.p_PQ + np.array([0.0, 0.003, 0.004]))
     assert planner.misplacement(aside) == pytest.approx(0.005)
-    turned = moved(HeldAxis(np.zeros(3), GRIP.direction, 0.0), RigidTransform(RollPitchYaw(0.0, 0.0, 0.1), [0, 0, 0]))
-    turned = HeldAxis(GRIP.p_PQ, turned.direction, 0.0)
-    assert planner.misplacement(turned) == pytest.approx(planner.longest_end * np.sin(0.1), rel=1e-6)
+    turned = dataclasses.replace(moved(GRIP, RigidTransform(RollPitchYaw(0.0, 0.0, 0.1), [0, 0, 0])), p_PQ=GRIP.p_PQ)
+    assert planner.misplacement(turned) == pytest.approx(GRIP.end * np.sin(0.1), rel=1e-6)
 
 
 def test_the_rod_ends_upright_in_the_hole(planner: PlacePlanner) -> None:
@@ -99,3 +103,41 @@ def test_what_has_no_axis_is_no_rod() -> None:
     box = tp.ObjectModel.from_mesh(model_path("objects", "bust.obj"))
     with pytest.raises(InvalidInputError, match="axis of symmetry"):
         make_planner(box)
+
+
+def test_the_rod_leans_on_the_table_and_the_hand_stays_off_it(planner: PlacePlanner) -> None:
+    """Before the first touch its end may be anywhere, then the table is to tell which end it is."""
+    model, q_hand = pencil(), np.zeros(planner.num_hand_positions)
+    seen = []
+    for sigma_end in (0.05, 0.001):
+        held = dataclasses.replace(GRIP, sigma=0.001, sigma_end=sigma_end)
+        touched = planner.touch_table(Q, q_hand, held, either_end_up(model, sigma_end))
+        assert touched is not None
+        move, lower, above = touched
+        np.testing.assert_allclose(move.value(0.0)[:, 0], Q, atol=1e-9)
+        np.testing.assert_allclose(move.value(move.end_time()), lower.value(0.0), atol=1e-9)
+        first, last = (palm_in_world(lower.value(time)[:, 0], q_hand) for time in (0.0, lower.end_time()))
+        # Straight down, with one lean; it may turn about the way down.
+        np.testing.assert_allclose(first.rotation().matrix()[2], last.rotation().matrix()[2], atol=2e-3)
+        np.testing.assert_allclose(first.multiply(held.p_PQ)[:2], last.multiply(held.p_PQ)[:2], atol=1e-3)
+        # Not in a hurry: the slower the arm, the nearer the rod is to where it first touches.
+        speed = (first.translation()[2] - last.translation()[2]) / lower.end_time()
+        assert 0.0 < speed < PlaceParams().touch_speed
+        farthest = min(held.end + 3.0 * sigma_end, 0.175)
+        assert first.multiply(held.point(farthest))[2] > PlaceParams().table_clearance
+        assert palm_in_world(above, q_hand).translation()[2] > first.translation()[2] + 0.1
+        seen.append(np.degrees(np.arccos(-first.rotation().multiply(held.direction)[2])))
+    assert seen[1] > 30.0
+
+
+def pencil() -> tp.ObjectModel:
+    return tp.ObjectModel.from_mesh(model_path("objects", "pencil.obj"), mass=0.0055)
+
+
+def either_end_up(model: tp.ObjectModel, sigma: float) -> PoseEstimate:
+    """A pencil that is held by its middle where the grip wants it."""
+    down = RigidTransform(RollPitchYaw(0.0, -0.5 * np.pi, 0.0), GRIP.point(-0.0875))
+    up = RigidTransform(RollPitchYaw(0.0, 0.5 * np.pi, 0.0), GRIP.point(0.0875))
+    covariance = np.diag(np.repeat([(10.0 * sigma) ** 2, sigma**2], 3)) * 1e-2
+    either = (PoseHypothesis(X_PO, 0.0, 0.5, covariance, np.zeros((0, 6))) for X_PO in (down, up))
+    return PoseEstimate(tuple(either), "ambiguous", 0.0)

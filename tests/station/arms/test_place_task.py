@@ -3,31 +3,53 @@
 import numpy as np
 import pytest
 from pydrake.common.value import AbstractValue
-from pydrake.math import RigidTransform
+from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context
 from pydrake.trajectories import PiecewisePolynomial
 
 from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.evidence.plane_contact import PlaneContact
 from tactopose_drake.core.grasping.held_axis import HeldAxis
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.results import PoseEstimate, PoseHypothesis
-from tactopose_drake.station.arms.place_task import PlaceTask, PlaceTaskParams
+from tactopose_drake.station.arms.place_state import PlaceTaskParams
+from tactopose_drake.station.arms.place_task import PlaceTask
 
 Q = np.zeros(2)
-PARAMS = PlaceTaskParams(settle_time=0.1, patience=0.3, open_time=0.2, tries=2)
+PARAMS = PlaceTaskParams(settle_time=0.1, patience=0.3, open_time=0.2, tries=2, pause=0.04, touches=2)
+FINGERS = ("first", "second")
+X_WP = RigidTransform(RollPitchYaw(0.3, -0.2, 0.5), [0.1, 0.2, 0.4])
 
 
 class Planner:
-    """Goes to 1, on to 2, back to 1; half a second each."""
+    """Goes to 1, on to 2, back to 1, and to the table by 5 and 6; half a second each."""
 
     num_hand_positions = 3
+    p_WTable = np.array([0.5, 0.0, 0.2])
 
-    def __init__(self, sigma: float = 0.001, reachable: bool = True, meets: bool = True) -> None:
-        self.sigma, self.reachable, self.meets = sigma, reachable, meets
+    def __init__(
+        self, sigma: float = 0.001, reachable: bool = True, meets: bool = True, table_reachable: bool = True
+    ) -> None:
+        self.sigma, self.reachable, self.meets, self.table_reachable = sigma, reachable, meets, table_reachable
+
+    def fingertips(self, q_hand: np.ndarray) -> dict[str, RigidTransform]:
+        """All of them as the first joint slides them."""
+        return dict.fromkeys(FINGERS, RigidTransform([q_hand[0], 0.0, 0.0]))
+
+    def touch_table(
+        self, q: np.ndarray, q_hand: np.ndarray, held: HeldAxis, estimate: PoseEstimate
+    ) -> tuple[PiecewisePolynomial, PiecewisePolynomial, np.ndarray] | None:
+        above = q + 5.0
+        return (way(q, above), way(above, above + 1.0), above) if self.table_reachable else None
+
+    def lift(self, q: np.ndarray, above: np.ndarray) -> PiecewisePolynomial:
+        return way(q, above)
 
     def held_axis(self, estimate: PoseEstimate, contacts: Contacts) -> HeldAxis:
-        return HeldAxis(estimate.best.X_PO.translation(), np.array([0.0, 0.0, 1.0]), self.sigma)
+        best, up = estimate.best, float(np.sum([h.probability for h in estimate.hypotheses if h.cost == 0.0]))
+        sigma_end = float(np.sqrt(best.covariance[5, 5]))
+        return HeldAxis(best.X_PO.translation(), np.array([0.0, 0.0, 1.0]), 0.1, self.sigma, sigma_end, up)
 
     def end_distance(self, held: HeldAxis, before: HeldAxis) -> float:
         return float(np.linalg.norm(held.p_PQ - before.p_PQ))
@@ -40,13 +62,20 @@ class Planner:
         return PiecewisePolynomial.FirstOrderHold([0.0, 0.3], way.T) if self.meets else None
 
     def plan(self, q: np.ndarray, q_hand: np.ndarray, held: HeldAxis) -> tuple[PiecewisePolynomial, ...] | None:
-        ways = [np.array([q, q + 1.0]), np.array([q + 1.0, q + 2.0]), np.array([q + 2.0, q + 1.0])]
-        return tuple(PiecewisePolynomial.FirstOrderHold([0.0, 0.5], way.T) for way in ways) if self.reachable else None
+        return (way(q, q + 1.0), way(q + 1.0, q + 2.0), way(q + 2.0, q + 1.0)) if self.reachable else None
 
 
-def estimate(p_PO: float = 0.0, misplaced: float = 0.0) -> PoseEstimate:
-    hypothesis = PoseHypothesis(RigidTransform([p_PO, misplaced, 0.0]), 0.0, 1.0, np.eye(6), np.zeros((0, 6)))
-    return PoseEstimate((hypothesis,), "ok", 0.0)
+def way(q: np.ndarray, q_end: np.ndarray) -> PiecewisePolynomial:
+    return PiecewisePolynomial.FirstOrderHold([0.0, 0.5], np.array([q, q_end]).T)
+
+
+def estimate(p_PO: float = 0.0, misplaced: float = 0.0, sigma_end: float = 0.001, up: float = 1.0) -> PoseEstimate:
+    """Two hypotheses, of either end up."""
+    X_PO, covariance = RigidTransform([p_PO, misplaced, 0.0]), np.diag([1.0, 1.0, 1.0, 1.0, 1.0, sigma_end**2])
+    either = [
+        PoseHypothesis(X_PO, cost, share, covariance, np.zeros((0, 6))) for cost, share in ((0.0, up), (1.0, 1.0 - up))
+    ]
+    return PoseEstimate(tuple(either), "ok", 0.0)
 
 
 class Bench:
@@ -58,6 +87,7 @@ class Bench:
         self.context: Context = self.simulator.get_mutable_context()
         self.set(holding=[0.0], joint_positions=np.zeros(3))
         self.set_object(grasp_status="closing", contacts=touch(2), hypotheses=None)
+        self.set_object(fingers_in_contact=FINGERS, palm_pose=X_WP)
 
     def set(self, **values: object) -> None:
         for name, value in values.items():
@@ -73,7 +103,12 @@ class Bench:
 
     def hold(self, **values: object) -> None:
         self.set(holding=[1.0])
-        self.set_object(grasp_status="holding", hypotheses=estimate(), **values)
+        self.set_object(**{"grasp_status": "holding", "hypotheses": estimate()} | values)
+
+    @property
+    def planes(self) -> tuple[PlaneContact, ...]:
+        planes: tuple[PlaneContact, ...] = self.task.GetOutputPort("planes").Eval(self.context)
+        return planes
 
     @property
     def arm(self) -> np.ndarray:
@@ -84,8 +119,11 @@ class Bench:
         return bool(self.task.GetOutputPort("open").Eval(self.context)[0])
 
 
-def touch(count: int) -> Contacts:
-    return Contacts(np.zeros((count, 3))) if count else Contacts.empty()
+def touch(count: int, pressed: float = -0.05) -> Contacts:
+    """Contacts whose forces on the hand are its weight at the rod, or more, along the world's z axis."""
+    p_PC = np.linspace([0.0, 0.0, -0.03], [0.0, 0.01, 0.03], count)
+    f_PC = X_WP.rotation().inverse().multiply(np.array([0.0, 0.0, pressed / count])) if count else np.zeros(3)
+    return Contacts(p_PC, f_PC=np.tile(f_PC, (count, 1))) if count else Contacts.empty()
 
 
 def test_the_whole_way() -> None:
@@ -189,7 +227,7 @@ def test_nothing_felt_while_handed_over_is_no_grip() -> None:
 @pytest.mark.parametrize(
     ("planner", "contacts", "reason"),
     [
-        (Planner(sigma=0.02), 2, "ambiguous: the rod's end is known to 20.0 mm only"),
+        (Planner(sigma=0.02), 2, "ambiguous: the rod's end is known to 20.0 mm across and 1.0 mm along it only"),
         (Planner(), 1, "nothing is felt in the hand"),
         (Planner(reachable=False), 2, "the arm cannot reach the hole"),
     ],
@@ -235,3 +273,71 @@ def test_what_the_noise_of_the_estimates_explains_is_no_motion() -> None:
 def test_a_bad_parameter_is_named() -> None:
     with pytest.raises(InvalidInputError, match=r"PlaceTaskParams\.patience: is -1"):
         PlaceTaskParams(patience=-1.0).validate()
+
+
+def test_the_table_is_touched_until_slide_and_end_are_known() -> None:
+    bench = Bench(Planner())
+    bench.hold(hypotheses=estimate(sigma_end=0.03, up=0.5))
+    assert bench.run(0.15) == "feel"
+    assert bench.run(0.15) == "approach"
+    assert bench.run(0.42) == "approach"  # over the table, until nothing shakes any more
+    assert bench.arm[0] == pytest.approx(5.0)
+    assert bench.run(0.06) == "lower"
+    assert bench.planes == ()
+    bench.set_object(contacts=touch(2, pressed=0.04))  # less than what counts as the table, above the weight
+    assert bench.run(0.1) == "lower"
+    assert 5.0 < bench.arm[0] < 5.6
+    bench.set_object(contacts=touch(2, pressed=0.06))
+    assert bench.run(0.04) == "lift"
+    (plane,) = bench.planes
+    np.testing.assert_allclose(X_WP.rotation().multiply(plane.n_P), [0.0, 0.0, 1.0], atol=1e-12)
+    assert X_WP.multiply(plane.p_PQ)[2] == pytest.approx(0.2)
+    # What the fingers hold goes with them, and so does the table that it touched.
+    bench.set(joint_positions=[0.001, 0.0, 0.0])
+    (moved,) = bench.planes
+    np.testing.assert_allclose(moved.n_P, plane.n_P, atol=1e-3)
+    middle, shift = touch(2).p_PC.mean(axis=0), np.array([0.001, 0.0, 0.0])
+    height = (middle - plane.p_PQ) @ plane.n_P
+    assert (middle + shift - moved.p_PQ) @ moved.n_P == pytest.approx(height, abs=2e-5)
+    assert abs((middle + shift - plane.p_PQ) @ plane.n_P - height) > 1e-4
+
+    bench.set_object(contacts=touch(2), hypotheses=estimate(up=0.9))
+    assert bench.run(0.5) == "feel"
+    assert bench.arm[0] == pytest.approx(5.0)
+    assert bench.run(0.15) == "approach"  # the slide is known, the end is not yet
+    assert bench.run(0.6) == "lower"
+    bench.set_object(contacts=touch(2, pressed=0.5))
+    assert bench.run(0.04) == "lift"
+    assert len(bench.planes) == 2
+    bench.set_object(contacts=touch(2), hypotheses=estimate(up=0.9))
+    bench.run(0.5)
+    assert bench.run(0.15) == "move"  # of two touches no third is made
+    bench.run(1.0)
+    assert bench.run(0.1) == "release"
+    assert bench.planes == ()
+
+
+@pytest.mark.parametrize(
+    ("planner", "waits", "reason"),
+    [
+        (Planner(table_reachable=False), 0.3, "the arm cannot reach the table"),
+        (Planner(), 1.5, "the rod does not reach the table"),
+    ],
+)
+def test_it_says_why_it_does_not_touch_the_table(planner: Planner, waits: float, reason: str) -> None:
+    bench = Bench(planner)
+    bench.hold(hypotheses=estimate(sigma_end=0.03, up=0.5))
+    assert bench.run(waits) == f"failed: {reason}"
+
+
+def test_without_its_slide_the_rod_is_not_taken_to_the_hole() -> None:
+    bench = Bench(Planner())
+    bench.hold(hypotheses=estimate(sigma_end=0.03))
+    for _ in range(2):
+        bench.set_object(contacts=touch(2))
+        while bench.run(0.02) != "lower":
+            pass
+        bench.set_object(contacts=touch(2, pressed=0.5))
+        assert bench.run(0.04) == "lift"
+    reason = "ambiguous: the rod's end is known to 1.0 mm across and 30.0 mm along it only"
+    assert bench.run(1.2) == f"failed: {reason}"

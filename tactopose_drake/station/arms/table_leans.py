@@ -1,0 +1,88 @@
+"""How a held rod may lean on a table, and which lean tells most about it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactopose_drake.core.evidence.plane_contact import PlaneContact
+from tactopose_drake.core.grasping.held_axis import HeldAxis
+from tactopose_drake.core.objectives.plane_support import PlaneSupport
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.estimation.results import PoseEstimate
+from tactopose_drake.station.arms.carried_hand import PlacedHand
+
+# Leans that are looked at: sides about the rod, and angles, the least and the step of the others, rad.
+_SIDES, _LEAST, _STEP = 12, np.radians(15.0), np.radians(7.5)
+# Standard deviation of a touch by which leans are compared, m.
+_SIGMA = 0.0005
+
+
+@dataclass(frozen=True, eq=False)
+class Lean:
+    """A table under a rod.
+
+    Attributes:
+        n_P: its normal, towards the rod, shape (3,).
+        least_end: how far from the grip the rod has to end for it to touch the table before the hand comes near it, m.
+    """
+
+    n_P: FloatArray
+    least_end: float
+
+
+def lean_ways(held: HeldAxis, hand: PlacedHand, clearance: float, most: float) -> list[Lean]:
+    """Ways for a rod to lean, by up to so much, rad, with how long it must be for the hand to clear the table."""
+    side = np.cross(held.direction, np.eye(3)[np.argmin(np.abs(held.direction))])
+    side /= np.linalg.norm(side)
+    other = np.cross(held.direction, side)
+    angles, leans = np.arange(_LEAST, most + 1e-9, _STEP), []
+    for turn in np.linspace(0.0, 2.0 * np.pi, _SIDES, endpoint=False):
+        for angle in angles:
+            across = np.cos(turn) * side + np.sin(turn) * other
+            n_P = -np.cos(angle) * held.direction - np.sin(angle) * across
+            depth = float((hand.radius - (hand.p_PH - held.p_PQ) @ n_P).max()) + clearance
+            leans.append(Lean(n_P, depth / float(np.cos(angle))))
+    return leans
+
+
+def choose_lean(model: ObjectModel, estimate: PoseEstimate, leans: Sequence[Lean], least_end: float) -> list[Lean]:
+    """The leans that a rod which ends so far from the grip allows, those that tell most about it first.
+
+    A rod may be held either end up. Where one of the ends is on the table its lowest point is elsewhere than where the
+    other one would have it: by how many standard deviations, is what a lean is judged by. Where none of the leans is
+    sure to be allowed, as before the first touch, the one for the shortest rods comes first.
+
+    Args:
+        model: the rod.
+        estimate: the hypotheses about it.
+        leans: to choose among.
+        least_end: the least distance of the rod's end from the grip, m.
+    """
+    allowed = [lean for lean in leans if lean.least_end <= least_end]
+    if not allowed:
+        return sorted(leans, key=lambda lean: lean.least_end)
+    telling = -ends_apart(model, estimate, np.array([lean.n_P for lean in allowed]))
+    return [allowed[i] for i in np.argsort(telling, kind="stable")]
+
+
+def ends_apart(model: ObjectModel, estimate: PoseEstimate, n_P: FloatArray) -> FloatArray:
+    """How far apart hypotheses of either end have a rod's lowest points over planes (n, 3), in standard deviations."""
+    support = PlaneSupport(model, [PlaneContact(np.zeros(3), normal, 1.0) for normal in n_P])
+    X_PO = np.array([hypothesis.X_PO.GetAsMatrix34() for hypothesis in estimate.hypotheses])
+    weight = np.array([hypothesis.probability for hypothesis in estimate.hypotheses])
+    height, jacobian = support.residuals_and_jacobian(X_PO)
+    covariance = np.array([hypothesis.covariance for hypothesis in estimate.hypotheses])
+    variance = np.einsum("bki,bij,bkj->bk", jacobian, covariance, jacobian)
+    axes = X_PO[:, :, :3] @ model.symmetries[0].axis
+    way = axes @ axes[0] > 0.0
+    means, total = [], np.full(len(n_P), 2.0 * _SIGMA**2)
+    for group in (way, ~way):
+        if weight[group].sum() <= 0.0:
+            return np.zeros(len(n_P))
+        share = weight[group] / weight[group].sum()
+        means.append(share @ height[group])
+        total += share @ (variance[group] + (height[group] - means[-1]) ** 2)
+    apart: FloatArray = np.abs(means[0] - means[1]) / np.sqrt(total)
+    return apart
