@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from tactopose_drake.errors import InvalidFileError
-from tests.fuzz import file_damage, files
+from tests.fuzz import file_damage, files, recordings
 
 
-@pytest.mark.parametrize("kind", [files.yaml_files, files.recordings])
+@pytest.mark.parametrize("kind", [files.yaml_files, recordings.recordings])
 @pytest.mark.parametrize("seed", range(5))
 def test_damaged_files_are_read_or_refused(kind: Callable[[np.random.Generator], None], seed: int) -> None:
     for call in range(20):
@@ -23,7 +23,7 @@ def test_damaged_files_are_read_or_refused(kind: Callable[[np.random.Generator],
 def test_what_is_not_damaged_is_read() -> None:
     for name, text, load in files._schemas():
         if name != "own.hand.yaml" or "package://tactopose_drake" in text:
-            with files._own_folder() as folder:
+            with files.own_folder() as folder:
                 (folder / name).write_text(text)
                 load(folder / name)
 
@@ -43,7 +43,7 @@ def _write_elsewhere(path: Path) -> None:
 @pytest.mark.parametrize("read", [_write_elsewhere, lambda path: os.system("true"), lambda path: path.parent.mkdir()])
 def test_a_file_that_does_something_is_a_finding(tmp_path: Path, read: Callable[[Path], object]) -> None:
     def call() -> None:
-        with files._own_folder():
+        with files.own_folder():
             read(tmp_path / "elsewhere" / "file" if "lambda" in str(read) else tmp_path / "file")
 
     with pytest.raises(AssertionError, match="a file made the reader do this"):
@@ -56,12 +56,12 @@ def test_a_refusal_that_is_no_line_is_a_finding(message: str) -> None:
         raise InvalidFileError(message)
 
     with pytest.raises(AssertionError, match="a refusal"):
-        files._read(refuse)
+        files.read(refuse)
 
 
 def test_a_traceback_is_a_finding() -> None:
     with pytest.raises(ZeroDivisionError):
-        files._read(functools.partial(divmod, 1, 0))
+        files.read(functools.partial(divmod, 1, 0))
 
 
 def test_references_to_references_take_no_time(tmp_path: Path) -> None:
