@@ -52,7 +52,7 @@ def load_typed_yaml(schema: type[Schema], path: Path) -> Schema:
 
 @functools.lru_cache(maxsize=64)
 def _load(schema: Any, text: str) -> Any:
-    """What a text says. It is kept: a command reads the same hand many times, and Drake's loader takes 50 ms for it."""
+    """What a text says. It is kept: a command reads the same files many times, and Drake's loader is slow."""
     root = parse_yaml(text)
     if root is None:
         raise InvalidFileError("is empty.")
