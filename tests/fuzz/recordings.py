@@ -106,7 +106,8 @@ def _play_logs(folder: Path, scenario: Scenario, devices: CanDevices | None, sig
     if devices is not None:
         with devices:
             for bus in devices.buses.values():
-                bus.run_until(bus.clock.time() + 1.0)
+                with contextlib.suppress(EndOfLogError):
+                    bus.run_until(bus.clock.time() + 1.0)
     raise _LogsPlayedError
 
 

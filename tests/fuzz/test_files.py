@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactopose_drake.errors import InvalidFileError
+from tactopose_drake.errors import InvalidFileError, InvalidInputError
 from tests.fuzz import file_damage, files, recordings
 
 
@@ -26,6 +26,18 @@ def test_what_is_not_damaged_is_read() -> None:
             with files.own_folder() as folder:
                 (folder / name).write_text(text)
                 load(folder / name)
+
+
+@pytest.mark.parametrize("has_boards", [False, True])
+def test_a_recording_that_is_not_damaged_is_played(has_boards: bool) -> None:
+    base = recordings._recordings()[has_boards]
+    with files.own_folder() as folder:
+        for name, content in base.items():
+            (folder / name).write_bytes(content)
+        recordings._play(folder, recordings._scenario(has_boards), is_whole=False)
+        (folder / "manifest.yaml").write_text("format: 1")
+        with pytest.raises(InvalidInputError):
+            recordings._play(folder, recordings._scenario(has_boards), is_whole=False)
 
 
 def test_a_damage_changes_the_text() -> None:
