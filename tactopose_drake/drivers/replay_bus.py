@@ -42,12 +42,11 @@ def open_log(path: Path, channel: int = 0, *, paced: bool = False) -> DeviceBus:
     except EndOfLogError as error:
         raise InvalidFileError(f"{path}: holds no frame.") from error
     clock = PacedClock(first.timestamp) if paced else VirtualClock(first.timestamp)
-    bus = ReplayBus(itertools.chain([first], frames), channel, clock)
 
     def begin() -> ReplayBus:
         if isinstance(clock, PacedClock):
             clock.set(first.timestamp - _LEAD)
-        return bus
+        return ReplayBus(itertools.chain([first], frames), channel, clock)
 
     return DeviceBus(begin, clock=clock, threaded=paced, follows_log=True)
 

@@ -14,7 +14,7 @@ from tactopose_drake.resources.yaml_files import plain_data, read_yaml, shown
 
 def read_data(path: Path) -> Any:
     """What a YAML file holds, as plain data."""
-    _, root = read_yaml(path)
+    root = read_yaml(path)
     try:
         return plain_data(root)
     except InvalidFileError as error:

@@ -94,7 +94,7 @@ def _read_folder(folder: Path) -> tuple[list[LibraryEntry], list[SkippedObject]]
 
 
 def _read_manifest(path: Path) -> tuple[list[LibraryEntry], list[SkippedObject]]:
-    _, root = read_yaml(path)
+    root = read_yaml(path)
     if not isinstance(root, yaml.MappingNode):
         raise InvalidFileError(f"{path}: allowed is a mapping of names to objects.")
     entries = []

@@ -2,10 +2,13 @@
 
 import contextlib
 import os
+import shutil
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from tactopose_drake.errors import InvalidFileError
+
+_LEAST_FREE = 5_000_000  # bytes; a page with a scene has 3 MB
 
 
 def check_outputs(outputs: Iterable[Path | None], inputs: Iterable[Path | None] = ()) -> None:
@@ -17,7 +20,7 @@ def check_outputs(outputs: Iterable[Path | None], inputs: Iterable[Path | None] 
 
     Raises:
         InvalidFileError: if a folder does not exist, an output is a folder, an input, or another output, or nothing can
-            be written there.
+            be written there, for want of room too.
     """
     written: list[Path] = []
     read = [_place(path) for path in inputs if path is not None]
@@ -37,6 +40,11 @@ def check_outputs(outputs: Iterable[Path | None], inputs: Iterable[Path | None] 
             if beside != place:
                 beside.touch()
                 beside.unlink()
+                free = shutil.disk_usage(beside.parent).free
+                if free < _LEAST_FREE:
+                    raise InvalidFileError(
+                        f"{path}: its disk has {free / 1e6:.1f} MB left; allowed are {_LEAST_FREE / 1e6:g} and more."
+                    )
 
 
 @contextlib.contextmanager

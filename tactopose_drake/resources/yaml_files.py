@@ -33,11 +33,24 @@ NOT_FINITE = re.compile(r"[-+]?\.?(inf|Inf|INF|nan|NaN|NAN)")
 _SHOWN = 60  # characters of a value in a message
 
 
-def read_yaml(path: Path, max_bytes: int = MAX_BYTES) -> tuple[str, yaml.Node | None]:
-    """The text of a file and its tree, with merged keys (`<<`) in their places; None for an empty file.
+def read_yaml(path: Path, max_bytes: int = MAX_BYTES) -> yaml.Node | None:
+    """The tree of a file, with merged keys (`<<`) in their places; None for an empty file.
 
     Raises:
         InvalidFileError: if the file cannot be read, is no YAML in UTF-8, or is beyond the limits.
+    """
+    text = read_text(path, max_bytes)
+    try:
+        return parse_yaml(text)
+    except InvalidFileError as error:
+        raise InvalidFileError(f"{path}: {error}") from None
+
+
+def read_text(path: Path, max_bytes: int) -> str:
+    """The text of a file.
+
+    Raises:
+        InvalidFileError: if the file cannot be read, is no text in UTF-8, or is longer.
     """
     try:
         with path.open("rb") as file:
@@ -49,18 +62,24 @@ def read_yaml(path: Path, max_bytes: int = MAX_BYTES) -> tuple[str, yaml.Node | 
     if len(content) > max_bytes:
         raise InvalidFileError(f"{path}: is longer than {max_bytes} bytes, which is the most that is allowed.")
     try:
-        text = content.decode("utf-8-sig")
+        return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InvalidFileError(f"{path}: cannot be read (it is not text in UTF-8, at byte {error.start}).") from None
+
+
+def parse_yaml(text: str) -> yaml.Node | None:
+    """The tree of a text; None for an empty one.
+
+    Raises:
+        InvalidFileError: if it is no YAML, or is beyond the limits.
+    """
     try:
-        return text, _Composer(text).document()
-    except InvalidFileError as error:
-        raise InvalidFileError(f"{path}: {error}") from None
+        return _Composer(text).document()
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         where = f" at line {mark.line + 1}, column {mark.column + 1}" if mark else ""
         reason = " ".join(str(getattr(error, "problem", None) or error).split())
-        raise InvalidFileError(f"{path}: is not YAML{where} ({reason}).") from None
+        raise InvalidFileError(f"is not YAML{where} ({reason}).") from None
 
 
 class _Composer:

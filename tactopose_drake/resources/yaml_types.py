@@ -1,6 +1,8 @@
 """Reading YAML into dataclasses; what does not fit the type is told with its line and what is allowed."""
 
+import copy
 import dataclasses
+import functools
 import types
 import typing
 from pathlib import Path
@@ -17,7 +19,8 @@ from tactopose_drake.resources.yaml_files import (
     bare,
     check_key,
     number_of,
-    read_yaml,
+    parse_yaml,
+    read_text,
     shown,
     where,
 )
@@ -36,18 +39,25 @@ def load_typed_yaml(schema: type[Schema], path: Path) -> Schema:
         InvalidFileError: if the file cannot be read or does not fit the schema; the message is one line that names the
             file, the line and what is allowed.
     """
-    text, root = read_yaml(path, _MAX_BYTES)
-    if root is None:
-        raise InvalidFileError(f"{path}: is empty.")
+    text = read_text(path, _MAX_BYTES)
     try:
-        check_type(schema, root)
-        data: Schema = yaml_load_typed(schema=schema, data=text)
+        data: Schema = copy.deepcopy(_load(typing.cast(Any, schema), text))
     except InvalidFileError as error:
         raise InvalidFileError(f"{path}: {error}") from None
     except Exception as error:  # the loader raises AttributeError, AssertionError, RuntimeError ... on bad content
         reason = " ".join(str(error).split()) or type(error).__name__
         raise InvalidFileError(f"{path}: {shown(reason)}") from error
     return data
+
+
+@functools.lru_cache(maxsize=64)
+def _load(schema: Any, text: str) -> Any:
+    """What a text says. It is kept: a command reads the same files many times, and Drake's loader is slow."""
+    root = parse_yaml(text)
+    if root is None:
+        raise InvalidFileError("is empty.")
+    check_type(schema, root)
+    return yaml_load_typed(schema=schema, data=text)
 
 
 def check_type(kind: Any, node: yaml.Node, place: str = "") -> None:

@@ -15,7 +15,7 @@ from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.named_joints import NamedJoints
 from tactopose_drake.runs.manifest import ESTIMATES, SIGNALS, Manifest, load_manifest
-from tactopose_drake.runs.scenario_replay import as_recorded, have_ended, logged_devices, start_devices
+from tactopose_drake.runs.scenario_replay import as_recorded, have_ended, logged_devices
 from tactopose_drake.runs.simulation import sense_ports
 from tactopose_drake.runs.stepping import advance
 from tactopose_drake.station.hardware import make_hardware_station
@@ -79,7 +79,7 @@ def _play(folder: Path, manifest: Manifest, signals: dict[str, Signal]) -> tuple
             known.pop("joint_positions", None)
         station = make_hardware_station(scenario, devices, known, model=manifest.scenario.object_model())
         simulator = Simulator(station.diagram)
-        start_devices(parts.enter_context(devices), manifest.start, folder)
+        parts.enter_context(devices).start(manifest.start)
         ports = [port for port in sense_ports(station.diagram) if port.get_name() not in known]
         buses = list(devices.buses.values())
         at_end = functools.partial(have_ended, buses)

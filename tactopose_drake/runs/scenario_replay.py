@@ -80,14 +80,14 @@ def replay(
     last = max((signal.times[-1] for signal in signals.values()), default=0.0)  # What is beyond is not known.
     signals.pop(TRUE_POSE, None)
     _check_signals(signals, scenario, cut or f"{folder / SIGNALS}: is whole.")
+    devices = logged_devices(folder, manifest)
     tell("reading the object")
     with contextlib.ExitStack() as parts:
-        devices = logged_devices(folder, manifest)
         if devices is not None and devices.hand is not None:  # They are in the log.
             signals.pop("joint_positions", None)
         simulator = Simulator(_make_station(folder, scenario, devices, signals).diagram)
         if devices is not None:
-            start_devices(parts.enter_context(devices), manifest.start, folder)
+            parts.enter_context(devices).start(manifest.start)
         if paced:
             simulator.set_target_realtime_rate(1.0)
         simulator.Initialize()
@@ -146,12 +146,22 @@ def as_recorded(scenario: Scenario, manifest: Manifest) -> Scenario:
 
 
 def logged_devices(folder: Path, manifest: Manifest) -> CanDevices | None:
-    """The devices of a recording on buses that play their logs; None where it has none."""
+    """The devices of a recording on buses that play their logs; None where it has none.
+
+    Raises:
+        InvalidFileError: if a log cannot be read, or the run began long before the first frame: all would wait for it.
+    """
     senses = manifest.scenario.senses
     if not isinstance(senses, CanSenses):
         return None
     devices = CanDevices(senses, logged_buses({name: folder / file for name, file in manifest.buses.items()}))
     devices.set_biases(manifest.biases)
+    first = min(bus.clock.time() for bus in devices.buses.values())
+    if manifest.start < first - _LONGEST_SILENCE:
+        raise InvalidFileError(
+            f"{folder / MANIFEST}: start: is {first - manifest.start:.0f} s before the logs' first frame; "
+            f"allowed are {_LONGEST_SILENCE:g} s at most."
+        )
     return devices
 
 
@@ -174,18 +184,3 @@ def _check_signals(signals: Mapping[str, Signal], scenario: Scenario, state: str
 
 
 _KINDS: dict[type, str] = {PosePrior: "prior", np.ndarray: "vector"}
-
-
-def start_devices(devices: CanDevices, start: float, folder: Path) -> None:
-    """Starts the devices at the time at which the run began.
-
-    Raises:
-        InvalidFileError: if that was long before the first frame: the replay would wait for it.
-    """
-    first = min(bus.clock.time() for bus in devices.buses.values())
-    if start < first - _LONGEST_SILENCE:
-        raise InvalidFileError(
-            f"{folder / MANIFEST}: start: is {first - start:.0f} s before the logs' first frame; "
-            f"allowed are {_LONGEST_SILENCE:g} s at most."
-        )
-    devices.start(start)

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from pydrake.geometry import Meshcat
@@ -61,6 +62,18 @@ def test_an_output_never_destroys_an_input(files: Path, capsys: pytest.CaptureFi
     assert (files / "contacts.yaml").read_text() == CONTACTS
     assert (files / "cube.obj").read_bytes() == model_path("objects", "cube.obj").read_bytes()
     assert sorted(os.listdir(files)) == ["circle", "contacts.yaml", "cube.obj", "link.yaml", "symlink.yaml"]
+
+
+def test_a_disk_without_room_for_a_result_is_told_before_the_work(
+    files: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("shutil.disk_usage", lambda folder: SimpleNamespace(free=60_000))
+    for option in ("--out", "--html"):
+        assert run("estimate", *inputs(files), option, files / "result") == 2
+        printed = capsys.readouterr()
+        assert printed.out == ""
+        assert "result: its disk has 0.1 MB left; allowed are 5 and more" in " ".join(printed.err.split())
+    assert not (files / "result").exists()
 
 
 def test_a_replay_writes_nothing_into_its_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

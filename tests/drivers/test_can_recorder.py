@@ -1,3 +1,4 @@
+import gc
 from pathlib import Path
 
 import can
@@ -224,3 +225,11 @@ def test_other_formats_are_refused(tmp_path: Path) -> None:
         open_log(tmp_path / "log.csv")
     with pytest.raises(InvalidFileError, match="nowhere"):
         CanRecorder(tmp_path / "nowhere" / "log.blf")
+
+
+def test_a_log_that_nobody_plays_leaves_no_bus_open(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    record(tmp_path / "log.blf", 0.1)
+    bus = open_log(tmp_path / "log.blf")
+    del bus
+    gc.collect()
+    assert not caplog.records, "python-can says that a bus was not shut down"

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+import trimesh
 
 import tactopose_drake as tp
 from tactopose_drake.core.poses import increments_between, make_poses, random_rotations, retract
@@ -46,6 +47,25 @@ def test_a_contact_far_off_is_named_and_leads_nobody_astray(blob: tp.ObjectModel
     assert right >= 18
     assert named >= 17
     assert astray > 20 - right
+
+
+@pytest.mark.parametrize("count", [5, 6])
+def test_a_normal_the_wrong_way_round_is_no_normal_of_the_object(count: int) -> None:
+    half = np.array([0.025, 0.035, 0.055])
+    box = tp.ObjectModel.from_mesh(trimesh.creation.box(2.0 * half), max_grid_bytes=200_000)
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        n_PC = rng.permutation(np.concatenate([np.eye(3), -np.eye(3)]))[:count]
+        p_PC = np.where(n_PC == 0.0, rng.uniform(-0.7, 0.7, n_PC.shape), n_PC) * half
+        p_PC += rng.normal(scale=5e-4, size=p_PC.shape)
+        turned = n_PC.copy()
+        turned[0] *= -1.0
+        false, true = (
+            tp.estimate_pose(box, tp.Contacts(p_PC, normals, sigma_position=5e-4)) for normals in (turned, n_PC)
+        )
+        assert true.best.inlier_probability.min() > 0.9
+        named = int(np.argmin(false.best.inlier_probability)) == 0 and false.best.inlier_probability[0] < 0.1
+        assert named or not false.best.explains_touch, f"{seed}: {false}, {false.best.inlier_probability}"
 
 
 def test_a_touch_as_told_is_taken_at_its_word(blob: tp.ObjectModel) -> None:

@@ -11,9 +11,10 @@ import sys
 from tests.fuzz.bits import bits
 from tests.fuzz.buses import bus_faults, can_frames
 from tests.fuzz.calls import hostile, plausible
-from tests.fuzz.files import recordings, yaml_files
+from tests.fuzz.files import yaml_files
 from tests.fuzz.meshes import caches, models, repairs
 from tests.fuzz.outputs import outputs
+from tests.fuzz.recordings import recordings
 from tests.fuzz.runner import Kind, Outcome, run
 
 KINDS: dict[str, Kind] = {

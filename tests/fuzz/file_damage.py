@@ -81,13 +81,11 @@ def _truncate(text: str, rng: np.random.Generator) -> str:
 
 def _replace_value(text: str, rng: np.random.Generator) -> str:
     """One word, number or name, wherever it stands, becomes an odd one."""
-    starts = [i for i in range(len(text)) if _is_word(text[i]) and (i == 0 or not _is_word(text[i - 1]))]
-    if not starts:
+    words = list(re.finditer(r"[\w.+-]+", text))
+    if not words:
         return text
-    start = end = starts[rng.integers(len(starts))]
-    while end < len(text) and _is_word(text[end]):
-        end += 1
-    return text[:start] + _odd(rng) + text[end:]
+    word = words[rng.integers(len(words))]
+    return text[: word.start()] + _odd(rng) + text[word.end() :]
 
 
 def _replace_number(text: str, rng: np.random.Generator) -> str:
@@ -131,10 +129,6 @@ _DAMAGES = (
     *(_swap_lines, _repeat_line, _drop_line, _truncate, _insert, _insert_letter, _laugh),
     *(_replace_value, _replace_value, _replace_number, _replace_number, _replace_rest_of_line, _replace_rest_of_line),
 )
-
-
-def _is_word(letter: str) -> bool:
-    return letter.isalnum() or letter in "._-+"
 
 
 def _odd(rng: np.random.Generator) -> str:

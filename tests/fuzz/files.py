@@ -1,4 +1,4 @@
-"""Damaged files: YAML of every schema, and the folders of recordings.
+"""Damaged YAML files of every schema.
 
 Each is read, or refused with one `TactoposeError` whose message is one line. Nothing else may happen: a write outside
 the call's own folder and a program that is started are findings.
@@ -12,32 +12,23 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-import can
 import numpy as np
 
-from tactopose_drake.drivers.can_recorder import CanRecorder
-from tactopose_drake.drivers.log_frames import log_frames
-from tactopose_drake.errors import EndOfLogError, TactoposeError
+from tactopose_drake.core.shape import model_cache
+from tactopose_drake.errors import TactoposeError
 from tactopose_drake.estimation.files import load_contacts, load_prior
 from tactopose_drake.estimation.library_files import read_library
-from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.hand.hand_config import load_hand_config
-from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
 from tactopose_drake.hand.touch_file import load_touch
 from tactopose_drake.hand.volume_file import load_hand_volume
 from tactopose_drake.resources import model_path, resource_root
-from tactopose_drake.runs.manifest import MANIFEST, SIGNALS, load_manifest, save_manifest
-from tactopose_drake.runs.scenario_replay import replay
 from tactopose_drake.station.arms.arm import load_arm_config
-from tactopose_drake.station.scenario import Scenario, load_scenario
-from tactopose_drake.station.senses import CanBus, CanSenses, ForceTorqueBoard
+from tactopose_drake.station.scenario import load_scenario
 from tactopose_drake.systems.force_torque_sensor import load_force_torque_model
-from tactopose_drake.systems.signals import SignalRecorder, read_signals
-from tests.fuzz.file_damage import damage, damage_bytes
+from tests.fuzz.file_damage import damage
 
 _LONGEST_MESSAGE = 4000
-_REPLAYED = 0.02  # share of the recordings that are played; the others are read
 
 CONTACTS = """contacts:
 - {position: [0.031, 0.002, 0.094], normal: [0.0, -1.0, 0.0], force: [0.0, -2.1, 0.3]}
@@ -118,45 +109,15 @@ def yaml_files(rng: np.random.Generator) -> None:
     """Reads a damaged YAML file, of contacts, a prior, a hand, a scenario, a pad, a sensor, an arm or a library."""
     schemas = _schemas()
     name, text, load = schemas[rng.integers(len(schemas))]
-    with _own_folder() as folder:
+    with own_folder() as folder:
         (folder / name).write_bytes(damage(text, rng))
-        _read(lambda: load(folder / name))
+        read(lambda: load(folder / name))
 
 
-def recordings(rng: np.random.Generator) -> None:
-    """Reads, and sometimes plays, a recording of which one or two files are damaged."""
-    base = _recordings()[rng.integers(2)]
-    names = sorted(base)
-    with _own_folder() as folder:
-        chosen = {names[i] for i in rng.integers(len(names), size=rng.integers(1, 3))}
-        for name, content in base.items():
-            if name in chosen:
-                content = damage_bytes(content, rng) if name.endswith(".blf") else damage(content.decode(), rng)
-            if name not in chosen or rng.random() > 0.05:
-                (folder / name).write_bytes(content)
-        if rng.random() < _REPLAYED:
-            scenario = Scenario(hand="barrett_like", object="mug") if "left.blf" not in base else _can_scenario()
-            _read(lambda: replay(folder, scenario, duration=0.2))
-            return
-        _read(lambda: (load_manifest(folder), read_signals(folder / SIGNALS)))
-        for name in names:
-            if name.endswith((".blf", ".asc")):
-                _read(lambda path=folder / name: _read_log(path))  # type: ignore[misc]
-
-
-def _read_log(path: Path) -> None:
-    try:
-        for count, _ in enumerate(log_frames(path)):
-            assert count < 10_000, "a log of a hundred frames does not end"
-    except EndOfLogError:
-        return
-    raise AssertionError("a log ended without saying so")
-
-
-def _read(read: Callable[[], object]) -> None:
+def read(reading: Callable[[], object]) -> None:
     """Reads, and looks at the refusal if there is one."""
     try:
-        read()
+        reading()
     except TactoposeError as error:
         message = str(error)
         assert message, "a refusal says nothing"
@@ -171,8 +132,8 @@ _TO_WRITE = os.O_WRONLY | os.O_RDWR | os.O_CREAT
 
 
 @contextmanager
-def _own_folder() -> Iterator[Path]:
-    """A folder for one call, outside of which nothing may be written; no program may be started meanwhile."""
+def own_folder() -> Iterator[Path]:
+    """A folder for one call; elsewhere nothing may be written but the package's cache, and no program be started."""
     global _folder
     _install_watch()
     with tempfile.TemporaryDirectory() as name:
@@ -200,61 +161,6 @@ def _watch(event: str, arguments: tuple[object, ...]) -> None:
 
 
 def _note(event: str, path: object) -> None:
-    if isinstance(path, str | bytes | os.PathLike) and not os.path.realpath(os.fsdecode(path)).startswith(_folder):
+    allowed = (_folder, os.path.realpath(model_cache.cache_folder()))
+    if isinstance(path, str | bytes | os.PathLike) and not os.path.realpath(os.fsdecode(path)).startswith(allowed):
         _strays.append(f"{event} {os.fsdecode(path)}")
-
-
-def _can_scenario() -> Scenario:
-    board = functools.partial(ForceTorqueBoard, bus="left")
-    senses = CanSenses(
-        buses={"left": CanBus(interface="virtual"), "right": CanBus(interface="virtual")},
-        fingers={"first": board(base=0x20), "middle": board(base=0x21), "thumb": ForceTorqueBoard(bus="right")},
-    )
-    return Scenario(object="cube", senses=senses)
-
-
-@functools.cache
-def _recordings() -> tuple[dict[str, bytes], dict[str, bytes]]:
-    """The files of two recordings: of the simulated hand with pads, and of force-torque boards on two buses."""
-    rng = np.random.default_rng(0)
-    with tempfile.TemporaryDirectory() as name:
-        pads = Path(name, "pads")
-        pads.mkdir()
-        simulated = Scenario(hand="barrett_like", object="mug")
-        save_manifest(pads, simulated, 0.0, {}, {})
-        config = load_hand_config("barrett_like")
-        with SignalRecorder(pads / SIGNALS) as recorder:
-            for time in (0.0, 0.05, 0.1, 0.15):
-                _record_common(recorder, "barrett_like", time, rng)
-                for pad in config.pads:
-                    pressures = rng.uniform(0.0, 1e4, size=len(load_tactile_pad(pad.array).layout))
-                    recorder.write(f"pressures_{pad.name}", time, pressures)
-        boards = Path(name, "boards")
-        boards.mkdir()
-        scenario = _can_scenario()
-        assert isinstance(scenario.senses, CanSenses)
-        logs = {"left": boards / "left.blf", "right": boards / "right.blf"}
-        save_manifest(boards, scenario, 1.7e9, logs, {finger: np.zeros(6) for finger in scenario.senses.fingers})
-        with SignalRecorder(boards / SIGNALS) as recorder:
-            _record_common(recorder, scenario.hand, 0.0, rng)
-        for log in (*logs.values(), boards / "same.asc"):
-            with CanRecorder(log) as writer:
-                for i in range(100):
-                    data = rng.bytes(int(rng.integers(9)))
-                    frame = can.Message(
-                        arbitration_id=0x200 + int(rng.integers(64)), is_extended_id=False, data=data,
-                        timestamp=1.7e9 + 0.004 * i, is_rx=bool(rng.integers(2)),
-                    )  # fmt: skip
-                    writer.write(frame, 0)
-        return _contents(pads), _contents(boards)
-
-
-def _record_common(recorder: SignalRecorder, hand: str, time: float, rng: np.random.Generator) -> None:
-    plant, _ = make_hand_plant(load_hand_config(hand))
-    recorder.write("joint_positions", time, rng.uniform(0.0, 1.0, size=plant.num_positions()))
-    recorder.write("prior", time, PosePrior(np.eye(3, 4)))
-
-
-def _contents(folder: Path) -> dict[str, bytes]:
-    assert (folder / MANIFEST).is_file()
-    return {path.name: path.read_bytes() for path in folder.iterdir()}

@@ -4,6 +4,7 @@
 loads a model whose file in the cache was damaged, and wants the same model as without.
 """
 
+import contextlib
 import functools
 import os
 import resource
@@ -19,7 +20,7 @@ import trimesh
 
 from tactopose_drake.core.mesh.loading import load_mesh
 from tactopose_drake.core.mesh.repair import MeshRepairWarning, RepairedMesh, repair_mesh
-from tactopose_drake.core.shape import model_cache
+from tactopose_drake.core.shape import model_building, model_cache
 from tactopose_drake.core.shape.model_cache import Arrays
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import TactoposeError
@@ -27,6 +28,7 @@ from tests.fuzz import mesh_files
 
 GRID_BYTES = 160_000
 SAMPLES = 100
+BUILT = 0.002  # share of the refused caches behind which the model is built anew; others get the arrays of the first
 MEMORY = 2**20  # kB that one call may add to what the process has needed so far
 
 
@@ -124,13 +126,15 @@ def check_model(model: ObjectModel) -> None:
 
 
 @functools.cache
-def _kept() -> tuple[Path, str, bytes, ObjectModel]:
-    """A cache folder that holds one model: the file's name and content, and the model."""
+def _kept() -> tuple[Path, str, bytes, Arrays, ObjectModel]:
+    """A cache folder that holds one model: the file's name, content and arrays, and the model."""
     folder = Path(tempfile.mkdtemp(prefix="fuzzed_cache"))
     with mock.patch.dict(os.environ, {model_cache.FOLDER_VARIABLE: str(folder)}):
         model = _model()
         (file,) = folder.iterdir()
-        return folder, file.name, file.read_bytes(), model
+        arrays = model_cache.load(file.stem)
+        assert arrays is not None
+        return folder, file.name, file.read_bytes(), _copied(arrays), model
 
 
 def _model() -> ObjectModel:
@@ -138,26 +142,33 @@ def _model() -> ObjectModel:
     return ObjectModel.from_mesh(mesh, samples=SAMPLES, max_grid_bytes=GRID_BYTES)
 
 
+def _copied(arrays: Arrays) -> Arrays:
+    return {key: np.array(array) for key, array in arrays.items()}
+
+
 def caches(rng: np.random.Generator) -> None:
     """Loads a model whose file in the cache was damaged, or changed and signed anew."""
-    folder, name, content, built = _kept()
-    with mock.patch.dict(os.environ, {model_cache.FOLDER_VARIABLE: str(folder)}):
+    folder, name, content, arrays, built = _kept()
+    is_built = rng.random() < BUILT
+    building = contextlib.nullcontext() if is_built else mock.patch.object(model_building, "build_arrays", _first_built)
+    with mock.patch.dict(os.environ, {model_cache.FOLDER_VARIABLE: str(folder)}), building:
         path = folder / name
+        path.unlink(missing_ok=True)
         if rng.random() < 0.5:
             path.write_bytes(damage_file(rng, content))
         else:
-            path.write_bytes(content)
-            arrays = model_cache.load(path.stem)
-            assert arrays is not None
-            arrays = {key: np.array(array) for key, array in arrays.items()}
-            path.unlink()
-            model_cache.store(path.stem, damage_arrays(rng, arrays))
+            model_cache.store(path.stem, damage_arrays(rng, _copied(arrays)))
         found = _model()
+        assert model_cache.load(path.stem) is not None, "what was damaged is not mended"
     for name in ("vertices", "faces", "inertia", "center_of_mass", "symmetry_poses"):
         assert np.array_equal(getattr(found, name), getattr(built, name)), name
     assert np.array_equal(found.samples.points, built.samples.points)
     assert np.array_equal(found.grid.values, built.grid.values)
     assert (found.repairs, found.content_hash, found.volume) == (built.repairs, built.content_hash, built.volume)
+
+
+def _first_built(*_: object) -> Arrays:
+    return _copied(_kept()[3])
 
 
 def damage_file(rng: np.random.Generator, content: bytes) -> bytes:

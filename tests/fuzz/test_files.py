@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactopose_drake.errors import InvalidFileError
-from tests.fuzz import file_damage, files
+from tactopose_drake.errors import InvalidFileError, InvalidInputError
+from tests.fuzz import file_damage, files, recordings
 
 
-@pytest.mark.parametrize("kind", [files.yaml_files, files.recordings])
+@pytest.mark.parametrize("kind", [files.yaml_files, recordings.recordings])
 @pytest.mark.parametrize("seed", range(5))
 def test_damaged_files_are_read_or_refused(kind: Callable[[np.random.Generator], None], seed: int) -> None:
     for call in range(20):
@@ -23,9 +23,21 @@ def test_damaged_files_are_read_or_refused(kind: Callable[[np.random.Generator],
 def test_what_is_not_damaged_is_read() -> None:
     for name, text, load in files._schemas():
         if name != "own.hand.yaml" or "package://tactopose_drake" in text:
-            with files._own_folder() as folder:
+            with files.own_folder() as folder:
                 (folder / name).write_text(text)
                 load(folder / name)
+
+
+@pytest.mark.parametrize("has_boards", [False, True])
+def test_a_recording_that_is_not_damaged_is_played(has_boards: bool) -> None:
+    base = recordings._recordings()[has_boards]
+    with files.own_folder() as folder:
+        for name, content in base.items():
+            (folder / name).write_bytes(content)
+        recordings._play(folder, recordings._scenario(has_boards), is_whole=False)
+        (folder / "manifest.yaml").write_text("format: 1")
+        with pytest.raises(InvalidInputError):
+            recordings._play(folder, recordings._scenario(has_boards), is_whole=False)
 
 
 def test_a_damage_changes_the_text() -> None:
@@ -43,7 +55,7 @@ def _write_elsewhere(path: Path) -> None:
 @pytest.mark.parametrize("read", [_write_elsewhere, lambda path: os.system("true"), lambda path: path.parent.mkdir()])
 def test_a_file_that_does_something_is_a_finding(tmp_path: Path, read: Callable[[Path], object]) -> None:
     def call() -> None:
-        with files._own_folder():
+        with files.own_folder():
             read(tmp_path / "elsewhere" / "file" if "lambda" in str(read) else tmp_path / "file")
 
     with pytest.raises(AssertionError, match="a file made the reader do this"):
@@ -56,12 +68,12 @@ def test_a_refusal_that_is_no_line_is_a_finding(message: str) -> None:
         raise InvalidFileError(message)
 
     with pytest.raises(AssertionError, match="a refusal"):
-        files._read(refuse)
+        files.read(refuse)
 
 
 def test_a_traceback_is_a_finding() -> None:
     with pytest.raises(ZeroDivisionError):
-        files._read(functools.partial(divmod, 1, 0))
+        files.read(functools.partial(divmod, 1, 0))
 
 
 def test_references_to_references_take_no_time(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from tactopose_drake.resources.yaml_files import MAX_BYTES, MAX_DEPTH, plain_dat
 def read(folder: Path, text: str | bytes) -> object:
     path = folder / "file.yaml"
     path.write_bytes(text if isinstance(text, bytes) else text.encode())
-    _, root = read_yaml(path)
+    root = read_yaml(path)
     return plain_data(root)
 
 
