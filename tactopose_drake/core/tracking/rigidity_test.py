@@ -4,9 +4,10 @@ Of a fingertip that rolls on the object or sticks to it, the point that touches 
 k fingertips these are 3 k equations of six unknowns, the closure of the loops that hand and object make. What no twist
 explains of their displacements within a short time is the innovation: while all hold, it is the noise of the measured
 velocities, which shows in how it changes from one frame to the next, and a share of the way that the fingertips went,
-by which kinematics err. Its normalised square is then chi-square with 3 k - 6 degrees of freedom. Where one slides it goes its own way, as it does when friction gives way under a load that fingers yield to, and when a
-surface that is inclined to its way passes under it. An object that slides as a whole along surfaces that are the same
-farther on moves no fingertip; of that contacts and forces have to tell.
+by which kinematics err. Its normalised square is then chi-square with 3 k - 6 degrees of freedom. Where one slides it
+goes its own way, as it does when friction gives way under a load that fingers yield to, and when a surface that is
+inclined to its way passes under it. An object that slides as a whole along surfaces that are the same farther on moves
+no fingertip; of that contacts and forces have to tell.
 """
 
 from __future__ import annotations

@@ -31,7 +31,9 @@ def calls(velocities: list[dict[str, np.ndarray]], readings: list[ContactReading
     return said
 
 
-def noisy(generator: np.random.Generator, frames: int, carried: np.ndarray, sigma: float) -> list[dict[str, np.ndarray]]:
+def noisy(
+    generator: np.random.Generator, frames: int, carried: np.ndarray, sigma: float
+) -> list[dict[str, np.ndarray]]:
     return [moves(carried, sigma * generator.normal(size=(6, 3))) for _ in range(frames)]
 
 
