@@ -4,9 +4,8 @@ python examples/slip_in_station.py --objects bust mug --grasps 5
 
 The belief is updated at 100 Hz from the simulated fingertips' wrenches and the joints; contact is Drake's hydroelastic
 one. Each grasp is loaded several times from the same instant on, by weights that grow slowly and quickly. Fingers yield
-to a load: that an object moves in the palm is no slide yet. It slides as far as its surface has moved against a
-fingertip that touches it, beyond that fingertip's own motion, by their true motion, at the fingertip at which that
-is the most.
+to a load: that an object moves in the palm is no slide yet. It has slid as far as its surface has moved against a
+fingertip that touches it, by the true motion of both, at the fingertip at which that is the most.
 
 Printed are the belief's error beside what it says of it, its normalised estimation error squared (6 for an honest
 belief), how often it says that the object slips, and where the time goes: processor seconds of the whole station, and
