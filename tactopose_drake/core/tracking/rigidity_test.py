@@ -70,7 +70,8 @@ def detect_by_motion(
     p_PC, source = reading.contacts.p_PC[stay], reading.source[stay]
     velocity = np.array([tip_velocity[names[s]] for s in source]).reshape(-1, 6)
     now = np.full((1, len(names), 3), np.nan)
-    now[0, source] = duration * (velocity[:, 3:] + np.cross(velocity[:, :3], p_PC))
+    arms = np.concatenate([-skew(p_PC), np.tile(np.eye(3), (len(p_PC), 1, 1))], axis=2)
+    now[0, source] = duration * (arms @ velocity[:, :, None])[..., 0]
     recent = [i for i, then in enumerate(test.times) if then > time - params.time + 1e-9]
     before = np.full((len(recent), len(names), 3), np.nan)
     before[:, : test.displacements.shape[1]] = test.displacements[recent]
@@ -80,7 +81,7 @@ def detect_by_motion(
         return test, False
     moved = test.displacements[:, source[steady]]
     way, change = moved.sum(axis=0), moved[-1] - moved[-2:].mean(axis=0)
-    left, left_of_change = _unexplained(p_PC[steady], np.stack([way, change]))
+    left, left_of_change = _unexplained(arms[steady], np.stack([way, change]))
     freedom = way.size - 6
     if len(moved) > 1:
         # Half of a change: of two independent errors that is half the variance of one. A slide goes on as before.
@@ -94,11 +95,8 @@ def detect_by_motion(
     return test, bool(is_news and unexplained > len(left) * params.least_distance**2)
 
 
-def _unexplained(p_PC: FloatArray, displacements: FloatArray) -> FloatArray:
-    """What no small rigid motion explains of displacements (n, k, 3) of points (k, 3), likewise."""
-    middle = p_PC - p_PC.mean(axis=0)
-    size = max(float(np.abs(middle).max()), 1e-6)
-    columns = np.concatenate([-skew(middle / size), np.tile(np.eye(3), (len(middle), 1, 1))], axis=2).reshape(-1, 6)
-    basis = np.linalg.qr(columns)[0]
+def _unexplained(arms: FloatArray, displacements: FloatArray) -> FloatArray:
+    """What no small rigid motion explains of displacements (n, k, 3) of points with these arms (k, 3, 6), likewise."""
+    basis = np.linalg.qr(arms.reshape(-1, 6))[0]
     flat = displacements.reshape(len(displacements), -1)
     return np.asarray(flat - (flat @ basis) @ basis.T).reshape(displacements.shape)
