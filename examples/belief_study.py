@@ -13,7 +13,7 @@ mm or 20 degrees.
 
 import argparse
 import dataclasses
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 import numpy as np
 import pydrake.all as drake
@@ -179,8 +179,9 @@ class Counts(NamedTuple):
     sure_right: float = 0.0
     probability: float = 0.0
 
-    def plus(self, more: Self) -> Self:
-        return self._make(map(sum, zip(self, more, strict=True)))
+    def plus(self, more: "Counts") -> "Counts":
+        """Both together."""
+        return Counts(*(mine + its for mine, its in zip(self, more, strict=True)))
 
 
 def counts(instants: list[Instant]) -> Counts:
@@ -195,9 +196,9 @@ def counts(instants: list[Instant]) -> Counts:
     right = [i for i in counted if np.all(i.belief_error < RIGHT)]
     return Counts(
         instants=len(instants),
-        wrong=sum(i.status == "ok" and np.any(i.belief_error > WRONG) for i in instants),
+        wrong=sum(i.status == "ok" and bool(np.any(i.belief_error > WRONG)) for i in instants),
         settled=len(settled),
-        settled_right=sum(np.all(i.belief_error < RIGHT) for i in settled),
+        settled_right=sum(bool(np.all(i.belief_error < RIGHT)) for i in settled),
         counted=len(counted),
         right=len(right),
         sure=sum(i.estimate_is_sure for i in counted),
