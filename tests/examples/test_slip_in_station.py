@@ -1,10 +1,9 @@
 import re
-import runpy
 from pathlib import Path
 
 import pytest
 
-SCRIPT = Path(__file__).parents[2] / "examples" / "slip_in_station.py"
+from tests.examples.scripts import load_script
 
 
 def test_a_heavy_object_slides_and_is_followed(
@@ -12,7 +11,7 @@ def test_a_heavy_object_slides_and_is_followed(
 ) -> None:
     arguments = ["slip_in_station.py", "--objects", "bust", "--seconds", "0.3", "--rates", "20", "--out", str(tmp_path)]
     monkeypatch.setattr("sys.argv", arguments)
-    runpy.run_path(str(SCRIPT), run_name="__main__")
+    load_script("slip_in_station.py").main()
     printed = capsys.readouterr().out
     found = re.search(r"error ([0-9.]+) mm before and ([0-9.]+) mm after", printed)
     assert found is not None
