@@ -13,6 +13,7 @@ mm or 20 degrees.
 
 import argparse
 import dataclasses
+from typing import NamedTuple
 
 import numpy as np
 import pydrake.all as drake
@@ -49,7 +50,9 @@ class Sensor(drake.LeafSystem):
 
 @dataclasses.dataclass(frozen=True)
 class Instant:
-    """What was felt and said at one time; errors are [m, deg], up to what the touch leaves free."""
+    """What was felt and said at one time; errors are [m, deg], up to what the touch leaves free, and the probability is
+    what the estimate gives its best pose.
+    """
 
     time: float
     fingers: tuple[str, ...]
@@ -57,6 +60,7 @@ class Instant:
     belief_error: Array
     estimate_error: Array
     estimate_is_sure: bool
+    estimate_probability: float
 
 
 def lay(model: tp.ObjectModel, generator: np.random.Generator) -> drake.RigidTransform:
@@ -153,24 +157,54 @@ def run_grasp(name: str, model: tp.ObjectModel, seed: int, with_prior: bool) -> 
         status = tracking.GetOutputPort("status").Eval(belief).split(":")[0]
         fingers = tracking.GetOutputPort("fingers_in_contact").Eval(belief)
         is_sure = estimation.GetOutputPort("status").Eval(estimate).split(":")[0] == "ok"
-        instants.append(Instant(float(time), fingers, status, felt, found, is_sure))
+        hypotheses = estimation.GetOutputPort("hypotheses").Eval(estimate)
+        probability = hypotheses.best.probability if hypotheses else 0.0
+        instants.append(Instant(float(time), fingers, status, felt, found, is_sure, probability))
     return instants
 
 
-def counts(instants: list[Instant]) -> Array:
-    """How many instants count, and at how many the belief is right; both again where the estimate is sure; how many are
-    "ok" while wrong, and how many there are.
+class Counts(NamedTuple):
+    """Of instants: how many there are, and how many are "ok" while wrong; at how many settled ones estimate and belief
+    are right; those at which the estimate is and with it the belief, both again where the estimate is sure, and the sum
+    of the probabilities that it gives its pose there.
     """
+
+    instants: float = 0.0
+    wrong: float = 0.0
+    settled: float = 0.0
+    settled_right: float = 0.0
+    counted: float = 0.0
+    right: float = 0.0
+    sure: float = 0.0
+    sure_right: float = 0.0
+    probability: float = 0.0
+
+    def plus(self, more: "Counts") -> "Counts":
+        """Both together."""
+        return Counts(*(mine + its for mine, its in zip(self, more, strict=True)))
+
+
+def counts(instants: list[Instant]) -> Counts:
+    """Counts the instants of one grasp."""
     first: dict[str, float] = {}
     for instant in instants:
         for finger in instant.fingers:
             first.setdefault(finger, instant.time)
     begin = max(first.values(), default=DURATION) + SETTLED
-    counted = [i for i in instants if i.time > begin and np.all(i.estimate_error < RIGHT)]
+    settled = [i for i in instants if i.time > begin]
+    counted = [i for i in settled if np.all(i.estimate_error < RIGHT)]
     right = [i for i in counted if np.all(i.belief_error < RIGHT)]
-    wrong = [i for i in instants if i.status == "ok" and np.any(i.belief_error > WRONG)]
-    sure = [sum(i.estimate_is_sure for i in some) for some in (counted, right)]
-    return np.array([len(counted), len(right), *sure, len(wrong), len(instants)])
+    return Counts(
+        instants=len(instants),
+        wrong=sum(i.status == "ok" and bool(np.any(i.belief_error > WRONG)) for i in instants),
+        settled=len(settled),
+        settled_right=sum(bool(np.all(i.belief_error < RIGHT)) for i in settled),
+        counted=len(counted),
+        right=len(right),
+        sure=sum(i.estimate_is_sure for i in counted),
+        sure_right=sum(i.estimate_is_sure for i in right),
+        probability=sum(i.estimate_probability for i in counted),
+    )
 
 
 def main() -> None:
@@ -181,26 +215,27 @@ def main() -> None:
     parser.add_argument("--first-seed", type=int, default=0)
     arguments = parser.parse_args()
     for with_prior in (True, False):
-        total = np.zeros(6)
+        total = Counts()
         for name in arguments.objects:
             model = tp.ObjectModel.from_mesh(model_path("objects", f"{name}.obj"))
             seeds = range(arguments.first_seed, arguments.first_seed + arguments.placements)
-            of_object = sum(
-                (counts(run_grasp(name, model, seed, with_prior)) for seed in track(seeds, description=name)),
-                np.zeros(6),
-            )
-            total += of_object
+            of_object = Counts()
+            for seed in track(seeds, description=name):
+                of_object = of_object.plus(counts(run_grasp(name, model, seed, with_prior)))
+            total = total.plus(of_object)
             print_line(name, of_object)
         print_line("all, with a prior" if with_prior else "all, without", total)
 
 
-def print_line(name: str, of_instants: Array) -> None:
+def print_line(name: str, of: Counts) -> None:
     """The counts in words."""
-    counted, right, counted_sure, right_sure, wrong, instants = of_instants
+    counted, settled = max(of.counted, 1.0), max(of.settled, 1.0)
     Console().print(
-        f"{name}: the belief is right at {right / max(counted, 1.0):.1%} of {counted:.0f} instants at which the "
-        f"estimate is, at {right_sure / max(counted_sure, 1.0):.1%} of {counted_sure:.0f} at which it is sure as well; "
-        f'"ok" while wrong at {wrong / instants:.2%} of {instants:.0f}'
+        f"{name}: the belief is right at {of.right / counted:.1%} of {of.counted:.0f} instants at which the estimate "
+        f"is (asked 98%; the estimate gives its pose {of.probability / counted:.1%} there), at "
+        f"{of.sure_right / max(of.sure, 1.0):.1%} of {of.sure:.0f} at which it is sure as well; of {of.settled:.0f} "
+        f"settled instants the belief is right at {of.settled_right / settled:.1%}, the estimate at "
+        f'{of.counted / settled:.1%}; "ok" while wrong at {of.wrong / of.instants:.2%} of {of.instants:.0f}'
     )
 
 

@@ -3,10 +3,15 @@
 python examples/slip_in_station.py --objects bust mug --grasps 5
 
 The belief is updated at 100 Hz from the simulated fingertips' wrenches and the joints; contact is Drake's hydroelastic
-one. Printed are the belief's error beside what it says of it, its normalised estimation error squared (6 for an honest
+one. Each grasp is loaded several times from the same instant on, by weights that grow slowly and quickly. Fingers yield
+to a load: that an object moves in the palm is no slide yet. It has slid as far as its surface has moved against a
+fingertip that touches it, by the true motion of both, at the fingertip at which that is the most.
+
+Printed are the belief's error beside what it says of it, its normalised estimation error squared (6 for an honest
 belief), how often it says that the object slips, and where the time goes: processor seconds of the whole station, and
-of the belief's updates. A slide of at least 10 mm has begun when the object has moved by its first millimetre; asked is
-how much later it is called so, and how often that is said of an object that has not moved by half a millimetre.
+of the belief's updates. A slide of at least 10 mm has begun with its first millimetre: asked is how much later it is
+called so. A call is false where within a tenth of a second nothing has slid by a millimetre; calls are counted while
+the object is held, too.
 """
 
 import argparse
@@ -18,23 +23,29 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from nearest_images import least_error
 from numpy.typing import NDArray
+from pydrake.math import RigidTransform
 from pydrake.multibody.tree import SpatialInertia
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context
 
-from tactopose_drake.core.poses import increments_between
 from tactopose_drake.runs import GraspResult, simulate_grasp
-from tactopose_drake.station import Scenario
+from tactopose_drake.station import Scenario, Station
 from tactopose_drake.systems import PoseTrackingParams
 
 PERIOD = 0.01
 DRAWN = 4  # of the slides, at the most
-HEAVIER = 15.0  # times its weight, each second
-LOST_GRIP = 0.02  # m that it slides until the end
-SLIDE, BEGUN, STILL = 0.01, 0.001, 0.0005  # m: what counts as a slide, from where on it has begun, and before as none
+RATES = (10.0, 20.0, 40.0)  # times its weight, each second
+SLIPPED, LOST = 0.02, 0.06  # m that it slides, and that it moves in the palm, until the end
+SLIDE, BEGUN = 0.01, 0.001  # m: what counts as a slide, and from where on it has begun
+SOON = 0.1  # s within which what is called a slip has begun
 
 
 class Row(NamedTuple):
-    """One instant: time, s; load, in weights; slide, m; the belief's status; its error and what it says, m; NEES."""
+    """One instant: time since the load began, s; load, in weights; by how much it has slid, m; the belief's status; its
+    error and what it says of it, m; NEES.
+    """
 
     time: float
     load: float
@@ -45,59 +56,95 @@ class Row(NamedTuple):
     square: float
 
 
+class Slide:
+    """How far the object has slid under each fingertip, by the true motion of both where they are felt to touch."""
+
+    def __init__(self, station: Station, context: Context) -> None:
+        """Begins with the context's instant."""
+        self._station, self._ways = station, dict.fromkeys(station.hand.sensor_frames, np.zeros(3))
+        self._X_PO, self._X_PT = self._poses(context)
+
+    def follow(self, context: Context) -> float:
+        """The longest of the ways since the beginning, m; the context is a period after the last one."""
+        diagram, (X_PO, X_PT) = self._station.diagram, self._poses(context)
+        fingers, contacts = (diagram.GetOutputPort(name).Eval(context) for name in ("fingers_in_contact", "contacts"))
+        for finger, p_PC in zip(fingers, contacts.p_PC, strict=True):
+            # Where what touches now has come from, as a point of either.
+            p_O, p_T = self._X_PO @ (X_PO.inverse() @ p_PC), self._X_PT[finger] @ (X_PT[finger].inverse() @ p_PC)
+            self._ways[finger] = self._ways[finger] + p_T - p_O
+        self._X_PO, self._X_PT = X_PO, X_PT
+        return float(max(np.linalg.norm(way) for way in self._ways.values()))
+
+    def _poses(self, context: Context) -> tuple[RigidTransform, dict[str, RigidTransform]]:
+        """Of the object, and of the fingertips by finger, in the palm."""
+        station, hand = self._station, self._station.hand
+        plant_context = station.plant.GetMyContextFromRoot(context)
+        tips = {
+            finger: station.plant.CalcRelativeTransform(plant_context, hand.palm_frame, frame)
+            for finger, frame in hand.sensor_frames.items()
+        }
+        return station.object_pose(context), tips
+
+
 def delay(rows: list[Row]) -> float | None:
     """From the first millimetre of a slide to the first call, s; infinite if it is never called, None if there is none.
 
     A call that is on when the slide begins is one at once.
     """
-    if rows[-1].slide < SLIDE:
+    if max(row.slide for row in rows) < SLIDE:
         return None
     begun = next(row.time for row in rows if row.slide > BEGUN)
     return next((row.time - begun for row in rows if row.time >= begun and row.status == "slipping"), np.inf)
 
 
 def false_calls(rows: list[Row]) -> tuple[int, float]:
-    """How often an object that is still is said to begin to slip, and for how long it was still, s."""
-    still = [row.status == "slipping" for row in rows if row.slide < STILL]
-    return sum(now and not before for before, now in zip([False, *still], still, strict=False)), PERIOD * len(still)
+    """How often it is falsely said to begin to slip, and for how long it has not slid by a millimetre, s."""
+    begins = [now for before, now in itertools.pairwise(rows) if now.status == "slipping" != before.status]
+    soon = [max(row.slide for row in rows if now.time <= row.time <= now.time + SOON) for now in begins]
+    return sum(slide < BEGUN for slide in soon), PERIOD * sum(row.slide < BEGUN for row in rows)
 
 
-def hold(grasp: GraspResult, seconds: float) -> tuple[float, float]:
-    """Processor time of the station, s, for so many seconds of its own, and that of the belief's updates."""
+def hold(grasp: GraspResult, seconds: float) -> tuple[float, float, int]:
+    """Processor time of the station, s, for so many seconds of its own, that of the belief's updates, and how often it
+    begins to say that the object slips, which is held.
+    """
     simulator, diagram = grasp.simulator, grasp.station.diagram
     context, updates = simulator.get_mutable_context(), 0.0
+    says: list[bool] = []
     started = time.process_time()
     for _ in range(round(seconds / PERIOD)):
         simulator.AdvanceTo(context.get_time() + PERIOD)
         if grasp.station.scenario.tracking is not None:
             estimate = diagram.GetOutputPort("tracked_hypotheses").Eval(context)
             updates += estimate.duration if estimate is not None else 0.0
-    return time.process_time() - started, updates
+            says.append(diagram.GetOutputPort("tracked_status").Eval(context).startswith("slipping"))
+    return time.process_time() - started, updates, sum(now > before for before, now in itertools.pairwise(says))
 
 
-def load_until_it_slides(grasp: GraspResult, longest: float) -> list[Row]:
-    """Adds weight and compares the belief with the simulator's truth."""
-    station, simulator = grasp.station, grasp.simulator
-    context = simulator.get_mutable_context()
+def load_until_it_slides(grasp: GraspResult, rate: float, longest: float) -> list[Row]:
+    """Adds weight to the object as it is held, and compares the belief with the simulator's truth."""
+    station, context = grasp.station, grasp.context.Clone()
+    simulator = Simulator(station.diagram, context)
+    simulator.set_monitor(station.release_when_held)
+    simulator.Initialize()
     plant_context = station.plant.GetMyMutableContextFromRoot(context)
     M = station.object_body.CalcSpatialInertiaInBodyFrame(plant_context)
-    begun, p_held, rows = context.get_time(), station.object_pose(context).translation(), []
+    begun, p_held, rows = context.get_time(), station.object_pose(context).translation(), list[Row]()
+    slide = Slide(station, context)
     while context.get_time() < begun + longest:
-        load = 1.0 + HEAVIER * (context.get_time() - begun)
+        load = 1.0 + rate * (context.get_time() - begun)
         heavy = SpatialInertia(load * M.get_mass(), M.get_com(), M.get_unit_inertia())
         station.object_body.SetSpatialInertiaInBodyFrame(plant_context, heavy)
         simulator.AdvanceTo(context.get_time() + PERIOD)
         belief = station.diagram.GetOutputPort("tracked_belief").Eval(context)
         X_PO = station.object_pose(context)
-        slide = float(np.linalg.norm(X_PO.translation() - p_held))
+        error, said, square = np.nan, np.nan, np.nan
         if belief.has_pose:
-            u = increments_between(belief.X_PO[0], X_PO.GetAsMatrix34())
+            u = least_error(station.model, belief.X_PO[0], X_PO.GetAsMatrix34())
             error, square = float(np.linalg.norm(u[3:])), float(u @ np.linalg.solve(belief.covariance[0], u))
             said = float(np.sqrt(np.trace(belief.covariance[0][3:, 3:])))
-        else:
-            error, said, square = np.nan, np.nan, np.nan
-        rows.append(Row(context.get_time() - begun, load, slide, belief.status, error, said, square))
-        if slide > LOST_GRIP:
+        rows.append(Row(context.get_time() - begun, load, slide.follow(context), belief.status, error, said, square))
+        if rows[-1].slide > SLIPPED or np.linalg.norm(X_PO.translation() - p_held) > LOST:
             break
     return rows
 
@@ -119,41 +166,57 @@ def save_figure(runs: dict[str, list[Row]], path: Path) -> None:
     FigureCanvasAgg(figure).print_png(path)
 
 
+def in_words(case: str, rows: list[Row]) -> str:
+    """How one slide went."""
+    squares = [row.square for row in rows if np.isfinite(row.square)]
+    return (
+        f"{case}: slid by {1e3 * rows[-1].slide:.1f} mm at {rows[-1].load:.0f} times its weight; error "
+        f"{1e3 * rows[0].error:.1f} mm before and {1e3 * rows[-1].error:.1f} mm after, said "
+        f"{1e3 * rows[-1].said:.1f} mm; NEES {np.mean(squares):.1f}; called slipping in "
+        f"{np.mean([row.status == 'slipping' for row in rows]):.0%} of {len(rows)} instants"
+    )
+
+
+def run(arguments: argparse.Namespace) -> tuple[dict[str, list[Row]], list[str]]:
+    """The slides by what they are of, and all that is to be said of them."""
+    runs: dict[str, list[Row]] = {}
+    lines, calls, held = [], 0, 0.0
+    for name, seed in itertools.product(arguments.objects, range(arguments.grasps)):
+        grasp = simulate_grasp(Scenario(object=name, seed=arguments.first_seed + seed, tracking=PoseTrackingParams()))
+        case = f"{name}, seed {arguments.first_seed + seed}"
+        total, updates, says = hold(grasp, arguments.seconds)
+        calls, held = calls + says, held + arguments.seconds
+        lines.append(
+            f"{case}: {arguments.seconds:g} s of the station take {total:.2f} s of one processor, {updates:.2f} s of "
+            f"them the belief's updates: real-time factor {arguments.seconds / total:.2f} with all that is simulated, "
+            f"{arguments.seconds / updates:.1f} of the belief alone"
+        )
+        for rate in arguments.rates:
+            of_rate = f"{case}, {rate:g} weights a second"
+            runs[of_rate] = load_until_it_slides(grasp, rate, 2.0 * arguments.seconds)
+            lines.append(in_words(of_rate, runs[of_rate]))
+    delays = [seconds for seconds in map(delay, runs.values()) if seconds is not None]
+    more, still = np.sum([false_calls(rows) for rows in runs.values()], axis=0)
+    squares = [row.square for rows in runs.values() for row in rows if row.slide > BEGUN and np.isfinite(row.square)]
+    lines.append(
+        f"of {len(delays)} slides of 10 mm or more {sum(seconds <= 0.05 + 1e-6 for seconds in delays)} are called so "
+        f"within 50 ms of their first millimetre, {np.count_nonzero(np.isfinite(delays))} at all; NEES while they "
+        f"slide {np.mean(squares or [np.nan]):.1f}; {calls + more:.0f} false calls in {held + still:.1f} s"
+    )
+    return runs, lines
+
+
 def main() -> None:
     """Prints and draws how each object slides, and what the station costs."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--objects", nargs="+", default=["bust", "mug"])
     parser.add_argument("--grasps", type=int, default=1, help="of each object")
     parser.add_argument("--first-seed", type=int, default=0)
+    parser.add_argument("--rates", type=float, nargs="+", default=RATES, help="weights that are added a second")
     parser.add_argument("--seconds", type=float, default=1.0, help="that the time is measured for")
     parser.add_argument("--out", type=Path, default=Path("out/slip_in_station"))
     arguments = parser.parse_args()
-    runs: dict[str, list[Row]] = {}
-    lines = []
-    for name, seed in itertools.product(arguments.objects, range(arguments.grasps)):
-        grasp = simulate_grasp(Scenario(object=name, seed=arguments.first_seed + seed, tracking=PoseTrackingParams()))
-        case = f"{name}, seed {arguments.first_seed + seed}"
-        total, updates = hold(grasp, arguments.seconds)
-        lines.append(
-            f"{case}: {arguments.seconds:g} s of the station take {total:.2f} s of one processor, {updates:.2f} s of "
-            f"them the belief's updates: real-time factor {arguments.seconds / total:.2f} with all that is simulated, "
-            f"{arguments.seconds / updates:.1f} of the belief alone"
-        )
-        rows = load_until_it_slides(grasp, 2.0 * arguments.seconds)
-        runs[case] = rows
-        squares = [row.square for row in rows if np.isfinite(row.square)]
-        lines.append(
-            f"{case}: slid by {1e3 * rows[-1].slide:.1f} mm at {rows[-1].load:.0f} times its weight; error "
-            f"{1e3 * rows[0].error:.1f} mm before and {1e3 * rows[-1].error:.1f} mm after, said "
-            f"{1e3 * rows[-1].said:.1f} mm; NEES {np.mean(squares):.1f}; called slipping in "
-            f"{np.mean([row.status == 'slipping' for row in rows]):.0%} of {len(rows)} instants"
-        )
-    delays = [seconds for seconds in map(delay, runs.values()) if seconds is not None]
-    calls, still = np.sum([false_calls(rows) for rows in runs.values()], axis=0)
-    lines.append(
-        f"of {len(delays)} slides of 10 mm or more {sum(seconds <= 0.05 for seconds in delays)} are called so within "
-        f"50 ms, {sum(np.isfinite(delays)):g} at all; {calls:.0f} false calls in {still:.1f} s"
-    )
+    runs, lines = run(arguments)
     arguments.out.mkdir(parents=True, exist_ok=True)
     (arguments.out / "slip_in_station.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
     save_figure(dict(itertools.islice(runs.items(), DRAWN)), arguments.out / "slip_in_station.png")

@@ -1,21 +1,23 @@
 import re
-import runpy
 from pathlib import Path
 
 import pytest
 
-SCRIPT = Path(__file__).parents[2] / "examples" / "slip_in_station.py"
+from tests.examples.scripts import load_script
 
 
 def test_a_heavy_object_slides_and_is_followed(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    arguments = ["slip_in_station.py", "--objects", "bust", "--seconds", "0.1", "--out", str(tmp_path)]
+    arguments = ["slip_in_station.py", "--objects", "bust", "--seconds", "0.3", "--rates", "20", "--out", str(tmp_path)]
     monkeypatch.setattr("sys.argv", arguments)
-    runpy.run_path(str(SCRIPT), run_name="__main__")
+    load_script("slip_in_station.py").main()
     printed = capsys.readouterr().out
     found = re.search(r"error ([0-9.]+) mm before and ([0-9.]+) mm after", printed)
     assert found is not None
     assert float(found[1]) < 15.0
+    slides = re.search(r"of 1 slides of 10 mm or more (\d) are called so within 50 ms", printed)
+    assert slides is not None, printed
+    assert slides[1] == "1"
     assert (tmp_path / "slip_in_station.txt").read_text(encoding="utf-8").strip() in printed
     assert (tmp_path / "slip_in_station.png").read_bytes().startswith(b"\x89PNG")

@@ -24,6 +24,7 @@ from tactopose_drake.core.tracking.frame import PoseMeasurement, SeemingErrors
 from tactopose_drake.core.tracking.keyframes import Keyframe
 from tactopose_drake.core.tracking.motion_prediction import MotionHistory
 from tactopose_drake.core.tracking.relocalisation import SearchState
+from tactopose_drake.core.tracking.rigidity_test import RigidityTest
 from tactopose_drake.core.tracking.slip_detection import ForceTest, SlipTest
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
@@ -68,7 +69,7 @@ class PoseBelief:
         p_PC: the last contacts' points, shape (k, 3), m.
         touch_time, explained_time, slip_time: when something was last touched, and explained, and when it last slipped,
             s.
-        slip_test, force_test: by which it is found to slip.
+        slip_test, force_test, rigidity_test: by which it is found to slip.
         errors: by how much the variances of what lasts of the contacts' errors seem larger than told.
         unsettled_time: when another finger came to touch, or the best mode became another one, s.
         felt_time: of each source by its name, when it last touched, s.
@@ -94,6 +95,7 @@ class PoseBelief:
     slip_time: float = -np.inf
     slip_test: SlipTest = dataclasses.field(default_factory=SlipTest)
     force_test: ForceTest = dataclasses.field(default_factory=ForceTest)
+    rigidity_test: RigidityTest = dataclasses.field(default_factory=RigidityTest)
     errors: SeemingErrors = dataclasses.field(default_factory=SeemingErrors)
     unsettled_time: float = -np.inf
     felt_time: Mapping[str, float] = dataclasses.field(default_factory=dict)

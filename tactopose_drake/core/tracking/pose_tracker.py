@@ -32,6 +32,7 @@ from tactopose_drake.core.tracking.motion_prediction import (
 )
 from tactopose_drake.core.tracking.pose_belief import PoseBelief, summarise
 from tactopose_drake.core.tracking.relocalisation import relocalise, search_on
+from tactopose_drake.core.tracking.rigidity_test import detect_by_motion
 from tactopose_drake.core.tracking.slip_detection import PoseChange, SlipTest, detect_by_forces, detect_slip
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tactopose_drake.core.tracking.vision_update import move_standing, see
@@ -89,6 +90,11 @@ class PoseTracker:
             belief = belief.untouched
         untouched = self._untouched(belief, frame)
         reading = as_doubted(read_contacts(frame, belief.sources, belief.p_PC, belief.errors), params)
+        rigidity_test, slides = detect_by_motion(
+            params.rigidity_test, belief.rigidity_test, reading, frame.tip_velocity, frame.time, duration
+        )
+        slip_time = frame.time if slides else belief.slip_time
+        belief = dataclasses.replace(belief, rigidity_test=rigidity_test, slip_time=slip_time)
         belief = self._predict(belief, frame, reading, duration)
         belief, is_outlier = see(self._model, belief, frame, reading, params.vision)
         if reading.is_new:
@@ -152,7 +158,7 @@ class PoseTracker:
         assert frame.sources is not None
         is_new = any(time > belief.felt_time.get(name, -np.inf) + params.lost_time for name in frame.sources)
         force_test, gives_way = detect_by_forces(params.force_test, belief.force_test, reading, time, is_new=is_new)
-        slips = slips or gives_way
+        slips = slips or gives_way or belief.slip_time == time
         test = test.restarted() if slips else test
         now = Keyframe.of_now(reading, frame.sources)
         belief = dataclasses.replace(

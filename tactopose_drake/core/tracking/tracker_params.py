@@ -103,6 +103,19 @@ class ForceTestParams:
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
+class RigidityTestParams:
+    """When fingertips do not move as points of one rigid body, so that one of them slides."""
+
+    time: float = 0.05  # s within which they move
+    false_alarm_probability: float = 1e-7  # that noise alone leaves as much unexplained, at each frame
+    least_distance: float = 0.0002  # left unexplained of the fingertips' ways, root mean square, m
+    way_share: float = 0.05  # of these ways, by which the hand's kinematics err
+    velocity_noise: float = 0.002  # of the fingertips' velocities where they touch, before single frames show it, m/s
+    least_velocity_noise: float = 0.0002  # and at the least, m/s
+    noise_gain: float = 0.1  # by which it follows what each frame shows
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
 class WindowParams:
     """Which touches of the past judge a pose, and how."""
 
@@ -180,6 +193,7 @@ class PoseTrackerParams:
     calibration_scale: CalibrationScaleParams = dataclasses.field(default_factory=CalibrationScaleParams)
     slip: SlipParams = dataclasses.field(default_factory=SlipParams)
     force_test: ForceTestParams = dataclasses.field(default_factory=ForceTestParams)
+    rigidity_test: RigidityTestParams = dataclasses.field(default_factory=RigidityTestParams)
     window: WindowParams = dataclasses.field(default_factory=WindowParams)
     relocalisation: RelocalisationParams = dataclasses.field(default_factory=RelocalisationParams)
     vision: VisionParams = dataclasses.field(default_factory=VisionParams)

@@ -1,0 +1,102 @@
+"""Whether the fingertips that touch an object move as points of one rigid body, as they do while all of them hold it.
+
+Of a fingertip that rolls on the object or sticks to it, the point that touches has the object's velocity v + w x p. Of
+k fingertips these are 3 k equations of six unknowns, the closure of the loops that hand and object make. What no twist
+explains of their displacements within a short time is the innovation: while all hold, it is the noise of the measured
+velocities, which shows in how it changes from one frame to the next, and a share of the way that the fingertips went,
+by which kinematics err. Its normalised square is then chi-square with 3 k - 6 degrees of freedom. Where one slides it
+goes its own way, as it does when friction gives way under a load that fingers yield to, and when a surface that is
+inclined to its way passes under it. An object that slides as a whole along surfaces that are the same farther on moves
+no fingertip; of that contacts and forces have to tell.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import chdtri
+
+from tactopose_drake.core.poses import skew
+from tactopose_drake.core.tracking.frame import ContactReading
+from tactopose_drake.core.tracking.tracker_params import RigidityTestParams
+from tactopose_drake.core.validation import FloatArray
+
+_LEAST_CONTACTS = 3  # of two, the distance alone is told
+_MOST_GROWTH = 4.0  # of the noise by one frame
+
+
+class RigidityTest(NamedTuple):
+    """What the test remembers.
+
+    Attributes:
+        times: of the latest frames, oldest first, s.
+        displacements: in each of them, of the fingertips where they touch, by source, shape (h, s, 3), m; NaN where one
+            does not touch, or has just come to touch: on its way there nothing bound it.
+        touching: names of the sources that touched in the last of them.
+        noise: variance of the velocities' errors, of each coordinate, m^2/s^2; None before the first frame.
+    """
+
+    times: tuple[float, ...] = ()
+    displacements: FloatArray = np.zeros((0, 0, 3))
+    touching: frozenset[str] = frozenset()
+    noise: float | None = None
+
+
+def detect_by_motion(
+    params: RigidityTestParams,
+    test: RigidityTest,
+    reading: ContactReading,
+    tip_velocity: Mapping[str, FloatArray] | None,
+    time: float,
+    duration: float,
+) -> tuple[RigidityTest, bool]:
+    """The test after a frame, and whether a fingertip slides.
+
+    Args:
+        params: when one does.
+        test: after the last frame.
+        reading: the contacts.
+        tip_velocity: spatial velocities [w, v] of the fingertips at the origin of P, by source, rad/s and m/s.
+        time: of the frame, s.
+        duration: since the last frame, s.
+    """
+    if tip_velocity is None or duration <= 0.0:
+        return RigidityTest(noise=test.noise), False
+    names, noise = reading.sources, params.velocity_noise**2 if test.noise is None else test.noise
+    touching = frozenset(names[s] for s in reading.source)
+    stay = [row for row, s in enumerate(reading.source) if names[s] in test.touching and names[s] in tip_velocity]
+    p_PC, source = reading.contacts.p_PC[stay], reading.source[stay]
+    velocity = np.array([tip_velocity[names[s]] for s in source]).reshape(-1, 6)
+    now = np.full((1, len(names), 3), np.nan)
+    arms = np.concatenate([-skew(p_PC), np.tile(np.eye(3), (len(p_PC), 1, 1))], axis=2)
+    now[0, source] = duration * (arms @ velocity[:, :, None])[..., 0]
+    recent = [i for i, then in enumerate(test.times) if then > time - params.time + 1e-9]
+    before = np.full((len(recent), len(names), 3), np.nan)
+    before[:, : test.displacements.shape[1]] = test.displacements[recent]
+    test = RigidityTest((*(test.times[i] for i in recent), time), np.concatenate([before, now]), touching, noise)
+    steady = ~np.isnan(test.displacements[:, source, 0]).any(axis=0)
+    if np.count_nonzero(steady) < _LEAST_CONTACTS:
+        return test, False
+    moved = test.displacements[:, source[steady]]
+    way, change = moved.sum(axis=0), moved[-1] - moved[-2:].mean(axis=0)
+    left, left_of_change = _unexplained(arms[steady], np.stack([way, change]))
+    freedom = way.size - 6
+    if len(moved) > 1:
+        # Half of a change: of two independent errors that is half the variance of one. A slide goes on as before.
+        seen = 2.0 * float(np.sum(left_of_change**2)) / (freedom * duration**2)
+        seen = min(max(seen, params.least_velocity_noise**2), _MOST_GROWTH * noise)
+        test = test._replace(noise=noise + params.noise_gain * (seen - noise))
+    # Noise adds up as a random walk, what kinematics err along the way does not average out.
+    variance = noise * duration**2 * len(moved) + params.way_share**2 * float(np.mean(way**2))
+    unexplained = float(np.sum(left**2))
+    is_news = unexplained > variance * chdtri(freedom, params.false_alarm_probability)
+    return test, bool(is_news and unexplained > len(left) * params.least_distance**2)
+
+
+def _unexplained(arms: FloatArray, displacements: FloatArray) -> FloatArray:
+    """What no small rigid motion explains of displacements (n, k, 3) of points with these arms (k, 3, 6), likewise."""
+    basis = np.linalg.qr(arms.reshape(-1, 6))[0]
+    flat = displacements.reshape(len(displacements), -1)
+    return np.asarray(flat - (flat @ basis) @ basis.T).reshape(displacements.shape)

@@ -1,0 +1,95 @@
+import numpy as np
+
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.tracking.frame import ContactReading
+from tactopose_drake.core.tracking.rigidity_test import RigidityTest, detect_by_motion
+from tactopose_drake.core.tracking.tracker_params import RigidityTestParams
+from tests.core.tracking.boxes import n_OC, p_OC, read
+
+PARAMS, PERIOD = RigidityTestParams(), 0.01
+TWIST = np.array([0.5, -0.8, 0.3, 0.03, -0.02, 0.04])
+REST, ALONG = np.zeros(6), np.array([0.0, 0.0, 0.0, 0.6, -0.64, 0.48])
+
+
+def touch(chosen: np.ndarray | slice = slice(None)) -> ContactReading:
+    return read(Contacts(p_OC[chosen], n_OC[chosen]))
+
+
+def moves(carried: np.ndarray, errors: np.ndarray) -> dict[str, np.ndarray]:
+    """Velocities of fingertips that carry an object, with errors (6, 3), m/s, where they touch."""
+    names = touch().sources
+    return {name: carried + np.append(np.zeros(3), error) for name, error in zip(names, errors, strict=True)}
+
+
+def calls(velocities: list[dict[str, np.ndarray]], readings: list[ContactReading] | None = None) -> list[bool]:
+    """At which frames a fingertip is found to slide."""
+    test, said = RigidityTest(), []
+    for i, velocity in enumerate(velocities):
+        reading = touch() if readings is None else readings[i]
+        test, slides = detect_by_motion(PARAMS, test, reading, velocity, PERIOD * (i + 1), PERIOD)
+        said.append(slides)
+    return said
+
+
+def noisy(
+    generator: np.random.Generator, frames: int, carried: np.ndarray, sigma: float
+) -> list[dict[str, np.ndarray]]:
+    return [moves(carried, sigma * generator.normal(size=(6, 3))) for _ in range(frames)]
+
+
+def test_fingertips_that_carry_an_object_do_not_slide() -> None:
+    for seed, carried in enumerate([REST, TWIST, 3.0 * TWIST]):
+        assert not any(calls(noisy(np.random.default_rng(seed), 1000, carried, 0.002)))
+
+
+def test_fingertips_that_turn_as_they_roll_do_not_slide() -> None:
+    generator = np.random.default_rng(0)
+    rolling = moves(TWIST, np.zeros((6, 3)))
+    for (name, velocity), p in zip(rolling.items(), p_OC, strict=True):
+        turn = generator.normal(size=3)
+        rolling[name] = velocity + np.concatenate([turn, -np.cross(turn, p)])
+    assert not any(calls([rolling] * 100))
+
+
+def test_one_that_slides_is_noticed_within_its_first_two_millimetres() -> None:
+    for seed, speed in enumerate([0.03, 0.05, 0.1, 0.2]):
+        generator = np.random.default_rng(seed)
+        sliding = np.zeros((6, 3))
+        sliding[2] = speed * ALONG[3:]
+        begins = [moves(TWIST, sliding + 0.002 * generator.normal(size=(6, 3))) for _ in range(20)]
+        said = calls([*noisy(generator, 50, TWIST, 0.002), *begins])
+        assert not any(said[:50])
+        assert PERIOD * (said.index(True) - 49) * speed <= 0.002
+        assert all(said[said.index(True) :]), "and for as long as it slides"
+
+
+def test_what_kinematics_err_along_the_way_is_no_slide() -> None:
+    generator = np.random.default_rng(1)
+    fast = 5.0 * TWIST
+    reach = np.cross(fast[:3], p_OC) + fast[3:]
+    assert not any(calls([moves(fast, 0.03 * generator.normal(size=(6, 1)) * reach)] * 50))
+
+
+def test_velocities_that_are_noisier_than_told_are_learnt_to_be() -> None:
+    said = calls(noisy(np.random.default_rng(2), 400, REST, 0.01))
+    assert any(said[:30])
+    assert not any(said[100:])
+
+
+def test_two_fingertips_prove_nothing() -> None:
+    two = touch(np.arange(2))
+    sliding = {name: np.append(np.zeros(3), [0.1 * i, 0.2, 0.0]) for i, name in enumerate(two.sources)}
+    assert not any(calls([sliding] * 20, [two] * 20))
+
+
+def test_a_fingertip_on_its_way_to_the_object_is_bound_by_nothing() -> None:
+    comes = np.zeros((6, 3))
+    comes[5] = 0.3 * ALONG[3:]
+    few = touch(np.arange(5))
+    velocities = [moves(REST, comes)] * 11 + [moves(REST, np.zeros((6, 3)))] * 10
+    assert not any(calls(velocities, [few] * 10 + [touch()] * 11))
+
+
+def test_unknown_velocities_say_nothing() -> None:
+    test, slides = detect_by_motion(PARAMS, RigidityTest(noise=1e-6), touch(), None, 1.0, PERIOD)
+    assert (test, slides) == (RigidityTest(noise=1e-6), False)
