@@ -21,7 +21,7 @@ from tactopose_drake.core.posterior.belief_sampling import weigh_modes
 from tactopose_drake.core.posterior.hypotheses import Modes, find_modes
 from tactopose_drake.core.posterior.plausibility import explain_with_doubt, is_comfortable
 from tactopose_drake.core.posterior.posterior import make_posterior
-from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, ModeParams, PosteriorParams
+from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, PosteriorParams
 from tactopose_drake.core.searches.doubt import search_with_doubt
 from tactopose_drake.core.searches.pose_problem import PoseProblem, make_problem
 from tactopose_drake.core.searches.search import SearchResult
@@ -148,20 +148,20 @@ def weigh_poses(
     search = METHODS[method](model, evidence)
     generator = np.random.default_rng(seed)
     found = search.minimize(problem.objective, problem.space, generator, deadline)
-    comfortable = is_comfortable(model, evidence, found.X_PO, params.plausibility)
+    comfortable = is_comfortable(model, evidence, problem, found.X_PO, params.plausibility)
     if evidence.outlier_probability > 0.0 and not comfortable:
         found = search_with_doubt(model, evidence, problem, search, found, generator, deadline)
-    modes = _modes_of(model, evidence, problem, found, max_hypotheses, params.modes)
+    images = indistinct_images(model, float(np.min(evidence.touch.sigma_position)))
+    modes = _modes_of(model, evidence, problem, found, images, max_hypotheses)
     explained = comfortable or evidence.prior is None or _judge(model, evidence, problem, modes, params)[1].any()
     wider_search = None if explained else search.widened()
     if wider_search is not None and not deadline():
         # The valley with the pose may be a narrow one that no start has led to.
         found = wider_search.minimize(problem.objective, problem.space, generator, deadline)
-        wider = _modes_of(model, evidence, problem, found, max_hypotheses, params.modes)
+        wider = _modes_of(model, evidence, problem, found, images, max_hypotheses)
         modes = min(modes, wider, key=lambda either: float(either.cost.min()))
-    images = _images(model, evidence)
     if not deadline():
-        posterior = dataclasses.replace(make_posterior(model, evidence, problem, params), symmetry_poses=images)
+        posterior = make_posterior(model, evidence, problem, params, images)
         modes = weigh_modes(modes, posterior, np.random.default_rng(_SAMPLES_SEED))
     if model.near_symmetries or len(images) < len(model.symmetry_poses):
         modes = join_alike(modes, model, params.modes)
@@ -205,9 +205,9 @@ class _Deadline:
 
 
 def _modes_of(
-    model: ObjectModel, evidence: Evidence, problem: PoseProblem, found: SearchResult, limit: int, params: ModeParams
+    model: ObjectModel, evidence: Evidence, problem: PoseProblem, found: SearchResult, images: FloatArray, limit: int
 ) -> Modes:
-    """What a search has found, as modes of contacts that may be false; so many at the most."""
+    """What a search has found, as modes of contacts that may be false, up to images (s, 3, 4); so many at the most."""
     X_PO = found.X_PO
     if evidence.prior is None and any(symmetry.is_continuous for symmetry in model.symmetries):
         X_PO = turn_alike(X_PO, X_PO[0], model.symmetries)
@@ -219,15 +219,10 @@ def _modes_of(
         SearchResult(X_PO[order], cost[order], found.iterations[order], found.converged[order]),
         hessian[order],
         problem.space.information,
-        _images(model, evidence),
+        images,
         model.size,
         limit,
-        params,
     )
-
-
-def _images(model: ObjectModel, evidence: Evidence) -> FloatArray:
-    return indistinct_images(model, float(np.min(evidence.touch.sigma_position)))
 
 
 def _inlier_probability(problem: PoseProblem, evidence: Evidence, modes: Modes, judged: Judgement | None) -> FloatArray:

@@ -1,5 +1,6 @@
 """All that is known at one instant of where the object is."""
 
+import copy
 import dataclasses
 import functools
 from collections.abc import Sequence
@@ -13,7 +14,7 @@ from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.evidence.patch_contacts import with_patches
 from tactopose_drake.core.evidence.plane_contact import PlaneContact
 from tactopose_drake.core.sensing.patches import Patch
-from tactopose_drake.core.validation import MOST_FRICTION, MOST_OUTLIERS, in_steps, positive_number
+from tactopose_drake.core.validation import MOST_FRICTION, MOST_OUTLIERS, positive_number
 from tactopose_drake.errors import InvalidInputError, TooFewContactsError
 
 # What each may be, and what its users call that.
@@ -93,10 +94,11 @@ class Evidence:
         Descents among many minima part over a difference in the last digit. So that no answer hangs on that, what
         differs by less is the same.
         """
-        prior = self.prior
-        if prior is not None:
-            prior = GaussianPrior(in_steps(prior.mean), prior.sigma_translation, prior.sigma_rotation)
-        return dataclasses.replace(self, contacts=self.contacts.rounded(), prior=prior)
+        other, prior = copy.copy(self), None if self.prior is None else self.prior.rounded()
+        object.__setattr__(other, "contacts", self.contacts.rounded())
+        object.__setattr__(other, "prior", prior)
+        other.__dict__.pop("touch", None)  # That of the contacts before.
+        return other
 
     def without(self, index: int) -> "Evidence":
         """The evidence without one contact, or of the pads that feel the object, which are counted after them, one.

@@ -6,7 +6,7 @@ import math
 import numpy as np
 
 from tactopose_drake.core.plain_values import PlainValue, numbers
-from tactopose_drake.core.validation import FloatArray, points_near, pose_matrix, positive_number
+from tactopose_drake.core.validation import FloatArray, in_steps, points_near, pose_matrix, positive_number
 
 # m and rad. Beyond, the information of the prior and of the touch do not fit into one double.
 _SIGMAS = {"sigma_translation": (1e-7, 1e3), "sigma_rotation": (1e-6, 1e3)}
@@ -42,6 +42,15 @@ class GaussianPrior(PlainValue):
             f"<{type(self).__name__}: p_PO {numbers(1e3 * self.mean[:, 3], 1)} mm, sigma_translation "
             f"{1e3 * self.sigma_translation:.3g} mm, sigma_rotation {math.degrees(self.sigma_rotation):.3g} deg>"
         )
+
+    def rounded(self) -> "GaussianPrior":
+        """The prior with its pose to a nanometre and a nanoradian."""
+        other, mean = object.__new__(GaussianPrior), in_steps(self.mean)
+        mean.setflags(write=False)
+        object.__setattr__(other, "mean", mean)
+        for name in _SIGMAS:
+            object.__setattr__(other, name, getattr(self, name))
+        return other
 
     @property
     def sigmas(self) -> FloatArray:

@@ -12,8 +12,9 @@ Assoc. 84, 1989. [HRM16] D. Hogg, J. Bovy, D. Lang, Data analysis recipes: fitti
 """
 
 import dataclasses
+import functools
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -86,7 +87,7 @@ class ContactMixture(SmoothObjective):
         self, model: ObjectModel, contacts: Contacts, outlier_probability: float, doubt: ContactDoubt = ContactDoubt()
     ) -> None:
         self.touch = SurfaceContact(model.grid, contacts)
-        self._density = SurfaceDensity(model, contacts)
+        self.density = SurfaceDensity(model, contacts)
         self._doubts = _doubts(model, contacts, outlier_probability, doubt)
         self._reached = doubt.reached
 
@@ -117,12 +118,25 @@ class ContactMixture(SmoothObjective):
     def judge(self, X_PO: FloatArray) -> Judgement:
         """What the exact likelihood says of poses (B, 3, 4): of the surface as it is, see `SurfaceDensity`."""
         X_PO = np.ascontiguousarray(X_PO)
-        density = self._density.densities(X_PO)
+        density = self.density.densities(X_PO)
         judged = Judged(np.empty(len(X_PO)), np.empty(density.shape), np.empty(len(X_PO)), np.empty(len(X_PO)))
         contact_mixture_kernels.judge(
             self.touch.grid, self.touch.touch, self._doubts, density, self._reached, X_PO, judged
         )
         return Judgement(*judged)
+
+
+@functools.cache
+def _scales(doublings: tuple[tuple[int, int, float], ...]) -> tuple[Any, ...]:
+    """What kernels read of the noise's scales: the first five fields of `Doubts`."""
+    s, t, probability = zip(*doublings, strict=True)
+    return (
+        read_only(np.array(s, dtype=np.int64)),
+        read_only(np.array(t, dtype=np.int64)),
+        read_only(0.5 ** np.array(s)),
+        read_only(0.5 ** np.array(t)),
+        read_only(np.array(probability) / probability[0]),
+    )
 
 
 def _doubts(model: ObjectModel, contacts: Contacts, outlier_probability: float, doubt: ContactDoubt) -> Doubts:
@@ -137,13 +151,8 @@ def _doubts(model: ObjectModel, contacts: Contacts, outlier_probability: float, 
     displaced = np.minimum(sigma_p / doubt.displacement, 1.0)
     shares = doubt.kinds.shares(outlier_probability)
     shares = shares if has_normals else shares.without_normals()
-    s, t, probability = zip(*doubt.doublings, strict=True)
     return Doubts(
-        read_only(np.array(s, dtype=np.int64)),
-        read_only(np.array(t, dtype=np.int64)),
-        read_only(0.5 ** np.array(s)),
-        read_only(0.5 ** np.array(t)),
-        read_only(np.array(probability) / probability[0]),
+        *_scales(doubt.doublings),
         # Relative to a contact as told.
         read_only(shares.turned / shares.as_told * any_normal),
         read_only(shares.displaced / shares.as_told * displaced),

@@ -33,7 +33,7 @@ class SurfaceDensity:
         # The discs are as fine as the surest contact needs. Of others it would take very many, so they have their own.
         steps = np.floor(np.log(sigma / sigma.min()) / math.log(_WIDEST_SHARE)).astype(np.int64)
         self._parts = []
-        for step in np.unique(steps):
+        for step in sorted(set(steps.tolist())):
             index = np.flatnonzero(steps == step)
             numbers = contacts.p_PC[index], n_PC[index], sigma[index], weight_n[index]
             surfels = model.surfels(float(sigma[index].min()))

@@ -113,13 +113,14 @@ def _draw(
         densities = np.concatenate([densities, of_fresh])
         lowest, weights = min(lowest, float(cost.min())), np.empty_like(densities)
         sampling_weight_kernels.weigh(cost, lowest, densities / len(X_PO), weights)
-        count = np.concatenate([drawn.count for drawn in proposals])
+        drawn_of = np.concatenate([drawn.count for drawn in proposals])
         # Of modes that are one the shares are noisier than what they are together.
-        error, effective = _certainty(families.together(weights), count)
+        error, effective = _certainty(families.together(weights), drawn_of)
         sure = error <= params.standard_error and effective >= params.effective_samples
-        if sure or effective == 0.0 or len(proposals) == params.most_rounds:
+        count = max(params.samples, int(params.growth * len(X_PO)))
+        if sure or effective == 0.0 or len(X_PO) + count > params.most_samples:
             return _Samples(increments.u, weights, lowest, error)
-        proposal = _about(X_PO, weights, X_mode, posterior)
+        proposal = _about(X_PO, weights, X_mode, count, posterior)
 
 
 def _cost_of_one_image(X_PO: FloatArray, X_mode: FloatArray, posterior: Posterior) -> FloatArray:
@@ -136,8 +137,10 @@ def _cost_of_one_image(X_PO: FloatArray, X_mode: FloatArray, posterior: Posterio
     return cost
 
 
-def _about(X_PO: FloatArray, weights: FloatArray, X_mode: FloatArray, posterior: Posterior) -> StudentTMixture:
-    """Tiles about samples (B, 3, 4), as many about each as their weights (B, g) say."""
+def _about(
+    X_PO: FloatArray, weights: FloatArray, X_mode: FloatArray, samples: int, posterior: Posterior
+) -> StudentTMixture:
+    """Tiles for so many samples, about ones (B, 3, 4) as often as their weights (B, g) say."""
     params = posterior.params.sampling
     passed = np.cumsum(weights.sum(axis=1))
     drawn = np.searchsorted(passed, passed[-1] * (np.arange(params.tiles) + 0.5) / params.tiles)
@@ -145,16 +148,10 @@ def _about(X_PO: FloatArray, weights: FloatArray, X_mode: FloatArray, posterior:
     owner = weights[index].argmax(axis=1)
     order = np.argsort(owner, kind="stable")
     index, times, owner = index[order], times[order], owner[order]
-    local = _widened(posterior.objective.normal_equations(X_PO[index]).hessian, posterior)
+    local = posterior.objective.normal_equations(X_PO[index]).hessian + posterior.held
     center, local, turns = in_chart(X_mode, owner, X_PO[index], local, posterior.turn_directions(X_PO[index]))
-    count = times * (params.samples // params.tiles)
+    count = times * (samples // params.tiles)
     return StudentTMixture(X_mode, owner, center, local, turns, count, params.freedom, params.farthest)
-
-
-def _widened(information: FloatArray, posterior: Posterior) -> FloatArray:
-    """Information (n, 6, 6) of tiles: no tile is wider than its reach allows."""
-    widest = 1.0 / (posterior.params.sampling.tile_reach * posterior.straight) ** 2
-    return np.asarray(information + np.diag(widest / posterior.units**2) + posterior.gauge)
 
 
 def _certainty(weights: FloatArray, count: NDArray[np.intp]) -> tuple[float, float]:
@@ -192,7 +189,7 @@ def _cover(
     laplace = draw(X_mode, each, np.zeros((len(X_mode), 6)), information, counts, normal)
     X_PO = _to_the_floor(laplace, posterior)
     equations = posterior.objective.normal_equations(X_PO)
-    local = _widened(equations.hessian, posterior)
+    local = equations.hessian + posterior.held
     least = np.minimum(posterior.exact_cost(X_PO), equations.cost)
     weight = np.exp(-0.5 * (least - least.min())) + params.least_tile_weight
     count = np.maximum(1, np.rint(params.samples * weight / weight.sum())).astype(np.intp)
@@ -202,7 +199,7 @@ def _cover(
         group = np.concatenate([group, owner])
         order = np.argsort(group, kind="stable")
         group, X_PO = group[order], np.concatenate([X_PO, X_mode[owner]])[order]
-        local = np.concatenate([local, _widened(tails, posterior)])[order]
+        local = np.concatenate([local, tails + posterior.held])[order]
         count = np.concatenate([count, np.full(len(owner), each_tail, dtype=np.intp)])[order]
     center, local, turns = in_chart(X_mode, group, X_PO, local, posterior.turn_directions(X_PO))
     return StudentTMixture(X_mode, group, center, local, turns, count, params.freedom, params.farthest)
@@ -222,8 +219,8 @@ def _tails(X_mode: FloatArray, share: FloatArray, posterior: Posterior) -> tuple
     left = posterior.doubted_information(X_PO, hessian)
     owner, left, most = np.repeat(likely, left.shape[1]), left.reshape(-1, 6, 6), posterior.params.sampling.tail_samples
     if len(left) > most:
-        kept = np.linalg.slogdet(_widened(left, posterior))[1]
-        whole = np.linalg.slogdet(_widened(hessian, posterior))[1]
+        kept = np.linalg.slogdet(left + posterior.held)[1]
+        whole = np.linalg.slogdet(hessian + posterior.held)[1]
         lost = np.repeat(whole, len(left) // len(likely)) - kept
         far = np.sort(np.argsort(-lost, kind="stable")[:most])
         owner, left = owner[far], left[far]

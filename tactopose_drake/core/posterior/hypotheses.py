@@ -94,7 +94,8 @@ def _held_by_rounding(information: FloatArray, size: float) -> FloatArray:
 
 def increments_of_one_metre(size: float) -> FloatArray:
     """Each coordinate of an increment (w, v) that moves a point at half an object's size by a metre, shape (6,)."""
-    return np.repeat([2.0 / size, 1.0], 3)
+    turn = 2.0 / size
+    return np.array([turn, turn, turn, 1.0, 1.0, 1.0])
 
 
 def free_directions(

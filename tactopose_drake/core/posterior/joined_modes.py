@@ -9,6 +9,7 @@ joined by way of a third one is so however many the search has found between the
 Source: [CGOS13] F. Chazal et al., Persistence-based clustering in Riemannian manifolds, J. ACM 60, 2013.
 """
 
+import functools
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -16,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactopose_drake.core.objectives.objective import Objective
-from tactopose_drake.core.posterior.joining_kernels import Joined, join, lay_paths
+from tactopose_drake.core.posterior.joining_kernels import Joined, join, join_over_saddles, lay_paths
 from tactopose_drake.core.posterior.mode_moments import Moments
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, MomentParams
 from tactopose_drake.core.validation import FloatArray
@@ -91,15 +92,16 @@ def find_families(
     asked = np.ascontiguousarray(X_PO[: params.most_joined])
     if len(asked) < 2:
         return found
-    pairs = np.stack(np.tril_indices(len(asked), -1), axis=1)
-    low = objective.cost(asked)
-    family, saddle = found.family[: len(asked)], _saddles(asked, low, pairs, found, objective, to_the_floor)
-    for k in np.argsort(saddle, kind="stable"):
-        first, other = np.sort(family[pairs[k]])
-        if first != other and saddle[k] <= max(low[first], low[other]) + params.ridge:
-            low[first] = min(low[first], low[other])
-            family[family == other] = first
+    pairs, low = _pairs(len(asked)), objective.cost(asked)
+    saddle = _saddles(asked, low, pairs, found, objective, to_the_floor)
+    join_over_saddles(pairs, saddle, saddle.argsort(kind="stable"), params.ridge, low, found.family)
     return found
+
+
+@functools.cache
+def _pairs(count: int) -> NDArray[np.intp]:
+    """All pairs of so many, shape (n, 2)."""
+    return np.stack(np.tril_indices(count, -1), axis=1)
 
 
 def _saddles(

@@ -65,6 +65,25 @@ def lay_paths(X: Floats3, pairs: Longs2, symmetries: Floats3, arm: float, shares
 
 
 @kernel
+def join_over_saddles(
+    pairs: Longs2, saddle: Floats1, order: Longs1, ridge: float, low: OutFloats1, family: OutLongs1
+) -> None:
+    """Makes modes one family whose pair's saddle (n,) is no more than a ridge above the lowest of either's family.
+
+    Pairs (n, 2) are taken in this order (n,). `low` is the modes' costs (g,), each its own family's lowest on entry.
+    """
+    for k in order:
+        first, other = family[pairs[k, 0]], family[pairs[k, 1]]
+        if first > other:
+            first, other = other, first
+        if first != other and saddle[k] <= max(low[first], low[other]) + ridge:
+            low[first] = min(low[first], low[other])
+            for i in range(low.shape[0]):
+                if family[i] == other:
+                    family[i] = first
+
+
+@kernel
 def join(
     X: Floats3, order: Longs1, symmetries: Floats3, family: Longs1, arm: float, joined: Joined, owner: OutLongs1
 ) -> None:

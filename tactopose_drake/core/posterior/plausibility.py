@@ -14,6 +14,7 @@ from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.objectives.surface_density import SurfaceDensity
 from tactopose_drake.core.posterior.chi_square import chi_square_limit
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, PlausibilityParams
+from tactopose_drake.core.searches.pose_problem import PoseProblem
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
@@ -77,17 +78,22 @@ def explain_with_doubt(
         X_PO: the poses.
         params: what counts as an explanation.
     """
-    by_pad = _by_pad(model, evidence, X_PO, params.least_pad_chance)
-    felt = np.array([patch.is_felt for patch in evidence.patches], dtype=np.bool_)
-    explained = by_pad[:, ~felt].all(axis=1)
-    false = np.count_nonzero(~by_pad[:, felt], axis=1)
+    explained, false = np.ones(len(X_PO), dtype=np.bool_), np.zeros(len(X_PO), dtype=np.int64)
+    if evidence.patches:
+        by_pad = _by_pad(model, evidence, X_PO, params.least_pad_chance)
+        felt = np.array([patch.is_felt for patch in evidence.patches], dtype=np.bool_)
+        explained, false = by_pad[:, ~felt].all(axis=1), np.count_nonzero(~by_pad[:, felt], axis=1)
     if judgement is not None:
-        false += np.count_nonzero(judgement.inlier_probability < 0.5, axis=1)
+        false = false + np.count_nonzero(judgement.inlier_probability < 0.5, axis=1)
         explained &= judgement.misfit <= _limit(_of_contacts(evidence), params.least_doubted_chance)
-    count = len(evidence.contacts) + int(felt.sum())
-    share = ContactKinds().shares(evidence.outlier_probability).false
-    allowed = most_false_contacts(count, share, params.usual_false_contacts)
+    count = len(evidence.contacts) + len(evidence.felt)
+    allowed = most_false_contacts(count, _false_share(evidence.outlier_probability), params.usual_false_contacts)
     return np.asarray(explained & (false <= allowed))
+
+
+@functools.lru_cache
+def _false_share(outlier_probability: float) -> float:
+    return ContactKinds().shares(outlier_probability).false
 
 
 @functools.cache
@@ -104,16 +110,19 @@ def most_false_contacts(count: int, share: float, chance: float) -> int:
 
 
 def is_comfortable(
-    model: ObjectModel, evidence: Evidence, X_PO: FloatArray, params: PlausibilityParams = DEFAULT_PARAMS.plausibility
+    model: ObjectModel,
+    evidence: Evidence,
+    problem: PoseProblem,
+    X_PO: FloatArray,
+    params: PlausibilityParams = DEFAULT_PARAMS.plausibility,
 ) -> bool:
     """Whether any of the poses (B, 3, 4) explains the touch so well that no contact or pad calls for doubt."""
-    X_PO = X_PO[_by_pad(model, evidence, X_PO, params.comfortable_chance).all(axis=1)]
-    if not len(X_PO) or not len(evidence.contacts):
+    if evidence.patches:
+        X_PO = X_PO[_by_pad(model, evidence, X_PO, params.comfortable_chance).all(axis=1)]
+    if not len(X_PO) or problem.mixture is None:
         return len(X_PO) > 0
     limit = _limit(_of_contacts(evidence), params.comfortable_chance)
-    if SurfaceContact(model.grid, evidence.contacts).cost(X_PO).min() <= limit:
-        return True
-    return bool(SurfaceDensity(model, evidence.contacts).cost(X_PO).min() <= limit)
+    return bool(problem.touch.cost(X_PO).min() <= limit or problem.mixture.density.cost(X_PO).min() <= limit)
 
 
 def _pads_explained(

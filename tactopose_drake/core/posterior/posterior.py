@@ -66,6 +66,12 @@ class Posterior:
         return gauge
 
     @functools.cached_property
+    def held(self) -> FloatArray:
+        """Information (6, 6) that every tile has: it is no wider than its reach allows, and the turns are in place."""
+        widest = 1.0 / (self.params.sampling.tile_reach * self.straight) ** 2
+        return np.diag(widest / self.units**2) + self.gauge
+
+    @functools.cached_property
     def units(self) -> FloatArray:
         """Increments (6,) that move a point at half the object's size by one metre."""
         return np.repeat([2.0 / self.size, 1.0], 3)
@@ -77,11 +83,16 @@ class Posterior:
 
 
 def make_posterior(
-    model: ObjectModel, evidence: Evidence, problem: PoseProblem, params: PosteriorParams = DEFAULT_PARAMS
+    model: ObjectModel,
+    evidence: Evidence,
+    problem: PoseProblem,
+    params: PosteriorParams = DEFAULT_PARAMS,
+    images: FloatArray | None = None,
 ) -> Posterior:
     """The posterior of a search's problem, with the contacts' exact likelihood in place of the smooth one.
 
-    Patches have no other likelihood than theirs on the signed distance: it counts as exact.
+    Patches have no other likelihood than theirs on the signed distance: it counts as exact. Of the object's finite
+    symmetries those count whose images (s, 3, 4) the touch does not tell apart; all, if they are not given.
     """
     mixture = problem.mixture
     terms = [term for term in problem.doubted_terms(problem.objective) if term is not mixture]
@@ -92,9 +103,6 @@ def make_posterior(
             cost = cost + term.cost(X_PO)
         return cost
 
-    sampling, count = params.sampling, max(len(evidence.contacts), 1)
-    rounds = min(sampling.most_rounds, max(sampling.most_densities // (sampling.samples * count), 1))
-    params = dataclasses.replace(params, sampling=dataclasses.replace(sampling, most_rounds=rounds))
     # A prior tells the turns about a continuous axis apart; no other evidence does.
     axes = [] if evidence.prior is not None else [symmetry for symmetry in model.symmetries if symmetry.is_continuous]
     return Posterior(
@@ -107,8 +115,16 @@ def make_posterior(
             np.array([symmetry.point for symmetry in axes]).reshape(-1, 3),
         ),
         prior_information=problem.space.information,
-        symmetry_poses=model.symmetry_poses,
+        symmetry_poses=model.symmetry_poses if images is None else images,
         size=model.size,
         sigma=float(np.min(evidence.touch.sigma_position)),
-        params=params,
+        params=_for_contacts(params, len(evidence.contacts)),
     )
+
+
+@functools.lru_cache
+def _for_contacts(params: PosteriorParams, count: int) -> PosteriorParams:
+    """What is assumed, with no more samples than so many contacts allow."""
+    sampling = params.sampling
+    most = min(sampling.most_samples, sampling.most_densities // max(count, 1))
+    return dataclasses.replace(params, sampling=dataclasses.replace(sampling, most_samples=most))

@@ -36,12 +36,14 @@ class PlausibilityParams:
 class SamplingParams:
     """How the posterior is sampled."""
 
-    samples: int = 128  # poses that are drawn in a round
+    samples: int = 128  # poses that are drawn in a round, at the least
+    # Or this share of all before it: a hard touch is settled in few rounds, each of whose proposals weighs all samples.
+    growth: float = 0.5
     # Rounds end when no mode's probability has a larger standard error than this, and the samples are worth as many of
     # the posterior itself.
     standard_error: float = 0.014
     effective_samples: float = 40.0
-    most_rounds: int = 24
+    most_samples: int = 3072  # after which there is no other round
     most_densities: int = 40_000  # of contacts at samples, which is where the time goes; one round at the least
     tiles: int = 16  # densities that cover the modes, beside one at each
     steps: int = 3  # of Gauss and Newton, that bring the tiles to the valley's floor

@@ -255,7 +255,8 @@ class PairSearch(Search):
         offset, bend = choice.offset * features.spacing, choice.bend
         table = contact_table(field, self.contacts, offset, 2.0 * bend)
         pairs = choice.choose(features, self.contacts, generator)
-        turns, reach = self.model.symmetry_turns, space.reach
+        # Without a prior all poses that lay a contact on the surface are within reach.
+        turns, reach = self.model.symmetry_turns, space.reach if space.reach[0] < np.pi else (np.pi, np.inf)
         if sum(symmetry.is_continuous for symmetry in self.model.symmetries) > 1:
             turns, reach = turns[:1], (np.pi, reach[1])  # A sphere's rotation is always within reach.
         X_PO, _ = best_poses(pairs, features, field, table, count, space.center, reach, turns)

@@ -40,8 +40,8 @@ class SearchResult(NamedTuple):
 
     def ranked(self, count: int | None = None) -> "SearchResult":
         """The `count` poses of least cost (all by default), by rising cost."""
-        order = np.argsort(self.cost, kind="stable")[:count]
-        return SearchResult(self.X_PO[order], self.cost[order], self.iterations[order], self.converged[order])
+        order = self.cost.argsort(kind="stable")[:count]
+        return SearchResult(*(column.take(order, axis=0) for column in self))
 
 
 def join_results(*results: SearchResult) -> SearchResult:

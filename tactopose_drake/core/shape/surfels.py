@@ -12,6 +12,7 @@ Source: [P00] H. Pfister, M. Zwicker, J. van Baar, M. Gross, Surfels: Surface El
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 
@@ -64,10 +65,11 @@ class Surfels:
     shape: tuple[int, int, int]
     spacing: float
 
-    def kernel_view(self, reach: float) -> Discs:
-        """The discs as kernels read them, of which those count that are within so many standard deviations."""
+    @functools.cached_property
+    def discs(self) -> Discs:
+        """The discs as kernels read them."""
         blocks, balls, first, origin = map(read_only, (self.blocks, self.balls, self.first, self.origin))
-        return Discs(blocks, balls, first, origin, 1.0 / self.cell, self.shape, self.spacing, reach)
+        return Discs(blocks, balls, first, origin, 1.0 / self.cell, self.shape, self.spacing, SurfelParams().reach)
 
 
 def surfel_spacing(sigma: float, area: float, params: SurfelParams = SurfelParams()) -> float:
@@ -154,10 +156,8 @@ def _averages(rows: FloatArray, group: NDArray[np.intp], size: NDArray[np.intp])
     return np.stack([np.bincount(group, column) / size for column in rows.T], axis=1)
 
 
-def contact_densities(
-    surfels: Surfels, measured: Measurements, X_PO: FloatArray, params: SurfelParams = SurfelParams()
-) -> FloatArray:
+def contact_densities(surfels: Surfels, measured: Measurements, X_PO: FloatArray) -> FloatArray:
     """The densities (B, k) of contacts at poses (B, 3, 4), over those on a flat surface with the right normal."""
     density = np.empty((len(X_PO), len(measured.p)))
-    densities(surfels.kernel_view(params.reach), measured, X_PO, density)
+    densities(surfels.discs, measured, X_PO, density)
     return density

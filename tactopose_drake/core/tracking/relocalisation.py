@@ -178,7 +178,7 @@ def _weigh_poses(
     problem = make_problem(model, evidence)
     each = np.zeros(len(X_PO), dtype=np.intp)
     minima = SearchResult(X_PO, problem.objective.cost(X_PO), each, each == 0)
-    sampling = dataclasses.replace(DEFAULT_PARAMS.sampling, most_rounds=params.rounds, samples=params.samples)
+    sampling = dataclasses.replace(DEFAULT_PARAMS.sampling, samples=params.samples, most_samples=params.samples)
     posterior = make_posterior(model, evidence, problem, dataclasses.replace(DEFAULT_PARAMS, sampling=sampling))
     modes = weigh_modes(_distinct(model, params, problem, minima), posterior, generator)
     if problem.mixture is None:

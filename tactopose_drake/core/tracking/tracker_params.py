@@ -123,8 +123,7 @@ class RelocalisationParams:
     urgent_period: float = 0.03  # s between two searches, while it is not
     starts: int = 120  # poses with which a search begins, at the most
     found: int = 12  # poses that it ends with, at the most
-    rounds: int = 1  # of samples by which these are weighed, at the most
-    samples: int = 96  # of each round
+    samples: int = 96  # by which these are weighed, in one round
     least_share: float = 0.2  # of a mean over searches, that is by the last one
     least_gain: float = 1.0  # of the cost, for which what is found takes the place of the filter's mode that it is
 

@@ -3,16 +3,15 @@ import pytest
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.searches.pairs.contact_tables import contact_table
-from tactopose_drake.core.searches.pairs.pair_pose_kernels import coarse_cost
-from tactopose_drake.core.searches.pairs.pair_poses import kernel_field
 from tactopose_drake.core.shape.coarse_field import CoarseField, CoarseFieldParams, coarsen
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.synthetic.synthetic_touch import random_surface_points
+from tests.coarse_costs import cost_at
 
 
 def cost(field: CoarseField, contacts: Contacts, X_PO: np.ndarray, off: float = 0.0, turn: float = 0.0) -> float:
     table = contact_table(field, contacts, off, turn)
-    return float(coarse_cost(kernel_field(field), table, np.arange(len(table)), X_PO, np.inf))
+    return cost_at(field, table, X_PO)
 
 
 @pytest.mark.parametrize("params", [CoarseFieldParams(), CoarseFieldParams(max_voxels=20_000, steps=12.0)])

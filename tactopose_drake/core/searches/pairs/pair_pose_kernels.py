@@ -12,8 +12,6 @@ from tactopose_drake.core.compilation import (
     Ints1,
     Longs1,
     Longs2,
-    OutFloats1,
-    OutFloats2,
     OutFloats3,
     OutSingles1,
     Shape3,
@@ -59,7 +57,7 @@ class Images(NamedTuple):
         origins: the images' origins in O, shape (g, 3), m.
         center: of the poses' origins, shape (3,), m.
         least_trace: of the product of rotations that are near enough.
-        farthest: the square of the largest distance, m^2.
+        farthest: the square of the largest distance, m^2; infinite where all poses are near enough.
     """
 
     rotations: Floats3
@@ -69,100 +67,118 @@ class Images(NamedTuple):
     farthest: float
 
 
-class Frames(NamedTuple):
-    """Axes (3, 3) at two samples, the point between them (3,), and the contacts' frame (6, 3), see `_contact_frame`."""
-
-    axes: OutFloats2
-    middle: OutFloats1
-    frame: OutFloats2
-
-
 @inlined
-def _axes(p, q, axes, middle):
-    """Axes (rows) at two points, x from one to the other, any y and z; and the point between them."""
-    for a in range(3):
-        axes[0, a] = q[a] - p[a]
-        middle[a] = 0.5 * (p[a] + q[a])
-    scale = 1.0 / np.sqrt(axes[0, 0] ** 2 + axes[0, 1] ** 2 + axes[0, 2] ** 2)
-    x, y, z = axes[0, 0] * scale, axes[0, 1] * scale, axes[0, 2] * scale
-    axes[0, 0], axes[0, 1], axes[0, 2] = x, y, z
-    if abs(x) < 0.6:
-        scale = 1.0 / np.sqrt(y * y + z * z)
-        axes[1, 0], axes[1, 1], axes[1, 2] = 0.0, z * scale, -y * scale
-    else:
-        scale = 1.0 / np.sqrt(x * x + y * y)
-        axes[1, 0], axes[1, 1], axes[1, 2] = y * scale, -x * scale, 0.0
-    axes[2, 0] = y * axes[1, 2] - z * axes[1, 1]
-    axes[2, 1] = z * axes[1, 0] - x * axes[1, 2]
-    axes[2, 2] = x * axes[1, 1] - y * axes[1, 0]
+def _axes(x, y, z):
+    """Three axes as rows: x along a vector, any y and z. Also the vector's length.
 
-
-@inlined
-def _contact_frame(first, second, frame):
-    """Of two rows of `contact_table` into the frame (6, 3): the point between them; axes, x from the first to the
-    second; y and z of each normal.
+    Source: T. Duff et al., Building an orthonormal basis, revisited, J. Comput. Graph. Tech. 6, 2017.
     """
-    _axes(first[:3], second[:3], frame[1:4], frame[0])
-    for axis in range(2):
-        frame[4, axis], frame[5, axis] = 0.0, 0.0
-        for c in range(3):
-            frame[4, axis] += first[3 + c] * frame[2 + axis, c]
-            frame[5, axis] += second[3 + c] * frame[2 + axis, c]
+    length = np.sqrt(x * x + y * y + z * z)
+    x, y, z = x / length, y / length, z / length
+    sign = 1.0 if z >= 0.0 else -1.0
+    a = -1.0 / (sign + z)
+    b = x * y * a
+    return (x, y, z), (1.0 + sign * x * x * a, sign * b, -sign * x), (b, sign + y * y * a, -y), length
 
 
 @inlined
-def _pair_pose(normals, i, j, frames, spin, spins, X):
-    """The pose of one match and spin, into X (3, 4)."""
-    axes, middle, frame = frames
+def _lay_out(table, first, second, order, inverse_spacing, frame, contacts):
+    """The contacts' frame, and the contacts in it.
+
+    The frame (4, 3) is the point between two of them, and axes, x from the first to the second. Contacts (k, 8), in
+    this order, are points, in voxels from there, and normals along the axes, and the weights of `contact_table`.
+    """
+    x, y, z, _ = _axes(
+        table[second, 0] - table[first, 0], table[second, 1] - table[first, 1], table[second, 2] - table[first, 2]
+    )
+    for c in range(3):
+        frame[0, c] = 0.5 * (table[first, c] + table[second, c])
+        frame[1, c], frame[2, c], frame[3, c] = x[c], y[c], z[c]
+    for place in range(order.shape[0]):
+        m = order[place]
+        for c in range(3):
+            along, normal = 0.0, 0.0
+            for d in range(3):
+                along += frame[1 + c, d] * (table[m, d] - frame[0, d])
+                normal += frame[1 + c, d] * table[m, 3 + d]
+            contacts[place, c], contacts[place, 3 + c] = along * inverse_spacing, normal
+        contacts[place, 6], contacts[place, 7] = table[m, 6], table[m, 7]
+
+
+@inlined
+def _place(samples, i, j, contacts, spin, spins):
+    """Where a match and spin lays the contacts' frame in O: the point between the samples, and its axes.
+
+    The pair's own contacts are the last two of `contacts`, which has their normals across the line between them.
+    """
+    points, normals = samples.points, samples.normals
+    along, y, z, _ = _axes(points[j, 0] - points[i, 0], points[j, 1] - points[i, 1], points[j, 2] - points[i, 2])
+    middle = (
+        0.5 * (points[i, 0] + points[j, 0]),
+        0.5 * (points[i, 1] + points[j, 1]),
+        0.5 * (points[i, 2] + points[j, 2]),
+    )
     if spins == 1:
         cosine, sine = 1e-30, 0.0  # Normals along the line leave the spin at zero.
-        for k, row in ((i, 4), (j, 5)):
-            n = normals[k]
-            y = n[0] * axes[1, 0] + n[1] * axes[1, 1] + n[2] * axes[1, 2]
-            z = n[0] * axes[2, 0] + n[1] * axes[2, 1] + n[2] * axes[2, 2]
-            cosine += y * frame[row, 0] + z * frame[row, 1]
-            sine += y * frame[row, 1] - z * frame[row, 0]
+        last = contacts.shape[0] - 2
+        for k, row in ((i, last), (j, last + 1)):
+            across = normals[k, 0] * y[0] + normals[k, 1] * y[1] + normals[k, 2] * y[2]
+            up = normals[k, 0] * z[0] + normals[k, 1] * z[1] + normals[k, 2] * z[2]
+            cosine += across * contacts[row, 4] + up * contacts[row, 5]
+            sine += across * contacts[row, 5] - up * contacts[row, 4]
         scale = 1.0 / np.sqrt(cosine * cosine + sine * sine)
         cosine, sine = cosine * scale, sine * scale
     else:
         angle = 2.0 * np.pi * spin / spins
         cosine, sine = np.cos(angle), np.sin(angle)
+    # The frame's y and z are where its own normals are laid on the samples'.
+    turned = (
+        (cosine * y[0] - sine * z[0], cosine * y[1] - sine * z[1], cosine * y[2] - sine * z[2]),
+        (sine * y[0] + cosine * z[0], sine * y[1] + cosine * z[1], sine * y[2] + cosine * z[2]),
+    )
+    return middle, along, turned[0], turned[1]
+
+
+@inlined
+def _fill_pose(frame, middle, x, y, z, X):
+    """The pose X (3, 4) at which the contacts' frame is at this place in O."""
     for a in range(3):
-        x = frame[1, a]
-        y, z = cosine * frame[2, a] + sine * frame[3, a], cosine * frame[3, a] - sine * frame[2, a]
         X[a, 3] = frame[0, a]
         for b in range(3):
-            X[a, b] = x * axes[0, b] + y * axes[1, b] + z * axes[2, b]
+            X[a, b] = frame[1, a] * x[b] + frame[2, a] * y[b] + frame[3, a] * z[b]
             X[a, 3] -= X[a, b] * middle[b]
 
 
 @inlined
-def coarse_cost(field, table, order, X, limit):
-    """Sum of the squared whitened differences at the pose X (3, 4), or some number beyond the limit.
+def coarse_cost(field, contacts, middle, x, y, z, limit):
+    """Sum of the squared whitened differences of contacts (k, 8), or some number beyond the limit.
 
-    The contacts' `table` is that of `contact_table`, read in this order.
+    The contacts are those of `_lay_out`, whose frame has this middle, m, and these axes in O.
     """
     values, origin, inverse_spacing, steps = field.values, field.origin, field.inverse_spacing, field.steps
     nx, ny, nz = field.shape
+    # Voxels from the first one's centre.
+    u0 = (middle[0] - origin[0]) * inverse_spacing
+    v0 = (middle[1] - origin[1]) * inverse_spacing
+    w0 = (middle[2] - origin[2]) * inverse_spacing
     total = 0.0
-    for m in order:
-        x, y, z = table[m, 0] - X[0, 3], table[m, 1] - X[1, 3], table[m, 2] - X[2, 3]
-        # Voxels from the first one's centre.
-        u = (X[0, 0] * x + X[1, 0] * y + X[2, 0] * z - origin[0]) * inverse_spacing
-        v = (X[0, 1] * x + X[1, 1] * y + X[2, 1] * z - origin[1]) * inverse_spacing
-        w = (X[0, 2] * x + X[1, 2] * y + X[2, 2] * z - origin[2]) * inverse_spacing
+    for m in range(contacts.shape[0]):
+        px, py, pz = contacts[m, 0], contacts[m, 1], contacts[m, 2]
+        u = u0 + px * x[0] + py * y[0] + pz * z[0]
+        v = v0 + px * x[1] + py * y[1] + pz * z[1]
+        w = w0 + px * x[2] + py * y[2] + pz * z[2]
         a, b, c = min(max(u, 0.0), nx - 1.0), min(max(v, 0.0), ny - 1.0), min(max(w, 0.0), nz - 1.0)
         at = np.uintp((int(a + 0.5) * ny + int(b + 0.5)) * nz + int(c + 0.5))
         d = float(values[at, 0])
         if u != a or v != b or w != c:
             d += steps * np.sqrt((u - a) ** 2 + (v - b) ** 2 + (w - c) ** 2)
-        total += d * d * table[m, 6]
-        if table[m, 7] > 0.0:
-            n0, n1, n2 = table[m, 3], table[m, 4], table[m, 5]
-            e = values[at, 1] / 127.0 - (X[0, 0] * n0 + X[1, 0] * n1 + X[2, 0] * n2)
-            f = values[at, 2] / 127.0 - (X[0, 1] * n0 + X[1, 1] * n1 + X[2, 1] * n2)
-            g = values[at, 3] / 127.0 - (X[0, 2] * n0 + X[1, 2] * n1 + X[2, 2] * n2)
-            total += (e * e + f * f + g * g) * table[m, 7]
+        total += d * d * contacts[m, 6]
+        if contacts[m, 7] > 0.0:
+            n0, n1, n2 = contacts[m, 3], contacts[m, 4], contacts[m, 5]
+            e = values[at, 1] * (1.0 / 127.0) - (n0 * x[0] + n1 * y[0] + n2 * z[0])
+            f = values[at, 2] * (1.0 / 127.0) - (n0 * x[1] + n1 * y[1] + n2 * z[1])
+            g = values[at, 3] * (1.0 / 127.0) - (n0 * x[2] + n1 * y[2] + n2 * z[2])
+            total += (e * e + f * f + g * g) * contacts[m, 7]
         if total > limit:
             break
     return total
@@ -202,8 +218,9 @@ def keep_best(
     """
     pairs = samples.pairs
     matches, begins, ends, spins = matched
-    axes, middle, X, frame = np.empty((3, 3)), np.empty(3), np.empty((3, 4)), np.empty((6, 3))
-    count, used, limit = cost.shape[0], 0, np.inf
+    X, frames = np.empty((3, 4)), np.empty((spins.shape[0], 4, 3))
+    contacts = np.empty((spins.shape[0], table.shape[0], table.shape[1]))
+    count, used, limit, is_anywhere = cost.shape[0], 0, np.inf, images.farthest == np.inf
     # A pose is kept as its pair, its match and its spin; before a pair is done, there may be more than are wanted.
     room = 0
     for q in range(spins.shape[0]):
@@ -212,22 +229,24 @@ def keep_best(
     spare = np.empty(room, dtype=np.float32)
     order = np.empty(table.shape[0], dtype=np.intp)
     for q in range(spins.shape[0]):
-        a, b = ends[q, 0], ends[q, 1]
-        _contact_frame(table[a], table[b], frame)
-        _put_last(a, b, order)
+        _put_last(ends[q, 0], ends[q, 1], order)
+        frame, laid = frames[q], contacts[q]
+        _lay_out(table, ends[q, 0], ends[q, 1], order, field.inverse_spacing, frame, laid)
         for row in range(begins[q], begins[q + 1]):
             i, j = pairs[matches[row], 0], pairs[matches[row], 1]
-            _axes(samples.points[i], samples.points[j], axes, middle)
             for spin in range(spins[q]):
-                _pair_pose(samples.normals, i, j, Frames(axes, middle, frame), spin, spins[q], X)
-                if _is_near(X, images):
-                    total = coarse_cost(field, table, order, X, max(limit, alike))
-                    if total < alike:
-                        total = alike * _chance(row, spin)
-                    if total <= limit:
-                        kept[used, 0], kept[used, 1], kept[used, 2] = q, row, spin
-                        kept_cost[used] = total
-                        used += 1
+                middle, x, y, z = _place(samples, i, j, laid, spin, spins[q])
+                if not is_anywhere:
+                    _fill_pose(frame, middle, x, y, z, X)
+                    if not _is_near(X, images):
+                        continue
+                total = coarse_cost(field, laid, middle, x, y, z, max(limit, alike))
+                if total < alike:
+                    total = alike * _chance(row, spin)
+                if total <= limit:
+                    kept[used, 0], kept[used, 1], kept[used, 2] = q, row, spin
+                    kept_cost[used] = total
+                    used += 1
         if used > count:
             for k in range(used):
                 spare[k] = kept_cost[k]
@@ -241,9 +260,8 @@ def keep_best(
         k = places[0, place]
         q, row, spin = kept[k, 0], kept[k, 1], kept[k, 2]
         i, j = pairs[matches[row], 0], pairs[matches[row], 1]
-        _contact_frame(table[ends[q, 0]], table[ends[q, 1]], frame)
-        _axes(samples.points[i], samples.points[j], axes, middle)
-        _pair_pose(samples.normals, i, j, Frames(axes, middle, frame), spin, spins[q], X_best[place])
+        middle, x, y, z = _place(samples, i, j, contacts[q], spin, spins[q])
+        _fill_pose(frames[q], middle, x, y, z, X_best[place])
         cost[place] = kept_cost[k]
     return used
 

@@ -4,10 +4,10 @@ import pytest
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.poses import compose, make_poses, random_rotations, rotation_angles, transform_points
 from tactopose_drake.core.searches.pairs.contact_tables import contact_table
-from tactopose_drake.core.searches.pairs.pair_pose_kernels import coarse_cost
-from tactopose_drake.core.searches.pairs.pair_poses import MatchedPairs, best_poses, kernel_field
+from tactopose_drake.core.searches.pairs.pair_poses import MatchedPairs, best_poses
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.shape.symmetry import RotationalSymmetry
+from tests.coarse_costs import cost_at
 
 EVERY = 10**6
 EVERYWHERE = (np.eye(3, 4), (np.pi, np.inf), np.eye(3, 4)[None])
@@ -124,7 +124,7 @@ def test_the_cost_is_that_of_each_contact_once(blob: ObjectModel) -> None:
     pairs = matched(*((a, b, every_so_many(blob, 9973)) for a, b in ((0, 1), (2, 3), (4, 2))))
     X_PO, cost = best_poses(pairs, features, field, table, EVERY, *EVERYWHERE)
     assert len(cost) == pairs.count
-    expected = [coarse_cost(kernel_field(field), table, np.arange(5), X, np.inf) for X in X_PO]
+    expected = [cost_at(field, table, X) for X in X_PO]
     np.testing.assert_allclose(cost, expected, rtol=1e-3)
 
 
