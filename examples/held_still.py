@@ -8,7 +8,8 @@ Asked is how often the probability of the best hypothesis changes by more than 0
 pose moves by more than one standard deviation of its own.
 
 Inputs count to the nanometre, so the first change is none but where a coordinate lies at the border of two. Two seeds
-are two samples of one posterior, and two searches: each probability has the standard error that the estimate states.
+are two searches; what both find is weighed by the same samples, and other samples would change it by the standard error
+that the estimate states, or more: adapted samples tell their own spread too small where many poses fit.
 """
 
 import argparse

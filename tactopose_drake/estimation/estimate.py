@@ -39,6 +39,8 @@ from tactopose_drake.estimation.shape_errors import with_shape_errors
 
 # Contacts that are farther apart than a hand reaches, m, and than this many sizes of the object, are not in metres.
 _WIDEST_HAND, _WIDEST_TOUCH = 1.0, 30.0
+# The same samples weigh the modes whatever the search's seed is: what is believed of them hangs on the touch alone.
+_SAMPLES_SEED = 0
 
 
 def estimate_pose(
@@ -159,7 +161,8 @@ def weigh_poses(
         wider = _modes_of(model, evidence, problem, found, images, max_hypotheses)
         modes = min(modes, wider, key=lambda either: float(either.cost.min()))
     if not deadline():
-        modes = weigh_modes(modes, make_posterior(model, evidence, problem, params, images), generator)
+        posterior = make_posterior(model, evidence, problem, params, images)
+        modes = weigh_modes(modes, posterior, np.random.default_rng(_SAMPLES_SEED))
     if model.near_symmetries or len(images) < len(model.symmetry_poses):
         modes = join_alike(modes, model, params.modes)
     judged, explains = _judge(model, evidence, problem, modes, params)

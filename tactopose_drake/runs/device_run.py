@@ -19,7 +19,7 @@ from tactopose_drake.runs.known_signals import known_signals
 from tactopose_drake.runs.recording import Recording
 from tactopose_drake.runs.rehearsal import rehearse
 from tactopose_drake.runs.simulated_devices import SimulatedRig, loads_of_files, simulated_loads
-from tactopose_drake.runs.simulation import TRUE_POSE, sense_ports
+from tactopose_drake.runs.simulation import BESIDE_DEVICES, TRUE_POSE, sense_ports
 from tactopose_drake.runs.stepping import Observer, Progress, RunView, advance
 from tactopose_drake.station.can_devices import CanDevices, live_buses
 from tactopose_drake.station.hardware import HardwareStation, make_hardware_station
@@ -109,7 +109,7 @@ def _start(station: HardwareStation, true_pose: Signal | None, recording: Record
     """A simulator in real time, which records what is not on a bus."""
     simulator = Simulator(station.diagram)
     simulator.set_target_realtime_rate(1.0)
-    ports = [port for port in sense_ports(station.diagram) if port.get_name() in ("joint_positions", "prior")]
+    ports = [port for port in sense_ports(station.diagram) if port.get_name() in BESIDE_DEVICES]
 
     def monitor(context: Context) -> EventStatus:
         if recording is not None:

@@ -1,9 +1,11 @@
-"""What a scenario with CAN devices knows without them: joint angles and the object's pose by other means."""
+"""What a scenario with CAN devices knows without them: joint angles, the palm's pose, the object's by other means."""
 
 import warnings
 from pathlib import Path
 
 import numpy as np
+from pydrake.common.eigen_geometry import Quaternion
+from pydrake.math import RigidTransform
 
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
@@ -15,9 +17,11 @@ from tactopose_drake.station.scenario import Scenario
 from tactopose_drake.station.senses import CanSenses, FixedJoints, JointFile
 from tactopose_drake.systems.signals import Signal
 
+_PALM = ["x", "y", "z", "qw", "qx", "qy", "qz"]
+
 
 def known_signals(scenario: Scenario) -> dict[str, Signal]:
-    """The signals that the scenario's `senses.joints` and `senses.prior` stand for, by the station's names.
+    """The signals that the scenario's `senses.joints`, `palm` and `prior` stand for, by the station's names.
 
     Raises:
         InvalidInputError: if the joint angles come through a port, or a joint's name is unknown.
@@ -28,11 +32,13 @@ def known_signals(scenario: Scenario) -> dict[str, Signal]:
     signals = {}
     if senses.prior:
         signals["prior"] = Signal.constant(load_prior(Path(senses.prior)))
+    if senses.palm:
+        signals["palm_pose"] = _palm(Path(senses.palm))
     if isinstance(senses.joints, FixedJoints):
         names, rows = list(senses.joints.positions), np.array([list(senses.joints.positions.values())])
         signals["joint_positions"] = Signal([-np.inf], list(_positions(scenario, names, rows)))
     elif isinstance(senses.joints, JointFile):
-        names, times, rows = _read(Path(senses.joints.path))
+        names, times, rows = _read(Path(senses.joints.path), "joints' names")
         signals["joint_positions"] = Signal(times.tolist(), list(_positions(scenario, names, rows)))
     elif senses.barrett_hand is None:
         raise InvalidInputError(
@@ -58,8 +64,18 @@ def _positions(scenario: Scenario, names: list[str], rows: FloatArray) -> FloatA
     return positions
 
 
-def _read(path: Path) -> tuple[list[str], FloatArray, FloatArray]:
-    """Names, times (n,) and positions (n, k) of a CSV file."""
+def _palm(path: Path) -> Signal:
+    """X_WP over time."""
+    names, times, rows = _read(path, "x, y, z, qw, qx, qy, qz")
+    lengths = np.linalg.norm(rows[:, 3:], axis=1)
+    if names != _PALM or np.any(np.abs(lengths - 1.0) > 1e-3):
+        raise InvalidFileError(f"{path}: must have the columns time, {', '.join(_PALM)}; quaternions of length 1.")
+    poses = [RigidTransform(Quaternion(row[3:] / length), row[:3]) for row, length in zip(rows, lengths, strict=True)]
+    return Signal(times.tolist(), poses)
+
+
+def _read(path: Path, columns: str) -> tuple[list[str], FloatArray, FloatArray]:
+    """Names, times (n,) and numbers (n, k) of a CSV file whose columns after the first are these."""
     try:
         with path.open(encoding="utf-8") as file:
             first, *names = (name.strip() for name in file.readline().split(","))
@@ -68,7 +84,7 @@ def _read(path: Path) -> tuple[list[str], FloatArray, FloatArray]:
     except (OSError, ValueError) as error:
         raise InvalidFileError(f"{path}: {' '.join(str(error).split())}") from None
     if first != "time" or table.shape[1:] != (1 + len(names),) or not np.all(np.isfinite(table)):
-        raise InvalidFileError(f"{path}: must have a line of `time` and joints' names, then rows of as many numbers.")
+        raise InvalidFileError(f"{path}: must have a line of `time` and {columns}, then rows of as many numbers.")
     if not np.all(np.diff(table[:, 0]) > 0):
         raise InvalidFileError(f"{path}: its times, the first column, must rise.")
     return names, table[:, 0], table[:, 1:]

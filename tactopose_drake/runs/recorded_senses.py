@@ -16,7 +16,7 @@ from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.named_joints import NamedJoints
 from tactopose_drake.runs.manifest import ESTIMATES, SIGNALS, Manifest, load_manifest
 from tactopose_drake.runs.scenario_replay import as_recorded, have_ended, logged_devices
-from tactopose_drake.runs.simulation import sense_ports
+from tactopose_drake.runs.simulation import BESIDE_DEVICES, sense_ports
 from tactopose_drake.runs.stepping import advance
 from tactopose_drake.station.hardware import make_hardware_station
 from tactopose_drake.station.senses import CanSenses
@@ -32,8 +32,8 @@ class RecordedRun:
 
     Attributes:
         manifest: of which scenario, and when.
-        signals: `joint_positions`, `prior`, `wrench_<finger>`, `pressures_<pad>`, and of a simulation `true_pose`:
-            those that the recording has.
+        signals: `joint_positions`, `palm_pose`, `prior`, `wrench_<finger>`, `pressures_<pad>`, and of a simulation
+            `true_pose`: those that the recording has.
         joints: names of the numbers of `joint_positions`.
         estimates: lines of `estimates.jsonl`, by rising time.
         problems: what could not be read to its end, in sentences.
@@ -74,7 +74,7 @@ def _play(folder: Path, manifest: Manifest, signals: dict[str, Signal]) -> tuple
         recorder = parts.enter_context(SignalRecorder())
         devices = logged_devices(folder, manifest)
         assert devices is not None
-        known = {name: signal for name, signal in signals.items() if name in ("joint_positions", "prior")}
+        known = {name: signal for name, signal in signals.items() if name in BESIDE_DEVICES}
         if devices.hand is not None:  # They are in the log.
             known.pop("joint_positions", None)
         station = make_hardware_station(scenario, devices, known, model=manifest.scenario.object_model())

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
+from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
 
 from tactopose_drake.drivers.device_bus import DeviceBus
@@ -79,7 +80,7 @@ def replay(
     signals, cut = read_signals(folder / SIGNALS)
     last = max((signal.times[-1] for signal in signals.values()), default=0.0)  # What is beyond is not known.
     signals.pop(TRUE_POSE, None)
-    _check_signals(signals, scenario, cut or f"{folder / SIGNALS}: is whole.")
+    _check_signals(signals, manifest.scenario, cut or f"{folder / SIGNALS}: is whole.")
     devices = logged_devices(folder, manifest)
     tell("reading the object")
     with contextlib.ExitStack() as parts:
@@ -139,7 +140,7 @@ def as_recorded(scenario: Scenario, manifest: Manifest) -> Scenario:
     estimation = dataclasses.replace(scenario.estimation, estimator=estimator)
     senses = manifest.scenario.senses
     if isinstance(senses, CanSenses):  # What came from files then is among the signals.
-        senses = dataclasses.replace(senses, joints=JointPort(), prior="")
+        senses = dataclasses.replace(senses, joints=JointPort(), prior="", palm="")
     played = dataclasses.replace(scenario, senses=senses, estimation=estimation)
     played.validate()
     return played
@@ -174,13 +175,15 @@ def _check_signals(signals: Mapping[str, Signal], scenario: Scenario, state: str
         needed += [f"pressures_{pad.name}" for pad in hand.pads] + ["prior"]
     if not isinstance(senses, CanSenses) or senses.barrett_hand is None:
         needed.append("joint_positions")
+    if isinstance(senses, CanSenses) and senses.palm:
+        needed.append("palm_pose")
     for name in needed:
         if name not in signals:
             raise InvalidFileError(f"{state} It has no {name}, which the run has recorded.")
     for name, signal in signals.items():
-        kind = PosePrior if name == "prior" else np.ndarray
+        kind = {"prior": PosePrior, "palm_pose": RigidTransform}.get(name, np.ndarray)
         if not all(isinstance(value, kind) or (value is None and name == "prior") for value in signal.values):
             raise InvalidFileError(f"{state} Its {name} has another kind of value; allowed is a {_KINDS[kind]}.")
 
 
-_KINDS: dict[type, str] = {PosePrior: "prior", np.ndarray: "vector"}
+_KINDS: dict[type, str] = {PosePrior: "prior", RigidTransform: "pose", np.ndarray: "vector"}

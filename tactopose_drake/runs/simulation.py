@@ -10,6 +10,7 @@ from tactopose_drake.systems.signals import Value
 
 Write = Callable[[str, float, Value], None]  # a signal's name, the time in s, and its value
 TRUE_POSE = "true_pose"  # the signal of the simulator's own X_PO
+BESIDE_DEVICES = ("joint_positions", "palm_pose", "prior")  # the signals that come from no device on a bus
 
 
 def start_simulation(station: Station, write: Write | None) -> Simulator:
@@ -38,5 +39,5 @@ def start_simulation(station: Station, write: Write | None) -> Simulator:
 def sense_ports(diagram: Diagram) -> list[OutputPort]:
     """The ports of a station that carry what the estimate is made from."""
     ports = [diagram.get_output_port(index) for index in range(diagram.num_output_ports())]
-    names = ("joint_positions", "prior")
-    return [port for port in ports if port.get_name() in names or port.get_name().startswith(("wrench_", "pressures_"))]
+    measured = ("wrench_", "pressures_")
+    return [port for port in ports if port.get_name() in BESIDE_DEVICES or port.get_name().startswith(measured)]

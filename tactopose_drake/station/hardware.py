@@ -32,6 +32,8 @@ from tactopose_drake.systems.pose_tracking import PoseTrackingParams
 from tactopose_drake.systems.sense_status import SenseStatus
 from tactopose_drake.systems.signals import Signal
 
+_POSES = ("prior", "palm_pose")  # signals that are no vectors
+
 
 @dataclass(frozen=True, eq=False)
 class HardwareStation:
@@ -44,7 +46,9 @@ class HardwareStation:
             scenario tracks, `tracked_object_pose` and so on, likewise. Input ports `joint_positions` and `prior` where
             nothing else gives them; `joint_velocities`, which may stay unconnected, where the tracking uses them; and
             `palm_pose`, X_WP of a hand that an arm moves, where the fingertips' weight is taken off or the forces'
-            balance counts. While that stays unconnected, the base stands still at the scenario's `X_WBase`.
+            balance counts and no signal gives it. While that stays unconnected, the base stands still at the scenario's
+            `X_WBase`. Where a signal gives it, there is an output of that name instead, and where the scenario tracks
+            `tracked_object_pose_in_world`.
         model: the object's model.
         scenario: what all this was made from.
     """
@@ -67,7 +71,7 @@ def make_hardware_station(
         scenario: what is held in which hand, and how the pose is estimated.
         devices: what measures; the diagram neither opens nor closes them.
         signals: what is known otherwise, by the names of the ports that they stand in for: `joint_positions`, `prior`,
-            `wrench_<finger>`, `pressures_<pad>`.
+            `palm_pose`, `wrench_<finger>`, `pressures_<pad>`.
         model: of the scenario's object, if it is at hand already.
 
     Raises:
@@ -97,7 +101,7 @@ def make_hardware_station(
 
     estimation = AddPoseEstimation(builder, config, model, scenario.estimation)
     for name, port in {**known, **ages}.items():
-        if estimation.HasInputPort(name):
+        if estimation.HasInputPort(name) and name != "palm_pose":
             builder.Connect(port, estimation.GetInputPort(name))
     if "prior" not in known:
         builder.ExportInput(estimation.GetInputPort("prior"), "prior")
@@ -106,7 +110,7 @@ def make_hardware_station(
         palm = builder.AddNamedSystem("palm_pose", PalmOnBase(plant, hand, X_WBase))
         builder.Connect(known["joint_positions"], palm.GetInputPort("joint_positions"))
         builder.Connect(palm.get_output_port(), estimation.GetInputPort("palm_pose"))
-    _export_palm_pose(builder)
+    _tell_palm_pose(builder, known.get("palm_pose"))
     for port in map(estimation.get_output_port, range(estimation.num_output_ports())):
         builder.ExportOutput(port, port.get_name())
     if scenario.tracking is not None:
@@ -125,11 +129,11 @@ def _add_signals(
     sizes["joint_positions"] = plant.num_positions()
     ports = {}
     for name, signal in signals.items():
-        if name not in sizes and name != "prior":
-            raise UnknownNameError("signal", name, [*sizes, "prior"])
+        if name not in sizes and name not in _POSES:
+            raise UnknownNameError("signal", name, [*sizes, *_POSES])
         if name in sizes and signal.size != sizes[name]:
             raise InvalidInputError(f"signal {name!r}: has {signal.size} numbers; allowed are {sizes[name]}.")
-        player = PlayedValue(signal) if name == "prior" else PlayedVector(signal)
+        player = PlayedValue(signal) if name in _POSES else PlayedVector(signal)
         ports[name] = builder.AddNamedSystem(f"played_{name}", player).get_output_port()
     return ports
 
@@ -177,12 +181,14 @@ def _add_boards(
     return {name: weight.GetOutputPort(name) for name in ports}
 
 
-def _export_palm_pose(builder: DiagramBuilder) -> None:
-    """One input port for all that asks where the palm is."""
+def _tell_palm_pose(builder: DiagramBuilder, known: OutputPort | None) -> None:
+    """Connects all that asks where the palm is with what is known of that, or with one input port of the diagram."""
     askers = [name for name in ("fingertip_weight", "palm_pose") if builder.HasSubsystemNamed(name)]
     ports = [builder.GetSubsystemByName(name).GetInputPort("palm_pose") for name in askers]
     for i, port in enumerate(ports):
-        if i == 0:
+        if known is not None:
+            builder.Connect(known, port)
+        elif i == 0:
             builder.ExportInput(port, "palm_pose")
         else:
             builder.ConnectInput("palm_pose", port)

@@ -20,7 +20,7 @@ def count_paths_from(folder: Path, scenario: Any) -> None:
     if isinstance(senses, RecordedSenses):
         senses.folder = _path(folder, senses.folder)
     if isinstance(senses, CanSenses):
-        senses.prior = _path(folder, senses.prior)
+        senses.prior, senses.palm = _path(folder, senses.prior), _path(folder, senses.palm)
         if isinstance(senses.joints, JointFile):
             senses.joints.path = _path(folder, senses.joints.path)
         if senses.simulated is not None:

@@ -196,6 +196,9 @@ class CanSenses:
     # Where the joint angles come from, unless from Barrett's hand or from the simulated one.
     joints: JointPort | FixedJoints | JointFile = dataclasses.field(default_factory=JointPort)
     prior: str = ""  # a prior.yaml with the object's pose by other means; empty: the diagram's input port `prior`
+    # CSV of where an arm holds the palm in the world, whose z points up: a header of `time, x, y, z, qw, qx, qy, qz`,
+    # then rows of s, m, and a unit quaternion; empty: the diagram's input port `palm_pose`, or a base that stands still
+    palm: str = ""
     tare_samples: int = 50  # of each board before the start, while nothing touches the hand; 0: no tare
     compensate_weight: bool = True  # whether a fingertip's weight is followed as the fingertip turns after the tare
     simulated: SimulatedDevices | None = None  # None: the devices are real
@@ -217,7 +220,12 @@ class CanSenses:
                 raise InvalidInputError(
                     "CanSenses.joints: is given, but Barrett's hand measures its own; allowed is none."
                 )
-        for path in (self.prior, self.joints.path if isinstance(self.joints, JointFile) else ""):
+        if self.palm and self.simulated == SimulatedDevices():
+            raise InvalidInputError(
+                "CanSenses.palm: is given, but the base of the hand that the simulated devices feel with stands still; "
+                "allowed is none, or simulated devices with a folder."
+            )
+        for path in (self.prior, self.palm, self.joints.path if isinstance(self.joints, JointFile) else ""):
             if path and not os.path.isfile(path):
                 raise InvalidInputError(f"CanSenses: the file {path} does not exist.")
 

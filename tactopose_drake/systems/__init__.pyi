@@ -28,6 +28,7 @@ from .grip_controller import set_motor_gains as set_motor_gains
 from .hand_kinematics import declare_kinematics as declare_kinematics
 from .hand_volume import HandVolume as HandVolume
 from .joint_encoders import JointEncoders as JointEncoders
+from .joint_offset_refiner import JointOffsetRefiner as JointOffsetRefiner
 from .lcm_belief import LcmBelief as LcmBelief
 from .lcm_hand_senses import LcmHandSenses as LcmHandSenses
 from .likelihood_display import LikelihoodDisplay as LikelihoodDisplay

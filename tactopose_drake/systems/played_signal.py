@@ -2,6 +2,7 @@
 
 import numpy as np
 from pydrake.common.value import AbstractValue
+from pydrake.math import RigidTransform
 from pydrake.systems.framework import BasicVector, Context
 
 from tactopose_drake.systems.collectable_system import CollectableSystem
@@ -32,7 +33,7 @@ class PlayedVector(CollectableSystem):
 
 
 class PlayedValue(CollectableSystem):
-    """Plays a recorded signal of any other kind, such as a `PosePrior`.
+    """Plays a recorded signal of any other kind, such as a `PosePrior` or a `RigidTransform`.
 
     .. pydrake_system::
 
@@ -40,16 +41,18 @@ class PlayedValue(CollectableSystem):
         output_ports:
         - value
 
-    - value: of the signal at the present time, None before its first; a function of time.
+    - value: of the signal at the present time, None before its first; a function of time. Of a `RigidTransform`, which
+      ports of that type take, the first holds before its time, too.
     """
 
     def __init__(self, signal: Signal) -> None:
         """Keeps the signal."""
         super().__init__()
         self._signal = signal
-        self.DeclareAbstractOutputPort(
-            "value", lambda: AbstractValue.Make(None), self._calc, prerequisites_of_calc={self.time_ticket()}
-        )
+        self._before = signal.values[0] if isinstance(signal.values[0], RigidTransform) else None
+        model = AbstractValue.Make(self._before)
+        self.DeclareAbstractOutputPort("value", model.Clone, self._calc, prerequisites_of_calc={self.time_ticket()})
 
     def _calc(self, context: Context, output: AbstractValue) -> None:
-        output.set_value(self._signal.at(context.get_time()))
+        value = self._signal.at(context.get_time())
+        output.set_value(self._before if value is None else value)

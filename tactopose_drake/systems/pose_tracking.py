@@ -3,12 +3,15 @@
 import dataclasses
 
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
 
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.hand.hand_config import HandConfig
+from tactopose_drake.core.tracking.offset_refinement import OffsetRefinementParams
+from tactopose_drake.hand.hand_config import HandConfig, HandUncertainty
+from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.systems.belief_inputs import pad_source
 from tactopose_drake.systems.fingertip_velocities import FingertipVelocities
+from tactopose_drake.systems.joint_offset_refiner import JointOffsetRefiner
 from tactopose_drake.systems.live_pose_belief_estimator import LivePoseBeliefEstimator
 from tactopose_drake.systems.plant_senses import connect_plant
 from tactopose_drake.systems.pose_belief_estimator import PoseBeliefEstimator, PoseBeliefParams
@@ -22,11 +25,15 @@ class PoseTrackingParams(TouchParams):
     belief: PoseBeliefParams = dataclasses.field(default_factory=PoseBeliefParams)
     use_joint_velocities: bool = True  # whether the object is taken to move with the fingertips; else with the palm
     live: bool = False  # whether the belief is computed in a thread of its own, for hardware; not repeatable
+    # Refines the encoders' offsets while it runs, by fingertips with a force-torque sensor; None: it does not.
+    refinement: OffsetRefinementParams | None = None
 
     def validate(self) -> None:
         """Raises InvalidInputError if a value is out of its range."""
         TouchParams.validate(self)
         self.belief.validate()
+        if self.refinement is not None:
+            self.refinement.validate()
 
 
 def AddPoseTracking(
@@ -68,11 +75,14 @@ def AddPoseTracking(
         - contact_solutions
         - patches
         - patch_status
+        - joint_offsets
+        - joint_offset_sigmas
 
     - wrench_<finger>, pressures_<pad>, age_<pad>, joint_positions, prior, planes: as those of `AddPoseEstimation`, in
       whose place it can be put.
     - joint_velocities: of the same joints, rad/s; only where `use_joint_velocities`. May stay unconnected.
     - vision, palm_pose, and the outputs up to belief: of `PoseBeliefEstimator`; the others as of `AddPoseEstimation`.
+    - joint_offsets, joint_offset_sigmas: of `JointOffsetRefiner`; only with `refinement`.
 
     Args:
         builder: receives the diagram.
@@ -98,7 +108,8 @@ def MakePoseTracking(hand: HandConfig, model: ObjectModel, params: PoseTrackingP
     builder = DiagramBuilder()
     kind = LivePoseBeliefEstimator if params.live else PoseBeliefEstimator
     belief = builder.AddNamedSystem("pose_belief", kind(model, params.belief))
-    plant, parts = add_touch(builder, hand, params, belief)
+    refiner = None if params.refinement is None else _add_refiner(builder, hand, model, params.refinement, belief)
+    plant, parts = add_touch(builder, hand, params, belief, refiner)
     if params.use_joint_velocities:
         tip_frames = {**parts.sensor_frames, **{pad_source(pad): frame for pad, frame in parts.pad_frames.items()}}
         tips = builder.AddNamedSystem("fingertip_velocities", FingertipVelocities(plant, tip_frames, parts.palm_frame))
@@ -110,3 +121,20 @@ def MakePoseTracking(hand: HandConfig, model: ObjectModel, params: PoseTrackingP
     diagram = builder.Build()
     diagram.set_name("pose_tracking")
     return diagram
+
+
+def _add_refiner(
+    builder: DiagramBuilder,
+    hand: HandConfig,
+    model: ObjectModel,
+    params: OffsetRefinementParams,
+    belief: LeafSystem,
+) -> LeafSystem:
+    """Adds what refines the encoders' offsets by the belief."""
+    plant, parts = make_hand_plant(hand)
+    uncertainty = HandUncertainty() if hand.uncertainty is None else hand.uncertainty
+    refiner = builder.AddNamedSystem("offset_refiner", JointOffsetRefiner(plant, parts, uncertainty, model, params))
+    builder.Connect(belief.GetOutputPort("belief"), refiner.GetInputPort("belief"))
+    for name in ("joint_offsets", "joint_offset_sigmas"):
+        builder.ExportOutput(refiner.GetOutputPort(name), name)
+    return refiner

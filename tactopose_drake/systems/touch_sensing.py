@@ -37,7 +37,11 @@ class TouchParams:
 
 
 def add_touch(
-    builder: DiagramBuilder, hand: HandConfig, params: TouchParams, estimator: LeafSystem
+    builder: DiagramBuilder,
+    hand: HandConfig,
+    params: TouchParams,
+    estimator: LeafSystem,
+    refiner: LeafSystem | None = None,
 ) -> tuple[MultibodyPlant, Hand]:
     """Adds what leads from the senses to an estimator, and gives the diagram its ports.
 
@@ -50,6 +54,7 @@ def add_touch(
         hand: the hand's names, fingertips and model.
         params: parameters of each part.
         estimator: each of its inputs is connected to what is called as it is, if there is such a thing.
+        refiner: a `JointOffsetRefiner` of the diagram, through which the joint positions go.
 
     Returns:
         The plant of the hand alone, by which the kinematics are computed, and the hand in it.
@@ -90,7 +95,11 @@ def add_touch(
 
     for finger in parts.sensor_frames:
         builder.ExportInput(solver.GetInputPort(f"wrench_{finger}"), f"wrench_{finger}")
-    _export_joints(builder, plant, parts, [*posed, estimator])
+    if refiner is not None:
+        builder.Connect(known["contact_solutions"], refiner.GetInputPort("contact_solutions"))
+        for system in (system for system in (*posed, estimator) if system.HasInputPort("joint_positions")):
+            builder.Connect(refiner.GetOutputPort("joint_positions"), system.GetInputPort("joint_positions"))
+    _export_joints(builder, plant, parts, [*posed, estimator] if refiner is None else [refiner])
     for name, port in touch.items():
         builder.ExportOutput(port, name)
     for port in map(estimator.get_output_port, range(estimator.num_output_ports())):

@@ -8,6 +8,7 @@ import tactopose_drake as tp
 from tactopose_drake.core.poses import rotation_angles
 from tactopose_drake.core.posterior.hypotheses import determined_part
 from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
+from tactopose_drake.resources import model_path
 from tests.displaced_poses import displaced, error, random_pose
 
 
@@ -94,3 +95,13 @@ def test_nothing_hangs_on_the_last_digits_of_a_touch(blob: tp.ObjectModel, with_
             tp.estimate_pose(blob, tp.Contacts(p, contacts.n_PC), prior=prior).best.to_dict() for p in (p_PC, moved)
         ]
         assert answers[0] == answers[1]
+
+
+def test_another_seed_weighs_the_same_modes_by_the_same_samples() -> None:
+    """A pencil by three contacts, without a guess, has two ends: each seed of the search finds both."""
+    pencil, changes = tp.ObjectModel.from_mesh(model_path("objects", "pencil.obj")), []
+    for seed in range(5):
+        contacts = touch_surface(pencil, random_pose(seed), 3, np.random.default_rng(seed))
+        first, other = (tp.estimate_pose(pencil, contacts, seed=of_search) for of_search in (0, 1))
+        changes.append(abs(first.best.probability - other.best.probability))
+    assert np.count_nonzero(np.array(changes) < 0.001) >= 4

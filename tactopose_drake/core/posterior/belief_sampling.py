@@ -31,6 +31,7 @@ from tactopose_drake.core.posterior.student_t_mixture import (
     draw,
     find_increments,
     in_chart,
+    place_in_group,
 )
 from tactopose_drake.core.validation import FloatArray
 
@@ -183,7 +184,7 @@ def _cover(
     counts = 1 + np.rint(params.tiles * root_share / root_share.sum()).astype(np.intp)
     each = np.arange(len(X_mode))
     group = np.repeat(each, counts)
-    normal = generator.normal(scale=params.tile_scatter, size=(len(group), 6))
+    normal = generator.normal(scale=params.tile_scatter, size=(int(counts.max()), 6))[place_in_group(group)]
     normal[np.cumsum(counts) - counts] = 0.0  # The first at each mode stands in its middle.
     laplace = draw(X_mode, each, np.zeros((len(X_mode), 6)), information, counts, normal)
     X_PO = _to_the_floor(laplace, posterior)

@@ -67,11 +67,13 @@ class StudentTMixture:
     def sample(self, generator: np.random.Generator) -> FloatArray:
         """Poses, shape (count.sum(), 3, 4), every second one of a component opposite to the one before it.
 
-        Means over them are less noisy so: what is odd about a component's middle cancels.
+        Means over them are less noisy so: what is odd about a component's middle cancels. Groups have their random
+        numbers in common: the groups' order does not matter, and of groups that are alike the shares are less noisy.
         """
-        total = int(self.count.sum())
-        normal = generator.standard_normal((total, 6))
-        normal /= np.sqrt(generator.chisquare(self.freedom, size=(total, 1)) / self.freedom)
+        place = place_in_group(np.repeat(self.group, self.count))
+        white = generator.standard_normal((int(place.max()) + 1, 6))
+        white /= np.sqrt(generator.chisquare(self.freedom, size=(len(white), 1)) / self.freedom)
+        normal = white[place]
         student_t_kernels.oppose(self.count, normal)
         return draw(self.X_PO, self.group, self.center, self.information, self.count, normal)
 
@@ -98,6 +100,12 @@ class StudentTMixture:
         first = np.searchsorted(self.group, np.arange(len(self.X_PO) + 1))
         arrays = (first, self.center, information, reach, scale)
         return student_t_kernels.Components(*map(read_only, arrays))
+
+
+def place_in_group(group: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Which one of its group each is, of rising groups (n,), shape (n,)."""
+    place: NDArray[np.intp] = np.arange(len(group)) - np.searchsorted(group, group)
+    return place
 
 
 def draw(

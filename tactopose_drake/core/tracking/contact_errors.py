@@ -204,7 +204,7 @@ def estimate_scale(
         return None
     mean = np.nansum(history[:, felt], axis=0) / counts[felt, None]
     jacobian = contact_rows_at(model, reading, X_PO[None])[1][0][felt]
-    residuals, jacobian = _along_normals(contacts.n_PC[felt] @ X_PO[:, :3], mean, jacobian)
+    residuals, jacobian = along_normals(contacts.n_PC[felt] @ X_PO[:, :3], mean, jacobian)
     told = np.stack([contacts.sigma_position, contacts.sigma_normal], axis=1)[felt] ** 2
     scales = _scales(settings.halvings, settings.doublings, settings.doubling_share, settings.apart_share)
     lasting = np.square(BiasModel.from_params(params).calibration) + declared_excess(contacts, params)[felt]
@@ -225,8 +225,14 @@ def follow_scale(errors: SeemingErrors, now: FloatArray | None, params: Calibrat
     return errors._replace(calibration=mean, estimates=errors.estimates + 1)
 
 
-def _along_normals(n_O: FloatArray, mean: FloatArray, jacobian: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Distances, and the two components of the differences of normals across them: (k, 3) and (k, 3, 6)."""
+def along_normals(n_O: FloatArray, mean: FloatArray, jacobian: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Distances, and the two components of the differences of normals across them: (k, 3) and (k, 3, 6).
+
+    Args:
+        n_O: measured normals in the object's frame, shape (k, 3).
+        mean: distances and differences of normals, shape (k, 4).
+        jacobian: their derivatives, shape (k, 4, 6).
+    """
     least = np.eye(3)[np.argmin(np.abs(n_O), axis=1)]
     first = np.cross(n_O, least)
     first /= np.linalg.norm(first, axis=1, keepdims=True)

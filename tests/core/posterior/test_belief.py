@@ -179,11 +179,15 @@ def test_a_mode_that_reaches_its_own_images_counts_once() -> None:
     covariance = np.linalg.inv(valley.normal_equations(X_PO).hessian + np.diag([0, 0, 1 / 1.7, 0, 0, 0]))
     start = Modes(GaussianMixture(X_PO, np.full(2, 0.5), covariance), valley.cost(X_PO), (np.empty((0, 6)),) * 2, 0.0)
     asked = dataclasses.replace(posterior(valley, samples=4000, tiles=32), symmetry_poses=images)
-    found = weigh_modes(start, asked, np.random.default_rng(0))
-    is_away = found.mixture.X_PO[:, 1, 3] > 0.05
-    assert found.mixture.weights[is_away].sum() == pytest.approx(0.5, abs=0.05)
+    shares, spreads = [], []
+    for seed in range(9):
+        found = weigh_modes(start, asked, np.random.default_rng(seed))
+        is_away = found.mixture.X_PO[:, 1, 3] > 0.05
+        shares.append(found.mixture.weights[is_away].sum())
+        spreads.append(found.mixture.covariance[~is_away][0, 2, 2])
+    assert np.median(shares) == pytest.approx(0.5, abs=0.05)
     # The turn is known as well as the symmetry tells it: evenly within a third.
-    assert found.mixture.covariance[~is_away][0, 2, 2] == pytest.approx(third**2 / 12.0, rel=0.15)
+    assert np.median(spreads) == pytest.approx(third**2 / 12.0, rel=0.15)
 
 
 def test_a_bent_valley_is_as_long_as_it_is() -> None:

@@ -95,3 +95,15 @@ def test_every_second_sample_of_a_component_is_opposite_to_the_one_before_it() -
         np.testing.assert_allclose(u[::2], -u[1::2], atol=1e-9)
         assert np.linalg.norm(u[::2], axis=1).min() > 0.0
         begin += count
+
+
+def test_groups_have_their_random_numbers_in_common() -> None:
+    """So that what is said of modes that are alike does not hang on which of them was found first."""
+    whole = mixture(40)
+    u = increments_between(whole.X_PO[whole.group.repeat(whole.count)], whole.sample(np.random.default_rng(0)))
+    white = [
+        (u[begin : begin + 10] - whole.center[j]) @ np.linalg.cholesky(whole.information[j])
+        for j, begin in enumerate(np.cumsum(whole.count) - whole.count)
+    ]
+    np.testing.assert_allclose(white[2], white[0][:10], atol=1e-9)
+    assert np.abs(white[1] - white[0]).max() > 0.1

@@ -1,0 +1,139 @@
+"""What a hand's encoders show too much, found slowly from what the touches of a run leave unexplained.
+
+Of one touch by five fingers fifteen numbers tell, and six of these its pose; what the rest says of offsets is little,
+and adds up over touches in other postures. Each counts once, as a linear measurement: the residuals at the best pose
+are r = J u + B b + e, where u is what the pose is off by, of which nothing is taken for known, and b what is left of
+the offsets. To move a contact's point and turn its normal is to move the object the other way, so B follows from J and
+from the fingers' Jacobians. What else contacts are off by is noise here, though it stays from touch to touch; therefore
+no offset is ever known better than to a least standard deviation, and a touch that does not fit what is known so far
+says nothing.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from scipy.stats import chi2
+
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.objectives.surface_contact import SurfaceContact
+from tactopose_drake.core.poses import skew
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.tracking.contact_errors import along_normals
+from tactopose_drake.core.tracking.keyframes import Keyframe
+from tactopose_drake.core.validation import FloatArray, positive_number, whole_number
+
+# Nothing is known of the pose, rad and m.
+_ANY_POSE = np.repeat([3.0, 0.3], 3)
+_LEAST_CONTACTS = 3
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class OffsetRefinementParams:
+    """How slowly offsets are refined."""
+
+    period: float = 0.05  # s between two looks at the belief
+    least_frames: int = 6  # that a touch is the mean of, before it tells
+    least_turn_deg: float = 10.0  # of any joint since the last touch that told, unless the hand let go since
+    least_sigma_deg: float = 0.2  # to which an offset may come to be known, deg; of a joint that slides 1 deg is 1 mm
+    least_noise_share: float = 0.1  # of a contact's variance, that is of other things than the joints
+    chance: float = 1e-3  # with which residuals of what is known so far are as large; a rarer touch says nothing
+
+    def validate(self) -> None:
+        """Raises InvalidInputError if a number is out of its range."""
+        whole_number("OffsetRefinementParams.least_frames", self.least_frames, least=1)
+        for field in dataclasses.fields(self):
+            if field.name != "least_frames":
+                positive_number(f"OffsetRefinementParams.{field.name}", getattr(self, field.name))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class JointOffsets:
+    """What is known of k offsets.
+
+    Attributes:
+        mean: what each encoder shows too much, shape (k,), rad.
+        covariance: shape (k, k), rad^2.
+        touches: by how many they were found.
+    """
+
+    mean: FloatArray
+    covariance: FloatArray
+    touches: int = 0
+
+    @classmethod
+    def of_sigma(cls, sigma: FloatArray) -> JointOffsets:
+        """Nothing found yet; standard deviations (k,), rad."""
+        return cls(np.zeros(len(sigma)), np.diag(np.square(sigma)))
+
+    @property
+    def sigma(self) -> FloatArray:
+        """Standard deviations, shape (k,), rad."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+
+def refine_offsets(
+    model: ObjectModel,
+    params: OffsetRefinementParams,
+    touch: Keyframe,
+    X_PO: FloatArray,
+    gains: Mapping[str, FloatArray],
+    left: JointOffsets,
+) -> JointOffsets:
+    """What is known of offsets after a touch; the same where it tells nothing.
+
+    Args:
+        model: the object.
+        params: how much a touch counts.
+        touch: of now.
+        X_PO: the best pose, shape (3, 4).
+        gains: what errors of a radian of each encoder move a contact's point by, and turn its normal by, in P, shape
+            (6, k), by the source.
+        left: what is known of the offsets that are left in these contacts.
+    """
+    rows = [i for i, source in enumerate(touch.sources) if source in gains]
+    if len(rows) < _LEAST_CONTACTS or touch.normals is None:
+        return left
+    points, normals, sigmas = touch.points[rows], touch.normals[rows], np.sqrt(touch.variances[rows])
+    contacts = Contacts(points, normals, sigma_position=sigmas[:, 0], sigma_normal=sigmas[:, 1])
+    flat, slopes = SurfaceContact(model.grid, contacts).residuals_and_jacobian(X_PO[None])
+    of_each = flat.reshape(len(rows), -1)[:, :4], slopes.reshape(len(rows), -1, 6)[:, :4]
+    r, J = along_normals(normals @ X_PO[:, :3], *of_each)
+    by_contact = -J @ _moves_of_the_object(points, X_PO)
+    G = np.array([gains[touch.sources[i]] for i in rows])
+    told = np.square(np.repeat(sigmas, 3, axis=1))
+    of_joints = np.einsum("kij,jl,kil->ki", G, left.covariance, G)
+    other = np.maximum(told - of_joints, params.least_noise_share * told)
+    noise = np.zeros((len(rows), 3, len(rows), 3))
+    each = np.arange(len(rows))
+    noise[each, :, each] = np.einsum("kri,ki,ksi->krs", by_contact, other, by_contact)
+    B = (by_contact @ G).reshape(-1, len(left.mean))
+    return _update(params, r.reshape(-1), J.reshape(-1, 6), B, noise.reshape(len(B), len(B)), left)
+
+
+def _moves_of_the_object(points: FloatArray, X_PO: FloatArray) -> FloatArray:
+    """Increments (k, 6, 6) of the pose that move the object as contacts (k, 3) move and turn about their points."""
+    moves = np.zeros((len(points), 6, 6))
+    moves[:, :3, 3:] = X_PO[:, :3].T
+    moves[:, 3:, :3] = np.eye(3)
+    moves[:, 3:, 3:] = -skew(X_PO[:, 3] - points)
+    return moves
+
+
+def _update(
+    params: OffsetRefinementParams, r: FloatArray, J: FloatArray, B: FloatArray, noise: FloatArray, left: JointOffsets
+) -> JointOffsets:
+    """By residuals (m,) with the derivatives J by the pose and B by the offsets."""
+    S = noise + (J * _ANY_POSE**2) @ J.T + B @ left.covariance @ B.T
+    weighed = np.linalg.solve(S, np.column_stack([r, B @ left.covariance]))
+    if r @ weighed[:, 0] > chi2.ppf(1.0 - params.chance, len(r) - 6):
+        return left
+    gain = weighed[:, 1:].T
+    covariance = left.covariance - gain @ B @ left.covariance
+    covariance = 0.5 * (covariance + covariance.T)
+    floor = np.minimum(np.diag(left.covariance), math.radians(params.least_sigma_deg) ** 2)
+    covariance += np.diag(np.maximum(floor - np.diag(covariance), 0.0))
+    return JointOffsets(left.mean + gain @ r, covariance, left.touches + 1)

@@ -1,0 +1,153 @@
+"""Takes off joint positions what a belief over time finds the encoders to show too much."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from pydrake.common.value import AbstractValue
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.framework import BasicVector, Context, EventStatus, State
+
+from tactopose_drake.core.sensing.intrinsic_contact import ContactSolution
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.tracking.offset_refinement import JointOffsets, OffsetRefinementParams, refine_offsets
+from tactopose_drake.core.tracking.pose_belief import PoseBelief
+from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.hand.encoder_offsets import encoder_gains
+from tactopose_drake.hand.hand_config import HandUncertainty
+from tactopose_drake.hand.hand_in_plant import Hand
+from tactopose_drake.hand.kinematics import HandKinematics
+from tactopose_drake.systems.collectable_system import CollectableSystem
+from tactopose_drake.systems.hand_kinematics import declare_kinematics
+from tactopose_drake.systems.ports import eval_input
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Refined:
+    """What is known of the offsets, what of it is taken off, and in which posture a touch last told of them."""
+
+    offsets: JointOffsets
+    applied: FloatArray
+    q_told: FloatArray | None = None
+
+    def __deepcopy__(self, memo: Any) -> _Refined:
+        return self
+
+
+class JointOffsetRefiner(CollectableSystem):
+    """Refines the encoders' offsets by the touches of a run; see `core.tracking.offset_refinement`.
+
+    What is found is taken off once nothing is touched: contacts do not jump while the hand holds something.
+
+    .. pydrake_system::
+
+        name: JointOffsetRefiner
+        input_ports:
+        - joint_positions
+        - contact_solutions
+        - belief
+        output_ports:
+        - joint_positions
+        - joint_offsets
+        - joint_offset_sigmas
+
+    - joint_positions (input): as they are measured, shape (nq,), rad.
+    - contact_solutions: dict of `ContactSolution` by finger.
+    - belief: `PoseBelief`; both are read once a period.
+    - joint_positions (output): less the offsets, shape (nq,), rad.
+    - joint_offsets: what each encoder shows too much by what was felt so far, in the order of `joints`, shape (k,),
+      rad; of a joint that slides, 1 degree counts as 1 mm.
+    - joint_offset_sigmas: their standard deviations, likewise.
+    """
+
+    def __init__(
+        self,
+        plant: MultibodyPlant,
+        hand: Hand,
+        uncertainty: HandUncertainty,
+        model: ObjectModel,
+        params: OffsetRefinementParams | None = None,
+    ) -> None:
+        """Keeps references to plant and model.
+
+        Args:
+            plant: finalized plant of the hand alone.
+            hand: the hand in it.
+            uncertainty: how far its encoders may be off, before anything is felt.
+            model: the object.
+            params: how slowly they are refined.
+        """
+        super().__init__()
+        self._params, self._model = OffsetRefinementParams() if params is None else params, model
+        self._params.validate()
+        self.joints, self._gains = encoder_gains(plant, hand)
+        self._frames = hand.sensor_frames
+        self._positions = self.DeclareVectorInputPort("joint_positions", plant.num_positions())
+        self._solutions = self.DeclareAbstractInputPort("contact_solutions", AbstractValue.Make({}))
+        self._belief = self.DeclareAbstractInputPort("belief", AbstractValue.Make(None))
+        self._kinematics = declare_kinematics(self, plant, hand.palm_frame, self._positions)
+        count = len(self.joints)
+        start = JointOffsets.of_sigma(np.full(count, math.radians(uncertainty.encoder_offset_deg)))
+        self._refined = self.DeclareAbstractState(AbstractValue.Make(_Refined(start, np.zeros(count))))
+        self.DeclarePeriodicUnrestrictedUpdateEvent(self._params.period, 0.0, self._update)
+        ticket = self.abstract_state_ticket(self._refined)
+        self.DeclareVectorOutputPort(
+            "joint_positions", plant.num_positions(), self._calc_positions, {self._positions.ticket(), ticket}
+        )
+        for name, attribute in (("joint_offsets", "mean"), ("joint_offset_sigmas", "sigma")):
+            self._declare_output(name, attribute, {ticket})
+
+    def _declare_output(self, name: str, attribute: str, tickets: set[Any]) -> None:
+        def calc(context: Context, output: BasicVector) -> None:
+            output.SetFromVector(getattr(self._state(context).offsets, attribute))
+
+        self.DeclareVectorOutputPort(name, len(self.joints), calc, tickets)
+
+    def _state(self, context: Context) -> _Refined:
+        refined: _Refined = context.get_abstract_state(self._refined).get_value()
+        return refined
+
+    def _calc_positions(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._positions.Eval(context) - self._gains @ self._state(context).applied)
+
+    def _update(self, context: Context, state: State) -> EventStatus:
+        belief = eval_input(self._belief, context, PoseBelief)
+        before = self._state(context)
+        after = self._follow(context, belief, before)
+        if after is not before:
+            state.get_mutable_abstract_state(self._refined).set_value(after)
+        return EventStatus.Succeeded()
+
+    def _follow(self, context: Context, belief: PoseBelief, before: _Refined) -> _Refined:
+        """What is known after a look at the belief."""
+        q = self._positions.Eval(context)
+        if not len(belief.p_PC) or belief.touch_time < belief.time:
+            if before.q_told is None:
+                return before
+            return _Refined(before.offsets, before.offsets.mean)
+        turned = np.inf if before.q_told is None else np.nanmax(np.abs(q - before.q_told), initial=0.0)
+        touch = belief.keyframes[-1] if belief.keyframes else None
+        is_settled = belief.status == "ok" and touch is not None and touch.frames >= self._params.least_frames
+        if not is_settled or touch is None or turned < math.radians(self._params.least_turn_deg):
+            return before
+        solutions = eval_input(self._solutions, context, dict)
+        known = before.offsets
+        left = dataclasses.replace(known, mean=known.mean - before.applied)
+        found = refine_offsets(
+            self._model, self._params, touch, belief.X_PO[0], self._contact_gains(context, solutions), left
+        )
+        return _Refined(dataclasses.replace(found, mean=found.mean + before.applied), before.applied, q.copy())
+
+    def _contact_gains(self, context: Context, solutions: Mapping[str, ContactSolution]) -> dict[str, FloatArray]:
+        """What errors of the encoders move each contact by."""
+        kinematics: HandKinematics = self._kinematics.Eval(context)
+        gains = {}
+        for finger in kinematics.poses(self._frames):
+            if finger in solutions and solutions[finger].valid:
+                J = kinematics.jacobian(self._frames[finger], solutions[finger].p_SC) @ self._gains
+                gains[finger] = np.concatenate([J[3:], J[:3]])
+        return gains

@@ -1,0 +1,93 @@
+"""A run on devices whose hand an arm turns over: the fingertips' weight is taken off wherever the palm is."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pydrake.math import RigidTransform, RollPitchYaw
+
+from tactopose_drake.core.poses import quaternion_from_matrix
+from tactopose_drake.errors import InvalidFileError, InvalidInputError
+from tactopose_drake.hand.fingertip_weights import FingertipWeights
+from tactopose_drake.hand.hand_config import load_hand_config
+from tactopose_drake.hand.hand_in_plant import make_hand_plant
+from tactopose_drake.runs.known_signals import known_signals
+from tactopose_drake.runs.scenario_replay import replay
+from tactopose_drake.runs.scenario_run import run_scenario
+from tactopose_drake.station.scenario import Scenario, load_scenario
+from tactopose_drake.station.senses import SimulatedDevices
+from tests import held_cube
+from tests.runs.cube_grasp import write_grasp
+
+TURNED, DURATION = 0.4, 0.9  # s, when the arm has turned the hand over, and how long the run is
+PALMS = [
+    RigidTransform(RollPitchYaw(0.0, 0.0, 0.0), [0.4, 0.0, 0.6]),
+    RigidTransform(RollPitchYaw(np.pi, 0.3, 0.5), [0.4, 0.2, 0.5]),
+]
+HEADER = "time, x, y, z, qw, qx, qy, qz"
+
+
+def write_palm(path: Path) -> None:
+    rows = [
+        [time, *palm.translation(), *quaternion_from_matrix(palm.rotation().matrix())]
+        for time, palm in zip((0.0, TURNED), PALMS, strict=True)
+    ]
+    np.savetxt(path, rows, delimiter=",", header=HEADER, comments="")
+
+
+def weights_at(palm: RigidTransform) -> dict[str, np.ndarray]:
+    plant, hand = make_hand_plant(load_hand_config("shadow_like"))
+    weights = FingertipWeights(plant, hand, RigidTransform().rotation())
+    return weights.wrenches(held_cube.Q, palm.rotation())
+
+
+@pytest.fixture
+def scenario(tmp_path: Path) -> Scenario:
+    """Devices that weigh the fingertips as the palm turns, and feel the cube from then on."""
+    write_grasp(tmp_path)
+    for finger, F_S in held_cube.WRENCHES.items():
+        before, after = (weights_at(palm)[finger] for palm in PALMS)
+        rows = [np.append(0.0, before), np.append(TURNED, after + F_S)]
+        np.savetxt(tmp_path / f"{finger}.csv", rows, delimiter=",", header="time, m_x, m_y, m_z, f_x, f_y, f_z")
+    write_palm(tmp_path / "palm.csv")
+    text = (tmp_path / "cube.scenario.yaml").read_text()
+    (tmp_path / "cube.scenario.yaml").write_text(text.replace("tare_samples", "palm: palm.csv\n  tare_samples"))
+    return load_scenario(str(tmp_path / "cube.scenario.yaml"))
+
+
+def test_what_is_felt_does_not_see_the_fingertips_weight_as_the_hand_turns(scenario: Scenario, tmp_path: Path) -> None:
+    view = run_scenario(scenario, duration=DURATION, record=tmp_path / "run")
+    heaviest = max(
+        np.linalg.norm(np.subtract(*(weights_at(p)[finger][3:] for p in PALMS))) for finger in held_cube.WRENCHES
+    )
+    assert heaviest > 0.1
+    for finger, F_S in held_cube.WRENCHES.items():
+        felt = view.diagram.GetOutputPort(f"wrench_{finger}").Eval(view.context)
+        assert np.abs(felt[3:] - F_S[3:]).max() < 0.05
+    played = replay(tmp_path / "run", scenario)
+    assert played.whole
+    for finger, F_S in held_cube.WRENCHES.items():
+        felt = played.view.diagram.GetOutputPort(f"wrench_{finger}").Eval(played.view.context)
+        assert np.abs(felt[3:] - F_S[3:]).max() < 0.05
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("time, x, y, z\n0.0, 1.0, 2.0, 3.0\n", "must have the columns time, x, y, z, qw"),
+        (f"{HEADER}\n0.0, 0, 0, 0, 2.0, 0, 0, 0\n", "quaternions of length 1"),
+        (f"{HEADER}\n0.0, 0, 0\n", "must have a line of `time` and x, y, z, qw"),
+    ],
+)
+def test_files_of_the_palm_that_do_not_fit_are_named(
+    scenario: Scenario, tmp_path: Path, text: str, message: str
+) -> None:
+    (tmp_path / "palm.csv").write_text(text)
+    with pytest.raises(InvalidFileError, match=message):
+        known_signals(scenario)
+
+
+def test_a_hand_that_is_simulated_on_a_base_has_no_arm(scenario: Scenario) -> None:
+    scenario.senses.simulated = SimulatedDevices()
+    with pytest.raises(InvalidInputError, match=r"CanSenses\.palm: is given, but the base"):
+        scenario.validate()
