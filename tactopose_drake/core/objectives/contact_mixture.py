@@ -151,8 +151,13 @@ def _doubts(model: ObjectModel, contacts: Contacts, outlier_probability: float, 
     displaced = np.minimum(sigma_p / doubt.displacement, 1.0)
     shares = doubt.kinds.shares(outlier_probability)
     shares = shares if has_normals else shares.without_normals()
+    s, t, per_s, per_t, probability = _scales(doubt.doublings)
     return Doubts(
-        *_scales(doubt.doublings),
+        s,
+        t,
+        per_s,
+        per_t,
+        probability,
         # Relative to a contact as told.
         read_only(shares.turned / shares.as_told * any_normal),
         read_only(shares.displaced / shares.as_told * displaced),

@@ -82,9 +82,10 @@ def explain_with_doubt(
     if evidence.patches:
         by_pad = _by_pad(model, evidence, X_PO, params.least_pad_chance)
         felt = np.array([patch.is_felt for patch in evidence.patches], dtype=np.bool_)
-        explained, false = by_pad[:, ~felt].all(axis=1), np.count_nonzero(~by_pad[:, felt], axis=1)
+        explained &= by_pad[:, ~felt].all(axis=1)
+        false += np.count_nonzero(~by_pad[:, felt], axis=1)
     if judgement is not None:
-        false = false + np.count_nonzero(judgement.inlier_probability < 0.5, axis=1)
+        false += np.count_nonzero(judgement.inlier_probability < 0.5, axis=1)
         explained &= judgement.misfit <= _limit(_of_contacts(evidence), params.least_doubted_chance)
     count = len(evidence.contacts) + len(evidence.felt)
     allowed = most_false_contacts(count, _false_share(evidence.outlier_probability), params.usual_false_contacts)

@@ -41,7 +41,7 @@ class SearchResult(NamedTuple):
     def ranked(self, count: int | None = None) -> "SearchResult":
         """The `count` poses of least cost (all by default), by rising cost."""
         order = self.cost.argsort(kind="stable")[:count]
-        return SearchResult(*(column.take(order, axis=0) for column in self))
+        return SearchResult(self.X_PO[order], self.cost[order], self.iterations[order], self.converged[order])
 
 
 def join_results(*results: SearchResult) -> SearchResult:
