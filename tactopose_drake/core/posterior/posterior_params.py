@@ -38,7 +38,7 @@ class SamplingParams:
 
     samples: int = 128  # poses that are drawn in a round, at the least
     # Or this share of all before it: a hard touch is settled in few rounds, each of whose proposals weighs all samples.
-    growth: float = 0.5
+    growth: float = 0.25
     # Rounds end when no mode's probability has a larger standard error than this, and the samples are worth as many of
     # the posterior itself.
     standard_error: float = 0.014
