@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactopose_drake.core.mesh.mesh_documents import check_document
-from tactopose_drake.core.mesh.plain_obj import plain_obj
+from tactopose_drake.core.mesh.plain_obj import LARGEST_PLAIN, plain_obj
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidFileError, InvalidInputError, InvalidMeshError, UnknownNameError
 
@@ -110,15 +110,17 @@ def _read(path: Path) -> RawMesh:
     than that the file is damaged.
     """
     ending = path.suffix.lower()
-    if ending == ".obj" and (plain := plain_obj(path.read_bytes())) is not None:
-        _check_counts(str(path), faces=len(plain[1]), vertices=len(plain[0]))
-        return RawMesh(*plain)
-    import trimesh
-
-    from tactopose_drake.core.mesh.mesh_references import ReferencedFiles
-
-    options: dict[str, Any] = {"skip_materials": True} if ending in _WITH_MATERIALS else {}
     try:
+        if ending == ".obj" and path.stat().st_size <= LARGEST_PLAIN:
+            plain = plain_obj(path.read_bytes())
+            if plain is not None:
+                _check_counts(str(path), faces=len(plain[1]), vertices=len(plain[0]))
+                return RawMesh(*plain)
+        import trimesh
+
+        from tactopose_drake.core.mesh.mesh_references import ReferencedFiles
+
+        options: dict[str, Any] = {"skip_materials": True} if ending in _WITH_MATERIALS else {}
         check_document(path, LARGEST_FILE)
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")

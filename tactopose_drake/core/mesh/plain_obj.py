@@ -9,6 +9,9 @@ from numpy.typing import NDArray
 
 from tactopose_drake.core.validation import FloatArray
 
+LARGEST_PLAIN = 32 * 2**20
+"""Bytes of a file; in a larger one the numbers, each a text of its own for a while, would take gigabytes."""
+
 
 def plain_obj(content: bytes) -> tuple[FloatArray, NDArray[np.int64]] | None:
     """Vertices (v, 3) and faces (f, 3) of a file of one part; None if there is more in it, or anything is amiss.

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from tactopose_drake.core.mesh import loading
 from tactopose_drake.core.mesh.loading import load_mesh
 from tactopose_drake.core.mesh.plain_obj import plain_obj
 from tactopose_drake.resources import model_path
@@ -74,3 +75,16 @@ ObjectModel.from_mesh({str(OBJECTS[0])!r}, cache=False)
 sys.exit("trimesh" in sys.modules)
 """
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_large_files_are_left_to_trimesh(monkeypatch: pytest.MonkeyPatch) -> None:
+    path = Path(model_path("objects", "mug.obj"))
+    expected = load_mesh(path)
+    read: list[int] = []
+    monkeypatch.setattr(loading, "plain_obj", lambda content: read.append(len(content)))
+    monkeypatch.setattr(loading, "LARGEST_PLAIN", path.stat().st_size - 1)
+    np.testing.assert_array_equal(load_mesh(path).vertices, expected.vertices)
+    assert not read
+    monkeypatch.setattr(loading, "LARGEST_PLAIN", path.stat().st_size)
+    load_mesh(path)
+    assert read == [path.stat().st_size]
