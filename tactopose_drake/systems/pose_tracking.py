@@ -46,7 +46,7 @@ def AddPoseTracking(
     plant: MultibodyPlant | None = None,
     simulated_senses: bool = True,
 ) -> Diagram:
-    """Adds the belief of a held object's pose to a diagram under construction.
+    """Adds the belief of a held object's pose; other ports of the diagram that comes are to be connected by name.
 
     .. pydrake_system::
 
@@ -78,11 +78,10 @@ def AddPoseTracking(
         - joint_offsets
         - joint_offset_sigmas
 
-    - wrench_<finger>, pressures_<pad>, age_<pad>, joint_positions, prior, planes: as those of `AddPoseEstimation`, in
-      whose place it can be put.
+    - wrench_<finger> to joint_positions, prior, planes: as of `AddPoseEstimation`, in whose place it can be put.
     - joint_velocities: of the same joints, rad/s; only where `use_joint_velocities`. May stay unconnected.
-    - vision, palm_pose, and the outputs up to belief: of `PoseBeliefEstimator`; the others as of `AddPoseEstimation`.
-    - joint_offsets, joint_offset_sigmas: of `JointOffsetRefiner`; only with `refinement`.
+    - vision, palm_pose, and the outputs up to belief: of `PoseBeliefEstimator`; joint_offsets, joint_offset_sigmas: of
+      `JointOffsetRefiner`, only with `refinement`; the others as of `AddPoseEstimation`.
 
     Args:
         builder: receives the diagram.
@@ -90,13 +89,10 @@ def AddPoseTracking(
         model: the object.
         params: parameters of each part.
         name: of the diagram in the other.
-        plant: finalized plant of the same diagram that holds the hand among whatever else: joints and palm are its.
-        simulated_senses: as of `AddPoseEstimation`.
-
-    Returns:
-        The diagram; all other ports are to be connected by name.
+        plant: as of `AddPoseEstimation`.
+        simulated_senses: likewise.
     """
-    diagram = builder.AddNamedSystem(name, MakePoseTracking(hand, model, params))
+    diagram: Diagram = builder.AddNamedSystem(name, MakePoseTracking(hand, model, params))
     connect_plant(builder, diagram, hand, plant, simulated_senses)
     return diagram
 

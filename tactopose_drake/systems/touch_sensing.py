@@ -50,23 +50,19 @@ def add_touch(
     and all of the estimator's.
 
     Args:
-        builder: of the diagram; it has the estimator already.
+        builder: of the diagram; it has estimator and refiner already.
         hand: the hand's names, fingertips and model.
         params: parameters of each part.
         estimator: each of its inputs is connected to what is called as it is, if there is such a thing.
-        refiner: a `JointOffsetRefiner` of the diagram, through which the joint positions go.
+        refiner: a `JointOffsetRefiner`, through which the joint positions go.
 
     Returns:
         The plant of the hand alone, by which the kinematics are computed, and the hand in it.
     """
     plant, parts = make_hand_plant(hand)
-    found = {} if parts.calibration is None else parts.calibration.fingers
-    biases = {finger: calibration.bias for finger, calibration in found.items()}
-    solving = ContactSolver(parts.surfaces, params.solver, parts.layers, biases)
-    solver = builder.AddNamedSystem("contact_solver", solving)
+    solver = _add_solver(builder, parts, params)
     told = hand.uncertainty if params.use_uncertainty else None
     errors = None if told is None else ContactUncertainty(plant, parts, told)
-    pad_errors = None if told is None else PadUncertainty(plant, parts, told)
     contacts = builder.AddNamedSystem(
         "contacts_in_palm", ContactsInPalm(plant, parts.sensor_frames, parts.palm_frame, params.contacts, errors)
     )
@@ -77,13 +73,11 @@ def add_touch(
     touch["contact_solutions"] = solver.GetOutputPort("contact_solutions")
     known = dict(touch)
     if hand.pads:
-        describing = PatchDescriptor(plant, parts, params.patches, pad_errors)
-        descriptor = builder.AddNamedSystem("patch_descriptor", describing)
+        pad_errors = None if told is None else PadUncertainty(plant, parts, told)
+        descriptor = _add_pads(builder, PatchDescriptor(plant, parts, params.patches, pad_errors), hand)
         posed.append(descriptor)
         touch |= {"patches": descriptor.GetOutputPort("patches"), "patch_status": descriptor.GetOutputPort("status")}
         known |= touch | {"pads": descriptor.GetOutputPort("pads")}
-        for port in (f"{what}_{pad.name}" for pad in hand.pads for what in ("pressures", "age")):
-            builder.ExportInput(descriptor.GetInputPort(port), port)
     if params.use_hand_volume:
         volume = builder.AddNamedSystem("hand_volume", HandVolume(plant, parts, BodySpheres.of_hand(hand), errors))
         posed.append(volume)
@@ -93,13 +87,10 @@ def add_touch(
         if estimator.HasInputPort(name):
             builder.Connect(port, estimator.GetInputPort(name))
 
-    for finger in parts.sensor_frames:
-        builder.ExportInput(solver.GetInputPort(f"wrench_{finger}"), f"wrench_{finger}")
+    takers = [system for system in (*posed, estimator) if system.HasInputPort("joint_positions")]
     if refiner is not None:
-        builder.Connect(known["contact_solutions"], refiner.GetInputPort("contact_solutions"))
-        for system in (system for system in (*posed, estimator) if system.HasInputPort("joint_positions")):
-            builder.Connect(refiner.GetOutputPort("joint_positions"), system.GetInputPort("joint_positions"))
-    _export_joints(builder, plant, parts, [*posed, estimator] if refiner is None else [refiner])
+        takers = _refined(builder, refiner, solver, takers)
+    _export_joints(builder, plant, parts, takers)
     for name, port in touch.items():
         builder.ExportOutput(port, name)
     for port in map(estimator.get_output_port, range(estimator.num_output_ports())):
@@ -107,9 +98,37 @@ def add_touch(
     return plant, parts
 
 
-def _export_joints(builder: DiagramBuilder, plant: MultibodyPlant, parts: Hand, systems: list[LeafSystem]) -> None:
+def _add_solver(builder: DiagramBuilder, parts: Hand, params: TouchParams) -> ContactSolver:
+    """Adds what solves for the contacts, and gives the diagram the inputs of its wrenches."""
+    found = {} if parts.calibration is None else parts.calibration.fingers
+    biases = {finger: calibration.bias for finger, calibration in found.items()}
+    solving = ContactSolver(parts.surfaces, params.solver, parts.layers, biases)
+    solver: ContactSolver = builder.AddNamedSystem("contact_solver", solving)
+    for finger in parts.sensor_frames:
+        builder.ExportInput(solver.GetInputPort(f"wrench_{finger}"), f"wrench_{finger}")
+    return solver
+
+
+def _add_pads(builder: DiagramBuilder, describing: PatchDescriptor, hand: HandConfig) -> PatchDescriptor:
+    """Adds what describes the pads' patches, and gives the diagram the inputs of their pressures."""
+    descriptor: PatchDescriptor = builder.AddNamedSystem("patch_descriptor", describing)
+    for port in (f"{what}_{pad.name}" for pad in hand.pads for what in ("pressures", "age")):
+        builder.ExportInput(descriptor.GetInputPort(port), port)
+    return descriptor
+
+
+def _refined(
+    builder: DiagramBuilder, refiner: LeafSystem, solver: LeafSystem, takers: list[LeafSystem]
+) -> list[LeafSystem]:
+    """Gives refined joint positions to what takes them; what takes the measured ones now."""
+    builder.Connect(solver.GetOutputPort("contact_solutions"), refiner.GetInputPort("contact_solutions"))
+    for system in takers:
+        builder.Connect(refiner.GetOutputPort("joint_positions"), system.GetInputPort("joint_positions"))
+    return [refiner]
+
+
+def _export_joints(builder: DiagramBuilder, plant: MultibodyPlant, parts: Hand, takers: list[LeafSystem]) -> None:
     """Gives the diagram the input of joint positions, less what a calibration has found them too large by."""
-    takers = [system for system in systems if system.HasInputPort("joint_positions")]
     if parts.calibration is None:
         builder.ExportInput(takers[0].GetInputPort("joint_positions"), "joint_positions")
         for system in takers[1:]:

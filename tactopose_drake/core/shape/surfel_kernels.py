@@ -88,8 +88,7 @@ def densities(discs: Discs, measured: Measurements, X: Floats3, density: OutFloa
     numbers, width = blocks.reshape(-1), np.uintp(blocks.shape[2])
     q, m, shares = np.empty(3), np.empty(3), np.empty(BLOCK, dtype=np.float32)
     low, high = np.empty(3, dtype=np.int64), np.empty(3, dtype=np.int64)
-    one, half = np.float32(1.0), np.float32(0.5)
-    most = np.float32(_MOST)
+    one, half, most = np.float32(1.0), np.float32(0.5), np.float32(_MOST)
     for b in range(X.shape[0]):
         for i in range(p.shape[0]):
             reach = sigmas * sigma[i] + 0.5 * spacing

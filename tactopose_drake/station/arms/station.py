@@ -22,7 +22,7 @@ from tactopose_drake.station.grasp import add_planned_grasp
 from tactopose_drake.station.scenario import Scenario
 from tactopose_drake.station.simulated import Station, feed_estimation, finish_station
 from tactopose_drake.station.simulated_senses import add_palm_pose, add_senses, simulate_errors
-from tactopose_drake.systems.pose_estimation import AddPoseEstimation
+from tactopose_drake.systems.pose_estimation import AddPoseEstimation, PoseEstimationParams
 from tactopose_drake.systems.pose_tracking import AddPoseTracking, PoseTrackingParams
 
 
@@ -163,12 +163,7 @@ def make_arm_station(
         builder.ExportOutput(port, name)
     start = add_planned_grasp(builder, scenario, plant, hand, senses, plan)
     palm_pose = add_palm_pose(builder, plant, hand)
-    if setup.tracking is None:
-        estimation = AddPoseEstimation(builder, hand.config, model, scenario.estimation)
-    else:
-        estimation = _add_tracking(builder, hand, model, setup.tracking)
-    if estimation.HasInputPort("palm_pose"):
-        builder.Connect(palm_pose, estimation.GetInputPort("palm_pose"))
+    estimation = _add_estimation(builder, hand, model, setup.tracking, scenario.estimation, palm_pose)
     feed_estimation(builder, estimation, senses)
 
     arm_plant, arm_alone = make_arm_plant(config, X_WBase, hand_inertia(plant, arm, hand, start.q))
@@ -184,13 +179,25 @@ def make_arm_station(
     )
 
 
-def _add_tracking(builder: DiagramBuilder, hand: Hand, model: ObjectModel, params: PoseTrackingParams) -> Diagram:
-    """The belief over time, with what it takes beyond the senses."""
-    tracking = AddPoseTracking(builder, hand.config, model, params)
-    if params.use_joint_velocities:
+def _add_estimation(
+    builder: DiagramBuilder,
+    hand: Hand,
+    model: ObjectModel,
+    tracked: PoseTrackingParams | None,
+    params: PoseEstimationParams,
+    palm_pose: OutputPort,
+) -> Diagram:
+    """The belief over time, where it is asked for, or each instant's estimate, with what it takes beyond the senses."""
+    if tracked is None:
+        estimation = AddPoseEstimation(builder, hand.config, model, params)
+    else:
+        estimation = AddPoseTracking(builder, hand.config, model, tracked)
+    if estimation.HasInputPort("palm_pose"):
+        builder.Connect(palm_pose, estimation.GetInputPort("palm_pose"))
+    if tracked is not None and tracked.use_joint_velocities:
         velocities = builder.GetSubsystemByName("joint_positions").get_output_port(1)
-        builder.Connect(velocities, tracking.GetInputPort("joint_velocities"))
-    return tracking
+        builder.Connect(velocities, estimation.GetInputPort("joint_velocities"))
+    return estimation
 
 
 def _add_scene(plant: MultibodyPlant, setup: ArmSetup) -> None:

@@ -222,9 +222,7 @@ def keep_best(
     contacts = np.empty((spins.shape[0], table.shape[0], table.shape[1]))
     count, used, limit, is_anywhere = cost.shape[0], 0, np.inf, images.farthest == np.inf
     # A pose is kept as its pair, its match and its spin; before a pair is done, there may be more than are wanted.
-    room = 0
-    for q in range(spins.shape[0]):
-        room = max(room, count + (begins[q + 1] - begins[q]) * spins[q])
+    room = count + _most_poses(begins, spins)
     kept, kept_cost = np.empty((room, 3), dtype=np.int32), np.empty(room, dtype=np.float32)
     spare = np.empty(room, dtype=np.float32)
     order = np.empty(table.shape[0], dtype=np.intp)
@@ -270,6 +268,15 @@ def keep_best(
 def _chance(row, spin):
     """A number from 0 to 1, as good as random, of a match and spin [multiplicative hashing, Knuth]."""
     return float(((row * 2654435761 + spin * 2246822519) ^ (row >> 3)) & 0xFFFFFF) / 0x1000000
+
+
+@inlined
+def _most_poses(begins, spins):
+    """The largest number of poses of one pair."""
+    most = 0
+    for q in range(spins.shape[0]):
+        most = max(most, (begins[q + 1] - begins[q]) * spins[q])
+    return most
 
 
 @inlined
