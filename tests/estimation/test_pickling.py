@@ -2,6 +2,7 @@ import pickle
 
 import numpy as np
 
+import tactopose_drake as tp
 from tactopose_drake.core.sensing.patches import describe_patch
 from tactopose_drake.estimation.pickling import Sealed
 
@@ -25,3 +26,13 @@ def test_what_is_inside_stays_read_only_too() -> None:
     for name, array in vars(patch).items():
         if isinstance(array, np.ndarray):
             assert getattr(again, name).flags.writeable == array.flags.writeable, name
+
+
+def test_a_model_that_was_estimated_with_answers_alike_when_it_was_pickled() -> None:
+    model = tp.ObjectModel.from_box((0.05, 0.07, 0.11))
+    contacts = tp.Contacts(
+        [[0.025, 0.0, 0.01], [-0.025, 0.01, 0.0], [0.0, 0.035, -0.02]], np.eye(3)[[0, 0, 1]] * [[1], [-1], [1]]
+    )
+    expected = tp.estimate_pose(model, contacts)
+    again = tp.estimate_pose(pickle.loads(pickle.dumps(model)), contacts)
+    assert again.hypotheses == expected.hypotheses

@@ -114,9 +114,12 @@ def test_a_touch_adds_a_contact_and_a_miss_adds_where_nothing_is(
 ) -> None:
     grasp, _ = ambiguous
     noise = np.random.default_rng(0)
-    moves = study.sample_moves(grasp, np.random.default_rng(0))["middle"]
-    felt = moves.feel(grasp.model, grasp.X_PO[None])
-    hit, miss = (int(np.flatnonzero(felt.is_hit[0] == is_hit)[0]) for is_hit in (True, False))
+    of_fingers = study.sample_moves(grasp, np.random.default_rng(0)).values()
+    hits = [moves.feel(grasp.model, grasp.X_PO[None]).is_hit[0] for moves in of_fingers]
+    moves, is_hit = max(zip(of_fingers, hits, strict=True), key=lambda both: min(both[1].sum(), (~both[1]).sum()))
+    hit, miss = int(np.argmax(is_hit)), int(np.argmin(is_hit))
+    assert is_hit[hit]
+    assert not is_hit[miss]
     free = np.zeros((0, 4))
     contacts, left = study.touch(grasp, moves.take(np.array([hit])), grasp.contacts, free, noise)
     assert len(contacts) == len(grasp.contacts) + 1

@@ -7,8 +7,7 @@ import numpy as np
 from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.shape.surfel_kernels import Measurements
-from tactopose_drake.core.shape.surfels import contact_densities
+from tactopose_drake.core.shape.surfel_kernels import Measurements, densities
 from tactopose_drake.core.validation import FloatArray
 
 DENSITY_FLOOR = 1e-9
@@ -36,8 +35,8 @@ class SurfaceDensity:
         for step in sorted(set(steps.tolist())):
             index = np.flatnonzero(steps == step)
             numbers = contacts.p_PC[index], n_PC[index], sigma[index], weight_n[index]
-            surfels = model.surfels(float(sigma[index].min()))
-            self._parts.append((index, surfels, Measurements(*map(read_only, numbers))))
+            discs = model.surfels(float(sigma[index].min())).kernel_view()
+            self._parts.append((index, discs, Measurements(*map(read_only, numbers))))
 
     def cost(self, X_PO: FloatArray) -> FloatArray:
         """Costs (B,) of poses (B, 3, 4)."""
@@ -46,9 +45,13 @@ class SurfaceDensity:
     def densities(self, X_PO: FloatArray) -> FloatArray:
         """Of each contact at poses (B, 3, 4), over those on a flat surface with the right normal, shape (B, k)."""
         X_PO = np.ascontiguousarray(X_PO)
-        if len(self._parts) == 1:
-            return contact_densities(*self._parts[0][1:], X_PO)
-        density = np.empty((len(X_PO), sum(len(index) for index, _, _ in self._parts)))
-        for index, surfels, measured in self._parts:
-            density[:, index] = contact_densities(surfels, measured, X_PO)
+        of_parts = []
+        for _, discs, measured in self._parts:
+            of_parts.append(np.empty((len(X_PO), len(measured.p))))
+            densities(discs, measured, X_PO, of_parts[-1])
+        if len(of_parts) == 1:
+            return of_parts[0]
+        density = np.empty((len(X_PO), sum(part.shape[1] for part in of_parts)))
+        for (index, _, _), part in zip(self._parts, of_parts, strict=True):
+            density[:, index] = part
         return density

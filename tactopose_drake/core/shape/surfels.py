@@ -12,7 +12,6 @@ Source: [P00] H. Pfister, M. Zwicker, J. van Baar, M. Gross, Surfels: Surface El
 
 from __future__ import annotations
 
-import functools
 import math
 from dataclasses import dataclass
 
@@ -21,7 +20,7 @@ from numpy.typing import NDArray
 
 from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.shape.surface_samples import points_along_surface
-from tactopose_drake.core.shape.surfel_kernels import BLOCK, Discs, Measurements, densities
+from tactopose_drake.core.shape.surfel_kernels import BLOCK, Discs
 from tactopose_drake.core.validation import FloatArray
 
 _AN_OCTAVE = 4  # spacings
@@ -65,8 +64,7 @@ class Surfels:
     shape: tuple[int, int, int]
     spacing: float
 
-    @functools.cached_property
-    def discs(self) -> Discs:
+    def kernel_view(self) -> Discs:
         """The discs as kernels read them."""
         blocks, balls, first, origin = map(read_only, (self.blocks, self.balls, self.first, self.origin))
         return Discs(blocks, balls, first, origin, 1.0 / self.cell, self.shape, self.spacing, SurfelParams().reach)
@@ -154,10 +152,3 @@ def _morton(place: FloatArray) -> NDArray[np.int64]:
 def _averages(rows: FloatArray, group: NDArray[np.intp], size: NDArray[np.intp]) -> FloatArray:
     """Means of rows (n, d) over their groups, shape (groups, d)."""
     return np.stack([np.bincount(group, column) / size for column in rows.T], axis=1)
-
-
-def contact_densities(surfels: Surfels, measured: Measurements, X_PO: FloatArray) -> FloatArray:
-    """The densities (B, k) of contacts at poses (B, 3, 4), over those on a flat surface with the right normal."""
-    density = np.empty((len(X_PO), len(measured.p)))
-    densities(surfels.discs, measured, X_PO, density)
-    return density
