@@ -69,7 +69,7 @@ class Images(NamedTuple):
 
 @inlined
 def _axes(x, y, z):
-    """Three axes as rows: x along a vector, any y and z. Also the vector's length.
+    """Three axes as rows: x along a vector, any y and z.
 
     Source: T. Duff et al., Building an orthonormal basis, revisited, J. Comput. Graph. Tech. 6, 2017.
     """
@@ -78,7 +78,7 @@ def _axes(x, y, z):
     sign = 1.0 if z >= 0.0 else -1.0
     a = -1.0 / (sign + z)
     b = x * y * a
-    return (x, y, z), (1.0 + sign * x * x * a, sign * b, -sign * x), (b, sign + y * y * a, -y), length
+    return (x, y, z), (1.0 + sign * x * x * a, sign * b, -sign * x), (b, sign + y * y * a, -y)
 
 
 @inlined
@@ -88,7 +88,7 @@ def _lay_out(table, first, second, order, inverse_spacing, frame, contacts):
     The frame (4, 3) is the point between two of them, and axes, x from the first to the second. Contacts (k, 8), in
     this order, are points, in voxels from there, and normals along the axes, and the weights of `contact_table`.
     """
-    x, y, z, _ = _axes(
+    x, y, z = _axes(
         table[second, 0] - table[first, 0], table[second, 1] - table[first, 1], table[second, 2] - table[first, 2]
     )
     for c in range(3):
@@ -112,7 +112,7 @@ def _place(samples, i, j, contacts, spin, spins):
     The pair's own contacts are the last two of `contacts`, which has their normals across the line between them.
     """
     points, normals = samples.points, samples.normals
-    along, y, z, _ = _axes(points[j, 0] - points[i, 0], points[j, 1] - points[i, 1], points[j, 2] - points[i, 2])
+    along, y, z = _axes(points[j, 0] - points[i, 0], points[j, 1] - points[i, 1], points[j, 2] - points[i, 2])
     middle = (
         0.5 * (points[i, 0] + points[j, 0]),
         0.5 * (points[i, 1] + points[j, 1]),
@@ -132,11 +132,9 @@ def _place(samples, i, j, contacts, spin, spins):
         angle = 2.0 * np.pi * spin / spins
         cosine, sine = np.cos(angle), np.sin(angle)
     # The frame's y and z are where its own normals are laid on the samples'.
-    turned = (
-        (cosine * y[0] - sine * z[0], cosine * y[1] - sine * z[1], cosine * y[2] - sine * z[2]),
-        (sine * y[0] + cosine * z[0], sine * y[1] + cosine * z[1], sine * y[2] + cosine * z[2]),
-    )
-    return middle, along, turned[0], turned[1]
+    y_frame = cosine * y[0] - sine * z[0], cosine * y[1] - sine * z[1], cosine * y[2] - sine * z[2]
+    z_frame = sine * y[0] + cosine * z[0], sine * y[1] + cosine * z[1], sine * y[2] + cosine * z[2]
+    return middle, along, y_frame, z_frame
 
 
 @inlined
