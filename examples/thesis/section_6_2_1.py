@@ -22,7 +22,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from rich.console import Console
-from touch_study import FRICTION, Array, Grasp, feel, hand_reach, sample_moves, touch
+from touch_study import FRICTION, Array, Grasp, feel, felt_nothing, hand_reach, sample_moves, touch
 from trial_journal import TrialJournal
 
 import tactopose_drake as tp
@@ -50,9 +50,8 @@ Models = dict[str, tp.ObjectModel]
 
 def candidates(models: Models, grasp: Grasp, contacts: tp.Contacts, free: Array) -> list[Candidate]:
     """The objects by falling probability, each with its poses, by all that was felt."""
-    untouched = tp.HandGeometry(free[:, :3], free[:, 3]) if len(free) else None
     estimates = [
-        tp.estimate_pose(model, contacts, hand=grasp.hand, untouched=untouched, max_hypotheses=24)
+        tp.estimate_pose(model, contacts, hand=grasp.hand, untouched=felt_nothing(free), max_hypotheses=24)
         for model in models.values()
     ]
     log = np.array([estimate.log_evidence for estimate in estimates])
@@ -71,7 +70,7 @@ def unnamed_grasps(models: Models, first_seed: int) -> Iterator[tuple[Grasp, lis
                 grasp = feel(model, plan, generator)
                 if grasp is None:
                     continue
-                found = candidates(models, grasp, grasp.contacts, np.zeros((0, 4)))
+                found = candidates(models, grasp, grasp.contacts, grasp.resting)
                 if found[0].probability < AMBIGUOUS:
                     yield grasp, found
 
@@ -80,7 +79,7 @@ def explore(models: Models, grasp: Grasp, found: list[Candidate], rule: str, see
     """Touches until one object is left. Motions and noise are those of the seed, whatever the rule."""
     generator, noise = np.random.default_rng((seed, 1)), np.random.default_rng((seed, 2))
     choice = np.random.default_rng((seed, 3))
-    contacts, free, touches = grasp.contacts, np.zeros((0, 4)), 0
+    contacts, free, touches = grasp.contacts, grasp.resting, 0
     while found[0].probability < NAMED and touches < MOST_TOUCHES:
         moves = sample_moves(grasp, generator)
         likely = [candidate for candidate in found if candidate.probability >= LEAST_PROBABILITY]

@@ -33,7 +33,7 @@ from tactopose_drake.core.exploration import (
     resolved_share,
 )
 from tactopose_drake.core.grasping import GraspPlan, HandReach, PlannerParams, ReachParams, plan_grasps
-from tactopose_drake.core.poses import exp_so3, retract
+from tactopose_drake.core.poses import exp_so3, inverse, retract, transform_points
 from tactopose_drake.core.posterior import GaussianMixture
 from tactopose_drake.hand import load_hand_config, make_hand_reach, rest_positions
 from tactopose_drake.resources import model_path
@@ -66,6 +66,7 @@ class Grasp:
         fingers: their names.
         start: where each finger of the hand starts to move from: lifted off, or at rest, rad.
         hand: the volume of the palm and of the fingers that hold.
+        resting: spheres (n, 4) that fill the fingers that take no part, centres and radii, m; they touch nothing.
         prior: the guess.
     """
 
@@ -75,6 +76,7 @@ class Grasp:
     fingers: tuple[str, ...]
     start: Mapping[str, Array]
     hand: tp.HandGeometry
+    resting: Array
     prior: tp.PosePrior
 
 
@@ -110,7 +112,7 @@ def ambiguous_grasps(name: str, first_seed: int = 0) -> Iterator[tuple[Grasp, tp
                 grasp = feel(model, plan, generator)
                 if grasp is None:
                     continue
-                estimate = estimate_again(grasp, grasp.contacts, None)
+                estimate = estimate_again(grasp, grasp.contacts, grasp.resting)
                 if is_ambiguous(model, estimate):
                     yield grasp, estimate
                     break
@@ -123,7 +125,10 @@ def is_ambiguous(model: tp.ObjectModel, estimate: tp.PoseEstimate) -> bool:
 
 
 def feel(model: tp.ObjectModel, plan: GraspPlan, generator: np.random.Generator) -> Grasp | None:
-    """Three or four of the plan's fingers, the thumb among them, measured; None if they do not hold the object."""
+    """Three or four of the plan's fingers, the thumb among them, measured.
+
+    None if they do not hold the object, or another finger would rest in it.
+    """
     names = [name for name in plan.fingers if name != "thumb"]
     if "thumb" not in plan.fingers or len(names) < 2:
         return None
@@ -140,14 +145,23 @@ def feel(model: tp.ObjectModel, plan: GraspPlan, generator: np.random.Generator)
         name: plan.fingers[name].motion.q_open if name in fingers else rest_positions(config, name)
         for name in reach.fingers
     }
-    geometries = [(reach.fingers[name].geometry, plan.fingers[name].motion.q_touch[None]) for name in fingers]
-    hand = tp.HandGeometry(
-        np.concatenate([reach.palm_spheres[0], *(geometry.spheres(q)[0] for geometry, q in geometries)]),
-        np.concatenate([reach.palm_spheres[1], *(geometry.radius for geometry, _ in geometries)]),
+    resting = np.concatenate(
+        [np.zeros((0, 4)), *(spheres_of(name, start[name]) for name in start if name not in fingers)]
     )
+    p_OH = transform_points(inverse(plan.X_PO), resting[:, :3])
+    if (model.grid.distance(p_OH) < resting[:, 3]).any():
+        return None
+    held_by = [spheres_of(name, plan.fingers[name].motion.q_touch) for name in fingers]
+    hand = np.concatenate([np.column_stack(reach.palm_spheres), *held_by])
     off = generator.normal(size=6) * np.repeat([GUESS_ROTATION, GUESS_TRANSLATION], 3)
     prior = tp.PosePrior(retract(plan.X_PO, off), GUESS_TRANSLATION, GUESS_ROTATION)
-    return Grasp(model, plan.X_PO, contacts, fingers, start, hand, prior)
+    return Grasp(model, plan.X_PO, contacts, fingers, start, tp.HandGeometry(hand[:, :3], hand[:, 3]), resting, prior)
+
+
+def spheres_of(finger: str, q: Array) -> Array:
+    """Spheres (n, 4) that fill a finger at joint positions q, rad: centres and radii, m."""
+    geometry = hand_reach().fingers[finger].geometry
+    return np.column_stack([geometry.spheres(q[None])[0], geometry.radius])
 
 
 def measure(p_PC: Array, n_PC: Array, generator: np.random.Generator) -> tp.Contacts:
@@ -157,9 +171,14 @@ def measure(p_PC: Array, n_PC: Array, generator: np.random.Generator) -> tp.Cont
     return tp.Contacts(p_measured, np.einsum("kij,kj->ki", turn, n_PC))
 
 
-def estimate_again(grasp: Grasp, contacts: tp.Contacts, untouched: tp.HandGeometry | None) -> tp.PoseEstimate:
-    """The pose by all that was felt."""
-    return tp.estimate_pose(grasp.model, contacts, prior=grasp.prior, hand=grasp.hand, untouched=untouched)
+def estimate_again(grasp: Grasp, contacts: tp.Contacts, free: Array) -> tp.PoseEstimate:
+    """The pose by all that was felt, and where spheres (n, 4) felt nothing."""
+    return tp.estimate_pose(grasp.model, contacts, prior=grasp.prior, hand=grasp.hand, untouched=felt_nothing(free))
+
+
+def felt_nothing(free: Array) -> tp.HandGeometry | None:
+    """Spheres (n, 4) in which the object is not."""
+    return tp.HandGeometry(free[:, :3], free[:, 3]) if len(free) else None
 
 
 def same_pose(model: tp.ObjectModel, X_PO: Array, X_reference: Array) -> NDArray[np.bool_]:
@@ -210,7 +229,7 @@ def explore(grasp: Grasp, estimate: tp.PoseEstimate, chooser: Chooser, seed: int
     """Touches until the pose is unique. Motions and noise are those of the seed, whoever chooses."""
     generator, noise = np.random.default_rng((seed, 1)), np.random.default_rng((seed, 2))
     choice_generator = np.random.default_rng((seed, 3))
-    contacts, free = grasp.contacts, np.zeros((0, 4))
+    contacts, free = grasp.contacts, grasp.resting
     shares = [share_of(grasp.model, estimate)]
     touches = 0
     while shares[-1] < UNIQUE and touches < MOST_TOUCHES:
@@ -219,8 +238,7 @@ def explore(grasp: Grasp, estimate: tp.PoseEstimate, chooser: Chooser, seed: int
         touches += 1
         if choice is not None:
             contacts, free = touch(grasp, moves[choice[0]].take(np.array([choice[1]])), contacts, free, noise)
-            untouched = tp.HandGeometry(free[:, :3], free[:, 3]) if len(free) else None
-            estimate = estimate_again(grasp, contacts, untouched)
+            estimate = estimate_again(grasp, contacts, free)
         shares.append(share_of(grasp.model, estimate))
     best = distinct_poses(grasp.model, estimate.modes, TOLERANCE).X_PO[:1]
     is_right = same_pose(grasp.model, best, grasp.X_PO)[0]

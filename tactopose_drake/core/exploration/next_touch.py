@@ -8,6 +8,7 @@ Source: [B16] J. Bimbo, thesis, 2016, sections 6.2.1 and 6.3.
 """
 
 import dataclasses
+import itertools
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -39,7 +40,8 @@ class TouchCriterion:
     Attributes:
         tolerance: within which poses are one and the same.
         noise: of a touch.
-        likely: probability from which on a mode must be left stable and uncollided.
+        likely: probability from which on a mode, of an object that is itself no more than probable, must be left stable
+            and uncollided.
     """
 
     tolerance: Tolerance = Tolerance()
@@ -160,7 +162,8 @@ def choose_telling_touch(
 ) -> NextTouch | None:
     """The motion that tells most of which object it is, of those that are allowed; None if none is.
 
-    It is allowed where it is for each candidate whose probability is likely; entropy and information are the name's.
+    It is allowed where it is at each pose of a candidate that is likely: the candidate, and the pose if it is that one.
+    Entropy and information are the name's.
 
     Args:
         candidates: the objects that it may be; their probabilities need not sum to 1.
@@ -179,10 +182,11 @@ def choose_telling_touch(
     ]
     value = {finger: name_information(distinct, options, criterion) for finger, options in moves.items()}
     allowed = {finger: np.ones(len(options), dtype=np.bool_) for finger, options in moves.items()}
-    for each in distinct:
-        if each.probability < min(criterion.likely, weights.max()):
-            continue
-        for finger, may in allowed_moves(each.model, hold, each.belief, moves, others, criterion).items():
+    most = np.array([each.probability * each.belief.weights.max() for each in distinct])
+    likely = min(criterion.likely, most.max())
+    for each in itertools.compress(distinct, most >= likely):
+        of_poses = dataclasses.replace(criterion, likely=likely / each.probability)
+        for finger, may in allowed_moves(each.model, hold, each.belief, moves, others, of_poses).items():
             allowed[finger] &= may
     share = weights[weights > 0.0]
     return _best(value, allowed, float(-np.sum(share * np.log(share))))

@@ -258,6 +258,22 @@ def test_the_touch_that_names_the_object_is_chosen(mug: ObjectModel, can: Object
         choose_telling_touch([], hold, {"little": inward(0.0)})
 
 
+def test_an_unlikely_pose_of_an_unlikely_object_forbids_nothing(mug: ObjectModel, can: ObjectModel) -> None:
+    # The knuckle meets the mug's lug at the first of its poses, and the can at none.
+    tips = inward(0.7)
+    moves = {"little": GuardedMoves(tips.tip, TIP, tips.tip[:, :, None] + [0.02, -0.035, 0.0], np.array([0.01]))}
+    hold = Hold(Contacts(HELD), NAMES, 0.7)
+
+    def is_allowed_at(mug_probability: float, here: float) -> bool:
+        poses = spins(0.0, np.pi, probability=[here, 1.0 - here])
+        candidates = [Candidate(can, spins(0.0), 1.0 - mug_probability), Candidate(mug, poses, mug_probability)]
+        return choose_telling_touch(candidates, hold, moves) is not None
+
+    assert not is_allowed_at(0.5, 0.2)
+    assert is_allowed_at(0.5, 0.09)
+    assert is_allowed_at(0.04, 0.9)
+
+
 def test_chance_takes_any_allowed_motion_that_meets_the_object(mug: ObjectModel) -> None:
     hold, past = Hold(Contacts(HELD), NAMES, 0.7), inward(0.5, height=0.2)
     moves = {"little": inward(1.2, 1.9, 2.2), "ring": past, "thumb": inward(0.1)}
