@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactopose_drake.core import poses
+from tactopose_drake.core.compilation import read_only
+from tactopose_drake.core.grasping import chain_kernels
 from tactopose_drake.core.grasping.serial_chain import SerialChain
 from tactopose_drake.core.validation import FloatArray
 
@@ -76,8 +78,8 @@ class FingerGeometry:
 
     def _spheres_on(self, X_PB: FloatArray) -> FloatArray:
         """Centres of the spheres on bodies at poses (B, k, 3, 4), in P."""
-        X_PB = X_PB[:, self.body]
-        centres: FloatArray = np.einsum("bsij,sj->bsi", X_PB[..., :3], self.p_BH) + X_PB[..., 3]
+        centres = np.empty((len(X_PB), *self.p_BH.shape))
+        chain_kernels.place_points(X_PB, read_only(self.body), read_only(self.p_BH), centres)
         return centres
 
     def _on_axis(self, X_PS: FloatArray, height: float) -> FloatArray:

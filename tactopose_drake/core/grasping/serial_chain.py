@@ -1,10 +1,13 @@
 """Forward kinematics of one finger for whole batches of joint positions."""
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
 
 from tactopose_drake.core import poses
+from tactopose_drake.core.compilation import read_only
+from tactopose_drake.core.grasping import chain_kernels
 from tactopose_drake.core.validation import FloatArray
 
 SLIDING_ARM = 0.05
@@ -81,15 +84,13 @@ class SerialChain:
 
     def _sweep(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Poses of the bodies (B, k, 3, 4), axes (B, k, 3) and origins (B, k, 3) of the joints, all in P."""
-        positions = q @ self.coupling.T + self.offset
-        X_PB, axis_P, p_PJ = [], [], []
-        X = np.broadcast_to(np.eye(3, 4), (len(q), 3, 4))
-        for i, axis in enumerate(self.axis):
-            X = poses.compose(X, self.X_parent[i])
-            axis_P.append(X[:, :, :3] @ axis)
-            p_PJ.append(X[:, :, 3])
-            motion = positions[:, i, None] * axis
-            turn, slide = (np.zeros_like(motion), motion) if i in self.sliding else (motion, np.zeros_like(motion))
-            X = poses.compose(poses.compose(X, poses.make_poses(poses.exp_so3(turn), slide)), self.X_child[i])
-            X_PB.append(X)
-        return np.stack(X_PB, axis=1), np.stack(axis_P, axis=1), np.stack(p_PJ, axis=1)
+        positions = np.ascontiguousarray(q @ self.coupling.T + self.offset)
+        X_PB, axis_P, p_PJ = (np.empty((*positions.shape, *shape)) for shape in ((3, 4), (3,), (3,)))
+        chain_kernels.sweep(self._joints, positions, X_PB, axis_P, p_PJ)
+        return X_PB, axis_P, p_PJ
+
+    @functools.cached_property
+    def _joints(self) -> chain_kernels.Joints:
+        """What the kernel reads."""
+        slides = np.isin(np.arange(len(self.axis)), list(self.sliding)).astype(np.float64)
+        return chain_kernels.Joints(*map(read_only, (self.X_parent, self.axis, self.X_child, slides)))

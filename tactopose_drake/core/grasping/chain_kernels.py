@@ -1,0 +1,56 @@
+"""The inner loops of forward kinematics: one loop over joint positions, joint by joint, and sphere by sphere."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from tactopose_drake.core.compilation import Floats1, Floats2, Floats3, Floats4, Longs1, OutFloats3, OutFloats4, kernel
+from tactopose_drake.core.kernels.pose_kernels import compose_one, retract_one
+
+
+class Joints(NamedTuple):
+    """What is fixed of k joints in a row; all arrays are read-only.
+
+    Attributes:
+        X_parent: pose of each joint's frame in the body before it, shape (k, 3, 4), m.
+        axis: unit axis of each in its frame, shape (k, 3).
+        X_child: pose of the body behind each in the frame that it moves, shape (k, 3, 4), m.
+        slides: 1 for a joint that slides along its axis, 0 for one that turns about it, shape (k,).
+    """
+
+    X_parent: Floats3
+    axis: Floats2
+    X_child: Floats3
+    slides: Floats1
+
+
+@kernel
+def sweep(joints: Joints, positions: Floats2, X_PB: OutFloats4, axis_P: OutFloats3, p_PJ: OutFloats3) -> None:
+    """For positions (B, k) the bodies' poses (B, k, 3, 4), and the joints' axes and origins (B, k, 3), all in P."""
+    joint, moved, increment = np.empty((3, 4)), np.empty((3, 4)), np.empty(6)
+    for b in range(positions.shape[0]):
+        for i in range(positions.shape[1]):
+            if i == 0:
+                joint[:] = joints.X_parent[0]
+            else:
+                compose_one(X_PB[b, i - 1], joints.X_parent[i], joint)
+            turn = positions[b, i] * (1.0 - joints.slides[i])
+            slide = positions[b, i] * joints.slides[i]
+            for a in range(3):
+                x, y, z = joints.axis[i, 0], joints.axis[i, 1], joints.axis[i, 2]
+                axis_P[b, i, a] = joint[a, 0] * x + joint[a, 1] * y + joint[a, 2] * z
+                p_PJ[b, i, a] = joint[a, 3]
+                increment[a] = turn * joints.axis[i, a]
+                increment[3 + a] = slide * axis_P[b, i, a]
+            retract_one(joint, increment, moved)
+            compose_one(moved, joints.X_child[i], X_PB[b, i])
+
+
+@kernel
+def place_points(X_PB: Floats4, body: Longs1, p_BH: Floats2, p_PH: OutFloats3) -> None:
+    """Points (s, 3), each fixed on one of k bodies at poses (B, k, 3, 4), in P, shape (B, s, 3)."""
+    for b in range(X_PB.shape[0]):
+        for s in range(len(body)):
+            X, x, y, z = X_PB[b, body[s]], p_BH[s, 0], p_BH[s, 1], p_BH[s, 2]
+            for a in range(3):
+                p_PH[b, s, a] = X[a, 0] * x + X[a, 1] * y + X[a, 2] * z + X[a, 3]
