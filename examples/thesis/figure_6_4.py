@@ -9,7 +9,7 @@ and then a study over ambiguous grasps: how
 many touches it takes until one pose is left, when the next touch is chosen by its expected information, and when at
 random among the same motions (figure_6_4_touches.png, figure_6_4.md). `touch_study.py` says what counts as what.
 
-A hundred grasps take some ten minutes of one core.
+A hundred grasps take some twelve minutes of one core.
 
 Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016, section 6.3.
 """
