@@ -27,8 +27,8 @@ class PlaceTaskParams:
     touches: int = 8  # of the table at the most
     pause: float = 0.2  # over the table, until what the arm's halt has shaken is at rest, s
     touch_force: float = 0.1  # on the rod by which the table is felt, N
-    # Standard deviation of the rod's lowest point over the table then, m: by how much a rod's edge sinks in less, and its
-    # point more, than `PlaceParams.table_give`, and how far the arm has gone down within a period.
+    # Standard deviation of the rod's lowest point over the table then, m: by how much less a rod's edge sinks in, and
+    # more its point, than `PlaceParams.table_give`, and how far the arm has gone down within a period.
     sigma_touch: float = 0.0004
     # By what else than the fingertips' motion each further touch moves the rod in the hand, standard deviation, m: it
     # creeps and rolls on them as it is pressed, another way with each lean.
