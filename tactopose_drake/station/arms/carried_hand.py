@@ -33,7 +33,7 @@ class PlacedHand:
 
     Attributes:
         X_FP: the palm.
-        p_PH: spheres that fill the hand, shape (h, 3), m.
+        p_PH: spheres that fill the hand, and the ball of the arm's wrist, shape (h, 3), m.
         radius: of those, shape (h,), m.
     """
 
@@ -126,7 +126,9 @@ class CarriedHand:
         X_BaseP = self._hand.palm_frame.CalcPoseInWorld(context)
         p_BaseH = self._spheres.positions(self._hand_plant.get_body_poses_output_port().Eval(context))
         p_PH = X_BaseP.inverse().multiply(p_BaseH.T).T
-        return PlacedHand(self._X_FBase @ X_BaseP, p_PH, self._spheres.radius)
+        X_FP, wrist = self._X_FBase @ X_BaseP, self._arm.config
+        p_PWrist = X_FP.inverse().multiply(np.array(wrist.p_FWrist))
+        return PlacedHand(X_FP, np.vstack([p_PH, p_PWrist]), np.append(self._spheres.radius, wrist.wrist_radius))
 
     def fingertips(self, q_hand: FloatArray) -> dict[str, RigidTransform]:
         """Poses X_PS of the fingers' sensors, by finger."""

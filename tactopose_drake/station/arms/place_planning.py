@@ -28,7 +28,8 @@ class PlaceParams:
 
     p_WHole: list[float] = dataclasses.field(default_factory=lambda: [0.5, -0.4, 0.1])  # middle of its rim, m
     box_width: float = 0.12  # of the box that the hole is in, m
-    p_WTable: list[float] = dataclasses.field(default_factory=lambda: [0.62, 0.1, 0.0])  # where the rod is to touch it
+    # Where the rod is to touch it: so far from the box that the arm's wrist, behind the hand, does not meet that.
+    p_WTable: list[float] = dataclasses.field(default_factory=lambda: [0.55, 0.3, 0.0])
     table_give: float = 0.0  # how far the rod has sunk into the table by when it is felt to touch it, m
     down_P: list[float] = dataclasses.field(default_factory=lambda: [-1.0, 0.0, 0.0])  # where the rod is to point, in P
     end_clearance: float = 0.02  # of the rod's end above the box, m

@@ -19,6 +19,7 @@ from tactopose_drake.station.arms.arm import Arm, add_arm, load_arm_config, make
 from tactopose_drake.station.arms.carried_hand import CarriedHand
 from tactopose_drake.station.arms.place_planning import PlaceParams, PlacePlanner
 from tactopose_drake.station.arms.station import ArmSetup
+from tactopose_drake.station.arms.table_leans import lean_ways
 
 Q = np.array(ArmSetup().q_start)
 X_FBASE = ArmSetup().X_FBase.GetDeterministicValue()
@@ -127,6 +128,24 @@ def test_a_rod_that_leant_on_the_table_gets_to_the_hole(planner: PlacePlanner, q
         end = palm_in_world(move.value(time)[:, 0], q_hand).multiply(GRIP.point(GRIP.end))
         over_box = np.abs(end - params.p_WHole)[:2].max() < 0.5 * params.box_width
         assert end[2] > (params.p_WHole[2] if over_box else 0.0) + 0.5 * params.hand_clearance
+
+
+def test_the_arms_wrist_stays_off_the_table_with_any_lean() -> None:
+    config = load_arm_config("seven_axis")
+    arm_plant, arm = make_arm_plant(config, RigidTransform())
+    hand = CarriedHand(arm_plant, arm, load_hand_config("shadow_like"), X_FBASE, Q)
+    placed = hand.place(np.zeros(hand.num_hand_positions))
+    p_PWrist = placed.X_FP.inverse().multiply(np.array(config.p_FWrist))
+    for lean in lean_ways(GRIP, placed, 0.008, np.radians(60.0)):
+        end = GRIP.point(lean.least_end)  # on the table
+        assert (p_PWrist - end) @ lean.n_P > config.wrist_radius + 0.0079
+
+
+def test_the_wrist_of_an_arm_is_a_ball() -> None:
+    config = load_arm_config("seven_axis")
+    for spoilt, word in (({"wrist_radius": -0.1}, "wrist_radius"), ({"p_FWrist": [0.0, 0.0]}, "p_FWrist")):
+        with pytest.raises(InvalidInputError, match=rf"ArmConfig\.{word}"):
+            dataclasses.replace(config, **spoilt).validate()
 
 
 def test_a_table_that_gives_way_is_lower_where_it_is_touched() -> None:
