@@ -1,6 +1,7 @@
 """Hand over and place: a pencil is put into the closing hand, felt, and stuck into a hole of 15 mm radius in a box.
 
 python examples/hand_over_and_place.py --seeds 100 --out out/hand_over
+python examples/hand_over_and_place.py --seeds 100 --out out/hand_over --resume
 python examples/hand_over_and_place.py --first-seed 0 --scene --out out/hand_over
 
 After section 4.3.2.3 of [B16]. The pencil is handed over anyhow: turned by up to 10 degrees about each axis and shifted
@@ -99,6 +100,19 @@ def save_scene(closing: GraspPlan, pencil: Path, seed: int, path: Path, longest:
     return trial
 
 
+def read_trials(path: Path) -> list[Trial]:
+    """The trials in a file that a run wrote, but for a line that it had not written to its end; none without a file."""
+    if not path.exists():
+        return []
+    kinds = {field.name: field.type for field in dataclasses.fields(Trial)}
+    with path.open(newline="") as file:
+        whole = [
+            row for row in csv.DictReader(file.read().rpartition("\n")[0].splitlines()) if row.keys() == kinds.keys()
+        ]
+    as_kind = {bool: "True".__eq__, int: int, float: float, str: str}
+    return [Trial(**{name: as_kind[kinds[name]](text) for name, text in row.items()}) for row in whole]
+
+
 def main() -> None:
     """Runs the trials and prints a table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -106,16 +120,22 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=100)
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--out", type=Path, default=Path("out/hand_over"))
+    parser.add_argument("--resume", action="store_true", help="keep the trials that a run before wrote into trials.csv")
     parser.add_argument("--scene", action="store_true", help="replay the first trial in scene.html, and do no other")
     arguments = parser.parse_args()
     setting = (plan_closing(), write_collision_pencil(arguments.out / "model"))
     if arguments.scene:
         print_table([save_scene(*setting, arguments.first_seed, arguments.out / "scene.html")])
         return
-    seeds, trials = range(arguments.first_seed, arguments.first_seed + arguments.seeds), []
-    with (arguments.out / "trials.csv").open("w", newline="") as file:
+    path = arguments.out / "trials.csv"
+    seeds = range(arguments.first_seed, arguments.first_seed + arguments.seeds)
+    trials = [trial for trial in read_trials(path) if trial.seed in seeds] if arguments.resume else []
+    seeds = [seed for seed in seeds if seed not in {trial.seed for trial in trials}]
+    with path.open("w", newline="") as file:
         writer = csv.DictWriter(file, [field.name for field in dataclasses.fields(Trial)])
         writer.writeheader()
+        writer.writerows(dataclasses.asdict(trial) for trial in trials)
+        file.flush()
         # What a trial takes of memory is not all given back: processes end after some.
         with get_context("spawn").Pool(arguments.jobs, _begin_process, setting, maxtasksperchild=10) as pool:
             for trial in track(pool.imap(_run_in_process, seeds), total=len(seeds), description="trials"):

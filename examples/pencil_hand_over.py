@@ -33,6 +33,9 @@ from tactopose_drake.station import (
 
 LENGTH, MASS = 0.175, 0.0055  # of the pencil, m, kg
 TURN, SHIFT, SLIDE = math.radians(10.0), 0.005, 0.020  # of the hand-over, either way
+# The simulator's table gives way as a foundation with a pressure of 5e8 Pa per metre of depth. The 0.1 to 0.3 N that it
+# takes to be felt press the rigid pencil's blunt edge 0.2 to 0.4 mm into it, and its point 0.4 to 0.8 mm.
+GIVE = 0.0005  # what is between, m
 # The hand closes as it would on this bar, on beyond its surface and with more force: whatever it meets stops it.
 BAR_RADIUS, BEYOND, FIRMNESS = 0.006, 8.0, 1.5  # m, N of push, share of the planned force
 
@@ -109,7 +112,7 @@ def make_trial_station(closing: GraspPlan, pencil: Path, meshcat: Meshcat | None
     scenario.estimation.contacts.sigma_position = 0.0006
     scenario.estimation.contacts.sigma_normal_deg = 8.0
     scenario.estimation.estimator.period = 0.4  # a rod's slide is a wide mode, whose samples take their time
-    place = PlaceParams()
+    place = PlaceParams(table_give=GIVE)
     scenes = "package://tactopose_drake/models/scenes"
     box = Transform(translation=[*place.p_WHole[:2], 0.0])
     setup = ArmSetup(scene=[SceneModel(model=f"{scenes}/table.sdf"), SceneModel(model=f"{scenes}/hole_box.sdf")])

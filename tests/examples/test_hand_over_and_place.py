@@ -1,5 +1,7 @@
 """Hand over and place, without its long simulations: what is handed over, and the first moments of a trial."""
 
+import csv
+import dataclasses
 from pathlib import Path
 from types import ModuleType
 
@@ -44,6 +46,21 @@ def test_the_hand_over_is_random_within_its_bounds(pencil: ModuleType, plan: Gra
     assert np.arccos(np.abs(cosine)).max() < np.sqrt(2.0) * pencil.TURN + 0.02
     assert np.degrees(np.arccos(np.abs(cosine))).max() > 8.0
     assert all(grasp.fingers is plan.fingers for grasp in offered)  # the hand knows nothing of it
+
+
+def test_a_run_that_was_ended_keeps_its_trials(example: ModuleType, trials: ModuleType, tmp_path: Path) -> None:
+    path = tmp_path / "trials.csv"
+    assert example.read_trials(path) == []
+    done = [trials.Trial(seed, seed == 3, outcome='failed, "as it is"', end_mm=0.1 * seed) for seed in (3, 4)]
+    with path.open("w", newline="") as file:
+        writer = csv.DictWriter(file, [field.name for field in dataclasses.fields(trials.Trial)])
+        writer.writeheader()
+        writer.writerows(dataclasses.asdict(trial) for trial in done)
+    read = example.read_trials(path)
+    # Not a number is not equal to itself.
+    assert [repr(trial) for trial in read] == [repr(trial) for trial in done]
+    path.write_bytes(path.read_bytes()[:-3])  # killed as it wrote the second
+    assert [trial.seed for trial in example.read_trials(path)] == [3]
 
 
 def test_the_simulators_pencil_is_the_packages_pencil(pencil: ModuleType, tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, ModelInstanceIndex, SpatialInertia
 
-from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.core.validation import FloatArray, finite_array, positive_number
 from tactopose_drake.errors import InvalidFileError, InvalidInputError, UnknownNameError
 from tactopose_drake.hand.hand_in_plant import Hand
 from tactopose_drake.resources import add_model, load_typed_yaml, make_parser, model_path
@@ -22,12 +22,18 @@ class ArmConfig:
     model: str = ""  # URL, or path from this file's folder, of an SDF or URDF file; it limits each joint's speed
     base_link: str = ""  # the link that stands on the ground
     flange_frame: str = ""  # F, the frame or link that carries the hand's base
+    # A ball that holds what of the arm comes low with the hand, however its last joints turn: its middle in F, m, and
+    # its radius, m; 0: there is none.
+    p_FWrist: list[float] = dataclasses.field(default_factory=lambda: [0.0, 0.0, 0.0])
+    wrist_radius: float = 0.0
 
     def validate(self) -> None:
-        """Raises InvalidInputError if a name is missing."""
-        for field in dataclasses.fields(self):
-            if not getattr(self, field.name):
-                raise InvalidInputError(f"ArmConfig.{field.name}: is empty; allowed is a name.")
+        """Raises InvalidInputError if a name is missing, or the ball is none."""
+        for name in ("model", "base_link", "flange_frame"):
+            if not getattr(self, name):
+                raise InvalidInputError(f"ArmConfig.{name}: is empty; allowed is a name.")
+        finite_array("ArmConfig.p_FWrist", self.p_FWrist, (3,))
+        positive_number("ArmConfig.wrist_radius", self.wrist_radius, allow_zero=True)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1,5 +1,6 @@
 """The hand on an arm, as one rigid body: where it is, and straight ways down that it takes with what it holds."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,10 @@ from tactopose_drake.station.arms.motion import AxisGoal, reach_axis, smooth_mot
 
 # Positions along a straight way down, and guesses of the inverse kinematics at its beginning.
 _STEPS, _GUESSES = 5, 8
+# From which difference of a joint on two of them are two ways to reach it, rad.
+_APART = 0.1
+# By how much the hand may turn while it is raised, rad.
+_RAISED_TURN = 0.3
 # How much higher than a straight way down the way to its beginning may lead, m, and at how many times it is checked.
 _DETOURS, _CHECKED_TIMES = (0.15, 0.3), 40
 # The fingers' direction.
@@ -28,7 +33,7 @@ class PlacedHand:
 
     Attributes:
         X_FP: the palm.
-        p_PH: spheres that fill the hand, shape (h, 3), m.
+        p_PH: spheres that fill the hand, and the ball of the arm's wrist, shape (h, 3), m.
         radius: of those, shape (h,), m.
     """
 
@@ -49,6 +54,8 @@ class Descent:
         highest: where it begins, above `p_WQ`, m.
         lowest: where it ends.
         clear: height in the world above which hand and lowest point stay until it begins, m.
+        near: how near to below `p_WQ` they do so, horizontally, m.
+        floor: height in the world above which they stay elsewhere, m.
         most_turn: angle between the fingers and the direction from the arm to `p_WQ`, rad.
     """
 
@@ -59,6 +66,8 @@ class Descent:
     highest: float
     lowest: float
     clear: float
+    near: float
+    floor: float
     most_turn: float
 
 
@@ -117,7 +126,9 @@ class CarriedHand:
         X_BaseP = self._hand.palm_frame.CalcPoseInWorld(context)
         p_BaseH = self._spheres.positions(self._hand_plant.get_body_poses_output_port().Eval(context))
         p_PH = X_BaseP.inverse().multiply(p_BaseH.T).T
-        return PlacedHand(self._X_FBase @ X_BaseP, p_PH, self._spheres.radius)
+        X_FP, wrist = self._X_FBase @ X_BaseP, self._arm.config
+        p_PWrist = X_FP.inverse().multiply(np.array(wrist.p_FWrist))
+        return PlacedHand(X_FP, np.vstack([p_PH, p_PWrist]), np.append(self._spheres.radius, wrist.wrist_radius))
 
     def fingertips(self, q_hand: FloatArray) -> dict[str, RigidTransform]:
         """Poses X_PS of the fingers' sensors, by finger."""
@@ -155,29 +166,74 @@ class CarriedHand:
             speeds: on the way to it.
             generator: of the guesses of the inverse kinematics.
         """
-        ways: list[FloatArray] = []
-        for height in np.linspace(descent.highest, descent.lowest, _STEPS):
-            near = ways[-1] if ways else self._q_home
-            guesses = [near] if ways else [near, q, *(near + generator.uniform(-0.8, 0.8, (_GUESSES, len(q))))]
-            found = self.reach(_goal(hand, descent, float(height)), near, guesses)
+        raised = self._raised(q, hand, descent)
+        for begin in self._begins(q, hand, descent, generator):
+            down = self._way_down(begin, hand, descent)
+            if down is None:
+                continue
+            detours = [self.reach(_goal(hand, descent, descent.highest + rise), begin, [begin]) for rise in _DETOURS]
+            over = [detour for detour in detours if detour is not None]
+            for path in _paths(q, raised, over, begin):
+                move = self.move(np.array(path), speeds)
+                if self._is_clear(move, hand, descent):
+                    return WayDown(move, down, over[0] if over else None)
+        return None
+
+    def _begins(
+        self, q: FloatArray, hand: PlacedHand, descent: Descent, generator: np.random.Generator
+    ) -> list[FloatArray]:
+        """Positions where the straight way down may begin, shape (na,) each, rad: those nearest to the arm's first.
+
+        An arm reaches a place in several ways, with its wrist turned over, say; from one of them to another it swings
+        what it holds through half of its reach.
+        """
+        goal, home = _goal(hand, descent, descent.highest), self._q_home
+        guesses = [home, *(home + generator.uniform(-0.8, 0.8, (_GUESSES, len(q))))]
+        found = [self.reach(goal, near, [guess]) for near, guess in ((q, q), *((home, guess) for guess in guesses))]
+        begins: list[FloatArray] = []
+        for begin in sorted((way for way in found if way is not None), key=lambda way: float(np.linalg.norm(way - q))):
+            if all(np.abs(begin - other).max() > _APART for other in begins):
+                begins.append(begin)
+        return begins
+
+    def _way_down(self, begin: FloatArray, hand: PlacedHand, descent: Descent) -> FloatArray | None:
+        """Positions along the straight way down, shape (n, na), rad; None if the arm cannot."""
+        ways = [begin]
+        for height in np.linspace(descent.highest, descent.lowest, _STEPS)[1:]:
+            found = self.reach(_goal(hand, descent, float(height)), ways[-1], [ways[-1]])
             if found is None:
                 return None
             ways.append(found)
-        above = [self.reach(_goal(hand, descent, descent.highest + rise), ways[0], [ways[0]]) for rise in _DETOURS]
-        for path in ([q, ways[0]], *([q, detour, ways[0]] for detour in above if detour is not None)):
-            move = self.move(np.array(path), speeds)
-            if self._is_clear(move, hand, descent):
-                return WayDown(move, np.array(ways), above[0])
-        return None
+        return np.array(ways)
+
+    def _raised(self, q: FloatArray, hand: PlacedHand, descent: Descent) -> FloatArray | None:
+        """Positions that hold the hand as it is, but higher, shape (na,), rad; None if the arm cannot."""
+        X_WF, rotate = self.flange(q), hand.X_FP.rotation()
+        p_FQ, down_F = hand.X_FP.multiply(descent.p_PQ), rotate.multiply(descent.down_P)
+        forward_F = rotate.multiply(_FORWARD_P)
+        goal = AxisGoal(
+            p_FQ=p_FQ,
+            direction_F=down_F,
+            p_WQ=X_WF.multiply(p_FQ) + np.array([0.0, 0.0, _DETOURS[0]]),
+            direction_W=X_WF.rotation().multiply(down_F),
+            forward_F=forward_F,
+            forward_W=X_WF.rotation().multiply(forward_F),
+            most_turn=_RAISED_TURN,
+        )
+        return self.reach(goal, q, [q])
 
     def _is_clear(self, motion: PiecewisePolynomial, hand: PlacedHand, descent: Descent) -> bool:
         """Whether the hand and what it holds stay high enough."""
         p_FH = hand.X_FP.multiply(np.vstack([hand.p_PH, descent.p_PE]).T)
-        radius, lowest = np.append(hand.radius, 0.0), np.inf
+        radius = np.append(hand.radius, 0.0)
+        context = self._arm_plant.CreateDefaultContext()
         for time in np.linspace(0.0, motion.end_time(), _CHECKED_TIMES):
-            heights = self.flange(motion.value(time)[:, 0]).multiply(p_FH)[2] - radius
-            lowest = min(lowest, float(heights.min()))
-        return lowest > descent.clear
+            self._arm_plant.SetPositions(context, motion.value(time)[:, 0])
+            p_WH = self._arm.flange.CalcPoseInWorld(context).multiply(p_FH).T
+            near = np.linalg.norm((p_WH - descent.p_WQ)[:, :2], axis=1) < descent.near + radius
+            if np.any(p_WH[:, 2] - radius <= np.where(near, descent.clear, descent.floor)):
+                return False
+        return True
 
 
 def _goal(hand: PlacedHand, descent: Descent, height: float) -> AxisGoal:
@@ -194,3 +250,13 @@ def _goal(hand: PlacedHand, descent: Descent, height: float) -> AxisGoal:
         forward_W=forward_W / np.linalg.norm(forward_W),
         most_turn=descent.most_turn,
     )
+
+
+def _paths(
+    q: FloatArray, raised: FloatArray | None, over: list[FloatArray], begin: FloatArray
+) -> Iterator[list[FloatArray]]:
+    """Ways from where the arm is to where a descent begins: straight, from above it, and up first."""
+    yield [q, begin]
+    yield from ([q, detour, begin] for detour in over)
+    if raised is not None:
+        yield from ([q, raised, detour, begin] for detour in over)

@@ -18,6 +18,8 @@ from tactopose_drake.station.arms.table_leans import Lean, choose_lean, lean_way
 
 # Standard deviations of the rod's end by which the arm keeps away from what it may meet.
 _SIGMAS = 3.0
+# How far beside the box hand and rod are still to be higher than it, m.
+_BESIDE = 0.03
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -26,7 +28,9 @@ class PlaceParams:
 
     p_WHole: list[float] = dataclasses.field(default_factory=lambda: [0.5, -0.4, 0.1])  # middle of its rim, m
     box_width: float = 0.12  # of the box that the hole is in, m
-    p_WTable: list[float] = dataclasses.field(default_factory=lambda: [0.62, 0.1, 0.0])  # where the rod is to touch it
+    # Where the rod is to touch it: so far from the box that the arm's wrist, behind the hand, does not meet that.
+    p_WTable: list[float] = dataclasses.field(default_factory=lambda: [0.55, 0.3, 0.0])
+    table_give: float = 0.0  # how far the rod has sunk into the table by when it is felt to touch it, m
     down_P: list[float] = dataclasses.field(default_factory=lambda: [-1.0, 0.0, 0.0])  # where the rod is to point, in P
     end_clearance: float = 0.02  # of the rod's end above the box, m
     table_clearance: float = 0.008  # of the rod's end above the table, before it is lowered onto it, m
@@ -91,9 +95,9 @@ class PlacePlanner:
         return self._hand.fingertips(q_hand)
 
     @property
-    def p_WTable(self) -> FloatArray:
-        """A point of the table, which is level, shape (3,), m."""
-        return self._p_WTable
+    def p_WTouch(self) -> FloatArray:
+        """A point of the level that the rod's lowest point is at once it is felt to touch the table, shape (3,), m."""
+        return self._p_WTable - np.array([0.0, 0.0, self._params.table_give])
 
     def held_axis(self, estimate: PoseEstimate, contacts: Contacts) -> HeldAxis:
         """The rod's axis, and where it ends, as the hypotheses have it."""
@@ -179,6 +183,7 @@ class PlacePlanner:
         """The motions of a touch with one lean, of a rod whose end is at its farthest."""
         params, tilt = self._params, float(-lean.n_P @ held.direction)
         reach = farthest * tilt + self._radius * float(np.sqrt(max(0.0, 1.0 - tilt**2)))
+        floor = self._p_WTable[2] + 0.5 * params.table_clearance + self._radius
         descent = Descent(
             p_PQ=held.p_PQ,
             p_PE=held.point(farthest),
@@ -186,7 +191,9 @@ class PlacePlanner:
             p_WQ=self._p_WTable,
             highest=max(reach + params.table_clearance, lean.least_end * tilt),
             lowest=lean.least_end * tilt,
-            clear=self._p_WTable[2] + 0.5 * params.table_clearance + self._radius,
+            clear=floor,
+            near=0.0,
+            floor=floor,
             most_turn=params.most_turn,
         )
         found = self._hand.descend(q, hand, descent, self._fast, np.random.default_rng(params.seed))
@@ -199,7 +206,8 @@ class PlacePlanner:
     ) -> tuple[PiecewisePolynomial, PiecewisePolynomial, PiecewisePolynomial] | None:
         """The motions to above the hole, straight down into it, and straight up again.
 
-        None if the arm cannot: on its way to the hole, hand and rod stay higher than the box.
+        None if the arm cannot: on its way to the hole, hand and rod stay higher than the box when near it, and off the
+        table.
 
         Args:
             q: where the arm is, shape (na,), rad.
@@ -216,6 +224,8 @@ class PlacePlanner:
             highest=farthest + params.end_clearance,
             lowest=self._hand_depth(hand, held) + params.hand_clearance,
             clear=self._p_WHole[2] + params.hand_clearance,
+            near=np.sqrt(0.5) * params.box_width + _BESIDE,
+            floor=self._p_WTable[2] + params.hand_clearance,
             most_turn=params.most_turn,
         )
         found = self._hand.descend(q, hand, descent, self._fast, np.random.default_rng(params.seed))

@@ -24,10 +24,15 @@ class PlaceTaskParams:
     # The table is touched until the rod's lower end is known along its axis, and which one it is.
     most_sigma_end: float = 0.002  # m
     sure: float = 0.98  # probability of the end
-    touches: int = 5  # of the table at the most
+    touches: int = 8  # of the table at the most
     pause: float = 0.2  # over the table, until what the arm's halt has shaken is at rest, s
     touch_force: float = 0.1  # on the rod by which the table is felt, N
-    sigma_touch: float = 0.0005  # standard deviation of the rod's lowest point over the table then, m
+    # Standard deviation of the rod's lowest point over the table then, m: by how much less a rod's edge sinks in, and
+    # more its point, than `PlaceParams.table_give`, and how far the arm has gone down within a period.
+    sigma_touch: float = 0.0004
+    # By what else than the fingertips' motion each further touch moves the rod in the hand, standard deviation, m: it
+    # creeps and rolls on them as it is pressed, another way with each lean.
+    sigma_moved: float = 0.0005
     # Of the lower end in the palm while it is carried, beyond three standard deviations of the estimates, m.
     most_drift: float = 0.005
     most_offset: float = 0.003  # of the lower end above the hole, by the estimate then; else the arm aligns it anew, m

@@ -19,7 +19,7 @@ from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.station.arms.place_planning import PlacePlanner
 from tactopose_drake.station.arms.place_state import PlaceTaskParams, TaskState
-from tactopose_drake.station.arms.table_touch import TableTouch, force_on_hand
+from tactopose_drake.station.arms.table_touch import TableTouch, force_on_hand, touched_planes
 from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.ports import eval_input, eval_optional_input
 
@@ -220,7 +220,7 @@ class PlaceTask(CollectableSystem):
     def _table(self, context: Context) -> TableTouch:
         """The table that the rod touches now."""
         X_PW = eval_input(self._palm_pose, context, RigidTransform).inverse()
-        p_PQ, n_P = X_PW.multiply(self._planner.p_WTable), X_PW.rotation().col(2)
+        p_PQ, n_P = X_PW.multiply(self._planner.p_WTouch), X_PW.rotation().col(2)
         contacts, fingers = eval_input(self._contacts, context, Contacts), eval_input(self._fingers, context, tuple)
         X_PS = self._planner.fingertips(self._positions.Eval(context))
         return TableTouch(PlaneContact(p_PQ, n_P, self._params.sigma_touch), contacts, fingers, X_PS)
@@ -294,7 +294,7 @@ class PlaceTask(CollectableSystem):
     def _calc_planes(self, context: Context, output: AbstractValue) -> None:
         touches = self.state(context).touches
         X_PS = self._planner.fingertips(self._positions.Eval(context)) if touches else {}
-        output.set_value(tuple(touch.as_of(X_PS) for touch in touches))
+        output.set_value(touched_planes(touches, X_PS, self._params.sigma_moved))
 
     def _calc_phase(self, context: Context, output: AbstractValue) -> None:
         output.set_value(self.state(context).phase)

@@ -1,6 +1,7 @@
 """A touch of the table by what a hand holds, and where the table is in the palm once the fingers have moved on."""
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,15 +32,32 @@ class TableTouch:
     fingers: tuple[str, ...]
     X_PS: Poses
 
-    def as_of(self, X_PS: Poses) -> PlaneContact:
+    def as_of(self, X_PS: Poses, sigma_moved: float) -> PlaneContact:
         """The plane as the object has it that has moved with the fingertips to where they are now.
 
         A hand is compliant: its fingers sag this way or that as it leans, and what they hold goes with them.
+
+        Args:
+            X_PS: where the fingertips' sensors are now, by finger.
+            sigma_moved: standard deviation of what else the object has moved by, along the plane's normal, m.
         """
         velocities = {finger: _twist(X_PS[finger] @ self.X_PS[finger].inverse()) for finger in self.fingers}
         moved = move_with_fingertips(self.contacts, self.fingers, velocities, MotionNoise(), 1.0, slips=False).pose
         p_PQ = moved[:, :3] @ self.plane.p_PQ + moved[:, 3]
-        return PlaneContact(p_PQ, moved[:, :3] @ self.plane.n_P, self.plane.sigma)
+        return PlaneContact(p_PQ, moved[:, :3] @ self.plane.n_P, math.hypot(self.plane.sigma, sigma_moved))
+
+
+def touched_planes(touches: Sequence[TableTouch], X_PS: Poses, sigma_moved: float) -> tuple[PlaneContact, ...]:
+    """The planes that an object has touched, one after the other, as it has them now.
+
+    Args:
+        touches: in their order.
+        X_PS: where the fingertips' sensors are now, by finger.
+        sigma_moved: standard deviation of what a touch moves the object by in the hand beyond the fingertips' motion,
+            m. It adds up over the touches that came after.
+    """
+    later = range(len(touches) - 1, -1, -1)
+    return tuple(touch.as_of(X_PS, sigma_moved * math.sqrt(count)) for touch, count in zip(touches, later, strict=True))
 
 
 def force_on_hand(contacts: Contacts, n_P: np.ndarray) -> float:

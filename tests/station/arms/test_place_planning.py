@@ -1,6 +1,7 @@
 """How the arm meets a rod that is handed over, and how it takes it to the hole."""
 
 import dataclasses
+import functools
 
 import numpy as np
 import pytest
@@ -12,22 +13,23 @@ from tactopose_drake.core.grasping.held_axis import HeldAxis
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.results import PoseEstimate, PoseHypothesis
 from tactopose_drake.hand.hand_config import load_hand_config
-from tactopose_drake.hand.hand_in_plant import add_hand
+from tactopose_drake.hand.hand_in_plant import Hand, add_hand
 from tactopose_drake.resources import model_path
-from tactopose_drake.station.arms.arm import add_arm, load_arm_config, make_arm_plant, mount_hand
+from tactopose_drake.station.arms.arm import Arm, add_arm, load_arm_config, make_arm_plant, mount_hand
 from tactopose_drake.station.arms.carried_hand import CarriedHand
 from tactopose_drake.station.arms.place_planning import PlaceParams, PlacePlanner
 from tactopose_drake.station.arms.station import ArmSetup
+from tactopose_drake.station.arms.table_leans import lean_ways
 
 Q = np.array(ArmSetup().q_start)
 X_FBASE = ArmSetup().X_FBase.GetDeterministicValue()
 GRIP = HeldAxis(np.array([0.0, -0.05, 0.11]), np.array([-1.0, 0.0, 0.0]), 0.0875)
 
 
-def make_planner(model: tp.ObjectModel) -> PlacePlanner:
+def make_planner(model: tp.ObjectModel, params: PlaceParams | None = None) -> PlacePlanner:
     arm_plant, arm = make_arm_plant(load_arm_config("seven_axis"), RigidTransform())
     hand = CarriedHand(arm_plant, arm, load_hand_config("shadow_like"), X_FBASE, Q)
-    return PlacePlanner(hand, model, GRIP, PlaceParams())
+    return PlacePlanner(hand, model, GRIP, PlaceParams() if params is None else params)
 
 
 @pytest.fixture(scope="module")
@@ -39,13 +41,19 @@ def moved(held: HeldAxis, X: RigidTransform) -> HeldAxis:
     return dataclasses.replace(held, p_PQ=X.multiply(held.p_PQ), direction=X.rotation().multiply(held.direction))
 
 
-def palm_in_world(q: np.ndarray, q_hand: np.ndarray) -> RigidTransform:
-    """By a plant of its own."""
+@functools.cache
+def arm_with_hand() -> tuple[MultibodyPlant, Arm, Hand]:
     plant = MultibodyPlant(time_step=0.0)
     arm = add_arm(plant, load_arm_config("seven_axis"), RigidTransform())
     hand = add_hand(plant, load_hand_config("shadow_like"))
     mount_hand(plant, arm, hand, X_FBASE)
     plant.Finalize()
+    return plant, arm, hand
+
+
+def palm_in_world(q: np.ndarray, q_hand: np.ndarray) -> RigidTransform:
+    """By a plant of its own."""
+    plant, arm, hand = arm_with_hand()
     context = plant.CreateDefaultContext()
     plant.SetPositions(context, arm.model_instance, q)
     plant.SetPositions(context, hand.model_instance, q_hand)
@@ -97,6 +105,52 @@ def test_the_rod_ends_upright_in_the_hole(planner: PlacePlanner) -> None:
             in_world = moved(held, palm_in_world(motion.value(time)[:, 0], q_hand))
             assert np.linalg.norm((in_world.p_PQ - hole)[:2]) < 0.002
             assert in_world.direction[2] < -np.cos(0.01)
+
+
+@pytest.mark.parametrize(
+    "q",
+    [
+        [1.49, 0.94, -1.08, 1.59, -0.39, 1.13, 1.44],  # the wrist turned over
+        [-1.15, 1.24, 1.07, 1.45, 0.38, 1.08, -1.41],
+        [-1.23, 1.25, 1.22, 1.53, 0.25, 0.98, -1.6],
+        [1.59, 1.21, -1.18, 1.63, -0.23, 1.07, 2.06],
+    ],
+)
+def test_a_rod_that_leant_on_the_table_gets_to_the_hole(planner: PlacePlanner, q: list[float]) -> None:
+    """From over the table, as the arm is after a touch; on its way the rod keeps off the table, and off the box."""
+    q_hand, params = np.zeros(planner.num_hand_positions), PlaceParams()
+    plan = planner.plan(np.array(q), q_hand, GRIP)
+    assert plan is not None
+    move, insert, _ = plan
+    np.testing.assert_allclose(move.value(0.0)[:, 0], q, atol=1e-9)
+    np.testing.assert_allclose(move.value(move.end_time()), insert.value(0.0), atol=1e-9)
+    for time in np.linspace(0.0, move.end_time(), 25):
+        end = palm_in_world(move.value(time)[:, 0], q_hand).multiply(GRIP.point(GRIP.end))
+        over_box = np.abs(end - params.p_WHole)[:2].max() < 0.5 * params.box_width
+        assert end[2] > (params.p_WHole[2] if over_box else 0.0) + 0.5 * params.hand_clearance
+
+
+def test_the_arms_wrist_stays_off_the_table_with_any_lean() -> None:
+    config = load_arm_config("seven_axis")
+    arm_plant, arm = make_arm_plant(config, RigidTransform())
+    hand = CarriedHand(arm_plant, arm, load_hand_config("shadow_like"), X_FBASE, Q)
+    placed = hand.place(np.zeros(hand.num_hand_positions))
+    p_PWrist = placed.X_FP.inverse().multiply(np.array(config.p_FWrist))
+    for lean in lean_ways(GRIP, placed, 0.008, np.radians(60.0)):
+        end = GRIP.point(lean.least_end)  # on the table
+        assert (p_PWrist - end) @ lean.n_P > config.wrist_radius + 0.0079
+
+
+def test_the_wrist_of_an_arm_is_a_ball() -> None:
+    config = load_arm_config("seven_axis")
+    for spoilt, word in (({"wrist_radius": -0.1}, "wrist_radius"), ({"p_FWrist": [0.0, 0.0]}, "p_FWrist")):
+        with pytest.raises(InvalidInputError, match=rf"ArmConfig\.{word}"):
+            dataclasses.replace(config, **spoilt).validate()
+
+
+def test_a_table_that_gives_way_is_lower_where_it_is_touched() -> None:
+    soft = make_planner(pencil(), PlaceParams(table_give=0.0004))
+    np.testing.assert_allclose(soft.p_WTouch, np.array(PlaceParams().p_WTable) - [0.0, 0.0, 0.0004], atol=1e-12)
 
 
 def test_what_has_no_axis_is_no_rod() -> None:

@@ -26,7 +26,7 @@ class Planner:
     """Goes to 1, on to 2, back to 1, and to the table by 5 and 6; half a second each."""
 
     num_hand_positions = 3
-    p_WTable = np.array([0.5, 0.0, 0.2])
+    p_WTouch = np.array([0.5, 0.0, 0.2])
 
     def __init__(
         self, sigma: float = 0.001, reachable: bool = True, meets: bool = True, table_reachable: bool = True
