@@ -126,6 +126,7 @@ class PoseTracker:
             time=frame.time,
             history=history,
             search=belief.search.moved(motion),
+            slip_test=belief.slip_test.moved(motion),
             sources=reading.sources,
             modes=predict_modes(modes, motion, self._params.mixture.max_sigma_translation),
             keyframes=move_keyframes(belief.keyframes, motion),
@@ -153,7 +154,7 @@ class PoseTracker:
         if len(modes):
             modes = update_modes(self._model, params, reading, modes, duration)
             motion = belief.history.motions[-1] if duration > 0.0 else Motion(np.zeros(6), np.zeros((6, 6)))
-            change = PoseChange(belief.modes.X_PO[0], modes.X_PO[0], modes.roughness[0], motion)
+            change = PoseChange(modes.X_PO[0], modes.roughness[0], motion)
             test, slips = detect_slip(self._model, params.slip, belief.slip_test, reading, change)
         assert frame.sources is not None
         is_new = any(time > belief.felt_time.get(name, -np.inf) + params.lost_time for name in frame.sources)
