@@ -31,9 +31,9 @@ def inverse(X_AB: FloatArray) -> FloatArray:
 
 def compose(X_AB: FloatArray, X_BC: FloatArray) -> FloatArray:
     """X_AC = X_AB X_BC for poses (..., 3, 4), broadcast over the leading axes."""
-    R_AB = X_AB[..., :3]
-    p_AC = np.einsum("...ij,...j->...i", R_AB, X_BC[..., 3]) + X_AB[..., 3]
-    return make_poses(R_AB @ X_BC[..., :3], p_AC)
+    X_AC: FloatArray = X_AB[..., :3] @ X_BC
+    X_AC[..., 3] += X_AB[..., 3]
+    return X_AC
 
 
 def transform_points(X_AB: FloatArray, p_BQ: FloatArray) -> FloatArray:
@@ -48,6 +48,14 @@ def skew(v: FloatArray) -> FloatArray:
     x, y, z = v[..., 0], v[..., 1], v[..., 2]
     out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -z, y, -x
     out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = z, -y, x
+    return out
+
+
+def point_jacobians(p: FloatArray) -> FloatArray:
+    """The matrices [-[p]x 1] that make velocities of points (k, 3) of a twist (w, v) at the origin, (k, 3, 6)."""
+    out = np.zeros((len(p), 3, 6))
+    out[:, :, :3] = -skew(p)
+    out[:, [0, 1, 2], [3, 4, 5]] = 1.0
     return out
 
 

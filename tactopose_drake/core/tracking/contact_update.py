@@ -54,7 +54,7 @@ from tactopose_drake.core.posterior.hypotheses import determined_part, free_dire
 from tactopose_drake.core.posterior.posterior_params import ModeParams
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.contact_errors import BiasModel, lasting_excess, new_variances
-from tactopose_drake.core.tracking.frame import ContactReading
+from tactopose_drake.core.tracking.frame import ContactReading, told_variances
 from tactopose_drake.core.tracking.slip_detection import contact_rows_at
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
@@ -189,8 +189,7 @@ def most_information(
     contacts = reading.contacts
     lasting = BiasModel.from_params(params).variances + modes.roughness[:, reading.source]
     variances = lasting + new_variances(contacts, params) / params.window.max_frames
-    told = np.stack([contacts.sigma_position, contacts.sigma_normal], axis=1) ** 2
-    weighted = rows * (told / variances)[..., [0, 1, 1, 1], None]
+    weighted = rows * (told_variances(contacts) / variances)[..., [0, 1, 1, 1], None]
     return np.asarray(np.einsum("nkri,nkrj->nij", weighted, rows))
 
 
