@@ -6,6 +6,7 @@ moved since, and a touch of the time when the fingers were still closing counts 
 """
 
 import dataclasses
+import functools
 import math
 from typing import NamedTuple
 
@@ -53,13 +54,13 @@ class Keyframe:
         contacts, variances = reading.contacts, told_variances(reading.evidence.touch)
         return cls(contacts.p_PC, contacts.n_PC, variances, sources, np.eye(3, 4), np.zeros((6, 6)))
 
-    @property
+    @functools.cached_property
     def points(self) -> FloatArray:
         """Where the contacts' points are now, shape (k, 3), m."""
         points: FloatArray = self.p_PC @ self.X_PP[:, :3].T + self.X_PP[:, 3]
         return points
 
-    @property
+    @functools.cached_property
     def normals(self) -> FloatArray | None:
         """The contacts' normals now, shape (k, 3)."""
         return None if self.n_PC is None else self.n_PC @ self.X_PP[:, :3].T
