@@ -156,6 +156,12 @@ def contact_rows_at(model: ObjectModel, reading: ContactReading, X_PO: FloatArra
     return residuals, jacobian
 
 
+def information_of(weighted: FloatArray, rows: FloatArray) -> FloatArray:
+    """The information (n, 6, 6) of derivatives (n, k, 4, 6), of which one factor is weighted."""
+    shape = len(rows), -1, 6
+    return np.asarray(np.swapaxes(weighted.reshape(shape), 1, 2) @ rows.reshape(shape))
+
+
 def _follow_noise(noise: tuple[float, float], change: FloatArray, params: SlipParams) -> tuple[float, float]:
     """The variances after residuals have changed (s, 4) from one frame to the next: half the squares is expected.
 
