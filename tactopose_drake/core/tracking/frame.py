@@ -67,7 +67,13 @@ class PoseMeasurement:
         return cls(time, prior.mean, np.diag(prior.sigmas**2))
 
     def moved_to(self, time: float, X_PO: FloatArray, covariance: FloatArray) -> PoseMeasurement:
-        """The same as of another time, s: what is computed of a pose that was checked is not checked again."""
+        """The same as of another time: what is computed of a pose that was checked is not checked again.
+
+        Args:
+            time: s.
+            X_PO: the pose then, shape (3, 4).
+            covariance: of the increment (w, v) from it, shape (6, 6), rad and m.
+        """
         moved = copy.copy(self)
         for name, value in (("time", time), ("X_PO", X_PO), ("covariance", covariance)):
             object.__setattr__(moved, name, value)
