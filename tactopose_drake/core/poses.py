@@ -31,9 +31,9 @@ def inverse(X_AB: FloatArray) -> FloatArray:
 
 def compose(X_AB: FloatArray, X_BC: FloatArray) -> FloatArray:
     """X_AC = X_AB X_BC for poses (..., 3, 4), broadcast over the leading axes."""
-    X_AC: FloatArray = X_AB[..., :3] @ X_BC
-    X_AC[..., 3] += X_AB[..., 3]
-    return X_AC
+    R_AB = X_AB[..., :3]
+    p_AC = np.einsum("...ij,...j->...i", R_AB, X_BC[..., 3]) + X_AB[..., 3]
+    return make_poses(R_AB @ X_BC[..., :3], p_AC)
 
 
 def transform_points(X_AB: FloatArray, p_BQ: FloatArray) -> FloatArray:
