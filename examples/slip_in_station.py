@@ -11,7 +11,8 @@ Printed are the belief's error beside what it says of it, its normalised estimat
 belief), how often it says that the object slips, and where the time goes: processor seconds of the whole station, and
 of the belief's updates. A slide of at least 10 mm has begun with its first millimetre: asked is how much later it is
 called so. A call is false where within a tenth of a second nothing has slid by a millimetre; calls are counted while
-the object is held, too.
+the object is held, too. A slide goes on where the object has slid by a millimetre within the last 50 ms: of those
+instants it is printed what the belief says then.
 """
 
 import argparse
@@ -40,6 +41,7 @@ RATES = (10.0, 20.0, 40.0)  # times its weight, each second
 SLIPPED, LOST = 0.02, 0.06  # m that it slides, and that it moves in the palm, until the end
 SLIDE, BEGUN = 0.01, 0.001  # m: what counts as a slide, and from where on it has begun
 SOON = 0.1  # s within which what is called a slip has begun
+LATELY = 0.05  # s within which a slide that goes on has gone as far as it takes to begin
 
 
 class Row(NamedTuple):
@@ -102,6 +104,12 @@ def false_calls(rows: list[Row]) -> tuple[int, float]:
     begins = [now for before, now in itertools.pairwise(rows) if now.status == "slipping" != before.status]
     soon = [max(row.slide for row in rows if now.time <= row.time <= now.time + SOON) for now in begins]
     return sum(slide < BEGUN for slide in soon), PERIOD * sum(row.slide < BEGUN for row in rows)
+
+
+def while_sliding(rows: list[Row]) -> list[str]:
+    """The belief's statuses at the instants at which a slide goes on."""
+    before = [0.0] * round(LATELY / PERIOD) + [row.slide for row in rows]
+    return [row.status for then, row in zip(before, rows, strict=False) if row.slide - then > BEGUN]
 
 
 def hold(grasp: GraspResult, seconds: float) -> tuple[float, float, int]:
@@ -198,10 +206,13 @@ def run(arguments: argparse.Namespace) -> tuple[dict[str, list[Row]], list[str]]
     delays = [seconds for seconds in map(delay, runs.values()) if seconds is not None]
     more, still = np.sum([false_calls(rows) for rows in runs.values()], axis=0)
     squares = [row.square for rows in runs.values() for row in rows if row.slide > BEGUN and np.isfinite(row.square)]
+    says_then = [status for rows in runs.values() for status in while_sliding(rows)]
     lines.append(
         f"of {len(delays)} slides of 10 mm or more {sum(seconds <= 0.05 + 1e-6 for seconds in delays)} are called so "
         f"within 50 ms of their first millimetre, {np.count_nonzero(np.isfinite(delays))} at all; NEES while they "
-        f"slide {np.mean(squares or [np.nan]):.1f}; {calls + more:.0f} false calls in {held + still:.1f} s"
+        f"slide {np.mean(squares or [np.nan]):.1f}; {calls + more:.0f} false calls in {held + still:.1f} s; of "
+        f"{len(says_then)} instants at which a slide goes on it says slipping at {says_then.count('slipping')}, ok at "
+        f"{says_then.count('ok')}"
     )
     return runs, lines
 

@@ -51,6 +51,14 @@ def skew(v: FloatArray) -> FloatArray:
     return out
 
 
+def point_jacobians(p: FloatArray) -> FloatArray:
+    """The matrices [-[p]x 1] that make velocities of points (k, 3) of a twist (w, v) at the origin, (k, 3, 6)."""
+    out = np.zeros((len(p), 3, 6))
+    out[:, :, :3] = -skew(p)
+    out[:, [0, 1, 2], [3, 4, 5]] = 1.0
+    return out
+
+
 def exp_so3(w: FloatArray) -> FloatArray:
     """Rotation matrices exp([w]x), shape (..., 3, 3), from rotation vectors (..., 3), rad. [S18] eq. 69."""
     angle2 = np.sum(w * w, axis=-1)

@@ -137,9 +137,12 @@ class Contacts(PlainValue):
 
     def rounded(self) -> Self:
         """The contacts with their points to a nanometre and their normals to a nanoradian."""
+        return self.with_arrays(p_PC=in_steps(self.p_PC), n_PC=None if self.n_PC is None else in_steps(self.n_PC))
+
+    def with_arrays(self, **arrays: FloatArray | None) -> Self:
+        """The contacts with other arrays, by name, of the same shapes: those are computed of ones that were checked."""
         other = copy.copy(self)
-        p_PC, n_PC = in_steps(self.p_PC), None if self.n_PC is None else in_steps(self.n_PC)
-        for name, value in (("p_PC", p_PC), ("n_PC", n_PC)):
+        for name, value in arrays.items():
             if value is not None:
                 value.setflags(write=False)
             object.__setattr__(other, name, value)

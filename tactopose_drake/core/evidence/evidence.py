@@ -94,8 +94,12 @@ class Evidence:
         Descents among many minima part over a difference in the last digit. So that no answer hangs on that, what
         differs by less is the same.
         """
-        other, prior = copy.copy(self), None if self.prior is None else self.prior.rounded()
-        object.__setattr__(other, "contacts", self.contacts.rounded())
+        return self.with_parts(self.contacts.rounded(), None if self.prior is None else self.prior.rounded())
+
+    def with_parts(self, contacts: Contacts, prior: GaussianPrior | None) -> "Evidence":
+        """The evidence with another prior and with other contacts, as many and with what these have."""
+        other = copy.copy(self)
+        object.__setattr__(other, "contacts", contacts)
         object.__setattr__(other, "prior", prior)
         other.__dict__.pop("touch", None)  # That of the contacts before.
         return other

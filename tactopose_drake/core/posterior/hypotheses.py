@@ -112,12 +112,13 @@ def free_directions(
     """
     units = increments_of_one_metre(size)
     limit = 1.0 / (params.free_share * size) ** 2
-    scaled = touch_information * np.outer(units, units)
+    scaled = touch_information * (units[:, None] * units)
     free = [np.empty((0, 6))] * len(scaled) if known is None else list(known)
     basis = {i: _metric_basis(rows, units) for i, rows in enumerate(free) if len(rows)}
     for place, columns in basis.items():
         held = columns @ columns.T
-        scaled[place] = (np.eye(6) - held) @ scaled[place] @ (np.eye(6) - held) + 2.0 * limit * held
+        across = np.eye(6) - held
+        scaled[place] = across @ scaled[place] @ across + 2.0 * limit * held
     eigenvalues, eigenvectors = eigenpairs(scaled)
     is_free = eigenvalues < limit
     for i in np.flatnonzero(is_free.any(axis=1)).tolist():
@@ -131,6 +132,8 @@ def free_directions(
 
 def determined_part(increments: FloatArray, free: FloatArray, size: float) -> FloatArray:
     """Increments (..., 6) without their part along the free directions (f, 6), in the metric of `free_directions`."""
+    if not len(free):
+        return increments
     units = increments_of_one_metre(size)
     basis = _metric_basis(free, units)
     metres = increments / units
@@ -146,5 +149,5 @@ def determined_rows(covariance: FloatArray, free: FloatArray, size: float) -> Fl
 
 def _metric_basis(free: FloatArray, units: FloatArray) -> FloatArray:
     """Orthonormal columns (6, f) that span the directions (f, 6) in metres."""
-    columns: FloatArray = np.linalg.qr((free / units).T)[0]
-    return columns
+    columns: FloatArray = (free / units).T
+    return columns / math.sqrt(float(np.sum(columns * columns))) if len(free) == 1 else np.linalg.qr(columns)[0]

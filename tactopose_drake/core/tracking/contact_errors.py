@@ -23,7 +23,7 @@ import numpy as np
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.tracking.frame import ContactReading, SeemingErrors
+from tactopose_drake.core.tracking.frame import ContactReading, SeemingErrors, told_variances
 from tactopose_drake.core.tracking.slip_detection import SlipTest, contact_rows_at
 from tactopose_drake.core.tracking.tracker_params import CalibrationScaleParams, PoseTrackerParams
 from tactopose_drake.core.validation import FloatArray
@@ -37,7 +37,8 @@ _ANY_POSE = np.repeat([3.0, 0.3], 3)
 _LEAST_CONTACTS = 3
 
 
-class BiasModel(NamedTuple):
+@dataclasses.dataclass(frozen=True)
+class BiasModel:
     """Standard deviations of what never changes: of each coordinate of a position, m, and about each axis, rad.
 
     Attributes:
@@ -51,20 +52,32 @@ class BiasModel(NamedTuple):
     @classmethod
     def from_params(cls, params: PoseTrackerParams) -> BiasModel:
         """What the parameters say."""
-        return cls(
-            (params.calibration_position, math.radians(params.calibration_normal_deg)),
-            (params.surface_position, math.radians(params.surface_normal_deg)),
+        return _bias_model(
+            params.calibration_position,
+            params.calibration_normal_deg,
+            params.surface_position,
+            params.surface_normal_deg,
         )
 
-    @property
+    @functools.cached_property
     def variances(self) -> FloatArray:
         """Of a bias of the position, m^2, and of the normal, rad^2, shape (2,)."""
         return np.square(self.calibration) + np.square(self.surface)
+
+    @functools.cached_property
+    def of_calibration(self) -> FloatArray:
+        """What of that is of the hand's calibration, shape (2,)."""
+        return np.square(self.calibration)
 
     def with_roughness(self, roughness: FloatArray) -> FloatArray:
         """Variances of the biases of s sources, shape (n, 6 s), on surfaces of a roughness (n, s, 2)."""
         variances = np.repeat(self.variances, 3) + np.repeat(roughness, 3, axis=2)
         return variances.reshape(len(roughness), -1)
+
+
+@functools.lru_cache
+def _bias_model(position: float, normal_deg: float, surface_position: float, surface_normal_deg: float) -> BiasModel:
+    return BiasModel((position, math.radians(normal_deg)), (surface_position, math.radians(surface_normal_deg)))
 
 
 def declared_excess(contacts: Contacts, params: PoseTrackerParams) -> FloatArray:
@@ -75,16 +88,16 @@ def declared_excess(contacts: Contacts, params: PoseTrackerParams) -> FloatArray
     """
     if contacts.covariance is None:
         return np.zeros((len(contacts), 2))
-    told = np.stack([contacts.sigma_position, contacts.sigma_normal], axis=1) ** 2
+    told = told_variances(contacts)
     frame = np.square([params.frame_position, math.radians(params.frame_normal_deg)])
-    lasting = np.square(BiasModel.from_params(params).calibration)
+    lasting = BiasModel.from_params(params).of_calibration
     return np.asarray(np.maximum(told - frame - lasting, 0.0))
 
 
 def new_variances(contacts: Contacts, params: PoseTrackerParams) -> FloatArray:
     """Variances of what is new at each time, of points, m^2, and of normals, rad^2, shape (k, 2)."""
-    told = np.stack([contacts.sigma_position, contacts.sigma_normal], axis=1) ** 2
-    lasting = np.square(BiasModel.from_params(params).calibration) + declared_excess(contacts, params)
+    told = told_variances(contacts)
+    lasting = BiasModel.from_params(params).of_calibration + declared_excess(contacts, params)
     return np.asarray(np.maximum(told - lasting, params.contact_update.least_noise_share**2 * told))
 
 
@@ -96,13 +109,13 @@ def calibration_excess(contacts: Contacts, params: PoseTrackerParams, calibratio
         params: likewise.
         calibration: factors of the variances, shape (2,).
     """
-    told = np.square(BiasModel.from_params(params).calibration) + declared_excess(contacts, params)
+    told = BiasModel.from_params(params).of_calibration + declared_excess(contacts, params)
     return np.asarray((calibration - 1.0) * told)
 
 
 def averaged_variances(contacts: Contacts, params: PoseTrackerParams, frames: int) -> FloatArray:
     """Variances (k, 2) of the mean of so many frames' contacts, in which only what is new at each time averages out."""
-    told = np.stack([contacts.sigma_position, contacts.sigma_normal], axis=1) ** 2
+    told = told_variances(contacts)
     bias = BiasModel.from_params(params)
     lasting = np.minimum(bias.variances + declared_excess(contacts, params), told)
     return np.asarray(lasting + (told - lasting) / frames)
@@ -126,13 +139,9 @@ def as_doubted(reading: ContactReading, params: PoseTrackerParams) -> ContactRea
         return reading
     contacts = evidence.contacts
     more = _seeming_excess(contacts, reading, params)
-    contacts = dataclasses.replace(
-        contacts,
-        covariance=None,
-        sigma_position=np.sqrt(contacts.sigma_position**2 + more[:, 0]),
-        sigma_normal=np.sqrt(contacts.sigma_normal**2 + more[:, 1]),
-    )
-    return reading._replace(evidence=dataclasses.replace(evidence, contacts=contacts))
+    position, normal = np.ascontiguousarray(np.sqrt(told_variances(contacts) + more).T)
+    contacts = contacts.with_arrays(covariance=None, sigma_position=position, sigma_normal=normal)
+    return reading._replace(evidence=evidence.with_parts(contacts, evidence.prior))
 
 
 def _seeming_excess(contacts: Contacts, reading: ContactReading, params: PoseTrackerParams) -> FloatArray:
@@ -205,9 +214,9 @@ def estimate_scale(
     mean = np.nansum(history[:, felt], axis=0) / counts[felt, None]
     jacobian = contact_rows_at(model, reading, X_PO[None])[1][0][felt]
     residuals, jacobian = along_normals(contacts.n_PC[felt] @ X_PO[:, :3], mean, jacobian)
-    told = np.stack([contacts.sigma_position, contacts.sigma_normal], axis=1)[felt] ** 2
+    told = told_variances(contacts)[felt]
     scales = _scales(settings.halvings, settings.doublings, settings.doubling_share, settings.apart_share)
-    lasting = np.square(BiasModel.from_params(params).calibration) + declared_excess(contacts, params)[felt]
+    lasting = BiasModel.from_params(params).of_calibration + declared_excess(contacts, params)[felt]
     surface = np.square(BiasModel.from_params(params).surface)
     new = np.array(test.noise) / counts[felt, None]
     variances = ((scales.factors[:, None] * lasting + surface) / told + new)[..., [0, 1, 1]]

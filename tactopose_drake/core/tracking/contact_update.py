@@ -54,8 +54,8 @@ from tactopose_drake.core.posterior.hypotheses import determined_part, free_dire
 from tactopose_drake.core.posterior.posterior_params import ModeParams
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.contact_errors import BiasModel, lasting_excess, new_variances
-from tactopose_drake.core.tracking.frame import ContactReading
-from tactopose_drake.core.tracking.slip_detection import contact_rows_at
+from tactopose_drake.core.tracking.frame import ContactReading, told_variances
+from tactopose_drake.core.tracking.slip_detection import contact_rows_at, information_of
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tactopose_drake.core.validation import FloatArray
@@ -143,7 +143,7 @@ def update_modes(
     forgotten = min(1.0, duration / params.forgetting.time)
     predicted = modes.chosen(slice(first))
     rows = contact_rows_at(model, reading, predicted.X_PO)[1]
-    information = np.einsum("nkri,nkrj->nij", rows, rows)
+    information = information_of(rows, rows)
     forgetful = forget(information, predicted, forgotten, params.forgetting.half_information)
     update = update_with_contacts(model, params, reading, forgetful)
     most = most_information(params, reading, predicted, rows)
@@ -189,9 +189,8 @@ def most_information(
     contacts = reading.contacts
     lasting = BiasModel.from_params(params).variances + modes.roughness[:, reading.source]
     variances = lasting + new_variances(contacts, params) / params.window.max_frames
-    told = np.stack([contacts.sigma_position, contacts.sigma_normal], axis=1) ** 2
-    weighted = rows * (told / variances)[..., [0, 1, 1, 1], None]
-    return np.asarray(np.einsum("nkri,nkrj->nij", weighted, rows))
+    weighted = rows * (told_variances(contacts) / variances)[..., [0, 1, 1, 1], None]
+    return information_of(weighted, rows)
 
 
 def limit_gain(before: FloatArray, most: FloatArray, after: FloatArray) -> FloatArray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
@@ -64,6 +65,19 @@ class PoseMeasurement:
             time: when it is so, s.
         """
         return cls(time, prior.mean, np.diag(prior.sigmas**2))
+
+    def moved_to(self, time: float, X_PO: FloatArray, covariance: FloatArray) -> PoseMeasurement:
+        """The same as of another time: what is computed of a pose that was checked is not checked again.
+
+        Args:
+            time: s.
+            X_PO: the pose then, shape (3, 4).
+            covariance: of the increment (w, v) from it, shape (6, 6), rad and m.
+        """
+        moved = copy.copy(self)
+        for name, value in (("time", time), ("X_PO", X_PO), ("covariance", covariance)):
+            object.__setattr__(moved, name, value)
+        return moved
 
     def as_prior(self) -> GaussianPrior:
         """A prior that is at least as wide in every direction of rotation and of translation."""
@@ -164,6 +178,13 @@ class ContactReading(NamedTuple):
     @property
     def has_contact(self) -> bool:
         return len(self.contacts) > 0
+
+
+def told_variances(contacts: Contacts) -> FloatArray:
+    """Of k contacts' points, m^2, and of their normals, rad^2, as they are told, shape (k, 2)."""
+    sigmas = np.empty((len(contacts), 2))
+    sigmas[:, 0], sigmas[:, 1] = contacts.sigma_position, contacts.sigma_normal
+    return sigmas * sigmas
 
 
 def read_contacts(

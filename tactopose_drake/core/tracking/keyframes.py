@@ -6,6 +6,7 @@ moved since, and a touch of the time when the fingers were still closing counts 
 """
 
 import dataclasses
+import functools
 import math
 from typing import NamedTuple
 
@@ -15,10 +16,10 @@ from numpy.typing import NDArray
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
-from tactopose_drake.core.poses import compose, skew
+from tactopose_drake.core.poses import compose, point_jacobians
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.contact_errors import averaged_variances, calibration_excess
-from tactopose_drake.core.tracking.frame import ContactReading, PoseMeasurement
+from tactopose_drake.core.tracking.frame import ContactReading, PoseMeasurement, told_variances
 from tactopose_drake.core.tracking.motion_prediction import Motion
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams, WindowParams
 from tactopose_drake.core.validation import FloatArray
@@ -50,17 +51,16 @@ class Keyframe:
     @classmethod
     def of_now(cls, reading: ContactReading, sources: tuple[str, ...]) -> "Keyframe":
         """A touch of this time, by its sources."""
-        contacts, doubted = reading.contacts, reading.evidence.touch
-        variances = np.stack([doubted.sigma_position, doubted.sigma_normal], axis=1) ** 2
+        contacts, variances = reading.contacts, told_variances(reading.evidence.touch)
         return cls(contacts.p_PC, contacts.n_PC, variances, sources, np.eye(3, 4), np.zeros((6, 6)))
 
-    @property
+    @functools.cached_property
     def points(self) -> FloatArray:
         """Where the contacts' points are now, shape (k, 3), m."""
         points: FloatArray = self.p_PC @ self.X_PP[:, :3].T + self.X_PP[:, 3]
         return points
 
-    @property
+    @functools.cached_property
     def normals(self) -> FloatArray | None:
         """The contacts' normals now, shape (k, 3)."""
         return None if self.n_PC is None else self.n_PC @ self.X_PP[:, :3].T
@@ -69,7 +69,7 @@ class Keyframe:
     def added_variances(self) -> FloatArray:
         """What the motion's error adds: to the variance of each point's distance, m^2, and of each normal, rad^2."""
         points, normals = self.points, self.normals
-        arms = np.concatenate([-skew(points), np.tile(np.eye(3), (len(points), 1, 1))], axis=2)
+        arms = point_jacobians(points)
         error = arms @ self.covariance @ np.swapaxes(arms, 1, 2)
         if normals is None:
             across = np.trace(error, axis1=1, axis2=2) / 3.0
@@ -78,28 +78,30 @@ class Keyframe:
         return np.stack([across, np.full(len(points), np.trace(self.covariance[:3, :3]) / 3.0)], axis=1)
 
     def joined_by(self, now: "Keyframe", max_frames: int) -> "Keyframe":
-        """The touch of now, averaged with this one, which is of the same fingers at the same places."""
+        """The touch of this time, averaged with this one, which is of the same fingers at the same places."""
         order = [self.sources.index(source) for source in now.sources]
         frames = min(self.frames + 1, max_frames)
         points, normals = self.points[order], self.normals
-        p_PC = points + (now.points - points) / frames
-        n_PC = now.normals
+        p_PC = points + (now.p_PC - points) / frames
+        n_PC = now.n_PC
         if n_PC is not None and normals is not None:
             n_PC = normals[order] + (n_PC - normals[order]) / frames
-            n_PC = n_PC / np.linalg.norm(n_PC, axis=1, keepdims=True)
+            n_PC = n_PC / np.sqrt(np.sum(n_PC * n_PC, axis=1, keepdims=True))
         return dataclasses.replace(now, p_PC=p_PC, n_PC=n_PC, frames=frames)
 
     def tells_other_than(self, now: "Keyframe", params: WindowParams) -> bool:
-        """Whether other fingers touch now, or one of them elsewhere on the object."""
+        """Whether, in a touch of this time, other fingers touch, or one of them elsewhere on the object."""
         if set(self.sources) != set(now.sources):
             return True
         order = [self.sources.index(source) for source in now.sources]
-        if np.any(np.linalg.norm(self.points[order] - now.points, axis=1) > params.least_distance):
+        moved = self.points[order] - now.p_PC
+        if np.sum(moved * moved, axis=1).max(initial=0.0) > params.least_distance**2:
             return True
-        mine, others = self.normals, now.normals
+        mine, others = self.normals, now.n_PC
         if mine is None or others is None:
             return False
-        return bool(np.any(np.einsum("ki,ki->k", mine[order], others) < np.cos(np.radians(params.least_turn_deg))))
+        cosine = np.sum(mine[order] * others, axis=1).min(initial=1.0)
+        return bool(cosine < math.cos(math.radians(params.least_turn_deg)))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -182,17 +184,13 @@ class Touch(NamedTuple):
         contacts, now = self.evidence.contacts, self.window.now
         if len(contacts) == len(now.p_PC):
             more = calibration_excess(contacts, params, self.reading.calibration)
-            sigmas = np.sqrt(averaged_variances(contacts, params, now.frames) + more)
-            contacts = dataclasses.replace(
-                contacts,
-                p_PC=now.p_PC,
-                n_PC=now.n_PC,
-                covariance=None,
-                sigma_position=sigmas[:, 0],
-                sigma_normal=sigmas[:, 1],
+            variances = averaged_variances(contacts, params, now.frames) + more
+            position, normal = np.ascontiguousarray(np.sqrt(variances).T)
+            contacts = contacts.with_arrays(
+                p_PC=now.p_PC, n_PC=now.n_PC, covariance=None, sigma_position=position, sigma_normal=normal
             )
         prior = None if self.standing is None else self.standing.as_prior()
-        return dataclasses.replace(self.evidence, contacts=contacts, prior=prior)
+        return self.evidence.with_parts(contacts, prior)
 
 
 def past_cost(model: ObjectModel, params: PoseTrackerParams, window: TouchWindow, X_PO: FloatArray) -> FloatArray:

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.poses import compose, exp_so3, inverse, log_so3, skew
+from tactopose_drake.core.poses import compose, exp_so3, inverse, log_so3, point_jacobians, skew
 from tactopose_drake.core.tracking.frame import PoseMeasurement
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import MotionNoise
@@ -82,7 +82,7 @@ def move_with_palm(noise: MotionNoise, duration: float, *, slips: bool) -> Motio
     if slips:
         rotation *= noise.slipping / translation
         translation = noise.slipping
-    return Motion(np.zeros(6), np.diag(np.repeat([rotation**2, translation**2], 3)) * duration)
+    return Motion(np.zeros(6), np.diag(_three_each(rotation**2, translation**2)) * duration)
 
 
 def move_freely(
@@ -107,7 +107,8 @@ def move_freely(
     if X_WP_before is not None and X_WP is not None:
         X_PP = compose(inverse(X_WP), X_WP_before)
         twist = np.concatenate([log_so3(X_PP[:, :3]), X_PP[:, 3]])
-    variances = np.minimum(_free_variances(noise) * duration, _limits(max_sigma_translation))
+    free = _three_each(noise.free_rotation**2, noise.free_translation**2)
+    variances = np.minimum(free * duration, _three_each(_ANY_ROTATION, max_sigma_translation**2))
     return Motion(twist, np.diag(variances))
 
 
@@ -138,21 +139,20 @@ def move_with_fingertips(
     turning *= tangential / noise.rolling
 
     # Rows of the grasp matrix: a contact's velocity is [-[p]x 1] (w, v), of which the object's is like the fingertip's.
-    arms = np.concatenate([-skew(p_PC), np.tile(np.eye(3), (len(p_PC), 1, 1))], axis=2)
-    weight = 1.0 / tangential[:, None, None] ** 2 * np.eye(3)
-    rows = [np.zeros((0, 6))]
+    # Of each contact they are rows of a matrix that is made whole by the normal's: four of unit variance.
+    arms = point_jacobians(p_PC)
+    rows = np.zeros((len(p_PC), 4, 6))
+    rows[:, :3] = arms / tangential[:, None, None]
     if contacts.n_PC is not None:
         # Along the normal they stay together, whether they slide or not.
         n_PC = contacts.n_PC[known]
-        weight = weight + (noise.rolling**-2 - tangential**-2)[:, None, None] * n_PC[:, :, None] * n_PC[:, None, :]
-        rows.append(np.concatenate([n_PC, np.zeros_like(n_PC)], axis=1) / turning[:, None])
-    spin = np.concatenate(rows)
-    wanted = np.einsum("kij,kj->ki", arms, velocity)
-    information = np.einsum("kia,kij,kjb->ab", arms, weight, arms) + spin.T @ spin
-    information[np.diag_indices(6)] += 1.0 / _free_variances(noise)
-    right = np.einsum("kia,kij,kj->a", arms, weight, wanted)
-    if len(spin):
-        right = right + spin.T @ np.einsum("ka,ka->k", spin, velocity)
+        along = (n_PC[:, None] @ arms)[:, 0]
+        rows[:, :3] += n_PC[:, :, None] * along[:, None] * (1.0 / noise.rolling - 1.0 / tangential)[:, None, None]
+        rows[:, 3, :3] = n_PC / turning[:, None]
+    wanted = (rows @ velocity[:, :, None]).reshape(-1)
+    flat = rows.reshape(-1, 6)
+    information = flat.T @ flat + np.diag(1.0 / _three_each(noise.free_rotation**2, noise.free_translation**2))
+    right = flat.T @ wanted
     covariance = np.linalg.inv(information)
     return Motion(covariance @ right * duration, 0.5 * (covariance + covariance.T) * duration)
 
@@ -172,13 +172,9 @@ def _tangential_noise(contacts: Contacts, known: NDArray[np.bool_], noise: Motio
     return tangential
 
 
-def _free_variances(noise: MotionNoise) -> FloatArray:
-    return np.repeat([noise.free_rotation**2, noise.free_translation**2], 3)
-
-
-def _limits(max_sigma_translation: float) -> FloatArray:
-    """Variances of increments of which nothing is known, shape (6,)."""
-    return np.repeat([_ANY_ROTATION, max_sigma_translation**2], 3)
+def _three_each(rotation: float, translation: float) -> FloatArray:
+    """Variances (6,) of the coordinates of an increment, by those of each of its rotations and translations."""
+    return np.array([rotation, rotation, rotation, translation, translation, translation])
 
 
 def predict_poses(X_PO: FloatArray, covariance: FloatArray, motion: Motion) -> tuple[FloatArray, FloatArray]:
@@ -194,7 +190,7 @@ def predict_poses(X_PO: FloatArray, covariance: FloatArray, motion: Motion) -> t
 def error_of_motion(X_PO: FloatArray, motion: Motion) -> FloatArray:
     """What the error of a motion that ended at poses (n, 3, 4) makes of the increments' covariance, (n, 6, 6)."""
     M = np.zeros((len(X_PO), 6, 6))
-    M[:, :3, :3], M[:, 3:, :3], M[:, 3:, 3:] = np.swapaxes(X_PO[:, :, :3], 1, 2), -skew(X_PO[:, :, 3]), np.eye(3)
+    M[:, :3, :3], M[:, 3:] = np.swapaxes(X_PO[:, :, :3], 1, 2), point_jacobians(X_PO[:, :, 3])
     return np.asarray(M @ motion.covariance @ np.swapaxes(M, 1, 2))
 
 
@@ -208,7 +204,7 @@ def predict_modes(modes: TrackedModes, motion: Motion, max_sigma_translation: fl
     """
     X_PO, covariance = predict_poses(modes.X_PO, modes.covariance, motion)
     cross = motion.increment_map @ modes.cross_covariance
-    limits = _limits(max_sigma_translation)
+    limits = _three_each(_ANY_ROTATION, max_sigma_translation**2)
     for b in np.flatnonzero(np.any(np.diagonal(covariance, axis1=1, axis2=2) > limits, axis=1)):
         shrink = _shrink(covariance[b], limits)
         covariance[b], cross[b] = shrink @ covariance[b] @ shrink.T, shrink @ cross[b]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -14,7 +15,7 @@ from tactopose_drake.core.kernels.matrix_kernels import inverses
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.plain_values import numbers
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
-from tactopose_drake.core.posterior.hypotheses import determined_rows, free_directions
+from tactopose_drake.core.posterior.hypotheses import determined_rows, free_directions, increments_of_one_metre
 from tactopose_drake.core.posterior.plausibility import explain_touch
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, ModeParams
 from tactopose_drake.core.shape.free_spin import continuous_turns
@@ -174,14 +175,19 @@ def _left_open(model: ObjectModel, params: PoseTrackerParams, belief: PoseBelief
         return f"{count} contact{'s' * (count > 1)}; {fewest} are needed, or vision since then"
     X_PO, covariance = belief.X_PO[:1], belief.covariance[0]
     turns = continuous_turns(model.symmetries, X_PO[0])
+    most_turn, most_free = math.radians(params.answer_turn_deg), DEFAULT_PARAMS.modes.free_share * model.size
+    metres = determined_rows(covariance, turns, model.size) / increments_of_one_metre(model.size)
+    if np.sum(metres * metres) < min(params.answer_distance, 0.5 * model.size * most_turn, most_free) ** 2:
+        return ""  # No direction is wider than all of them together.
     free = free_directions(inverses(covariance[None])[0], model.size, known=[turns])[0]
     if len(free) > 1 + len(turns):
         return f"{len(free)} directions are left open"
     information = SurfaceContact(model.grid, evidence.touch).normal_equations(X_PO).hessian
     untold = free_directions(information, model.size, known=[turns], params=ModeParams(free_share=params.untold_share))
     rows = determined_rows(covariance, untold[0], model.size)
-    turn, slide = (float(np.linalg.norm(part, 2)) for part in (rows[:, :3], rows[:, 3:]))
-    if turn > np.radians(params.answer_turn_deg) or slide > params.answer_distance:
+    parts = np.stack([rows[:, :3].T @ rows[:, :3], rows[:, 3:].T @ rows[:, 3:]])
+    turn, slide = np.sqrt(np.maximum(np.linalg.eigvalsh(parts)[:, -1], 0.0)).tolist()
+    if turn > most_turn or slide > params.answer_distance:
         return f"known to {1e3 * slide:.0f} mm and {np.degrees(turn):.0f} degrees"
     return ""
 

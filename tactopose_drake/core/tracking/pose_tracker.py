@@ -90,11 +90,6 @@ class PoseTracker:
             belief = belief.untouched
         untouched = self._untouched(belief, frame)
         reading = as_doubted(read_contacts(frame, belief.sources, belief.p_PC, belief.errors), params)
-        rigidity_test, slides = detect_by_motion(
-            params.rigidity_test, belief.rigidity_test, reading, frame.tip_velocity, frame.time, duration
-        )
-        slip_time = frame.time if slides else belief.slip_time
-        belief = dataclasses.replace(belief, rigidity_test=rigidity_test, slip_time=slip_time)
         belief = self._predict(belief, frame, reading, duration)
         belief, is_outlier = see(self._model, belief, frame, reading, params.vision)
         if reading.is_new:
@@ -102,8 +97,8 @@ class PoseTracker:
         elif reading.has_contact:
             belief = dataclasses.replace(belief, touch_time=frame.time)
         belief = summarise(self._model, params, belief, reading.evidence, has_contact=reading.has_contact)
-        is_explained = belief.explained_time == frame.time
-        return dataclasses.replace(belief, untouched=None if is_explained else untouched)
+        untouched = None if belief.explained_time == frame.time else untouched
+        return belief if untouched is belief.untouched else dataclasses.replace(belief, untouched=untouched)
 
     def _untouched(self, belief: PoseBelief, frame: Frame) -> PoseBelief | None:
         """What would be believed now without a touch that begins, or that nothing has explained since it did."""
@@ -115,27 +110,35 @@ class PoseTracker:
         return self.step(before, dataclasses.replace(frame, evidence=nothing, sources=()))
 
     def _predict(self, belief: PoseBelief, frame: Frame, reading: ContactReading, duration: float) -> PoseBelief:
-        """The belief at the frame's time, before anything that is sensed then."""
-        motion, history = self._motion(belief, frame, reading.contacts, duration), belief.history
+        """The belief at the frame's time by the motion since, before anything else that is sensed then."""
+        params, history = self._params, belief.history
+        rigidity_test, slides = detect_by_motion(
+            params.rigidity_test, belief.rigidity_test, reading, frame.tip_velocity, frame.time, duration
+        )
+        slip_time = frame.time if slides else belief.slip_time
+        motion = self._motion(belief, frame, reading.contacts, slips=belief.time < slip_time + params.slip_time)
         if duration > 0.0:
-            history = history.followed_by(motion, frame.time, self._params.vision.max_age)
+            history = history.followed_by(motion, frame.time, params.vision.max_age)
         modes = belief.modes.with_sources(len(reading.sources))
-        was_taken = not reading.has_contact and -np.inf < belief.touch_time < frame.time - self._params.lost_time
+        was_taken = not reading.has_contact and -np.inf < belief.touch_time < frame.time - params.lost_time
         return dataclasses.replace(
             belief,
             time=frame.time,
             history=history,
             search=belief.search.moved(motion),
+            slip_test=belief.slip_test.moved(motion),
+            rigidity_test=rigidity_test,
+            slip_time=slip_time,
             sources=reading.sources,
-            modes=predict_modes(modes, motion, self._params.mixture.max_sigma_translation),
+            modes=predict_modes(modes, motion, params.mixture.max_sigma_translation),
             keyframes=move_keyframes(belief.keyframes, motion),
             standing=move_standing(belief, motion, frame.time, was_taken=was_taken),
             X_WP=frame.X_WP,
         )
 
-    def _motion(self, belief: PoseBelief, frame: Frame, contacts: Contacts, duration: float) -> Motion:
+    def _motion(self, belief: PoseBelief, frame: Frame, contacts: Contacts, *, slips: bool) -> Motion:
         """How the object moved since the belief's time."""
-        slips, noise = belief.time < belief.slip_time + self._params.slip_time, self._params.noise
+        duration, noise = frame.time - belief.time, self._params.noise
         if not len(contacts) or duration > noise.longest_gap:
             most = self._params.mixture.max_sigma_translation
             return move_freely(noise, duration, most, belief.X_WP, frame.X_WP)
@@ -153,7 +156,7 @@ class PoseTracker:
         if len(modes):
             modes = update_modes(self._model, params, reading, modes, duration)
             motion = belief.history.motions[-1] if duration > 0.0 else Motion(np.zeros(6), np.zeros((6, 6)))
-            change = PoseChange(belief.modes.X_PO[0], modes.X_PO[0], modes.roughness[0], motion)
+            change = PoseChange(modes.X_PO[0], modes.roughness[0], motion)
             test, slips = detect_slip(self._model, params.slip, belief.slip_test, reading, change)
         assert frame.sources is not None
         is_new = any(time > belief.felt_time.get(name, -np.inf) + params.lost_time for name in frame.sources)
@@ -178,13 +181,15 @@ class PoseTracker:
         if slips or is_outlier or is_new:
             belief = dataclasses.replace(belief, search=belief.search._replace(agreeing=0))
         belief = self._search(belief, frame, reading, is_urgent=is_urgent)
-        if len(belief.modes):
-            belief = dataclasses.replace(belief, modes=belief.modes.pruned(params.mixture))
-            if not len(X_best) or self._has_moved(X_best, belief.modes.X_PO[:1]):
-                unsettled_time = time
-                belief = dataclasses.replace(belief, slip_test=belief.slip_test.restarted())
+        modes, test = belief.modes, belief.slip_test
+        if len(modes):
+            modes = modes.pruned(params.mixture)
+            if not len(X_best) or self._has_moved(X_best, modes.X_PO[:1]):
+                unsettled_time, test = time, test.restarted()
         return dataclasses.replace(
             belief,
+            modes=modes,
+            slip_test=test,
             unsettled_time=unsettled_time,
             felt_time={**belief.felt_time, **dict.fromkeys(frame.sources, time)},
         )

@@ -60,9 +60,9 @@ class WeighedModes(NamedTuple):
     inlier_probability: FloatArray
     noise_scale: float
 
-    def moved(self, motion: Motion) -> WeighedModes:
-        """The same after a motion of the object."""
-        mixture = dataclasses.replace(self.modes.mixture, X_PO=compose(motion.pose, self.modes.mixture.X_PO))
+    def moved(self, X_PP: FloatArray) -> WeighedModes:
+        """The same after a motion (3, 4) of the object, which acts from the left."""
+        mixture = dataclasses.replace(self.modes.mixture, X_PO=compose(X_PP, self.modes.mixture.X_PO))
         return self._replace(modes=dataclasses.replace(self.modes, mixture=mixture))
 
 
@@ -70,11 +70,12 @@ class SearchState(NamedTuple):
     """How far the search is.
 
     Attributes:
-        X_PO: what the slices so far have found, as of now, shape (n, 3, 4); None between two searches.
+        X_PO: what the slices so far have found, as of the last of them, shape (n, 3, 4); None between two searches.
         is_settled: whether these are minima of all the evidence.
-        minima: what the last search has found, as of now, shape (m, 3, 4): a mode that the filter leads off its own way
-            is found again.
+        minima: what the last search has found, as of that time, shape (m, 3, 4): a mode that the filter leads off its
+            own way is found again.
         weighed: what the posterior says of them; None before the last slice.
+        X_PP: the motion of the object in P since then, which acts from the left, shape (3, 4).
         searches: how many there were.
         agreeing: how many of them since something happened that makes what they said before worthless.
         time: when the last one began, s.
@@ -84,15 +85,20 @@ class SearchState(NamedTuple):
     is_settled: bool = False
     minima: FloatArray = np.empty((0, 3, 4))
     weighed: WeighedModes | None = None
+    X_PP: FloatArray = np.eye(3, 4)
     searches: int = 0
     agreeing: int = 0
     time: float = -np.inf
 
     def moved(self, motion: Motion) -> SearchState:
-        """The same after a motion of the object."""
-        X_PO = None if self.X_PO is None else compose(motion.pose, self.X_PO)
-        weighed = None if self.weighed is None else self.weighed.moved(motion)
-        return self._replace(X_PO=X_PO, minima=compose(motion.pose, self.minima), weighed=weighed)
+        """The same after a further motion of the object."""
+        return self._replace(X_PP=compose(motion.pose, self.X_PP))
+
+    def as_of_now(self) -> SearchState:
+        """The same with its poses as they are after the motion."""
+        X_PO = None if self.X_PO is None else compose(self.X_PP, self.X_PO)
+        weighed = None if self.weighed is None else self.weighed.moved(self.X_PP)
+        return self._replace(X_PO=X_PO, minima=compose(self.X_PP, self.minima), weighed=weighed, X_PP=np.eye(3, 4))
 
 
 def search_on(
@@ -102,6 +108,7 @@ def search_on(
 
     Where the filter has no mode, there is none to keep up meanwhile: all slices are one.
     """
+    search = search.as_of_now()
     if search.weighed is not None:
         return search._replace(X_PO=None, is_settled=False, weighed=None, searches=search.searches + 1), search.weighed
     evidence, settings = touch.averaged(params), params.relocalisation

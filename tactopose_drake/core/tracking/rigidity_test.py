@@ -12,13 +12,14 @@ no fingertip; of that contacts and forces have to tell.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 from scipy.special import chdtri
 
-from tactopose_drake.core.poses import skew
+from tactopose_drake.core.poses import point_jacobians
 from tactopose_drake.core.tracking.frame import ContactReading
 from tactopose_drake.core.tracking.tracker_params import RigidityTestParams
 from tactopose_drake.core.validation import FloatArray
@@ -70,7 +71,7 @@ def detect_by_motion(
     p_PC, source = reading.contacts.p_PC[stay], reading.source[stay]
     velocity = np.array([tip_velocity[names[s]] for s in source]).reshape(-1, 6)
     now = np.full((1, len(names), 3), np.nan)
-    arms = np.concatenate([-skew(p_PC), np.tile(np.eye(3), (len(p_PC), 1, 1))], axis=2)
+    arms = point_jacobians(p_PC)
     now[0, source] = duration * (arms @ velocity[:, :, None])[..., 0]
     recent = [i for i, then in enumerate(test.times) if then > time - params.time + 1e-9]
     before = np.full((len(recent), len(names), 3), np.nan)
@@ -80,19 +81,24 @@ def detect_by_motion(
     if np.count_nonzero(steady) < _LEAST_CONTACTS:
         return test, False
     moved = test.displacements[:, source[steady]]
-    way, change = moved.sum(axis=0), moved[-1] - moved[-2:].mean(axis=0)
-    left, left_of_change = _unexplained(arms[steady], np.stack([way, change]))
+    way, change = moved.sum(axis=0), moved[-1] - moved[-2:][0]
+    left, left_of_change = _unexplained(arms[steady], np.array([way, change]))
     freedom = way.size - 6
     if len(moved) > 1:
-        # Half of a change: of two independent errors that is half the variance of one. A slide goes on as before.
-        seen = 2.0 * float(np.sum(left_of_change**2)) / (freedom * duration**2)
+        # Of two independent errors the difference has twice the variance of one. A slide goes on as before.
+        seen = 0.5 * float(np.sum(left_of_change**2)) / (freedom * duration**2)
         seen = min(max(seen, params.least_velocity_noise**2), _MOST_GROWTH * noise)
         test = test._replace(noise=noise + params.noise_gain * (seen - noise))
     # Noise adds up as a random walk, what kinematics err along the way does not average out.
     variance = noise * duration**2 * len(moved) + params.way_share**2 * float(np.mean(way**2))
     unexplained = float(np.sum(left**2))
-    is_news = unexplained > variance * chdtri(freedom, params.false_alarm_probability)
+    is_news = unexplained > variance * _limit(freedom, params.false_alarm_probability)
     return test, bool(is_news and unexplained > len(left) * params.least_distance**2)
+
+
+@functools.lru_cache
+def _limit(freedom: int, probability: float) -> float:
+    return float(chdtri(freedom, probability))
 
 
 def _unexplained(arms: FloatArray, displacements: FloatArray) -> FloatArray:

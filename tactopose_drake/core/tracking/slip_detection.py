@@ -6,8 +6,10 @@ frame to frame. So the differences of contacts' residuals over a short time tell
 are J u, where u is the motion that nothing explains. It is a slip where the touch tells u apart from noise, and from
 what is unknown of the fingertips' own motion, and it is more than a little.
 
-A mode's pose is corrected at each frame, and what it leaves over changes by that. The history is therefore kept as it
-would be at the pose of now. How large the noise of single frames is shows in how residuals change from one to the next.
+A mode's pose is corrected at each frame, by touch, by vision and by searches, and what it leaves over changes by that.
+The history is therefore kept with the pose that it is of, which moves as the fingertips say: what contacts leave over
+there is compared with it, and then it is taken to the pose of now. How large the noise of single frames is shows in how
+residuals change from one to the next.
 
 A slip along a surface that is the same farther on moves no fingertip and turns no normal. Its forces tell: those of
 fingertips that hold an object change slowly, and lie in their cones of friction. Where friction gives way, the load
@@ -25,8 +27,9 @@ from typing import NamedTuple
 import numpy as np
 
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
+from tactopose_drake.core.poses import compose
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.tracking.frame import ContactReading
+from tactopose_drake.core.tracking.frame import ContactReading, told_variances
 from tactopose_drake.core.tracking.motion_prediction import Motion, error_of_motion
 from tactopose_drake.core.tracking.tracker_params import ForceTestParams, SlipParams
 from tactopose_drake.core.validation import FloatArray
@@ -34,6 +37,7 @@ from tactopose_drake.core.validation import FloatArray
 _LEAST_NOISE, _MOST_NOISE = 0.02, 4.0
 _LEAST_VARIANCE = 1e-12
 _ROWS = 4  # of a contact: its distance, and the difference of the normals
+_KIND_OF_ROW = np.array([0, 1, 1, 1])  # by which variances are told, of points or of normals
 
 
 class SlipTest(NamedTuple):
@@ -41,12 +45,19 @@ class SlipTest(NamedTuple):
 
     Attributes:
         residuals: of the latest h frames, oldest first, whitened by what is told of the contacts' errors, by source, as
-            they would be at the best mode's pose of now, shape (h, s, 4); NaN where a source does not touch.
+            they would be at one pose, shape (h, s, 4); NaN where a source does not touch.
         noise: variances of what is new of distances and of normals at each frame.
+        X_PO: that pose, which the best mode had after the last of them, as it has moved since, shape (3, 4); None
+            before the first.
     """
 
     residuals: FloatArray = np.zeros((0, 0, _ROWS))
     noise: tuple[float, float] = (1.0, 1.0)
+    X_PO: FloatArray | None = None
+
+    def moved(self, motion: Motion) -> SlipTest:
+        """The same after a motion of the object."""
+        return self if self.X_PO is None else self._replace(X_PO=compose(motion.pose, self.X_PO))
 
     def restarted(self) -> SlipTest:
         """Without the history."""
@@ -57,12 +68,11 @@ class PoseChange(NamedTuple):
     """The best mode at a frame.
 
     Attributes:
-        X_predicted, X_PO: its pose before and after the touch, shape (3, 4).
+        X_PO: its pose after the touch, shape (3, 4).
         roughness: of the surface about each source: variances of positions, m^2, and of normals, rad^2, shape (s, 2).
         motion: since the last frame.
     """
 
-    X_predicted: FloatArray
     X_PO: FloatArray
     roughness: FloatArray
     motion: Motion
@@ -76,11 +86,12 @@ def detect_slip(
     Args:
         model: the object.
         params: when it does.
-        test: after the last frame.
+        test: after the last frame, moved by the motion since.
         reading: the contacts.
         change: of the best mode, by the frame.
     """
-    residuals, jacobian = contact_rows_at(model, reading, np.stack([change.X_predicted, change.X_PO]))
+    X_before = change.X_PO if test.X_PO is None else test.X_PO
+    residuals, jacobian = contact_rows_at(model, reading, np.stack([X_before, change.X_PO]))
     source, count = reading.source, len(reading.sources)
     now = np.full((1, count, _ROWS), np.nan)
     now[0, source] = residuals[0]
@@ -91,7 +102,7 @@ def detect_slip(
     slips = _has_slipped(params, history[:, source], jacobian[0], noise, reading, change)
     shift = np.full((count, _ROWS), np.nan)
     shift[source] = residuals[1] - residuals[0]
-    return SlipTest(history + shift, noise), slips
+    return SlipTest(history + shift, noise, change.X_PO), slips
 
 
 def _has_slipped(
@@ -104,11 +115,7 @@ def _has_slipped(
 ) -> bool:
     """Whether the latest of the contacts' residuals (h, k, 4) differ from those before by a slip."""
     contacts = reading.contacts
-    told = np.stack([contacts.sigma_position, contacts.sigma_normal], axis=1) ** 2
-    rough = params.rough_share * np.repeat(
-        np.maximum(change.roughness[reading.source], 0.0) / told, [1, _ROWS - 1], axis=1
-    )
-    error = params.motion_share * error_of_motion(change.X_predicted[None], change.motion)[0]
+    rough = params.rough_share * np.maximum(change.roughness[reading.source], 0.0) / told_variances(contacts)
     tests = (params.few_frames, params.few_threshold), (params.many_frames, params.many_threshold)
     for recent, threshold in tests:
         earlier = history[: max(len(history) - 2 * recent, 0)][-params.compared_frames :]
@@ -116,14 +123,14 @@ def _has_slipped(
             continue
         difference = history[-recent:].mean(axis=0) - earlier.mean(axis=0)
         known = ~np.isnan(difference[:, 0])
-        of_means = np.repeat(noise, [1, _ROWS - 1]) * (1.0 / recent + 1.0 / len(earlier))
-        weight = 1.0 / np.maximum(of_means + rough, _LEAST_VARIANCE)
+        of_means = np.array(noise) * (1.0 / recent + 1.0 / len(earlier))
+        weight = (1.0 / np.maximum(of_means + rough, _LEAST_VARIANCE))[known][:, _KIND_OF_ROW]
+        difference = difference[known]
+        if np.sum(weight * difference * difference) <= threshold:  # A motion explains a part of it at most.
+            continue
+        J, weights, differences = jacobian[known].reshape(-1, 6), weight.reshape(-1), difference.reshape(-1)
+        error = params.motion_share * error_of_motion(change.X_PO[None], change.motion)[0]
         elapsed = 1.5 * recent + 0.5 * len(earlier)
-        J, weights, differences = (
-            jacobian[known].reshape(-1, 6),
-            weight[known].reshape(-1),
-            difference[known].reshape(-1),
-        )
         if _explained(J, weights, differences, elapsed * error) <= threshold:
             continue
         if _way(contacts.p_PC, change.X_PO, _explaining_motion(J, weights, differences)) > params.least_distance:
@@ -149,6 +156,12 @@ def contact_rows_at(model: ObjectModel, reading: ContactReading, X_PO: FloatArra
     return residuals, jacobian
 
 
+def information_of(weighted: FloatArray, rows: FloatArray) -> FloatArray:
+    """The information (n, 6, 6) of derivatives (n, k, 4, 6), of which one factor is weighted."""
+    shape = len(rows), -1, 6
+    return np.asarray(np.swapaxes(weighted.reshape(shape), 1, 2) @ rows.reshape(shape))
+
+
 def _follow_noise(noise: tuple[float, float], change: FloatArray, params: SlipParams) -> tuple[float, float]:
     """The variances after residuals have changed (s, 4) from one frame to the next: half the squares is expected.
 
@@ -157,12 +170,13 @@ def _follow_noise(noise: tuple[float, float], change: FloatArray, params: SlipPa
     change = change[~np.isnan(change[:, 0])]
     if not len(change):
         return noise
-    now = 0.5 * np.mean(change[:, 0] ** 2), 0.25 * np.mean(np.sum(change[:, 1:] ** 2, axis=1))
-    after = [
-        before + params.noise_gain * (np.clip(x, _LEAST_NOISE, _MOST_NOISE) - before)
+    squares = np.einsum("kr,kr->r", change, change).tolist()
+    now = 0.5 * squares[0] / len(change), 0.25 * sum(squares[1:]) / len(change)
+    of_points, of_normals = (
+        before + params.noise_gain * (min(max(x, _LEAST_NOISE), _MOST_NOISE) - before)
         for before, x in zip(noise, now, strict=True)
-    ]
-    return float(after[0]), float(after[1])
+    )
+    return of_points, of_normals
 
 
 def _explained(J: FloatArray, weight: FloatArray, difference: FloatArray, error: FloatArray) -> float:

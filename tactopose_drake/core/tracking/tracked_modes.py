@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import Any
 
 import numpy as np
@@ -36,6 +37,10 @@ class TrackedModes:
     def __len__(self) -> int:
         return len(self.X_PO)
 
+    @property
+    def _arrays(self) -> tuple[FloatArray, ...]:
+        return self.X_PO, self.covariance, self.cross_covariance, self.roughness, self.log_weight
+
     @classmethod
     def independent(cls, X_PO: FloatArray, covariance: FloatArray, sources: int) -> TrackedModes:
         """Modes of equal weight that know nothing of the biases of so many sources, nor of the surface there."""
@@ -49,12 +54,11 @@ class TrackedModes:
 
     def chosen(self, index: Any) -> TrackedModes:
         """Some of the modes, in the order of the index."""
-        return TrackedModes(*(getattr(self, field.name)[index] for field in dataclasses.fields(self)))
+        return TrackedModes(*(array[index] for array in self._arrays))
 
     def joined(self, others: TrackedModes) -> TrackedModes:
         """These modes and then others, over the same sources."""
-        pairs = ((getattr(self, field.name), getattr(others, field.name)) for field in dataclasses.fields(self))
-        return TrackedModes(*(np.concatenate(pair) for pair in pairs))
+        return TrackedModes(*(np.concatenate(pair) for pair in zip(self._arrays, others._arrays, strict=True)))
 
     def with_sources(self, count: int) -> TrackedModes:
         """The modes over at least so many sources; of new ones they know nothing."""
@@ -101,8 +105,10 @@ class TrackedModes:
 
     def pruned(self, params: MixtureParams) -> TrackedModes:
         """The modes of most weight, which then sum to one, without those that hardly count."""
-        order = np.argsort(-self.log_weight, kind="stable")[: params.max_modes]
-        order = order[self.log_weight[order] >= self.log_weight[order[:1]] + np.log(params.least_share)]
+        if len(self) == 1:
+            return dataclasses.replace(self, log_weight=np.zeros(1))
+        order = (-self.log_weight).argsort(kind="stable")[: params.max_modes]
+        order = order[self.log_weight[order] >= self.log_weight[order[:1]] + math.log(params.least_share)]
         modes = self.chosen(order)
         total = np.logaddexp.reduce(modes.log_weight) if len(modes) else 0.0
         return dataclasses.replace(modes, log_weight=modes.log_weight - total)

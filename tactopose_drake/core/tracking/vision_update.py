@@ -105,6 +105,8 @@ def see(
         modes = TrackedModes.independent(standing.X_PO[None], standing.covariance[None], len(reading.sources))
         if prior is not None:
             record = dataclasses.replace(record, accepted_time=frame.time)
+    if modes is belief.modes and standing is belief.standing and record is belief.vision:
+        return belief, is_outlier
     return dataclasses.replace(belief, modes=modes, standing=standing, vision=record), is_outlier
 
 
@@ -137,7 +139,7 @@ def move_standing(belief: PoseBelief, motion: Motion, time: float, *, was_taken:
     if belief.touch_time == -np.inf:
         motion = dataclasses.replace(motion, covariance=np.zeros((6, 6)))
     X_PO, covariance = predict_poses(belief.standing.X_PO[None], belief.standing.covariance[None], motion)
-    return PoseMeasurement(time, X_PO[0], covariance[0])
+    return belief.standing.moved_to(time, X_PO[0], covariance[0])
 
 
 def update_with_pose(

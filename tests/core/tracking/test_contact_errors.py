@@ -35,7 +35,7 @@ def feel(
 ) -> tuple[ContactReading, SlipTest]:
     """The last reading of a box that is held still, and the residuals of all at a pose; the hand errs by the scale."""
     generator, test = np.random.default_rng(seed), SlipTest()
-    bias, still = scale * draw_biases(generator, *TOLD), PoseChange(X_hat, X_hat, np.zeros((6, 2)), REST)
+    bias, still = scale * draw_biases(generator, *TOLD), PoseChange(X_hat, np.zeros((6, 2)), REST)
     for _ in range(frames):
         reading = read(touch(X_PO, generator, bias, TOLD))
         test, _ = detect_slip(box, PARAMS.slip, test, reading, still)

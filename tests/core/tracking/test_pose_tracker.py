@@ -14,7 +14,7 @@ from tactopose_drake.core.tracking.pose_belief import PoseBelief
 from tactopose_drake.core.tracking.pose_tracker import PoseTracker
 from tactopose_drake.core.tracking.tracker_params import MixtureParams, PoseTrackerParams, SlipParams
 from tactopose_drake.errors import InvalidInputError
-from tests.core.tracking.boxes import make_box, touch
+from tests.core.tracking.boxes import SIGMA_NORMAL, SIGMA_POSITION, make_box, n_OC, p_OC, touch
 from tests.core.tracking.follower import GUESS, NAMES, X_PO, Follower
 
 
@@ -170,6 +170,21 @@ def test_vision_that_is_late_counts_as_of_its_time(tracker: PoseTracker) -> None
         belief = tracker.step(belief, Frame(time, Evidence(contacts, prior=GaussianPrior(X)), NAMES[:2], tips, vision))
     assert belief.vision.remark == ""
     assert error(belief, X)[0] < 0.004
+
+
+def test_a_correction_by_vision_is_no_slip(tracker: PoseTracker) -> None:
+    """Sensors that are better than told leave little noise, beside which a turn of the best pose is much."""
+    generator, belief, said = np.random.default_rng(0), tracker.start(0.0), set[str]()
+    X_seen = retract(X_PO, np.array([math.radians(7.0), 0.0, 0.0, 0.0, 0.0, 0.006]))
+    seen = PoseMeasurement(0.4, X_seen, np.diag(np.repeat([math.radians(1.0) ** 2, 0.001**2], 3)))
+    for i in range(60):
+        p_PC = p_OC[:3] @ X_PO[:, :3].T + X_PO[:, 3] + 1e-5 * generator.normal(size=(3, 3))
+        contacts = Contacts(p_PC, n_OC[:3] @ X_PO[:, :3].T, sigma_position=SIGMA_POSITION, sigma_normal=SIGMA_NORMAL)
+        frame = Frame(0.01 * (i + 1), Evidence(contacts, prior=GUESS), NAMES[:3], vision=seen if i >= 40 else None)
+        belief = tracker.step(belief, frame)
+        said.add(belief.status)
+    assert belief.vision.accepted_time > 0.39
+    assert said == {"ok", "ambiguous"}
 
 
 def test_vision_alone_is_a_pose_without_contact(tracker: PoseTracker) -> None:

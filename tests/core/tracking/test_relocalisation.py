@@ -105,10 +105,10 @@ def test_what_a_search_has_found_starts_the_next_however_little_is_proposed(
 
 def test_what_is_found_meanwhile_moves_with_the_object() -> None:
     motion = Motion(np.array([0.1, -0.2, 0.3, 0.01, 0.02, -0.01]), np.zeros((6, 6)))
-    moved = SearchState(X_PO=X_PO[None], minima=X_PO[None]).moved(motion)
+    moved = SearchState(X_PO=X_PO[None], minima=X_PO[None]).moved(motion).moved(motion).as_of_now()
     assert moved.X_PO is not None
-    for X in (moved.X_PO, moved.minima):
-        np.testing.assert_allclose(X[0], compose(motion.pose, X_PO), atol=1e-15)
+    for X in (moved.X_PO, moved.minima, moved.as_of_now().minima):
+        np.testing.assert_allclose(X[0], compose(motion.pose, compose(motion.pose, X_PO)), atol=1e-15)
 
 
 def test_weights_are_means_over_the_searches_that_agree(box: ObjectModel) -> None:

@@ -34,8 +34,8 @@ def box() -> ObjectModel:
     return make_box()
 
 
-def change(X_before: np.ndarray, X_after: np.ndarray, motion: Motion = REST) -> PoseChange:
-    return PoseChange(X_before, X_after, np.zeros((6, 2)), motion)
+def change(X_after: np.ndarray, motion: Motion = REST) -> PoseChange:
+    return PoseChange(X_after, np.zeros((6, 2)), motion)
 
 
 def first_slip(box: ObjectModel, seed: int, step: np.ndarray, frames: int, begin: int = 30) -> int | None:
@@ -44,7 +44,7 @@ def first_slip(box: ObjectModel, seed: int, step: np.ndarray, frames: int, begin
     bias = draw_biases(generator, 0.002, 0.1)  # errors of the hand, larger than told
     for i in range(begin + frames):
         X = retract(X, step) if i >= begin else X
-        test, slips = detect_slip(box, PARAMS, test, read(touch(X, generator, bias)), change(X_PO, X_PO))
+        test, slips = detect_slip(box, PARAMS, test, read(touch(X, generator, bias)), change(X_PO))
         if slips:
             return i - begin
     return None
@@ -66,7 +66,7 @@ def test_a_correction_of_the_pose_is_no_slip(box: ObjectModel) -> None:
     for i in range(60):
         # The estimate creeps to where the object is.
         X_after = X_PO if i > 30 else retract(X, -0.0001 * WAY)
-        test, slips = detect_slip(box, PARAMS, test, read(touch(X_PO, generator)), change(X, X_after))
+        test, slips = detect_slip(box, PARAMS, test, read(touch(X_PO, generator)), change(X_after))
         assert not slips
         X = X_after
 
@@ -77,7 +77,7 @@ def test_what_the_fingertips_may_have_done_themselves_is_no_slip(box: ObjectMode
         generator, test, called = np.random.default_rng(2), SlipTest(), False
         for i in range(45):
             X = retract(X_PO, max(0, i - 30) * 0.0005 * WAY)
-            test, slips = detect_slip(box, PARAMS, test, read(touch(X, generator)), change(X_PO, X_PO, motion))
+            test, slips = detect_slip(box, PARAMS, test, read(touch(X, generator)), change(X_PO, motion))
             called = called or slips
         assert called == expected
 
@@ -85,10 +85,10 @@ def test_what_the_fingertips_may_have_done_themselves_is_no_slip(box: ObjectMode
 def test_the_noise_is_learnt_from_single_frames(box: ObjectModel) -> None:
     generator, test, exact = np.random.default_rng(3), SlipTest(), touch(X_PO, np.random.default_rng(0))
     for _ in range(60):
-        test, _ = detect_slip(box, PARAMS, test, read(exact), change(X_PO, X_PO))
+        test, _ = detect_slip(box, PARAMS, test, read(exact), change(X_PO))
     assert max(test.noise) < 0.05
     for _ in range(60):
-        test, _ = detect_slip(box, PARAMS, test, read(touch(X_PO, generator)), change(X_PO, X_PO))
+        test, _ = detect_slip(box, PARAMS, test, read(touch(X_PO, generator)), change(X_PO))
     assert min(test.noise) > 0.7
     assert max(test.noise) < 1.4
 
