@@ -40,8 +40,8 @@ class TouchCriterion:
     Attributes:
         tolerance: within which poses are one and the same.
         noise: of a touch.
-        likely: probability from which on a mode, of an object that is itself no more than probable, must be left stable
-            and uncollided.
+        likely: probability from which on a mode must be left stable and uncollided; where it is open which object is
+            held, that it is this object in this mode.
     """
 
     tolerance: Tolerance = Tolerance()
@@ -162,8 +162,7 @@ def choose_telling_touch(
 ) -> NextTouch | None:
     """The motion that tells most of which object it is, of those that are allowed; None if none is.
 
-    It is allowed where it is at each pose of a candidate that is likely: the candidate, and the pose if it is that one.
-    Entropy and information are the name's.
+    It is allowed where it is at each likely mode of each candidate; entropy and information are the name's.
 
     Args:
         candidates: the objects that it may be; their probabilities need not sum to 1.
