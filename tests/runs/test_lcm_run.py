@@ -1,5 +1,6 @@
 """A run over LCM: in a process of its own, against a sender here; and what becomes of either's death."""
 
+import gc
 import os
 import signal
 import subprocess
@@ -193,6 +194,7 @@ class Duet:
 
     def __init__(self, url: str, duration: float) -> None:
         self.views: list[float] = []
+        gc.collect()  # A Meshcat that earlier tests have left must end on this thread.
         self.thread = threading.Thread(target=self._run, args=(scenario(url), duration))
         self.thread.start()
 

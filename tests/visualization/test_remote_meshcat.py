@@ -1,3 +1,4 @@
+import gc
 import threading
 from collections.abc import Iterator
 from typing import Any
@@ -26,6 +27,7 @@ class Server:
         self.url = f"tcp://127.0.0.1:{socket.bind_to_random_port('tcp://127.0.0.1')}"
         self.told: list[dict[str, Any]] = []
         self._socket, self._over = socket, threading.Event()
+        gc.collect()  # A Meshcat that earlier tests have left must end on this thread.
         self._thread = threading.Thread(target=self._run)
         self._thread.start()
 
