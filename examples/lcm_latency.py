@@ -4,7 +4,7 @@ This process is the hand: it sends what the simulated hand of a scenario feels, 
 started as another process, and sends back what it believes. At --restart-sender and --restart-estimator, s, either is
 stopped and begun anew. Needs `pip install tactopose_drake[lcm]`.
 
-    python examples/lcm_latency.py --duration 60
+    python examples/lcm_latency.py --url 'udpm://239.255.76.67:7667?ttl=0' --duration 60
 """
 
 import argparse
@@ -190,7 +190,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--duration", type=float, default=60.0, help="s, from the first answer on")
     parser.add_argument("--rate", type=float, default=200.0, help="messages a second")
-    parser.add_argument("--url", default="udpm://239.255.76.67:7667?ttl=0", help="LCM's")
+    parser.add_argument(
+        "--url", required=True, help="LCM's; who can send to its group is heard (ttl=0: none hears this machine)"
+    )
     parser.add_argument("--restart-sender", type=float, help="s after the first answer")
     parser.add_argument("--restart-estimator", type=float, help="s after the first answer")
     options = parser.parse_args()

@@ -25,16 +25,14 @@ class RecordedSenses:
 class LcmSenses:
     """Another process, which sends messages `lcmt_hand_senses` over LCM, `!LcmSenses` in YAML."""
 
-    url: str = "udpm://239.255.76.67:7667?ttl=0"  # LCM's; with ttl=0 nothing leaves this machine
+    url: str = ""  # LCM's, to be named: its sockets are open to other machines, too
     channel: str = "HAND_SENSES"  # of `lcmt_hand_senses`
     vision: str = ""  # channel of `lcmt_object_pose`; empty: there is no vision
     max_age: float = 0.1  # of a message; after a longer silence the belief is called lost, s
 
     def validate(self) -> None:
         """Raises InvalidInputError if a value is out of its range."""
-        for name in ("url", "channel"):
-            if not getattr(self, name):
-                raise InvalidInputError(f"LcmSenses.{name}: is empty; allowed is a text.")
+        _check_lcm("LcmSenses", self.url, self.channel)
         positive_number("LcmSenses.max_age", self.max_age)
 
 
@@ -90,6 +88,16 @@ def _check_domain(name: str, domain: int) -> None:
     whole_number(name, domain, least=0, most=232)
 
 
+def _check_lcm(name: str, url: str, channel: str) -> None:
+    if not url:
+        raise InvalidInputError(
+            f"{name}.url: is not given; allowed is LCM's, such as udpm://239.255.76.67:7667?ttl=0, on which this "
+            "machine hears any that can send to the group."
+        )
+    if not channel:
+        raise InvalidInputError(f"{name}.channel: is empty; allowed is a text.")
+
+
 def _check_topic(name: str, topic: str) -> None:
     if not re.fullmatch(r"(/[A-Za-z_][A-Za-z0-9_]*)+", topic):
         raise InvalidInputError(f"{name}: the topic is {topic!r}; allowed are names such as /hand/joint_states.")
@@ -99,15 +107,13 @@ def _check_topic(name: str, topic: str) -> None:
 class LcmPublishing:
     """Where a run sends what is believed, as messages `lcmt_object_belief` over LCM."""
 
-    url: str = "udpm://239.255.76.67:7667?ttl=0"  # LCM's; with ttl=0 nothing leaves this machine
+    url: str = ""  # LCM's, to be named: its sockets are open to other machines, too
     channel: str = "OBJECT_BELIEF"  # of `lcmt_object_belief`
     max_modes: int = 8  # that a message has, the most probable ones
 
     def validate(self) -> None:
         """Raises InvalidInputError if a value is out of its range."""
-        for name in ("url", "channel"):
-            if not getattr(self, name):
-                raise InvalidInputError(f"LcmPublishing.{name}: is empty; allowed is a text.")
+        _check_lcm("LcmPublishing", self.url, self.channel)
         whole_number("LcmPublishing.max_modes", self.max_modes, least=1)
 
 

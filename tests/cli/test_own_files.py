@@ -94,7 +94,7 @@ def test_run_says_how_the_grasp_went(tmp_path: Path, capsys: pytest.CaptureFixtu
 
 def test_run_says_what_it_cannot_draw(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     scenario = tmp_path / "live.scenario.yaml"
-    scenario.write_text("object: cube\nsenses: !LcmSenses {}\ntracking: {use_joint_velocities: false}\n")
+    scenario.write_text("object: cube\nsenses: !LcmSenses {url: 'memq://'}\ntracking: {use_joint_velocities: false}\n")
     assert run("run", scenario, "--html", tmp_path / "live.html") == 2
     assert "--html, --picture: are of a station; a run on messages has none." in capsys.readouterr().err
     scenario.write_text("object: cube\n")

@@ -252,10 +252,11 @@ def test_what_cannot_be_run_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InvalidInputError, match="lcm-logger"):
         run_scenario(scenario("memq://"), record=tmp_path / "recording")
     for change, message in (
-        ("senses: !LcmSenses {channel: ''}", "LcmSenses.channel: is empty"),
-        ("senses: !LcmSenses {max_age: 0.0}", "LcmSenses.max_age: is 0"),
-        ("publish: {max_modes: 0}", "LcmPublishing.max_modes: is 0"),
-        ("publish: {url: ''}", "LcmPublishing.url: is empty"),
+        ("senses: !LcmSenses {}", "LcmSenses.url: is not given; allowed is LCM's"),
+        ("senses: !LcmSenses {url: 'memq://', channel: ''}", "LcmSenses.channel: is empty"),
+        ("senses: !LcmSenses {url: 'memq://', max_age: 0.0}", "LcmSenses.max_age: is 0"),
+        ("publish: {url: 'memq://', max_modes: 0}", "LcmPublishing.max_modes: is 0"),
+        ("publish: {max_modes: 3}", "LcmPublishing.url: is not given"),
     ):
         path = tmp_path / "wrong.scenario.yaml"
         path.write_text(f"hand: shadow_like\n{change}\n")
