@@ -203,9 +203,9 @@ def mixture_equations(
 
 @kernel
 def judge(
-    grid: Grid, touch: Touch, doubts: Doubts, density: Floats2, reached: float, X: Floats3, judged: Judged
+    grid: Grid, touch: Touch, doubts: Doubts, density: Floats2, reached: float, X: Floats3, judged: Judged, whole: bool
 ) -> None:
-    """Judges poses (B, 3, 4).
+    """Judges poses (B, 3, 4): as a whole, or by their costs alone, and then all else that is judged stays as it is.
 
     Where the contacts' exact densities (B, k) are more than exp(-reached), they take the place of d + n. Farther off
     they are cut, and the distance field is as good.
@@ -226,6 +226,8 @@ def judge(
             else:
                 n[lane, i] = max(d[lane, i] + n[lane, i], reached) - d[lane, i]
         judged.cost[b] = _mix(d[lane], n[lane], doubts, work)
+        if not whole:
+            continue
         total = work[3]
         judged.noise_scale[b], narrowed, calmed = 0.0, 0.0, 0.0
         for pair in range(len(doubts.s)):

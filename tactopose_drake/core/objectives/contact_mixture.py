@@ -117,13 +117,20 @@ class ContactMixture(SmoothObjective):
 
     def judge(self, X_PO: FloatArray) -> Judgement:
         """What the exact likelihood says of poses (B, 3, 4): of the surface as it is, see `SurfaceDensity`."""
+        return Judgement(*self._judge(X_PO, whole=True))
+
+    def exact_cost(self, X_PO: FloatArray) -> FloatArray:
+        """Of what `judge` says the costs (B,) alone, which takes less time."""
+        return self._judge(X_PO, whole=False).cost
+
+    def _judge(self, X_PO: FloatArray, whole: bool) -> Judged:
         X_PO = np.ascontiguousarray(X_PO)
-        density = self.density.densities(X_PO)
-        judged = Judged(np.empty(len(X_PO)), np.empty(density.shape), np.empty(len(X_PO)), np.empty(len(X_PO)))
+        density, count = self.density.densities(X_PO), len(X_PO)
+        judged = Judged(np.empty(count), np.empty(density.shape), np.empty(count), np.empty(count))
         contact_mixture_kernels.judge(
-            self.touch.grid, self.touch.touch, self._doubts, density, self._reached, X_PO, judged
+            self.touch.grid, self.touch.touch, self._doubts, density, self._reached, X_PO, judged, whole
         )
-        return Judgement(*judged)
+        return judged
 
 
 @functools.cache

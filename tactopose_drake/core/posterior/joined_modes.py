@@ -23,7 +23,9 @@ from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, Mome
 from tactopose_drake.core.validation import FloatArray
 
 # Shares of the way between two minima at which the density is asked for.
-_SHARES = np.arange(1.0, 6.0) / 6.0
+_SHARES, _HALF = np.arange(1.0, 6.0) / 6.0, np.array([3.0 / 6.0])
+# So many pairs are asked for at once; of more, first those that are likely to settle the others.
+_FEW_PAIRS = 30
 
 
 class Families(NamedTuple):
@@ -92,10 +94,27 @@ def find_families(
     asked = np.ascontiguousarray(X_PO[: params.most_joined])
     if len(asked) < 2:
         return found
-    pairs, low = _pairs(len(asked)), objective.cost(asked)
-    saddle = _saddles(asked, low, pairs, found, objective, to_the_floor)
-    join_over_saddles(pairs, saddle, saddle.argsort(kind="stable"), params.ridge, low, found.family)
+    low, lay = objective.cost(asked), functools.partial(_lay, asked, found)
+    pairs, chosen = _pairs(len(asked)), np.ones(len(asked) * (len(asked) - 1) // 2, dtype=np.bool_)
+    if len(pairs) > _FEW_PAIRS:
+        # Ways that join all as low as can be come first: between two that are one by then, another way changes nothing.
+        pairs, halfway = _passable(pairs, low, params.ridge, lay, objective, to_the_floor)
+        _, chosen = _join(pairs, halfway, np.inf, low)
+    saddle = np.full(len(pairs), np.inf)
+    while np.any(chosen):
+        saddle[chosen] = _saddles(pairs[chosen], low, lay, objective, to_the_floor)
+        found.family[: len(asked)] = _join(pairs, saddle, params.ridge, low)[0]
+        chosen = np.isinf(saddle) & (found.family[pairs[:, 0]] != found.family[pairs[:, 1]])
     return found
+
+
+def _join(
+    pairs: NDArray[np.intp], saddle: FloatArray, ridge: float, low: FloatArray
+) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+    """The families (g,) of minima of these costs (g,) by the saddles (n,) of pairs (n, 2); which pairs joined any."""
+    family, joined = np.arange(len(low)), np.zeros(len(pairs), dtype=np.bool_)
+    join_over_saddles(pairs, saddle, saddle.argsort(kind="stable"), ridge, low.copy(), family, joined)
+    return family, joined
 
 
 @functools.cache
@@ -104,24 +123,45 @@ def _pairs(count: int) -> NDArray[np.intp]:
     return np.stack(np.tril_indices(count, -1), axis=1)
 
 
-def _saddles(
-    X_PO: FloatArray,
-    cost: FloatArray,
+def _lay(X_PO: FloatArray, images: Families, pairs: NDArray[np.intp], shares: FloatArray) -> FloatArray:
+    """Poses (n, t, 3, 4) at shares (t,) of the ways between pairs (n, 2) of minima (g, 3, 4)."""
+    ways = np.empty((len(pairs), len(shares), 3, 4))
+    lay_paths(X_PO, pairs, images.symmetry_poses, images.arm, shares, ways)
+    return ways
+
+
+def _passable(
     pairs: NDArray[np.intp],
-    images: Families,
+    low: FloatArray,
+    ridge: float,
+    lay: Callable[[NDArray[np.intp], FloatArray], FloatArray],
+    objective: Objective,
+    to_the_floor: Callable[[FloatArray], FloatArray],
+) -> tuple[NDArray[np.intp], FloatArray]:
+    """Of pairs (n, 2) those that half the way between them does not tell apart, and the costs halfway."""
+    most, halfway = low[pairs].max(axis=1) + ridge, lay(pairs, _HALF)[:, 0]
+    cost = objective.cost(halfway)
+    high = np.flatnonzero(cost > most)
+    cost[high] = np.minimum(cost[high], objective.cost(to_the_floor(halfway[high])))
+    passable = np.flatnonzero(cost <= most)
+    return pairs[passable], cost[passable]
+
+
+def _saddles(
+    pairs: NDArray[np.intp],
+    low: FloatArray,
+    lay: Callable[[NDArray[np.intp], FloatArray], FloatArray],
     objective: Objective,
     to_the_floor: Callable[[FloatArray], FloatArray],
 ) -> FloatArray:
-    """The highest cost on the ways between pairs (n, 2) of minima (g, 3, 4) of these costs (g,), shape (n,).
+    """The highest cost on the ways between pairs (n, 2) of minima of these costs (g,), shape (n,).
 
     A way that rises is straight no longer, where its points find lower ones on the valley's floor.
     """
-    ends, ways = cost[pairs].max(axis=1), np.empty((len(pairs), len(_SHARES), 3, 4))
-    lay_paths(X_PO, pairs, images.symmetry_poses, images.arm, _SHARES, ways)
-    costs = objective.cost(ways.reshape(-1, 3, 4)).reshape(len(pairs), -1)
+    ends, ways = low[pairs].max(axis=1), lay(pairs, _SHARES)
+    costs = objective.cost(ways.reshape(-1, 3, 4)).reshape(-1, len(_SHARES))
     rising = costs.max(axis=1) > ends
-    if rising.any():
-        bent = objective.cost(to_the_floor(ways[rising].reshape(-1, 3, 4))).reshape(-1, len(_SHARES))
-        costs[rising] = np.minimum(costs[rising], bent)
+    bent = objective.cost(to_the_floor(ways[rising].reshape(-1, 3, 4))).reshape(-1, len(_SHARES))
+    costs[rising] = np.minimum(costs[rising], bent)
     saddles: FloatArray = np.maximum(costs.max(axis=1), ends)
     return saddles

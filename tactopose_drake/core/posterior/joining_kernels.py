@@ -10,6 +10,7 @@ from tactopose_drake.core.compilation import (
     Floats3,
     Longs1,
     Longs2,
+    OutFlags1,
     OutFloats1,
     OutFloats2,
     OutFloats3,
@@ -66,18 +67,19 @@ def lay_paths(X: Floats3, pairs: Longs2, symmetries: Floats3, arm: float, shares
 
 @kernel
 def join_over_saddles(
-    pairs: Longs2, saddle: Floats1, order: Longs1, ridge: float, low: OutFloats1, family: OutLongs1
+    pairs: Longs2, saddle: Floats1, order: Longs1, ridge: float, low: OutFloats1, family: OutLongs1, joined: OutFlags1
 ) -> None:
     """Makes modes one family whose pair's saddle (n,) is no more than a ridge above the lowest of either's family.
 
-    Pairs (n, 2) are taken in this order (n,). `low` is the modes' costs (g,), each its own family's lowest on entry.
+    Pairs (n, 2) are taken in this order (n,); `joined` (n,) says of which families that had been two became one. `low`
+    is the modes' costs (g,), each its own family's lowest on entry.
     """
     for k in order:
         first, other = family[pairs[k, 0]], family[pairs[k, 1]]
         if first > other:
             first, other = other, first
         if first != other and saddle[k] <= max(low[first], low[other]) + ridge:
-            low[first] = min(low[first], low[other])
+            joined[k], low[first] = True, min(low[first], low[other])
             for i in range(low.shape[0]):
                 if family[i] == other:
                     family[i] = first

@@ -98,7 +98,7 @@ def make_posterior(
     terms = [term for term in problem.doubted_terms(problem.objective) if term is not mixture]
 
     def exact_cost(X_PO: FloatArray) -> FloatArray:
-        cost = np.zeros(len(X_PO)) if mixture is None else mixture.judge(X_PO).cost
+        cost = np.zeros(len(X_PO)) if mixture is None else mixture.exact_cost(X_PO)
         for term in terms:
             cost = cost + term.cost(X_PO)
         return cost
