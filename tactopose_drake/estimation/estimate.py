@@ -127,7 +127,8 @@ def check_units(evidence: Evidence, size: float) -> None:
     Raises:
         InvalidInputError: if the contacts are farther apart than 1 m and than 30 times the size.
     """
-    apart = float(np.linalg.norm(np.ptp(evidence.touch.p_PC, axis=0)))
+    p_PC = evidence.touch.p_PC
+    apart = math.dist(p_PC.max(axis=0), p_PC.min(axis=0))
     if apart > max(_WIDEST_HAND, _WIDEST_TOUCH * size):
         raise InvalidInputError(
             f"contacts: are up to {apart:.3g} m apart on an object of {size:.3g} m; allowed is {_WIDEST_HAND:g} m, "

@@ -119,10 +119,12 @@ def free_directions(
         held = columns @ columns.T
         across = np.eye(6) - held
         scaled[place] = across @ scaled[place] @ across + 2.0 * limit * held
-    eigenvalues, eigenvectors = eigenpairs(scaled)
-    is_free = eigenvalues < limit
-    for i in np.flatnonzero(is_free.any(axis=1)).tolist():
-        rows = eigenvectors[i, is_free[i]]
+    # Most have no free direction: all eigenvalues are above the limit, which is sooner known than what they are.
+    open_ones = np.flatnonzero(np.isinf(inverses(scaled - limit * np.eye(6))[1])).tolist()
+    for i, eigenvalues, eigenvectors in zip(open_ones, *eigenpairs(scaled[open_ones]), strict=True):
+        rows = eigenvectors[eigenvalues < limit]
+        if not len(rows):
+            continue  # Within rounding of the limit.
         if i in basis:
             rows = np.concatenate([basis[i].T, rows])
         rows = rows * units

@@ -46,11 +46,17 @@ class Posterior:
 
     def turn_directions(self, X_PO: FloatArray) -> FloatArray:
         """The increments of turns about the axes at poses (B, 3, 4), shape (B, 6, c)."""
-        axes, points = self.turns
-        if not len(axes):
-            return np.empty((len(X_PO), 6, 0))
-        shifts = -np.einsum("bij,cj->bic", X_PO[:, :, :3], np.cross(axes, points))
-        return np.concatenate([np.broadcast_to(axes.T, (len(X_PO), 3, len(axes))), shifts], axis=1)
+        axes = self.turns[0]
+        directions = np.empty((len(X_PO), 6, len(axes)))
+        if len(axes):
+            directions[:, :3] = axes.T
+            directions[:, 3:] = X_PO[:, :, :3] @ self._shifts
+        return directions
+
+    @functools.cached_property
+    def _shifts(self) -> FloatArray:
+        """By which turns about the axes move O's origin, in O, shape (3, c)."""
+        return -np.cross(*self.turns).T
 
     @property
     def turn_variance(self) -> float:

@@ -3,35 +3,28 @@
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
-from tactopose_drake.core.poses import compose, exp_so3, make_poses, skew
+from tactopose_drake.core.kernels import free_spin_kernels
+from tactopose_drake.core.poses import compose, make_poses
 from tactopose_drake.core.shape.symmetry import RotationalSymmetry
 from tactopose_drake.core.validation import FloatArray
 
+# A sphere's three axes are turned about in so many rounds, each of which brings it nearer; one axis needs but one.
+_ROUNDS = 6
 
-def turn_toward(
-    X_PO: FloatArray, X_reference: FloatArray, symmetries: Sequence[RotationalSymmetry], rounds: int = 6
-) -> FloatArray:
+
+def turn_toward(X_PO: FloatArray, X_reference: FloatArray, symmetries: Sequence[RotationalSymmetry]) -> FloatArray:
     """The poses (B, 3, 4), turned about the continuous axes until their rotations are nearest to the reference's.
 
-    The object does not change by the turns. Of a turn exp(t a) the trace of R_reference^T R exp(t a) is a constant plus
-    a cosine and a sine of t, whose largest value is where the rotation is nearest.
+    The object does not change by the turns.
 
     Args:
         X_PO: poses, shape (B, 3, 4).
         X_reference: shape (3, 4).
         symmetries: the object's.
-        rounds: in which a sphere's three axes are turned, each of which brings the pose nearer; one axis needs but one.
     """
-    axes = [symmetry for symmetry in symmetries if symmetry.is_continuous]
-    for symmetry in axes * (rounds if len(axes) > 1 else 1):
-        M = X_reference[:, :3].T @ X_PO[:, :, :3]
-        a = symmetry.axis
-        cosine = np.trace(M, axis1=1, axis2=2) - np.einsum("i,bij,j->b", a, M, a)
-        sine = np.einsum("bij,ji->b", M, skew(a))
-        R = exp_so3(np.arctan2(sine, cosine)[:, None] * a)
-        X_PO = compose(X_PO, make_poses(R, symmetry.point - R @ symmetry.point))
-    return X_PO
+    return _turn(X_PO, X_reference[None], np.zeros(len(X_PO), dtype=np.int64), symmetries)
 
 
 def turn_alike(X_PO: FloatArray, X_reference: FloatArray, symmetries: Sequence[RotationalSymmetry]) -> FloatArray:
@@ -45,14 +38,26 @@ def turn_alike(X_PO: FloatArray, X_reference: FloatArray, symmetries: Sequence[R
         X_reference: shape (3, 4).
         symmetries: the object's.
     """
-    turned = turn_toward(X_PO, X_reference, symmetries)
     axes = [symmetry.axis for symmetry in symmetries if symmetry.is_continuous]
     if len(axes) != 1:
-        return turned
-    opposite = np.flatnonzero(X_PO[:, :, :3] @ axes[0] @ (X_reference[:, :3] @ axes[0]) < 0.0)
-    across = np.linalg.svd(axes[0][None])[2][1]
-    upside_down = make_poses(X_reference[:, :3] @ exp_so3(np.pi * across), X_reference[:, 3])
-    turned[opposite] = turn_toward(X_PO[opposite], upside_down, symmetries)
+        return turn_toward(X_PO, X_reference, symmetries)
+    is_opposite = X_PO[:, :, :3] @ axes[0] @ (X_reference[:, :3] @ axes[0]) < 0.0
+    across = np.cross(axes[0], np.eye(3)[np.argmin(np.abs(axes[0]))])
+    half_turn = 2.0 * np.outer(across, across) / (across @ across) - np.eye(3)
+    upside_down = make_poses(X_reference[:, :3] @ half_turn, X_reference[:, 3])
+    return _turn(X_PO, np.stack([X_reference, upside_down]), is_opposite.astype(np.int64), symmetries)
+
+
+def _turn(
+    X_PO: FloatArray, references: FloatArray, choice: NDArray[np.int64], symmetries: Sequence[RotationalSymmetry]
+) -> FloatArray:
+    """Poses (B, 3, 4), turned toward those of the references (n, 3, 4) that are chosen (B,)."""
+    axes = [symmetry for symmetry in symmetries if symmetry.is_continuous]
+    if not axes:
+        return X_PO
+    axes, turned = axes * (_ROUNDS if len(axes) > 1 else 1), np.array(X_PO, order="C")
+    lines = np.array([symmetry.axis for symmetry in axes]), np.array([symmetry.point for symmetry in axes])
+    free_spin_kernels.turn_toward(np.ascontiguousarray(references), choice, *lines, turned)
     return turned
 
 

@@ -93,6 +93,7 @@ def test_a_contact_far_off_is_given_up_and_the_others_count_as_before(box: Objec
     # It costs what false contacts cost, and not what its 33 standard deviations would.
     as_told = ContactMixture(box, contacts, 0.02).judge(X_PO)
     assert judged.cost[0] - as_told.cost[0] < 12.0
+    assert ContactMixture(box, contacts, 0.02).exact_cost(X_PO)[0] == as_told.cost[0]
     assert SurfaceContact(box.grid, Contacts(away, contacts.n_PC)).cost(X_PO)[0] > 400.0
 
 

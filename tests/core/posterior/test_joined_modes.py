@@ -40,6 +40,17 @@ class Valleys:
         return np.interp(u[:, 0], self._places, self._costs) + 0.5 * np.square(u[:, 1:]).sum(axis=1)
 
 
+class Counting:
+    """An objective that counts for how many poses it is asked."""
+
+    def __init__(self, objective: Objective) -> None:
+        self.asked, self._objective = 0, objective
+
+    def cost(self, X: FloatArray) -> FloatArray:
+        self.asked += len(X)
+        return self._objective.cost(X)
+
+
 def families(
     X: FloatArray,
     objective: Objective,
@@ -81,6 +92,22 @@ def test_minima_along_a_valley_are_one_by_those_between_and_not_across_a_ridge()
     bumps[(places > 18.0) & (places < 24.0)] = 8.0
     valley = Valleys(places.tolist(), bumps.tolist())
     np.testing.assert_array_equal(families(along(0.0, 24.0, 6.0, 12.0, 30.0), valley).family, [0, 1, 0, 0, 1])
+
+
+def test_of_many_minima_few_ways_are_laid_and_the_families_are_those_of_all_ways() -> None:
+    minima = np.random.default_rng(3).permutation(np.concatenate([np.arange(0.0, 11.0, 2.0), np.arange(16.0, 27.0, 2)]))
+    pairs = len(minima) * (len(minima) - 1) // 2
+    places = np.linspace(0.0, 26.0, 2601)
+    for ridge in (0.0, 9.0):
+        # Bumps along a valley, and a high ridge across it in the middle, or none.
+        bumps = 0.9 * (1.0 - np.cos(np.pi * places)) / 2.0 + np.where(np.abs(places - 13.0) < 2.5, ridge, 0.0)
+        valley = Valleys(places.tolist(), bumps.tolist())
+        counting = Counting(valley)
+        family = families(along(*minima), counting).family
+        side = (minima > 13.0) & (ridge > 0.0)
+        np.testing.assert_array_equal(family, [np.flatnonzero(side == own)[0] for own in side])
+        # Five for each pair, and five more where the way rises, would be all of them.
+        assert counting.asked < (8 * pairs if ridge else 3 * pairs)
 
 
 def test_two_gaussians_are_one_up_to_four_and_a_half_standard_deviations() -> None:

@@ -1,0 +1,36 @@
+"""Turns of poses about axes that an object looks the same around, compiled."""
+
+import numpy as np
+
+from tactopose_drake.core.compilation import Floats2, Floats3, Longs1, OutFloats3, kernel
+
+
+@kernel
+def turn_toward(reference: Floats3, choice: Longs1, axes: Floats2, points: Floats2, X: OutFloats3) -> None:
+    """Turns poses X (B, 3, 4) about the axes in turn until their rotations are nearest to those of their references.
+
+    The references (n, 3, 4) are chosen (B,) for each; axes (c, 3) are unit vectors, with points (c, 3) on them, in O.
+    The trace of R_reference^T R exp(t a) is a constant plus a cosine and a sine of t: its largest value is the nearest.
+    """
+    for b in range(X.shape[0]):
+        for c in range(axes.shape[0]):
+            x, y, z = axes[c]
+            u, v, w = points[c]
+            cosine, sine = 0.0, 0.0
+            for k in range(3):
+                p, q, r = X[b, k, 0], X[b, k, 1], X[b, k, 2]
+                e, f, g = reference[choice[b], k, 0], reference[choice[b], k, 1], reference[choice[b], k, 2]
+                level, along = p * x + q * y + r * z, e * x + f * y + g * z
+                cosine += e * p + f * q + g * r - level * along
+                sine += e * (q * z - r * y) + f * (r * x - p * z) + g * (p * y - q * x)
+            length = np.sqrt(cosine * cosine + sine * sine)
+            if length == 0.0:
+                continue  # All turns are as near.
+            cosine, sine = cosine / length, sine / length
+            for k in range(3):
+                p, q, r = X[b, k, 0], X[b, k, 1], X[b, k, 2]
+                level = (1.0 - cosine) * (p * x + q * y + r * z)
+                X[b, k, 0] = cosine * p + level * x + sine * (q * z - r * y)
+                X[b, k, 1] = cosine * q + level * y + sine * (r * x - p * z)
+                X[b, k, 2] = cosine * r + level * z + sine * (p * y - q * x)
+                X[b, k, 3] += (p - X[b, k, 0]) * u + (q - X[b, k, 1]) * v + (r - X[b, k, 2]) * w
