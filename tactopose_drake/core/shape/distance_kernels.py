@@ -94,17 +94,23 @@ def sweep(
 ) -> None:
     """Carries the nearest faces beyond the band, once in each of the eight diagonal directions.
 
-    The outermost layer of nodes is padding: infinitely far, and never written.
+    The outermost layer of nodes is padding: infinitely far, and never written. A neighbour that lay behind in an
+    earlier direction, too, was asked then; it is asked again if its face has changed since.
     """
     nx, ny, nz = nearest.shape
     all_nearest, all_distance = nearest.reshape(-1), distance.reshape(-1)
-    back, step = np.empty(7, dtype=np.int64), np.empty(7)
+    changed = np.zeros(all_nearest.shape[0], dtype=np.int8)  # In which direction a node's face was found, from 1 on.
+    back, step, asked = np.empty(7, dtype=np.int64), np.empty(7), np.empty(7, dtype=np.int8)
     for octant in range(8):
         si, sj, sk = 1 - 2 * (octant & 1), 1 - (octant & 2), 1 - ((octant & 4) >> 1)
         for n in range(7):
             a, b, c = (n + 1) & 1, ((n + 1) >> 1) & 1, (n + 1) >> 2
             back[n] = (a * si * ny + b * sj) * nz + c * sk
             step[n] = np.sqrt(a + b + c) * spacing
+            asked[n] = 0
+            for earlier in range(octant):
+                if (earlier ^ octant) & (n + 1) == 0:
+                    asked[n] = earlier + 1
         for ii in range(1, nx - 1):
             i = ii if si > 0 else nx - 1 - ii
             x = origin[0] + i * spacing
@@ -122,16 +128,23 @@ def sweep(
                     tried = face
                     for n in range(7):
                         there = np.uint64((i * ny + j) * nz + k - back[n])
+                        if changed[there] <= asked[n] and asked[n] > 0:
+                            continue
                         candidate = all_nearest[there]
                         # A face is at least the neighbour's distance to its own nearest, minus the step, away.
                         if candidate == face or candidate == tried or all_distance[there] - step[n] >= best:
                             continue
                         tried = candidate
-                        dx, dy, dz = _offset(packed[candidate], x, y, z)
+                        t = packed[candidate]
+                        height = t[12] * (x - t[0]) + t[13] * (y - t[1]) + t[14] * (z - t[2])
+                        if height * height >= best * best:
+                            continue  # Its plane is no nearer.
+                        dx, dy, dz = _offset(t, x, y, z)
                         square = dx * dx + dy * dy + dz * dz
                         if square < best * best:
                             best, face = np.sqrt(square), candidate
-                    all_distance[here], all_nearest[here] = best, face
+                    if face != all_nearest[here]:
+                        all_distance[here], all_nearest[here], changed[here] = best, face, octant + 1
 
 
 @kernel
