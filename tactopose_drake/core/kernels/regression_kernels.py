@@ -57,10 +57,13 @@ class Regression(NamedTuple):
         hessian: by the joint increment, shape (B, m, m); read too: over its inverse the first round goes.
         roughness: of the surface about each contact: variances of its distance, m^2, and of its normal about each axis,
             rad^2, shape (B, k, 2).
+        covariance: the first six rows of the last Hessian's inverse: of the increment, with itself and with the biases,
+            shape (B, 6, m).
     """
 
     hessian: OutFloats3
     roughness: OutFloats3
+    covariance: OutFloats3
 
 
 class _Scratch(NamedTuple):
@@ -113,13 +116,13 @@ def regress_modes(
     """
     size, count = priors.information.shape[1], contacts.p.shape[0]
     scratch = _make_scratch(size, count)
-    columns, undamped = np.empty((6, size)), np.zeros(1)
-    work, covariance = np.empty((size, size)), np.empty((6, 6))
+    undamped, work, covariance = np.zeros(1), np.empty((size, size)), np.empty((6, 6))
     points, here, g, H, step = scratch.points, scratch.here, scratch.g, scratch.H, scratch.step
     for b in range(X.shape[0]):
         copy_matrix(X[b], here[0])
+        columns = regression.covariance[b]
+        invert_columns(regression.hessian[b], work, columns)
         for _ in range(settings.rounds):
-            invert_columns(regression.hessian[b], work, columns)
             for i in range(6):
                 for j in range(6):
                     covariance[i, j] = columns[j, i]
@@ -139,6 +142,7 @@ def regress_modes(
             pose_kernels.retract(here, points.increment, points.pose)
             copy_matrix(points.pose[0], here[0])
             copy_matrix(H[0], regression.hessian[b])
+            invert_columns(regression.hessian[b], work, columns)
         copy_matrix(here[0], X[b])
 
 

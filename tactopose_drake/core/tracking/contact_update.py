@@ -46,6 +46,7 @@ import numpy as np
 
 from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.kernels.joint_state_kernels import ContactArrays, ModePriors
+from tactopose_drake.core.kernels.matrix_kernels import inverses
 from tactopose_drake.core.kernels.refinement_kernels import refine_modes
 from tactopose_drake.core.kernels.regression_kernels import Regression, regress_modes
 from tactopose_drake.core.kernels.sigma_point_kernels import RegressionSettings
@@ -53,6 +54,7 @@ from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.posterior.hypotheses import determined_part, free_directions, increments_of_one_metre
 from tactopose_drake.core.posterior.posterior_params import ModeParams
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.tracking import gain_kernels
 from tactopose_drake.core.tracking.contact_errors import BiasModel, lasting_excess, new_variances
 from tactopose_drake.core.tracking.frame import ContactReading, told_variances
 from tactopose_drake.core.tracking.slip_detection import contact_rows_at, information_of
@@ -96,32 +98,31 @@ def update_with_contacts(
         X_start: where to start from, shape (n, 3, 4), where that is not the prediction.
     """
     contacts, settings, bias = reading.contacts, params.contact_update, BiasModel.from_params(params)
+    count, size = len(modes), 6 + modes.cross_covariance.shape[2]
+    information = np.empty((count, size, size))
     variances = bias.with_roughness(modes.roughness)
-    information = _joint_information(modes.covariance, modes.cross_covariance, variances)
-    count, size = information.shape[:2]
+    gain_kernels.invert_joint(modes.covariance, modes.cross_covariance, variances, information)
+    told = SurfaceContact(model.grid, contacts)
     weights = 1.0 / np.sqrt(new_variances(contacts, params).T)
-    grid = model.grid.nodes
-    n_PC = np.zeros_like(contacts.p_PC) if contacts.n_PC is None else contacts.n_PC
     weights[1] *= contacts.n_PC is not None
-    arrays = ContactArrays(*map(read_only, (contacts.p_PC, n_PC, *weights, reading.source)))
+    arrays = ContactArrays(told.touch.p, told.touch.n, *map(read_only, weights), read_only(reading.source))
     priors = ModePriors(read_only(modes.X_PO), read_only(information))
     X_PO, hessian = np.array(modes.X_PO if X_start is None else X_start), np.empty((count, size, size))
-    refine_modes(grid, arrays, priors, X_PO, settings.max_iterations, settings.tolerance, hessian)
+    refine_modes(told.grid, arrays, priors, X_PO, settings.max_iterations, settings.tolerance, hessian)
     if X_start is None:
         # A frame tells little that is new: what holds over the prediction's whole spread, not about the minimum alone.
         hessian[:] = information
-    regression = Regression(hessian, np.zeros((count, len(contacts), 2)))
+    regression = Regression(hessian, np.zeros((count, len(contacts), 2)), np.empty((count, 6, size)))
     X_minimum = X_PO.copy()
-    regress_modes(grid, arrays, priors, _regression_settings(params, model.size), X_PO, regression)
-    cost = SurfaceContact(model.grid, contacts).cost(np.concatenate([X_minimum, X_PO]))
+    regress_modes(told.grid, arrays, priors, _regression_settings(params, model.size), X_PO, regression)
+    cost = told.cost(np.concatenate([X_minimum, X_PO]))
     is_beside = cost[count:] > cost[:count] + settings.as_good
     X_PO[is_beside] = X_minimum[is_beside]
-    joint = np.linalg.solve(hessian, np.broadcast_to(np.eye(size, 6), (count, size, 6)))
-    P = np.asarray(joint[:, :6], dtype=np.float64)
+    P = regression.covariance[:, :, :6]
     return ContactUpdate(
         X_PO,
         0.5 * (P + np.swapaxes(P, 1, 2)),
-        np.swapaxes(joint[:, 6:], 1, 2),
+        np.ascontiguousarray(regression.covariance[:, :, 6:]),
         regression.roughness,
     )
 
@@ -165,12 +166,10 @@ def forget(information: FloatArray, modes: TrackedModes, forgotten: float, half_
         forgotten: the share of its variance by which a direction that only the touch determines grows.
         half_information: of a frame over what is known of a direction; then it grows by half of that.
     """
-    root = np.linalg.cholesky(modes.covariance)
-    values, vectors = np.linalg.eigh(np.swapaxes(root, 1, 2) @ information @ root)
-    axes = root @ vectors
-    growth = forgotten * values / (values + half_information)
-    covariance = modes.covariance + (axes * growth[:, None]) @ np.swapaxes(axes, 1, 2)
-    return dataclasses.replace(modes, covariance=covariance)
+    # Along a direction of which it tells i over what is known, the growth is i / (i + h): all that an update by the
+    # information over h takes away.
+    left = inverses(inverses(modes.covariance)[0] + information / half_information)[0]
+    return dataclasses.replace(modes, covariance=modes.covariance + forgotten * (modes.covariance - left))
 
 
 def most_information(
@@ -203,14 +202,9 @@ def limit_gain(before: FloatArray, most: FloatArray, after: FloatArray) -> Float
         most: information of the touch, however often it is felt, shape (n, 6, 6).
         after: covariances that the update claims, shape (n, 6, 6).
     """
-    root = np.linalg.cholesky(before)
-    values, vectors = np.linalg.eigh(np.swapaxes(root, 1, 2) @ most @ root)
-    # In these axes what was known is 1, and what the touch may tell are the values: the larger one of both holds.
-    least = (root @ vectors) / np.sqrt(np.maximum(values, 1.0))[:, None]
-    unit = np.linalg.inv(least)
-    values, vectors = np.linalg.eigh(unit @ after @ np.swapaxes(unit, 1, 2))
-    axes = (least @ vectors) * np.sqrt(np.maximum(values, 1.0))[:, None]
-    return np.asarray(axes @ np.swapaxes(axes, 1, 2))
+    bounded = np.array(after)
+    gain_kernels.bound_covariances(before, most, bounded)
+    return bounded
 
 
 def only_as_told(
@@ -278,21 +272,3 @@ def _regression_settings(params: PoseTrackerParams, size: float) -> RegressionSe
         settings.lasting_normal_share,
         settings.new_normal_share,
     )
-
-
-def _joint_information(P: FloatArray, C: FloatArray, variances: FloatArray) -> FloatArray:
-    """The inverse of [P C; C^T B] by its Schur complement, shape (n, m, m).
-
-    Of B the diagonals are given, shape (n, m - 6).
-    """
-    count, biases = len(P), C.shape[2]
-    gain = C / variances[:, None]
-    A = np.linalg.inv(P - gain @ np.swapaxes(C, 1, 2))
-    information = np.empty((count, 6 + biases, 6 + biases))
-    information[:, :6, :6] = 0.5 * (A + np.swapaxes(A, 1, 2))
-    information[:, :6, 6:] = -A @ gain
-    information[:, 6:, :6] = np.swapaxes(information[:, :6, 6:], 1, 2)
-    information[:, 6:, 6:] = np.swapaxes(gain, 1, 2) @ A @ gain
-    at = np.arange(6, 6 + biases)
-    information[:, at, at] += 1.0 / variances
-    return information
