@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
-from tactopose_drake.core.poses import compose, point_jacobians
+from tactopose_drake.core.poses import point_jacobians
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.contact_errors import averaged_variances, calibration_excess
 from tactopose_drake.core.tracking.frame import ContactReading, PoseMeasurement, told_variances
@@ -123,14 +123,20 @@ class TouchWindow:
 
 def move_keyframes(keyframes: tuple[Keyframe, ...], motion: Motion) -> tuple[Keyframe, ...]:
     """The same after a further motion."""
-    pose, adjoint = motion.pose, motion.adjoint
+    if not keyframes:
+        return ()
+    adjoint = motion.adjoint
     return tuple(
-        dataclasses.replace(
-            keyframe,
-            X_PP=compose(pose, keyframe.X_PP),
-            covariance=adjoint @ keyframe.covariance @ adjoint.T + motion.covariance,
+        Keyframe(
+            frame.p_PC,
+            frame.n_PC,
+            frame.variances,
+            frame.sources,
+            motion.of_poses(frame.X_PP),
+            adjoint @ frame.covariance @ adjoint.T + motion.covariance,
+            frame.frames,
         )
-        for keyframe in keyframes
+        for frame in keyframes
     )
 
 

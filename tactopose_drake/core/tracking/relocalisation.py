@@ -92,7 +92,7 @@ class SearchState(NamedTuple):
 
     def moved(self, motion: Motion) -> SearchState:
         """The same after a further motion of the object."""
-        return self._replace(X_PP=compose(motion.pose, self.X_PP))
+        return self._replace(X_PP=motion.of_poses(self.X_PP))
 
     def as_of_now(self) -> SearchState:
         """The same with its poses as they are after the motion."""

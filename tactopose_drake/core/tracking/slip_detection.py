@@ -27,7 +27,6 @@ from typing import NamedTuple
 import numpy as np
 
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
-from tactopose_drake.core.poses import compose
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.frame import ContactReading, told_variances
 from tactopose_drake.core.tracking.motion_prediction import Motion, error_of_motion
@@ -57,7 +56,7 @@ class SlipTest(NamedTuple):
 
     def moved(self, motion: Motion) -> SlipTest:
         """The same after a motion of the object."""
-        return self if self.X_PO is None else self._replace(X_PO=compose(motion.pose, self.X_PO))
+        return self if self.X_PO is None else self._replace(X_PO=motion.of_poses(self.X_PO))
 
     def restarted(self) -> SlipTest:
         """Without the history."""
