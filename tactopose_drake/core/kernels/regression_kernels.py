@@ -32,7 +32,6 @@ from tactopose_drake.core.kernels.joint_state_kernels import (
     make_prior_rows,
     transport_information,
 )
-from tactopose_drake.core.kernels.linear_system_kernels import invert_columns
 from tactopose_drake.core.kernels.matrix_kernels import cholesky, invert
 from tactopose_drake.core.kernels.sigma_point_kernels import (
     SPREAD,
@@ -54,11 +53,11 @@ class Regression(NamedTuple):
     """What is written of B modes and k contacts.
 
     Attributes:
-        hessian: by the joint increment, shape (B, m, m); read too: over its inverse the first round goes.
+        hessian: by the joint increment, shape (B, m, m).
         roughness: of the surface about each contact: variances of its distance, m^2, and of its normal about each axis,
             rad^2, shape (B, k, 2).
-        covariance: the first six rows of the last Hessian's inverse: of the increment, with itself and with the biases,
-            shape (B, 6, m).
+        covariance: of the increment with itself and with the biases, the first six rows of the Hessian's inverse, shape
+            (B, 6, m); read too: over its first six columns the first round goes.
     """
 
     hessian: OutFloats3
@@ -78,6 +77,7 @@ class _Scratch(NamedTuple):
         L, W, WJ: a root of R, its inverse, and what that makes of the slopes, shape (4, 4), (4, 4) and (4, 12).
         slope: of the prior's cost, shape (m,).
         g, H, step: of the joint increment, shape (1, m), (1, m, m), (1, m).
+        root, forward: for the step's equations, shape (m, m), (m,).
     """
 
     here: OutFloats3
@@ -93,6 +93,8 @@ class _Scratch(NamedTuple):
     g: OutFloats2
     H: OutFloats3
     step: OutFloats2
+    root: OutFloats2
+    forward: OutFloats1
 
 
 @kernel
@@ -116,16 +118,15 @@ def regress_modes(
     """
     size, count = priors.information.shape[1], contacts.p.shape[0]
     scratch = _make_scratch(size, count)
-    undamped, work, covariance = np.zeros(1), np.empty((size, size)), np.empty((6, 6))
+    covariance = np.empty((6, 6))
     points, here, g, H, step = scratch.points, scratch.here, scratch.g, scratch.H, scratch.step
     for b in range(X.shape[0]):
         copy_matrix(X[b], here[0])
-        columns = regression.covariance[b]
-        invert_columns(regression.hessian[b], work, columns)
+        rows = regression.covariance[b]
         for _ in range(settings.rounds):
             for i in range(6):
                 for j in range(6):
-                    covariance[i, j] = columns[j, i]
+                    covariance[i, j] = rows[i, j]
             find_axes(covariance, settings.lever_arm, points)
             limit_axes(here[0], contacts.p, settings.max_displacement, points)
             weigh_normals(grid, contacts, settings, here[0], points, regression.roughness[b])
@@ -137,13 +138,30 @@ def regress_modes(
                 _add_roughness(contacts, i, scratch, regression.roughness[b, i])
                 _add_bias_columns(contacts, i, scratch)
                 _add_contact(contacts.source[i], scratch)
-            least_squares_kernels.damped_steps(H, g, undamped, step)
+            least_squares_kernels.damped_step(size, H[0], g[0], 0.0, scratch.root, scratch.forward, step[0])
+            _invert_rows(scratch.root, rows)
             copy_vector(step[0, :6], points.increment[0])
             pose_kernels.retract(here, points.increment, points.pose)
             copy_matrix(points.pose[0], here[0])
             copy_matrix(H[0], regression.hessian[b])
-            invert_columns(regression.hessian[b], work, columns)
         copy_matrix(here[0], X[b])
+
+
+@part
+def _invert_rows(root: Floats2, rows: OutFloats2) -> None:
+    """The first rows (6, m) of the inverse of L L^T, by the root L (m, m) whose diagonal holds inverses."""
+    m = root.shape[0]
+    for c in range(6):
+        for i in range(m):
+            s = 1.0 if i == c else 0.0
+            for k in range(c, i):
+                s -= root[i, k] * rows[c, k]
+            rows[c, i] = s * root[i, i]
+        for i in range(m - 1, -1, -1):
+            s = rows[c, i]
+            for k in range(i + 1, m):
+                s -= root[k, i] * rows[c, k]
+            rows[c, i] = s * root[i, i]
 
 
 @part
@@ -162,6 +180,8 @@ def _make_scratch(size: int, count: int) -> _Scratch:
         np.empty((1, size)),
         np.empty((1, size, size)),
         np.empty((1, size)),
+        np.empty((size, size)),
+        np.empty(size),
     )
 
 

@@ -109,10 +109,10 @@ def update_with_contacts(
     priors = ModePriors(read_only(modes.X_PO), read_only(information))
     X_PO, hessian = np.array(modes.X_PO if X_start is None else X_start), np.empty((count, size, size))
     refine_modes(told.grid, arrays, priors, X_PO, settings.max_iterations, settings.tolerance, hessian)
-    if X_start is None:
-        # A frame tells little that is new: what holds over the prediction's whole spread, not about the minimum alone.
-        hessian[:] = information
-    regression = Regression(hessian, np.zeros((count, len(contacts), 2)), np.empty((count, 6, size)))
+    # A frame tells little that is new: what holds over the prediction's whole spread, not about the minimum alone.
+    spread = np.zeros((count, 6, size))
+    spread[:, :, :6] = modes.covariance if X_start is None else np.linalg.inv(hessian)[:, :6, :6]
+    regression = Regression(hessian, np.zeros((count, len(contacts), 2)), spread)
     X_minimum = X_PO.copy()
     regress_modes(told.grid, arrays, priors, _regression_settings(params, model.size), X_PO, regression)
     cost = told.cost(np.concatenate([X_minimum, X_PO]))
