@@ -56,13 +56,14 @@ class Regression(NamedTuple):
         hessian: by the joint increment, shape (B, m, m).
         roughness: of the surface about each contact: variances of its distance, m^2, and of its normal about each axis,
             rad^2, shape (B, k, 2).
-        covariance: of the increment with itself and with the biases, the first six rows of the Hessian's inverse, shape
-            (B, 6, m); read too: over its first six columns the first round goes.
+        covariance: of the increment, shape (B, 6, 6); read too: over it the first round goes.
+        cross_covariance: with the biases, shape (B, 6, m - 6).
     """
 
     hessian: OutFloats3
     roughness: OutFloats3
     covariance: OutFloats3
+    cross_covariance: OutFloats3
 
 
 class _Scratch(NamedTuple):
@@ -118,16 +119,12 @@ def regress_modes(
     """
     size, count = priors.information.shape[1], contacts.p.shape[0]
     scratch = _make_scratch(size, count)
-    covariance = np.empty((6, 6))
     points, here, g, H, step = scratch.points, scratch.here, scratch.g, scratch.H, scratch.step
     for b in range(X.shape[0]):
         copy_matrix(X[b], here[0])
-        rows = regression.covariance[b]
+        P, C = regression.covariance[b], regression.cross_covariance[b]
         for _ in range(settings.rounds):
-            for i in range(6):
-                for j in range(6):
-                    covariance[i, j] = rows[i, j]
-            find_axes(covariance, settings.lever_arm, points)
+            find_axes(P, settings.lever_arm, points)
             limit_axes(here[0], contacts.p, settings.max_displacement, points)
             weigh_normals(grid, contacts, settings, here[0], points, regression.roughness[b])
             sample_rows(grid, contacts, here, points)
@@ -139,7 +136,7 @@ def regress_modes(
                 _add_bias_columns(contacts, i, scratch)
                 _add_contact(contacts.source[i], scratch)
             least_squares_kernels.damped_step(size, H[0], g[0], 0.0, scratch.root, scratch.forward, step[0])
-            _invert_rows(scratch.root, rows)
+            _invert_rows(scratch.root, scratch.forward, P, C)
             copy_vector(step[0, :6], points.increment[0])
             pose_kernels.retract(here, points.increment, points.pose)
             copy_matrix(points.pose[0], here[0])
@@ -148,20 +145,24 @@ def regress_modes(
 
 
 @part
-def _invert_rows(root: Floats2, rows: OutFloats2) -> None:
-    """The first rows (6, m) of the inverse of L L^T, by the root L (m, m) whose diagonal holds inverses."""
+def _invert_rows(root: Floats2, x: OutFloats1, P: OutFloats2, C: OutFloats2) -> None:
+    """The first six rows P, C of the inverse of L L^T, by the root L (m, m) whose diagonal holds inverses; x is spare."""
     m = root.shape[0]
     for c in range(6):
         for i in range(m):
             s = 1.0 if i == c else 0.0
             for k in range(c, i):
-                s -= root[i, k] * rows[c, k]
-            rows[c, i] = s * root[i, i]
+                s -= root[i, k] * x[k]
+            x[i] = s * root[i, i]
         for i in range(m - 1, -1, -1):
-            s = rows[c, i]
+            s = x[i]
             for k in range(i + 1, m):
-                s -= root[k, i] * rows[c, k]
-            rows[c, i] = s * root[i, i]
+                s -= root[k, i] * x[k]
+            x[i] = s * root[i, i]
+        for i in range(6, m):
+            C[c, i - 6] = x[i]
+        for i in range(c + 1):
+            P[c, i] = P[i, c] = x[i]
 
 
 @part

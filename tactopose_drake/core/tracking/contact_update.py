@@ -51,13 +51,11 @@ from tactopose_drake.core.kernels.refinement_kernels import refine_modes
 from tactopose_drake.core.kernels.regression_kernels import Regression, regress_modes
 from tactopose_drake.core.kernels.sigma_point_kernels import RegressionSettings
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
-from tactopose_drake.core.posterior.hypotheses import determined_part, free_directions, increments_of_one_metre
-from tactopose_drake.core.posterior.posterior_params import ModeParams
+from tactopose_drake.core.posterior.hypotheses import increments_of_one_metre
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking import gain_kernels
 from tactopose_drake.core.tracking.contact_errors import BiasModel, lasting_excess, new_variances
 from tactopose_drake.core.tracking.frame import ContactReading, told_variances
-from tactopose_drake.core.tracking.slip_detection import contact_rows_at, information_of
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tactopose_drake.core.validation import FloatArray
@@ -97,34 +95,32 @@ def update_with_contacts(
         modes: as they are predicted.
         X_start: where to start from, shape (n, 3, 4), where that is not the prediction.
     """
-    contacts, settings, bias = reading.contacts, params.contact_update, BiasModel.from_params(params)
-    count, size = len(modes), 6 + modes.cross_covariance.shape[2]
-    information = np.empty((count, size, size))
-    variances = bias.with_roughness(modes.roughness)
-    gain_kernels.invert_joint(modes.covariance, modes.cross_covariance, variances, information)
+    contacts, settings, count = reading.contacts, params.contact_update, len(modes)
+    priors = _make_priors(modes, BiasModel.from_params(params).with_roughness(modes.roughness))
     told = SurfaceContact(model.grid, contacts)
     weights = 1.0 / np.sqrt(new_variances(contacts, params).T)
     weights[1] *= contacts.n_PC is not None
     arrays = ContactArrays(told.touch.p, told.touch.n, *map(read_only, weights), read_only(reading.source))
-    priors = ModePriors(read_only(modes.X_PO), read_only(information))
-    X_PO, hessian = np.array(modes.X_PO if X_start is None else X_start), np.empty((count, size, size))
+    X_PO, hessian = np.array(modes.X_PO if X_start is None else X_start), np.empty(priors.information.shape)
     refine_modes(told.grid, arrays, priors, X_PO, settings.max_iterations, settings.tolerance, hessian)
     # A frame tells little that is new: what holds over the prediction's whole spread, not about the minimum alone.
-    spread = np.zeros((count, 6, size))
-    spread[:, :, :6] = modes.covariance if X_start is None else np.linalg.inv(hessian)[:, :6, :6]
-    regression = Regression(hessian, np.zeros((count, len(contacts), 2)), spread)
+    spread = np.array(modes.covariance if X_start is None else np.linalg.inv(hessian)[:, :6, :6])
+    roughness = np.zeros((count, len(contacts), 2))
+    regression = Regression(hessian, roughness, spread, np.empty_like(modes.cross_covariance))
     X_minimum = X_PO.copy()
     regress_modes(told.grid, arrays, priors, _regression_settings(params, model.size), X_PO, regression)
     cost = told.cost(np.concatenate([X_minimum, X_PO]))
     is_beside = cost[count:] > cost[:count] + settings.as_good
     X_PO[is_beside] = X_minimum[is_beside]
-    P = regression.covariance[:, :, :6]
-    return ContactUpdate(
-        X_PO,
-        0.5 * (P + np.swapaxes(P, 1, 2)),
-        np.ascontiguousarray(regression.covariance[:, :, 6:]),
-        regression.roughness,
-    )
+    return ContactUpdate(X_PO, spread, regression.cross_covariance, roughness)
+
+
+def _make_priors(modes: TrackedModes, variances: FloatArray) -> ModePriors:
+    """The joint Gaussians of modes and of biases with these variances (n, 6 s)."""
+    count, size = len(modes), 6 + variances.shape[1]
+    information = np.empty((count, size, size))
+    gain_kernels.invert_joint(modes.covariance, modes.cross_covariance, variances, information)
+    return ModePriors(read_only(modes.X_PO), read_only(information))
 
 
 def update_modes(
@@ -143,11 +139,9 @@ def update_modes(
     first = min(int(count), params.mixture.max_updated)
     forgotten = min(1.0, duration / params.forgetting.time)
     predicted = modes.chosen(slice(first))
-    rows = contact_rows_at(model, reading, predicted.X_PO)[1]
-    information = information_of(rows, rows)
+    information, most = touch_information(model, params, reading, predicted)
     forgetful = forget(information, predicted, forgotten, params.forgetting.half_information)
     update = update_with_contacts(model, params, reading, forgetful)
-    most = most_information(params, reading, predicted, rows)
     covariance = limit_gain(forgetful.covariance, most, update.covariance)
     covariance = only_as_told(model, params, information, predicted.covariance, covariance)
     updated = dataclasses.replace(
@@ -172,24 +166,26 @@ def forget(information: FloatArray, modes: TrackedModes, forgotten: float, half_
     return dataclasses.replace(modes, covariance=modes.covariance + forgotten * (modes.covariance - left))
 
 
-def most_information(
-    params: PoseTrackerParams, reading: ContactReading, modes: TrackedModes, rows: FloatArray
-) -> FloatArray:
-    """What the touch tells of the modes when only what lasts of its errors is left, shape (n, 6, 6).
+def touch_information(
+    model: ObjectModel, params: PoseTrackerParams, reading: ContactReading, modes: TrackedModes
+) -> tuple[FloatArray, FloatArray]:
+    """What the touch tells of the modes, and what it tells when only what lasts of its errors is left, (n, 6, 6) each.
 
     As in a keyframe, what is new at each time averages out over some frames, and not further: contacts roll on.
 
     Args:
+        model: the object.
         params: what is assumed.
         reading: what is touched.
         modes: as they are predicted.
-        rows: the derivatives (n, k, 4, 6) of the contacts' residuals there, in their standard deviations.
     """
     contacts = reading.contacts
     lasting = BiasModel.from_params(params).variances + modes.roughness[:, reading.source]
     variances = lasting + new_variances(contacts, params) / params.window.max_frames
-    weighted = rows * (told_variances(contacts) / variances)[..., [0, 1, 1, 1], None]
-    return information_of(weighted, rows)
+    jacobian = SurfaceContact(model.grid, contacts).rows_of_contacts(modes.X_PO)[1]
+    now, most = np.empty_like(modes.covariance), np.empty_like(modes.covariance)
+    gain_kernels.inform(jacobian, told_variances(contacts) / variances, now, most)
+    return now, most
 
 
 def limit_gain(before: FloatArray, most: FloatArray, after: FloatArray) -> FloatArray:
@@ -222,14 +218,8 @@ def only_as_told(
         before: covariances, shape (n, 6, 6).
         after: likewise.
     """
-    share, told = ModeParams(free_share=params.untold_share), after.copy()
-    for i, rows in enumerate(free_directions(information, model.size, params=share)):
-        if len(rows):
-            roots = np.linalg.cholesky(np.stack([before[i], after[i]])).swapaxes(1, 2)
-            untold = (roots - determined_part(roots, rows, model.size)) / increments_of_one_metre(model.size)
-            values, vectors = np.linalg.eigh(untold[0].T @ untold[0] - untold[1].T @ untold[1])
-            lost = (vectors.T * np.sqrt(np.maximum(values, 0.0))[:, None]) * increments_of_one_metre(model.size)
-            told[i] += lost.T @ lost
+    told, least = np.array(after), 1.0 / (params.untold_share * model.size) ** 2
+    gain_kernels.widen_untold(information, increments_of_one_metre(model.size), least, before, told)
     return told
 
 
@@ -241,12 +231,10 @@ def follow_roughness(
     A bias is the sum of the hand's and the surface's. Where the latter's variance grows, the pose knows nothing of what
     is added. Where the sum's falls from T to t, of the bias a share t / T is expected to be left.
     """
-    variances = BiasModel.from_params(params).variances
-    after = modes.roughness.copy()
-    now = roughness + lasting_excess(reading, params)
-    after[:, reading.source] += params.contact_update.roughness_gain * (now - after[:, reading.source])
-    left = np.minimum(1.0, (variances + after) / (variances + modes.roughness))
-    cross = modes.cross_covariance * np.repeat(left, 3, axis=2).reshape(len(modes), 1, -1)
+    after, cross = modes.roughness.copy(), modes.cross_covariance.copy()
+    lasting, variances = lasting_excess(reading, params), BiasModel.from_params(params).variances
+    gain = params.contact_update.roughness_gain
+    gain_kernels.follow_roughness(roughness, lasting, reading.source, variances, gain, after, cross)
     return dataclasses.replace(modes, cross_covariance=cross, roughness=after)
 
 

@@ -2,9 +2,35 @@
 
 import numpy as np
 
-from tactopose_drake.core.compilation import Floats2, Floats3, OutFloats3, kernel
+from tactopose_drake.core.compilation import Floats1, Floats2, Floats3, Floats4, Longs1, OutFloats3, kernel
 from tactopose_drake.core.kernels.linear_system_kernels import invert_columns
 from tactopose_drake.core.kernels.matrix_kernels import cholesky, diagonalize, multiply, solve_transposed, transform
+
+
+@kernel
+def inform(jacobian: Floats4, share: Floats3, information: OutFloats3, weighted: OutFloats3) -> None:
+    """What k contacts tell of n poses, by tangents, and what they tell where each row counts by a share.
+
+    Args:
+        jacobian: of the contacts' rows, whitened, shape (n, k, 5, 6), of which the last row is none; see
+            `surface_contact_kernels.contact_rows`.
+        share: of the distances' and of the normals' information, shape (n, k, 2).
+        information: written, shape (n, 6, 6).
+        weighted: likewise.
+    """
+    for b in range(jacobian.shape[0]):
+        for i in range(6):
+            for j in range(i + 1):
+                full, part = 0.0, 0.0
+                for c in range(jacobian.shape[1]):
+                    distance = jacobian[b, c, 0, i] * jacobian[b, c, 0, j]
+                    normal = 0.0
+                    for r in range(1, 4):
+                        normal += jacobian[b, c, r, i] * jacobian[b, c, r, j]
+                    full += distance + normal
+                    part += share[b, c, 0] * distance + share[b, c, 1] * normal
+                information[b, i, j] = information[b, j, i] = full
+                weighted[b, i, j] = weighted[b, j, i] = part
 
 
 @kernel
@@ -79,3 +105,70 @@ def bound_covariances(before: Floats3, most: Floats3, after: OutFloats3) -> None
                 for k in range(6):
                     s += max(values[k], 1.0) * work[k, i] * work[k, j]
                 after[b, i, j] = after[b, j, i] = s
+
+
+@kernel
+def widen_untold(information: Floats3, units: Floats1, least: float, before: Floats3, after: OutFloats3) -> None:
+    """Gives back what an update took where the touch tells nothing; see `contact_update.only_as_told`.
+
+    Args:
+        information: what it tells, shape (n, 6, 6).
+        units: the increments that move the object's surface by a metre, shape (6,).
+        least: along increments of these it tells nothing where the information is below that, 1/m^2.
+        before: covariances, shape (n, 6, 6).
+        after: likewise; written.
+    """
+    A, values, rows = np.empty((6, 6)), np.empty(6), np.empty((6, 6))
+    untold, work, lost = np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6))
+    for b in range(information.shape[0]):
+        for i in range(6):
+            for j in range(6):
+                A[i, j] = units[i] * information[b, i, j] * units[j]
+        diagonalize(A, values, rows)
+        if min(values) >= least:
+            continue
+        for i in range(6):
+            for j in range(6):
+                untold[i, j] = 0.0
+                for k in range(6):
+                    untold[i, j] += rows[k, i] * rows[k, j] if values[k] < least else 0.0
+                lost[i, j] = (before[b, i, j] - after[b, i, j]) / (units[i] * units[j])
+        transform(untold, lost, work, A)
+        diagonalize(A, values, rows)
+        for i in range(6):
+            for j in range(6):
+                for k in range(6):
+                    after[b, i, j] += max(values[k], 0.0) * rows[k, i] * rows[k, j] * units[i] * units[j]
+
+
+@kernel
+def follow_roughness(
+    now: Floats3,
+    lasting: Floats2,
+    source: Longs1,
+    variances: Floats1,
+    gain: float,
+    roughness: OutFloats3,
+    C: OutFloats3,
+) -> None:
+    """Roughness by source, and the covariances with the biases; see `contact_update.follow_roughness`.
+
+    Args:
+        now: roughness that is seen of k contacts, shape (n, k, 2).
+        lasting: what lasts of their errors otherwise, shape (k, 2).
+        source: of each, shape (k,).
+        variances: of a bias of the position and of the normal beside these, shape (2,).
+        gain: by which the roughness follows.
+        roughness: of s sources, shape (n, s, 2); written.
+        C: shape (n, 6, 6 s); written.
+    """
+    for b in range(now.shape[0]):
+        for i in range(source.shape[0]):
+            s = source[i]
+            for k in range(2):
+                before = variances[k] + roughness[b, s, k]
+                roughness[b, s, k] += gain * (now[b, i, k] + lasting[i, k] - roughness[b, s, k])
+                left = min(1.0, (variances[k] + roughness[b, s, k]) / before)
+                for a in range(6):
+                    for c in range(3):
+                        C[b, a, 6 * s + 3 * k + c] *= left

@@ -148,12 +148,6 @@ def contact_rows_at(model: ObjectModel, reading: ContactReading, X_PO: FloatArra
     return residuals[..., :_ROWS], jacobian[..., :_ROWS, :]
 
 
-def information_of(weighted: FloatArray, rows: FloatArray) -> FloatArray:
-    """The information (n, 6, 6) of derivatives (n, k, 4, 6), of which one factor is weighted."""
-    shape = len(rows), -1, 6
-    return np.asarray(np.swapaxes(weighted.reshape(shape), 1, 2) @ rows.reshape(shape))
-
-
 def _explained(J: FloatArray, weight: FloatArray, difference: FloatArray, error: FloatArray) -> float:
     """How much a motion explains of differences (m,).
 

@@ -15,11 +15,10 @@ from tactopose_drake.core.tracking.contact_update import (
     follow_roughness,
     forget,
     limit_gain,
-    most_information,
     only_as_told,
+    touch_information,
     update_modes,
 )
-from tactopose_drake.core.tracking.slip_detection import contact_rows_at
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import ForgettingParams, PoseTrackerParams
 from tests.core.tracking.boxes import SIGMA_NORMAL, SIGMA_POSITION, make_box, n_OC, p_OC, read, touch
@@ -89,9 +88,9 @@ def test_an_update_makes_a_mode_no_surer_than_it_was_or_than_the_touch_can(box: 
     contacts = Contacts(face, np.tile(n_OC[0], (3, 1)), sigma_position=SIGMA_POSITION, sigma_normal=SIGMA_NORMAL)
     params, modes = PoseTrackerParams(), make_modes(np.diag(np.repeat([0.2**2, 0.02**2], 3))[None])
     reading = read(contacts, np.arange(3))
-    rows = contact_rows_at(box, reading, modes.X_PO)[1]
-    most, before = most_information(params, reading, modes, rows), modes.covariance
-    one_frame = told(box, contacts, 1)[0]
+    (one_frame,), most = touch_information(box, params, reading, modes)
+    np.testing.assert_allclose(one_frame, told(box, contacts, 1)[0], rtol=0.01, atol=0.01 * one_frame.max())
+    before = modes.covariance
     open_ones, felt = [0, 4, 5], [1, 2, 3]  # the turn about the face's normal, slides along it; the others
     # Of what is told more than half lasts: however many frames are averaged, they do not tell three times as much.
     gain = np.diag(most[0])[felt] / np.diag(one_frame)[felt]
