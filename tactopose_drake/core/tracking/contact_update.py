@@ -101,12 +101,13 @@ def update_with_contacts(
     weights = 1.0 / np.sqrt(new_variances(contacts, params).T)
     weights[1] *= contacts.n_PC is not None
     arrays = ContactArrays(told.touch.p, told.touch.n, *map(read_only, weights), read_only(reading.source))
-    X_PO, hessian = np.array(modes.X_PO if X_start is None else X_start), np.empty(priors.information.shape)
+    X_PO = np.array(modes.X_PO if X_start is None else X_start, order="C")
+    hessian = np.empty(priors.information.shape)
     refine_modes(told.grid, arrays, priors, X_PO, settings.max_iterations, settings.tolerance, hessian)
     # A frame tells little that is new: what holds over the prediction's whole spread, not about the minimum alone.
-    spread = np.array(modes.covariance if X_start is None else np.linalg.inv(hessian)[:, :6, :6])
+    spread = np.array(modes.covariance if X_start is None else np.linalg.inv(hessian)[:, :6, :6], order="C")
     roughness = np.zeros((count, len(contacts), 2))
-    regression = Regression(hessian, roughness, spread, np.empty_like(modes.cross_covariance))
+    regression = Regression(hessian, roughness, spread, np.empty(modes.cross_covariance.shape))
     X_minimum = X_PO.copy()
     regress_modes(told.grid, arrays, priors, _regression_settings(params, model.size), X_PO, regression)
     cost = told.cost(np.concatenate([X_minimum, X_PO]))
@@ -119,7 +120,8 @@ def _make_priors(modes: TrackedModes, variances: FloatArray) -> ModePriors:
     """The joint Gaussians of modes and of biases with these variances (n, 6 s)."""
     count, size = len(modes), 6 + variances.shape[1]
     information = np.empty((count, size, size))
-    gain_kernels.invert_joint(modes.covariance, modes.cross_covariance, variances, information)
+    P, C = np.ascontiguousarray(modes.covariance), np.ascontiguousarray(modes.cross_covariance)
+    gain_kernels.invert_joint(P, C, variances, information)
     return ModePriors(read_only(modes.X_PO), read_only(information))
 
 
@@ -183,8 +185,8 @@ def touch_information(
     lasting = BiasModel.from_params(params).variances + modes.roughness[:, reading.source]
     variances = lasting + new_variances(contacts, params) / params.window.max_frames
     jacobian = SurfaceContact(model.grid, contacts).rows_of_contacts(modes.X_PO)[1]
-    now, most = np.empty_like(modes.covariance), np.empty_like(modes.covariance)
-    gain_kernels.inform(jacobian, told_variances(contacts) / variances, now, most)
+    now, most = np.empty((2, len(modes), 6, 6))
+    gain_kernels.inform(jacobian, np.ascontiguousarray(told_variances(contacts) / variances), now, most)
     return now, most
 
 
@@ -198,8 +200,8 @@ def limit_gain(before: FloatArray, most: FloatArray, after: FloatArray) -> Float
         most: information of the touch, however often it is felt, shape (n, 6, 6).
         after: covariances that the update claims, shape (n, 6, 6).
     """
-    bounded = np.array(after)
-    gain_kernels.bound_covariances(before, most, bounded)
+    bounded = np.array(after, order="C")
+    gain_kernels.bound_covariances(np.ascontiguousarray(before), np.ascontiguousarray(most), bounded)
     return bounded
 
 
@@ -218,8 +220,9 @@ def only_as_told(
         before: covariances, shape (n, 6, 6).
         after: likewise.
     """
-    told, least = np.array(after), 1.0 / (params.untold_share * model.size) ** 2
-    gain_kernels.widen_untold(information, increments_of_one_metre(model.size), least, before, told)
+    told, least = np.array(after, order="C"), 1.0 / (params.untold_share * model.size) ** 2
+    units, before = increments_of_one_metre(model.size), np.ascontiguousarray(before)
+    gain_kernels.widen_untold(np.ascontiguousarray(information), units, least, before, told)
     return told
 
 
@@ -231,7 +234,7 @@ def follow_roughness(
     A bias is the sum of the hand's and the surface's. Where the latter's variance grows, the pose knows nothing of what
     is added. Where the sum's falls from T to t, of the bias a share t / T is expected to be left.
     """
-    after, cross = modes.roughness.copy(), modes.cross_covariance.copy()
+    after, cross = np.array(modes.roughness, order="C"), np.array(modes.cross_covariance, order="C")
     lasting, variances = lasting_excess(reading, params), BiasModel.from_params(params).variances
     gain = params.contact_update.roughness_gain
     gain_kernels.follow_roughness(roughness, lasting, reading.source, variances, gain, after, cross)
