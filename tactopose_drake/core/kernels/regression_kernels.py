@@ -146,7 +146,7 @@ def regress_modes(
 
 @part
 def _invert_rows(root: Floats2, x: OutFloats1, P: OutFloats2, C: OutFloats2) -> None:
-    """The first six rows P, C of the inverse of L L^T, by the root L (m, m) whose diagonal holds inverses; x is spare."""
+    """The first six rows P, C of (L L^T)^-1, by the root L (m, m) whose diagonal holds inverses; x (m,) is spare."""
     m = root.shape[0]
     for c in range(6):
         for i in range(m):

@@ -38,7 +38,6 @@ real-time identification, Automatica, 1987; [S66] S. Schmidt, Application of sta
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from typing import NamedTuple
 
@@ -51,6 +50,7 @@ from tactopose_drake.core.kernels.refinement_kernels import refine_modes
 from tactopose_drake.core.kernels.regression_kernels import Regression, regress_modes
 from tactopose_drake.core.kernels.sigma_point_kernels import RegressionSettings
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
+from tactopose_drake.core.plain_values import copied
 from tactopose_drake.core.posterior.hypotheses import increments_of_one_metre
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking import gain_kernels
@@ -146,9 +146,7 @@ def update_modes(
     update = update_with_contacts(model, params, reading, forgetful)
     covariance = limit_gain(forgetful.covariance, most, update.covariance)
     covariance = only_as_told(model, params, information, predicted.covariance, covariance)
-    updated = dataclasses.replace(
-        forgetful, X_PO=update.X_PO, covariance=covariance, cross_covariance=update.cross_covariance
-    )
+    updated = copied(forgetful, X_PO=update.X_PO, covariance=covariance, cross_covariance=update.cross_covariance)
     updated = follow_roughness(updated, reading, update.roughness, params)
     return updated if first == len(modes) else updated.joined(modes.chosen(slice(first, None)))
 
@@ -165,7 +163,7 @@ def forget(information: FloatArray, modes: TrackedModes, forgotten: float, half_
     # Along a direction of which it tells i over what is known, the growth is i / (i + h): all that an update by the
     # information over h takes away.
     left = inverses(inverses(modes.covariance)[0] + information / half_information)[0]
-    return dataclasses.replace(modes, covariance=modes.covariance + forgotten * (modes.covariance - left))
+    return copied(modes, covariance=modes.covariance + forgotten * (modes.covariance - left))
 
 
 def touch_information(
@@ -238,7 +236,7 @@ def follow_roughness(
     lasting, variances = lasting_excess(reading, params), BiasModel.from_params(params).variances
     gain = params.contact_update.roughness_gain
     gain_kernels.follow_roughness(roughness, lasting, reading.source, variances, gain, after, cross)
-    return dataclasses.replace(modes, cross_covariance=cross, roughness=after)
+    return copied(modes, cross_covariance=cross, roughness=after)
 
 
 def follow_lasting_errors(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import dataclasses
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
+from tactopose_drake.core.plain_values import copied
 from tactopose_drake.core.validation import LATEST, FloatArray, instance_of, limited, points_near, pose_matrix
 from tactopose_drake.errors import InvalidInputError
 
@@ -74,10 +74,7 @@ class PoseMeasurement:
             X_PO: the pose then, shape (3, 4).
             covariance: of the increment (w, v) from it, shape (6, 6), rad and m.
         """
-        moved = copy.copy(self)
-        for name, value in (("time", time), ("X_PO", X_PO), ("covariance", covariance)):
-            object.__setattr__(moved, name, value)
-        return moved
+        return copied(self, time=time, X_PO=X_PO, covariance=covariance)
 
     def as_prior(self) -> GaussianPrior:
         """A prior that is at least as wide in every direction of rotation and of translation."""

@@ -44,7 +44,13 @@ def invert_joint(P: Floats3, C: Floats3, variances: Floats2, information: OutFlo
         information: written.
     """
     m = C.shape[2]
-    left, work, A, gain, A_gain = np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6)), np.empty((6, m)), np.empty((6, m))
+    left, work, A, gain, A_gain = (
+        np.empty((6, 6)),
+        np.empty((6, 6)),
+        np.empty((6, 6)),
+        np.empty((6, m)),
+        np.empty((6, m)),
+    )
     for b in range(P.shape[0]):
         for i in range(6):
             for c in range(m):

@@ -26,6 +26,7 @@ import numpy as np
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.kernels.pose_kernels import retract
+from tactopose_drake.core.plain_values import copied
 from tactopose_drake.core.poses import compose, inverse, log_so3, skew
 from tactopose_drake.core.tracking import prediction_kernels
 from tactopose_drake.core.tracking.frame import PoseMeasurement
@@ -202,7 +203,7 @@ def predict_modes(modes: TrackedModes, motion: Motion, max_sigma_translation: fl
     for b in np.flatnonzero((covariance[:, range(6), range(6)] > limits).any(axis=1)):
         shrink = _shrink(covariance[b], limits)
         covariance[b], cross[b] = shrink @ covariance[b] @ shrink.T, shrink @ cross[b]
-    return dataclasses.replace(modes, X_PO=X_PO, covariance=covariance, cross_covariance=cross)
+    return copied(modes, X_PO=X_PO, covariance=covariance, cross_covariance=cross)
 
 
 def _shrink(covariance: FloatArray, limits: FloatArray) -> FloatArray:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import dataclasses
 import math
 from collections.abc import Mapping
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.kernels.matrix_kernels import inverses
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
-from tactopose_drake.core.plain_values import numbers
+from tactopose_drake.core.plain_values import copied, numbers
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.posterior.hypotheses import determined_rows, determined_variance, free_directions
 from tactopose_drake.core.posterior.plausibility import explain_touch
@@ -113,13 +112,6 @@ class PoseBelief:
     def __deepcopy__(self, memo: Any) -> PoseBelief:
         return self
 
-    def changed(self, **values: Any) -> PoseBelief:
-        """The belief with other values, by name; the update of a belief makes some, and each copies all."""
-        assert values.keys() <= self.__dict__.keys(), values.keys()
-        other = copy.copy(self)
-        other.__dict__.update(values)
-        return other
-
     @property
     def X_PO(self) -> FloatArray:
         """The modes' poses, shape (n, 3, 4)."""
@@ -171,13 +163,13 @@ def summarise(
     mixture = GaussianMixture(belief.modes.X_PO[order], weights[order], belief.modes.covariance[order])
     explains = explanation.of(mixture.X_PO) if has_contact else np.ones(len(mixture), dtype=np.bool_)
     explained_time = belief.time if has_contact and explains[:1].any() else belief.explained_time
-    belief = belief.changed(mixture=mixture, explains_touch=explains, explained_time=explained_time)
+    belief = copied(belief, mixture=mixture, explains_touch=explains, explained_time=explained_time)
     status, remarks = judge(belief, params, has_contact=has_contact)
     if status == "ok" and (reason := _left_open(model, params, belief, explanation.evidence)):
         status, remarks = "ambiguous", (reason,)
     if belief.vision.remark:
         remarks = (*remarks, belief.vision.remark)
-    return belief.changed(status=status, remarks=remarks)
+    return copied(belief, status=status, remarks=remarks)
 
 
 def _left_open(model: ObjectModel, params: PoseTrackerParams, belief: PoseBelief, evidence: Evidence) -> str:
@@ -193,7 +185,8 @@ def _left_open(model: ObjectModel, params: PoseTrackerParams, belief: PoseBelief
     X_PO, covariance = belief.X_PO[:1], belief.covariance[0]
     turns = continuous_turns(model.symmetries, X_PO[0])
     most_turn, most_free = math.radians(params.answer_turn_deg), DEFAULT_PARAMS.modes.free_share * model.size
-    if determined_variance(covariance, turns, model.size) < min(params.answer_distance, 0.5 * model.size * most_turn, most_free) ** 2:
+    widest = min(params.answer_distance, 0.5 * model.size * most_turn, most_free)
+    if determined_variance(covariance, turns, model.size) < widest**2:
         return ""  # No direction is wider than all of them together.
     free = free_directions(inverses(covariance[None])[0], model.size, known=[turns])[0]
     if len(free) > 1 + len(turns):

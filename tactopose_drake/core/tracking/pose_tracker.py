@@ -8,6 +8,7 @@ import numpy as np
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.kernel_library import make_kernels_ready
+from tactopose_drake.core.plain_values import copied
 from tactopose_drake.core.poses import increments_between
 from tactopose_drake.core.shape.free_spin import nearest_images
 from tactopose_drake.core.shape.object_model import ObjectModel
@@ -59,7 +60,7 @@ class PoseTracker:
         self._params = PoseTrackerParams() if params is None else params
         instance_of("params", self._params, PoseTrackerParams)
         self._params.validate()
-        self._model = model
+        self._model, self._plausibility = model, self._params.plausibility
         make_kernels_ready()
         model.make_ready(surest_position(self._params), _LEAST_SURE)
 
@@ -91,14 +92,14 @@ class PoseTracker:
         reading = as_doubted(read_contacts(frame, belief.sources, belief.p_PC, belief.errors), params)
         belief = self._predict(belief, frame, reading, duration)
         belief, is_outlier = see(self._model, belief, frame, reading, params.vision)
-        explanation = Explanation(self._model, reading.evidence, params.plausibility)
+        explanation = Explanation(self._model, reading.evidence, self._plausibility)
         if reading.is_new:
             belief = self._update_with_touch(belief, frame, reading, duration, explanation, is_outlier=is_outlier)
         elif reading.has_contact:
-            belief = belief.changed(touch_time=frame.time)
+            belief = copied(belief, touch_time=frame.time)
         belief = summarise(self._model, params, belief, explanation, has_contact=reading.has_contact)
         untouched = None if belief.explained_time == frame.time else untouched
-        return belief if untouched is belief.untouched else belief.changed(untouched=untouched)
+        return belief if untouched is belief.untouched else copied(belief, untouched=untouched)
 
     def _untouched(self, belief: PoseBelief, frame: Frame) -> PoseBelief | None:
         """What would be believed now without a touch that begins, or that nothing has explained since it did."""
@@ -121,7 +122,8 @@ class PoseTracker:
             history = history.followed_by(motion, frame.time, params.vision.max_age)
         modes = belief.modes.with_sources(len(reading.sources))
         was_taken = not reading.has_contact and -np.inf < belief.touch_time < frame.time - params.lost_time
-        return belief.changed(
+        return copied(
+            belief,
             time=frame.time,
             history=history,
             search=belief.search.moved(motion),
@@ -170,7 +172,8 @@ class PoseTracker:
         slips = slips or gives_way or belief.slip_time == time
         test = test.restarted() if slips else test
         now = Keyframe.of_now(reading, frame.sources)
-        belief = belief.changed(
+        belief = copied(
+            belief,
             modes=modes,
             slip_test=test,
             force_test=force_test,
@@ -183,14 +186,15 @@ class PoseTracker:
         unsettled_time = time if is_new else belief.unsettled_time
         is_urgent = slips or is_outlier or not explained or time < unsettled_time + params.settling_time
         if slips or is_outlier or is_new:
-            belief = belief.changed(search=belief.search._replace(agreeing=0))
+            belief = copied(belief, search=belief.search._replace(agreeing=0))
         belief = self._search(belief, frame, reading, is_urgent=is_urgent)
         modes, test = belief.modes, belief.slip_test
         if len(modes):
             modes = modes.pruned(params.mixture)
             if not len(X_best) or self._has_moved(X_best, modes.X_PO[:1]):
                 unsettled_time, test = time, test.restarted()
-        return belief.changed(
+        return copied(
+            belief,
             modes=modes,
             slip_test=test,
             unsettled_time=unsettled_time,
@@ -208,7 +212,7 @@ class PoseTracker:
         assert frame.sources is not None
         touch = Touch(frame.evidence, reading, make_window(belief.keyframes, params.window), belief.standing)
         search, weighed = search_on(self._model, params, touch, belief.modes, search)
-        belief = belief.changed(search=search)
+        belief = copied(belief, search=search)
         if weighed is None:
             return belief
         share = max(1.0 / (1.0 + search.agreeing), params.relocalisation.least_share)
@@ -219,7 +223,7 @@ class PoseTracker:
         modes = follow_lasting_errors(belief.modes, reading, after, params)
         modes = relocalise(self._model, params, touch._replace(reading=after), modes, weighed.modes, share)
         search = search._replace(agreeing=search.agreeing + 1)
-        return belief.changed(modes=modes, errors=errors, search=search)
+        return copied(belief, modes=modes, errors=errors, search=search)
 
     def _follow_errors(self, belief: PoseBelief, reading: ContactReading) -> SeemingErrors:
         """How large the calibration's errors seem to the best mode, if there is one, after the touch."""

@@ -90,7 +90,9 @@ def carry(
         X: poses, shape (n, 3, 4).
         P: covariances of increments from them, shape (n, 6, 6).
         C: of the increments with what else there is, shape (n, 6, m).
-        X_after, P_after, C_after: written, likewise.
+        X_after: the poses after, written.
+        P_after: likewise.
+        C_after: likewise.
     """
     turn, arm, work, more = np.zeros((6, 6)), np.zeros((6, 6)), np.empty((6, 6)), np.empty((6, 6))
     for a in range(3):

@@ -106,7 +106,9 @@ def detect_slip(
     )
     noise = np.array(test.noise)
     history = np.empty((min(len(test.residuals) + 1, params.max_frames), len(reading.sources), _ROWS))
-    slip_kernels.follow_residuals(test.residuals, np.ascontiguousarray(residuals), reading.source, rough, rule, noise, history, comparison)
+    slip_kernels.follow_residuals(
+        test.residuals, np.ascontiguousarray(residuals), reading.source, rough, rule, noise, history, comparison
+    )
     slips = _has_slipped(params, comparison, jacobian[0], reading, change)
     return SlipTest(history, (float(noise[0]), float(noise[1])), change.X_PO), slips
 

@@ -7,10 +7,22 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactopose_drake.core.compilation import Floats1, Floats2, Floats3, Longs1, OutFloats1, OutFloats2, OutFloats3, OutLongs1, kernel, part
+from tactopose_drake.core.compilation import (
+    Floats1,
+    Floats2,
+    Floats3,
+    Longs1,
+    OutFloats1,
+    OutFloats2,
+    OutFloats3,
+    OutLongs1,
+    kernel,
+    part,
+)
 from tactopose_drake.core.kernels.matrix_kernels import cholesky, solve
 
 LEAST_VARIANCE = 1e-12
+
 
 @kernel
 def follow_displacements(
