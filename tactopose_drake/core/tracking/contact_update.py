@@ -54,8 +54,8 @@ from tactopose_drake.core.plain_values import copied
 from tactopose_drake.core.posterior.hypotheses import increments_of_one_metre
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking import gain_kernels
-from tactopose_drake.core.tracking.contact_errors import BiasModel, lasting_excess, new_variances
-from tactopose_drake.core.tracking.frame import ContactReading, told_variances
+from tactopose_drake.core.tracking.contact_errors import BiasModel
+from tactopose_drake.core.tracking.frame import ContactReading
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tactopose_drake.core.validation import FloatArray
@@ -98,7 +98,7 @@ def update_with_contacts(
     contacts, settings, count = reading.contacts, params.contact_update, len(modes)
     priors = _make_priors(modes, BiasModel.from_params(params).with_roughness(modes.roughness))
     told = SurfaceContact(model.grid, contacts)
-    weights = 1.0 / np.sqrt(new_variances(contacts, params).T)
+    weights = 1.0 / np.sqrt(reading.parts.new.T)
     weights[1] *= contacts.n_PC is not None
     arrays = ContactArrays(told.touch.p, told.touch.n, *map(read_only, weights), read_only(reading.source))
     X_PO = np.array(modes.X_PO if X_start is None else X_start, order="C")
@@ -181,10 +181,10 @@ def touch_information(
     """
     contacts = reading.contacts
     lasting = BiasModel.from_params(params).variances + modes.roughness[:, reading.source]
-    variances = lasting + new_variances(contacts, params) / params.window.max_frames
+    variances = lasting + reading.parts.new / params.window.max_frames
     jacobian = SurfaceContact(model.grid, contacts).rows_of_contacts(modes.X_PO)[1]
     now, most = np.empty((2, len(modes), 6, 6))
-    gain_kernels.inform(jacobian, np.ascontiguousarray(told_variances(contacts) / variances), now, most)
+    gain_kernels.inform(jacobian, np.ascontiguousarray(reading.parts.told / variances), now, most)
     return now, most
 
 
@@ -233,9 +233,8 @@ def follow_roughness(
     is added. Where the sum's falls from T to t, of the bias a share t / T is expected to be left.
     """
     after, cross = np.array(modes.roughness, order="C"), np.array(modes.cross_covariance, order="C")
-    lasting, variances = lasting_excess(reading, params), BiasModel.from_params(params).variances
-    gain = params.contact_update.roughness_gain
-    gain_kernels.follow_roughness(roughness, lasting, reading.source, variances, gain, after, cross)
+    variances, gain = BiasModel.from_params(params).variances, params.contact_update.roughness_gain
+    gain_kernels.follow_roughness(roughness, reading.parts.excess, reading.source, variances, gain, after, cross)
     return copied(modes, cross_covariance=cross, roughness=after)
 
 
@@ -244,8 +243,8 @@ def follow_lasting_errors(
 ) -> TrackedModes:
     """The modes when what lasts of the contacts' errors is found to be larger or smaller than it was taken for."""
     roughness = modes.roughness.copy()
-    least = lasting_excess(after, params)
-    changed = roughness[:, after.source] + least - lasting_excess(before, params)
+    least = after.parts.excess
+    changed = roughness[:, after.source] + least - before.parts.excess
     roughness[:, after.source] = np.maximum(changed, least)
     return modes.with_roughness(roughness, BiasModel.from_params(params).variances)
 

@@ -51,8 +51,15 @@ class Keyframe:
     @classmethod
     def of_now(cls, reading: ContactReading, sources: tuple[str, ...]) -> "Keyframe":
         """A touch of this time, by its sources."""
-        contacts, variances = reading.contacts, told_variances(reading.evidence.touch)
-        return cls(contacts.p_PC, contacts.n_PC, variances, sources, np.eye(3, 4), np.zeros((6, 6)))
+        contacts = reading.contacts
+        return cls(
+            contacts.p_PC,
+            contacts.n_PC,
+            told_variances(reading.evidence.touch),
+            sources,
+            np.eye(3, 4),
+            np.zeros((6, 6)),
+        )
 
     @functools.cached_property
     def points(self) -> FloatArray:

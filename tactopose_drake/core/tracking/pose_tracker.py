@@ -17,10 +17,12 @@ from tactopose_drake.core.tracking.contact_errors import (
     estimate_scale,
     follow_doubt,
     follow_scale,
+    read_contacts,
     surest_position,
+    with_errors,
 )
 from tactopose_drake.core.tracking.contact_update import follow_lasting_errors, update_modes
-from tactopose_drake.core.tracking.frame import ContactReading, Frame, SeemingErrors, read_contacts
+from tactopose_drake.core.tracking.frame import ContactReading, Frame, SeemingErrors
 from tactopose_drake.core.tracking.keyframes import Keyframe, Touch, follow_touch, make_window, move_keyframes
 from tactopose_drake.core.tracking.motion_prediction import (
     Motion,
@@ -89,7 +91,8 @@ class PoseTracker:
             # A touch that no pose has explained and that is gone was none: fingers that start to move feel inertia.
             belief = belief.untouched
         untouched = self._untouched(belief, frame)
-        reading = as_doubted(read_contacts(frame, belief.sources, belief.p_PC, belief.errors), params)
+        reading = read_contacts(frame, belief.sources, belief.p_PC, belief.errors, params)
+        reading = as_doubted(reading, params)
         belief = self._predict(belief, frame, reading, duration)
         belief, is_outlier = see(self._model, belief, frame, reading, params.vision)
         explanation = Explanation(self._model, reading.evidence, self._plausibility)
@@ -219,7 +222,7 @@ class PoseTracker:
         errors = self._follow_errors(belief, reading)
         doubt = follow_doubt(errors.doubt, weighed.inlier_probability, weighed.noise_scale, frame.sources, share)
         errors = errors._replace(doubt=doubt)
-        after = reading._replace(doubt=errors.doubts_of(frame.sources), calibration=errors.calibration)
+        after = with_errors(reading, errors.doubts_of(frame.sources), errors.calibration, params)
         modes = follow_lasting_errors(belief.modes, reading, after, params)
         modes = relocalise(self._model, params, touch._replace(reading=after), modes, weighed.modes, share)
         search = search._replace(agreeing=search.agreeing + 1)

@@ -30,7 +30,7 @@ from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking import slip_kernels
-from tactopose_drake.core.tracking.frame import ContactReading, told_variances
+from tactopose_drake.core.tracking.frame import ContactReading
 from tactopose_drake.core.tracking.motion_prediction import Motion, error_of_motion
 from tactopose_drake.core.tracking.tracker_params import ForceTestParams, SlipParams
 from tactopose_drake.core.validation import FloatArray
@@ -92,7 +92,7 @@ def detect_slip(
     """
     X_before = change.X_PO if test.X_PO is None else test.X_PO
     residuals, jacobian = contact_rows_at(model, reading, np.stack([X_before, change.X_PO]))
-    rough = params.rough_share * np.maximum(change.roughness[reading.source], 0.0) / told_variances(reading.contacts)
+    rough = params.rough_share * np.maximum(change.roughness[reading.source], 0.0) / reading.parts.told
     count = len(reading.contacts)
     comparison = slip_kernels.Comparison(
         read_only(np.array([params.few_frames, params.many_frames])),

@@ -10,8 +10,9 @@ from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.poses import exp_so3
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.tracking.contact_errors import split_errors
 from tactopose_drake.core.tracking.frame import ContactReading
-from tactopose_drake.core.tracking.tracker_params import MotionNoise
+from tactopose_drake.core.tracking.tracker_params import MotionNoise, PoseTrackerParams
 
 SIGMA_POSITION, SIGMA_NORMAL = 0.0009, math.radians(5.0)
 p_OC = np.array(
@@ -57,4 +58,6 @@ def read(
 ) -> ContactReading:
     """New contacts of some sources, of which none is doubted."""
     source = np.arange(len(contacts)) if source is None else source
-    return ContactReading(contacts, source, sources, True, np.ones(len(contacts)), np.ones(2), Evidence(contacts))
+    doubt, calibration = np.ones(len(contacts)), np.ones(2)
+    parts = split_errors(contacts, doubt, calibration, PoseTrackerParams())
+    return ContactReading(contacts, source, sources, True, doubt, calibration, Evidence(contacts), parts)

@@ -10,7 +10,7 @@ from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.poses import retract
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.tracking.contact_errors import as_doubted, averaged_variances, lasting_excess
+from tactopose_drake.core.tracking.contact_errors import as_doubted, averaged_variances, with_errors
 from tactopose_drake.core.tracking.contact_update import (
     follow_roughness,
     forget,
@@ -192,15 +192,15 @@ def test_modes_that_hardly_count_wait_for_a_search(box: ObjectModel) -> None:
 
 def test_a_doubted_finger_counts_for_less_and_so_does_what_a_hand_declares(box: ObjectModel) -> None:
     contacts, params = touch(X_PO, np.random.default_rng(0)), PoseTrackerParams()
-    doubted = read(contacts)._replace(doubt=np.array([16.0, 1, 1, 1, 1, 1]))
+    doubted = with_errors(read(contacts), np.array([16.0, 1, 1, 1, 1, 1]), np.ones(2), params)
     mean = averaged_variances(contacts, params, params.window.max_frames)[0]
-    np.testing.assert_allclose(lasting_excess(doubted, params)[0], 15.0 * mean)
+    np.testing.assert_allclose(doubted.parts.excess[0], 15.0 * mean)
     seems = as_doubted(doubted, params).evidence.contacts
     np.testing.assert_allclose(seems.sigma_position[:2] ** 2, SIGMA_POSITION**2 + np.array([15.0 * mean[0], 0.0]))
     assert as_doubted(read(contacts), params).evidence.contacts is contacts
-    np.testing.assert_array_equal(lasting_excess(doubted, params)[1:], np.zeros((5, 2)))
+    np.testing.assert_array_equal(doubted.parts.excess[1:], np.zeros((5, 2)))
     declared = Contacts(contacts.p_PC, contacts.n_PC, covariance=np.tile(np.diag([4e-6] * 3 + [0.04] * 3), (6, 1, 1)))
-    excess = lasting_excess(read(declared), params)
+    excess = read(declared).parts.excess
     sensors = np.square([params.frame_position, math.radians(params.frame_normal_deg)])
     hand = np.square([params.calibration_position, math.radians(params.calibration_normal_deg)])
     np.testing.assert_allclose(excess, np.tile([4e-6, 0.04] - sensors - hand, (6, 1)), rtol=1e-9)
