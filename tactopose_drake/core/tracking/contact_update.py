@@ -45,7 +45,7 @@ import numpy as np
 
 from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.kernels.joint_state_kernels import ContactArrays, ModePriors
-from tactopose_drake.core.kernels.matrix_kernels import inverses
+from tactopose_drake.core.kernels.matrix_kernels import eigenpairs, inverses
 from tactopose_drake.core.kernels.refinement_kernels import refine_modes
 from tactopose_drake.core.kernels.regression_kernels import Regression, regress_modes
 from tactopose_drake.core.kernels.sigma_point_kernels import RegressionSettings
@@ -100,7 +100,8 @@ def update_with_contacts(
     told = SurfaceContact(model.grid, contacts)
     weights = 1.0 / np.sqrt(reading.parts.new.T)
     weights[1] *= contacts.n_PC is not None
-    arrays = ContactArrays(told.touch.p, told.touch.n, *map(read_only, weights), read_only(reading.source))
+    weight_p, weight_n, source = map(read_only, (*weights, reading.source))
+    arrays = ContactArrays(told.touch.p, told.touch.n, weight_p, weight_n, source)
     X_PO = np.array(modes.X_PO if X_start is None else X_start, order="C")
     hessian = np.empty(priors.information.shape)
     refine_modes(told.grid, arrays, priors, X_PO, settings.max_iterations, settings.tolerance, hessian)
@@ -120,8 +121,10 @@ def _make_priors(modes: TrackedModes, variances: FloatArray) -> ModePriors:
     """The joint Gaussians of modes and of biases with these variances (n, 6 s)."""
     count, size = len(modes), 6 + variances.shape[1]
     information = np.empty((count, size, size))
-    P, C = np.ascontiguousarray(modes.covariance), np.ascontiguousarray(modes.cross_covariance)
-    gain_kernels.invert_joint(P, C, variances, information)
+    gain = np.ascontiguousarray(modes.cross_covariance / variances[:, None])
+    left = modes.covariance - gain @ np.swapaxes(modes.cross_covariance, 1, 2)
+    A = np.asarray(np.linalg.inv(left), dtype=np.float64)
+    gain_kernels.join_information(A, gain, variances, information)
     return ModePriors(read_only(modes.X_PO), read_only(information))
 
 
@@ -218,10 +221,15 @@ def only_as_told(
         before: covariances, shape (n, 6, 6).
         after: likewise.
     """
-    told, least = np.array(after, order="C"), 1.0 / (params.untold_share * model.size) ** 2
-    units, before = increments_of_one_metre(model.size), np.ascontiguousarray(before)
-    gain_kernels.widen_untold(np.ascontiguousarray(information), units, least, before, told)
-    return told
+    units, least = increments_of_one_metre(model.size), 1.0 / (params.untold_share * model.size) ** 2
+    squares = np.outer(units, units)
+    values, rows = eigenpairs(information * squares)
+    if values.min() >= least:
+        return after
+    free = rows * (values < least)[..., None]
+    untold = np.swapaxes(free, 1, 2) @ free
+    lost, rows = eigenpairs(untold @ ((before - after) / squares) @ untold)
+    return after + np.swapaxes(rows, 1, 2) @ (np.maximum(lost, 0.0)[..., None] * rows) * squares
 
 
 def follow_roughness(

@@ -3,7 +3,6 @@
 import numpy as np
 
 from tactopose_drake.core.compilation import Floats1, Floats2, Floats3, Floats4, Longs1, OutFloats3, kernel
-from tactopose_drake.core.kernels.linear_system_kernels import invert_columns
 from tactopose_drake.core.kernels.matrix_kernels import cholesky, diagonalize, multiply, solve_transposed, transform
 
 
@@ -34,44 +33,31 @@ def inform(jacobian: Floats4, share: Floats3, information: OutFloats3, weighted:
 
 
 @kernel
-def invert_joint(P: Floats3, C: Floats3, variances: Floats2, information: OutFloats3) -> None:
-    """The inverses (n, 6 + m, 6 + m) of [P C; C^T B] by Schur complements.
+def join_information(A: Floats3, gain: Floats3, variances: Floats2, information: OutFloats3) -> None:
+    """The inverses (n, 6 + m, 6 + m) of [P C; C^T B], by Schur complements.
 
     Args:
-        P: covariances of increments, shape (n, 6, 6).
-        C: with the biases, shape (n, 6, m).
-        variances: of the biases, the diagonals of B, shape (n, m).
+        A: inverses of P - C B^-1 C^T, shape (n, 6, 6).
+        gain: C B^-1, shape (n, 6, m).
+        variances: the diagonals of B, shape (n, m).
         information: written.
     """
-    m = C.shape[2]
-    left, work, A, gain, A_gain = (
-        np.empty((6, 6)),
-        np.empty((6, 6)),
-        np.empty((6, 6)),
-        np.empty((6, m)),
-        np.empty((6, m)),
-    )
-    for b in range(P.shape[0]):
+    m = gain.shape[2]
+    for b in range(A.shape[0]):
         for i in range(6):
-            for c in range(m):
-                gain[i, c] = C[b, i, c] / variances[b, c]
             for j in range(6):
-                s = P[b, i, j]
-                for c in range(m):
-                    s -= gain[i, c] * C[b, j, c]
-                left[i, j] = s
-        invert_columns(left, work, A)
-        for i in range(6):
-            for j in range(i + 1):
-                A[i, j] = A[j, i] = information[b, i, j] = information[b, j, i] = 0.5 * (A[i, j] + A[j, i])
-        multiply(A, gain, A_gain)
+                information[b, i, j] = 0.5 * (A[b, i, j] + A[b, j, i])
         for c in range(m):
             for i in range(6):
-                information[b, i, 6 + c] = information[b, 6 + c, i] = -A_gain[i, c]
+                s = 0.0
+                for k in range(6):
+                    s -= information[b, i, k] * gain[b, k, c]
+                information[b, i, 6 + c] = information[b, 6 + c, i] = s
+        for c in range(m):
             for d in range(c + 1):
                 s = 1.0 / variances[b, c] if c == d else 0.0
                 for i in range(6):
-                    s += gain[i, c] * A_gain[i, d]
+                    s -= gain[b, i, c] * information[b, i, 6 + d]
                 information[b, 6 + c, 6 + d] = information[b, 6 + d, 6 + c] = s
 
 
@@ -111,40 +97,6 @@ def bound_covariances(before: Floats3, most: Floats3, after: OutFloats3) -> None
                 for k in range(6):
                     s += max(values[k], 1.0) * work[k, i] * work[k, j]
                 after[b, i, j] = after[b, j, i] = s
-
-
-@kernel
-def widen_untold(information: Floats3, units: Floats1, least: float, before: Floats3, after: OutFloats3) -> None:
-    """Gives back what an update took where the touch tells nothing; see `contact_update.only_as_told`.
-
-    Args:
-        information: what it tells, shape (n, 6, 6).
-        units: the increments that move the object's surface by a metre, shape (6,).
-        least: along increments of these it tells nothing where the information is below that, 1/m^2.
-        before: covariances, shape (n, 6, 6).
-        after: likewise; written.
-    """
-    A, values, rows = np.empty((6, 6)), np.empty(6), np.empty((6, 6))
-    untold, work, lost = np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6))
-    for b in range(information.shape[0]):
-        for i in range(6):
-            for j in range(6):
-                A[i, j] = units[i] * information[b, i, j] * units[j]
-        diagonalize(A, values, rows)
-        if min(values) >= least:
-            continue
-        for i in range(6):
-            for j in range(6):
-                untold[i, j] = 0.0
-                for k in range(6):
-                    untold[i, j] += rows[k, i] * rows[k, j] if values[k] < least else 0.0
-                lost[i, j] = (before[b, i, j] - after[b, i, j]) / (units[i] * units[j])
-        transform(untold, lost, work, A)
-        diagonalize(A, values, rows)
-        for i in range(6):
-            for j in range(6):
-                for k in range(6):
-                    after[b, i, j] += max(values[k], 0.0) * rows[k, i] * rows[k, j] * units[i] * units[j]
 
 
 @kernel

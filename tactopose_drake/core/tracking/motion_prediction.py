@@ -25,6 +25,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.kernels.matrix_kernels import inverses
 from tactopose_drake.core.kernels.pose_kernels import retract
 from tactopose_drake.core.plain_values import copied
 from tactopose_drake.core.poses import compose, inverse, log_so3, skew
@@ -54,9 +55,9 @@ class Motion:
     @functools.cached_property
     def pose(self) -> FloatArray:
         """The motion as a pose that acts from the left, X_PO_after = pose X_PO_before, shape (3, 4)."""
-        pose = np.empty((1, 3, 4))
-        retract(_ORIGIN, self.twist[None], pose)
-        return pose[0]
+        pose = np.empty((3, 4))
+        retract(_ORIGIN, self.twist[None], pose[None])
+        return pose
 
     @functools.cached_property
     def adjoint(self) -> FloatArray:
@@ -66,6 +67,13 @@ class Motion:
         adjoint[:3, :3] = adjoint[3:, 3:] = pose[:, :3]
         adjoint[3:, :3] = skew(pose[:, 3]) @ pose[:, :3]
         return adjoint
+
+    @functools.cached_property
+    def increment_map(self) -> FloatArray:
+        """What the motion makes of the increments (w, v) from a pose, shape (6, 6): w stays, v turns with it."""
+        turn = np.eye(6)
+        turn[3:, 3:] = self.pose[:, :3]
+        return turn
 
     def of_poses(self, X_PO: FloatArray) -> FloatArray:
         """What the motion makes of poses (..., 3, 4)."""
@@ -142,9 +150,10 @@ def move_with_fingertips(
     of_rows = np.stack([across, np.full(len(known), noise.rolling), across * (noise.twisting / noise.rolling)], axis=1)
     n_PC = np.zeros((len(known), 3)) if contacts.n_PC is None else contacts.n_PC[known]
     free = _three_each(noise.free_rotation**2, noise.free_translation**2)
-    twist, covariance = np.empty(6), np.empty((6, 6))
-    prediction_kernels.join_velocities(contacts.p_PC[known], n_PC, velocity, of_rows, free, twist, covariance)
-    return Motion(twist * duration, covariance * duration)
+    information, right = np.diag(1.0 / free), np.zeros(6)
+    prediction_kernels.add_velocities(contacts.p_PC[known], n_PC, velocity, of_rows, information, right)
+    covariance = inverses(information[None])[0][0]
+    return Motion(covariance @ right * duration, 0.5 * (covariance + covariance.T) * duration)
 
 
 def _tangential_noise(contacts: Contacts, known: list[int], noise: MotionNoise, slips: bool) -> FloatArray:
@@ -184,10 +193,10 @@ def _carry(
     X_PO: FloatArray, covariance: FloatArray, cross: FloatArray, motion: Motion
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Likewise, with covariances (n, 6, m) of the increments with what else there is."""
-    before = tuple(map(np.ascontiguousarray, (X_PO, covariance, cross)))
-    after = tuple(map(np.empty_like, before))
-    prediction_kernels.carry(motion.pose, motion.covariance, *before, *after)
-    return after[0], after[1], after[2]
+    X_after, before = motion.of_poses(X_PO), (np.ascontiguousarray(covariance), np.ascontiguousarray(cross))
+    after = np.empty_like(before[0]), np.empty_like(before[1])
+    prediction_kernels.carry(motion.increment_map, motion.covariance, X_after, *before, *after)
+    return X_after, *after
 
 
 def predict_modes(modes: TrackedModes, motion: Motion, max_sigma_translation: float) -> TrackedModes:

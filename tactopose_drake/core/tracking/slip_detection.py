@@ -35,7 +35,8 @@ from tactopose_drake.core.tracking.motion_prediction import Motion, error_of_mot
 from tactopose_drake.core.tracking.tracker_params import ForceTestParams, SlipParams
 from tactopose_drake.core.validation import FloatArray
 
-_LEAST_NOISE, _MOST_NOISE = 0.02, 4.0
+_NOISE = read_only(np.array([0.02, 4.0]))  # the least and the most that is taken for it
+_LEAST_VARIANCE = 1e-12
 _ROWS = 4  # of a contact: its distance, and the difference of the normals
 _KIND_OF_ROW = np.array([0, 1, 1, 1])  # by which variances are told, of points or of normals
 
@@ -92,43 +93,40 @@ def detect_slip(
     """
     X_before = change.X_PO if test.X_PO is None else test.X_PO
     residuals, jacobian = contact_rows_at(model, reading, np.stack([X_before, change.X_PO]))
-    rough = params.rough_share * np.maximum(change.roughness[reading.source], 0.0) / reading.parts.told
-    count = len(reading.contacts)
-    comparison = slip_kernels.Comparison(
-        read_only(np.array([params.few_frames, params.many_frames])),
-        np.empty(2, dtype=np.int64),
-        np.empty((2, count, _ROWS)),
-        np.empty((2, count, 2)),
-        np.empty(2),
-    )
-    rule = slip_kernels.SlipRule(
-        params.compared_frames, params.least_frames, params.noise_gain, _LEAST_NOISE, _MOST_NOISE
-    )
-    noise = np.array(test.noise)
-    history = np.empty((min(len(test.residuals) + 1, params.max_frames), len(reading.sources), _ROWS))
+    noise, kept = np.array(test.noise), min(len(test.residuals) + 1, params.max_frames)
+    history = np.empty((kept, len(reading.sources), _ROWS))
     slip_kernels.follow_residuals(
-        test.residuals, np.ascontiguousarray(residuals), reading.source, rough, rule, noise, history, comparison
+        test.residuals, np.ascontiguousarray(residuals), reading.source, params.noise_gain, _NOISE, noise, history
     )
-    slips = _has_slipped(params, comparison, jacobian[0], reading, change)
+    slips = _has_slipped(params, history, jacobian[0], noise, reading, change)
     return SlipTest(history, (float(noise[0]), float(noise[1])), change.X_PO), slips
 
 
 def _has_slipped(
     params: SlipParams,
-    comparison: slip_kernels.Comparison,
+    history: FloatArray,
     jacobian: FloatArray,
+    noise: FloatArray,
     reading: ContactReading,
     change: PoseChange,
 ) -> bool:
-    """Whether the latest of the contacts' residuals differ from those before by a slip; the jacobian is (k, 4, 6)."""
-    for t, threshold in enumerate((params.few_threshold, params.many_threshold)):
-        if comparison.misfit[t] <= threshold:  # A motion explains a part of it at most.
+    """Whether the latest of the residuals (h, s, 4) differ from those before by a slip; the jacobian is (k, 4, 6)."""
+    rough = params.rough_share * np.maximum(change.roughness[reading.source], 0.0) / reading.parts.told
+    tests = (params.few_frames, params.few_threshold), (params.many_frames, params.many_threshold)
+    for recent, threshold in tests:
+        earlier = min(len(history) - 2 * recent, params.compared_frames)
+        if earlier < params.least_frames:
             continue
-        known = comparison.weight[t, :, 0] > 0.0
-        weights = comparison.weight[t, known][:, _KIND_OF_ROW].reshape(-1)
-        J, differences = jacobian[known].reshape(-1, 6), comparison.difference[t, known].reshape(-1)
+        variances = np.maximum(noise * (1.0 / recent + 1.0 / earlier) + rough, _LEAST_VARIANCE)
+        found = np.empty((len(rough), _ROWS + 2))
+        misfit = slip_kernels.compare_frames(history, reading.source, variances, recent, earlier, found)
+        if misfit <= threshold:  # A motion explains a part of it at most.
+            continue
+        known = found[:, _ROWS] > 0.0
+        J, differences = jacobian[known].reshape(-1, 6), found[known, :_ROWS].reshape(-1)
+        weights = found[known][:, _ROWS + _KIND_OF_ROW].reshape(-1)
         error = params.motion_share * error_of_motion(change.X_PO[None], change.motion)[0]
-        elapsed = 1.5 * comparison.recent[t] + 0.5 * comparison.earlier[t]
+        elapsed = 1.5 * recent + 0.5 * earlier
         if _explained(J, weights, differences, elapsed * error) <= threshold:
             continue
         moved = _way(reading.contacts.p_PC, change.X_PO, _explaining_motion(J, weights, differences))

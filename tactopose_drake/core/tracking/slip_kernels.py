@@ -3,8 +3,6 @@
 See `rigidity_test.py` and `slip_detection.py`.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 
 from tactopose_drake.core.compilation import (
@@ -15,13 +13,9 @@ from tactopose_drake.core.compilation import (
     OutFloats1,
     OutFloats2,
     OutFloats3,
-    OutLongs1,
     kernel,
     part,
 )
-from tactopose_drake.core.kernels.matrix_kernels import cholesky, solve
-
-LEAST_VARIANCE = 1e-12
 
 
 @kernel
@@ -93,64 +87,28 @@ def _take_mean(rows: OutFloats2, count: int) -> None:
 def _unexplained(arms: Floats2, ways: OutFloats2, count: int) -> float:
     """The square of what no small rigid motion explains of ways (count, 3) of points with arms from their mean.
 
-    The translation is the ways' mean, which is taken from them, and the rotation is that of least squares.
+    The translation is the ways' mean, which is taken from them. The rotation is that of least squares: of the inertia
+    [[a, d, e], [d, b, f], [e, f, c]] by its adjugate. Of points on a line a turn about it moves none.
     """
     _take_mean(ways, count)
-    inertia, L, turn = np.zeros((3, 3)), np.empty((3, 3)), np.zeros(3)
+    a = b = c = d = e = f = 0.0
+    r = s = t = 0.0
     for i in range(count):
-        for a in range(3):
-            c, d = (a + 1) % 3, (a + 2) % 3
-            turn[a] += arms[i, c] * ways[i, d] - arms[i, d] * ways[i, c]
-            inertia[a, a] += arms[i, c] ** 2 + arms[i, d] ** 2
-            for e in range(a):
-                inertia[a, e] -= arms[i, a] * arms[i, e]
-    # Of points on a line a turn about it moves none.
-    held = 1e-9 * (inertia[0, 0] + inertia[1, 1] + inertia[2, 2]) + 1e-30
-    for a in range(3):
-        inertia[a, a] += held
-    cholesky(inertia, L)
-    solve(L, turn)
+        x, y, z, u, v, w = arms[i, 0], arms[i, 1], arms[i, 2], ways[i, 0], ways[i, 1], ways[i, 2]
+        a, b, c = a + y * y + z * z, b + x * x + z * z, c + x * x + y * y
+        d, e, f = d - x * y, e - x * z, f - y * z
+        r, s, t = r + y * w - z * v, s + z * u - x * w, t + x * v - y * u
+    held = 1e-9 * (a + b + c) + 1e-30
+    a, b, c = a + held, b + held, c + held
+    A, B, C, D, E, F = b * c - f * f, a * c - e * e, a * b - d * d, e * f - c * d, d * f - b * e, d * e - a * f
+    scale = 1.0 / (a * A + d * D + e * E)
+    r, s, t = scale * (A * r + D * s + E * t), scale * (D * r + B * s + F * t), scale * (E * r + F * s + C * t)
     square = 0.0
     for i in range(count):
-        for a in range(3):
-            c, d = (a + 1) % 3, (a + 2) % 3
-            square += (ways[i, a] - (turn[c] * arms[i, d] - turn[d] * arms[i, c])) ** 2
+        x, y, z = arms[i, 0], arms[i, 1], arms[i, 2]
+        u, v, w = ways[i, 0] - (s * z - t * y), ways[i, 1] - (t * x - r * z), ways[i, 2] - (r * y - s * x)
+        square += u * u + v * v + w * w
     return square
-
-
-class SlipRule(NamedTuple):
-    """Numbers of `SlipParams`, which says what they are for.
-
-    Attributes:
-        compared_frames, least_frames: those before the latest ones, at the most and at the least.
-        noise_gain: by which the noise follows that of each frame,
-        least_noise, most_noise: which counts for no less and for no more.
-    """
-
-    compared_frames: int
-    least_frames: int
-    noise_gain: float
-    least_noise: float
-    most_noise: float
-
-
-class Comparison(NamedTuple):
-    """Of means of the latest frames' residuals with those of earlier ones, over t spans of as many frames.
-
-    Attributes:
-        recent: how many frames each span has, shape (t,).
-        earlier: written, how many there are to compare with; 0 where they are too few, shape (t,).
-        difference: written, of each of k contacts, shape (t, k, 4).
-        weight: written, one over the variances of its distance and of its normal; 0 of one that has not touched all
-            along, shape (t, k, 2).
-        misfit: written, sums of the weighted squares, shape (t,).
-    """
-
-    recent: Longs1
-    earlier: OutLongs1
-    difference: OutFloats3
-    weight: OutFloats3
-    misfit: OutFloats1
 
 
 @kernel
@@ -158,82 +116,79 @@ def follow_residuals(
     before: Floats3,
     residuals: Floats3,
     source: Longs1,
-    rough: Floats2,
-    rule: SlipRule,
+    gain: float,
+    bounds: Floats1,
     noise: OutFloats1,
     after: OutFloats3,
-    comparison: Comparison,
 ) -> None:
-    """The history of residuals with those of now, and how these differ from earlier ones.
+    """The history of residuals with those of now, and their noise.
 
     Args:
         before: residuals of the latest h frames, by source, shape (h, s', 4); NaN where one did not touch.
         residuals: of k contacts now, at the pose that these are of and at another, shape (2, k, 4).
         source: of each of them, shape (k,).
-        rough: variances of distances and of normals that the surface adds, shape (k, 2).
-        rule: `SlipRule`.
+        gain: by which the noise follows that of each frame,
+        bounds: which counts for no less and for no more than these, shape (2,).
         noise: variances of what is new of distances and of normals at each frame, which follow it, shape (2,).
         after: the latest frames with that of now, as they would be at the other pose, written, shape (h', s, 4).
-        comparison: `Comparison`.
     """
-    h, kept, count = before.shape[0], after.shape[0], source.shape[0]
+    h, kept, again, of_points, of_normals = before.shape[0], after.shape[0], 0, 0.0, 0.0
     for f in range(kept):
         for s in range(after.shape[1]):
             for k in range(4):
                 after[f, s, k] = np.nan
-    again, of_points, of_normals = 0, 0.0, 0.0
-    for i in range(count):
+    for i in range(source.shape[0]):
         s = source[i]
-        is_known = s < before.shape[1]
-        if h > 0 and is_known and not np.isnan(before[h - 1, s, 0]):
-            again += 1
-            of_points += (residuals[0, i, 0] - before[h - 1, s, 0]) ** 2
-            for k in range(1, 4):
-                of_normals += (residuals[0, i, k] - before[h - 1, s, k]) ** 2
+        is_known = h > 0 and s < before.shape[1]
         for k in range(4):
-            shift = residuals[1, i, k] - residuals[0, i, k]
-            after[kept - 1, s, k] = residuals[1, i, k]
-            for f in range(kept - 1):
-                if is_known:
+            now = residuals[0, i, k]
+            shift = residuals[1, i, k] - now
+            after[kept - 1, s, k] = now + shift
+            if is_known:
+                for f in range(kept - 1):
                     after[f, s, k] = before[h - kept + 1 + f, s, k] + shift
+                change = now - before[h - 1, s, k]
+                if not np.isnan(change):
+                    again += 1
+                    of_points += change * change if k == 0 else 0.0
+                    of_normals += change * change if k > 0 else 0.0
     if again > 0:
         # Half the squares is expected; a normal's error is across it: of its three rows two vary.
-        noise[0] += rule.noise_gain * (_between(rule, 0.5 * of_points / again) - noise[0])
-        noise[1] += rule.noise_gain * (_between(rule, 0.25 * of_normals / again) - noise[1])
-    for t in range(comparison.recent.shape[0]):
-        _compare(t, after, source, rough, rule, noise, comparison)
+        noise[0] += gain * (min(max(2.0 * of_points / again, bounds[0]), bounds[1]) - noise[0])
+        noise[1] += gain * (min(max(of_normals / again, bounds[0]), bounds[1]) - noise[1])
 
 
-@part
-def _between(rule: SlipRule, noise: float) -> float:
-    return min(max(noise, rule.least_noise), rule.most_noise)
+@kernel
+def compare_frames(
+    history: Floats3, source: Longs1, noise: Floats2, recent: int, earlier: int, comparison: OutFloats2
+) -> float:
+    """How much the means of the latest frames' residuals differ from those of as many before, in all.
 
+    Args:
+        history: residuals by source, oldest first, shape (h, s, 4); NaN where one did not touch.
+        source: of each of k contacts, shape (k,).
+        noise: variances of the differences of its distance and of its normal, shape (k, 2).
+        recent: of how many frames the means are.
+        earlier: with how many they are compared, which lie as long back.
+        comparison: written, the differences of each contact's four rows, and one over their variances; 0 of a contact
+            that has not touched all along, shape (k, 6).
 
-@part
-def _compare(
-    t: int, history: Floats3, source: Longs1, rough: Floats2, rule: SlipRule, noise: Floats1, comparison: Comparison
-) -> None:
-    """The span t of the comparison, by the residuals (h, s, 4)."""
-    h, recent = history.shape[0], comparison.recent[t]
-    end = max(h - 2 * recent, 0)
-    earlier = min(end, rule.compared_frames)
-    comparison.earlier[t], comparison.misfit[t] = earlier if earlier >= rule.least_frames else 0, 0.0
-    if comparison.earlier[t] == 0:
-        return
-    of_means = 1.0 / recent + 1.0 / earlier
+    Returns:
+        The sum of the weighted squares.
+    """
+    h, misfit = history.shape[0], 0.0
     for i in range(source.shape[0]):
         s = source[i]
         for k in range(4):
             now, then = 0.0, 0.0
-            for f in range(h - recent, h):
-                now += history[f, s, k]
-            for f in range(end - earlier, end):
-                then += history[f, s, k]
-            comparison.difference[t, i, k] = now / recent - then / earlier
-        is_known = not np.isnan(comparison.difference[t, i, 0])
+            for f in range(recent):
+                now += history[h - recent + f, s, k]
+            for f in range(earlier):
+                then += history[h - 2 * recent - earlier + f, s, k]
+            comparison[i, k] = now / recent - then / earlier
         for k in range(2):
-            variance = max(noise[k] * of_means + rough[i, k], LEAST_VARIANCE)
-            comparison.weight[t, i, k] = 1.0 / variance if is_known else 0.0
+            comparison[i, 4 + k] = 0.0 if np.isnan(comparison[i, 0]) else 1.0 / noise[i, k]
         for k in range(4):
-            if is_known:
-                comparison.misfit[t] += comparison.weight[t, i, min(k, 1)] * comparison.difference[t, i, k] ** 2
+            if comparison[i, 4] > 0.0:
+                misfit += comparison[i, 4 if k == 0 else 5] * comparison[i, k] ** 2
+    return misfit

@@ -14,6 +14,7 @@ from tactopose_drake.core.tracking.contact_errors import split_errors
 from tactopose_drake.core.tracking.frame import ContactReading
 from tactopose_drake.core.tracking.tracker_params import MotionNoise, PoseTrackerParams
 
+DEFAULT_PARAMS = PoseTrackerParams()
 SIGMA_POSITION, SIGMA_NORMAL = 0.0009, math.radians(5.0)
 p_OC = np.array(
     [
@@ -54,10 +55,13 @@ def touch(
 
 
 def read(
-    contacts: Contacts, source: NDArray[np.intp] | None = None, sources: tuple[str, ...] = tuple("abcdef")
+    contacts: Contacts,
+    source: NDArray[np.intp] | None = None,
+    sources: tuple[str, ...] = tuple("abcdef"),
+    params: PoseTrackerParams = DEFAULT_PARAMS,
 ) -> ContactReading:
     """New contacts of some sources, of which none is doubted."""
     source = np.arange(len(contacts)) if source is None else source
     doubt, calibration = np.ones(len(contacts)), np.ones(2)
-    parts = split_errors(contacts, doubt, calibration, PoseTrackerParams())
+    parts = split_errors(contacts, doubt, calibration, params)
     return ContactReading(contacts, source, sources, True, doubt, calibration, Evidence(contacts), parts)
