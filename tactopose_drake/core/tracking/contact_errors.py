@@ -107,9 +107,12 @@ def calibration_excess(contacts: Contacts, params: PoseTrackerParams, calibratio
 
 def averaged_variances(contacts: Contacts, params: PoseTrackerParams, frames: int) -> FloatArray:
     """Variances (k, 2) of the mean of so many frames' contacts, in which only what is new at each time averages out."""
-    told = told_variances(contacts)
     bias = BiasModel.from_params(params)
-    lasting = np.minimum(bias.variances + declared_excess(contacts, params), told)
+    return _averaged(told_variances(contacts), declared_excess(contacts, params), bias, frames)
+
+
+def _averaged(told: FloatArray, declared: FloatArray, bias: BiasModel, frames: int) -> FloatArray:
+    lasting = np.minimum(bias.variances + declared, told)
     return np.asarray(lasting + (told - lasting) / frames)
 
 
@@ -130,10 +133,10 @@ def split_errors(
         calibration: by how much those of the calibration do, shape (2,).
         params: what is assumed.
     """
-    told, declared = told_variances(contacts), declared_excess(contacts, params)
-    of_hand = BiasModel.from_params(params).of_calibration + declared
+    told, declared, bias = told_variances(contacts), declared_excess(contacts, params), BiasModel.from_params(params)
+    of_hand = bias.of_calibration + declared
     new = np.maximum(told - of_hand, params.contact_update.least_noise_share**2 * told)
-    mean = averaged_variances(contacts, params, params.window.max_frames)
+    mean = _averaged(told, declared, bias, params.window.max_frames)
     return ErrorParts(told, new, declared + (doubt - 1.0)[:, None] * mean + (calibration - 1.0) * of_hand)
 
 

@@ -145,15 +145,21 @@ def move_with_fingertips(
     """
     known = [row for row, source in enumerate(sources) if source in tip_velocity]
     velocity = np.array([tip_velocity[sources[row]] for row in known]).reshape(-1, 6)
-    across = _tangential_noise(contacts, known, noise, slips)
+    of_rows = np.empty((len(known), 3))
+    of_rows[:, 0] = across = _tangential_noise(contacts, known, noise, slips)
     # Along the normal they stay together, whether they slide or not.
-    of_rows = np.stack([across, np.full(len(known), noise.rolling), across * (noise.twisting / noise.rolling)], axis=1)
+    of_rows[:, 1], of_rows[:, 2] = noise.rolling, across * (noise.twisting / noise.rolling)
     n_PC = np.zeros((len(known), 3)) if contacts.n_PC is None else contacts.n_PC[known]
-    free = _three_each(noise.free_rotation**2, noise.free_translation**2)
-    information, right = np.diag(1.0 / free), np.zeros(6)
+    information, right = _free_information(noise.free_rotation, noise.free_translation).copy(), np.zeros(6)
     prediction_kernels.add_velocities(contacts.p_PC[known], n_PC, velocity, of_rows, information, right)
     covariance = inverses(information[None])[0][0]
-    return Motion(covariance @ right * duration, 0.5 * (covariance + covariance.T) * duration)
+    return Motion(covariance @ right * duration, covariance * duration)
+
+
+@functools.lru_cache
+def _free_information(rotation: float, translation: float) -> FloatArray:
+    """Of the motion of an object that nothing holds, with these random walks, shape (6, 6)."""
+    return np.diag(1.0 / _three_each(rotation**2, translation**2))
 
 
 def _tangential_noise(contacts: Contacts, known: list[int], noise: MotionNoise, slips: bool) -> FloatArray:
@@ -209,7 +215,8 @@ def predict_modes(modes: TrackedModes, motion: Motion, max_sigma_translation: fl
     """
     X_PO, covariance, cross = _carry(modes.X_PO, modes.covariance, modes.cross_covariance, motion)
     limits = _three_each(_ANY_ROTATION, max_sigma_translation**2)
-    for b in np.flatnonzero((covariance[:, range(6), range(6)] > limits).any(axis=1)):
+    is_beyond = np.diagonal(covariance, axis1=1, axis2=2) > limits
+    for b in np.flatnonzero(is_beyond.any(axis=1)) if is_beyond.any() else ():
         shrink = _shrink(covariance[b], limits)
         covariance[b], cross[b] = shrink @ covariance[b] @ shrink.T, shrink @ cross[b]
     return copied(modes, X_PO=X_PO, covariance=covariance, cross_covariance=cross)
