@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,7 +10,9 @@ import trimesh
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
+from tactopose_drake.core.poses import retract
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.tracking import pose_belief
 from tactopose_drake.core.tracking.frame import Frame, PoseMeasurement
 from tactopose_drake.core.tracking.pose_belief import Explanation, PoseBelief, summarise
 from tactopose_drake.core.tracking.pose_tracker import PoseTracker
@@ -93,3 +96,20 @@ def test_what_is_less_sure_than_an_answer_is_ambiguous(tracker: PoseTracker) -> 
         modes = dataclasses.replace(belief.modes.chosen([0, 0]), log_weight=np.log([share, 1.0 - share]))
         doubted = dataclasses.replace(belief, modes=modes)
         assert message(doubted, evidence) == said
+
+
+def test_whether_poses_explain_a_touch_is_asked_once(tracker: PoseTracker, monkeypatch: pytest.MonkeyPatch) -> None:
+    generator, asked = np.random.default_rng(0), []
+    explanation = Explanation(make_box(), Evidence(touch(X_PO, generator)), PoseTrackerParams().plausibility)
+    explain = pose_belief.explain_touch
+
+    def count(*arguments: Any) -> Any:
+        asked.append(1)
+        return explain(*arguments)
+
+    monkeypatch.setattr(pose_belief, "explain_touch", count)
+    off = retract(X_PO[None], np.array([[0.0, 0, 0, 0.02, 0, 0]]))
+    both = np.concatenate([X_PO[None], off])
+    assert explanation.of(both).tolist() == explanation.of(both.copy()).tolist() == [True, False]
+    assert len(asked) == 1
+    assert explanation.of(off).tolist() == [False]
