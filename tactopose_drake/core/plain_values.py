@@ -3,11 +3,13 @@
 import dataclasses
 import math
 from collections.abc import Hashable, Mapping
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
 import numpy as np
 
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
+
+Frozen = TypeVar("Frozen", bound=Any)
 
 _ROUNDING = 1e-12  # what normalising a unit vector or a rotation once more may change
 
@@ -57,6 +59,17 @@ class PlainValue:
                 array.setflags(write=value.flags.writeable)
                 object.__setattr__(made, name, array)
         return made
+
+
+def copied(value: Frozen, **fields: Any) -> Frozen:
+    """A frozen dataclass with other values of some fields, by name, which are not checked anew.
+
+    What it has cached is of the values before, and is left out.
+    """
+    before, other = value.__dict__, object.__new__(type(value))
+    assert fields.keys() <= type(value).__dataclass_fields__.keys(), fields.keys()
+    other.__dict__.update({name: before[name] for name in type(value).__dataclass_fields__}, **fields)
+    return other
 
 
 def numbers(values: Any, digits: int) -> str:

@@ -1,6 +1,5 @@
 """Contacts of the hand with the object at one instant, in the palm frame."""
 
-import copy
 import dataclasses
 import math
 from collections.abc import Collection, Iterable, Iterator, Sequence
@@ -9,7 +8,7 @@ from typing import Any, Never, Protocol, Self, SupportsIndex
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tactopose_drake.core.plain_values import PlainValue
+from tactopose_drake.core.plain_values import PlainValue, copied
 from tactopose_drake.core.validation import FloatArray, in_steps, limited, points_near, positive_numbers, unit_vectors
 from tactopose_drake.errors import InvalidInputError
 
@@ -101,14 +100,9 @@ class Contacts(PlainValue):
 
     def __getitem__(self, index: SupportsIndex | slice | Sequence[int] | NDArray[np.integer | np.bool_]) -> Self:
         """One contact by its number, or some by a slice, numbers or a mask; each is `Contacts` too."""
-        rows, some = np.atleast_1d(np.arange(len(self))[index]), copy.copy(self)
-        for field in dataclasses.fields(self):
-            value = getattr(self, field.name)
-            if value is not None:
-                value = value[rows]
-                value.setflags(write=False)
-                object.__setattr__(some, field.name, value)
-        return some
+        rows = np.atleast_1d(np.arange(len(self))[index])
+        arrays = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        return self.with_arrays(**{name: None if value is None else value[rows] for name, value in arrays.items()})
 
     def __iter__(self) -> Iterator[Self]:
         return (self[row] for row in range(len(self)))
@@ -140,13 +134,11 @@ class Contacts(PlainValue):
         return self.with_arrays(p_PC=in_steps(self.p_PC), n_PC=None if self.n_PC is None else in_steps(self.n_PC))
 
     def with_arrays(self, **arrays: FloatArray | None) -> Self:
-        """The contacts with other arrays, by name, of the same shapes: those are computed of ones that were checked."""
-        other = copy.copy(self)
-        for name, value in arrays.items():
+        """The contacts with other arrays, by name, that fit each other: computed of ones that were checked."""
+        for value in arrays.values():
             if value is not None:
                 value.setflags(write=False)
-            object.__setattr__(other, name, value)
-        return other
+        return copied(self, **arrays)
 
     def __repr__(self) -> str:
         known = [

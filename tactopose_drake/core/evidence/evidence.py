@@ -1,6 +1,5 @@
 """All that is known at one instant of where the object is."""
 
-import copy
 import dataclasses
 import functools
 from collections.abc import Sequence
@@ -13,6 +12,7 @@ from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.evidence.patch_contacts import with_patches
 from tactopose_drake.core.evidence.plane_contact import PlaneContact
+from tactopose_drake.core.plain_values import copied
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.validation import MOST_FRICTION, MOST_OUTLIERS, positive_number
 from tactopose_drake.errors import InvalidInputError, TooFewContactsError
@@ -98,11 +98,7 @@ class Evidence:
 
     def with_parts(self, contacts: Contacts, prior: GaussianPrior | None) -> "Evidence":
         """The evidence with another prior and with other contacts, as many and with what these have."""
-        other = copy.copy(self)
-        object.__setattr__(other, "contacts", contacts)
-        object.__setattr__(other, "prior", prior)
-        other.__dict__.pop("touch", None)  # That of the contacts before.
-        return other
+        return copied(self, contacts=contacts, prior=prior)
 
     def without(self, index: int) -> "Evidence":
         """The evidence without one contact, or of the pads that feel the object, which are counted after them, one.

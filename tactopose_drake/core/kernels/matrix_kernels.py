@@ -5,7 +5,7 @@ Source: [GV] G. Golub and C. Van Loan, Matrix Computations, 4th ed., 2013, secti
 
 import numpy as np
 
-from tactopose_drake.core.compilation import Floats3, OutFloats1, OutFloats2, OutFloats3, inlined, kernel
+from tactopose_drake.core.compilation import Floats2, Floats3, OutFloats1, OutFloats2, OutFloats3, inlined, kernel, part
 from tactopose_drake.core.validation import FloatArray
 
 _MOST_SWEEPS = 30  # Six or seven are enough for any matrix of six rows.
@@ -30,28 +30,36 @@ def eigenpairs(matrices: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 @kernel
 def _diagonalize_all(matrices: OutFloats3, values: OutFloats2, rows: OutFloats3) -> None:
-    """Jacobi's rotations, row by row, until what is off the diagonal is rounding; the matrices are for work."""
-    n = matrices.shape[1]
+    """Each of them; the matrices are for work."""
     for b in range(matrices.shape[0]):
-        A, V = matrices[b], rows[b]
-        size = 0.0
+        diagonalize(matrices[b], values[b], rows[b])
+
+
+@part
+def diagonalize(A: OutFloats2, values: OutFloats1, V: OutFloats2) -> None:
+    """Eigenvalues (n,), in any order, and eigenvectors (n, n), rows, of a symmetric A (n, n), which is for work.
+
+    Jacobi's rotations, row by row, until what is off the diagonal is rounding.
+    """
+    n = A.shape[0]
+    size = 0.0
+    for i in range(n):
+        for k in range(n):
+            V[i, k] = 1.0 if i == k else 0.0
+            size += A[i, k] ** 2
+    for _ in range(_MOST_SWEEPS):
+        off = 0.0
         for i in range(n):
-            for k in range(n):
-                V[i, k] = 1.0 if i == k else 0.0
-                size += A[i, k] ** 2
-        for _ in range(_MOST_SWEEPS):
-            off = 0.0
-            for i in range(n):
-                for k in range(i):
-                    off += A[k, i] ** 2
-            if off <= 1e-30 * size:
-                break
-            for i in range(1, n):
-                for k in range(i):
-                    if A[k, i] != 0.0:
-                        _rotate(A, V, k, i)
-        for i in range(n):
-            values[b, i] = A[i, i]
+            for k in range(i):
+                off += A[k, i] ** 2
+        if off <= 1e-30 * size:
+            break
+        for i in range(1, n):
+            for k in range(i):
+                if A[k, i] != 0.0:
+                    _rotate(A, V, k, i)
+    for i in range(n):
+        values[i] = A[i, i]
 
 
 @inlined
@@ -74,6 +82,29 @@ def _invert_all(matrices: Floats3, inverse: OutFloats3, logarithm: OutFloats1) -
     for b in range(matrices.shape[0]):
         logarithm[b] = cholesky(matrices[b], L)
         invert(L, inverse[b])
+
+
+@part
+def multiply(A: Floats2, B: Floats2, C: OutFloats2) -> None:
+    """C = A B of (n, m) and (m, l)."""
+    for i in range(A.shape[0]):
+        for j in range(B.shape[1]):
+            s = 0.0
+            for k in range(A.shape[1]):
+                s += A[i, k] * B[k, j]
+            C[i, j] = s
+
+
+@part
+def transform(U: Floats2, A: Floats2, work: OutFloats2, out: OutFloats2) -> None:
+    """out = U A U^T of a symmetric A, likewise; work is (n, m) as U is."""
+    multiply(U, A, work)
+    for i in range(U.shape[0]):
+        for j in range(i + 1):
+            s = 0.0
+            for k in range(A.shape[0]):
+                s += work[i, k] * U[j, k]
+            out[i, j] = out[j, i] = s
 
 
 @inlined

@@ -32,7 +32,6 @@ from tactopose_drake.core.kernels.joint_state_kernels import (
     make_prior_rows,
     transport_information,
 )
-from tactopose_drake.core.kernels.linear_system_kernels import invert_columns
 from tactopose_drake.core.kernels.matrix_kernels import cholesky, invert
 from tactopose_drake.core.kernels.sigma_point_kernels import (
     SPREAD,
@@ -54,13 +53,17 @@ class Regression(NamedTuple):
     """What is written of B modes and k contacts.
 
     Attributes:
-        hessian: by the joint increment, shape (B, m, m); read too: over its inverse the first round goes.
+        hessian: by the joint increment, shape (B, m, m).
         roughness: of the surface about each contact: variances of its distance, m^2, and of its normal about each axis,
             rad^2, shape (B, k, 2).
+        covariance: of the increment, shape (B, 6, 6); read too: over it the first round goes.
+        cross_covariance: with the biases, shape (B, 6, m - 6).
     """
 
     hessian: OutFloats3
     roughness: OutFloats3
+    covariance: OutFloats3
+    cross_covariance: OutFloats3
 
 
 class _Scratch(NamedTuple):
@@ -75,6 +78,7 @@ class _Scratch(NamedTuple):
         L, W, WJ: a root of R, its inverse, and what that makes of the slopes, shape (4, 4), (4, 4) and (4, 12).
         slope: of the prior's cost, shape (m,).
         g, H, step: of the joint increment, shape (1, m), (1, m, m), (1, m).
+        root, forward: for the step's equations, shape (m, m), (m,).
     """
 
     here: OutFloats3
@@ -90,6 +94,8 @@ class _Scratch(NamedTuple):
     g: OutFloats2
     H: OutFloats3
     step: OutFloats2
+    root: OutFloats2
+    forward: OutFloats1
 
 
 @kernel
@@ -113,17 +119,12 @@ def regress_modes(
     """
     size, count = priors.information.shape[1], contacts.p.shape[0]
     scratch = _make_scratch(size, count)
-    columns, undamped = np.empty((6, size)), np.zeros(1)
-    work, covariance = np.empty((size, size)), np.empty((6, 6))
     points, here, g, H, step = scratch.points, scratch.here, scratch.g, scratch.H, scratch.step
     for b in range(X.shape[0]):
         copy_matrix(X[b], here[0])
+        P, C = regression.covariance[b], regression.cross_covariance[b]
         for _ in range(settings.rounds):
-            invert_columns(regression.hessian[b], work, columns)
-            for i in range(6):
-                for j in range(6):
-                    covariance[i, j] = columns[j, i]
-            find_axes(covariance, settings.lever_arm, points)
+            find_axes(P, settings.lever_arm, points)
             limit_axes(here[0], contacts.p, settings.max_displacement, points)
             weigh_normals(grid, contacts, settings, here[0], points, regression.roughness[b])
             sample_rows(grid, contacts, here, points)
@@ -134,12 +135,34 @@ def regress_modes(
                 _add_roughness(contacts, i, scratch, regression.roughness[b, i])
                 _add_bias_columns(contacts, i, scratch)
                 _add_contact(contacts.source[i], scratch)
-            least_squares_kernels.damped_steps(H, g, undamped, step)
+            least_squares_kernels.damped_step(size, H[0], g[0], 0.0, scratch.root, scratch.forward, step[0])
+            _invert_rows(scratch.root, scratch.forward, P, C)
             copy_vector(step[0, :6], points.increment[0])
             pose_kernels.retract(here, points.increment, points.pose)
             copy_matrix(points.pose[0], here[0])
             copy_matrix(H[0], regression.hessian[b])
         copy_matrix(here[0], X[b])
+
+
+@part
+def _invert_rows(root: Floats2, x: OutFloats1, P: OutFloats2, C: OutFloats2) -> None:
+    """The first six rows P, C of (L L^T)^-1, by the root L (m, m) whose diagonal holds inverses; x (m,) is spare."""
+    m = root.shape[0]
+    for c in range(6):
+        for i in range(m):
+            s = 1.0 if i == c else 0.0
+            for k in range(c, i):
+                s -= root[i, k] * x[k]
+            x[i] = s * root[i, i]
+        for i in range(m - 1, -1, -1):
+            s = x[i]
+            for k in range(i + 1, m):
+                s -= root[k, i] * x[k]
+            x[i] = s * root[i, i]
+        for i in range(6, m):
+            C[c, i - 6] = x[i]
+        for i in range(c + 1):
+            P[c, i] = P[i, c] = x[i]
 
 
 @part
@@ -158,6 +181,8 @@ def _make_scratch(size: int, count: int) -> _Scratch:
         np.empty((1, size)),
         np.empty((1, size, size)),
         np.empty((1, size)),
+        np.empty((size, size)),
+        np.empty(size),
     )
 
 

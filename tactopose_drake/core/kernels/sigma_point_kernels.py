@@ -14,6 +14,7 @@ from tactopose_drake.core.compilation import Floats1, Floats2, Floats3, OutFloat
 from tactopose_drake.core.kernels import grid_kernels, pose_kernels
 from tactopose_drake.core.kernels.grid_kernels import Grid
 from tactopose_drake.core.kernels.joint_state_kernels import ContactArrays
+from tactopose_drake.core.kernels.matrix_kernels import diagonalize
 
 # Sigma points lie so many standard deviations out: the root of the number of dimensions. [A09]
 SPREAD = 2.449489742783178
@@ -82,17 +83,18 @@ def find_axes(P: Floats2, lever_arm: float, points: SigmaPoints) -> None:
 
     With P = S V diag(variances) V^T S, S = diag(1 / arm, 1), the root is S V diag(deviations).
     """
-    root, inverse_root, scaled = points.root, points.inverse_root, np.empty((6, 6))
+    root, inverse_root = points.root, points.inverse_root
+    scaled, variances, rows = np.empty((6, 6)), np.empty(6), np.empty((6, 6))
     for i in range(6):
         for j in range(6):
             scaled[i, j] = 0.5 * (P[i, j] + P[j, i]) * (lever_arm if i < 3 else 1.0) * (lever_arm if j < 3 else 1.0)
-    variances, vectors = np.linalg.eigh(scaled)
+    diagonalize(scaled, variances, rows)
     for j in range(6):
         deviation = np.sqrt(max(variances[j], _LEAST_VARIANCE))
         for i in range(6):
             unit = lever_arm if i < 3 else 1.0
-            root[i, j] = vectors[i, j] * deviation / unit
-            inverse_root[j, i] = vectors[i, j] / deviation * unit
+            root[i, j] = rows[j, i] * deviation / unit
+            inverse_root[j, i] = rows[j, i] / deviation * unit
 
 
 @part

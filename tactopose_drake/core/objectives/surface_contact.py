@@ -58,13 +58,19 @@ class SurfaceContact(LeastSquaresObjective):
 
     def residuals_and_jacobian(self, X_PO: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Residuals (B, m) and their exact derivatives by the increment (B, m, 6)."""
+        residuals, jacobian = self.rows_of_contacts(X_PO)
         count, rows = len(X_PO), 5 if self._has_normals else 1
+        m = rows * self._count
+        return residuals[:, :, :rows].reshape(count, m), jacobian[:, :, :rows].reshape(count, m, 6)
+
+    def rows_of_contacts(self, X_PO: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Residuals (B, k, 5) of each contact and their derivatives (B, k, 5, 6); of normals that are none zeros."""
+        count = len(X_PO)
         residuals, jacobian = np.empty((count, self._count, 5)), np.empty((count, self._count, 5, 6))
         surface_contact_kernels.contact_residuals(
             self.grid, self.touch, np.ascontiguousarray(X_PO), residuals, jacobian
         )
-        m = rows * self._count
-        return residuals[:, :, :rows].reshape(count, m), jacobian[:, :, :rows].reshape(count, m, 6)
+        return residuals, jacobian
 
     def normal_equations(self, X_PO: FloatArray) -> NormalEquations:
         """Cost, exact gradient, and the Gauss-Newton Hessian along the smooth normals, at poses (B, 3, 4)."""

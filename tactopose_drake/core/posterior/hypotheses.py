@@ -149,6 +149,16 @@ def determined_rows(covariance: FloatArray, free: FloatArray, size: float) -> Fl
     return determined_part(rows, free, size)
 
 
+def determined_variance(covariance: FloatArray, free: FloatArray, size: float) -> float:
+    """The sum of the variances of a covariance (6, 6) across free directions (f, 6), in their metric, m^2."""
+    units = increments_of_one_metre(size)
+    variance = float((covariance.diagonal() / (units * units)).sum())
+    if len(free):
+        along = _metric_basis(free, units) / units[:, None]
+        variance -= float(np.sum(along * (covariance @ along)))
+    return variance
+
+
 def _metric_basis(free: FloatArray, units: FloatArray) -> FloatArray:
     """Orthonormal columns (6, f) that span the directions (f, 6) in metres."""
     columns: FloatArray = (free / units).T

@@ -82,5 +82,7 @@ def nearest_images(
 def continuous_turns(symmetries: Sequence[RotationalSymmetry], X_PO: FloatArray) -> FloatArray:
     """Increments (w, v) of a pose (3, 4) by unit turns about the continuous axes, shape (n, 6), rad and m."""
     axes = [symmetry for symmetry in symmetries if symmetry.is_continuous]
-    rows = [np.append(each.axis, X_PO[:, :3] @ np.cross(each.point, each.axis)) for each in axes]
-    return np.array(rows).reshape(-1, 6)
+    rows = np.empty((len(axes), 6))
+    for row, each in zip(rows, axes, strict=True):
+        row[:3], row[3:] = each.axis, X_PO[:, :3] @ each.moment
+    return rows

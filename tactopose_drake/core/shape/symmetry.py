@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -50,6 +51,11 @@ class RotationalSymmetry:
     def is_continuous(self) -> bool:
         """Whether every turn about the axis leaves the object unchanged."""
         return self.order == CONTINUOUS
+
+    @functools.cached_property
+    def moment(self) -> FloatArray:
+        """The velocity of the object's origin when it turns about the axis, point x axis, in O, shape (3,), m."""
+        return np.cross(self.point, self.axis)
 
     def seen_from(self, p_OC: FloatArray) -> RotationalSymmetry:
         """The same in a frame C with O's axes, at p_OC, shape (3,), m."""

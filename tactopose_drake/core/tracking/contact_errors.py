@@ -23,7 +23,7 @@ import numpy as np
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.tracking.frame import ContactReading, SeemingErrors, told_variances
+from tactopose_drake.core.tracking.frame import ContactReading, ErrorParts, Frame, SeemingErrors, told_variances
 from tactopose_drake.core.tracking.slip_detection import SlipTest, contact_rows_at
 from tactopose_drake.core.tracking.tracker_params import CalibrationScaleParams, PoseTrackerParams
 from tactopose_drake.core.validation import FloatArray
@@ -71,8 +71,7 @@ class BiasModel:
 
     def with_roughness(self, roughness: FloatArray) -> FloatArray:
         """Variances of the biases of s sources, shape (n, 6 s), on surfaces of a roughness (n, s, 2)."""
-        variances = np.repeat(self.variances, 3) + np.repeat(roughness, 3, axis=2)
-        return variances.reshape(len(roughness), -1)
+        return np.repeat(self.variances + roughness, 3, axis=2).reshape(len(roughness), -1)
 
 
 @functools.lru_cache
@@ -94,13 +93,6 @@ def declared_excess(contacts: Contacts, params: PoseTrackerParams) -> FloatArray
     return np.asarray(np.maximum(told - frame - lasting, 0.0))
 
 
-def new_variances(contacts: Contacts, params: PoseTrackerParams) -> FloatArray:
-    """Variances of what is new at each time, of points, m^2, and of normals, rad^2, shape (k, 2)."""
-    told = told_variances(contacts)
-    lasting = BiasModel.from_params(params).of_calibration + declared_excess(contacts, params)
-    return np.asarray(np.maximum(told - lasting, params.contact_update.least_noise_share**2 * told))
-
-
 def calibration_excess(contacts: Contacts, params: PoseTrackerParams, calibration: FloatArray) -> FloatArray:
     """Variances of points, m^2, and of normals, rad^2, of a calibration beyond what is told of it, shape (k, 2).
 
@@ -115,9 +107,12 @@ def calibration_excess(contacts: Contacts, params: PoseTrackerParams, calibratio
 
 def averaged_variances(contacts: Contacts, params: PoseTrackerParams, frames: int) -> FloatArray:
     """Variances (k, 2) of the mean of so many frames' contacts, in which only what is new at each time averages out."""
-    told = told_variances(contacts)
     bias = BiasModel.from_params(params)
-    lasting = np.minimum(bias.variances + declared_excess(contacts, params), told)
+    return _averaged(told_variances(contacts), declared_excess(contacts, params), bias, frames)
+
+
+def _averaged(told: FloatArray, declared: FloatArray, bias: BiasModel, frames: int) -> FloatArray:
+    lasting = np.minimum(bias.variances + declared, told)
     return np.asarray(lasting + (told - lasting) / frames)
 
 
@@ -127,9 +122,52 @@ def surest_position(params: PoseTrackerParams) -> float:
     return math.hypot(best, params.surface_position, params.frame_position / math.sqrt(params.window.max_frames))
 
 
-def lasting_excess(reading: ContactReading, params: PoseTrackerParams) -> FloatArray:
-    """What lasts beside the calibration, with what is doubted of contacts, shape (k, 2)."""
-    return declared_excess(reading.contacts, params) + _seeming_excess(reading.contacts, reading, params)
+def split_errors(
+    contacts: Contacts, doubt: FloatArray, calibration: FloatArray, params: PoseTrackerParams
+) -> ErrorParts:
+    """What of the contacts' errors is new at each time, and what lasts of them.
+
+    Args:
+        contacts: what is told.
+        doubt: by how much the variance of what lasts of each one's error seems larger than told, shape (k,).
+        calibration: by how much those of the calibration do, shape (2,).
+        params: what is assumed.
+    """
+    told, declared, bias = told_variances(contacts), declared_excess(contacts, params), BiasModel.from_params(params)
+    of_hand = bias.of_calibration + declared
+    new = np.maximum(told - of_hand, params.contact_update.least_noise_share**2 * told)
+    mean = _averaged(told, declared, bias, params.window.max_frames)
+    return ErrorParts(told, new, declared + (doubt - 1.0)[:, None] * mean + (calibration - 1.0) * of_hand)
+
+
+def read_contacts(
+    frame: Frame, sources: tuple[str, ...], p_before: FloatArray, errors: SeemingErrors, params: PoseTrackerParams
+) -> ContactReading:
+    """The frame's contacts by the sources known so far and the new ones.
+
+    Args:
+        frame: all that is sensed.
+        sources: names of those known so far.
+        p_before: the last contacts' points, shape (k, 3), m.
+        errors: how large they seem by what was felt so far.
+        params: what is assumed of them.
+    """
+    contacts = frame.evidence.touch
+    assert frame.sources is not None
+    sources += tuple(name for name in frame.sources if name not in sources)
+    source = np.array([sources.index(name) for name in frame.sources], dtype=np.intp)
+    is_new = len(contacts) > 0 and not np.array_equal(contacts.p_PC, p_before)
+    doubt, calibration = errors.doubts_of(frame.sources), errors.calibration
+    parts = split_errors(contacts, doubt, calibration, params)
+    return ContactReading(contacts, source, sources, is_new, doubt, calibration, frame.evidence, parts)
+
+
+def with_errors(
+    reading: ContactReading, doubt: FloatArray, calibration: FloatArray, params: PoseTrackerParams
+) -> ContactReading:
+    """The reading whose errors seem otherwise; see `split_errors`."""
+    parts = split_errors(reading.contacts, doubt, calibration, params)
+    return reading._replace(doubt=doubt, calibration=calibration, parts=parts)
 
 
 def as_doubted(reading: ContactReading, params: PoseTrackerParams) -> ContactReading:
@@ -137,18 +175,10 @@ def as_doubted(reading: ContactReading, params: PoseTrackerParams) -> ContactRea
     evidence, count = reading.evidence, len(reading.evidence.contacts)
     if not count or max(reading.doubt.max(), reading.calibration.max()) < _NOTICED_DOUBT:
         return reading
-    contacts = evidence.contacts
-    more = _seeming_excess(contacts, reading, params)
-    position, normal = np.ascontiguousarray(np.sqrt(told_variances(contacts) + more).T)
-    contacts = contacts.with_arrays(covariance=None, sigma_position=position, sigma_normal=normal)
+    variances = reading.parts.told + reading.parts.excess - declared_excess(reading.contacts, params)
+    position, normal = np.ascontiguousarray(np.sqrt(variances[:count]).T)
+    contacts = evidence.contacts.with_arrays(covariance=None, sigma_position=position, sigma_normal=normal)
     return reading._replace(evidence=evidence.with_parts(contacts, evidence.prior))
-
-
-def _seeming_excess(contacts: Contacts, reading: ContactReading, params: PoseTrackerParams) -> FloatArray:
-    """By how much the variances of what lasts of contacts, the reading's first ones, seem larger than told, (k, 2)."""
-    mean = averaged_variances(contacts, params, params.window.max_frames)
-    of_calibration = calibration_excess(contacts, params, reading.calibration)
-    return np.asarray((reading.doubt[: len(contacts)] - 1.0)[:, None] * mean + of_calibration)
 
 
 def follow_doubt(
@@ -214,7 +244,7 @@ def estimate_scale(
     mean = np.nansum(history[:, felt], axis=0) / counts[felt, None]
     jacobian = contact_rows_at(model, reading, X_PO[None])[1][0][felt]
     residuals, jacobian = along_normals(contacts.n_PC[felt] @ X_PO[:, :3], mean, jacobian)
-    told = told_variances(contacts)[felt]
+    told = reading.parts.told[felt]
     scales = _scales(settings.halvings, settings.doublings, settings.doubling_share, settings.apart_share)
     lasting = BiasModel.from_params(params).of_calibration + declared_excess(contacts, params)[felt]
     surface = np.square(BiasModel.from_params(params).surface)

@@ -38,7 +38,6 @@ real-time identification, Automatica, 1987; [S66] S. Schmidt, Application of sta
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from typing import NamedTuple
 
@@ -46,16 +45,17 @@ import numpy as np
 
 from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.kernels.joint_state_kernels import ContactArrays, ModePriors
+from tactopose_drake.core.kernels.matrix_kernels import eigenpairs, inverses
 from tactopose_drake.core.kernels.refinement_kernels import refine_modes
 from tactopose_drake.core.kernels.regression_kernels import Regression, regress_modes
 from tactopose_drake.core.kernels.sigma_point_kernels import RegressionSettings
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
-from tactopose_drake.core.posterior.hypotheses import determined_part, free_directions, increments_of_one_metre
-from tactopose_drake.core.posterior.posterior_params import ModeParams
+from tactopose_drake.core.plain_values import copied
+from tactopose_drake.core.posterior.hypotheses import increments_of_one_metre
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.tracking.contact_errors import BiasModel, lasting_excess, new_variances
-from tactopose_drake.core.tracking.frame import ContactReading, told_variances
-from tactopose_drake.core.tracking.slip_detection import contact_rows_at, information_of
+from tactopose_drake.core.tracking import gain_kernels
+from tactopose_drake.core.tracking.contact_errors import BiasModel
+from tactopose_drake.core.tracking.frame import ContactReading
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tactopose_drake.core.validation import FloatArray
@@ -95,35 +95,37 @@ def update_with_contacts(
         modes: as they are predicted.
         X_start: where to start from, shape (n, 3, 4), where that is not the prediction.
     """
-    contacts, settings, bias = reading.contacts, params.contact_update, BiasModel.from_params(params)
-    variances = bias.with_roughness(modes.roughness)
-    information = _joint_information(modes.covariance, modes.cross_covariance, variances)
-    count, size = information.shape[:2]
-    weights = 1.0 / np.sqrt(new_variances(contacts, params).T)
-    grid = model.grid.nodes
-    n_PC = np.zeros_like(contacts.p_PC) if contacts.n_PC is None else contacts.n_PC
+    contacts, settings, count = reading.contacts, params.contact_update, len(modes)
+    priors = _make_priors(modes, BiasModel.from_params(params).with_roughness(modes.roughness))
+    told = SurfaceContact(model.grid, contacts)
+    weights = 1.0 / np.sqrt(reading.parts.new.T)
     weights[1] *= contacts.n_PC is not None
-    arrays = ContactArrays(*map(read_only, (contacts.p_PC, n_PC, *weights, reading.source)))
-    priors = ModePriors(read_only(modes.X_PO), read_only(information))
-    X_PO, hessian = np.array(modes.X_PO if X_start is None else X_start), np.empty((count, size, size))
-    refine_modes(grid, arrays, priors, X_PO, settings.max_iterations, settings.tolerance, hessian)
-    if X_start is None:
-        # A frame tells little that is new: what holds over the prediction's whole spread, not about the minimum alone.
-        hessian[:] = information
-    regression = Regression(hessian, np.zeros((count, len(contacts), 2)))
+    weight_p, weight_n, source = map(read_only, (*weights, reading.source))
+    arrays = ContactArrays(told.touch.p, told.touch.n, weight_p, weight_n, source)
+    X_PO = np.array(modes.X_PO if X_start is None else X_start, order="C")
+    hessian = np.empty(priors.information.shape)
+    refine_modes(told.grid, arrays, priors, X_PO, settings.max_iterations, settings.tolerance, hessian)
+    # A frame tells little that is new: what holds over the prediction's whole spread, not about the minimum alone.
+    spread = np.array(modes.covariance if X_start is None else np.linalg.inv(hessian)[:, :6, :6], order="C")
+    roughness = np.zeros((count, len(contacts), 2))
+    regression = Regression(hessian, roughness, spread, np.empty(modes.cross_covariance.shape))
     X_minimum = X_PO.copy()
-    regress_modes(grid, arrays, priors, _regression_settings(params, model.size), X_PO, regression)
-    cost = SurfaceContact(model.grid, contacts).cost(np.concatenate([X_minimum, X_PO]))
+    regress_modes(told.grid, arrays, priors, _regression_settings(params, model.size), X_PO, regression)
+    cost = told.cost(np.concatenate([X_minimum, X_PO]))
     is_beside = cost[count:] > cost[:count] + settings.as_good
     X_PO[is_beside] = X_minimum[is_beside]
-    joint = np.linalg.solve(hessian, np.broadcast_to(np.eye(size, 6), (count, size, 6)))
-    P = np.asarray(joint[:, :6], dtype=np.float64)
-    return ContactUpdate(
-        X_PO,
-        0.5 * (P + np.swapaxes(P, 1, 2)),
-        np.swapaxes(joint[:, 6:], 1, 2),
-        regression.roughness,
-    )
+    return ContactUpdate(X_PO, spread, regression.cross_covariance, roughness)
+
+
+def _make_priors(modes: TrackedModes, variances: FloatArray) -> ModePriors:
+    """The joint Gaussians of modes and of biases with these variances (n, 6 s)."""
+    count, size = len(modes), 6 + variances.shape[1]
+    information = np.empty((count, size, size))
+    gain = np.ascontiguousarray(modes.cross_covariance / variances[:, None])
+    left = modes.covariance - gain @ np.swapaxes(modes.cross_covariance, 1, 2)
+    A = np.asarray(np.linalg.inv(left), dtype=np.float64)
+    gain_kernels.join_information(A, gain, variances, information)
+    return ModePriors(read_only(modes.X_PO), read_only(information))
 
 
 def update_modes(
@@ -142,16 +144,12 @@ def update_modes(
     first = min(int(count), params.mixture.max_updated)
     forgotten = min(1.0, duration / params.forgetting.time)
     predicted = modes.chosen(slice(first))
-    rows = contact_rows_at(model, reading, predicted.X_PO)[1]
-    information = information_of(rows, rows)
+    information, most = touch_information(model, params, reading, predicted)
     forgetful = forget(information, predicted, forgotten, params.forgetting.half_information)
     update = update_with_contacts(model, params, reading, forgetful)
-    most = most_information(params, reading, predicted, rows)
     covariance = limit_gain(forgetful.covariance, most, update.covariance)
     covariance = only_as_told(model, params, information, predicted.covariance, covariance)
-    updated = dataclasses.replace(
-        forgetful, X_PO=update.X_PO, covariance=covariance, cross_covariance=update.cross_covariance
-    )
+    updated = copied(forgetful, X_PO=update.X_PO, covariance=covariance, cross_covariance=update.cross_covariance)
     updated = follow_roughness(updated, reading, update.roughness, params)
     return updated if first == len(modes) else updated.joined(modes.chosen(slice(first, None)))
 
@@ -165,32 +163,32 @@ def forget(information: FloatArray, modes: TrackedModes, forgotten: float, half_
         forgotten: the share of its variance by which a direction that only the touch determines grows.
         half_information: of a frame over what is known of a direction; then it grows by half of that.
     """
-    root = np.linalg.cholesky(modes.covariance)
-    values, vectors = np.linalg.eigh(np.swapaxes(root, 1, 2) @ information @ root)
-    axes = root @ vectors
-    growth = forgotten * values / (values + half_information)
-    covariance = modes.covariance + (axes * growth[:, None]) @ np.swapaxes(axes, 1, 2)
-    return dataclasses.replace(modes, covariance=covariance)
+    # Along a direction of which it tells i over what is known, the growth is i / (i + h): all that an update by the
+    # information over h takes away.
+    left = inverses(inverses(modes.covariance)[0] + information / half_information)[0]
+    return copied(modes, covariance=modes.covariance + forgotten * (modes.covariance - left))
 
 
-def most_information(
-    params: PoseTrackerParams, reading: ContactReading, modes: TrackedModes, rows: FloatArray
-) -> FloatArray:
-    """What the touch tells of the modes when only what lasts of its errors is left, shape (n, 6, 6).
+def touch_information(
+    model: ObjectModel, params: PoseTrackerParams, reading: ContactReading, modes: TrackedModes
+) -> tuple[FloatArray, FloatArray]:
+    """What the touch tells of the modes, and what it tells when only what lasts of its errors is left, (n, 6, 6) each.
 
     As in a keyframe, what is new at each time averages out over some frames, and not further: contacts roll on.
 
     Args:
+        model: the object.
         params: what is assumed.
         reading: what is touched.
         modes: as they are predicted.
-        rows: the derivatives (n, k, 4, 6) of the contacts' residuals there, in their standard deviations.
     """
     contacts = reading.contacts
     lasting = BiasModel.from_params(params).variances + modes.roughness[:, reading.source]
-    variances = lasting + new_variances(contacts, params) / params.window.max_frames
-    weighted = rows * (told_variances(contacts) / variances)[..., [0, 1, 1, 1], None]
-    return information_of(weighted, rows)
+    variances = lasting + reading.parts.new / params.window.max_frames
+    jacobian = SurfaceContact(model.grid, contacts).rows_of_contacts(modes.X_PO)[1]
+    now, most = np.empty((2, len(modes), 6, 6))
+    gain_kernels.inform(jacobian, np.ascontiguousarray(reading.parts.told / variances), now, most)
+    return now, most
 
 
 def limit_gain(before: FloatArray, most: FloatArray, after: FloatArray) -> FloatArray:
@@ -203,14 +201,9 @@ def limit_gain(before: FloatArray, most: FloatArray, after: FloatArray) -> Float
         most: information of the touch, however often it is felt, shape (n, 6, 6).
         after: covariances that the update claims, shape (n, 6, 6).
     """
-    root = np.linalg.cholesky(before)
-    values, vectors = np.linalg.eigh(np.swapaxes(root, 1, 2) @ most @ root)
-    # In these axes what was known is 1, and what the touch may tell are the values: the larger one of both holds.
-    least = (root @ vectors) / np.sqrt(np.maximum(values, 1.0))[:, None]
-    unit = np.linalg.inv(least)
-    values, vectors = np.linalg.eigh(unit @ after @ np.swapaxes(unit, 1, 2))
-    axes = (least @ vectors) * np.sqrt(np.maximum(values, 1.0))[:, None]
-    return np.asarray(axes @ np.swapaxes(axes, 1, 2))
+    bounded = np.array(after, order="C")
+    gain_kernels.bound_covariances(np.ascontiguousarray(before), np.ascontiguousarray(most), bounded)
+    return bounded
 
 
 def only_as_told(
@@ -228,15 +221,15 @@ def only_as_told(
         before: covariances, shape (n, 6, 6).
         after: likewise.
     """
-    share, told = ModeParams(free_share=params.untold_share), after.copy()
-    for i, rows in enumerate(free_directions(information, model.size, params=share)):
-        if len(rows):
-            roots = np.linalg.cholesky(np.stack([before[i], after[i]])).swapaxes(1, 2)
-            untold = (roots - determined_part(roots, rows, model.size)) / increments_of_one_metre(model.size)
-            values, vectors = np.linalg.eigh(untold[0].T @ untold[0] - untold[1].T @ untold[1])
-            lost = (vectors.T * np.sqrt(np.maximum(values, 0.0))[:, None]) * increments_of_one_metre(model.size)
-            told[i] += lost.T @ lost
-    return told
+    units, least = increments_of_one_metre(model.size), 1.0 / (params.untold_share * model.size) ** 2
+    squares = np.outer(units, units)
+    values, rows = eigenpairs(information * squares)
+    if values.min() >= least:
+        return after
+    free = rows * (values < least)[..., None]
+    untold = np.swapaxes(free, 1, 2) @ free
+    lost, rows = eigenpairs(untold @ ((before - after) / squares) @ untold)
+    return after + np.swapaxes(rows, 1, 2) @ (np.maximum(lost, 0.0)[..., None] * rows) * squares
 
 
 def follow_roughness(
@@ -247,13 +240,10 @@ def follow_roughness(
     A bias is the sum of the hand's and the surface's. Where the latter's variance grows, the pose knows nothing of what
     is added. Where the sum's falls from T to t, of the bias a share t / T is expected to be left.
     """
-    variances = BiasModel.from_params(params).variances
-    after = modes.roughness.copy()
-    now = roughness + lasting_excess(reading, params)
-    after[:, reading.source] += params.contact_update.roughness_gain * (now - after[:, reading.source])
-    left = np.minimum(1.0, (variances + after) / (variances + modes.roughness))
-    cross = modes.cross_covariance * np.repeat(left, 3, axis=2).reshape(len(modes), 1, -1)
-    return dataclasses.replace(modes, cross_covariance=cross, roughness=after)
+    after, cross = np.array(modes.roughness, order="C"), np.array(modes.cross_covariance, order="C")
+    variances, gain = BiasModel.from_params(params).variances, params.contact_update.roughness_gain
+    gain_kernels.follow_roughness(roughness, reading.parts.excess, reading.source, variances, gain, after, cross)
+    return copied(modes, cross_covariance=cross, roughness=after)
 
 
 def follow_lasting_errors(
@@ -261,8 +251,8 @@ def follow_lasting_errors(
 ) -> TrackedModes:
     """The modes when what lasts of the contacts' errors is found to be larger or smaller than it was taken for."""
     roughness = modes.roughness.copy()
-    least = lasting_excess(after, params)
-    changed = roughness[:, after.source] + least - lasting_excess(before, params)
+    least = after.parts.excess
+    changed = roughness[:, after.source] + least - before.parts.excess
     roughness[:, after.source] = np.maximum(changed, least)
     return modes.with_roughness(roughness, BiasModel.from_params(params).variances)
 
@@ -278,21 +268,3 @@ def _regression_settings(params: PoseTrackerParams, size: float) -> RegressionSe
         settings.lasting_normal_share,
         settings.new_normal_share,
     )
-
-
-def _joint_information(P: FloatArray, C: FloatArray, variances: FloatArray) -> FloatArray:
-    """The inverse of [P C; C^T B] by its Schur complement, shape (n, m, m).
-
-    Of B the diagonals are given, shape (n, m - 6).
-    """
-    count, biases = len(P), C.shape[2]
-    gain = C / variances[:, None]
-    A = np.linalg.inv(P - gain @ np.swapaxes(C, 1, 2))
-    information = np.empty((count, 6 + biases, 6 + biases))
-    information[:, :6, :6] = 0.5 * (A + np.swapaxes(A, 1, 2))
-    information[:, :6, 6:] = -A @ gain
-    information[:, 6:, :6] = np.swapaxes(information[:, :6, 6:], 1, 2)
-    information[:, 6:, 6:] = np.swapaxes(gain, 1, 2) @ A @ gain
-    at = np.arange(6, 6 + biases)
-    information[:, at, at] += 1.0 / variances
-    return information

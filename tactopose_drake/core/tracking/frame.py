@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import dataclasses
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
+from tactopose_drake.core.plain_values import copied
 from tactopose_drake.core.validation import LATEST, FloatArray, instance_of, limited, points_near, pose_matrix
 from tactopose_drake.errors import InvalidInputError
 
@@ -74,10 +74,7 @@ class PoseMeasurement:
             X_PO: the pose then, shape (3, 4).
             covariance: of the increment (w, v) from it, shape (6, 6), rad and m.
         """
-        moved = copy.copy(self)
-        for name, value in (("time", time), ("X_PO", X_PO), ("covariance", covariance)):
-            object.__setattr__(moved, name, value)
-        return moved
+        return copied(self, time=time, X_PO=X_PO, covariance=covariance)
 
     def as_prior(self) -> GaussianPrior:
         """A prior that is at least as wide in every direction of rotation and of translation."""
@@ -154,6 +151,20 @@ class SeemingErrors(NamedTuple):
         return np.array([self.doubt.get(name, 1.0) for name in sources])
 
 
+class ErrorParts(NamedTuple):
+    """Variances of the errors of k contacts, of points, m^2, and of normals, rad^2, each of shape (k, 2).
+
+    Attributes:
+        told: of the whole errors.
+        new: of what is new at each time.
+        excess: of what lasts beside the calibration's, as they seem.
+    """
+
+    told: FloatArray
+    new: FloatArray
+    excess: FloatArray
+
+
 class ContactReading(NamedTuple):
     """The contacts of a frame by all sources that are known.
 
@@ -165,6 +176,7 @@ class ContactReading(NamedTuple):
         doubt: by how much the variance of what lasts of each one's error seems larger than told, shape (k,).
         calibration: by how much those of the calibration do, of points and of normals, shape (2,).
         evidence: that of the frame; see `as_doubted`.
+        parts: of the contacts' errors.
     """
 
     contacts: Contacts
@@ -174,6 +186,7 @@ class ContactReading(NamedTuple):
     doubt: FloatArray
     calibration: FloatArray
     evidence: Evidence
+    parts: ErrorParts
 
     @property
     def has_contact(self) -> bool:
@@ -185,23 +198,3 @@ def told_variances(contacts: Contacts) -> FloatArray:
     sigmas = np.empty((len(contacts), 2))
     sigmas[:, 0], sigmas[:, 1] = contacts.sigma_position, contacts.sigma_normal
     return sigmas * sigmas
-
-
-def read_contacts(
-    frame: Frame, sources: tuple[str, ...], p_before: FloatArray, errors: SeemingErrors
-) -> ContactReading:
-    """The frame's contacts by the sources known so far and the new ones.
-
-    Args:
-        frame: all that is sensed.
-        sources: names of those known so far.
-        p_before: the last contacts' points, shape (k, 3), m.
-        errors: how large they seem by what was felt so far.
-    """
-    contacts = frame.evidence.touch
-    assert frame.sources is not None
-    sources += tuple(name for name in frame.sources if name not in sources)
-    source = np.array([sources.index(name) for name in frame.sources], dtype=np.intp)
-    is_new = len(contacts) > 0 and not np.array_equal(contacts.p_PC, p_before)
-    doubts = errors.doubts_of(frame.sources)
-    return ContactReading(contacts, source, sources, is_new, doubts, errors.calibration, frame.evidence)

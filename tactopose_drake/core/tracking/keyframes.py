@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
-from tactopose_drake.core.poses import compose, point_jacobians
+from tactopose_drake.core.poses import point_jacobians
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.contact_errors import averaged_variances, calibration_excess
 from tactopose_drake.core.tracking.frame import ContactReading, PoseMeasurement, told_variances
@@ -51,8 +51,15 @@ class Keyframe:
     @classmethod
     def of_now(cls, reading: ContactReading, sources: tuple[str, ...]) -> "Keyframe":
         """A touch of this time, by its sources."""
-        contacts, variances = reading.contacts, told_variances(reading.evidence.touch)
-        return cls(contacts.p_PC, contacts.n_PC, variances, sources, np.eye(3, 4), np.zeros((6, 6)))
+        contacts = reading.contacts
+        return cls(
+            contacts.p_PC,
+            contacts.n_PC,
+            told_variances(reading.evidence.touch),
+            sources,
+            np.eye(3, 4),
+            np.zeros((6, 6)),
+        )
 
     @functools.cached_property
     def points(self) -> FloatArray:
@@ -79,29 +86,32 @@ class Keyframe:
 
     def joined_by(self, now: "Keyframe", max_frames: int) -> "Keyframe":
         """The touch of this time, averaged with this one, which is of the same fingers at the same places."""
-        order = [self.sources.index(source) for source in now.sources]
-        frames = min(self.frames + 1, max_frames)
-        points, normals = self.points[order], self.normals
-        p_PC = points + (now.p_PC - points) / frames
-        n_PC = now.n_PC
+        frames, (points, normals), n_PC = min(self.frames + 1, max_frames), self._in_order_of(now), now.n_PC
         if n_PC is not None and normals is not None:
-            n_PC = normals[order] + (n_PC - normals[order]) / frames
-            n_PC = n_PC / np.sqrt(np.sum(n_PC * n_PC, axis=1, keepdims=True))
-        return dataclasses.replace(now, p_PC=p_PC, n_PC=n_PC, frames=frames)
+            n_PC = normals + (n_PC - normals) / frames
+            n_PC = n_PC / np.sqrt(np.einsum("ki,ki->k", n_PC, n_PC))[:, None]
+        p_PC = points + (now.p_PC - points) / frames
+        return Keyframe(p_PC, n_PC, now.variances, now.sources, now.X_PP, now.covariance, frames)
 
     def tells_other_than(self, now: "Keyframe", params: WindowParams) -> bool:
         """Whether, in a touch of this time, other fingers touch, or one of them elsewhere on the object."""
-        if set(self.sources) != set(now.sources):
+        if self.sources != now.sources and set(self.sources) != set(now.sources):
             return True
-        order = [self.sources.index(source) for source in now.sources]
-        moved = self.points[order] - now.p_PC
-        if np.sum(moved * moved, axis=1).max(initial=0.0) > params.least_distance**2:
+        points, normals = self._in_order_of(now)
+        moved = points - now.p_PC
+        if np.einsum("ki,ki->k", moved, moved).max(initial=0.0) > params.least_distance**2:
             return True
-        mine, others = self.normals, now.n_PC
-        if mine is None or others is None:
+        if normals is None or now.n_PC is None:
             return False
-        cosine = np.sum(mine[order] * others, axis=1).min(initial=1.0)
+        cosine = np.einsum("ki,ki->k", normals, now.n_PC).min(initial=1.0)
         return bool(cosine < math.cos(math.radians(params.least_turn_deg)))
+
+    def _in_order_of(self, now: "Keyframe") -> tuple[FloatArray, FloatArray | None]:
+        """Where its points and normals are now, in the order of a touch by the same sources."""
+        if self.sources == now.sources:
+            return self.points, self.normals
+        order = [self.sources.index(source) for source in now.sources]
+        return self.points[order], None if self.normals is None else self.normals[order]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -123,14 +133,20 @@ class TouchWindow:
 
 def move_keyframes(keyframes: tuple[Keyframe, ...], motion: Motion) -> tuple[Keyframe, ...]:
     """The same after a further motion."""
-    pose, adjoint = motion.pose, motion.adjoint
+    if not keyframes:
+        return ()
+    adjoint = motion.adjoint
     return tuple(
-        dataclasses.replace(
-            keyframe,
-            X_PP=compose(pose, keyframe.X_PP),
-            covariance=adjoint @ keyframe.covariance @ adjoint.T + motion.covariance,
+        Keyframe(
+            frame.p_PC,
+            frame.n_PC,
+            frame.variances,
+            frame.sources,
+            motion.of_poses(frame.X_PP),
+            adjoint @ frame.covariance @ adjoint.T + motion.covariance,
+            frame.frames,
         )
-        for keyframe in keyframes
+        for frame in keyframes
     )
 
 

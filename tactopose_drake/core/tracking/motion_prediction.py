@@ -23,10 +23,13 @@ import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.poses import compose, exp_so3, inverse, log_so3, point_jacobians, skew
+from tactopose_drake.core.kernels.matrix_kernels import inverses
+from tactopose_drake.core.kernels.pose_kernels import retract
+from tactopose_drake.core.plain_values import copied
+from tactopose_drake.core.poses import compose, inverse, log_so3, skew
+from tactopose_drake.core.tracking import prediction_kernels
 from tactopose_drake.core.tracking.frame import PoseMeasurement
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import MotionNoise
@@ -34,6 +37,7 @@ from tactopose_drake.core.validation import FloatArray
 
 # Nothing is known of a rotation with this variance about each axis, rad^2: the mean square of a random rotation's.
 _ANY_ROTATION = (np.pi**2 / 3.0 + 2.0) / 3.0
+_ORIGIN = np.eye(3, 4)[None]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -51,7 +55,9 @@ class Motion:
     @functools.cached_property
     def pose(self) -> FloatArray:
         """The motion as a pose that acts from the left, X_PO_after = pose X_PO_before, shape (3, 4)."""
-        return np.column_stack([exp_so3(self.twist[:3]), self.twist[3:]])
+        pose = np.empty((3, 4))
+        retract(_ORIGIN, self.twist[None], pose[None])
+        return pose
 
     @functools.cached_property
     def adjoint(self) -> FloatArray:
@@ -68,6 +74,12 @@ class Motion:
         turn = np.eye(6)
         turn[3:, 3:] = self.pose[:, :3]
         return turn
+
+    def of_poses(self, X_PO: FloatArray) -> FloatArray:
+        """What the motion makes of poses (..., 3, 4)."""
+        moved: FloatArray = self.pose[:, :3] @ X_PO
+        moved[..., 3] += self.pose[:, 3]
+        return moved
 
 
 def move_with_palm(noise: MotionNoise, duration: float, *, slips: bool) -> Motion:
@@ -131,39 +143,31 @@ def move_with_fingertips(
         duration: s; small, so that the contacts stay about where they are.
         slips: whether the object has been found to slip: then no fingertip holds it by friction.
     """
-    known = np.array([source in tip_velocity for source in sources], dtype=np.bool_)
-    velocity = np.array([tip_velocity[source] for source in sources if source in tip_velocity]).reshape(-1, 6)
-    p_PC = contacts.p_PC[known]
-    tangential = _tangential_noise(contacts, known, noise, slips)
-    turning = np.full(len(p_PC), noise.twisting)
-    turning *= tangential / noise.rolling
-
-    # Rows of the grasp matrix: a contact's velocity is [-[p]x 1] (w, v), of which the object's is like the fingertip's.
-    # Of each contact they are rows of a matrix that is made whole by the normal's: four of unit variance.
-    arms = point_jacobians(p_PC)
-    rows = np.zeros((len(p_PC), 4, 6))
-    rows[:, :3] = arms / tangential[:, None, None]
-    if contacts.n_PC is not None:
-        # Along the normal they stay together, whether they slide or not.
-        n_PC = contacts.n_PC[known]
-        along = (n_PC[:, None] @ arms)[:, 0]
-        rows[:, :3] += n_PC[:, :, None] * along[:, None] * (1.0 / noise.rolling - 1.0 / tangential)[:, None, None]
-        rows[:, 3, :3] = n_PC / turning[:, None]
-    wanted = (rows @ velocity[:, :, None]).reshape(-1)
-    flat = rows.reshape(-1, 6)
-    information = flat.T @ flat + np.diag(1.0 / _three_each(noise.free_rotation**2, noise.free_translation**2))
-    right = flat.T @ wanted
-    covariance = np.linalg.inv(information)
-    return Motion(covariance @ right * duration, 0.5 * (covariance + covariance.T) * duration)
+    known = [row for row, source in enumerate(sources) if source in tip_velocity]
+    velocity = np.array([tip_velocity[sources[row]] for row in known]).reshape(-1, 6)
+    of_rows = np.empty((len(known), 3))
+    of_rows[:, 0] = across = _tangential_noise(contacts, known, noise, slips)
+    # Along the normal they stay together, whether they slide or not.
+    of_rows[:, 1], of_rows[:, 2] = noise.rolling, across * (noise.twisting / noise.rolling)
+    n_PC = np.zeros((len(known), 3)) if contacts.n_PC is None else contacts.n_PC[known]
+    information, right = _free_information(noise.free_rotation, noise.free_translation).copy(), np.zeros(6)
+    prediction_kernels.add_velocities(contacts.p_PC[known], n_PC, velocity, of_rows, information, right)
+    covariance = inverses(information[None])[0][0]
+    return Motion(covariance @ right * duration, covariance * duration)
 
 
-def _tangential_noise(contacts: Contacts, known: NDArray[np.bool_], noise: MotionNoise, slips: bool) -> FloatArray:
+@functools.lru_cache
+def _free_information(rotation: float, translation: float) -> FloatArray:
+    """Of the motion of an object that nothing holds, with these random walks, shape (6, 6)."""
+    return np.diag(1.0 / _three_each(rotation**2, translation**2))
+
+
+def _tangential_noise(contacts: Contacts, known: list[int], noise: MotionNoise, slips: bool) -> FloatArray:
     """The random walk across the normal of the contacts that are known, by whether they roll or slide."""
-    count = int(np.count_nonzero(known))
-    tangential = np.full(count, noise.rolling)
+    tangential = np.full(len(known), noise.rolling)
     if slips:
         # An object slips as a whole: the fingertips' errors are one, which more of them do not average out.
-        tangential[:] = noise.slipping * math.sqrt(count)
+        tangential[:] = noise.slipping * math.sqrt(len(known))
     if noise.friction is not None and contacts.f_PC is not None and contacts.n_PC is not None:
         n_PC, f_PC = contacts.n_PC[known], contacts.f_PC[known]
         along = np.einsum("ki,ki->k", n_PC, f_PC)
@@ -183,15 +187,22 @@ def predict_poses(X_PO: FloatArray, covariance: FloatArray, motion: Motion) -> t
     With X exp'd by the increment (w, v) and the motion (E, t) acting from the left, w stays and v becomes E v; a small
     twist (r, s) after it is the increment (R^T r, s + r x p).
     """
-    moved, turn = compose(motion.pose, X_PO), motion.increment_map
-    return moved, turn @ covariance @ turn.T + error_of_motion(moved, motion)
+    return _carry(X_PO, covariance, np.empty((len(X_PO), 6, 0)), motion)[:2]
 
 
 def error_of_motion(X_PO: FloatArray, motion: Motion) -> FloatArray:
     """What the error of a motion that ended at poses (n, 3, 4) makes of the increments' covariance, (n, 6, 6)."""
-    M = np.zeros((len(X_PO), 6, 6))
-    M[:, :3, :3], M[:, 3:] = np.swapaxes(X_PO[:, :, :3], 1, 2), point_jacobians(X_PO[:, :, 3])
-    return np.asarray(M @ motion.covariance @ np.swapaxes(M, 1, 2))
+    return predict_poses(X_PO, np.zeros((len(X_PO), 6, 6)), Motion(np.zeros(6), motion.covariance))[1]
+
+
+def _carry(
+    X_PO: FloatArray, covariance: FloatArray, cross: FloatArray, motion: Motion
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Likewise, with covariances (n, 6, m) of the increments with what else there is."""
+    X_after, before = motion.of_poses(X_PO), (np.ascontiguousarray(covariance), np.ascontiguousarray(cross))
+    after = np.empty_like(before[0]), np.empty_like(before[1])
+    prediction_kernels.carry(motion.increment_map, motion.covariance, X_after, *before, *after)
+    return X_after, *after
 
 
 def predict_modes(modes: TrackedModes, motion: Motion, max_sigma_translation: float) -> TrackedModes:
@@ -202,13 +213,13 @@ def predict_modes(modes: TrackedModes, motion: Motion, max_sigma_translation: fl
         motion: of the object.
         max_sigma_translation: of a translation with this standard deviation nothing is known, m.
     """
-    X_PO, covariance = predict_poses(modes.X_PO, modes.covariance, motion)
-    cross = motion.increment_map @ modes.cross_covariance
+    X_PO, covariance, cross = _carry(modes.X_PO, modes.covariance, modes.cross_covariance, motion)
     limits = _three_each(_ANY_ROTATION, max_sigma_translation**2)
-    for b in np.flatnonzero(np.any(np.diagonal(covariance, axis1=1, axis2=2) > limits, axis=1)):
+    is_beyond = np.diagonal(covariance, axis1=1, axis2=2) > limits
+    for b in np.flatnonzero(is_beyond.any(axis=1)) if is_beyond.any() else ():
         shrink = _shrink(covariance[b], limits)
         covariance[b], cross[b] = shrink @ covariance[b] @ shrink.T, shrink @ cross[b]
-    return dataclasses.replace(modes, X_PO=X_PO, covariance=covariance, cross_covariance=cross)
+    return copied(modes, X_PO=X_PO, covariance=covariance, cross_covariance=cross)
 
 
 def _shrink(covariance: FloatArray, limits: FloatArray) -> FloatArray:

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.kernels.matrix_kernels import inverses
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
-from tactopose_drake.core.plain_values import numbers
+from tactopose_drake.core.plain_values import copied, numbers
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
-from tactopose_drake.core.posterior.hypotheses import determined_rows, free_directions, increments_of_one_metre
+from tactopose_drake.core.posterior.hypotheses import determined_rows, determined_variance, free_directions
 from tactopose_drake.core.posterior.plausibility import explain_touch
-from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, ModeParams
+from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, ModeParams, PlausibilityParams
 from tactopose_drake.core.shape.free_spin import continuous_turns
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.statuses import BeliefStatus
@@ -138,29 +138,38 @@ class PoseBelief:
         return f"{self.status}: {'; '.join(self.remarks)}" if self.remarks else self.status
 
 
+class Explanation:
+    """Which poses leave residuals of a touch that may be noise; who asks again for the same poses gets the same."""
+
+    def __init__(self, model: ObjectModel, evidence: Evidence, params: PlausibilityParams) -> None:
+        self.evidence = evidence
+        self._model, self._params = model, params
+        self._X_PO, self._explained = np.zeros((0, 3, 4)), np.zeros(0, dtype=np.bool_)
+
+    def of(self, X_PO: FloatArray) -> NDArray[np.bool_]:
+        """Which of the poses (n, 3, 4) do, shape (n,)."""
+        if not np.array_equal(X_PO, self._X_PO):
+            self._X_PO, self._explained = X_PO, explain_touch(self._model, self.evidence, X_PO, self._params)
+        return self._explained
+
+
 def summarise(
-    model: ObjectModel, params: PoseTrackerParams, belief: PoseBelief, evidence: Evidence, *, has_contact: bool
+    model: ObjectModel, params: PoseTrackerParams, belief: PoseBelief, explanation: Explanation, *, has_contact: bool
 ) -> PoseBelief:
-    """The belief with poses, probabilities and status by its modes and the evidence of its time."""
+    """The belief with poses, probabilities and status by its modes and the touch of its time."""
     weights = np.exp(belief.modes.log_weight - belief.modes.log_weight.max(initial=-np.inf))
     weights = weights / weights.sum()
     order = np.argsort(-weights, kind="stable")
     mixture = GaussianMixture(belief.modes.X_PO[order], weights[order], belief.modes.covariance[order])
-    explains = np.ones(len(mixture), dtype=np.bool_)
-    if has_contact and len(mixture):
-        explains = explain_touch(model, evidence, mixture.X_PO, params.plausibility)
-    belief = dataclasses.replace(
-        belief,
-        mixture=mixture,
-        explains_touch=explains,
-        explained_time=belief.time if has_contact and explains[:1].any() else belief.explained_time,
-    )
+    explains = explanation.of(mixture.X_PO) if has_contact else np.ones(len(mixture), dtype=np.bool_)
+    explained_time = belief.time if has_contact and explains[:1].any() else belief.explained_time
+    belief = copied(belief, mixture=mixture, explains_touch=explains, explained_time=explained_time)
     status, remarks = judge(belief, params, has_contact=has_contact)
-    if status == "ok" and (reason := _left_open(model, params, belief, evidence)):
+    if status == "ok" and (reason := _left_open(model, params, belief, explanation.evidence)):
         status, remarks = "ambiguous", (reason,)
     if belief.vision.remark:
         remarks = (*remarks, belief.vision.remark)
-    return dataclasses.replace(belief, status=status, remarks=remarks)
+    return copied(belief, status=status, remarks=remarks)
 
 
 def _left_open(model: ObjectModel, params: PoseTrackerParams, belief: PoseBelief, evidence: Evidence) -> str:
@@ -176,8 +185,8 @@ def _left_open(model: ObjectModel, params: PoseTrackerParams, belief: PoseBelief
     X_PO, covariance = belief.X_PO[:1], belief.covariance[0]
     turns = continuous_turns(model.symmetries, X_PO[0])
     most_turn, most_free = math.radians(params.answer_turn_deg), DEFAULT_PARAMS.modes.free_share * model.size
-    metres = determined_rows(covariance, turns, model.size) / increments_of_one_metre(model.size)
-    if np.sum(metres * metres) < min(params.answer_distance, 0.5 * model.size * most_turn, most_free) ** 2:
+    widest = min(params.answer_distance, 0.5 * model.size * most_turn, most_free)
+    if determined_variance(covariance, turns, model.size) < widest**2:
         return ""  # No direction is wider than all of them together.
     free = free_directions(inverses(covariance[None])[0], model.size, known=[turns])[0]
     if len(free) > 1 + len(turns):

@@ -8,8 +8,8 @@ import numpy as np
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.kernel_library import make_kernels_ready
+from tactopose_drake.core.plain_values import copied
 from tactopose_drake.core.poses import increments_between
-from tactopose_drake.core.posterior.plausibility import explain_touch
 from tactopose_drake.core.shape.free_spin import nearest_images
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.contact_errors import (
@@ -17,10 +17,12 @@ from tactopose_drake.core.tracking.contact_errors import (
     estimate_scale,
     follow_doubt,
     follow_scale,
+    read_contacts,
     surest_position,
+    with_errors,
 )
 from tactopose_drake.core.tracking.contact_update import follow_lasting_errors, update_modes
-from tactopose_drake.core.tracking.frame import ContactReading, Frame, SeemingErrors, read_contacts
+from tactopose_drake.core.tracking.frame import ContactReading, Frame, SeemingErrors
 from tactopose_drake.core.tracking.keyframes import Keyframe, Touch, follow_touch, make_window, move_keyframes
 from tactopose_drake.core.tracking.motion_prediction import (
     Motion,
@@ -30,7 +32,7 @@ from tactopose_drake.core.tracking.motion_prediction import (
     move_with_palm,
     predict_modes,
 )
-from tactopose_drake.core.tracking.pose_belief import PoseBelief, summarise
+from tactopose_drake.core.tracking.pose_belief import Explanation, PoseBelief, summarise
 from tactopose_drake.core.tracking.relocalisation import relocalise, search_on
 from tactopose_drake.core.tracking.rigidity_test import detect_by_motion
 from tactopose_drake.core.tracking.slip_detection import PoseChange, SlipTest, detect_by_forces, detect_slip
@@ -60,7 +62,7 @@ class PoseTracker:
         self._params = PoseTrackerParams() if params is None else params
         instance_of("params", self._params, PoseTrackerParams)
         self._params.validate()
-        self._model = model
+        self._model, self._plausibility = model, self._params.plausibility
         make_kernels_ready()
         model.make_ready(surest_position(self._params), _LEAST_SURE)
 
@@ -89,16 +91,18 @@ class PoseTracker:
             # A touch that no pose has explained and that is gone was none: fingers that start to move feel inertia.
             belief = belief.untouched
         untouched = self._untouched(belief, frame)
-        reading = as_doubted(read_contacts(frame, belief.sources, belief.p_PC, belief.errors), params)
+        reading = read_contacts(frame, belief.sources, belief.p_PC, belief.errors, params)
+        reading = as_doubted(reading, params)
         belief = self._predict(belief, frame, reading, duration)
         belief, is_outlier = see(self._model, belief, frame, reading, params.vision)
+        explanation = Explanation(self._model, reading.evidence, self._plausibility)
         if reading.is_new:
-            belief = self._update_with_touch(belief, frame, reading, duration, is_outlier=is_outlier)
+            belief = self._update_with_touch(belief, frame, reading, duration, explanation, is_outlier=is_outlier)
         elif reading.has_contact:
-            belief = dataclasses.replace(belief, touch_time=frame.time)
-        belief = summarise(self._model, params, belief, reading.evidence, has_contact=reading.has_contact)
+            belief = copied(belief, touch_time=frame.time)
+        belief = summarise(self._model, params, belief, explanation, has_contact=reading.has_contact)
         untouched = None if belief.explained_time == frame.time else untouched
-        return belief if untouched is belief.untouched else dataclasses.replace(belief, untouched=untouched)
+        return belief if untouched is belief.untouched else copied(belief, untouched=untouched)
 
     def _untouched(self, belief: PoseBelief, frame: Frame) -> PoseBelief | None:
         """What would be believed now without a touch that begins, or that nothing has explained since it did."""
@@ -121,7 +125,7 @@ class PoseTracker:
             history = history.followed_by(motion, frame.time, params.vision.max_age)
         modes = belief.modes.with_sources(len(reading.sources))
         was_taken = not reading.has_contact and -np.inf < belief.touch_time < frame.time - params.lost_time
-        return dataclasses.replace(
+        return copied(
             belief,
             time=frame.time,
             history=history,
@@ -149,7 +153,14 @@ class PoseTracker:
         return move_with_fingertips(forces, frame.sources, frame.tip_velocity, noise, duration, slips=slips)
 
     def _update_with_touch(
-        self, belief: PoseBelief, frame: Frame, reading: ContactReading, duration: float, *, is_outlier: bool
+        self,
+        belief: PoseBelief,
+        frame: Frame,
+        reading: ContactReading,
+        duration: float,
+        explanation: Explanation,
+        *,
+        is_outlier: bool,
     ) -> PoseBelief:
         """The belief with new contacts; `is_outlier`: of the best mode vision has just said something else."""
         time, params, modes, slips, test = frame.time, self._params, belief.modes, False, SlipTest()
@@ -164,7 +175,7 @@ class PoseTracker:
         slips = slips or gives_way or belief.slip_time == time
         test = test.restarted() if slips else test
         now = Keyframe.of_now(reading, frame.sources)
-        belief = dataclasses.replace(
+        belief = copied(
             belief,
             modes=modes,
             slip_test=test,
@@ -174,19 +185,18 @@ class PoseTracker:
             touch_time=time,
             slip_time=time if slips else belief.slip_time,
         )
-        X_best, evidence = modes.X_PO[:1], reading.evidence
-        explained = bool(len(modes) and explain_touch(self._model, evidence, X_best, params.plausibility)[0])
+        X_best, explained = modes.X_PO[:1], bool(explanation.of(modes.X_PO)[:1].any())
         unsettled_time = time if is_new else belief.unsettled_time
         is_urgent = slips or is_outlier or not explained or time < unsettled_time + params.settling_time
         if slips or is_outlier or is_new:
-            belief = dataclasses.replace(belief, search=belief.search._replace(agreeing=0))
+            belief = copied(belief, search=belief.search._replace(agreeing=0))
         belief = self._search(belief, frame, reading, is_urgent=is_urgent)
         modes, test = belief.modes, belief.slip_test
         if len(modes):
             modes = modes.pruned(params.mixture)
             if not len(X_best) or self._has_moved(X_best, modes.X_PO[:1]):
                 unsettled_time, test = time, test.restarted()
-        return dataclasses.replace(
+        return copied(
             belief,
             modes=modes,
             slip_test=test,
@@ -205,18 +215,18 @@ class PoseTracker:
         assert frame.sources is not None
         touch = Touch(frame.evidence, reading, make_window(belief.keyframes, params.window), belief.standing)
         search, weighed = search_on(self._model, params, touch, belief.modes, search)
-        belief = dataclasses.replace(belief, search=search)
+        belief = copied(belief, search=search)
         if weighed is None:
             return belief
         share = max(1.0 / (1.0 + search.agreeing), params.relocalisation.least_share)
         errors = self._follow_errors(belief, reading)
         doubt = follow_doubt(errors.doubt, weighed.inlier_probability, weighed.noise_scale, frame.sources, share)
         errors = errors._replace(doubt=doubt)
-        after = reading._replace(doubt=errors.doubts_of(frame.sources), calibration=errors.calibration)
+        after = with_errors(reading, errors.doubts_of(frame.sources), errors.calibration, params)
         modes = follow_lasting_errors(belief.modes, reading, after, params)
         modes = relocalise(self._model, params, touch._replace(reading=after), modes, weighed.modes, share)
         search = search._replace(agreeing=search.agreeing + 1)
-        return dataclasses.replace(belief, modes=modes, errors=errors, search=search)
+        return copied(belief, modes=modes, errors=errors, search=search)
 
     def _follow_errors(self, belief: PoseBelief, reading: ContactReading) -> SeemingErrors:
         """How large the calibration's errors seem to the best mode, if there is one, after the touch."""

@@ -36,7 +36,6 @@ from tactopose_drake.core.searches.pose_problem import PoseProblem, make_problem
 from tactopose_drake.core.searches.search import SearchResult
 from tactopose_drake.core.shape.free_spin import nearest_images
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.tracking.contact_errors import lasting_excess
 from tactopose_drake.core.tracking.contact_update import update_with_contacts
 from tactopose_drake.core.tracking.keyframes import Touch, past_cost
 from tactopose_drake.core.tracking.motion_prediction import Motion
@@ -92,7 +91,7 @@ class SearchState(NamedTuple):
 
     def moved(self, motion: Motion) -> SearchState:
         """The same after a further motion of the object."""
-        return self._replace(X_PP=compose(motion.pose, self.X_PP))
+        return self._replace(X_PP=motion.of_poses(self.X_PP))
 
     def as_of_now(self) -> SearchState:
         """The same with its poses as they are after the motion."""
@@ -287,7 +286,7 @@ def _make_modes(
     update = update_with_contacts(model, params, reading, priors, X_PO)
     # How rough the surface is where they touch is known once they have been there.
     roughness = np.zeros_like(priors.roughness)
-    roughness[:, reading.source] = update.roughness + lasting_excess(reading, params)
+    roughness[:, reading.source] = update.roughness + reading.parts.excess
     new = dataclasses.replace(
         priors,
         X_PO=X_PO,

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import chdtri
 
-from tactopose_drake.core.poses import point_jacobians
+from tactopose_drake.core.tracking import slip_kernels
 from tactopose_drake.core.tracking.frame import ContactReading
 from tactopose_drake.core.tracking.tracker_params import RigidityTestParams
 from tactopose_drake.core.validation import FloatArray
@@ -66,43 +66,30 @@ def detect_by_motion(
     if tip_velocity is None or duration <= 0.0:
         return RigidityTest(noise=test.noise), False
     names, noise = reading.sources, params.velocity_noise**2 if test.noise is None else test.noise
-    touching = frozenset(names[s] for s in reading.source)
-    stay = [row for row, s in enumerate(reading.source) if names[s] in test.touching and names[s] in tip_velocity]
+    touching = frozenset(frame_names := [names[s] for s in reading.source])
+    stay = [row for row, name in enumerate(frame_names) if name in test.touching and name in tip_velocity]
+    velocity = np.array([tip_velocity[frame_names[row]] for row in stay]).reshape(-1, 6)
+    first = sum(then <= time - params.time + 1e-9 for then in test.times)
+    before = test.displacements[first:]
+    displacements, squares = np.empty((len(before) + 1, len(names), 3)), np.empty(3)
     p_PC, source = reading.contacts.p_PC[stay], reading.source[stay]
-    velocity = np.array([tip_velocity[names[s]] for s in source]).reshape(-1, 6)
-    now = np.full((1, len(names), 3), np.nan)
-    arms = point_jacobians(p_PC)
-    now[0, source] = duration * (arms @ velocity[:, :, None])[..., 0]
-    recent = [i for i, then in enumerate(test.times) if then > time - params.time + 1e-9]
-    before = np.full((len(recent), len(names), 3), np.nan)
-    before[:, : test.displacements.shape[1]] = test.displacements[recent]
-    test = RigidityTest((*(test.times[i] for i in recent), time), np.concatenate([before, now]), touching, noise)
-    steady = ~np.isnan(test.displacements[:, source, 0]).any(axis=0)
-    if np.count_nonzero(steady) < _LEAST_CONTACTS:
+    steady = slip_kernels.follow_displacements(before, source, p_PC, velocity, duration, displacements, squares)
+    test = RigidityTest((*test.times[first:], time), displacements, touching, noise)
+    if steady < _LEAST_CONTACTS:
         return test, False
-    moved = test.displacements[:, source[steady]]
-    way, change = moved.sum(axis=0), moved[-1] - moved[-2:][0]
-    left, left_of_change = _unexplained(arms[steady], np.array([way, change]))
-    freedom = way.size - 6
-    if len(moved) > 1:
+    unexplained, of_change, of_ways = squares.tolist()
+    freedom = 3 * steady - 6
+    if len(before):
         # Of two independent errors the difference has twice the variance of one. A slide goes on as before.
-        seen = 0.5 * float(np.sum(left_of_change**2)) / (freedom * duration**2)
+        seen = 0.5 * of_change / (freedom * duration**2)
         seen = min(max(seen, params.least_velocity_noise**2), _MOST_GROWTH * noise)
         test = test._replace(noise=noise + params.noise_gain * (seen - noise))
     # Noise adds up as a random walk, what kinematics err along the way does not average out.
-    variance = noise * duration**2 * len(moved) + params.way_share**2 * float(np.mean(way**2))
-    unexplained = float(np.sum(left**2))
+    variance = noise * duration**2 * len(displacements) + params.way_share**2 * of_ways / (3 * steady)
     is_news = unexplained > variance * _limit(freedom, params.false_alarm_probability)
-    return test, bool(is_news and unexplained > len(left) * params.least_distance**2)
+    return test, bool(is_news and unexplained > steady * params.least_distance**2)
 
 
 @functools.lru_cache
 def _limit(freedom: int, probability: float) -> float:
     return float(chdtri(freedom, probability))
-
-
-def _unexplained(arms: FloatArray, displacements: FloatArray) -> FloatArray:
-    """What no small rigid motion explains of displacements (n, k, 3) of points with these arms (k, 3, 6), likewise."""
-    basis = np.linalg.qr(arms.reshape(-1, 6))[0]
-    flat = displacements.reshape(len(displacements), -1)
-    return np.asarray(flat - (flat @ basis) @ basis.T).reshape(displacements.shape)

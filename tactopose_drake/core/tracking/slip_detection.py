@@ -26,15 +26,16 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
-from tactopose_drake.core.poses import compose
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.tracking.frame import ContactReading, told_variances
+from tactopose_drake.core.tracking import slip_kernels
+from tactopose_drake.core.tracking.frame import ContactReading
 from tactopose_drake.core.tracking.motion_prediction import Motion, error_of_motion
 from tactopose_drake.core.tracking.tracker_params import ForceTestParams, SlipParams
 from tactopose_drake.core.validation import FloatArray
 
-_LEAST_NOISE, _MOST_NOISE = 0.02, 4.0
+_NOISE = read_only(np.array([0.02, 4.0]))  # the least and the most that is taken for it
 _LEAST_VARIANCE = 1e-12
 _ROWS = 4  # of a contact: its distance, and the difference of the normals
 _KIND_OF_ROW = np.array([0, 1, 1, 1])  # by which variances are told, of points or of normals
@@ -57,7 +58,7 @@ class SlipTest(NamedTuple):
 
     def moved(self, motion: Motion) -> SlipTest:
         """The same after a motion of the object."""
-        return self if self.X_PO is None else self._replace(X_PO=compose(motion.pose, self.X_PO))
+        return self if self.X_PO is None else self._replace(X_PO=motion.of_poses(self.X_PO))
 
     def restarted(self) -> SlipTest:
         """Without the history."""
@@ -92,48 +93,44 @@ def detect_slip(
     """
     X_before = change.X_PO if test.X_PO is None else test.X_PO
     residuals, jacobian = contact_rows_at(model, reading, np.stack([X_before, change.X_PO]))
-    source, count = reading.source, len(reading.sources)
-    now = np.full((1, count, _ROWS), np.nan)
-    now[0, source] = residuals[0]
-    before = np.full((len(test.residuals), count, _ROWS), np.nan)
-    before[:, : test.residuals.shape[1]] = test.residuals
-    noise = _follow_noise(test.noise, now[0] - before[-1], params) if len(before) else test.noise
-    history = np.concatenate([before, now])[-params.max_frames :]
-    slips = _has_slipped(params, history[:, source], jacobian[0], noise, reading, change)
-    shift = np.full((count, _ROWS), np.nan)
-    shift[source] = residuals[1] - residuals[0]
-    return SlipTest(history + shift, noise, change.X_PO), slips
+    noise, kept = np.array(test.noise), min(len(test.residuals) + 1, params.max_frames)
+    history = np.empty((kept, len(reading.sources), _ROWS))
+    slip_kernels.follow_residuals(
+        test.residuals, np.ascontiguousarray(residuals), reading.source, params.noise_gain, _NOISE, noise, history
+    )
+    slips = _has_slipped(params, history, jacobian[0], noise, reading, change)
+    return SlipTest(history, (float(noise[0]), float(noise[1])), change.X_PO), slips
 
 
 def _has_slipped(
     params: SlipParams,
     history: FloatArray,
     jacobian: FloatArray,
-    noise: tuple[float, float],
+    noise: FloatArray,
     reading: ContactReading,
     change: PoseChange,
 ) -> bool:
-    """Whether the latest of the contacts' residuals (h, k, 4) differ from those before by a slip."""
-    contacts = reading.contacts
-    rough = params.rough_share * np.maximum(change.roughness[reading.source], 0.0) / told_variances(contacts)
+    """Whether the latest of the residuals (h, s, 4) differ from those before by a slip; the jacobian is (k, 4, 6)."""
+    rough = params.rough_share * np.maximum(change.roughness[reading.source], 0.0) / reading.parts.told
     tests = (params.few_frames, params.few_threshold), (params.many_frames, params.many_threshold)
     for recent, threshold in tests:
-        earlier = history[: max(len(history) - 2 * recent, 0)][-params.compared_frames :]
-        if len(earlier) < params.least_frames:
+        earlier = min(len(history) - 2 * recent, params.compared_frames)
+        if earlier < params.least_frames:
             continue
-        difference = history[-recent:].mean(axis=0) - earlier.mean(axis=0)
-        known = ~np.isnan(difference[:, 0])
-        of_means = np.array(noise) * (1.0 / recent + 1.0 / len(earlier))
-        weight = (1.0 / np.maximum(of_means + rough, _LEAST_VARIANCE))[known][:, _KIND_OF_ROW]
-        difference = difference[known]
-        if np.sum(weight * difference * difference) <= threshold:  # A motion explains a part of it at most.
+        variances = np.maximum(noise * (1.0 / recent + 1.0 / earlier) + rough, _LEAST_VARIANCE)
+        found = np.empty((len(rough), _ROWS + 2))
+        misfit = slip_kernels.compare_frames(history, reading.source, variances, recent, earlier, found)
+        if misfit <= threshold:  # A motion explains a part of it at most.
             continue
-        J, weights, differences = jacobian[known].reshape(-1, 6), weight.reshape(-1), difference.reshape(-1)
+        known = found[:, _ROWS] > 0.0
+        J, differences = jacobian[known].reshape(-1, 6), found[known, :_ROWS].reshape(-1)
+        weights = found[known][:, _ROWS + _KIND_OF_ROW].reshape(-1)
         error = params.motion_share * error_of_motion(change.X_PO[None], change.motion)[0]
-        elapsed = 1.5 * recent + 0.5 * len(earlier)
+        elapsed = 1.5 * recent + 0.5 * earlier
         if _explained(J, weights, differences, elapsed * error) <= threshold:
             continue
-        if _way(contacts.p_PC, change.X_PO, _explaining_motion(J, weights, differences)) > params.least_distance:
+        moved = _way(reading.contacts.p_PC, change.X_PO, _explaining_motion(J, weights, differences))
+        if moved > params.least_distance:
             return True
     return False
 
@@ -147,36 +144,8 @@ def _way(p_PC: FloatArray, X_PO: FloatArray, u: FloatArray) -> float:
 
 def contact_rows_at(model: ObjectModel, reading: ContactReading, X_PO: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Residuals (B, k, 4) at poses (B, 3, 4), and their derivatives (B, k, 4, 6); of normals that are none zeros."""
-    touch = SurfaceContact(model.grid, reading.contacts)
-    flat, slopes = touch.residuals_and_jacobian(X_PO)
-    shape, k = (len(X_PO), len(reading.contacts)), min(_ROWS, flat.shape[1] // len(reading.contacts))
-    residuals, jacobian = np.zeros((*shape, _ROWS)), np.zeros((*shape, _ROWS, 6))
-    residuals[..., :k] = flat.reshape(*shape, -1)[..., :k]
-    jacobian[..., :k, :] = slopes.reshape(*shape, -1, 6)[..., :k, :]
-    return residuals, jacobian
-
-
-def information_of(weighted: FloatArray, rows: FloatArray) -> FloatArray:
-    """The information (n, 6, 6) of derivatives (n, k, 4, 6), of which one factor is weighted."""
-    shape = len(rows), -1, 6
-    return np.asarray(np.swapaxes(weighted.reshape(shape), 1, 2) @ rows.reshape(shape))
-
-
-def _follow_noise(noise: tuple[float, float], change: FloatArray, params: SlipParams) -> tuple[float, float]:
-    """The variances after residuals have changed (s, 4) from one frame to the next: half the squares is expected.
-
-    A normal's error is across it: of the three rows two vary.
-    """
-    change = change[~np.isnan(change[:, 0])]
-    if not len(change):
-        return noise
-    squares = np.einsum("kr,kr->r", change, change).tolist()
-    now = 0.5 * squares[0] / len(change), 0.25 * sum(squares[1:]) / len(change)
-    of_points, of_normals = (
-        before + params.noise_gain * (min(max(x, _LEAST_NOISE), _MOST_NOISE) - before)
-        for before, x in zip(noise, now, strict=True)
-    )
-    return of_points, of_normals
+    residuals, jacobian = SurfaceContact(model.grid, reading.contacts).rows_of_contacts(X_PO)
+    return residuals[..., :_ROWS], jacobian[..., :_ROWS, :]
 
 
 def _explained(J: FloatArray, weight: FloatArray, difference: FloatArray, error: FloatArray) -> float:

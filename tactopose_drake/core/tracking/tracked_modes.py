@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from tactopose_drake.core.plain_values import copied
 from tactopose_drake.core.tracking.tracker_params import MixtureParams
 from tactopose_drake.core.validation import FloatArray
 
@@ -106,9 +107,9 @@ class TrackedModes:
     def pruned(self, params: MixtureParams) -> TrackedModes:
         """The modes of most weight, which then sum to one, without those that hardly count."""
         if len(self) == 1:
-            return dataclasses.replace(self, log_weight=np.zeros(1))
+            return copied(self, log_weight=np.zeros(1))
         order = (-self.log_weight).argsort(kind="stable")[: params.max_modes]
         order = order[self.log_weight[order] >= self.log_weight[order[:1]] + math.log(params.least_share)]
         modes = self.chosen(order)
         total = np.logaddexp.reduce(modes.log_weight) if len(modes) else 0.0
-        return dataclasses.replace(modes, log_weight=modes.log_weight - total)
+        return copied(modes, log_weight=modes.log_weight - total)

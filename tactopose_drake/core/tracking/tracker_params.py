@@ -33,7 +33,7 @@ class ContactUpdateParams:
     """How modes are updated with contacts: refined to a minimum, then regressed over their spread."""
 
     max_iterations: int = 12  # steps of Levenberg-Marquardt for each mode, at the most
-    tolerance: float = 1e-4  # decrease of the cost that is worth a step; noise alone makes the cost differ by ones
+    tolerance: float = 1e-2  # decrease of the cost that is worth a step; noise alone makes the cost differ by ones
     least_noise_share: float = 0.3  # of a contact's standard deviation that is new at each time, whatever lasts of it
     max_displacement: float = 0.008  # of what is touched by a sigma point, rms, m: farther off are other faces
     as_good: float = 0.3  # cost of the contacts, by which what is regressed may exceed the minimum

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from tactopose_drake.core.kernels.matrix_kernels import eigenpairs, inverses
+from tactopose_drake.core.kernels.matrix_kernels import eigenpairs, inverses, multiply, transform
 
 
 def matrices(count: int, spread: float) -> np.ndarray:
@@ -40,3 +40,14 @@ def test_eigenvectors_are_orthonormal_and_only_scaled(spread: float) -> None:
     size = np.abs(values).max(axis=1)[:, None, None]
     np.testing.assert_allclose(rows @ A / size, values[:, :, None] * rows / size, atol=1e-13)
     np.testing.assert_allclose(np.sort(values) / size[:, 0], np.linalg.eigvalsh(A) / size[:, 0], atol=1e-13)
+
+
+def test_products() -> None:
+    generator = np.random.default_rng(0)
+    U, A, B = generator.normal(size=(4, 6)), matrices(1, 1.0)[0], generator.normal(size=(6, 3))
+    product, work, transformed = np.empty((4, 3)), np.empty((4, 6)), np.empty((4, 4))
+    multiply(U, B, product)
+    transform(U, A, work, transformed)
+    np.testing.assert_allclose(product, U @ B)
+    np.testing.assert_allclose(transformed, U @ A @ U.T)
+    np.testing.assert_array_equal(transformed, transformed.T)

@@ -10,9 +10,11 @@ from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.poses import exp_so3
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.tracking.contact_errors import split_errors
 from tactopose_drake.core.tracking.frame import ContactReading
-from tactopose_drake.core.tracking.tracker_params import MotionNoise
+from tactopose_drake.core.tracking.tracker_params import MotionNoise, PoseTrackerParams
 
+DEFAULT_PARAMS = PoseTrackerParams()
 SIGMA_POSITION, SIGMA_NORMAL = 0.0009, math.radians(5.0)
 p_OC = np.array(
     [
@@ -53,8 +55,13 @@ def touch(
 
 
 def read(
-    contacts: Contacts, source: NDArray[np.intp] | None = None, sources: tuple[str, ...] = tuple("abcdef")
+    contacts: Contacts,
+    source: NDArray[np.intp] | None = None,
+    sources: tuple[str, ...] = tuple("abcdef"),
+    params: PoseTrackerParams = DEFAULT_PARAMS,
 ) -> ContactReading:
     """New contacts of some sources, of which none is doubted."""
     source = np.arange(len(contacts)) if source is None else source
-    return ContactReading(contacts, source, sources, True, np.ones(len(contacts)), np.ones(2), Evidence(contacts))
+    doubt, calibration = np.ones(len(contacts)), np.ones(2)
+    parts = split_errors(contacts, doubt, calibration, params)
+    return ContactReading(contacts, source, sources, True, doubt, calibration, Evidence(contacts), parts)

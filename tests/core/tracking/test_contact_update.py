@@ -30,7 +30,7 @@ def update_modes(model, contacts, source, bias, X, P, C, roughness) -> ContactUp
     even = np.zeros(len(X))
     modes = TrackedModes(X, P, C, roughness, even)
     names = tuple(map(str, range(roughness.shape[1])))
-    return update_with_contacts(model, params, read(contacts, source, names), modes)
+    return update_with_contacts(model, params, read(contacts, source, names, params), modes)
 
 
 @pytest.fixture(scope="module")

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,13 +10,22 @@ import trimesh
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
+from tactopose_drake.core.poses import retract
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.tracking import pose_belief
 from tactopose_drake.core.tracking.frame import Frame, PoseMeasurement
-from tactopose_drake.core.tracking.pose_belief import summarise
+from tactopose_drake.core.tracking.pose_belief import Explanation, PoseBelief, summarise
 from tactopose_drake.core.tracking.pose_tracker import PoseTracker
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tests.core.tracking.boxes import make_box, touch
 from tests.core.tracking.follower import X_PO, Follower
+
+
+def message(belief: PoseBelief, evidence: Evidence) -> str:
+    """What is said of a belief that has contacts."""
+    params = PoseTrackerParams()
+    explanation = Explanation(make_box(), evidence, params.plausibility)
+    return summarise(make_box(), params, belief, explanation, has_contact=True).message
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +41,7 @@ def test_two_contacts_are_no_answer_without_what_is_seen_since_then(tracker: Pos
     sure = dataclasses.replace(said[-1], modes=said[-1].modes.chosen([0]), unsettled_time=0.0)
     evidence = Evidence(touch(X_PO, follower.generator)[:2])
     reason = "ambiguous: 2 contacts; 3 are needed, or vision since then"
-    assert summarise(make_box(), PoseTrackerParams(), sure, evidence, has_contact=True).message == reason
+    assert message(sure, evidence) == reason
     assert follower.feel(X_PO, 30).status == "ok"
     follower = Follower(tracker)
     for _ in range(30):
@@ -41,7 +51,6 @@ def test_two_contacts_are_no_answer_without_what_is_seen_since_then(tracker: Pos
 
 
 def test_a_mode_that_is_wide_is_an_answer_only_along_what_the_touch_does_not_tell(tracker: PoseTracker) -> None:
-    box, params = make_box(), PoseTrackerParams()
     follower = Follower(tracker)
     belief, contacts = follower.feel(X_PO, 12), touch(X_PO, follower.generator)
     sides = contacts[np.flatnonzero(np.abs(contacts.n_PC @ X_PO[:, 0]) < 0.3)]
@@ -56,7 +65,7 @@ def test_a_mode_that_is_wide_is_an_answer_only_along_what_the_touch_does_not_tel
         covariance[:, 3:, 3:] += 0.03**2 * slides @ slides.T
         modes = dataclasses.replace(belief.modes, covariance=covariance)
         opened = dataclasses.replace(belief, modes=modes, explained_time=belief.time)
-        assert summarise(box, params, opened, Evidence(told), has_contact=True).message == said
+        assert message(opened, Evidence(told)) == said
 
 
 def test_a_ball_on_a_stick_that_is_held_by_the_ball_may_point_anywhere() -> None:
@@ -86,4 +95,21 @@ def test_what_is_less_sure_than_an_answer_is_ambiguous(tracker: PoseTracker) -> 
     for share, said in ((0.99, "ok"), (0.97, "ambiguous")):
         modes = dataclasses.replace(belief.modes.chosen([0, 0]), log_weight=np.log([share, 1.0 - share]))
         doubted = dataclasses.replace(belief, modes=modes)
-        assert summarise(make_box(), PoseTrackerParams(), doubted, evidence, has_contact=True).message == said
+        assert message(doubted, evidence) == said
+
+
+def test_whether_poses_explain_a_touch_is_asked_once(tracker: PoseTracker, monkeypatch: pytest.MonkeyPatch) -> None:
+    generator, asked = np.random.default_rng(0), []
+    explanation = Explanation(make_box(), Evidence(touch(X_PO, generator)), PoseTrackerParams().plausibility)
+    explain = pose_belief.explain_touch
+
+    def count(*arguments: Any) -> Any:
+        asked.append(1)
+        return explain(*arguments)
+
+    monkeypatch.setattr(pose_belief, "explain_touch", count)
+    off = retract(X_PO[None], np.array([[0.0, 0, 0, 0.02, 0, 0]]))
+    both = np.concatenate([X_PO[None], off])
+    assert explanation.of(both).tolist() == explanation.of(both.copy()).tolist() == [True, False]
+    assert len(asked) == 1
+    assert explanation.of(off).tolist() == [False]

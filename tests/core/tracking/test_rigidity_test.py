@@ -93,3 +93,13 @@ def test_a_fingertip_on_its_way_to_the_object_is_bound_by_nothing() -> None:
 def test_unknown_velocities_say_nothing() -> None:
     test, slides = detect_by_motion(PARAMS, RigidityTest(noise=1e-6), touch(), None, 1.0, PERIOD)
     assert (test, slides) == (RigidityTest(noise=1e-6), False)
+
+
+def test_fingertips_on_a_line_are_a_rigid_body_too() -> None:
+    """A turn about the line moves none of them; that one goes another way is noticed all the same."""
+    line = read(Contacts(np.linspace(-0.05, 0.05, 6)[:, None] * n_OC[2], np.tile(n_OC[0], (6, 1))))
+    held = noisy(np.random.default_rng(0), 200, TWIST, 0.002)
+    assert not any(calls(held, [line] * 200))
+    sliding = np.zeros((6, 3))
+    sliding[2] = 0.1 * ALONG[3:]
+    assert any(calls([*held[:50], *[moves(TWIST, sliding)] * 10], [line] * 60))

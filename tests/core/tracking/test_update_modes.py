@@ -10,16 +10,15 @@ from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.poses import retract
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.tracking.contact_errors import as_doubted, averaged_variances, lasting_excess
+from tactopose_drake.core.tracking.contact_errors import as_doubted, averaged_variances, with_errors
 from tactopose_drake.core.tracking.contact_update import (
     follow_roughness,
     forget,
     limit_gain,
-    most_information,
     only_as_told,
+    touch_information,
     update_modes,
 )
-from tactopose_drake.core.tracking.slip_detection import contact_rows_at
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import ForgettingParams, PoseTrackerParams
 from tests.core.tracking.boxes import SIGMA_NORMAL, SIGMA_POSITION, make_box, n_OC, p_OC, read, touch
@@ -89,9 +88,9 @@ def test_an_update_makes_a_mode_no_surer_than_it_was_or_than_the_touch_can(box: 
     contacts = Contacts(face, np.tile(n_OC[0], (3, 1)), sigma_position=SIGMA_POSITION, sigma_normal=SIGMA_NORMAL)
     params, modes = PoseTrackerParams(), make_modes(np.diag(np.repeat([0.2**2, 0.02**2], 3))[None])
     reading = read(contacts, np.arange(3))
-    rows = contact_rows_at(box, reading, modes.X_PO)[1]
-    most, before = most_information(params, reading, modes, rows), modes.covariance
-    one_frame = told(box, contacts, 1)[0]
+    (one_frame,), most = touch_information(box, params, reading, modes)
+    np.testing.assert_allclose(one_frame, told(box, contacts, 1)[0], rtol=0.01, atol=0.01 * one_frame.max())
+    before = modes.covariance
     open_ones, felt = [0, 4, 5], [1, 2, 3]  # the turn about the face's normal, slides along it; the others
     # Of what is told more than half lasts: however many frames are averaged, they do not tell three times as much.
     gain = np.diag(most[0])[felt] / np.diag(one_frame)[felt]
@@ -193,15 +192,15 @@ def test_modes_that_hardly_count_wait_for_a_search(box: ObjectModel) -> None:
 
 def test_a_doubted_finger_counts_for_less_and_so_does_what_a_hand_declares(box: ObjectModel) -> None:
     contacts, params = touch(X_PO, np.random.default_rng(0)), PoseTrackerParams()
-    doubted = read(contacts)._replace(doubt=np.array([16.0, 1, 1, 1, 1, 1]))
+    doubted = with_errors(read(contacts), np.array([16.0, 1, 1, 1, 1, 1]), np.ones(2), params)
     mean = averaged_variances(contacts, params, params.window.max_frames)[0]
-    np.testing.assert_allclose(lasting_excess(doubted, params)[0], 15.0 * mean)
+    np.testing.assert_allclose(doubted.parts.excess[0], 15.0 * mean)
     seems = as_doubted(doubted, params).evidence.contacts
     np.testing.assert_allclose(seems.sigma_position[:2] ** 2, SIGMA_POSITION**2 + np.array([15.0 * mean[0], 0.0]))
     assert as_doubted(read(contacts), params).evidence.contacts is contacts
-    np.testing.assert_array_equal(lasting_excess(doubted, params)[1:], np.zeros((5, 2)))
+    np.testing.assert_array_equal(doubted.parts.excess[1:], np.zeros((5, 2)))
     declared = Contacts(contacts.p_PC, contacts.n_PC, covariance=np.tile(np.diag([4e-6] * 3 + [0.04] * 3), (6, 1, 1)))
-    excess = lasting_excess(read(declared), params)
+    excess = read(declared).parts.excess
     sensors = np.square([params.frame_position, math.radians(params.frame_normal_deg)])
     hand = np.square([params.calibration_position, math.radians(params.calibration_normal_deg)])
     np.testing.assert_allclose(excess, np.tile([4e-6, 0.04] - sensors - hand, (6, 1)), rtol=1e-9)

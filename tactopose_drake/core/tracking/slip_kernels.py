@@ -1,0 +1,194 @@
+"""What fingertips and contacts leave unexplained over the latest frames, compiled.
+
+See `rigidity_test.py` and `slip_detection.py`.
+"""
+
+import numpy as np
+
+from tactopose_drake.core.compilation import (
+    Floats1,
+    Floats2,
+    Floats3,
+    Longs1,
+    OutFloats1,
+    OutFloats2,
+    OutFloats3,
+    kernel,
+    part,
+)
+
+
+@kernel
+def follow_displacements(
+    before: Floats3,
+    source: Longs1,
+    p: Floats2,
+    velocity: Floats2,
+    duration: float,
+    after: OutFloats3,
+    squares: OutFloats1,
+) -> int:
+    """How many of the k fingertips that touch have touched in all frames, and what their ways come to.
+
+    Args:
+        before: displacements in h earlier frames, by source, shape (h, s', 3); NaN where a source did not touch.
+        source: of each fingertip that touches now, shape (k,).
+        p: where it does, shape (k, 3), m.
+        velocity: its spatial velocity [w, v], shape (k, 6).
+        duration: of the frame, s.
+        after: the same with the displacements in this frame, written, shape (h + 1, s, 3).
+        squares: written, sums over these fingertips: of what no small rigid motion explains of their ways in all
+            frames, and of the change from the last frame to this one, and of the ways, shape (3,), m^2.
+    """
+    h, k = before.shape[0], p.shape[0]
+    for f in range(h + 1):
+        for s in range(after.shape[1]):
+            for a in range(3):
+                after[f, s, a] = before[f, s, a] if f < h and s < before.shape[1] else np.nan
+    arms, ways, changes = np.empty((k, 3)), np.zeros((k, 3)), np.zeros((k, 3))
+    steady = 0
+    for i in range(k):
+        s, has_touched = source[i], True
+        w0, w1, w2 = velocity[i, 0], velocity[i, 1], velocity[i, 2]
+        after[h, s, 0] = duration * (w1 * p[i, 2] - w2 * p[i, 1] + velocity[i, 3])
+        after[h, s, 1] = duration * (w2 * p[i, 0] - w0 * p[i, 2] + velocity[i, 4])
+        after[h, s, 2] = duration * (w0 * p[i, 1] - w1 * p[i, 0] + velocity[i, 5])
+        for f in range(h):
+            has_touched = has_touched and not np.isnan(after[f, s, 0])
+        if has_touched:
+            for a in range(3):
+                arms[steady, a] = p[i, a]
+                for f in range(h + 1):
+                    ways[steady, a] += after[f, s, a]
+                if h > 0:
+                    changes[steady, a] = after[h, s, a] - after[h - 1, s, a]
+            steady += 1
+    squares[2] = 0.0
+    for i in range(steady):
+        for a in range(3):
+            squares[2] += ways[i, a] ** 2
+    _take_mean(arms, steady)
+    squares[0], squares[1] = _unexplained(arms, ways, steady), _unexplained(arms, changes, steady)
+    return steady
+
+
+@part
+def _take_mean(rows: OutFloats2, count: int) -> None:
+    """Takes their mean from the first rows (count, 3)."""
+    for a in range(3):
+        mean = 0.0
+        for i in range(count):
+            mean += rows[i, a] / count
+        for i in range(count):
+            rows[i, a] -= mean
+
+
+@part
+def _unexplained(arms: Floats2, ways: OutFloats2, count: int) -> float:
+    """The square of what no small rigid motion explains of ways (count, 3) of points with arms from their mean.
+
+    The translation is the ways' mean, which is taken from them. The rotation is that of least squares: of the inertia
+    [[a, d, e], [d, b, f], [e, f, c]] by its adjugate. Of points on a line a turn about it moves none.
+    """
+    _take_mean(ways, count)
+    a = b = c = d = e = f = 0.0
+    r = s = t = 0.0
+    for i in range(count):
+        x, y, z, u, v, w = arms[i, 0], arms[i, 1], arms[i, 2], ways[i, 0], ways[i, 1], ways[i, 2]
+        a, b, c = a + y * y + z * z, b + x * x + z * z, c + x * x + y * y
+        d, e, f = d - x * y, e - x * z, f - y * z
+        r, s, t = r + y * w - z * v, s + z * u - x * w, t + x * v - y * u
+    held = 1e-9 * (a + b + c) + 1e-30
+    a, b, c = a + held, b + held, c + held
+    A, B, C, D, E, F = b * c - f * f, a * c - e * e, a * b - d * d, e * f - c * d, d * f - b * e, d * e - a * f
+    scale = 1.0 / (a * A + d * D + e * E)
+    r, s, t = scale * (A * r + D * s + E * t), scale * (D * r + B * s + F * t), scale * (E * r + F * s + C * t)
+    square = 0.0
+    for i in range(count):
+        x, y, z = arms[i, 0], arms[i, 1], arms[i, 2]
+        u, v, w = ways[i, 0] - (s * z - t * y), ways[i, 1] - (t * x - r * z), ways[i, 2] - (r * y - s * x)
+        square += u * u + v * v + w * w
+    return square
+
+
+@kernel
+def follow_residuals(
+    before: Floats3,
+    residuals: Floats3,
+    source: Longs1,
+    gain: float,
+    bounds: Floats1,
+    noise: OutFloats1,
+    after: OutFloats3,
+) -> None:
+    """The history of residuals with those of now, and their noise.
+
+    Args:
+        before: residuals of the latest h frames, by source, shape (h, s', 4); NaN where one did not touch.
+        residuals: of k contacts now, at the pose that these are of and at another, shape (2, k, 4).
+        source: of each of them, shape (k,).
+        gain: by which the noise follows that of each frame,
+        bounds: which counts for no less and for no more than these, shape (2,).
+        noise: variances of what is new of distances and of normals at each frame, which follow it, shape (2,).
+        after: the latest frames with that of now, as they would be at the other pose, written, shape (h', s, 4).
+    """
+    h, kept, again, of_points, of_normals = before.shape[0], after.shape[0], 0, 0.0, 0.0
+    for f in range(kept):
+        for s in range(after.shape[1]):
+            for k in range(4):
+                after[f, s, k] = np.nan
+    for i in range(source.shape[0]):
+        s = source[i]
+        is_known = h > 0 and s < before.shape[1]
+        for k in range(4):
+            now = residuals[0, i, k]
+            shift = residuals[1, i, k] - now
+            after[kept - 1, s, k] = now + shift
+            if is_known:
+                for f in range(kept - 1):
+                    after[f, s, k] = before[h - kept + 1 + f, s, k] + shift
+                change = now - before[h - 1, s, k]
+                if not np.isnan(change):
+                    again += 1
+                    of_points += change * change if k == 0 else 0.0
+                    of_normals += change * change if k > 0 else 0.0
+    if again > 0:
+        # Half the squares is expected; a normal's error is across it: of its three rows two vary.
+        noise[0] += gain * (min(max(2.0 * of_points / again, bounds[0]), bounds[1]) - noise[0])
+        noise[1] += gain * (min(max(of_normals / again, bounds[0]), bounds[1]) - noise[1])
+
+
+@kernel
+def compare_frames(
+    history: Floats3, source: Longs1, noise: Floats2, recent: int, earlier: int, comparison: OutFloats2
+) -> float:
+    """How much the means of the latest frames' residuals differ from those of as many before, in all.
+
+    Args:
+        history: residuals by source, oldest first, shape (h, s, 4); NaN where one did not touch.
+        source: of each of k contacts, shape (k,).
+        noise: variances of the differences of its distance and of its normal, shape (k, 2).
+        recent: of how many frames the means are.
+        earlier: with how many they are compared, which lie as long back.
+        comparison: written, the differences of each contact's four rows, and one over their variances; 0 of a contact
+            that has not touched all along, shape (k, 6).
+
+    Returns:
+        The sum of the weighted squares.
+    """
+    h, misfit = history.shape[0], 0.0
+    for i in range(source.shape[0]):
+        s = source[i]
+        for k in range(4):
+            now, then = 0.0, 0.0
+            for f in range(recent):
+                now += history[h - recent + f, s, k]
+            for f in range(earlier):
+                then += history[h - 2 * recent - earlier + f, s, k]
+            comparison[i, k] = now / recent - then / earlier
+        for k in range(2):
+            comparison[i, 4 + k] = 0.0 if np.isnan(comparison[i, 0]) else 1.0 / noise[i, k]
+        for k in range(4):
+            if comparison[i, 4] > 0.0:
+                misfit += comparison[i, 4 if k == 0 else 5] * comparison[i, k] ** 2
+    return misfit
