@@ -1,6 +1,7 @@
 """Where the task of handing over and placing stands, and its times and limits."""
 
 import dataclasses
+from typing import Any
 
 from pydrake.trajectories import PiecewisePolynomial
 
@@ -27,12 +28,12 @@ class PlaceTaskParams:
     touches: int = 8  # of the table at the most
     pause: float = 0.2  # over the table, until what the arm's halt has shaken is at rest, s
     touch_force: float = 0.1  # on the rod by which the table is felt, N
-    # Standard deviation of the rod's lowest point over the table then, m: by how much less a rod's edge sinks in, and
-    # more its point, than `PlaceParams.table_give`, and how far the arm has gone down within a period.
-    sigma_touch: float = 0.0004
+    # Standard deviation of the rod's lowest point over the table then, m: a rod's edge sinks in by 0.2 mm less than
+    # `PlaceParams.table_give`, and its point by as much more, and within a period the arm goes down by 0.4 mm.
+    sigma_touch: float = 0.00025
     # By what else than the fingertips' motion each further touch moves the rod in the hand, standard deviation, m: it
-    # creeps and rolls on them as it is pressed, another way with each lean.
-    sigma_moved: float = 0.0005
+    # creeps and rolls on them as it is held and pressed, and mostly on in the direction in which it has begun.
+    sigma_moved: float = 0.0003
     # Of the lower end in the palm while it is carried, beyond three standard deviations of the estimates, m.
     most_drift: float = 0.005
     most_offset: float = 0.003  # of the lower end above the hole, by the estimate then; else the arm aligns it anew, m
@@ -78,6 +79,10 @@ class TaskState:
     touches: tuple[TableTouch, ...] = ()
     above: FloatArray | None = None
     carried: float = 0.0
+
+    def __deepcopy__(self, memo: Any) -> "TaskState":
+        """Itself: nothing in it changes, and a simulator copies all state with each event."""
+        return self
 
     def to(self, phase: str, time: float, motion: PiecewisePolynomial | None = None) -> "TaskState":
         """The next phase, from a time on, with the arm following a motion or resting where it is."""

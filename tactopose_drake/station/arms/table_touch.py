@@ -54,10 +54,11 @@ def touched_planes(touches: Sequence[TableTouch], X_PS: Poses, sigma_moved: floa
         touches: in their order.
         X_PS: where the fingertips' sensors are now, by finger.
         sigma_moved: standard deviation of what a touch moves the object by in the hand beyond the fingertips' motion,
-            m. It adds up over the touches that came after.
+            m. What turns it once turns it the same way at the next touch: it grows with how many touches came after,
+            rather than with the root of that.
     """
     later = range(len(touches) - 1, -1, -1)
-    return tuple(touch.as_of(X_PS, sigma_moved * math.sqrt(count)) for touch, count in zip(touches, later, strict=True))
+    return tuple(touch.as_of(X_PS, sigma_moved * count) for touch, count in zip(touches, later, strict=True))
 
 
 def force_on_hand(contacts: Contacts, n_P: np.ndarray) -> float:

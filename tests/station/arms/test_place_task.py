@@ -148,6 +148,14 @@ def test_the_whole_way() -> None:
     np.testing.assert_allclose(bench.arm, [1.0, 1.0, 0.0, 0.0], atol=1e-12)
 
 
+def test_a_simulator_that_copies_its_state_copies_no_motions() -> None:
+    """Each event that may change any state, a sensor's sample too, has all state copied."""
+    bench = Bench(Planner())
+    bench.hold()
+    assert bench.run(0.4) == "move"
+    assert bench.task.state(bench.context.Clone()) is bench.task.state(bench.context)
+
+
 def test_a_rod_that_has_slipped_on_the_way_is_aligned_anew() -> None:
     bench = Bench(Planner())
     bench.hold()
