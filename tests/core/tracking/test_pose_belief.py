@@ -68,6 +68,18 @@ def test_a_mode_that_is_wide_is_an_answer_only_along_what_the_touch_does_not_tel
         assert message(opened, Evidence(told)) == said
 
 
+def test_a_turn_that_is_known_to_twelve_degrees_is_no_answer(tracker: PoseTracker) -> None:
+    """Of such turns one in ten is off by 20 degrees."""
+    follower = Follower(tracker)
+    belief, contacts = follower.feel(X_PO, 12), touch(X_PO, follower.generator)
+    for turn, said in ((8.0, "ok"), (12.0, "ambiguous: known to 1 mm and 12 degrees")):
+        covariance = belief.modes.covariance.copy()
+        covariance[:, 2, 2] += math.radians(turn) ** 2
+        modes = dataclasses.replace(belief.modes, covariance=covariance)
+        turned = dataclasses.replace(belief, modes=modes, explained_time=belief.time)
+        assert message(turned, Evidence(contacts)) == said
+
+
 def test_a_ball_on_a_stick_that_is_held_by_the_ball_may_point_anywhere() -> None:
     angles = np.linspace(-0.5 * np.pi, math.acos(1.0 / 3.0), 40)
     ball = 0.03 * np.stack([np.cos(angles), np.sin(angles)], axis=1)
