@@ -24,15 +24,20 @@ def add_velocities(
         information: of the twist [w, v] at the origin, shape (6, 6).
         right: right-hand sides, shape (6,).
     """
-    rows = np.zeros((4, 6))
+    rows, normal = np.zeros((4, 6)), np.empty(6)
     for i in range(p.shape[0]):
         x, y, z, across = p[i, 0], p[i, 1], p[i, 2], 1.0 / noise[i, 0]
         more = 1.0 / noise[i, 1] - across
-        along = y * n[i, 2] - z * n[i, 1], z * n[i, 0] - x * n[i, 2], x * n[i, 1] - y * n[i, 0]
+        normal[0], normal[1], normal[2] = (
+            y * n[i, 2] - z * n[i, 1],
+            z * n[i, 0] - x * n[i, 2],
+            x * n[i, 1] - y * n[i, 0],
+        )
         for k in range(3):
-            for a in range(3):
-                rows[k, a] = more * n[i, k] * along[a]
-                rows[k, 3 + a] = more * n[i, k] * n[i, a]
+            normal[3 + k] = n[i, k]
+        for k in range(3):
+            for a in range(6):
+                rows[k, a] = more * n[i, k] * normal[a]
             rows[k, 3 + k] += across
             rows[3, k] = n[i, k] / noise[i, 2]
         rows[0, 1] += across * z

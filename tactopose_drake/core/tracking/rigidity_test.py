@@ -70,10 +70,11 @@ def detect_by_motion(
     stay = [row for row, name in enumerate(frame_names) if name in test.touching and name in tip_velocity]
     velocity = np.array([tip_velocity[frame_names[row]] for row in stay]).reshape(-1, 6)
     first = sum(then <= time - params.time + 1e-9 for then in test.times)
-    before = test.displacements[first:]
-    displacements, squares = np.empty((len(before) + 1, len(names), 3)), np.empty(3)
+    before, squares = test.displacements[first:], np.empty(3)
+    displacements = np.full((len(before) + 1, len(names), 3), np.nan)
+    displacements[:-1, : before.shape[1]] = before
     p_PC, source = reading.contacts.p_PC[stay], reading.source[stay]
-    steady = slip_kernels.follow_displacements(before, source, p_PC, velocity, duration, displacements, squares)
+    steady = slip_kernels.add_displacements(source, p_PC, velocity, duration, displacements, squares)
     test = RigidityTest((*test.times[first:], time), displacements, touching, noise)
     if steady < _LEAST_CONTACTS:
         return test, False

@@ -19,50 +19,35 @@ from tactopose_drake.core.compilation import (
 
 
 @kernel
-def follow_displacements(
-    before: Floats3,
-    source: Longs1,
-    p: Floats2,
-    velocity: Floats2,
-    duration: float,
-    after: OutFloats3,
-    squares: OutFloats1,
+def add_displacements(
+    source: Longs1, p: Floats2, velocity: Floats2, duration: float, displacements: OutFloats3, squares: OutFloats1
 ) -> int:
     """How many of the k fingertips that touch have touched in all frames, and what their ways come to.
 
     Args:
-        before: displacements in h earlier frames, by source, shape (h, s', 3); NaN where a source did not touch.
         source: of each fingertip that touches now, shape (k,).
         p: where it does, shape (k, 3), m.
         velocity: its spatial velocity [w, v], shape (k, 6).
         duration: of the frame, s.
-        after: the same with the displacements in this frame, written, shape (h + 1, s, 3).
+        displacements: in h frames, by source, oldest first, shape (h, s, 3); NaN where a source did not touch. Those of
+            the last frame are written.
         squares: written, sums over these fingertips: of what no small rigid motion explains of their ways in all
-            frames, and of the change from the last frame to this one, and of the ways, shape (3,), m^2.
+            frames, and of the change from the last frame but one to the last, and of the ways, shape (3,), m^2.
     """
-    h, k = before.shape[0], p.shape[0]
-    for f in range(h + 1):
-        for s in range(after.shape[1]):
-            for a in range(3):
-                after[f, s, a] = before[f, s, a] if f < h and s < before.shape[1] else np.nan
-    arms, ways, changes = np.empty((k, 3)), np.zeros((k, 3)), np.zeros((k, 3))
+    h, k, now = displacements.shape[0], p.shape[0], displacements[displacements.shape[0] - 1]
+    arms, ways, changes = np.empty((k, 3)), np.empty((k, 3)), np.empty((k, 3))
     steady = 0
     for i in range(k):
-        s, has_touched = source[i], True
-        w0, w1, w2 = velocity[i, 0], velocity[i, 1], velocity[i, 2]
-        after[h, s, 0] = duration * (w1 * p[i, 2] - w2 * p[i, 1] + velocity[i, 3])
-        after[h, s, 1] = duration * (w2 * p[i, 0] - w0 * p[i, 2] + velocity[i, 4])
-        after[h, s, 2] = duration * (w0 * p[i, 1] - w1 * p[i, 0] + velocity[i, 5])
-        for f in range(h):
-            has_touched = has_touched and not np.isnan(after[f, s, 0])
-        if has_touched:
-            for a in range(3):
-                arms[steady, a] = p[i, a]
-                for f in range(h + 1):
-                    ways[steady, a] += after[f, s, a]
-                if h > 0:
-                    changes[steady, a] = after[h, s, a] - after[h - 1, s, a]
-            steady += 1
+        s, x, y, z, w0, w1, w2 = source[i], p[i, 0], p[i, 1], p[i, 2], velocity[i, 0], velocity[i, 1], velocity[i, 2]
+        now[s, 0] = duration * (w1 * z - w2 * y + velocity[i, 3])
+        now[s, 1] = duration * (w2 * x - w0 * z + velocity[i, 4])
+        now[s, 2] = duration * (w0 * y - w1 * x + velocity[i, 5])
+        for a in range(3):
+            arms[steady, a], ways[steady, a] = p[i, a], 0.0
+            for f in range(h):
+                ways[steady, a] += displacements[f, s, a]
+            changes[steady, a] = now[s, a] - displacements[max(h - 2, 0), s, a]
+        steady += 0 if np.isnan(ways[steady, 0]) else 1
     squares[2] = 0.0
     for i in range(steady):
         for a in range(3):
