@@ -6,6 +6,7 @@ whole. These pictures are for reading: what there is once for each finger or pad
 `<pad>`; what nothing is connected to is left out, and so are sources of noise and the scene graph.
 """
 
+import argparse
 import re
 import sys
 from collections.abc import Mapping, Sequence
@@ -195,12 +196,15 @@ def draw_control_stack(plan: GraspPlan) -> str:
 
 
 def main() -> None:
-    """Writes the pictures into docs/pictures, or the folder that is named."""
+    """Writes the pictures."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    here = resource_root() / "docs" / "pictures"
+    parser.add_argument("folder", nargs="?", type=Path, default=here, help="docs/pictures by default")
+    folder = parser.parse_args().folder
     try:
         from pygraphviz import AGraph
     except ImportError:
         sys.exit("draw_diagrams.py: pygraphviz is missing; `pip install pygraphviz` brings Graphviz with it.")
-    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else resource_root() / "docs" / "pictures"
     folder.mkdir(parents=True, exist_ok=True)
 
     def draw(dot: str, path: Path) -> None:

@@ -1,17 +1,19 @@
 """Makes the pictures of the documentation's gallery, docs/gallery.md, by the code that stands in it."""
 
+import argparse
 import re
-import sys
 from contextlib import chdir
 from pathlib import Path
 
 from tactopose_drake.resources import resource_root
 
 
-def main(arguments: list[str]) -> None:
-    """Writes the pictures into docs/pictures, or the folder that is named."""
+def main(arguments: list[str] | None = None) -> None:
+    """Writes the pictures; the arguments are those of the command line, if none are given."""
     docs = resource_root() / "docs"
-    folder = Path(arguments[0]) if arguments else docs / "pictures"
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", nargs="?", type=Path, default=docs / "pictures", help="docs/pictures by default")
+    folder = parser.parse_args(arguments).folder
     blocks = re.findall(r"^```python\n(.*?)^```$", (docs / "gallery.md").read_text(encoding="utf-8"), re.M | re.S)
     folder.mkdir(parents=True, exist_ok=True)
     with chdir(folder):
@@ -19,4 +21,4 @@ def main(arguments: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main()

@@ -79,5 +79,6 @@ def test_the_pictures_leave_out_noise_and_the_scene_graph(drawn: Path) -> None:
 def test_without_pygraphviz_it_says_what_to_install() -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(sys.modules, "pygraphviz", None)
+        patch.setattr(sys, "argv", [str(SCRIPT)])
         with pytest.raises(SystemExit, match="pip install pygraphviz"):
             runpy.run_path(str(SCRIPT), run_name="__main__")
