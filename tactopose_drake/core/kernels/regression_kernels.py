@@ -53,14 +53,12 @@ class Regression(NamedTuple):
     """What is written of B modes and k contacts.
 
     Attributes:
-        hessian: by the joint increment, shape (B, m, m).
         roughness: of the surface about each contact: variances of its distance, m^2, and of its normal about each axis,
             rad^2, shape (B, k, 2).
         covariance: of the increment, shape (B, 6, 6); read too: over it the first round goes.
         cross_covariance: with the biases, shape (B, 6, m - 6).
     """
 
-    hessian: OutFloats3
     roughness: OutFloats3
     covariance: OutFloats3
     cross_covariance: OutFloats3
@@ -140,7 +138,6 @@ def regress_modes(
             copy_vector(step[0, :6], points.increment[0])
             pose_kernels.retract(here, points.increment, points.pose)
             copy_matrix(points.pose[0], here[0])
-            copy_matrix(H[0], regression.hessian[b])
         copy_matrix(here[0], X[b])
 
 

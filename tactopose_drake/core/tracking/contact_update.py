@@ -108,7 +108,7 @@ def update_with_contacts(
     # A frame tells little that is new: what holds over the prediction's whole spread, not about the minimum alone.
     spread = np.array(modes.covariance if X_start is None else np.linalg.inv(hessian)[:, :6, :6], order="C")
     roughness = np.zeros((count, len(contacts), 2))
-    regression = Regression(hessian, roughness, spread, np.empty(modes.cross_covariance.shape))
+    regression = Regression(roughness, spread, np.empty(modes.cross_covariance.shape))
     X_minimum = X_PO.copy()
     regress_modes(told.grid, arrays, priors, _regression_settings(params, model.size), X_PO, regression)
     cost = told.cost(np.concatenate([X_minimum, X_PO]))
