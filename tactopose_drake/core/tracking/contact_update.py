@@ -44,6 +44,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tactopose_drake.core.compilation import read_only
+from tactopose_drake.core.kernels import gain_kernels
 from tactopose_drake.core.kernels.joint_state_kernels import ContactArrays, ModePriors
 from tactopose_drake.core.kernels.matrix_kernels import eigenpairs, inverses
 from tactopose_drake.core.kernels.refinement_kernels import refine_modes
@@ -53,7 +54,6 @@ from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.plain_values import copied
 from tactopose_drake.core.posterior.hypotheses import increments_of_one_metre
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.tracking import gain_kernels
 from tactopose_drake.core.tracking.contact_errors import BiasModel
 from tactopose_drake.core.tracking.frame import ContactReading
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes

@@ -25,11 +25,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.kernels import prediction_kernels
 from tactopose_drake.core.kernels.matrix_kernels import inverses
 from tactopose_drake.core.kernels.pose_kernels import retract
 from tactopose_drake.core.plain_values import copied
 from tactopose_drake.core.poses import compose, inverse, log_so3, skew
-from tactopose_drake.core.tracking import prediction_kernels
 from tactopose_drake.core.tracking.frame import PoseMeasurement
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import MotionNoise

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import chdtri
 
-from tactopose_drake.core.tracking import slip_kernels
+from tactopose_drake.core.kernels import slip_kernels
 from tactopose_drake.core.tracking.frame import ContactReading
 from tactopose_drake.core.tracking.tracker_params import RigidityTestParams
 from tactopose_drake.core.validation import FloatArray

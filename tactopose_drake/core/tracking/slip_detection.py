@@ -27,9 +27,9 @@ from typing import NamedTuple
 import numpy as np
 
 from tactopose_drake.core.compilation import read_only
+from tactopose_drake.core.kernels import slip_kernels
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.tracking import slip_kernels
 from tactopose_drake.core.tracking.frame import ContactReading
 from tactopose_drake.core.tracking.motion_prediction import Motion, error_of_motion
 from tactopose_drake.core.tracking.tracker_params import ForceTestParams, SlipParams
