@@ -39,15 +39,18 @@ def squared(error: np.ndarray, covariance: np.ndarray) -> float:
 
 
 def test_where_the_handle_is_hidden_the_covariance_reaches_wherever_it_may_be() -> None:
-    model, tracked, alone = cup(), None, []
-    picture, X_CO = seen(model, np.radians(105.0), seed=2)  # behind the body
-    for _ in range(2):  # in the second picture, too, which it follows
-        tracked = track_poses(picture, model, tracked, MODEL)
-        assert tracked is not None
-        error = increments_between(tracked.best.X_CO, X_CO)
-        assert squared(error, tracked.covariance) < INSIDE
-        alone.append(squared(error, tracked.best.covariance))
-    assert min(alone) > BEYOND  # upside down, of which that fit knows nothing
+    model, alone = cup(), []
+    for seed in (0, 2):
+        picture, X_CO = seen(model, np.radians(105.0), seed=seed)  # behind the body
+        tracked = None
+        for _ in range(2):  # in the second picture, too, which it follows
+            tracked = track_poses(picture, model, tracked, MODEL)
+            assert tracked is not None
+            error = increments_between(tracked.best.X_CO, X_CO)
+            assert squared(error, tracked.covariance) < INSIDE
+            alone.append(squared(error, tracked.best.covariance))
+    # Which of the two that look alike is the best one is chance; upside down, that fit knows nothing of the other.
+    assert max(alone) > BEYOND
 
 
 def test_where_the_handle_is_seen_one_pose_is_left() -> None:
