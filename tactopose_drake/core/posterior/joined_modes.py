@@ -95,16 +95,17 @@ def find_families(
     if len(asked) < 2:
         return found
     low, lay = objective.cost(asked), functools.partial(_lay, asked, found)
-    pairs, chosen = _pairs(len(asked)), np.ones(len(asked) * (len(asked) - 1) // 2, dtype=np.bool_)
+    pairs = _pairs(len(asked))
+    chosen = np.ones(len(pairs), dtype=np.bool_)
     if len(pairs) > _FEW_PAIRS:
         # Ways that join all as low as can be come first: between two that are one by then, another way changes nothing.
         pairs, halfway = _passable(pairs, low, params.ridge, lay, objective, to_the_floor)
         _, chosen = _join(pairs, halfway, np.inf, low)
-    saddle = np.full(len(pairs), np.inf)
-    while np.any(chosen):
-        saddle[chosen] = _saddles(pairs[chosen], low, lay, objective, to_the_floor)
+    saddle, unknown = np.full(len(pairs), np.inf), np.ones(len(pairs), dtype=np.bool_)
+    while chosen.any():
+        saddle[chosen], unknown[chosen] = _saddles(pairs[chosen], low, lay, objective, to_the_floor), False
         found.family[: len(asked)] = _join(pairs, saddle, params.ridge, low)[0]
-        chosen = np.isinf(saddle) & (found.family[pairs[:, 0]] != found.family[pairs[:, 1]])
+        chosen = unknown & (found.family[pairs[:, 0]] != found.family[pairs[:, 1]])
     return found
 
 

@@ -110,6 +110,15 @@ def test_of_many_minima_few_ways_are_laid_and_the_families_are_those_of_all_ways
         assert counting.asked < (8 * pairs if ridge else 3 * pairs)
 
 
+def test_minima_between_which_no_pose_is_possible_are_apart() -> None:
+    class Walled:
+        def cost(self, X: FloatArray) -> FloatArray:
+            u = increments_between(np.broadcast_to(X_PO, X.shape), X)[:, 0] / SIGMAS[0]
+            return np.where(np.abs(u - 3.0) < 2.0, np.inf, 0.0)
+
+    np.testing.assert_array_equal(families(along(0.0, 6.0), Walled()).family, [0, 1])
+
+
 def test_two_gaussians_are_one_up_to_four_and_a_half_standard_deviations() -> None:
     def cost(way: FloatArray, apart: float) -> FloatArray:
         return -np.logaddexp(-0.5 * way**2, -0.5 * (way - apart) ** 2)
