@@ -157,6 +157,11 @@ SECTIONS = (
         full=("--trials", "1000", "--first-seed", "0"),
     ),
     Section(
+        script="patch_calibration.py",
+        quick=("--trials", "12", "--first-seed", "0"),
+        full=("--trials", "1000", "--first-seed", "0"),
+    ),
+    Section(
         script="calibration_study.py",
         quick=("--trials", "1", "--grasps", "6", "--seed", "0"),
         full=("--trials", "40", "--seed", "0"),
@@ -190,6 +195,16 @@ SECTIONS = (
         script="recorded_motions.py",
         quick=("--objects", "tea_box", "--seconds", "2", "--first-seed", "0"),
         full=("--seconds", "10", "--first-seed", "0"),
+    ),
+    Section(
+        script="belief_study.py",
+        quick=("--objects", "tea_box", "--placements", "1", "--first-seed", "0"),
+        full=("--placements", "10", "--first-seed", "0"),
+    ),
+    Section(
+        script="belief_faults.py",
+        quick=("--trials", "1", "--first-seed", "0"),
+        full=("--trials", "100", "--first-seed", "0"),
     ),
     Section(script="slip_in_station.py", quick=("--seconds", "0.3")),
     Section(
