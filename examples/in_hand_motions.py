@@ -91,8 +91,9 @@ def line(name: str, f: Figures) -> str:
         late = [seconds for seconds in f.recovered if seconds > 0.2]
         seen = [seconds for seconds in f.detected if np.isfinite(seconds)]
         text += (
-            f"; {len(f.recovered)} slips: {len(seen)} called so, after {1e3 * np.median(seen or [np.nan]):.0f} ms in "
-            f"the median; {len(f.recovered) - len(late)} right within 200 ms of their end"
+            f"; {len(f.recovered)} slips: {len(seen)} called so"
+            + (f", after {1e3 * np.median(seen):.0f} ms in the median" if seen else "")
+            + f"; {len(f.recovered) - len(late)} right within 200 ms of their end"
         )
     return text
 

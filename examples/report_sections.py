@@ -158,7 +158,7 @@ SECTIONS = (
     ),
     Section(
         script="patch_calibration.py",
-        quick=("--trials", "12", "--first-seed", "0"),
+        quick=("--trials", "24", "--first-seed", "0"),
         full=("--trials", "1000", "--first-seed", "0"),
     ),
     Section(

@@ -167,7 +167,8 @@ def main() -> None:
     models = [tp.ObjectModel.from_mesh(mesh) for mesh in meshes]
     lines = []
     for title, has_prior in (("with a prior of 33 mm and 16 degrees", True), ("without a prior", False)):
-        lines.append(title)
+        lines.append(f"{title}:")
+        print(lines[-1])
         for name in (list(WORLDS)[i] for i in arguments.worlds):
             seeds = range(arguments.first_seed, arguments.first_seed + arguments.trials)
             trials = [
