@@ -93,7 +93,7 @@ class ContactMixture(SmoothObjective):
 
     def cost(self, X_PO: FloatArray) -> FloatArray:
         """Costs (B,) of poses (B, 3, 4) by the distance field, smooth in the pose."""
-        return self.normal_equations(X_PO).cost
+        return self._judge(X_PO, np.zeros((len(X_PO), len(self._doubts.closeness))), -math.inf, whole=False).cost
 
     def normal_equations(self, X_PO: FloatArray) -> NormalEquations:
         """Cost, gradient and Gauss-Newton Hessian at poses (B, 3, 4), by the distance field."""
@@ -117,18 +117,18 @@ class ContactMixture(SmoothObjective):
 
     def judge(self, X_PO: FloatArray) -> Judgement:
         """What the exact likelihood says of poses (B, 3, 4): of the surface as it is, see `SurfaceDensity`."""
-        return Judgement(*self._judge(X_PO, whole=True))
+        return Judgement(*self._judge(X_PO, self.density.densities(X_PO), self._reached, whole=True))
 
     def exact_cost(self, X_PO: FloatArray) -> FloatArray:
         """Of what `judge` says the costs (B,) alone, which takes less time."""
-        return self._judge(X_PO, whole=False).cost
+        return self._judge(X_PO, self.density.densities(X_PO), self._reached, whole=False).cost
 
-    def _judge(self, X_PO: FloatArray, whole: bool) -> Judged:
-        X_PO = np.ascontiguousarray(X_PO)
-        density, count = self.density.densities(X_PO), len(X_PO)
+    def _judge(self, X_PO: FloatArray, density: FloatArray, reached: float, whole: bool) -> Judged:
+        """By the contacts' exact densities (B, k), as far as these are known."""
+        count = len(X_PO)
         judged = Judged(np.empty(count), np.empty(density.shape), np.empty(count), np.empty(count))
         contact_mixture_kernels.judge(
-            self.touch.grid, self.touch.touch, self._doubts, density, self._reached, X_PO, judged, whole
+            self.touch.grid, self.touch.touch, self._doubts, density, reached, np.ascontiguousarray(X_PO), judged, whole
         )
         return judged
 
