@@ -17,11 +17,9 @@ from tactopose_drake.core.objectives.objective import (
     NormalEquations,
     SumObjective,
 )
-from tactopose_drake.core.objectives.pose_prior import PriorObjective
+from tactopose_drake.core.objectives.pose_prior import NO_PRIOR, PriorObjective
 from tactopose_drake.core.shape.signed_distance import DistanceGrid
 from tactopose_drake.core.validation import FloatArray
-
-_NO_PRIOR = Prior(read_only(np.eye(3, 4)), read_only(np.zeros(6)))
 
 
 class SurfaceContact(LeastSquaresObjective):
@@ -74,12 +72,12 @@ class SurfaceContact(LeastSquaresObjective):
 
     def normal_equations(self, X_PO: FloatArray) -> NormalEquations:
         """Cost, exact gradient, and the Gauss-Newton Hessian along the smooth normals, at poses (B, 3, 4)."""
-        return _normal_equations(self, _NO_PRIOR, X_PO)
+        return _normal_equations(self, NO_PRIOR, X_PO)
 
     @property
     def descent(self) -> Callable[[DescentRule, FloatArray], Descent]:
         """Levenberg-Marquardt from each of the poses (B, 3, 4) in one compiled loop."""
-        return functools.partial(_descend, self, _NO_PRIOR)
+        return functools.partial(_descend, self, NO_PRIOR)
 
 
 class ContactWithPrior(SumObjective):
@@ -87,7 +85,7 @@ class ContactWithPrior(SumObjective):
 
     def __init__(self, touch: SurfaceContact, prior: PriorObjective) -> None:
         super().__init__([touch, prior])
-        self._touch, self._prior = touch, prior.kernel_view
+        self.prior, self._touch, self._prior = prior, touch, prior.kernel_view
 
     def normal_equations(self, X_PO: FloatArray) -> NormalEquations:
         """Cost, exact gradient, and the Gauss-Newton Hessian, at poses (B, 3, 4)."""

@@ -172,41 +172,41 @@ def _cover(
     white = generator.normal(scale=params.tile_scatter, size=(int(counts.max()), 6))
     white[0] = 0.0  # The first at each mode stands in its middle.
     laplace = draw(X_mode, each, np.zeros((len(X_mode), 6)), information, counts, white, opposed=False)
-    X_PO = _to_the_floor(laplace, posterior)
-    equations = posterior.objective.normal_equations(X_PO)
-    local = equations.hessian + posterior.held
-    least = np.minimum(posterior.exact_cost(X_PO), equations.cost)
+    likely = np.flatnonzero(share > params.least_tailed_share)
+    X_PO = np.concatenate([_to_the_floor(laplace, posterior), X_mode[likely]])
+    smooth, _, hessian = posterior.objective.normal_equations(X_PO)
+    hessian, tiles = hessian + posterior.held, len(group)
+    least = np.minimum(posterior.exact_cost(X_PO[:tiles]), smooth[:tiles])
     weight = np.exp(-0.5 * (least - least.min())) + params.least_tile_weight
     count = np.maximum(1, np.rint(params.samples * weight / weight.sum())).astype(np.intp)
-    owner, tails = _tails(X_mode, share, posterior)
-    if len(owner):
-        each_tail = max(params.least_tail_samples, round(params.tail_samples / len(owner)))
-        group = np.concatenate([group, owner])
-        order = np.argsort(group, kind="stable")
-        group, X_PO = group[order], np.concatenate([X_PO, X_mode[owner]])[order]
-        local = np.concatenate([local, tails + posterior.held])[order]
-        count = np.concatenate([count, np.full(len(owner), each_tail, dtype=np.intp)])[order]
-    center, local, turns = in_chart(X_mode, group, X_PO, local, posterior.turn_directions(X_PO))
+    owner, tails = _tails(X_mode[likely], hessian[tiles:], posterior)
+    each_tail = max(params.least_tail_samples, round(params.tail_samples / max(len(owner), 1)))
+    group = np.concatenate([group, likely[owner]])
+    order = np.argsort(group, kind="stable")
+    group, X_PO = group[order], X_PO[np.concatenate([np.arange(tiles), tiles + owner])[order]]
+    hessian = np.concatenate([hessian[:tiles], tails])[order]
+    count = np.concatenate([count, np.full(len(owner), each_tail, dtype=np.intp)])[order]
+    center, local, turns = in_chart(X_mode, group, X_PO, hessian, posterior.turn_directions(X_PO))
     return StudentTMixture(X_mode, group, center, local, turns, count, params.freedom, params.farthest)
 
 
-def _tails(X_mode: FloatArray, share: FloatArray, posterior: Posterior) -> tuple[NDArray[np.intp], FloatArray]:
+def _tails(X_mode: FloatArray, held: FloatArray, posterior: Posterior) -> tuple[NDArray[np.intp], FloatArray]:
     """Densities for what a mode reaches if one of the contacts is false: of little mass, but far from its middle.
+
+    Args:
+        X_mode: modes, shape (n, 3, 4).
+        held: their information, that which every tile has included, shape (n, 6, 6).
+        posterior: what is sampled.
 
     Returns:
         Which mode each is about, shape (t,), and its information, shape (t, 6, 6); of many those that reach farthest.
     """
-    likely = np.flatnonzero(share > posterior.params.sampling.least_tailed_share)
     if posterior.doubted_information is None:
-        return likely[:0], np.empty((0, 6, 6))
-    X_PO = X_mode[likely]
-    hessian = posterior.objective.normal_equations(X_PO).hessian
-    left = posterior.doubted_information(X_PO, hessian)
-    owner, left, most = np.repeat(likely, left.shape[1]), left.reshape(-1, 6, 6), posterior.params.sampling.tail_samples
+        return np.empty(0, dtype=np.intp), np.empty((0, 6, 6))
+    left, most = posterior.doubted_information(X_mode, held), posterior.params.sampling.tail_samples
+    owner, left = np.repeat(np.arange(len(held)), left.shape[1]), left.reshape(-1, 6, 6)
     if len(left) > most:
-        kept = np.linalg.slogdet(left + posterior.held)[1]
-        whole = np.linalg.slogdet(hessian + posterior.held)[1]
-        lost = np.repeat(whole, len(left) // len(likely)) - kept
+        lost = np.linalg.slogdet(held)[1][owner] - np.linalg.slogdet(left)[1]
         far = np.sort(np.argsort(-lost, kind="stable")[:most])
         owner, left = owner[far], left[far]
     return owner, left
