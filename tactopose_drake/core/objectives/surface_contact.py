@@ -105,7 +105,7 @@ def _normal_equations(contact: SurfaceContact, prior: Prior, X_PO: FloatArray) -
 def _descend(contact: SurfaceContact, prior: Prior, rule: DescentRule, X_PO: FloatArray) -> Descent:
     X_PO = np.array(X_PO, order="C")
     ends = _run(contact, prior, rule, X_PO)
-    return Descent(X_PO, ends.cost, ends.iterations, ends.converged)
+    return Descent(X_PO, ends.cost, ends.iterations, ends.converged, ends.hessian)
 
 
 def _run(contact: SurfaceContact, prior: Prior, rule: DescentRule, X_PO: FloatArray) -> Ends:
