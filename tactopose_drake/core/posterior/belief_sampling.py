@@ -176,8 +176,7 @@ def _cover(
     X_PO = np.concatenate([_to_the_floor(laplace, posterior), X_mode[likely]])
     smooth, _, hessian = posterior.objective.normal_equations(X_PO)
     hessian, tiles = hessian + posterior.held, len(group)
-    least = np.minimum(posterior.exact_cost(X_PO[:tiles]), smooth[:tiles])
-    weight = np.exp(-0.5 * (least - least.min())) + params.least_tile_weight
+    weight = np.exp(0.5 * (smooth[:tiles].min() - smooth[:tiles])) + params.least_tile_weight
     count = np.maximum(1, np.rint(params.samples * weight / weight.sum())).astype(np.intp)
     owner, tails = _tails(X_mode[likely], hessian[tiles:], posterior)
     each_tail = max(params.least_tail_samples, round(params.tail_samples / max(len(owner), 1)))
