@@ -46,9 +46,7 @@ class SurfaceContact(LeastSquaresObjective):
 
     def cost(self, X_PO: FloatArray) -> FloatArray:
         """Costs (B,) of poses (B, 3, 4)."""
-        cost = np.empty(len(X_PO))
-        surface_contact_kernels.contact_costs(self.grid, self.touch, np.ascontiguousarray(X_PO), cost)
-        return cost
+        return _cost(self, NO_PRIOR, X_PO)
 
     def residuals(self, X_PO: FloatArray) -> FloatArray:
         """Residuals (B, 5 k), or (B, k) without normals, of poses (B, 3, 4)."""
@@ -87,6 +85,10 @@ class ContactWithPrior(SumObjective):
         super().__init__([touch, prior])
         self.prior, self._touch, self._prior = prior, touch, prior.kernel_view
 
+    def cost(self, X_PO: FloatArray) -> FloatArray:
+        """Costs (B,) of poses (B, 3, 4)."""
+        return _cost(self._touch, self._prior, X_PO)
+
     def normal_equations(self, X_PO: FloatArray) -> NormalEquations:
         """Cost, exact gradient, and the Gauss-Newton Hessian, at poses (B, 3, 4)."""
         return _normal_equations(self._touch, self._prior, X_PO)
@@ -95,6 +97,12 @@ class ContactWithPrior(SumObjective):
     def descent(self) -> Callable[[DescentRule, FloatArray], Descent]:
         """Levenberg-Marquardt from each of the poses (B, 3, 4) in one compiled loop."""
         return functools.partial(_descend, self._touch, self._prior)
+
+
+def _cost(contact: SurfaceContact, prior: Prior, X_PO: FloatArray) -> FloatArray:
+    cost = np.empty(len(X_PO))
+    surface_contact_kernels.contact_costs(contact.grid, contact.touch, prior, np.ascontiguousarray(X_PO), cost)
+    return cost
 
 
 def _normal_equations(contact: SurfaceContact, prior: Prior, X_PO: FloatArray) -> NormalEquations:
