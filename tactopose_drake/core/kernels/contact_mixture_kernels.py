@@ -20,7 +20,6 @@ import numpy as np
 
 from tactopose_drake.core.compilation import (
     Floats1,
-    Floats2,
     Floats3,
     Longs1,
     OutFloats1,
@@ -45,6 +44,7 @@ from tactopose_drake.core.kernels.lane_kernels import (
     read_grid,
     weigh,
 )
+from tactopose_drake.core.kernels.prior_kernels import Prior, add_prior, half_square, prior_cost, prior_row
 from tactopose_drake.core.kernels.surface_contact_kernels import Rows, Touch, contact_rows
 
 # The factors of the variances are two to the powers 0 to this.
@@ -74,6 +74,21 @@ class Doubts(NamedTuple):
     other: Floats1
     closeness: Floats1
     has_normals: bool
+
+
+class Exact(NamedTuple):
+    """The exact densities (B, k) of contacts, and the energy up to which they are known."""
+
+    density: OutFloats2
+    reached: float
+
+
+class Equations(NamedTuple):
+    """Cost (B,), gradient (B, 6) and Hessian (B, 6, 6), as a kernel fills them."""
+
+    cost: OutFloats1
+    gradient: OutFloats2
+    hessian: OutFloats3
 
 
 class Judged(NamedTuple):
@@ -170,18 +185,20 @@ def mixture_equations(
     grid: Grid,
     touch: Touch,
     doubts: Doubts,
+    prior: Prior,
     X: Floats3,
-    cost: OutFloats1,
-    gradient: OutFloats2,
-    hessian: OutFloats3,
+    equations: Equations,
 ) -> None:
-    """Cost (B,), its exact gradient (B, 6) and the Gauss-Newton Hessian (B, 6, 6) at poses (B, 3, 4).
+    """Cost, its exact gradient and the Gauss-Newton Hessian at poses (B, 3, 4), of the contacts and the prior.
 
     The Hessian is that of the contacts' squares by what each counts for, as in iteratively reweighted least squares.
+    There is no prior where its weights are zero.
     """
+    cost, gradient, hessian = equations
     k = touch.p.shape[0]
     w, d, n, work = np.zeros(SIZE), np.empty((LANES, k)), np.empty((LANES, k)), _work(k, doubts)
     share_d, share_n, g, H = np.empty((k, LANES)), np.empty((k, LANES)), np.empty(6), np.empty((6, 6))
+    u, difference, D = np.empty(6), np.empty(6), np.empty((6, 6))
     for first in range(0, X.shape[0], LANES):
         lanes = min(LANES, X.shape[0] - first)
         enter(X, first, lanes, w)
@@ -199,18 +216,23 @@ def mixture_equations(
         for lane in range(lanes):
             b = first + lane
             leave(w, np.uintp(lane), X[b], g, H, gradient[b], hessian[b])
+            if prior.weights[0] > 0.0:
+                prior_row(prior, X[b], u, difference, D)
+                cost[b] += half_square(difference)
+                add_prior(prior, difference, D, gradient[b], hessian[b])
 
 
 @kernel
 def judge(
-    grid: Grid, touch: Touch, doubts: Doubts, density: Floats2, reached: float, X: Floats3, judged: Judged, whole: bool
+    grid: Grid, touch: Touch, doubts: Doubts, prior: Prior, exact: Exact, X: Floats3, judged: Judged, whole: bool
 ) -> None:
     """Judges poses (B, 3, 4): as a whole, or by their costs alone, and then all else that is judged stays as it is.
 
-    Where the contacts' exact densities (B, k) are more than exp(-reached), they take the place of d + n. Farther off
-    they are cut, and the distance field is as good.
+    Where the contacts' exact densities are more than exp(-reached), they take the place of d + n. Farther off they are
+    cut, and the distance field is as good. The prior counts in the costs alone.
     """
-    k, least = touch.p.shape[0], np.exp(-reached)
+    density, reached = exact
+    k, least, u = touch.p.shape[0], np.exp(-reached), np.empty(6)
     w, d, n, work = np.zeros(SIZE), np.empty((LANES, k)), np.empty((LANES, k)), _work(k, doubts)
     for b in range(X.shape[0]):
         lane = b % LANES
@@ -225,7 +247,7 @@ def judge(
                 n[lane, i] = both - d[lane, i]
             else:
                 n[lane, i] = max(d[lane, i] + n[lane, i], reached) - d[lane, i]
-        judged.cost[b] = _mix(d[lane], n[lane], doubts, work)
+        judged.cost[b] = _mix(d[lane], n[lane], doubts, work) + prior_cost(prior, X[b], u)
         if not whole:
             continue
         total = work[3]

@@ -45,8 +45,8 @@ class Ends(NamedTuple):
 def descend(grid: Grid, touch: Touch, prior: Prior, rule: DescentRule, X: OutFloats3, ends: Ends) -> None:
     """Levenberg-Marquardt from each pose X (B, 3, 4), which moves; as `LevenbergMarquardt.refine` does it in rounds.
 
-    The cost is of the contacts' residuals and the prior's; there is no prior where its weights are zero. Without
-    iterations the cost's exact gradient and Gauss-Newton Hessian are those at the poses; with them they are for work.
+    The cost is of the contacts' residuals and the prior's; there is no prior where its weights are zero. The exact
+    gradient and the Gauss-Newton Hessian are those at the poses where the descents end.
     The Hessian is of the contacts' rows that carry information, see `surface_contact_kernels.contact_rows`.
 
     So many poses as there are lanes are on their way at a time; where one has arrived, the next begins.

@@ -16,6 +16,7 @@ from tactopose_drake.core.compilation import (
     OutFloats3,
     inlined,
     kernel,
+    part,
 )
 from tactopose_drake.core.kernels.pose_kernels import increment_between
 
@@ -32,11 +33,19 @@ def prior_costs(prior: Prior, X: Floats3, cost: OutFloats1) -> None:
     """Half the squared whitened increment from the prior's pose (3, 4) to each pose, into cost (B,)."""
     u = np.empty(6)
     for b in range(X.shape[0]):
-        increment_between(prior.X, X[b], u)
-        total = 0.0
-        for i in range(6):
-            total += (u[i] * prior.weights[i]) ** 2
-        cost[b] = 0.5 * total
+        cost[b] = prior_cost(prior, X[b], u)
+
+
+@part
+def prior_cost(prior: Prior, X: Floats2, u: OutFloats1) -> float:
+    """The same of one pose (3, 4), none where there is no prior; u (6,) is for work."""
+    if prior.weights[0] == 0.0:
+        return 0.0
+    increment_between(prior.X, X, u)
+    total = 0.0
+    for i in range(6):
+        total += (u[i] * prior.weights[i]) ** 2
+    return 0.5 * total
 
 
 @kernel

@@ -40,6 +40,7 @@ from tactopose_drake.core.kernels.lane_kernels import (
     weigh,
 )
 from tactopose_drake.core.kernels.pose_kernels import chain, rotate_to_object, to_object, turn_normal
+from tactopose_drake.core.kernels.prior_kernels import Prior, prior_cost
 
 
 class Touch(NamedTuple):
@@ -86,14 +87,14 @@ def add_up(grid: Grid, touch: Touch, X: Floats3, lanes: int, w: OutFloats1) -> N
 
 
 @kernel
-def contact_costs(grid: Grid, touch: Touch, X: Floats3, cost: OutFloats1) -> None:
-    """Half the sum of squares of the contact residuals of each pose, into cost (B,)."""
-    w = np.zeros(SIZE)
+def contact_costs(grid: Grid, touch: Touch, prior: Prior, X: Floats3, cost: OutFloats1) -> None:
+    """Half the sum of squares of the residuals of contacts and prior at each pose, into cost (B,)."""
+    w, u = np.zeros(SIZE), np.empty(6)
     for first in range(0, X.shape[0], LANES):
         lanes = min(LANES, X.shape[0] - first)
         enter(X, first, lanes, w)
         for lane in range(lanes):
-            cost[first + lane] = 0.0
+            cost[first + lane] = prior_cost(prior, X[first + lane], u)
         for i in range(touch.p.shape[0]):
             read_grid(grid, touch.p[i], touch.n[i], lanes, w)
             weigh(grid.inverse_spacing, touch.weight_p[i], touch.weight_n[i], lanes, w)

@@ -11,6 +11,7 @@ Assoc. 84, 1989. [HRM16] D. Hogg, J. Bovy, D. Lang, Data analysis recipes: fitti
 (mixture for outliers).
 """
 
+import copy
 import dataclasses
 import functools
 import math
@@ -22,8 +23,9 @@ from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.evidence.contact_kinds import ContactKinds
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.kernels import contact_mixture_kernels
-from tactopose_drake.core.kernels.contact_mixture_kernels import Doubts, Judged
+from tactopose_drake.core.kernels.contact_mixture_kernels import Doubts, Equations, Exact, Judged
 from tactopose_drake.core.objectives.objective import NormalEquations, SmoothObjective
+from tactopose_drake.core.objectives.pose_prior import NO_PRIOR, PriorObjective
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.objectives.surface_density import SurfaceDensity
 from tactopose_drake.core.shape.object_model import ObjectModel
@@ -89,20 +91,26 @@ class ContactMixture(SmoothObjective):
         self.touch = SurfaceContact(model.grid, contacts)
         self.density = SurfaceDensity(model, contacts)
         self._doubts = _doubts(model, contacts, outlier_probability, doubt)
-        self._reached = doubt.reached
+        self._reached, self._prior = doubt.reached, NO_PRIOR
+
+    def with_prior(self, prior: PriorObjective) -> "ContactMixture":
+        """The sum of both, in the same compiled loops."""
+        both = copy.copy(self)
+        both._prior = prior.kernel_view
+        return both
 
     def cost(self, X_PO: FloatArray) -> FloatArray:
         """Costs (B,) of poses (B, 3, 4) by the distance field, smooth in the pose."""
-        return self.normal_equations(X_PO).cost
+        return self._judge(X_PO, np.zeros((len(X_PO), len(self._doubts.closeness))), -math.inf, whole=False).cost
 
     def normal_equations(self, X_PO: FloatArray) -> NormalEquations:
         """Cost, gradient and Gauss-Newton Hessian at poses (B, 3, 4), by the distance field."""
         count = len(X_PO)
-        equations = NormalEquations(np.empty(count), np.empty((count, 6)), np.empty((count, 6, 6)))
+        equations = Equations(np.empty(count), np.empty((count, 6)), np.empty((count, 6, 6)))
         contact_mixture_kernels.mixture_equations(
-            self.touch.grid, self.touch.touch, self._doubts, np.ascontiguousarray(X_PO), *equations
+            self.touch.grid, self.touch.touch, self._doubts, self._prior, np.ascontiguousarray(X_PO), equations
         )
-        return equations
+        return NormalEquations(*equations)
 
     def doubted_information(self, X_PO: FloatArray, hessian: FloatArray) -> FloatArray:
         """What is left of Hessians (B, 6, 6) if one contact were false, shape (B, 2 k, 6, 6).
@@ -117,19 +125,18 @@ class ContactMixture(SmoothObjective):
 
     def judge(self, X_PO: FloatArray) -> Judgement:
         """What the exact likelihood says of poses (B, 3, 4): of the surface as it is, see `SurfaceDensity`."""
-        return Judgement(*self._judge(X_PO, whole=True))
+        return Judgement(*self._judge(X_PO, self.density.densities(X_PO), self._reached, whole=True))
 
     def exact_cost(self, X_PO: FloatArray) -> FloatArray:
         """Of what `judge` says the costs (B,) alone, which takes less time."""
-        return self._judge(X_PO, whole=False).cost
+        return self._judge(X_PO, self.density.densities(X_PO), self._reached, whole=False).cost
 
-    def _judge(self, X_PO: FloatArray, whole: bool) -> Judged:
-        X_PO = np.ascontiguousarray(X_PO)
-        density, count = self.density.densities(X_PO), len(X_PO)
+    def _judge(self, X_PO: FloatArray, density: FloatArray, reached: float, whole: bool) -> Judged:
+        """By the contacts' exact densities (B, k), as far as these are known."""
+        count = len(X_PO)
         judged = Judged(np.empty(count), np.empty(density.shape), np.empty(count), np.empty(count))
-        contact_mixture_kernels.judge(
-            self.touch.grid, self.touch.touch, self._doubts, density, self._reached, X_PO, judged, whole
-        )
+        touch, X_PO, exact = self.touch, np.ascontiguousarray(X_PO), Exact(density, reached)
+        contact_mixture_kernels.judge(touch.grid, touch.touch, self._doubts, self._prior, exact, X_PO, judged, whole)
         return judged
 
 

@@ -34,12 +34,17 @@ class Objective(Protocol):
 
 
 class Descent(NamedTuple):
-    """Where steps have led: poses (B, 3, 4), costs (B,), steps tried (B,), and whether each ended at a minimum (B,)."""
+    """Where steps have led.
+
+    Poses (B, 3, 4), costs (B,), steps tried (B,), whether each ended at a minimum (B,), and Gauss-Newton Hessians there
+    (B, 6, 6).
+    """
 
     X_PO: FloatArray
     cost: FloatArray
     iterations: NDArray[np.int64]
     converged: NDArray[np.bool_]
+    hessian: FloatArray
 
 
 class SmoothObjective(Objective, Protocol):

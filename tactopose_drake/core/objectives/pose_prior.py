@@ -8,6 +8,9 @@ from tactopose_drake.core.kernels import prior_kernels
 from tactopose_drake.core.objectives.objective import LeastSquaresObjective, NormalEquations, form_normal_equations
 from tactopose_drake.core.validation import FloatArray
 
+NO_PRIOR = prior_kernels.Prior(read_only(np.eye(3, 4)), read_only(np.zeros(6)))
+"""What kernels read where there is none."""
+
 
 class PriorObjective(LeastSquaresObjective):
     """Increments from the prior's pose to the pose, divided by their standard deviations: six residuals."""

@@ -17,11 +17,9 @@ from tactopose_drake.core.objectives.objective import (
     NormalEquations,
     SumObjective,
 )
-from tactopose_drake.core.objectives.pose_prior import PriorObjective
+from tactopose_drake.core.objectives.pose_prior import NO_PRIOR, PriorObjective
 from tactopose_drake.core.shape.signed_distance import DistanceGrid
 from tactopose_drake.core.validation import FloatArray
-
-_NO_PRIOR = Prior(read_only(np.eye(3, 4)), read_only(np.zeros(6)))
 
 
 class SurfaceContact(LeastSquaresObjective):
@@ -48,9 +46,7 @@ class SurfaceContact(LeastSquaresObjective):
 
     def cost(self, X_PO: FloatArray) -> FloatArray:
         """Costs (B,) of poses (B, 3, 4)."""
-        cost = np.empty(len(X_PO))
-        surface_contact_kernels.contact_costs(self.grid, self.touch, np.ascontiguousarray(X_PO), cost)
-        return cost
+        return _cost(self, NO_PRIOR, X_PO)
 
     def residuals(self, X_PO: FloatArray) -> FloatArray:
         """Residuals (B, 5 k), or (B, k) without normals, of poses (B, 3, 4)."""
@@ -74,12 +70,12 @@ class SurfaceContact(LeastSquaresObjective):
 
     def normal_equations(self, X_PO: FloatArray) -> NormalEquations:
         """Cost, exact gradient, and the Gauss-Newton Hessian along the smooth normals, at poses (B, 3, 4)."""
-        return _normal_equations(self, _NO_PRIOR, X_PO)
+        return _normal_equations(self, NO_PRIOR, X_PO)
 
     @property
     def descent(self) -> Callable[[DescentRule, FloatArray], Descent]:
         """Levenberg-Marquardt from each of the poses (B, 3, 4) in one compiled loop."""
-        return functools.partial(_descend, self, _NO_PRIOR)
+        return functools.partial(_descend, self, NO_PRIOR)
 
 
 class ContactWithPrior(SumObjective):
@@ -87,7 +83,11 @@ class ContactWithPrior(SumObjective):
 
     def __init__(self, touch: SurfaceContact, prior: PriorObjective) -> None:
         super().__init__([touch, prior])
-        self._touch, self._prior = touch, prior.kernel_view
+        self.prior, self._touch, self._prior = prior, touch, prior.kernel_view
+
+    def cost(self, X_PO: FloatArray) -> FloatArray:
+        """Costs (B,) of poses (B, 3, 4)."""
+        return _cost(self._touch, self._prior, X_PO)
 
     def normal_equations(self, X_PO: FloatArray) -> NormalEquations:
         """Cost, exact gradient, and the Gauss-Newton Hessian, at poses (B, 3, 4)."""
@@ -99,6 +99,12 @@ class ContactWithPrior(SumObjective):
         return functools.partial(_descend, self._touch, self._prior)
 
 
+def _cost(contact: SurfaceContact, prior: Prior, X_PO: FloatArray) -> FloatArray:
+    cost = np.empty(len(X_PO))
+    surface_contact_kernels.contact_costs(contact.grid, contact.touch, prior, np.ascontiguousarray(X_PO), cost)
+    return cost
+
+
 def _normal_equations(contact: SurfaceContact, prior: Prior, X_PO: FloatArray) -> NormalEquations:
     ends = _run(contact, prior, DescentRule(0, 0.0, 0.0, 0.0), np.array(X_PO, order="C"))
     return NormalEquations(ends.cost, ends.gradient, ends.hessian)
@@ -107,7 +113,7 @@ def _normal_equations(contact: SurfaceContact, prior: Prior, X_PO: FloatArray) -
 def _descend(contact: SurfaceContact, prior: Prior, rule: DescentRule, X_PO: FloatArray) -> Descent:
     X_PO = np.array(X_PO, order="C")
     ends = _run(contact, prior, rule, X_PO)
-    return Descent(X_PO, ends.cost, ends.iterations, ends.converged)
+    return Descent(X_PO, ends.cost, ends.iterations, ends.converged, ends.hessian)
 
 
 def _run(contact: SurfaceContact, prior: Prior, rule: DescentRule, X_PO: FloatArray) -> Ends:

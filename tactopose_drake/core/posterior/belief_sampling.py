@@ -29,9 +29,7 @@ from tactopose_drake.core.posterior.student_t_mixture import (
     StudentTMixture,
     across_turns,
     draw,
-    find_increments,
     in_chart,
-    place_in_group,
 )
 from tactopose_drake.core.validation import FloatArray
 
@@ -96,31 +94,34 @@ def _draw(
     Where those of one round are not enough, the next are drawn about them as their weights say [CDG08]; all are weighed
     by all proposals together [CMMR12].
     """
-    params = posterior.params.sampling
+    params, X_mode, g = posterior.params.sampling, families.X_PO, len(families.X_PO)
+    most = max(params.most_samples, int(proposal.count.sum()))
+    X_PO, cost, density, weights = np.empty((most, 3, 4)), np.empty(most), np.zeros((most, g)), np.empty((most, g))
+    increments, drawn = Increments.empty(most, g), 0
     proposals: list[StudentTMixture] = []
-    X_mode, modes = families.X_PO, len(families.X_PO)
-    X_PO, cost, densities = np.empty((0, 3, 4)), np.empty(0), np.empty((0, modes))
-    increments = Increments(np.empty((0, modes, 6)), np.empty((0, modes)))
     while True:
         proposals.append(proposal)
-        fresh = proposal.sample(generator)
-        if len(X_PO):
-            densities += len(fresh) * proposal.densities(increments)
-        to_fresh = find_increments(X_mode, fresh)
-        of_fresh = sum(drawn.count.sum() * drawn.densities(to_fresh) for drawn in proposals)
-        increments = Increments(*map(np.concatenate, zip(increments, to_fresh, strict=True)))
-        X_PO, cost = np.concatenate([X_PO, fresh]), np.concatenate([cost, _cost_of_one_image(fresh, X_mode, posterior)])
-        densities = np.concatenate([densities, of_fresh])
-        lowest, weights = min(lowest, float(cost.min())), np.empty_like(densities)
-        sampling_weight_kernels.weigh(cost, lowest, densities / len(X_PO), weights)
-        drawn_of = np.concatenate([drawn.count for drawn in proposals])
-        # Of modes that are one the shares are noisier than what they are together.
-        error, effective = _certainty(families.together(weights), drawn_of)
-        sure = error <= params.standard_error and effective >= params.effective_samples
-        count = max(params.samples, int(params.growth * len(X_PO)))
-        if sure or effective == 0.0 or len(X_PO) + count > params.most_samples:
-            return _Samples(increments.u, weights, lowest, error)
-        proposal = _about(X_PO, weights, X_mode, count, posterior)
+        fresh = slice(drawn, drawn + int(proposal.count.sum()))
+        X_PO[fresh] = proposal.sample(generator)
+        to_fresh = increments.part(fresh).find(X_mode, X_PO[fresh])
+        for earlier in proposals[:-1]:
+            earlier.add_to(density[fresh], to_fresh)
+        drawn, all_drawn = fresh.stop, slice(fresh.stop)
+        proposal.add_to(density[all_drawn], increments.part(all_drawn))
+        cost[fresh] = _cost_of_one_image(X_PO[fresh], X_mode, posterior)
+        lowest, error, worth = sampling_weight_kernels.weigh(
+            cost[all_drawn],
+            lowest,
+            density[all_drawn],
+            families.family,
+            np.concatenate([each.count for each in proposals]),
+            weights[all_drawn],
+        )
+        sure = error <= params.standard_error and worth >= params.effective_samples
+        count = max(params.samples, int(params.growth * drawn))
+        if sure or worth == 0.0 or drawn + count > params.most_samples:
+            return _Samples(increments.u[all_drawn], weights[all_drawn], lowest, error)
+        proposal = _about(X_PO[all_drawn], weights[all_drawn], X_mode, count, posterior)
 
 
 def _cost_of_one_image(X_PO: FloatArray, X_mode: FloatArray, posterior: Posterior) -> FloatArray:
@@ -154,22 +155,6 @@ def _about(
     return StudentTMixture(X_mode, owner, center, local, turns, count, params.freedom, params.farthest)
 
 
-def _certainty(weights: FloatArray, count: NDArray[np.intp]) -> tuple[float, float]:
-    """The largest standard error of the shares that samples of these weights (B, g) give, and how many they are worth.
-
-    A share is a ratio of sums over the samples: its variance is that of its numerator beyond what the denominator
-    explains. What is drawn of each component, `count` samples (J,) in pairs, is as much as was meant to be: it varies
-    by the pairs of a component alone.
-    """
-    total = weights.sum()
-    if not total > 0.0:
-        return 0.5, 0.0
-    parts = weights / total  # Whose squares are numbers, however far below the best known pose all samples lie.
-    variance = np.zeros(weights.shape[1])
-    sampling_weight_kernels.add_variances(parts, parts.sum(axis=0), count, variance)
-    return float(np.sqrt(variance.max())), float(1.0 / np.square(parts.sum(axis=1)).sum())
-
-
 def _cover(
     X_mode: FloatArray,
     share: FloatArray,
@@ -184,44 +169,43 @@ def _cover(
     counts = 1 + np.rint(params.tiles * root_share / root_share.sum()).astype(np.intp)
     each = np.arange(len(X_mode))
     group = np.repeat(each, counts)
-    normal = generator.normal(scale=params.tile_scatter, size=(int(counts.max()), 6))[place_in_group(group)]
-    normal[np.cumsum(counts) - counts] = 0.0  # The first at each mode stands in its middle.
-    laplace = draw(X_mode, each, np.zeros((len(X_mode), 6)), information, counts, normal)
-    X_PO = _to_the_floor(laplace, posterior)
-    equations = posterior.objective.normal_equations(X_PO)
-    local = equations.hessian + posterior.held
-    least = np.minimum(posterior.exact_cost(X_PO), equations.cost)
-    weight = np.exp(-0.5 * (least - least.min())) + params.least_tile_weight
+    white = generator.normal(scale=params.tile_scatter, size=(int(counts.max()), 6))
+    white[0] = 0.0  # The first at each mode stands in its middle.
+    laplace = draw(X_mode, each, np.zeros((len(X_mode), 6)), information, counts, white, opposed=False)
+    likely = np.flatnonzero(share > params.least_tailed_share)
+    X_PO = np.concatenate([_to_the_floor(laplace, posterior), X_mode[likely]])
+    smooth, _, hessian = posterior.objective.normal_equations(X_PO)
+    hessian, tiles = hessian + posterior.held, len(group)
+    weight = np.exp(0.5 * (smooth[:tiles].min() - smooth[:tiles])) + params.least_tile_weight
     count = np.maximum(1, np.rint(params.samples * weight / weight.sum())).astype(np.intp)
-    owner, tails = _tails(X_mode, share, posterior)
-    if len(owner):
-        each_tail = max(params.least_tail_samples, round(params.tail_samples / len(owner)))
-        group = np.concatenate([group, owner])
-        order = np.argsort(group, kind="stable")
-        group, X_PO = group[order], np.concatenate([X_PO, X_mode[owner]])[order]
-        local = np.concatenate([local, tails + posterior.held])[order]
-        count = np.concatenate([count, np.full(len(owner), each_tail, dtype=np.intp)])[order]
-    center, local, turns = in_chart(X_mode, group, X_PO, local, posterior.turn_directions(X_PO))
+    owner, tails = _tails(X_mode[likely], hessian[tiles:], posterior)
+    each_tail = max(params.least_tail_samples, round(params.tail_samples / max(len(owner), 1)))
+    group = np.concatenate([group, likely[owner]])
+    order = np.argsort(group, kind="stable")
+    group, X_PO = group[order], X_PO[np.concatenate([np.arange(tiles), tiles + owner])[order]]
+    hessian = np.concatenate([hessian[:tiles], tails])[order]
+    count = np.concatenate([count, np.full(len(owner), each_tail, dtype=np.intp)])[order]
+    center, local, turns = in_chart(X_mode, group, X_PO, hessian, posterior.turn_directions(X_PO))
     return StudentTMixture(X_mode, group, center, local, turns, count, params.freedom, params.farthest)
 
 
-def _tails(X_mode: FloatArray, share: FloatArray, posterior: Posterior) -> tuple[NDArray[np.intp], FloatArray]:
+def _tails(X_mode: FloatArray, held: FloatArray, posterior: Posterior) -> tuple[NDArray[np.intp], FloatArray]:
     """Densities for what a mode reaches if one of the contacts is false: of little mass, but far from its middle.
+
+    Args:
+        X_mode: modes, shape (n, 3, 4).
+        held: their information, that which every tile has included, shape (n, 6, 6).
+        posterior: what is sampled.
 
     Returns:
         Which mode each is about, shape (t,), and its information, shape (t, 6, 6); of many those that reach farthest.
     """
-    likely = np.flatnonzero(share > posterior.params.sampling.least_tailed_share)
     if posterior.doubted_information is None:
-        return likely[:0], np.empty((0, 6, 6))
-    X_PO = X_mode[likely]
-    hessian = posterior.objective.normal_equations(X_PO).hessian
-    left = posterior.doubted_information(X_PO, hessian)
-    owner, left, most = np.repeat(likely, left.shape[1]), left.reshape(-1, 6, 6), posterior.params.sampling.tail_samples
+        return np.empty(0, dtype=np.intp), np.empty((0, 6, 6))
+    left, most = posterior.doubted_information(X_mode, held), posterior.params.sampling.tail_samples
+    owner, left = np.repeat(np.arange(len(held)), left.shape[1]), left.reshape(-1, 6, 6)
     if len(left) > most:
-        kept = np.linalg.slogdet(left + posterior.held)[1]
-        whole = np.linalg.slogdet(hessian + posterior.held)[1]
-        lost = np.repeat(whole, len(left) // len(likely)) - kept
+        lost = np.linalg.slogdet(held)[1][owner] - np.linalg.slogdet(left)[1]
         far = np.sort(np.argsort(-lost, kind="stable")[:most])
         owner, left = owner[far], left[far]
     return owner, left

@@ -11,6 +11,7 @@ import numpy as np
 
 from tactopose_drake.core.kernels.matrix_kernels import eigenpairs, inverses
 from tactopose_drake.core.kernels.mode_kernels import one_of_each, owners
+from tactopose_drake.core.posterior.free_direction_kernels import find_free
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, ModeParams
 from tactopose_drake.core.searches.search import SearchResult
@@ -101,7 +102,7 @@ def increments_of_one_metre(size: float) -> FloatArray:
 def free_directions(
     touch_information: FloatArray,
     size: float,
-    known: Sequence[FloatArray] | None = None,
+    known: Sequence[FloatArray] = (),
     params: ModeParams = DEFAULT_PARAMS.modes,
 ) -> list[FloatArray]:
     """For each information matrix (n, 6, 6) the directions that it leaves free, as orthonormal rows (f, 6).
@@ -111,25 +112,12 @@ def free_directions(
     are known to be free, rows (f, 6) for each matrix, those across them are found that are free too.
     """
     units = increments_of_one_metre(size)
-    limit = 1.0 / (params.free_share * size) ** 2
-    scaled = touch_information * (units[:, None] * units)
-    free = [np.empty((0, 6))] * len(scaled) if known is None else list(known)
-    basis = {i: _metric_basis(rows, units) for i, rows in enumerate(free) if len(rows)}
-    for place, columns in basis.items():
-        held = columns @ columns.T
-        across = np.eye(6) - held
-        scaled[place] = across @ scaled[place] @ across + 2.0 * limit * held
-    # Most have no free direction: all eigenvalues are above the limit, which is sooner known than what they are.
-    open_ones = np.flatnonzero(np.isinf(inverses(scaled - limit * np.eye(6))[1])).tolist()
-    for i, eigenvalues, eigenvectors in zip(open_ones, *eigenpairs(scaled[open_ones]), strict=True):
-        rows = eigenvectors[eigenvalues < limit]
-        if not len(rows):
-            continue  # Within rounding of the limit.
-        if i in basis:
-            rows = np.concatenate([basis[i].T, rows])
-        rows = rows * units
-        free[i] = np.linalg.qr(rows.T)[0].T if len(rows) > 1 else rows / math.sqrt(float(np.sum(rows * rows)))
-    return free
+    rows, count = np.zeros((len(touch_information), 6, 6)), np.zeros(len(touch_information), dtype=np.int64)
+    for i, free in enumerate(known):
+        if len(free):
+            rows[i, : len(free)], count[i] = free, len(free)
+    find_free(touch_information, units, 1.0 / (params.free_share * size) ** 2, rows, count)
+    return [free[:f] for free, f in zip(rows, count.tolist(), strict=True)]
 
 
 def determined_part(increments: FloatArray, free: FloatArray, size: float) -> FloatArray:

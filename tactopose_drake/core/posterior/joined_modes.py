@@ -47,12 +47,6 @@ class Families(NamedTuple):
         """Of some of the modes."""
         return self._replace(X_PO=self.X_PO[index], family=self.family[index])
 
-    def together(self, weights: FloatArray) -> FloatArray:
-        """Weights (B, g) of samples in the modes' shares, in the families' shares."""
-        sums = np.zeros((len(self.family), len(self.family)))
-        sums[np.arange(len(self.family)), self.family] = 1.0
-        return weights @ sums
-
     def join(
         self, cost: FloatArray, mass: FloatArray, moments: Moments
     ) -> tuple[FloatArray, Moments, NDArray[np.intp]]:

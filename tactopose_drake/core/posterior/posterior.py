@@ -8,6 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from tactopose_drake.core.evidence.evidence import Evidence
+from tactopose_drake.core.objectives.contact_mixture import ContactMixture
 from tactopose_drake.core.objectives.objective import SmoothObjective
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, PosteriorParams
 from tactopose_drake.core.searches.pose_problem import PoseProblem
@@ -100,14 +101,11 @@ def make_posterior(
     Patches have no other likelihood than theirs on the signed distance: it counts as exact. Of the object's finite
     symmetries those count whose images (s, 3, 4) the touch does not tell apart; all, if they are not given.
     """
-    mixture = problem.mixture
-    terms = [term for term in problem.doubted_terms(problem.objective) if term is not mixture]
+    mixture, terms = problem.mixture, problem.doubted_terms(problem.objective)
 
     def exact_cost(X_PO: FloatArray) -> FloatArray:
-        cost = np.zeros(len(X_PO)) if mixture is None else mixture.exact_cost(X_PO)
-        for term in terms:
-            cost = cost + term.cost(X_PO)
-        return cost
+        costs = [term.exact_cost(X_PO) if isinstance(term, ContactMixture) else term.cost(X_PO) for term in terms]
+        return functools.reduce(np.add, costs)
 
     # A prior tells the turns about a continuous axis apart; no other evidence does.
     axes = [] if evidence.prior is not None else [symmetry for symmetry in model.symmetries if symmetry.is_continuous]

@@ -25,6 +25,7 @@ from tactopose_drake.core.compilation import (
     OutFloats4,
     OutLongs1,
     kernel,
+    part,
 )
 from tactopose_drake.core.kernels import least_squares_kernels, pose_kernels
 from tactopose_drake.core.kernels.matrix_kernels import cholesky, invert
@@ -32,15 +33,69 @@ from tactopose_drake.core.kernels.sorting_kernels import copy_matrix
 
 
 @kernel
-def weigh(cost: Floats1, lowest: float, densities: Floats2, weights: OutFloats2) -> None:
-    """The weights of samples of these costs (B,), in the groups' shares (B, g); at the cost `lowest` exp(-c) is 1."""
-    for b in range(densities.shape[0]):
+def weigh(
+    cost: Floats1, lowest: float, densities: Floats2, family: Longs1, count: Longs1, weights: OutFloats2
+) -> tuple[float, float, float]:
+    """Weighs samples of these costs (B,) and densities, times the number of all, in the groups' shares (B, g).
+
+    Of groups that are one the shares are noisier than what they are together: a family is named by one of its groups.
+
+    Returns:
+        The lowest cost, at which exp(-c) is 1; the largest standard error of the families' shares, of which 1 is all;
+        and the number of samples of the posterior itself that these are worth.
+    """
+    for b in range(cost.shape[0]):
+        lowest = min(lowest, cost[b])
+    each, together, total = np.zeros(cost.shape[0]), np.zeros(weights.shape), 0.0
+    for b in range(cost.shape[0]):
         density = 1e-300
-        for g in range(densities.shape[1]):
+        for g in range(family.shape[0]):
             density += densities[b, g]
-        weight = np.exp(lowest - cost[b]) / (densities.shape[0] * density)
-        for g in range(densities.shape[1]):
+        weight = np.exp(lowest - cost[b]) / density
+        for g in range(family.shape[0]):
             weights[b, g] = weight * (densities[b, g] / density)
+            together[b, family[g]] += weights[b, g]
+            each[b] += weights[b, g]
+        total += each[b]
+    if not total > 0.0:
+        return lowest, 0.5, 0.0
+    squares = 0.0
+    for b in range(cost.shape[0]):
+        each[b] /= total  # Whose squares are numbers, however far below the best known pose all samples lie.
+        squares += each[b] ** 2
+        for g in range(family.shape[0]):
+            together[b, g] /= total
+    largest = 0.0
+    for g in range(family.shape[0]):
+        if family[g] == g:
+            largest = max(largest, _variance(together, g, each, count))
+    return lowest, np.sqrt(largest), 1.0 / squares
+
+
+@part
+def _variance(weights: Floats2, g: int, each: Floats1, count: Longs1) -> float:
+    """The variance of the share of one of the groups, by its weights (B, g) and those (B,) of all, which sum up to 1.
+
+    A share is a ratio of sums over the samples: its variance is that of its numerator beyond what the denominator
+    explains. What is drawn of each component, `count` samples (J,) in pairs, is as much as was meant to be: it varies
+    by the pairs of a component alone.
+    """
+    share, variance, first = 0.0, 0.0, 0
+    for b in range(each.shape[0]):
+        share += weights[b, g]
+    for j in range(count.shape[0]):
+        units, total, squares = 0, 0.0, 0.0
+        for b in range(first, first + count[j], 2):
+            unit = 0.0
+            for paired in range(b, min(b + 2, first + count[j])):
+                unit += weights[paired, g] - share * each[paired]
+            units += 1
+            total += unit
+            squares += unit * unit
+        # One unit alone does not say how it varies: as much as it is, at the most.
+        variance += squares if units < 2 else (squares - total * total / units) * units / (units - 1.0)
+        first += count[j]
+    return variance
 
 
 @kernel
@@ -62,29 +117,6 @@ def find_nearest_images(X: Floats3, X_mode: Floats3, symmetries: Floats3, arm: f
                         square += turns * (image[i, j] - X_mode[g, i, j]) ** 2
                 if square < least:
                     least, nearest[b] = square, s
-
-
-@kernel
-def add_variances(weights: Floats2, share: Floats1, count: Longs1, variance: OutFloats1) -> None:
-    """Adds the variances of the sums of w_bg - share_g sum_g w_bg over samples, `count` of each component, in pairs."""
-    each = np.zeros(weights.shape[0])
-    for b in range(weights.shape[0]):
-        for g in range(share.shape[0]):
-            each[b] += weights[b, g]
-    for g in range(share.shape[0]):
-        first = 0
-        for j in range(count.shape[0]):
-            units, total, squares = 0, 0.0, 0.0
-            for b in range(first, first + count[j], 2):
-                unit = 0.0
-                for paired in range(b, min(b + 2, first + count[j])):
-                    unit += weights[paired, g] - share[g] * each[paired]
-                units += 1
-                total += unit
-                squares += unit * unit
-            # One unit alone does not say how it varies: as much as it is, at the most.
-            variance[g] += squares if units < 2 else (squares - total * total / units) * units / (units - 1.0)
-            first += count[j]
 
 
 class Tried(NamedTuple):

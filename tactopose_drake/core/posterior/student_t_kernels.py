@@ -11,55 +11,91 @@ from typing import NamedTuple
 import numpy as np
 
 from tactopose_drake.core.compilation import (
-    Floats1,
     Floats2,
     Floats3,
     Longs1,
     OutFloats1,
     OutFloats2,
     OutFloats3,
+    OutLongs1,
     kernel,
+    part,
 )
 from tactopose_drake.core.kernels import pose_kernels
 from tactopose_drake.core.kernels.matrix_kernels import cholesky, invert, solve_transposed
 
 
 class Components(NamedTuple):
-    """The components of a mixture, sorted by group; read-only.
+    """The components of a mixture, sorted by group; see `prepare`.
 
     Attributes:
         first: the first component of each group, and behind the last one's, shape (g + 1,).
         center: increments from the group's pose, shape (n, 6).
-        information: shape (n, 6, 6).
+        information: over the directions across the turns, shape (n, 6, 6).
         reach: squared distance in translation within which a pose may belong to each group, shape (g,), m^2.
-        scale: the densities' constants, shape (n,).
+        scale: the densities' constants, times how many samples are drawn of each, shape (n,).
     """
 
-    first: Longs1
+    first: OutLongs1
     center: Floats2
-    information: Floats3
-    reach: Floats1
-    scale: Floats1
+    information: OutFloats3
+    reach: OutFloats1
+    scale: OutFloats1
+
+
+@kernel
+def prepare(
+    group: Longs1, turns: Floats3, count: Longs1, constant: float, farthest: float, components: Components
+) -> None:
+    """Fills what is left to know of components: `first` and `reach` are zero, and the information whole, on entry.
+
+    Beyond a squared Mahalanobis distance a pose does not belong to a component.
+    """
+    first, center, information, reach, scale = components
+    L, covariance, image = np.empty((6, 6)), np.empty((6, 6)), np.empty(6)
+    for j in range(group.shape[0]):
+        logarithm = cholesky(information[j], L)
+        invert(L, covariance)
+        spread, square = 0.0, 0.0
+        for i in range(3, 6):
+            spread += covariance[i, i]
+            square += center[j, i] ** 2
+        g = group[j]
+        reach[g] = max(reach[g], (np.sqrt(square) + np.sqrt(farthest * spread)) ** 2)
+        scale[j] = count[j] * np.exp(constant + 0.5 * (logarithm - _leave_out(turns[j], information[j], image)))
+        first[g + 1] += 1
+    for g in range(reach.shape[0]):
+        first[g + 1] += first[g]
 
 
 @kernel
 def leave_out(turns: Floats3, across: OutFloats3, logarithm: OutFloats1) -> None:
-    """Leaves one turn out after the other."""
+    """Leaves turns (n, 6, c) out of information (n, 6, 6); logarithms (n,) of what is left of its determinants."""
     L, image = np.empty((6, 6)), np.empty(6)
     for j in range(across.shape[0]):
-        A = across[j]
-        logarithm[j] = cholesky(A, L)
-        for c in range(turns.shape[2]):
-            along = 0.0
-            for i in range(6):
-                image[i] = 0.0
-                for k in range(6):
-                    image[i] += A[i, k] * turns[j, k, c]
-                along += image[i] * turns[j, i, c]
-            logarithm[j] -= np.log(along)
-            for i in range(6):
-                for k in range(6):
-                    A[i, k] -= image[i] * image[k] / along
+        logarithm[j] = cholesky(across[j], L)
+        logarithm[j] -= _leave_out(turns[j], across[j], image)
+
+
+@part
+def _leave_out(turns: Floats2, A: OutFloats2, image: OutFloats1) -> float:
+    """Leaves one turn (6, c) out after the other; the logarithm of what that takes off the determinant.
+
+    image (6,) is for work.
+    """
+    lost = 0.0
+    for c in range(turns.shape[1]):
+        along = 0.0
+        for i in range(6):
+            image[i] = 0.0
+            for k in range(6):
+                image[i] += A[i, k] * turns[k, c]
+            along += image[i] * turns[i, c]
+        lost += np.log(along)
+        for i in range(6):
+            for k in range(6):
+                A[i, k] -= image[i] * image[k] / along
+    return lost
 
 
 @kernel
@@ -114,53 +150,33 @@ def enter_chart(
 
 
 @kernel
-def oppose(count: Longs1, normal: OutFloats2) -> None:
-    """Makes every second row of each component's the opposite of the row before."""
-    first = 0
-    for j in range(count.shape[0]):
-        for b in range(first + 1, first + count[j], 2):
-            for i in range(6):
-                normal[b, i] = -normal[b - 1, i]
-        first += count[j]
-
-
-@kernel
 def draw(
     X_group: Floats3,
     group: Longs1,
     center: Floats2,
     information: Floats3,
     count: Longs1,
-    normal: Floats2,
+    white: Floats2,
+    opposed: bool,
     X: OutFloats3,
 ) -> None:
-    u, L = np.empty(6), np.empty((6, 6))
-    b = 0
-    for j in range(count.shape[0]):
-        cholesky(information[j], L)
-        for _ in range(count[j]):
-            solve_transposed(L, normal[b], u)
-            for i in range(6):
-                u[i] += center[j, i]
-            pose_kernels.retract_one(X_group[group[j]], u, X[b])
-            b += 1
+    """Poses X (B, 3, 4), so many of each component, from white increments, those of one group behind each other.
 
-
-@kernel
-def find_reach(group: Longs1, center: Floats2, information: Floats3, farthest: float, reach: OutFloats1) -> None:
-    """The squared distance in translation, m^2, within which a pose may belong to each group, into reach (g,).
-
-    Beyond a squared Mahalanobis distance it does not belong to a component.
+    If they are opposed, every second one of a component is the opposite of the one before it.
     """
-    L, covariance = np.empty((6, 6)), np.empty((6, 6))
-    for j in range(group.shape[0]):
+    u, L = np.empty(6), np.empty((6, 6))
+    b, place = 0, 0
+    for j in range(count.shape[0]):
+        if j > 0 and group[j] != group[j - 1]:
+            place = 0
         cholesky(information[j], L)
-        invert(L, covariance)
-        spread, square = 0.0, 0.0
-        for i in range(3, 6):
-            spread += covariance[i, i]
-            square += center[j, i] ** 2
-        reach[group[j]] = max(reach[group[j]], (np.sqrt(square) + np.sqrt(farthest * spread)) ** 2)
+        for c in range(count[j]):
+            is_opposite = opposed and c % 2 == 1
+            solve_transposed(L, white[place - is_opposite], u)
+            for i in range(6):
+                u[i] = center[j, i] - u[i] if is_opposite else center[j, i] + u[i]
+            pose_kernels.retract_one(X_group[group[j]], u, X[b])
+            b, place = b + 1, place + 1
 
 
 @kernel
@@ -181,7 +197,7 @@ def find_increments(X_group: Floats3, X: Floats3, increment: OutFloats3, volume:
 def add_densities(
     components: Components, freedom: int, power: int, increment: Floats3, volume: Floats2, density: OutFloats2
 ) -> None:
-    """Adds scale (f / (f + d^T H d))^(power / 2) of each component, d from its center.
+    """Adds scale (f / (f + d^T H d))^(power / 2) of each component, d from its center, by the volume of poses.
 
     Each number of the components is an array by itself, so that several components are reckoned at once.
     """

@@ -31,12 +31,24 @@ class Increments(NamedTuple):
     u: FloatArray
     volume: FloatArray
 
+    @classmethod
+    def empty(cls, count: int, groups: int) -> Increments:
+        """Space for those to so many poses."""
+        return cls(np.empty((count, groups, 6)), np.empty((count, groups)))
+
+    def part(self, index: slice) -> Increments:
+        """Those to some of the poses, a view."""
+        return Increments(self.u[index], self.volume[index])
+
+    def find(self, X_group: FloatArray, X_PO: FloatArray) -> Increments:
+        """Itself, filled with the increments from poses (g, 3, 4) to poses (B, 3, 4)."""
+        student_t_kernels.find_increments(X_group, X_PO, *self)
+        return self
+
 
 def find_increments(X_group: FloatArray, X_PO: FloatArray) -> Increments:
     """The increments from poses (g, 3, 4) to poses (B, 3, 4)."""
-    increments = Increments(np.empty((len(X_PO), len(X_group), 6)), np.empty((len(X_PO), len(X_group))))
-    student_t_kernels.find_increments(X_group, X_PO, *increments)
-    return increments
+    return Increments.empty(len(X_PO), len(X_group)).find(X_group, X_PO)
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,42 +82,35 @@ class StudentTMixture:
         Means over them are less noisy so: what is odd about a component's middle cancels. Groups have their random
         numbers in common: the groups' order does not matter, and of groups that are alike the shares are less noisy.
         """
-        place = place_in_group(np.repeat(self.group, self.count))
-        white = generator.standard_normal((int(place.max()) + 1, 6))
-        white /= np.sqrt(generator.chisquare(self.freedom, size=(len(white), 1)) / self.freedom)
-        normal = white[place]
-        student_t_kernels.oppose(self.count, normal)
-        return draw(self.X_PO, self.group, self.center, self.information, self.count, normal)
+        most = int(np.bincount(self.group, self.count).max())
+        white = generator.standard_normal((most, 6))
+        white /= np.sqrt(generator.chisquare(self.freedom, size=(most, 1)) / self.freedom)
+        return draw(self.X_PO, self.group, self.center, self.information, self.count, white, opposed=True)
 
-    def densities(self, increments: Increments) -> FloatArray:
-        """Densities (B, g) of poses, by their increments from the groups' poses: each group's share of the mixture's.
+    def add_to(self, density: FloatArray, increments: Increments) -> None:
+        """Adds to densities (B, g) of poses, by their increments from the groups' poses, each group's share of these.
 
-        They are by the volume of poses: of rotations, as small turns measure it, and translations, rad^3 m^3.
+        They are by the volume of poses (of rotations, as small turns measure it, and translations, rad^3 m^3), and
+        times the number of the samples: so the densities of several mixtures add up to that of all their samples.
         """
-        density = np.zeros_like(increments.volume)
         power = self.freedom + 6 - self.turns.shape[2]
         student_t_kernels.add_densities(self._components, self.freedom, power, *increments, density)
-        return density
 
     @functools.cached_property
     def _components(self) -> student_t_kernels.Components:
         """The densities, as kernels read them."""
-        n = 6 - self.turns.shape[2]
-        information, log_determinant = across_turns(self.information, self.turns)
-        freedom, power = self.freedom, 0.5 * (self.freedom + n)
+        g, n, freedom = len(self.X_PO), 6 - self.turns.shape[2], self.freedom
+        power = 0.5 * (freedom + n)
         constant = math.lgamma(power) - math.lgamma(0.5 * freedom) - 0.5 * n * math.log(math.pi * freedom)
-        scale = self.count * (np.exp(constant + 0.5 * log_determinant) / self.count.sum())
-        reach = np.zeros(len(self.X_PO))
-        student_t_kernels.find_reach(self.group, self.center, self.information, self.farthest, reach)
-        first = np.searchsorted(self.group, np.arange(len(self.X_PO) + 1))
-        arrays = (first, self.center, information, reach, scale)
-        return student_t_kernels.Components(*map(read_only, arrays))
-
-
-def place_in_group(group: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Which one of its group each is, of rising groups (n,), shape (n,)."""
-    place: NDArray[np.intp] = np.arange(len(group)) - np.searchsorted(group, group)
-    return place
+        components = student_t_kernels.Components(
+            np.zeros(g + 1, dtype=np.intp),
+            read_only(self.center),
+            self.information.copy(),
+            np.zeros(g),
+            np.empty(len(self.group)),
+        )
+        student_t_kernels.prepare(self.group, self.turns, self.count, constant, self.farthest, components)
+        return components
 
 
 def draw(
@@ -114,11 +119,16 @@ def draw(
     center: FloatArray,
     information: FloatArray,
     count: NDArray[np.intp],
-    normal: FloatArray,
+    white: FloatArray,
+    *,
+    opposed: bool,
 ) -> FloatArray:
-    """Poses (B, 3, 4), so many (J,) of each component, from white increments (B, 6); see `StudentTMixture`."""
-    X_PO = np.empty((len(normal), 3, 4))
-    student_t_kernels.draw(X_group, group, center, information, count, normal, X_PO)
+    """Poses (B, 3, 4), so many (J,) of each component, from the white increments (w, 6) that all groups share.
+
+    If they are opposed, every second one of a component is opposite to the one before it; see `StudentTMixture`.
+    """
+    X_PO = np.empty((int(count.sum()), 3, 4))
+    student_t_kernels.draw(X_group, group, center, information, count, white, opposed, X_PO)
     return X_PO
 
 

@@ -177,7 +177,7 @@ class PairSearch(Search):
         # touch. Then it has its say in which of them go on.
         touching = first.refinement.refine(quick, X_PO, should_stop)
         if quick is not objective:
-            touching = touching._replace(cost=objective.cost(touching.X_PO)).ranked()
+            touching = touching._replace(cost=objective.cost(touching.X_PO), hessian=None).ranked()
         X_PO = self._next(first, touching, objective, space)
         found = join_results(*self._refine(stages, objective, space, X_PO, should_stop))
         return found.ranked() if is_near else found.ranked(self.returned)
@@ -245,8 +245,8 @@ class PairSearch(Search):
 
         By the local models: along a direction that hardly changes the cost, poses far apart belong together.
         """
-        information = objective.normal_equations(found.X_PO).hessian + space.information
-        apart = one_of_each(owners(found.X_PO, information, np.eye(3, 4)[None], _SAME_MINIMUM))
+        hessian = objective.normal_equations(found.X_PO).hessian if found.hessian is None else found.hessian
+        apart = one_of_each(owners(found.X_PO, hessian + space.information, np.eye(3, 4)[None], _SAME_MINIMUM))
         return found.X_PO[apart[:count]]
 
     def propose(self, choice: PairChoice, count: int, space: PoseSpace, generator: np.random.Generator) -> FloatArray:

@@ -66,6 +66,8 @@ class PoseProblem(NamedTuple):
     def doubted_terms(self, objective: LeastSquaresObjective) -> list[SmoothObjective]:
         """The terms of one of the objectives, with contacts and pads that may be false."""
         terms = (objective,) if objective is self.pads else objective.terms
+        if self.mixture is not None and isinstance(objective, ContactWithPrior):
+            return [self.mixture.with_prior(objective.prior)]
         return [self._doubted_term(term) for term in terms]
 
     def _doubted_term(self, term: LeastSquaresObjective) -> SmoothObjective:

@@ -31,24 +31,27 @@ class SearchResult(NamedTuple):
         cost: their costs, shape (B,).
         iterations: steps that were tried for each, shape (B,).
         converged: whether each ended at a minimum, rather than at the limit of iterations, shape (B,).
+        hessian: Gauss-Newton Hessians of the objective there, shape (B, 6, 6); None where the search has none.
     """
 
     X_PO: FloatArray
     cost: FloatArray
     iterations: np.ndarray[tuple[int], np.dtype[np.int64]]
     converged: np.ndarray[tuple[int], np.dtype[np.bool_]]
+    hessian: FloatArray | None = None
 
     def ranked(self, count: int | None = None) -> "SearchResult":
         """The `count` poses of least cost (all by default), by rising cost."""
         order = self.cost.argsort(kind="stable")[:count]
-        return SearchResult(self.X_PO[order], self.cost[order], self.iterations[order], self.converged[order])
+        return SearchResult(*(None if column is None else column[order] for column in self))  # type: ignore[arg-type]
 
 
 def join_results(*results: SearchResult) -> SearchResult:
     """The poses of several results, one after the other."""
     if len(results) == 1:
         return results[0]
-    return SearchResult(*(np.concatenate(columns) for columns in zip(*results, strict=True)))
+    columns = zip(*results, strict=True)
+    return SearchResult(*(None if column[-1] is None else np.concatenate(column) for column in columns))  # type: ignore[arg-type]
 
 
 class PoseSpace(Protocol):

@@ -5,7 +5,9 @@ import pytest
 import trimesh
 
 from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.objectives.contact_mixture import ContactDoubt, ContactMixture
+from tactopose_drake.core.objectives.pose_prior import PriorObjective
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.poses import exp_so3, make_poses, random_rotations, retract
 from tactopose_drake.core.shape.object_model import ObjectModel
@@ -167,3 +169,20 @@ def test_a_turn_of_everything_changes_nothing(box: ObjectModel) -> None:
     turned = Contacts(contacts.p_PC @ R.T, contacts.n_PC @ R.T)
     cost = ContactMixture(box, contacts, 0.02).cost(X_off)
     assert ContactMixture(box, turned, 0.02).cost(R @ X_off)[0] == pytest.approx(cost[0], rel=1e-6)
+
+
+def test_with_a_prior_it_is_the_sum_of_both(blob: ObjectModel) -> None:
+    X_PO = pose(3)
+    mixture, prior = (
+        ContactMixture(blob, touch(blob, X_PO, 3, noise=2.0), 0.02),
+        PriorObjective(GaussianPrior(X_PO[0], 0.1, 0.01)),
+    )
+    both = mixture.with_prior(prior)
+    around = retract(X_PO, np.random.default_rng(0).normal(size=(20, 6)) * 0.02)
+    for found, of_touch, of_prior in zip(
+        both.normal_equations(around), mixture.normal_equations(around), prior.normal_equations(around), strict=True
+    ):
+        np.testing.assert_allclose(found, of_touch + of_prior, rtol=1e-9, atol=1e-9 * np.abs(found).max())
+    np.testing.assert_allclose(both.cost(around), mixture.cost(around) + prior.cost(around))
+    np.testing.assert_allclose(both.cost(around), both.normal_equations(around).cost)
+    np.testing.assert_allclose(both.exact_cost(around), mixture.exact_cost(around) + prior.cost(around))

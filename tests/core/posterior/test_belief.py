@@ -6,6 +6,7 @@ import pytest
 
 from tactopose_drake.core.objectives.objective import LeastSquaresObjective, NormalEquations, form_normal_equations
 from tactopose_drake.core.poses import exp_so3, increments_between, make_poses, retract
+from tactopose_drake.core.posterior import sampling_weight_kernels
 from tactopose_drake.core.posterior.belief_sampling import weigh_modes
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.posterior.hypotheses import Modes
@@ -259,6 +260,22 @@ def test_the_worth_of_samples_is_their_number_where_they_weigh_the_same() -> Non
     u = increments_between(pose(), X_PO)
     np.testing.assert_allclose(moments.first[0], u.mean(axis=0), rtol=1e-9)
     np.testing.assert_allclose(moments.second[0], u.T @ u / 50, rtol=1e-9)
+
+
+def test_of_groups_that_are_one_the_shares_are_as_sure_as_what_they_are_together() -> None:
+    densities, count = np.random.default_rng(0).uniform(size=(40, 3)), np.array([20, 20])
+    cost, weights = np.linspace(0.5, 3.0, 40), np.empty((40, 3))
+
+    def weigh(family: list[int]) -> tuple[float, float, float]:
+        return sampling_weight_kernels.weigh(cost, 1.0, densities, np.array(family), count, weights)
+
+    lowest, error, worth = weigh([0, 1, 2])
+    np.testing.assert_allclose(weights.sum(axis=1), np.exp(lowest - cost) / densities.sum(axis=1))
+    assert lowest == 0.5
+    assert error > 0.01
+    assert worth == pytest.approx(weights.sum() ** 2 / np.sum(weights.sum(axis=1) ** 2))
+    assert weigh([0, 0, 0])[1:] == pytest.approx((0.0, worth), abs=1e-12)
+    assert 0.0 < weigh([0, 0, 2])[1] <= error
 
 
 def test_the_standard_error_is_that_of_the_weights_from_seed_to_seed() -> None:

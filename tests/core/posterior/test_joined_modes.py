@@ -181,8 +181,6 @@ def test_of_a_family_the_lowest_cost_stays_and_owns_the_others() -> None:
     mass, _, owner = found.join(np.array([3.0, 2.0, 4.0]), np.array([0.5, 0.1, 0.4]), centred(spread))
     np.testing.assert_allclose(mass, [0.0, 0.6, 0.4])
     np.testing.assert_array_equal(owner, [1, 1, 2])
-    weights = np.array([[0.2, 0.1, 0.0], [0.0, 0.3, 0.4]])
-    np.testing.assert_allclose(found.together(weights), [[0.3, 0.0, 0.0], [0.3, 0.0, 0.4]])
 
 
 def test_without_the_first_of_a_family_the_others_are_still_one() -> None:

@@ -21,7 +21,9 @@ def information(count: int) -> np.ndarray:
 
 
 def densities(mixture: StudentTMixture, X_PO: np.ndarray) -> np.ndarray:
-    return mixture.densities(find_increments(mixture.X_PO, X_PO))
+    density = np.zeros((len(X_PO), len(mixture.X_PO)))
+    mixture.add_to(density, find_increments(mixture.X_PO, X_PO))
+    return density / mixture.count.sum()
 
 
 def mixture(count: int = 4000) -> StudentTMixture:

@@ -1,0 +1,68 @@
+"""The directions that information matrices leave free, compiled; see `hypotheses.free_directions`."""
+
+import numpy as np
+
+from tactopose_drake.core.compilation import Floats1, Floats3, OutFloats2, OutFloats3, OutLongs1, kernel, part
+from tactopose_drake.core.kernels.matrix_kernels import cholesky, diagonalize, transform
+
+
+@kernel
+def find_free(information: Floats3, units: Floats1, limit: float, rows: OutFloats3, count: OutLongs1) -> None:
+    """Directions of less information than the limit in these units (6,), of matrices (n, 6, 6).
+
+    Into rows (n, 6, 6), orthonormal ones, and how many, count (n,); on entry those that are known to be free. Where no
+    other is free these stay as they are.
+    """
+    A, L, work, across = np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6))
+    basis, vectors, values = np.empty((6, 6)), np.empty((6, 6)), np.empty(6)
+    for b in range(information.shape[0]):
+        known = count[b]
+        for i in range(6):
+            for k in range(6):
+                A[i, k] = information[b, i, k] * units[i] * units[k]
+                basis[i, k] = rows[b, i, k] / units[k]
+        if known:
+            # The known directions count for just so much that they are not found again.
+            orthonormalize(basis, known)
+            for i in range(6):
+                for k in range(6):
+                    across[i, k] = 1.0 if i == k else 0.0
+                    for c in range(known):
+                        across[i, k] -= basis[c, i] * basis[c, k]
+            transform(across, A, work, A)
+            for i in range(6):
+                for k in range(6):
+                    A[i, k] += 2.0 * limit * ((1.0 if i == k else 0.0) - across[i, k])
+        for i in range(6):
+            A[i, i] -= limit
+        # Most have no other: all eigenvalues are above the limit, which is sooner known than what they are.
+        if cholesky(A, L) < np.inf:
+            continue
+        diagonalize(A, values, vectors)
+        for c in range(6):
+            if values[c] < 0.0:
+                basis[count[b]] = vectors[c]
+                count[b] += 1
+        if count[b] > known:
+            for c in range(count[b]):
+                for k in range(6):
+                    rows[b, c, k] = basis[c, k] * units[k]
+            orthonormalize(rows[b], count[b])
+
+
+@part
+def orthonormalize(rows: OutFloats2, count: int) -> None:
+    """Makes so many of the rows (n, m) orthonormal, each less what of it is along those before it."""
+    for c in range(count):
+        for _ in range(2):  # Once more, of what rounding has left.
+            for before in range(c):
+                along = 0.0
+                for k in range(rows.shape[1]):
+                    along += rows[c, k] * rows[before, k]
+                for k in range(rows.shape[1]):
+                    rows[c, k] -= along * rows[before, k]
+            square = 0.0
+            for k in range(rows.shape[1]):
+                square += rows[c, k] * rows[c, k]
+            for k in range(rows.shape[1]):
+                rows[c, k] /= np.sqrt(square)
