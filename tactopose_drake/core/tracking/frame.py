@@ -161,11 +161,13 @@ class ErrorParts(NamedTuple):
 
     Attributes:
         told: of the whole errors.
+        declared: of what lasts beside the calibration's, as the hand says.
         new: of what is new at each time.
         excess: of what lasts beside the calibration's, as they seem.
     """
 
     told: FloatArray
+    declared: FloatArray
     new: FloatArray
     excess: FloatArray
 
