@@ -66,9 +66,12 @@ def copied(value: Frozen, **fields: Any) -> Frozen:
 
     What it has cached is of the values before, and is left out.
     """
-    before, other = value.__dict__, object.__new__(type(value))
-    assert fields.keys() <= type(value).__dataclass_fields__.keys(), fields.keys()
-    other.__dict__.update({name: before[name] for name in type(value).__dataclass_fields__}, **fields)
+    known, other = type(value).__dataclass_fields__, object.__new__(type(value))
+    assert fields.keys() <= known.keys(), fields.keys()
+    held = value.__dict__
+    if len(held) > len(known):
+        held = {name: held[name] for name in known}
+    other.__dict__.update(held, **fields)
     return other
 
 

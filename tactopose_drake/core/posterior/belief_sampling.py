@@ -12,6 +12,7 @@ mixture weights). [CDG08] O. Cappe et al., Adaptive importance sampling in gener
 """
 
 import dataclasses
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -39,12 +40,19 @@ _LOG_TURNS = {0: 0.0, 1: np.log(2.0 * np.pi), 3: np.log(8.0 * np.pi**2)}
 
 def weigh_modes(modes: Modes, posterior: Posterior, generator: np.random.Generator) -> Modes:
     """The modes with the mass and covariance that samples of the exact posterior give them."""
+    return cover_modes(modes, posterior, generator)(generator)
+
+
+def cover_modes(
+    modes: Modes, posterior: Posterior, generator: np.random.Generator
+) -> Callable[[np.random.Generator], Modes]:
+    """Covers the modes by tiles: the first half of the work. What it returns draws samples and weighs the modes."""
     mixture, params = modes.mixture, posterior.params.sampling
     close = np.flatnonzero(mixture.weights > params.least_weighed_share * mixture.weights.max())
     X_close = mixture.X_PO[close]
     information = inverses(mixture.covariance[close])[0] + posterior.gauge
     if not np.isfinite(information).all():
-        return modes  # What is best known of one and the rest of it do not fit into doubles.
+        return lambda _: modes  # What is best known of one and the rest of it do not fit into doubles.
     least = np.minimum(posterior.exact_cost(X_close), modes.cost[close])
     laplace = -least - 0.5 * across_turns(information, posterior.turn_directions(X_close))[1]
     share = np.exp(laplace - laplace.max())
@@ -60,18 +68,21 @@ def weigh_modes(modes: Modes, posterior: Posterior, generator: np.random.Generat
         posterior.size,
         posterior.params.moments,
     )
-    increments, weights, lowest, error = _draw(proposal, families, float(least.min()), posterior, generator)
-    mass = weights.sum(axis=0)
-    moments = weigh_moments(increments, weights)
-    if not (moments.effective_samples > 1.0).any():
-        return modes  # One sample outweighs all others: they say less than Laplace's approximation.
-    every = np.exp(laplace + lowest) * (2.0 * np.pi) ** (3.0 - 0.5 * len(posterior.turns[0]))
-    every[worthy] = mass
-    masses = mixture.weights * (every.sum() / mixture.weights[close].sum())
-    masses[close] = every
-    log_mass = float(np.log(masses.sum()) - lowest + _LOG_TURNS[len(posterior.turns[0])])
-    found = _update(modes, sampled, masses / masses.sum(), moments, families, posterior, log_mass)
-    return dataclasses.replace(found, standard_error=error)
+
+    def weigh(generator: np.random.Generator) -> Modes:
+        increments, weights, lowest, error = _draw(proposal, families, float(least.min()), posterior, generator)
+        moments = weigh_moments(increments, weights)
+        if not (moments.effective_samples > 1.0).any():
+            return modes  # One sample outweighs all others: they say less than Laplace's approximation.
+        every = np.exp(laplace + lowest) * (2.0 * np.pi) ** (3.0 - 0.5 * len(posterior.turns[0]))
+        every[worthy] = weights.sum(axis=0)
+        masses = mixture.weights * (every.sum() / mixture.weights[close].sum())
+        masses[close] = every
+        log_mass = float(np.log(masses.sum()) - lowest + _LOG_TURNS[len(posterior.turns[0])])
+        found = _update(modes, sampled, masses / masses.sum(), moments, families, posterior, log_mass)
+        return dataclasses.replace(found, standard_error=error)
+
+    return weigh
 
 
 class _Samples(NamedTuple):

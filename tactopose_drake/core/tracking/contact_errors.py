@@ -137,7 +137,7 @@ def split_errors(
     of_hand = bias.of_calibration + declared
     new = np.maximum(told - of_hand, params.contact_update.least_noise_share**2 * told)
     mean = _averaged(told, declared, bias, params.window.max_frames)
-    return ErrorParts(told, new, declared + (doubt - 1.0)[:, None] * mean + (calibration - 1.0) * of_hand)
+    return ErrorParts(told, declared, new, declared + (doubt - 1.0)[:, None] * mean + (calibration - 1.0) * of_hand)
 
 
 def read_contacts(
@@ -170,12 +170,12 @@ def with_errors(
     return reading._replace(doubt=doubt, calibration=calibration, parts=parts)
 
 
-def as_doubted(reading: ContactReading, params: PoseTrackerParams) -> ContactReading:
+def as_doubted(reading: ContactReading) -> ContactReading:
     """The reading whose evidence has contacts as unsure as they seem."""
     evidence, count = reading.evidence, len(reading.evidence.contacts)
     if not count or max(reading.doubt.max(), reading.calibration.max()) < _NOTICED_DOUBT:
         return reading
-    variances = reading.parts.told + reading.parts.excess - declared_excess(reading.contacts, params)
+    variances = reading.parts.told + reading.parts.excess - reading.parts.declared
     position, normal = np.ascontiguousarray(np.sqrt(variances[:count]).T)
     contacts = evidence.contacts.with_arrays(covariance=None, sigma_position=position, sigma_normal=normal)
     return reading._replace(evidence=evidence.with_parts(contacts, evidence.prior))
@@ -246,7 +246,7 @@ def estimate_scale(
     residuals, jacobian = along_normals(contacts.n_PC[felt] @ X_PO[:, :3], mean, jacobian)
     told = reading.parts.told[felt]
     scales = _scales(settings.halvings, settings.doublings, settings.doubling_share, settings.apart_share)
-    lasting = BiasModel.from_params(params).of_calibration + declared_excess(contacts, params)[felt]
+    lasting = BiasModel.from_params(params).of_calibration + reading.parts.declared[felt]
     surface = np.square(BiasModel.from_params(params).surface)
     new = np.array(test.noise) / counts[felt, None]
     variances = ((scales.factors[:, None] * lasting + surface) / told + new)[..., [0, 1, 1]]

@@ -123,8 +123,7 @@ def _make_priors(modes: TrackedModes, variances: FloatArray) -> ModePriors:
     information = np.empty((count, size, size))
     gain = np.ascontiguousarray(modes.cross_covariance / variances[:, None])
     left = modes.covariance - gain @ np.swapaxes(modes.cross_covariance, 1, 2)
-    A = np.asarray(np.linalg.inv(left), dtype=np.float64)
-    gain_kernels.join_information(A, gain, variances, information)
+    gain_kernels.join_information(inverses(left)[0], gain, variances, information)
     return ModePriors(read_only(modes.X_PO), read_only(information))
 
 

@@ -10,9 +10,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
+from tactopose_drake.core.kernels.matrix_kernels import eigenpairs
 from tactopose_drake.core.plain_values import copied
 from tactopose_drake.core.validation import LATEST, FloatArray, instance_of, limited, points_near, pose_matrix
 from tactopose_drake.errors import InvalidInputError
@@ -20,6 +22,7 @@ from tactopose_drake.errors import InvalidInputError
 _FASTEST = 1e4  # rad/s and m/s
 _LEAST_SIGMA, _MOST_VARIANCE = 1e-7, 1e12
 _W, _V = slice(0, 3), slice(3, 6)
+_ANY_PRIOR = GaussianPrior(np.eye(3, 4))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -78,8 +81,10 @@ class PoseMeasurement:
 
     def as_prior(self) -> GaussianPrior:
         """A prior that is at least as wide in every direction of rotation and of translation."""
-        widest = [float(np.sqrt(np.linalg.eigvalsh(self.covariance[part, part])[-1])) for part in (_W, _V)]
-        return GaussianPrior(self.X_PO, sigma_rotation=widest[0], sigma_translation=widest[1])
+        parts = np.stack([self.covariance[part, part] for part in (_W, _V)])
+        rotation, translation = np.sqrt(eigenpairs(parts)[0].max(axis=1)).tolist()
+        mean = read_only(self.X_PO)
+        return copied(_ANY_PRIOR, mean=mean, sigma_rotation=rotation, sigma_translation=translation)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -156,11 +161,13 @@ class ErrorParts(NamedTuple):
 
     Attributes:
         told: of the whole errors.
+        declared: of what lasts beside the calibration's, as the hand says.
         new: of what is new at each time.
         excess: of what lasts beside the calibration's, as they seem.
     """
 
     told: FloatArray
+    declared: FloatArray
     new: FloatArray
     excess: FloatArray
 

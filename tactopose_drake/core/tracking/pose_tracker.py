@@ -92,7 +92,7 @@ class PoseTracker:
             belief = belief.untouched
         untouched = self._untouched(belief, frame)
         reading = read_contacts(frame, belief.sources, belief.p_PC, belief.errors, params)
-        reading = as_doubted(reading, params)
+        reading = as_doubted(reading)
         belief = self._predict(belief, frame, reading, duration)
         belief, is_outlier = see(self._model, belief, frame, reading, params.vision)
         explanation = Explanation(self._model, reading.evidence, self._plausibility)

@@ -8,14 +8,16 @@ what counts. Of each mode of the posterior that the filter has already, the filt
 many frames, unless the touch contradicts it.
 
 A search is made in slices, each of which fits into the time of an update: it proposes minima of the touch, from a part
-of the starts, other ones each time; it settles these and the modes that are known by all the evidence; it weighs what
-explains the touch as the estimate does; and what it says is put to use. Over some searches all is searched.
+of the starts, other ones each time; it settles these and the modes that are known by all the evidence; it covers what
+explains the touch by densities, as the estimate does, and weighs samples of them; and what it says is put to use. Over
+some searches all is searched.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -23,8 +25,9 @@ from numpy.typing import NDArray
 
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.kernels.matrix_kernels import inverses
+from tactopose_drake.core.plain_values import copied
 from tactopose_drake.core.poses import compose, increments_between
-from tactopose_drake.core.posterior.belief_sampling import weigh_modes
+from tactopose_drake.core.posterior.belief_sampling import cover_modes
 from tactopose_drake.core.posterior.hypotheses import Modes, find_modes
 from tactopose_drake.core.posterior.plausibility import explain_with_doubt
 from tactopose_drake.core.posterior.posterior import make_posterior
@@ -71,8 +74,8 @@ class SearchState(NamedTuple):
     Attributes:
         X_PO: what the slices so far have found, as of the last of them, shape (n, 3, 4); None between two searches.
         is_settled: whether these are minima of all the evidence.
-        minima: what the last search has found, as of that time, shape (m, 3, 4): a mode that the filter leads off its
-            own way is found again.
+        minima: what the last search has found, as of that time, shape (m, 3, 4): modes led astray are found again.
+        weigh: draws samples of what covers them, and says what the posterior does; None before and after that.
         weighed: what the posterior says of them; None before the last slice.
         X_PP: the motion of the object in P since then, which acts from the left, shape (3, 4).
         searches: how many there were.
@@ -83,6 +86,7 @@ class SearchState(NamedTuple):
     X_PO: FloatArray | None = None
     is_settled: bool = False
     minima: FloatArray = np.empty((0, 3, 4))
+    weigh: Callable[[np.random.Generator], WeighedModes] | None = None
     weighed: WeighedModes | None = None
     X_PP: FloatArray = np.eye(3, 4)
     searches: int = 0
@@ -99,6 +103,10 @@ class SearchState(NamedTuple):
         weighed = None if self.weighed is None else self.weighed.moved(self.X_PP)
         return self._replace(X_PO=X_PO, minima=compose(self.X_PP, self.minima), weighed=weighed, X_PP=np.eye(3, 4))
 
+    def ended(self) -> SearchState:
+        """That before the next search."""
+        return self._replace(X_PO=None, is_settled=False, weighed=None, searches=self.searches + 1)
+
 
 def search_on(
     model: ObjectModel, params: PoseTrackerParams, touch: Touch, modes: TrackedModes, search: SearchState
@@ -107,42 +115,41 @@ def search_on(
 
     Where the filter has no mode, there is none to keep up meanwhile: all slices are one.
     """
+    while True:
+        search, weighed = _next_slice(model, params, touch, modes, search)
+        if len(modes) or search.X_PO is None:
+            return search, weighed
+
+
+def _next_slice(
+    model: ObjectModel, params: PoseTrackerParams, touch: Touch, modes: TrackedModes, search: SearchState
+) -> tuple[SearchState, WeighedModes | None]:
+    """Likewise; no poses are left in what a search has come to when it ends."""
+    if search.weigh is not None:  # What covers the modes is as of the last slice.
+        weighed = search.weigh(np.random.default_rng([params.seed, search.searches, 1]))
+        return search._replace(weigh=None, weighed=weighed), None
     search = search.as_of_now()
     if search.weighed is not None:
-        return search._replace(X_PO=None, is_settled=False, weighed=None, searches=search.searches + 1), search.weighed
+        return search.ended(), search.weighed
     evidence, settings = touch.averaged(params), params.relocalisation
     generator = np.random.default_rng([params.seed, search.searches])
-    at_once = not len(modes)
     if search.X_PO is None:
         near = dataclasses.replace(evidence, prior=None) if search.searches % 2 else evidence
-        search = search._replace(X_PO=_propose_poses(model, settings, near, generator), is_settled=False)
-        if not at_once:
-            return search, None
-    assert search.X_PO is not None
-    if not search.is_settled:
-        X_PO = np.concatenate([modes.X_PO, search.minima, search.X_PO])
-        X_PO = _settle_poses(model, settings, evidence, X_PO) if len(X_PO) else X_PO
-        search = search._replace(X_PO=X_PO, is_settled=True, minima=X_PO[: params.mixture.max_modes])
-        if not at_once and len(X_PO):
-            return search, None
-    assert search.X_PO is not None
-    ended = search._replace(X_PO=None, is_settled=False, searches=search.searches + 1)
-    if not len(search.X_PO):
-        return ended, None
-    weighed = _weigh_poses(model, settings, evidence, search.X_PO, generator)
-    return (ended, weighed) if at_once else (search._replace(weighed=weighed), None)
+        return search._replace(X_PO=_propose_poses(model, settings, near, generator)), None
+    if search.is_settled:
+        return search._replace(weigh=_cover_poses(model, settings, evidence, search.X_PO, generator)), None
+    X_PO = np.concatenate([modes.X_PO, search.minima, search.X_PO])
+    X_PO = _settle_poses(model, settings, evidence, X_PO) if len(X_PO) else X_PO
+    search = search._replace(X_PO=X_PO, is_settled=True, minima=X_PO[: params.mixture.max_modes])
+    return (search if len(X_PO) else search.ended()), None
 
 
 def _propose_poses(
     model: ObjectModel, params: RelocalisationParams, near: Evidence, generator: np.random.Generator
 ) -> FloatArray:
-    """Minima of the touch alone, without what bounds the pose, which is slow; best first, shape (n, 3, 4).
+    """Minima of the touch alone, near its prior if there is one, best first, shape (n, 3, 4).
 
-    Args:
-        model: the object.
-        params: how much work it is.
-        near: the touch; where there is a prior, the search goes near it.
-        generator: of random numbers.
+    What bounds the pose is left out: it is slow.
     """
     starts = params.starts
     touch = dataclasses.replace(near, hand=None, untouched=None, balance=None, friction=None, patches=near.felt)
@@ -173,24 +180,29 @@ def _settle_poses(model: ObjectModel, params: RelocalisationParams, evidence: Ev
     return X_PO[explain_with_doubt(model, evidence, judgement, X_PO)]
 
 
-def _weigh_poses(
+def _cover_poses(
     model: ObjectModel,
     params: RelocalisationParams,
     evidence: Evidence,
     X_PO: FloatArray,
     generator: np.random.Generator,
-) -> WeighedModes:
-    """The posterior's modes at minima (m, 3, 4) of the evidence, at least one."""
+) -> Callable[[np.random.Generator], WeighedModes]:
+    """Covers the posterior's modes at minima (m, 3, 4) of the evidence, at least one; see `cover_modes`."""
     problem = make_problem(model, evidence)
     each = np.zeros(len(X_PO), dtype=np.intp)
     minima = SearchResult(X_PO, problem.objective.cost(X_PO), each, each == 0)
     sampling = dataclasses.replace(DEFAULT_PARAMS.sampling, samples=params.samples, most_samples=params.samples)
     posterior = make_posterior(model, evidence, problem, dataclasses.replace(DEFAULT_PARAMS, sampling=sampling))
-    modes = weigh_modes(_distinct(model, params, problem, minima), posterior, generator)
-    if problem.mixture is None:
-        return WeighedModes(modes, np.zeros(0), 1.0)
-    judgement, weights = problem.mixture.judge(modes.mixture.X_PO), modes.mixture.weights
-    return WeighedModes(modes, weights @ judgement.inlier_probability, float(weights @ judgement.noise_scale))
+    weigh_modes = cover_modes(_distinct(model, params, problem, minima), posterior, generator)
+
+    def weigh(generator: np.random.Generator) -> WeighedModes:
+        modes = weigh_modes(generator)
+        if problem.mixture is None:
+            return WeighedModes(modes, np.zeros(0), 1.0)
+        judgement, weights = problem.mixture.judge(modes.mixture.X_PO), modes.mixture.weights
+        return WeighedModes(modes, weights @ judgement.inlier_probability, float(weights @ judgement.noise_scale))
+
+    return weigh
 
 
 def _distinct(model: ObjectModel, params: RelocalisationParams, problem: PoseProblem, found: SearchResult) -> Modes:
@@ -221,17 +233,17 @@ def relocalise(
         touch: of now.
         modes: the filter's, after the touch.
         posterior: by the touch of now.
-        share: of the mean of a mode's weights that is by this posterior.
+        share: of the mean of a mode's weights, that is by it.
     """
     X_PO, weights = posterior.mixture.X_PO, posterior.mixture.weights
     log_weight = np.log(np.maximum(weights, 1e-300)) - past_cost(model, params, touch.window, X_PO)
     log_weight -= np.logaddexp.reduce(log_weight)
-    kept = np.flatnonzero(log_weight > log_weight.max() + math.log(params.mixture.least_share))
-    kept = kept[np.argsort(-log_weight[kept], kind="stable")][: params.mixture.max_modes]
+    kept = np.argsort(-log_weight, kind="stable")[: params.mixture.max_modes]
+    kept = kept[log_weight[kept] > log_weight[kept[:1]] + math.log(params.mixture.least_share)]
     pairs, is_right = _match(model, params, touch.averaged(params), posterior, kept, modes)
     new = _make_modes(model, params, touch, posterior, kept[~is_right])
     joined = modes.chosen(pairs[is_right]).joined(new)
-    order = np.concatenate([np.flatnonzero(is_right), np.flatnonzero(~is_right)])
+    order = np.argsort(~is_right, kind="stable")
     pairs, now = pairs[order], log_weight[kept[order]]
     if len(modes):
         before = (modes.log_weight - np.logaddexp.reduce(modes.log_weight))[pairs]
@@ -249,8 +261,6 @@ def _match(
 ) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
     """For each of the posterior's modes that are kept the filter's that it is, or -1; and whether its pose stays."""
     pairs, is_right = np.full(len(kept), -1), np.zeros(len(kept), dtype=np.bool_)
-    if not len(modes):
-        return pairs, is_right
     X_PO = np.ascontiguousarray(posterior.mixture.X_PO[kept])
     information = inverses(posterior.mixture.covariance[kept])[0]
     objective = make_problem(model, evidence).objective
@@ -277,21 +287,14 @@ def _make_modes(
     if not n:
         return TrackedModes.empty(sources)
     if near is None:
-        space = make_problem(model, Evidence(reading.contacts)).space
-        spread = np.asarray(np.linalg.inv(space.information), dtype=np.float64)
-        priors = TrackedModes.independent(X_PO, np.tile(spread, (n, 1, 1)), sources)
+        X_near, information = X_PO, make_problem(model, Evidence(reading.contacts)).space.information
+        spread = np.asarray(np.linalg.inv(information), dtype=np.float64)
     else:
-        X_near, covariance = np.tile(near.X_PO, (n, 1, 1)), np.tile(near.covariance, (n, 1, 1))
-        priors = TrackedModes.independent(X_near, covariance, sources)
+        X_near, spread = np.tile(near.X_PO, (n, 1, 1)), near.covariance
+    priors = TrackedModes.independent(X_near, np.tile(spread, (n, 1, 1)), sources)
     update = update_with_contacts(model, params, reading, priors, X_PO)
     # How rough the surface is where they touch is known once they have been there.
     roughness = np.zeros_like(priors.roughness)
     roughness[:, reading.source] = update.roughness + reading.parts.excess
-    new = dataclasses.replace(
-        priors,
-        X_PO=X_PO,
-        covariance=update.covariance,
-        cross_covariance=update.cross_covariance,
-        roughness=roughness,
-    )
-    return new.fitted(posterior.mixture.covariance[kept])
+    new = copied(priors, X_PO=X_PO, covariance=update.covariance, roughness=roughness)
+    return copied(new, cross_covariance=update.cross_covariance).fitted(posterior.mixture.covariance[kept])

@@ -77,9 +77,9 @@ def test_a_mode_of_the_filter_that_explains_the_touch_keeps_its_pose_and_what_it
     np.testing.assert_array_equal(after.covariance[i], narrow.covariance[0])
 
 
-def test_a_search_is_made_of_four_slices_while_there_is_a_mode_to_keep_up(box: ObjectModel) -> None:
+def test_a_search_is_made_of_five_slices_while_there_is_a_mode_to_keep_up(box: ObjectModel) -> None:
     touched, state = touch_of(touch(X_PO, np.random.default_rng(1))), SearchState()
-    for is_last in (False, False, False, True):
+    for is_last in (False, False, False, False, True):
         state, weighed = search_on(box, PARAMS, touched, modes_at(X_PO), state)
         assert (weighed is not None) == is_last
     assert (state.X_PO is None, state.searches) == (True, 1)
@@ -109,6 +109,21 @@ def test_what_is_found_meanwhile_moves_with_the_object() -> None:
     assert moved.X_PO is not None
     for X in (moved.X_PO, moved.minima, moved.as_of_now().minima):
         np.testing.assert_allclose(X[0], compose(motion.pose, compose(motion.pose, X_PO)), atol=1e-15)
+
+
+def test_what_covers_the_modes_is_weighed_as_of_its_time_and_moved_with_the_object_then(box: ObjectModel) -> None:
+    touched, state = touch_of(touch(X_PO, np.random.default_rng(1))), SearchState()
+    while state.weigh is None:
+        state, _ = search_on(box, PARAMS, touched, modes_at(X_PO), state)
+    rests = state
+    for motion in (Motion(np.array([0.1, -0.2, 0.3, 0.01, 0.02, -0.01]), np.zeros((6, 6))),) * 2:
+        rests, at_rest = search_on(box, PARAMS, touched, modes_at(X_PO), rests)
+        state, moved = search_on(box, PARAMS, touched, modes_at(X_PO), state.moved(motion))
+    assert at_rest is not None
+    assert moved is not None
+    expected = compose(motion.pose, compose(motion.pose, at_rest.modes.mixture.X_PO))
+    np.testing.assert_allclose(moved.modes.mixture.X_PO, expected, atol=1e-12)
+    np.testing.assert_array_equal(moved.modes.mixture.weights, at_rest.modes.mixture.weights)
 
 
 def test_weights_are_means_over_the_searches_that_agree(box: ObjectModel) -> None:

@@ -195,9 +195,9 @@ def test_a_doubted_finger_counts_for_less_and_so_does_what_a_hand_declares(box: 
     doubted = with_errors(read(contacts), np.array([16.0, 1, 1, 1, 1, 1]), np.ones(2), params)
     mean = averaged_variances(contacts, params, params.window.max_frames)[0]
     np.testing.assert_allclose(doubted.parts.excess[0], 15.0 * mean)
-    seems = as_doubted(doubted, params).evidence.contacts
+    seems = as_doubted(doubted).evidence.contacts
     np.testing.assert_allclose(seems.sigma_position[:2] ** 2, SIGMA_POSITION**2 + np.array([15.0 * mean[0], 0.0]))
-    assert as_doubted(read(contacts), params).evidence.contacts is contacts
+    assert as_doubted(read(contacts)).evidence.contacts is contacts
     np.testing.assert_array_equal(doubted.parts.excess[1:], np.zeros((5, 2)))
     declared = Contacts(contacts.p_PC, contacts.n_PC, covariance=np.tile(np.diag([4e-6] * 3 + [0.04] * 3), (6, 1, 1)))
     excess = read(declared).parts.excess
