@@ -4,6 +4,7 @@ import numpy as np
 
 from tactopose_drake.core.compilation import Floats1, Floats3, OutFloats2, OutFloats3, OutLongs1, kernel, part
 from tactopose_drake.core.kernels.matrix_kernels import cholesky, diagonalize, transform
+from tactopose_drake.core.kernels.sorting_kernels import copy_vector
 
 
 @kernel
@@ -41,7 +42,7 @@ def find_free(information: Floats3, units: Floats1, limit: float, rows: OutFloat
         diagonalize(A, values, vectors)
         for c in range(6):
             if values[c] < 0.0:
-                basis[count[b]] = vectors[c]
+                copy_vector(vectors[c], basis[count[b]])
                 count[b] += 1
         if count[b] > known:
             for c in range(count[b]):
