@@ -29,6 +29,7 @@ from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.identification.model_evidence import log_evidence
 from tactopose_drake.core.identification.shape_equality import find_alignment
 from tactopose_drake.core.identification.unknown_object import unknown_probability
+from tactopose_drake.core.kernel_library import make_kernels_ready
 from tactopose_drake.core.posterior.hypotheses import find_modes
 from tactopose_drake.core.searches.pose_problem import make_problem
 from tactopose_drake.core.sensing.patches import Patch
@@ -169,6 +170,7 @@ def _runner(executor: Executor | None) -> Callable[..., Any]:
     if executor is None:
         return map
     instance_of("executor", executor, Executor)
+    make_kernels_ready()  # As in `estimate_poses`: the executor's workers may be threads.
     return executor.map
 
 

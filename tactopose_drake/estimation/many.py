@@ -7,6 +7,7 @@ from concurrent.futures import Executor, Future, ThreadPoolExecutor, as_complete
 from typing import Any
 
 from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.kernel_library import make_kernels_ready
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import instance_of
 from tactopose_drake.errors import InvalidInputError, TactoposeError
@@ -53,6 +54,7 @@ def estimate_poses(
     contacts = list(contacts)
     of, before = _each("models", models, ObjectModel, len(contacts)), _each("priors", priors, PosePrior, len(contacts))
     seeds = _each("seed", seed, int, len(contacts))
+    make_kernels_ready()  # Threads that meet a type for the first time at once may each get their own from numba.
     estimates: list[PoseEstimate | None] = [None] * len(contacts)
     with contextlib.ExitStack() as stack:
         pool = stack.enter_context(ThreadPoolExecutor(os.cpu_count())) if executor is None else executor

@@ -12,6 +12,7 @@ import tactopose_drake as tp
 from tactopose_drake.core.poses import make_poses, random_rotations
 from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
 from tactopose_drake.errors import InvalidInputError, TooFewContactsError
+from tactopose_drake.estimation import identification, many
 from tests.core.meshes import create
 
 COUNT = 12
@@ -83,6 +84,27 @@ def test_a_fault_names_the_touch(box: tp.ObjectModel) -> None:
     with pytest.raises(TooFewContactsError) as caught:
         tp.estimate_poses(box, [*contacts, tp.Contacts.empty()])
     assert caught.value.__notes__ == ["This is of contacts[3]."]
+
+
+def test_kernels_are_ready_before_threads_begin(box: tp.ObjectModel, monkeypatch: pytest.MonkeyPatch) -> None:
+    events: list[str] = []
+    monkeypatch.setattr(many, "make_kernels_ready", lambda: events.append("kernels"))
+    monkeypatch.setattr(many, "estimate_pose", lambda *_, **__: events.append("estimate"))
+    contacts, _ = touches([box] * 3)
+    many.estimate_poses(box, contacts)
+    assert events == ["kernels", "estimate", "estimate", "estimate"]
+
+
+def test_kernels_are_ready_before_objects_are_told_apart_by_threads(
+    box: tp.ObjectModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    events: list[str] = []
+    monkeypatch.setattr(identification, "make_kernels_ready", lambda: events.append("kernels"))
+    contacts, _ = touches([box])
+    with ThreadPoolExecutor(2) as executor:
+        monkeypatch.setattr(executor, "map", lambda *arguments: events.append("map") or map(*arguments))
+        tp.identify([box], contacts[0], executor=executor)
+    assert events[:2] == ["kernels", "map"]
 
 
 def test_numbers_that_do_not_agree_are_refused(box: tp.ObjectModel) -> None:
