@@ -63,6 +63,10 @@ class SmoothObjective(Objective, Protocol):
         """Cost, gradient and Gauss-Newton Hessian at poses (B, 3, 4)."""
         ...
 
+    def exact_cost(self, X_PO: FloatArray) -> FloatArray:
+        """Costs (B,) of poses (B, 3, 4) without what the cost leaves out to be smooth; the cost, where that is all."""
+        return self.cost(X_PO)
+
     @property
     def descent(self) -> Callable[[DescentRule, FloatArray], Descent] | None:
         """Levenberg-Marquardt from each of the poses (B, 3, 4) in one compiled loop; None where there is none."""

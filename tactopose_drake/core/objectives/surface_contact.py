@@ -83,7 +83,7 @@ class ContactWithPrior(SumObjective):
 
     def __init__(self, touch: SurfaceContact, prior: PriorObjective) -> None:
         super().__init__([touch, prior])
-        self.prior, self._touch, self._prior = prior, touch, prior.kernel_view
+        self._touch, self._prior = touch, prior.kernel_view
 
     def cost(self, X_PO: FloatArray) -> FloatArray:
         """Costs (B,) of poses (B, 3, 4)."""

@@ -8,7 +8,6 @@ from collections.abc import Callable
 import numpy as np
 
 from tactopose_drake.core.evidence.evidence import Evidence
-from tactopose_drake.core.objectives.contact_mixture import ContactMixture
 from tactopose_drake.core.objectives.objective import SmoothObjective
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, PosteriorParams
 from tactopose_drake.core.searches.pose_problem import PoseProblem
@@ -104,8 +103,7 @@ def make_posterior(
     mixture, terms = problem.mixture, problem.doubted_terms(problem.objective)
 
     def exact_cost(X_PO: FloatArray) -> FloatArray:
-        costs = [term.exact_cost(X_PO) if isinstance(term, ContactMixture) else term.cost(X_PO) for term in terms]
-        return functools.reduce(np.add, costs)
+        return functools.reduce(np.add, [term.exact_cost(X_PO) for term in terms])
 
     # A prior tells the turns about a continuous axis apart; no other evidence does.
     axes = [] if evidence.prior is not None else [symmetry for symmetry in model.symmetries if symmetry.is_continuous]

@@ -46,6 +46,7 @@ class PoseProblem(NamedTuple):
             `touch`, which has fewer minima that mislead; beliefs by this.
         pads: the objective of the pads that feel the object by itself; None where there is none.
         pad_mixture: the likelihood of those where each may feel something else, likewise; None where none may.
+        prior: the prior's objective by itself; None where there is none.
     """
 
     touch: SurfaceContact
@@ -57,6 +58,7 @@ class PoseProblem(NamedTuple):
     mixture: ContactMixture | None
     pads: PatchContact | None = None
     pad_mixture: PatchMixture | None = None
+    prior: PriorObjective | None = None
 
     def doubted(self, objective: LeastSquaresObjective) -> SmoothObjective:
         """One of the objectives, with contacts and pads that may be false."""
@@ -66,14 +68,15 @@ class PoseProblem(NamedTuple):
     def doubted_terms(self, objective: LeastSquaresObjective) -> list[SmoothObjective]:
         """The terms of one of the objectives, with contacts and pads that may be false."""
         terms = (objective,) if objective is self.pads else objective.terms
-        if self.mixture is not None and isinstance(objective, ContactWithPrior):
-            return [self.mixture.with_prior(objective.prior)]
-        return [self._doubted_term(term) for term in terms]
-
-    def _doubted_term(self, term: LeastSquaresObjective) -> SmoothObjective:
-        if self.mixture is not None and term is self.touch:
-            return self.mixture
-        return self.pad_mixture if self.pad_mixture is not None and term is self.pads else term
+        doubted: dict[int, SmoothObjective] = {}
+        if self.pads is not None and self.pad_mixture is not None:
+            doubted[id(self.pads)] = self.pad_mixture
+        if self.mixture is not None:
+            doubted[id(self.touch)] = self.mixture
+            if self.prior in terms and self.touch in terms:  # In one compiled loop.
+                doubted[id(self.touch)] = self.mixture.with_prior(self.prior)
+                terms = tuple(term for term in terms if term is not self.prior)
+        return [doubted.get(id(term), term) for term in terms]
 
     def inlier_probability(self, X_PO: FloatArray) -> FloatArray:
         """That each contact, then each pad that feels the object, is as told, at poses (B, 3, 4), shape (B, k)."""
@@ -108,16 +111,19 @@ def make_problem(model: ObjectModel, evidence: Evidence) -> PoseProblem:
     determining = _sum(terms)
     bounding = bounding_terms(model, evidence)
     likelihood = _sum([*terms, *bounding])
-    if prior is None:
+    known = None if prior is None else PriorObjective(prior)
+    if known is None or prior is None:
         space: PoseSpace = TouchSpace(model, evidence.touch)
         objective = likelihood
     else:
-        space, known = PriorSpace(prior), PriorObjective(prior)
+        space = PriorSpace(prior)
         bounding.append(known)
         objective = ContactWithPrior(touch, known)
         if not likelihood.is_touch:
             objective = SumObjective([*terms, *bounding], quick=objective if len(contacts) else None)
-    return PoseProblem(touch, determining, likelihood, objective, tuple(bounding), space, mixture, pads, pad_mixture)
+    return PoseProblem(
+        touch, determining, likelihood, objective, tuple(bounding), space, mixture, pads, pad_mixture, known
+    )
 
 
 def bounding_terms(model: ObjectModel, evidence: Evidence) -> list[LeastSquaresObjective]:
