@@ -12,7 +12,6 @@ mixture weights). [CDG08] O. Cappe et al., Adaptive importance sampling in gener
 """
 
 import dataclasses
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -38,51 +37,71 @@ from tactopose_drake.core.validation import FloatArray
 _LOG_TURNS = {0: 0.0, 1: np.log(2.0 * np.pi), 3: np.log(8.0 * np.pi**2)}
 
 
+class Cover(NamedTuple):
+    """The densities that cover those of some modes that are worth sampling.
+
+    Attributes:
+        close: which modes are not out of the question, shape (c,).
+        lowest: the lowest of their costs that is known.
+        laplace: the logarithms of their masses by Laplace's approximation, but for what all have in common, shape (c,).
+        worthy: which of these are sampled, shape (g,).
+        proposal: the densities, over increments from the sampled modes.
+        families: which of the sampled modes are one.
+    """
+
+    close: NDArray[np.intp]
+    lowest: float
+    laplace: FloatArray
+    worthy: NDArray[np.intp]
+    proposal: StudentTMixture
+    families: Families
+
+
 def weigh_modes(modes: Modes, posterior: Posterior, generator: np.random.Generator) -> Modes:
     """The modes with the mass and covariance that samples of the exact posterior give them."""
-    return cover_modes(modes, posterior, generator)(generator)
+    cover = cover_modes(modes, posterior, generator)
+    return modes if cover is None else weigh_covered(modes, cover, posterior, generator)
 
 
-def cover_modes(
-    modes: Modes, posterior: Posterior, generator: np.random.Generator
-) -> Callable[[np.random.Generator], Modes]:
-    """Covers the modes by tiles: the first half of the work. What it returns draws samples and weighs the modes."""
+def cover_modes(modes: Modes, posterior: Posterior, generator: np.random.Generator) -> Cover | None:
+    """Covers the modes: the first half of the work. None where they cannot be: Laplace's approximation has to do."""
     mixture, params = modes.mixture, posterior.params.sampling
     close = np.flatnonzero(mixture.weights > params.least_weighed_share * mixture.weights.max())
     X_close = mixture.X_PO[close]
     information = inverses(mixture.covariance[close])[0] + posterior.gauge
     if not np.isfinite(information).all():
-        return lambda _: modes  # What is best known of one and the rest of it do not fit into doubles.
+        return None  # What is best known of one and the rest of it do not fit into doubles.
     least = np.minimum(posterior.exact_cost(X_close), modes.cost[close])
     laplace = -least - 0.5 * across_turns(information, posterior.turn_directions(X_close))[1]
     share = np.exp(laplace - laplace.max())
     share /= share.sum()
     worthy = np.flatnonzero(share > params.least_sampled_share)
-    sampled = close[worthy]
-    proposal = _cover(mixture.X_PO[sampled], share[worthy], information[worthy], posterior, generator)
+    proposal = _cover(X_close[worthy], share[worthy], information[worthy], posterior, generator)
     families = find_families(
-        mixture.X_PO[sampled],
+        X_close[worthy],
         posterior.objective,
         lambda X_PO: _to_the_floor(X_PO, posterior),
         posterior.symmetry_poses,
         posterior.size,
         posterior.params.moments,
     )
+    return Cover(close, float(least.min()), laplace, worthy, proposal, families)
 
-    def weigh(generator: np.random.Generator) -> Modes:
-        increments, weights, lowest, error = _draw(proposal, families, float(least.min()), posterior, generator)
-        moments = weigh_moments(increments, weights)
-        if not (moments.effective_samples > 1.0).any():
-            return modes  # One sample outweighs all others: they say less than Laplace's approximation.
-        every = np.exp(laplace + lowest) * (2.0 * np.pi) ** (3.0 - 0.5 * len(posterior.turns[0]))
-        every[worthy] = weights.sum(axis=0)
-        masses = mixture.weights * (every.sum() / mixture.weights[close].sum())
-        masses[close] = every
-        log_mass = float(np.log(masses.sum()) - lowest + _LOG_TURNS[len(posterior.turns[0])])
-        found = _update(modes, sampled, masses / masses.sum(), moments, families, posterior, log_mass)
-        return dataclasses.replace(found, standard_error=error)
 
-    return weigh
+def weigh_covered(modes: Modes, cover: Cover, posterior: Posterior, generator: np.random.Generator) -> Modes:
+    """Draws samples of what covers the modes, and weighs the modes by them: the other half."""
+    close, worthy = cover.close, cover.worthy
+    increments, weights, lowest, error = _draw(cover, posterior, generator)
+    moments = weigh_moments(increments, weights)
+    if not (moments.effective_samples > 1.0).any():
+        return modes  # One sample outweighs all others: they say less than Laplace's approximation.
+    every = np.exp(cover.laplace + lowest) * (2.0 * np.pi) ** (3.0 - 0.5 * len(posterior.turns[0]))
+    every[worthy] = weights.sum(axis=0)
+    masses = modes.mixture.weights * (every.sum() / modes.mixture.weights[close].sum())
+    masses[close] = every
+    log_mass = float(np.log(masses.sum()) - lowest + _LOG_TURNS[len(posterior.turns[0])])
+    found = _update(modes, close[worthy], masses / masses.sum(), moments, cover.families, posterior, log_mass)
+    return dataclasses.replace(found, standard_error=error)
 
 
 class _Samples(NamedTuple):
@@ -97,15 +116,14 @@ class _Samples(NamedTuple):
     standard_error: float
 
 
-def _draw(
-    proposal: StudentTMixture, families: Families, lowest: float, posterior: Posterior, generator: np.random.Generator
-) -> _Samples:
+def _draw(cover: Cover, posterior: Posterior, generator: np.random.Generator) -> _Samples:
     """Samples, so many that the modes' probabilities are sure enough, or as many as are drawn at the most.
 
     Where those of one round are not enough, the next are drawn about them as their weights say [CDG08]; all are weighed
     by all proposals together [CMMR12].
     """
-    params, X_mode, g = posterior.params.sampling, families.X_PO, len(families.X_PO)
+    params, proposal, families, lowest = posterior.params.sampling, cover.proposal, cover.families, cover.lowest
+    X_mode, g = families.X_PO, len(families.X_PO)
     most = max(params.most_samples, int(proposal.count.sum()))
     X_PO, cost, density, weights = np.empty((most, 3, 4)), np.empty(most), np.zeros((most, g)), np.empty((most, g))
     increments, drawn = Increments.empty(most, g), 0

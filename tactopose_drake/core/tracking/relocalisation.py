@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -27,11 +26,10 @@ from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.kernels.matrix_kernels import inverses
 from tactopose_drake.core.plain_values import copied
 from tactopose_drake.core.poses import compose, increments_between
-from tactopose_drake.core.posterior.belief_sampling import cover_modes
+from tactopose_drake.core.posterior.belief_sampling import Cover, cover_modes, weigh_covered
 from tactopose_drake.core.posterior.hypotheses import Modes, find_modes
 from tactopose_drake.core.posterior.plausibility import explain_with_doubt
 from tactopose_drake.core.posterior.posterior import make_posterior
-from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
 from tactopose_drake.core.searches.pair_search import PairSearch, Start, global_stages
 from tactopose_drake.core.searches.patch_searches import patch_search
@@ -47,6 +45,10 @@ from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams, Relo
 from tactopose_drake.core.validation import FloatArray
 
 _REFINEMENT = LevenbergMarquardt(max_iterations=20, tolerance=1e-2)
+
+
+Covered = tuple[Evidence, Modes, Cover | None]
+"""The touch of one slice, its modes, and what covers them, if anything can."""
 
 
 class WeighedModes(NamedTuple):
@@ -75,7 +77,7 @@ class SearchState(NamedTuple):
         X_PO: what the slices so far have found, as of the last of them, shape (n, 3, 4); None between two searches.
         is_settled: whether these are minima of all the evidence.
         minima: what the last search has found, as of that time, shape (m, 3, 4): modes led astray are found again.
-        weigh: draws samples of what covers them, and says what the posterior does; None before and after that.
+        covered: what the next slice weighs; None where that is something else.
         weighed: what the posterior says of them; None before the last slice.
         X_PP: the motion of the object in P since then, which acts from the left, shape (3, 4).
         searches: how many there were.
@@ -86,7 +88,7 @@ class SearchState(NamedTuple):
     X_PO: FloatArray | None = None
     is_settled: bool = False
     minima: FloatArray = np.empty((0, 3, 4))
-    weigh: Callable[[np.random.Generator], WeighedModes] | None = None
+    covered: Covered | None = None
     weighed: WeighedModes | None = None
     X_PP: FloatArray = np.eye(3, 4)
     searches: int = 0
@@ -125,9 +127,10 @@ def _next_slice(
     model: ObjectModel, params: PoseTrackerParams, touch: Touch, modes: TrackedModes, search: SearchState
 ) -> tuple[SearchState, WeighedModes | None]:
     """Likewise; no poses are left in what a search has come to when it ends."""
-    if search.weigh is not None:  # What covers the modes is as of the last slice.
-        weighed = search.weigh(np.random.default_rng([params.seed, search.searches, 1]))
-        return search._replace(weigh=None, weighed=weighed), None
+    if search.covered is not None:  # What covers the modes is as of the last slice.
+        generator = np.random.default_rng([params.seed, search.searches, 1])
+        weighed = _weigh_covered(model, params.relocalisation, search.covered, generator)
+        return search._replace(covered=None, weighed=weighed), None
     search = search.as_of_now()
     if search.weighed is not None:
         return search.ended(), search.weighed
@@ -137,7 +140,7 @@ def _next_slice(
         near = dataclasses.replace(evidence, prior=None) if search.searches % 2 else evidence
         return search._replace(X_PO=_propose_poses(model, settings, near, generator)), None
     if search.is_settled:
-        return search._replace(weigh=_cover_poses(model, settings, evidence, search.X_PO, generator)), None
+        return search._replace(covered=_cover_poses(model, settings, evidence, search.X_PO, generator)), None
     X_PO = np.concatenate([modes.X_PO, search.minima, search.X_PO])
     X_PO = _settle_poses(model, settings, evidence, X_PO) if len(X_PO) else X_PO
     search = search._replace(X_PO=X_PO, is_settled=True, minima=X_PO[: params.mixture.max_modes])
@@ -157,11 +160,8 @@ def _propose_poses(
     pairs = PairSearch(model=model, contacts=touch.contacts)
     if touch.felt:
         pairs = patch_search(model, touch.felt, touch.contacts)
-    pairs = dataclasses.replace(
-        pairs,
-        start=Start(candidates=starts, samples=starts // 2),
-        stages=global_stages(starts // 2, starts // 3, starts // 8, starts // 20),
-    )
+    stages = global_stages(starts // 2, starts // 3, starts // 8, starts // 20)
+    pairs = dataclasses.replace(pairs, start=Start(candidates=starts, samples=starts // 2), stages=stages)
     found = pairs.minimize(problem.objective, problem.space, generator)
     return _distinct(model, params, problem, found).mixture.X_PO
 
@@ -186,23 +186,27 @@ def _cover_poses(
     evidence: Evidence,
     X_PO: FloatArray,
     generator: np.random.Generator,
-) -> Callable[[np.random.Generator], WeighedModes]:
+) -> Covered:
     """Covers the posterior's modes at minima (m, 3, 4) of the evidence, at least one; see `cover_modes`."""
     problem = make_problem(model, evidence)
     each = np.zeros(len(X_PO), dtype=np.intp)
     minima = SearchResult(X_PO, problem.objective.cost(X_PO), each, each == 0)
-    sampling = dataclasses.replace(DEFAULT_PARAMS.sampling, samples=params.samples, most_samples=params.samples)
-    posterior = make_posterior(model, evidence, problem, dataclasses.replace(DEFAULT_PARAMS, sampling=sampling))
-    weigh_modes = cover_modes(_distinct(model, params, problem, minima), posterior, generator)
+    modes = _distinct(model, params, problem, minima)
+    return evidence, modes, cover_modes(modes, make_posterior(model, evidence, problem, params.posterior), generator)
 
-    def weigh(generator: np.random.Generator) -> WeighedModes:
-        modes = weigh_modes(generator)
-        if problem.mixture is None:
-            return WeighedModes(modes, np.zeros(0), 1.0)
-        judgement, weights = problem.mixture.judge(modes.mixture.X_PO), modes.mixture.weights
-        return WeighedModes(modes, weights @ judgement.inlier_probability, float(weights @ judgement.noise_scale))
 
-    return weigh
+def _weigh_covered(
+    model: ObjectModel, params: RelocalisationParams, covered: Covered, generator: np.random.Generator
+) -> WeighedModes:
+    """What the posterior says of the modes; by Laplace's approximation where nothing covers them."""
+    evidence, modes, cover = covered
+    problem = make_problem(model, evidence)
+    if cover is not None:
+        modes = weigh_covered(modes, cover, make_posterior(model, evidence, problem, params.posterior), generator)
+    if problem.mixture is None:
+        return WeighedModes(modes, np.zeros(0), 1.0)
+    judgement, weights = problem.mixture.judge(modes.mixture.X_PO), modes.mixture.weights
+    return WeighedModes(modes, weights @ judgement.inlier_probability, float(weights @ judgement.noise_scale))
 
 
 def _distinct(model: ObjectModel, params: RelocalisationParams, problem: PoseProblem, found: SearchResult) -> Modes:
@@ -218,12 +222,7 @@ def _distinct(model: ObjectModel, params: RelocalisationParams, problem: PosePro
 
 
 def relocalise(
-    model: ObjectModel,
-    params: PoseTrackerParams,
-    touch: Touch,
-    modes: TrackedModes,
-    posterior: Modes,
-    share: float,
+    model: ObjectModel, params: PoseTrackerParams, touch: Touch, modes: TrackedModes, posterior: Modes, share: float
 ) -> TrackedModes:
     """The modes of the posterior by the window, by falling weight.
 

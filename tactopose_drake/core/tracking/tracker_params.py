@@ -3,7 +3,7 @@
 import dataclasses
 from typing import Any
 
-from tactopose_drake.core.posterior.posterior_params import PlausibilityParams
+from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, PlausibilityParams, PosteriorParams
 from tactopose_drake.core.validation import instance_of, positive_number, whole_number
 from tactopose_drake.errors import InvalidInputError
 
@@ -139,6 +139,12 @@ class RelocalisationParams:
     samples: int = 96  # by which these are weighed, in one round
     least_share: float = 0.2  # of a mean over searches, that is by the last one
     least_gain: float = 1.0  # of the cost, for which what is found takes the place of the filter's mode that it is
+
+    @property
+    def posterior(self) -> PosteriorParams:
+        """Of the posterior of which so many samples are drawn."""
+        sampling = dataclasses.replace(DEFAULT_PARAMS.sampling, samples=self.samples, most_samples=self.samples)
+        return dataclasses.replace(DEFAULT_PARAMS, sampling=sampling)
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)

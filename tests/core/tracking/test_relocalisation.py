@@ -1,4 +1,5 @@
 import dataclasses
+import pickle
 
 import numpy as np
 import pytest
@@ -113,9 +114,9 @@ def test_what_is_found_meanwhile_moves_with_the_object() -> None:
 
 def test_what_covers_the_modes_is_weighed_as_of_its_time_and_moved_with_the_object_then(box: ObjectModel) -> None:
     touched, state = touch_of(touch(X_PO, np.random.default_rng(1))), SearchState()
-    while state.weigh is None:
+    while state.covered is None:
         state, _ = search_on(box, PARAMS, touched, modes_at(X_PO), state)
-    rests = state
+    rests: SearchState = pickle.loads(pickle.dumps(state))  # As a belief that is kept on disk.
     for motion in (Motion(np.array([0.1, -0.2, 0.3, 0.01, 0.02, -0.01]), np.zeros((6, 6))),) * 2:
         rests, at_rest = search_on(box, PARAMS, touched, modes_at(X_PO), rests)
         state, moved = search_on(box, PARAMS, touched, modes_at(X_PO), state.moved(motion))
