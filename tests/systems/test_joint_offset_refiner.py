@@ -125,7 +125,7 @@ def test_offsets_are_found_over_a_run_and_the_next_grasps_are_less_off(bottle: O
 def test_contacts_do_not_jump_while_something_is_held(bottle: ObjectModel) -> None:
     run = Run(4, bottle)
     first, second = run.hand.close(bottle, 2, GRASPS)
-    run.hold(first, frames=30)
+    run.hold(first, frames=40)
     felt = run.diagram.GetOutputPort("contacts").Eval(run.context)
     as_read = contacts_of(run, first, np.zeros(len(run.true_offsets)))
     assert np.any(run.said("joint_offsets") != 0.0)

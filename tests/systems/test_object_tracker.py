@@ -3,7 +3,9 @@ import pytest
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
+from scipy.stats import chi2
 
+from tactopose_drake.core.poses import increments_between
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.hand_config import load_hand_config
@@ -65,7 +67,10 @@ def test_a_guess_that_was_given_once_is_not_called_old(tracker: ObjectTracker) -
     for k in range(1, 8):
         belief = tracker.update(noisy(k), held_cube.Q, 0.5 * k)
     assert not [remark for remark in belief.remarks if "vision" in remark]
-    assert np.linalg.norm(belief.X_PO[0, :, 3] - held_cube.X_PO[:, 3]) < 0.006
+    # So rarely felt, the cube may turn and slide between the fingers meanwhile: it is where the belief says, no nearer.
+    off = increments_between(belief.X_PO[:1], held_cube.X_PO)[0]
+    assert off @ np.linalg.solve(belief.covariance[0], off) < chi2.ppf(0.999, 6)
+    assert np.linalg.norm(off[3:]) < 0.02
 
 
 def test_joints_by_name_are_the_same_and_what_follows_follows(tracker: ObjectTracker) -> None:
