@@ -20,9 +20,19 @@ from tactopose_drake.core.shape.surfels import Surfels, make_surfels
 from tactopose_drake.core.validation import FloatArray
 
 
+def has_pair_features(samples: SurfaceSamples, area: float, symmetry_poses: FloatArray) -> bool:
+    """Whether `pair_features` finds them on disk."""
+    return model_cache.has(_pair_features_key(samples, area, symmetry_poses))
+
+
+def has_surfels(vertices: FloatArray, faces: NDArray[np.int32], area: float, spacing: float) -> bool:
+    """Whether `surfels` finds them on disk."""
+    return model_cache.has(_surfels_key(vertices, faces, area, spacing))
+
+
 def pair_features(samples: SurfaceSamples, area: float, symmetry_poses: FloatArray) -> PairFeatures:
     """As `build_pair_features`, from the disk where they are kept."""
-    key = model_cache.content_key("pair features", samples.points, samples.normals, repr(area), symmetry_poses)
+    key = _pair_features_key(samples, area, symmetry_poses)
     arrays = model_cache.load(key)
     if arrays is not None and _are_pair_features(arrays):
         return PairFeatures(
@@ -42,7 +52,7 @@ def pair_features(samples: SurfaceSamples, area: float, symmetry_poses: FloatArr
 
 def surfels(vertices: FloatArray, faces: NDArray[np.int32], area: float, spacing: float) -> Surfels:
     """As `make_surfels`, from the disk where they are kept."""
-    key = model_cache.content_key("surfels", vertices, faces, repr(area), repr(spacing))
+    key = _surfels_key(vertices, faces, area, spacing)
     arrays = model_cache.load(key)
     if arrays is not None and _are_surfels(arrays):
         nx, ny, nz = (int(n) for n in arrays["shape"])
@@ -52,6 +62,14 @@ def surfels(vertices: FloatArray, faces: NDArray[np.int32], area: float, spacing
     kept = {name: np.asarray(getattr(made, name)) for name in _SURFELS}
     model_cache.store(key, kept)
     return made
+
+
+def _pair_features_key(samples: SurfaceSamples, area: float, symmetry_poses: FloatArray) -> str:
+    return model_cache.content_key("pair features", samples.points, samples.normals, repr(area), symmetry_poses)
+
+
+def _surfels_key(vertices: FloatArray, faces: NDArray[np.int32], area: float, spacing: float) -> str:
+    return model_cache.content_key("surfels", vertices, faces, repr(area), repr(spacing))
 
 
 _PAIR_FEATURES: Layout = {

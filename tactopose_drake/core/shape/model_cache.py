@@ -109,6 +109,14 @@ def content_key(*parts: bytes | NDArray[Any] | str) -> str:
     return digest.hexdigest()
 
 
+def has(key: str) -> bool:
+    """Whether anything is stored under a key, be it damaged."""
+    try:
+        return _path(key).exists()
+    except (OSError, RuntimeError):
+        return False
+
+
 def load(key: str) -> Arrays | None:
     """The arrays stored under a key, read-only, mapped from the file; None if there are none, or damaged ones."""
     try:

@@ -33,6 +33,9 @@ from tactopose_drake.core.shape.symmetry_detection import SymmetryDetectionParam
 from tactopose_drake.core.shape.unevenness import Unevenness, find_unevenness
 from tactopose_drake.core.validation import FloatArray
 
+# To which contacts know a point if nothing else is said, m.
+_USUAL_SIGMA = 0.0009
+
 
 @dataclass(frozen=True, eq=False)
 class ObjectModel(SimpleBodies):
@@ -159,7 +162,14 @@ class ObjectModel(SimpleBodies):
     def _surfels(self) -> dict[float, Surfels]:
         return {}
 
-    def make_ready(self, sigma_position: float = 0.0009, largest_sigma: float | None = None) -> None:
+    def _load_kept_parts(self) -> None:
+        """Loads what estimates have left on disk of the parts that the next one needs, so that it does not wait."""
+        if kept_parts.has_pair_features(self.samples, self.area, self.symmetry_turns):
+            _ = self.pair_features
+        if kept_parts.has_surfels(self.vertices, self.faces, self.area, surfel_spacing(_USUAL_SIGMA, self.area)):
+            self.surfels(_USUAL_SIGMA)
+
+    def make_ready(self, sigma_position: float = _USUAL_SIGMA, largest_sigma: float | None = None) -> None:
         """Makes or loads all that estimates need, so that none waits for it.
 
         Args:
@@ -244,6 +254,8 @@ class ObjectModel(SimpleBodies):
         for repair in repairs:
             warnings.warn(f"{options.name}: {repair}.", MeshRepairWarning, stacklevel=2)
         model = cls._of(arrays, repairs, options)
+        if cache:
+            model._load_kept_parts()
         if model.near_symmetries:
             line = near_symmetry_line(model.near_symmetries, model.grid, model.samples)
             logging.getLogger("tactopose_drake").warning("%s: %s", model.name, line)

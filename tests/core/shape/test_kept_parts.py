@@ -111,3 +111,23 @@ def test_a_model_that_is_ready_has_all_parts(monkeypatch: pytest.MonkeyPatch) ->
         forbid(monkeypatch, name)
     for part in PARTS.values():
         part(ready)
+
+
+def test_a_model_from_the_cache_has_at_once_what_an_estimate_left_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    first = model()
+    first.make_ready()
+    again = model()
+
+    def fail(key: str) -> None:
+        raise AssertionError("read later")
+
+    monkeypatch.setattr(model_cache, "load", fail)
+    assert_same(again.pair_features, first.pair_features)
+    assert_same(again.surfels(0.0009), first.surfels(0.0009))
+
+
+def test_a_model_of_which_nothing_is_kept_is_made_without_its_parts(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in PARTS:
+        forbid(monkeypatch, name)
+    for _ in range(2):  # The second is from the cache.
+        assert "pair_features" not in vars(model())
