@@ -8,7 +8,7 @@ poses that touch the object start it; and where there is a prior, random poses u
 """
 
 import dataclasses
-from collections.abc import Iterator, Sequence
+import itertools
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from tactopose_drake.core.searches.pairs.contact_pairs import PairChoice
 from tactopose_drake.core.searches.pairs.contact_tables import contact_table
 from tactopose_drake.core.searches.pairs.distinct import distinct_poses
 from tactopose_drake.core.searches.pairs.pair_poses import best_poses
-from tactopose_drake.core.searches.search import PoseSpace, Search, SearchResult, StopSignal, join_results, never
+from tactopose_drake.core.searches.search import PoseSpace, Search, SearchResult, StopSignal, never
 from tactopose_drake.core.shape.free_spin import nearest_images, turn_alike
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
@@ -32,6 +32,8 @@ _SAME_MINIMUM = 1.5
 # An object that is symmetric within so much of the contacts' sigma is so for any touch. Of the images of one that is
 # less so the proposals hold but one; so the images of so many of the best poses are refined, too.
 _NOTICED, _IMAGED = 0.1, 2
+# After the first steps, poses that cost so much more than the best are not part of any answer.
+_WORTH = 60.0
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -43,13 +45,11 @@ class Stage:
         kept: so many of the best go on, at most; 0 after the last stage.
         by_curvature: whether poses are told apart by the cost's local models, rather than by how far the samples blur
             them.
-        is_final: whether the stage's poses are among those that the search returns.
     """
 
     refinement: LevenbergMarquardt
     kept: int = 0
     by_curvature: bool = False
-    is_final: bool = False
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -71,44 +71,29 @@ class Start:
     kept: int | None = None
 
 
-_LAST = LevenbergMarquardt(max_iterations=15, tolerance=1e-3)
-_POLISH = LevenbergMarquardt(max_iterations=40, tolerance=1e-4)
+# All that come out have arrived: a pose on its way down a valley would count as a mode of its own.
+_TO_THE_MINIMUM = Stage(refinement=LevenbergMarquardt(max_iterations=40, tolerance=1e-4))
 
 
-def global_stages(starts: int = 150, kept: int = 100, settled: int = 30, polished: int = 6) -> tuple[Stage, ...]:
+def global_stages(starts: int = 150, kept: int = 40) -> tuple[Stage, ...]:
     """The stages without a prior.
 
     Args:
         starts: poses left after the first steps.
-        kept: that take some more.
-        settled: that are refined to convergence.
-        polished: that are refined until they hardly move.
+        kept: that are refined until they hardly move.
     """
     return (
         Stage(refinement=LevenbergMarquardt(max_iterations=1, initial_damping=1e-2), kept=starts),
         Stage(refinement=LevenbergMarquardt(max_iterations=4, initial_damping=1e-2), kept=kept, by_curvature=True),
-        Stage(
-            refinement=LevenbergMarquardt(max_iterations=4, tolerance=1e-3),
-            kept=settled,
-            by_curvature=True,
-            is_final=True,
-        ),
-        Stage(refinement=_LAST, kept=polished, is_final=True),
-        Stage(refinement=_POLISH, is_final=True),
+        _TO_THE_MINIMUM,
     )
 
 
-def near_stages(kept: int = 40, polished: int = 3) -> tuple[Stage, ...]:
-    """The stages near a prior.
-
-    Args:
-        kept: poses that are refined to convergence.
-        polished: that are refined until they hardly move.
-    """
+def near_stages(kept: int = 60) -> tuple[Stage, ...]:
+    """The stages near a prior, of which so many poses are refined until they hardly move."""
     return (
-        Stage(refinement=LevenbergMarquardt(max_iterations=4, initial_damping=1e-2), kept=kept, by_curvature=True),
-        Stage(refinement=_LAST, kept=polished, is_final=True),
-        Stage(refinement=_POLISH, is_final=True),
+        Stage(refinement=LevenbergMarquardt(max_iterations=3, initial_damping=1e-2), kept=kept, by_curvature=True),
+        _TO_THE_MINIMUM,
     )
 
 
@@ -121,16 +106,14 @@ class PairSearch(Search):
         contacts: the touch that poses are proposed from. What is minimised is the objective's business.
         start, stages: what is refined, and how, where there is no prior. The first stage is by the touch alone.
         near_start, near_stages: the same near a prior.
-        returned: so many poses come out, at most, where there is no prior.
     """
 
     model: ObjectModel
     contacts: Contacts
     start: Start = Start()
     stages: tuple[Stage, ...] = global_stages()
-    near_start: Start = Start(choice=PairChoice(poses=2500), candidates=80, samples=120, fewest=None, kept=120)
+    near_start: Start = Start(choice=PairChoice(poses=1200), candidates=120, samples=40, fewest=None, kept=100)
     near_stages: tuple[Stage, ...] = near_stages()
-    returned: int = 100
 
     def leaving_out(self, index: int) -> Search:
         """The search whose poses are proposed from the other contacts; a third of the work, for there are many such."""
@@ -139,23 +122,24 @@ class PairSearch(Search):
             self,
             contacts=self.contacts.chosen(kept),
             start=dataclasses.replace(self.start, candidates=100),
-            stages=global_stages(starts=60, kept=30, settled=10, polished=2),
-            near_start=dataclasses.replace(self.near_start, samples=40, kept=40),
-            near_stages=near_stages(kept=12, polished=2),
+            stages=global_stages(starts=60, kept=12),
+            near_start=dataclasses.replace(self.near_start, samples=20, kept=40),
+            near_stages=near_stages(kept=15),
         )
 
     def widened(self) -> Search:
         """The search with four times the starts where there is a prior."""
-        start, first = self.near_start, self.near_stages[0]
+        start = self.near_start
         return dataclasses.replace(
             self,
             near_start=dataclasses.replace(
                 start,
+                choice=dataclasses.replace(start.choice, poses=4 * start.choice.poses),
                 candidates=4 * start.candidates,
                 samples=4 * start.samples,
                 kept=None if start.kept is None else 4 * start.kept,
             ),
-            near_stages=(dataclasses.replace(first, kept=3 * first.kept), *self.near_stages[1:]),
+            near_stages=near_stages(kept=3 * self.near_stages[0].kept),
         )
 
     def minimize(
@@ -179,8 +163,11 @@ class PairSearch(Search):
         if quick is not objective:
             touching = touching._replace(cost=objective.cost(touching.X_PO), hessian=None).ranked()
         X_PO = self._next(first, touching, objective, space)
-        found = join_results(*self._refine(stages, objective, space, X_PO, should_stop))
-        return found.ranked() if is_near else found.ranked(self.returned)
+        for stage, following in itertools.pairwise(stages):
+            X_PO = self._next(stage, stage.refinement.refine(objective, X_PO, should_stop), objective, space)
+            if following is stages[-1] and not is_near:
+                X_PO = np.concatenate([X_PO, self._images(X_PO[:_IMAGED])])
+        return stages[-1].refinement.refine(objective, X_PO, should_stop)
 
     def _starts_anywhere(self, space: PoseSpace, generator: np.random.Generator) -> FloatArray:
         """Proposals, and random poses where there are few of those; turns about an axis make no other start of one."""
@@ -202,24 +189,6 @@ class PairSearch(Search):
         near = self.propose(start.choice, start.candidates, space, generator)
         X_PO = np.concatenate([space.center[None], samples, near])
         return X_PO[np.argsort(objective.cost(X_PO), kind="stable")[: start.kept]]
-
-    def _refine(
-        self,
-        stages: Sequence[Stage],
-        objective: LeastSquaresObjective,
-        space: PoseSpace,
-        X_PO: FloatArray,
-        should_stop: StopSignal,
-    ) -> Iterator[SearchResult]:
-        """What the final ones of the stages find."""
-        for i, stage in enumerate(stages):
-            found = stage.refinement.refine(objective, X_PO, should_stop)
-            if stage.is_final:
-                yield found
-            if i + 1 < len(stages):
-                X_PO = self._next(stage, found, objective, space)
-            if i + 2 == len(stages) and space.reach[0] >= np.pi:
-                X_PO = np.concatenate([X_PO, self._images(X_PO[:_IMAGED])])
 
     def _next(
         self, stage: Stage, found: SearchResult, objective: LeastSquaresObjective, space: PoseSpace
@@ -245,9 +214,11 @@ class PairSearch(Search):
 
         By the local models: along a direction that hardly changes the cost, poses far apart belong together.
         """
-        hessian = objective.normal_equations(found.X_PO).hessian if found.hessian is None else found.hessian
-        apart = one_of_each(owners(found.X_PO, hessian + space.information, np.eye(3, 4)[None], _SAME_MINIMUM))
-        return found.X_PO[apart[:count]]
+        worth = int(np.searchsorted(found.cost, found.cost[0] + _WORTH))
+        X_PO = found.X_PO[:worth]
+        hessian = objective.normal_equations(X_PO).hessian if found.hessian is None else found.hessian[:worth]
+        apart = one_of_each(owners(X_PO, hessian + space.information, np.eye(3, 4)[None], _SAME_MINIMUM))
+        return X_PO[apart[:count]]
 
     def propose(self, choice: PairChoice, count: int, space: PoseSpace, generator: np.random.Generator) -> FloatArray:
         """Distinct poses within the space's reach that lay two contacts on the surface and suit all, best first."""

@@ -31,7 +31,7 @@ def patch_search(model: ObjectModel, patches: Sequence[Patch], contacts: Contact
         contacts=with_patches(Contacts.empty() if contacts is None else contacts, patches),
         stages=global_stages(starts=60, kept=20),
         near_start=dataclasses.replace(PairSearch.near_start, samples=30, kept=20),
-        near_stages=near_stages(kept=8, polished=2),
+        near_stages=near_stages(kept=8),
     )
 
 
