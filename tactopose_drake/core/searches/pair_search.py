@@ -8,7 +8,6 @@ poses that touch the object start it; and where there is a prior, random poses u
 """
 
 import dataclasses
-import itertools
 
 import numpy as np
 
@@ -22,7 +21,7 @@ from tactopose_drake.core.searches.pairs.contact_pairs import PairChoice
 from tactopose_drake.core.searches.pairs.contact_tables import contact_table
 from tactopose_drake.core.searches.pairs.distinct import distinct_poses
 from tactopose_drake.core.searches.pairs.pair_poses import best_poses
-from tactopose_drake.core.searches.search import PoseSpace, Search, SearchResult, StopSignal, never
+from tactopose_drake.core.searches.search import PoseSpace, Search, SearchResult, StopSignal, join_results, never
 from tactopose_drake.core.shape.free_spin import nearest_images, turn_alike
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
@@ -34,6 +33,8 @@ _SAME_MINIMUM = 1.5
 _NOTICED, _IMAGED = 0.1, 2
 # After the first steps, poses that cost so much more than the best are not part of any answer.
 _WORTH = 60.0
+# A descent may get stuck where the field has a kink; from there another one goes on. So many of the best are tried.
+_AGAIN = 3
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -110,7 +111,7 @@ class PairSearch(Search):
 
     model: ObjectModel
     contacts: Contacts
-    start: Start = Start()
+    start: Start = Start(choice=PairChoice(poses=24000))
     stages: tuple[Stage, ...] = global_stages()
     near_start: Start = Start(choice=PairChoice(poses=1200), candidates=120, samples=40, fewest=None, kept=100)
     near_stages: tuple[Stage, ...] = near_stages()
@@ -163,11 +164,13 @@ class PairSearch(Search):
         if quick is not objective:
             touching = touching._replace(cost=objective.cost(touching.X_PO), hessian=None).ranked()
         X_PO = self._next(first, touching, objective, space)
-        for stage, following in itertools.pairwise(stages):
+        for stage in stages[:-1]:
             X_PO = self._next(stage, stage.refinement.refine(objective, X_PO, should_stop), objective, space)
-            if following is stages[-1] and not is_near:
-                X_PO = np.concatenate([X_PO, self._images(X_PO[:_IMAGED])])
-        return stages[-1].refinement.refine(objective, X_PO, should_stop)
+        last = stages[-1].refinement
+        found = last.refine(objective, X_PO, should_stop)
+        best = self._apart(found, objective, space, _AGAIN)
+        again = last.refine(objective, best if is_near else self._with_images(best), should_stop)
+        return join_results(found, again).ranked()
 
     def _starts_anywhere(self, space: PoseSpace, generator: np.random.Generator) -> FloatArray:
         """Proposals, and random poses where there are few of those; turns about an axis make no other start of one."""
@@ -198,11 +201,11 @@ class PairSearch(Search):
             return self._apart(found, objective, space, stage.kept)
         return self._distinct(found, stage.kept)
 
-    def _images(self, X_PO: FloatArray) -> FloatArray:
-        """Poses (n, 3, 4) by those of the object's symmetries that the touch may tell apart, shape (m, 3, 4)."""
+    def _with_images(self, X_PO: FloatArray) -> FloatArray:
+        """Poses (n, 3, 4), and the first ones by those of the object's symmetries that the touch may tell apart."""
         misfits = self.model.symmetry_misfits
         turns = self.model.symmetry_poses[misfits > _NOTICED * np.min(self.contacts.sigma_position)]
-        return compose(X_PO[:, None], turns[None]).reshape(-1, 3, 4)
+        return np.concatenate([X_PO, compose(X_PO[:_IMAGED, None], turns[None]).reshape(-1, 3, 4)])
 
     def _distinct(self, found: SearchResult, count: int) -> FloatArray:
         """The best poses (count, 3, 4), or fewer, of those that are further apart than the samples blur them."""
