@@ -6,7 +6,6 @@ import trimesh
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
-from tactopose_drake.core.kernels.mode_kernels import owners
 from tactopose_drake.core.objectives.objective import SumObjective
 from tactopose_drake.core.objectives.pose_prior import PriorObjective
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
@@ -70,35 +69,32 @@ def test_the_costs_are_those_of_the_poses_and_rise(blob: ObjectModel) -> None:
     assert np.all(np.diff(found.cost) >= 0)
 
 
-def test_near_a_prior_all_that_comes_out_has_arrived_at_a_minimum() -> None:
-    model = ObjectModel.from_mesh(model_path("objects", "mug.obj"))
-    for seed in range(4):
+def test_near_a_prior_what_comes_out_has_mostly_arrived_at_a_minimum() -> None:
+    model, shares = ObjectModel.from_mesh(model_path("objects", "mug.obj")), []
+    for seed in range(8):
         generator = np.random.default_rng(seed)
         X_PO = random_pose(generator)
         contacts = touch_surface(model, X_PO, 3, generator)
         prior = GaussianPrior(X_PO)
         objective = SumObjective([SurfaceContact(model.grid, contacts), PriorObjective(prior)])
         found = PairSearch(model=model, contacts=contacts).minimize(objective, PriorSpace(prior), generator)
-        onward = LevenbergMarquardt(max_iterations=10).refine(objective, found.X_PO)
-        assert len(found.cost) > 5
-        assert np.mean(found.cost - onward.cost) < 0.5
+        again = LevenbergMarquardt(max_iterations=10)
+        onward = [again.refine(objective, X_found[None]).cost[0] for X_found in found.X_PO]
+        shares.append(np.mean(found.cost - onward > 0.5))
+    assert np.mean(shares) < 0.2
 
 
-@pytest.mark.parametrize("name", ["mug", "bust", "spray_bottle"])
-def test_with_another_seed_the_same_minima_are_found(name: str) -> None:
-    model = ObjectModel.from_mesh(model_path("objects", f"{name}.obj"))
-    shares = []
-    for seed in range(8):
+@pytest.mark.parametrize("name", ["bust", "screwdriver", "spray_bottle"])
+def test_without_a_prior_mostly_all_matches_are_looked_at_whatever_the_seed_is(name: str) -> None:
+    model, choice = ObjectModel.from_mesh(model_path("objects", f"{name}.obj")), PairSearch.start.choice
+    same = 0
+    for seed in range(20):
         generator = np.random.default_rng(seed)
         contacts = touch_surface(model, random_pose(generator), 3, generator)
-        space, objective = TouchSpace(model, contacts), SurfaceContact(model.grid, contacts)
-        found, other = (search(model, contacts, of_search) for of_search in (0, 1))
-        likely = found.X_PO[found.cost < found.cost[0] + 5.0]
-        both = np.concatenate([other.X_PO, likely])
-        information = objective.normal_equations(both).hessian + space.information
-        owner = owners(both, information, model.symmetry_poses, 3.0)[len(other.X_PO) :]
-        shares.append(np.mean(owner < len(other.X_PO)))
-    assert np.mean(shares) > 0.95
+        pairs, others = (choice.choose(model.pair_features, contacts, np.random.default_rng(seed)) for seed in (0, 1))
+        matches, other_matches = (each.matches[: each.begins[-1]] for each in (pairs, others))
+        same += np.array_equal(matches, other_matches)
+    assert same > 14
 
 
 def test_the_same_seed_gives_the_same_poses(blob: ObjectModel) -> None:

@@ -219,8 +219,9 @@ def keep_best(
     X, frames = np.empty((3, 4)), np.empty((spins.shape[0], 4, 3))
     contacts = np.empty((spins.shape[0], table.shape[0], table.shape[1]))
     count, used, limit, is_anywhere = cost.shape[0], 0, np.inf, images.farthest == np.inf
-    # A pose is kept as its pair, its match and its spin; before a pair is done, there may be more than are wanted.
-    room = count + _most_poses(begins, spins)
+    # A pose is kept as its pair, its match and its spin. There may be twice as many as are wanted, then half are left:
+    # soon most poses cost more than is worth adding up.
+    room = 2 * count + spins.max() if spins.shape[0] > 0 else 0
     kept, kept_cost = np.empty((room, 3), dtype=np.int32), np.empty(room, dtype=np.float32)
     spare = np.empty(room, dtype=np.float32)
     order = np.empty(table.shape[0], dtype=np.intp)
@@ -243,11 +244,10 @@ def keep_best(
                     kept[used, 0], kept[used, 1], kept[used, 2] = q, row, spin
                     kept_cost[used] = total
                     used += 1
-        if used > count:
-            for k in range(used):
-                spare[k] = kept_cost[k]
-            limit = select(spare, used, count - 1)
-            used = _drop_worse(limit, count, used, kept, kept_cost)
+            if used >= 2 * count:
+                limit, used = _drop_worse(count, used, kept, kept_cost, spare)
+    if used > count:
+        limit, used = _drop_worse(count, used, kept, kept_cost, spare)
     rising, places = np.empty(used), np.empty((2, used), dtype=np.int64)
     for k in range(used):
         rising[k] = kept_cost[k]
@@ -269,15 +269,6 @@ def _chance(row, spin):
 
 
 @inlined
-def _most_poses(begins, spins):
-    """The largest number of poses of one pair."""
-    most = 0
-    for q in range(spins.shape[0]):
-        most = max(most, (begins[q + 1] - begins[q]) * spins[q])
-    return most
-
-
-@inlined
 def _put_last(a, b, order):
     """The order of contacts with a pair last: it fits by construction, the others say sooner that a pose is bad."""
     place = 0
@@ -289,12 +280,14 @@ def _put_last(a, b, order):
 
 
 @inlined
-def _drop_worse(limit, count, used, kept, cost):
-    """Keeps of the first `used` those that cost no more than the limit, `count` at the most; their number."""
-    now = 0
+def _drop_worse(count, used, kept, cost, spare):
+    """Keeps of the first `used`, which are more than `count`, those that cost least; the largest cost, and `count`."""
+    for k in range(used):
+        spare[k] = cost[k]
+    limit, now = select(spare, used, count - 1), 0
     for k in range(used):
         if cost[k] <= limit and now < count:
             kept[now, 0], kept[now, 1], kept[now, 2] = kept[k, 0], kept[k, 1], kept[k, 2]
             cost[now] = cost[k]
             now += 1
-    return now
+    return limit, now
