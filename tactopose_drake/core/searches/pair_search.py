@@ -76,7 +76,7 @@ class Start:
 _TO_THE_MINIMUM = Stage(refinement=LevenbergMarquardt(max_iterations=40, tolerance=1e-4))
 
 
-def global_stages(starts: int = 150, kept: int = 40) -> tuple[Stage, ...]:
+def global_stages(starts: int = 100, kept: int = 40) -> tuple[Stage, ...]:
     """The stages without a prior.
 
     Args:
@@ -122,7 +122,7 @@ class PairSearch(Search):
         return dataclasses.replace(
             self,
             contacts=self.contacts.chosen(kept),
-            start=dataclasses.replace(self.start, candidates=100),
+            start=dataclasses.replace(self.start, choice=PairChoice(), candidates=100),
             stages=global_stages(starts=60, kept=12),
             near_start=dataclasses.replace(self.near_start, samples=20, kept=40),
             near_stages=near_stages(kept=15),
