@@ -61,7 +61,8 @@ class Start:
         choice: how pairs are matched and chosen.
         candidates: so many of their poses, at most.
         samples: so many random poses of the space join them.
-        fewest: only where fewer candidates come than this; always, if it is None.
+        fewest: without a prior only where fewer candidates come than this; always, if it is None. Near one more samples
+            join them, until they are so many.
         kept: so many of all these go on, by their cost; all, if it is None.
     """
 
@@ -113,7 +114,7 @@ class PairSearch(Search):
     contacts: Contacts
     start: Start = Start(choice=PairChoice(poses=24000))
     stages: tuple[Stage, ...] = global_stages()
-    near_start: Start = Start(choice=PairChoice(poses=1200), candidates=120, samples=40, fewest=None, kept=100)
+    near_start: Start = Start(choice=PairChoice(poses=1500), candidates=120, samples=40, fewest=100, kept=100)
     near_stages: tuple[Stage, ...] = near_stages()
 
     def leaving_out(self, index: int) -> Search:
@@ -124,7 +125,7 @@ class PairSearch(Search):
             contacts=self.contacts.chosen(kept),
             start=dataclasses.replace(self.start, choice=PairChoice(), candidates=100),
             stages=global_stages(starts=60, kept=12),
-            near_start=dataclasses.replace(self.near_start, samples=20, kept=40),
+            near_start=dataclasses.replace(self.near_start, samples=20, fewest=40, kept=40),
             near_stages=near_stages(kept=15),
         )
 
@@ -188,8 +189,9 @@ class PairSearch(Search):
     ) -> FloatArray:
         """The prior's own pose and samples with the proposals; the best of them are enough."""
         start = self.near_start
-        samples = space.sample(generator, start.samples - 1)
         near = self.propose(start.choice, start.candidates, space, generator)
+        missing = 0 if start.fewest is None else start.fewest - len(near)
+        samples = space.sample(generator, max(start.samples, missing) - 1)
         X_PO = np.concatenate([space.center[None], samples, near])
         return X_PO[np.argsort(objective.cost(X_PO), kind="stable")[: start.kept]]
 

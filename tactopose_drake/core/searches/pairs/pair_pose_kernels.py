@@ -8,7 +8,6 @@ from tactopose_drake.core.compilation import (
     Bytes2,
     Floats1,
     Floats2,
-    Floats3,
     Ints1,
     Longs1,
     Longs2,
@@ -20,6 +19,7 @@ from tactopose_drake.core.compilation import (
     kernel,
 )
 from tactopose_drake.core.kernels.sorting_kernels import select, sort_stably
+from tactopose_drake.core.searches.pairs.image_kernels import Images, is_near, may_be_near
 
 
 class Samples(NamedTuple):
@@ -47,24 +47,6 @@ class Field(NamedTuple):
     origin: Floats1
     inverse_spacing: float
     steps: float
-
-
-class Images(NamedTuple):
-    """Which poses are near enough to a centre by one of g symmetries; read-only.
-
-    Attributes:
-        rotations: with which a pose's rotation is compared, shape (g, 3, 3).
-        origins: the images' origins in O, shape (g, 3), m.
-        center: of the poses' origins, shape (3,), m.
-        least_trace: of the product of rotations that are near enough.
-        farthest: the square of the largest distance, m^2; infinite where all poses are near enough.
-    """
-
-    rotations: Floats3
-    origins: Floats2
-    center: Floats1
-    least_trace: float
-    farthest: float
 
 
 @inlined
@@ -182,23 +164,6 @@ def coarse_cost(field, contacts, middle, x, y, z, limit):
     return total
 
 
-@inlined
-def _is_near(X, images):
-    """Whether an image of the pose X, by one of g symmetries, is near enough to the centre."""
-    rotations, origins, center = images.rotations, images.origins, images.center
-    for s in range(rotations.shape[0]):
-        distance, trace = 0.0, 0.0
-        for a in range(3):
-            way = X[a, 3] - center[a]
-            for b in range(3):
-                way += X[a, b] * origins[s, b]
-                trace += X[a, b] * rotations[s, a, b]
-            distance += way * way
-        if distance <= images.farthest and trace >= images.least_trace:
-            return True
-    return False
-
-
 @kernel
 def keep_best(
     samples: Samples,
@@ -231,11 +196,13 @@ def keep_best(
         _lay_out(table, ends[q, 0], ends[q, 1], order, field.inverse_spacing, frame, laid)
         for row in range(begins[q], begins[q + 1]):
             i, j = pairs[matches[row], 0], pairs[matches[row], 1]
+            if not is_anywhere and not may_be_near(samples.points, i, j, frame, images):
+                continue
             for spin in range(spins[q]):
                 middle, x, y, z = _place(samples, i, j, laid, spin, spins[q])
                 if not is_anywhere:
                     _fill_pose(frame, middle, x, y, z, X)
-                    if not _is_near(X, images):
+                    if not is_near(X, images):
                         continue
                 total = coarse_cost(field, laid, middle, x, y, z, max(limit, alike))
                 if total < alike:
