@@ -8,7 +8,6 @@ poses that touch the object start it; and where there is a prior, random poses u
 """
 
 import dataclasses
-from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -32,6 +31,10 @@ _SAME_MINIMUM = 1.5
 # An object that is symmetric within so much of the contacts' sigma is so for any touch. Of the images of one that is
 # less so the proposals hold but one; so the images of so many of the best poses are refined, too.
 _NOTICED, _IMAGED = 0.1, 2
+# After the first steps, poses that cost so much more than the best are not part of any answer.
+_WORTH = 60.0
+# A descent may get stuck where the field has a kink; from there another one goes on. So many of the best are tried.
+_AGAIN = 3
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -43,13 +46,11 @@ class Stage:
         kept: so many of the best go on, at most; 0 after the last stage.
         by_curvature: whether poses are told apart by the cost's local models, rather than by how far the samples blur
             them.
-        is_final: whether the stage's poses are among those that the search returns.
     """
 
     refinement: LevenbergMarquardt
     kept: int = 0
     by_curvature: bool = False
-    is_final: bool = False
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -60,7 +61,8 @@ class Start:
         choice: how pairs are matched and chosen.
         candidates: so many of their poses, at most.
         samples: so many random poses of the space join them.
-        fewest: only where fewer candidates come than this; always, if it is None.
+        fewest: without a prior only where fewer candidates come than this; always, if it is None. Near one more samples
+            join them, until they are so many.
         kept: so many of all these go on, by their cost; all, if it is None.
     """
 
@@ -71,44 +73,29 @@ class Start:
     kept: int | None = None
 
 
-_LAST = LevenbergMarquardt(max_iterations=15, tolerance=1e-3)
-_POLISH = LevenbergMarquardt(max_iterations=40, tolerance=1e-4)
+# All that come out have arrived: a pose on its way down a valley would count as a mode of its own.
+_TO_THE_MINIMUM = Stage(refinement=LevenbergMarquardt(max_iterations=40, tolerance=1e-4))
 
 
-def global_stages(starts: int = 150, kept: int = 100, settled: int = 30, polished: int = 6) -> tuple[Stage, ...]:
+def global_stages(starts: int = 100, kept: int = 40) -> tuple[Stage, ...]:
     """The stages without a prior.
 
     Args:
         starts: poses left after the first steps.
-        kept: that take some more.
-        settled: that are refined to convergence.
-        polished: that are refined until they hardly move.
+        kept: that are refined until they hardly move.
     """
     return (
         Stage(refinement=LevenbergMarquardt(max_iterations=1, initial_damping=1e-2), kept=starts),
         Stage(refinement=LevenbergMarquardt(max_iterations=4, initial_damping=1e-2), kept=kept, by_curvature=True),
-        Stage(
-            refinement=LevenbergMarquardt(max_iterations=4, tolerance=1e-3),
-            kept=settled,
-            by_curvature=True,
-            is_final=True,
-        ),
-        Stage(refinement=_LAST, kept=polished, is_final=True),
-        Stage(refinement=_POLISH, is_final=True),
+        _TO_THE_MINIMUM,
     )
 
 
-def near_stages(kept: int = 40, polished: int = 3) -> tuple[Stage, ...]:
-    """The stages near a prior.
-
-    Args:
-        kept: poses that are refined to convergence.
-        polished: that are refined until they hardly move.
-    """
+def near_stages(kept: int = 60) -> tuple[Stage, ...]:
+    """The stages near a prior, of which so many poses are refined until they hardly move."""
     return (
-        Stage(refinement=LevenbergMarquardt(max_iterations=4, initial_damping=1e-2), kept=kept, by_curvature=True),
-        Stage(refinement=_LAST, kept=polished, is_final=True),
-        Stage(refinement=_POLISH, is_final=True),
+        Stage(refinement=LevenbergMarquardt(max_iterations=3, initial_damping=1e-2), kept=kept, by_curvature=True),
+        _TO_THE_MINIMUM,
     )
 
 
@@ -121,16 +108,14 @@ class PairSearch(Search):
         contacts: the touch that poses are proposed from. What is minimised is the objective's business.
         start, stages: what is refined, and how, where there is no prior. The first stage is by the touch alone.
         near_start, near_stages: the same near a prior.
-        returned: so many poses come out, at most, where there is no prior.
     """
 
     model: ObjectModel
     contacts: Contacts
-    start: Start = Start()
+    start: Start = Start(choice=PairChoice(poses=24000))
     stages: tuple[Stage, ...] = global_stages()
-    near_start: Start = Start(choice=PairChoice(poses=2500), candidates=80, samples=120, fewest=None, kept=120)
+    near_start: Start = Start(choice=PairChoice(poses=1500), candidates=120, samples=40, fewest=100, kept=100)
     near_stages: tuple[Stage, ...] = near_stages()
-    returned: int = 100
 
     def leaving_out(self, index: int) -> Search:
         """The search whose poses are proposed from the other contacts; a third of the work, for there are many such."""
@@ -138,24 +123,25 @@ class PairSearch(Search):
         return dataclasses.replace(
             self,
             contacts=self.contacts.chosen(kept),
-            start=dataclasses.replace(self.start, candidates=100),
-            stages=global_stages(starts=60, kept=30, settled=10, polished=2),
-            near_start=dataclasses.replace(self.near_start, samples=40, kept=40),
-            near_stages=near_stages(kept=12, polished=2),
+            start=dataclasses.replace(self.start, choice=PairChoice(), candidates=100),
+            stages=global_stages(starts=60, kept=12),
+            near_start=dataclasses.replace(self.near_start, samples=20, fewest=40, kept=40),
+            near_stages=near_stages(kept=15),
         )
 
     def widened(self) -> Search:
         """The search with four times the starts where there is a prior."""
-        start, first = self.near_start, self.near_stages[0]
+        start = self.near_start
         return dataclasses.replace(
             self,
             near_start=dataclasses.replace(
                 start,
+                choice=dataclasses.replace(start.choice, poses=4 * start.choice.poses),
                 candidates=4 * start.candidates,
                 samples=4 * start.samples,
                 kept=None if start.kept is None else 4 * start.kept,
             ),
-            near_stages=(dataclasses.replace(first, kept=3 * first.kept), *self.near_stages[1:]),
+            near_stages=near_stages(kept=3 * self.near_stages[0].kept),
         )
 
     def minimize(
@@ -179,8 +165,13 @@ class PairSearch(Search):
         if quick is not objective:
             touching = touching._replace(cost=objective.cost(touching.X_PO), hessian=None).ranked()
         X_PO = self._next(first, touching, objective, space)
-        found = join_results(*self._refine(stages, objective, space, X_PO, should_stop))
-        return found.ranked() if is_near else found.ranked(self.returned)
+        for stage in stages[:-1]:
+            X_PO = self._next(stage, stage.refinement.refine(objective, X_PO, should_stop), objective, space)
+        last = stages[-1].refinement
+        found = last.refine(objective, X_PO, should_stop)
+        best = self._apart(found, objective, space, _AGAIN)
+        again = last.refine(objective, best if is_near else self._with_images(best), should_stop)
+        return join_results(found, again).ranked()
 
     def _starts_anywhere(self, space: PoseSpace, generator: np.random.Generator) -> FloatArray:
         """Proposals, and random poses where there are few of those; turns about an axis make no other start of one."""
@@ -198,28 +189,11 @@ class PairSearch(Search):
     ) -> FloatArray:
         """The prior's own pose and samples with the proposals; the best of them are enough."""
         start = self.near_start
-        samples = space.sample(generator, start.samples - 1)
         near = self.propose(start.choice, start.candidates, space, generator)
+        missing = 0 if start.fewest is None else start.fewest - len(near)
+        samples = space.sample(generator, max(start.samples, missing) - 1)
         X_PO = np.concatenate([space.center[None], samples, near])
         return X_PO[np.argsort(objective.cost(X_PO), kind="stable")[: start.kept]]
-
-    def _refine(
-        self,
-        stages: Sequence[Stage],
-        objective: LeastSquaresObjective,
-        space: PoseSpace,
-        X_PO: FloatArray,
-        should_stop: StopSignal,
-    ) -> Iterator[SearchResult]:
-        """What the final ones of the stages find."""
-        for i, stage in enumerate(stages):
-            found = stage.refinement.refine(objective, X_PO, should_stop)
-            if stage.is_final:
-                yield found
-            if i + 1 < len(stages):
-                X_PO = self._next(stage, found, objective, space)
-            if i + 2 == len(stages) and space.reach[0] >= np.pi:
-                X_PO = np.concatenate([X_PO, self._images(X_PO[:_IMAGED])])
 
     def _next(
         self, stage: Stage, found: SearchResult, objective: LeastSquaresObjective, space: PoseSpace
@@ -229,11 +203,11 @@ class PairSearch(Search):
             return self._apart(found, objective, space, stage.kept)
         return self._distinct(found, stage.kept)
 
-    def _images(self, X_PO: FloatArray) -> FloatArray:
-        """Poses (n, 3, 4) by those of the object's symmetries that the touch may tell apart, shape (m, 3, 4)."""
+    def _with_images(self, X_PO: FloatArray) -> FloatArray:
+        """Poses (n, 3, 4), and the first ones by those of the object's symmetries that the touch may tell apart."""
         misfits = self.model.symmetry_misfits
         turns = self.model.symmetry_poses[misfits > _NOTICED * np.min(self.contacts.sigma_position)]
-        return compose(X_PO[:, None], turns[None]).reshape(-1, 3, 4)
+        return np.concatenate([X_PO, compose(X_PO[:_IMAGED, None], turns[None]).reshape(-1, 3, 4)])
 
     def _distinct(self, found: SearchResult, count: int) -> FloatArray:
         """The best poses (count, 3, 4), or fewer, of those that are further apart than the samples blur them."""
@@ -245,9 +219,11 @@ class PairSearch(Search):
 
         By the local models: along a direction that hardly changes the cost, poses far apart belong together.
         """
-        hessian = objective.normal_equations(found.X_PO).hessian if found.hessian is None else found.hessian
-        apart = one_of_each(owners(found.X_PO, hessian + space.information, np.eye(3, 4)[None], _SAME_MINIMUM))
-        return found.X_PO[apart[:count]]
+        worth = int(np.searchsorted(found.cost, found.cost[0] + _WORTH))
+        X_PO = found.X_PO[:worth]
+        hessian = objective.normal_equations(X_PO).hessian if found.hessian is None else found.hessian[:worth]
+        apart = one_of_each(owners(X_PO, hessian + space.information, np.eye(3, 4)[None], _SAME_MINIMUM))
+        return X_PO[apart[:count]]
 
     def propose(self, choice: PairChoice, count: int, space: PoseSpace, generator: np.random.Generator) -> FloatArray:
         """Distinct poses within the space's reach that lay two contacts on the surface and suit all, best first."""

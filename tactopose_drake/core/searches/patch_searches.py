@@ -30,8 +30,8 @@ def patch_search(model: ObjectModel, patches: Sequence[Patch], contacts: Contact
         model=model,
         contacts=with_patches(Contacts.empty() if contacts is None else contacts, patches),
         stages=global_stages(starts=60, kept=20),
-        near_start=dataclasses.replace(PairSearch.near_start, samples=30, kept=20),
-        near_stages=near_stages(kept=8, polished=2),
+        near_start=dataclasses.replace(PairSearch.near_start, samples=30, fewest=30, kept=20),
+        near_stages=near_stages(kept=8),
     )
 
 

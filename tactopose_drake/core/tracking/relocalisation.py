@@ -160,7 +160,7 @@ def _propose_poses(
     pairs = PairSearch(model=model, contacts=touch.contacts)
     if touch.felt:
         pairs = patch_search(model, touch.felt, touch.contacts)
-    stages = global_stages(starts // 2, starts // 3, starts // 8, starts // 20)
+    stages = global_stages(starts // 2, starts // 8)
     pairs = dataclasses.replace(pairs, start=Start(candidates=starts, samples=starts // 2), stages=stages)
     found = pairs.minimize(problem.objective, problem.space, generator)
     return _distinct(model, params, problem, found).mixture.X_PO

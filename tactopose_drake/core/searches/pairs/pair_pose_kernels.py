@@ -8,7 +8,6 @@ from tactopose_drake.core.compilation import (
     Bytes2,
     Floats1,
     Floats2,
-    Floats3,
     Ints1,
     Longs1,
     Longs2,
@@ -20,6 +19,7 @@ from tactopose_drake.core.compilation import (
     kernel,
 )
 from tactopose_drake.core.kernels.sorting_kernels import select, sort_stably
+from tactopose_drake.core.searches.pairs.image_kernels import Images, is_near, may_be_near
 
 
 class Samples(NamedTuple):
@@ -47,24 +47,6 @@ class Field(NamedTuple):
     origin: Floats1
     inverse_spacing: float
     steps: float
-
-
-class Images(NamedTuple):
-    """Which poses are near enough to a centre by one of g symmetries; read-only.
-
-    Attributes:
-        rotations: with which a pose's rotation is compared, shape (g, 3, 3).
-        origins: the images' origins in O, shape (g, 3), m.
-        center: of the poses' origins, shape (3,), m.
-        least_trace: of the product of rotations that are near enough.
-        farthest: the square of the largest distance, m^2; infinite where all poses are near enough.
-    """
-
-    rotations: Floats3
-    origins: Floats2
-    center: Floats1
-    least_trace: float
-    farthest: float
 
 
 @inlined
@@ -182,23 +164,6 @@ def coarse_cost(field, contacts, middle, x, y, z, limit):
     return total
 
 
-@inlined
-def _is_near(X, images):
-    """Whether an image of the pose X, by one of g symmetries, is near enough to the centre."""
-    rotations, origins, center = images.rotations, images.origins, images.center
-    for s in range(rotations.shape[0]):
-        distance, trace = 0.0, 0.0
-        for a in range(3):
-            way = X[a, 3] - center[a]
-            for b in range(3):
-                way += X[a, b] * origins[s, b]
-                trace += X[a, b] * rotations[s, a, b]
-            distance += way * way
-        if distance <= images.farthest and trace >= images.least_trace:
-            return True
-    return False
-
-
 @kernel
 def keep_best(
     samples: Samples,
@@ -219,8 +184,9 @@ def keep_best(
     X, frames = np.empty((3, 4)), np.empty((spins.shape[0], 4, 3))
     contacts = np.empty((spins.shape[0], table.shape[0], table.shape[1]))
     count, used, limit, is_anywhere = cost.shape[0], 0, np.inf, images.farthest == np.inf
-    # A pose is kept as its pair, its match and its spin; before a pair is done, there may be more than are wanted.
-    room = count + _most_poses(begins, spins)
+    # A pose is kept as its pair, its match and its spin. There may be twice as many as are wanted, then half are left:
+    # soon most poses cost more than is worth adding up.
+    room = 2 * count + spins.max() if spins.shape[0] > 0 else 0
     kept, kept_cost = np.empty((room, 3), dtype=np.int32), np.empty(room, dtype=np.float32)
     spare = np.empty(room, dtype=np.float32)
     order = np.empty(table.shape[0], dtype=np.intp)
@@ -230,11 +196,13 @@ def keep_best(
         _lay_out(table, ends[q, 0], ends[q, 1], order, field.inverse_spacing, frame, laid)
         for row in range(begins[q], begins[q + 1]):
             i, j = pairs[matches[row], 0], pairs[matches[row], 1]
+            if not is_anywhere and not may_be_near(samples.points, i, j, frame, images):
+                continue
             for spin in range(spins[q]):
                 middle, x, y, z = _place(samples, i, j, laid, spin, spins[q])
                 if not is_anywhere:
                     _fill_pose(frame, middle, x, y, z, X)
-                    if not _is_near(X, images):
+                    if not is_near(X, images):
                         continue
                 total = coarse_cost(field, laid, middle, x, y, z, max(limit, alike))
                 if total < alike:
@@ -243,11 +211,10 @@ def keep_best(
                     kept[used, 0], kept[used, 1], kept[used, 2] = q, row, spin
                     kept_cost[used] = total
                     used += 1
-        if used > count:
-            for k in range(used):
-                spare[k] = kept_cost[k]
-            limit = select(spare, used, count - 1)
-            used = _drop_worse(limit, count, used, kept, kept_cost)
+            if used >= 2 * count:
+                limit, used = _drop_worse(count, used, kept, kept_cost, spare)
+    if used > count:
+        limit, used = _drop_worse(count, used, kept, kept_cost, spare)
     rising, places = np.empty(used), np.empty((2, used), dtype=np.int64)
     for k in range(used):
         rising[k] = kept_cost[k]
@@ -269,15 +236,6 @@ def _chance(row, spin):
 
 
 @inlined
-def _most_poses(begins, spins):
-    """The largest number of poses of one pair."""
-    most = 0
-    for q in range(spins.shape[0]):
-        most = max(most, (begins[q + 1] - begins[q]) * spins[q])
-    return most
-
-
-@inlined
 def _put_last(a, b, order):
     """The order of contacts with a pair last: it fits by construction, the others say sooner that a pose is bad."""
     place = 0
@@ -289,12 +247,14 @@ def _put_last(a, b, order):
 
 
 @inlined
-def _drop_worse(limit, count, used, kept, cost):
-    """Keeps of the first `used` those that cost no more than the limit, `count` at the most; their number."""
-    now = 0
+def _drop_worse(count, used, kept, cost, spare):
+    """Keeps of the first `used`, which are more than `count`, those that cost least; the largest cost, and `count`."""
+    for k in range(used):
+        spare[k] = cost[k]
+    limit, now = select(spare, used, count - 1), 0
     for k in range(used):
         if cost[k] <= limit and now < count:
             kept[now, 0], kept[now, 1], kept[now, 2] = kept[k, 0], kept[k, 1], kept[k, 2]
             cost[now] = cost[k]
             now += 1
-    return now
+    return limit, now
