@@ -219,7 +219,7 @@ class PairSearch(Search):
 
         By the local models: along a direction that hardly changes the cost, poses far apart belong together.
         """
-        worth = int(np.searchsorted(found.cost, found.cost[0] + _WORTH))
+        worth = int(np.searchsorted(found.cost, found.cost[0] + _WORTH, side="right"))
         X_PO = found.X_PO[:worth]
         hessian = objective.normal_equations(X_PO).hessian if found.hessian is None else found.hessian[:worth]
         apart = one_of_each(owners(X_PO, hessian + space.information, np.eye(3, 4)[None], _SAME_MINIMUM))
