@@ -239,15 +239,46 @@ def relocalise(
     log_weight -= np.logaddexp.reduce(log_weight)
     kept = np.argsort(-log_weight, kind="stable")[: params.mixture.max_modes]
     kept = kept[log_weight[kept] > log_weight[kept[:1]] + math.log(params.mixture.least_share)]
-    pairs, is_right = _match(model, params, touch.averaged(params), posterior, kept, modes)
+    same = _same_modes(model, params, posterior, kept, modes)
+    pairs, is_right = _match(model, params, touch.averaged(params), posterior, kept, modes, same)
     new = _make_modes(model, params, touch, posterior, kept[~is_right])
     joined = modes.chosen(pairs[is_right]).joined(new)
-    order = np.argsort(~is_right, kind="stable")
-    pairs, now = pairs[order], log_weight[kept[order]]
+    now = log_weight[kept]
     if len(modes):
-        before = (modes.log_weight - np.logaddexp.reduce(modes.log_weight))[pairs]
-        now = np.where(pairs < 0, now, before + share * (now - before))
-    return dataclasses.replace(joined, log_weight=now)
+        before = modes.log_weight - np.logaddexp.reduce(modes.log_weight)
+        now = _mean_weights(before, now, same, share)
+    return dataclasses.replace(joined, log_weight=now[np.argsort(~is_right, kind="stable")])
+
+
+def _mean_weights(before: FloatArray, now: FloatArray, same: NDArray[np.bool_], share: float) -> FloatArray:
+    """Logarithms of the posterior's weights (k,), as the means of those now and of those before, shape (k,).
+
+    A valley has many minima, of which each search finds others. Therefore means are of the modes that are one, and what
+    such a family holds is shared out as it is now: a mode's mass is not lost on a minimum that held next to none.
+
+    Args:
+        before: of the filter's modes, shape (n,).
+        now: of the posterior's modes, shape (k,).
+        same: which of these are one, shape (k, n).
+        share: of the mean, that is by those of now.
+    """
+    family = np.eye(len(now), dtype=np.bool_) | (same @ same.T)
+    for _ in range(int(len(now)).bit_length()):
+        family = family @ family
+    held = np.logaddexp.reduce(np.where(family @ same, before, -np.inf), axis=1)
+    holds = np.logaddexp.reduce(np.where(family, now, -np.inf), axis=1)
+    return np.where(np.isneginf(held), now, now + (1.0 - share) * (held - holds))
+
+
+def _same_modes(
+    model: ObjectModel, params: PoseTrackerParams, posterior: Modes, kept: NDArray[np.intp], modes: TrackedModes
+) -> NDArray[np.bool_]:
+    """Which of the posterior's k modes that are kept are which of the filter's n, up to symmetries, shape (k, n)."""
+    information = inverses(posterior.mixture.covariance[kept])[0]
+    images = compose(modes.X_PO[:, None], model.symmetry_poses[None])
+    u = increments_between(posterior.mixture.X_PO[kept, None, None], images[None])
+    distance = np.einsum("jmsi,jik,jmsk->jms", u, information, u).min(axis=2)
+    return np.asarray(distance < params.mixture.same_sigmas**2)
 
 
 def _match(
@@ -257,21 +288,18 @@ def _match(
     posterior: Modes,
     kept: NDArray[np.intp],
     modes: TrackedModes,
+    same: NDArray[np.bool_],
 ) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
     """For each of the posterior's modes that are kept the filter's that it is, or -1; and whether its pose stays."""
     pairs, is_right = np.full(len(kept), -1), np.zeros(len(kept), dtype=np.bool_)
-    X_PO = np.ascontiguousarray(posterior.mixture.X_PO[kept])
-    information = inverses(posterior.mixture.covariance[kept])[0]
     objective = make_problem(model, evidence).objective
-    cost, least = objective.cost(np.ascontiguousarray(modes.X_PO)), objective.cost(X_PO)
-    images = compose(modes.X_PO[:, None], model.symmetry_poses[None])
-    u = increments_between(X_PO[:, None, None], images[None])
-    distance = np.einsum("jmsi,jik,jmsk->jms", u, information, u).min(axis=2)
+    cost = objective.cost(np.ascontiguousarray(modes.X_PO))
+    least = objective.cost(np.ascontiguousarray(posterior.mixture.X_PO[kept]))
     free = np.ones(len(modes), dtype=np.bool_)
     for j in range(len(kept)):
-        same = np.flatnonzero(free & (distance[j] < params.mixture.same_sigmas**2))
-        if len(same):
-            i = int(same[np.argmin(cost[same])])
+        alike = np.flatnonzero(free & same[j])
+        if len(alike):
+            i = int(alike[np.argmin(cost[alike])])
             free[i], pairs[j] = False, i
             is_right[j] = cost[i] < least[j] + params.relocalisation.least_gain
     return pairs, is_right
