@@ -60,23 +60,25 @@ def relocalise(
 
 
 def _mean_weights(before: FloatArray, now: FloatArray, same: NDArray[np.bool_], share: float) -> FloatArray:
-    """Logarithms of the posterior's weights (k,), as the means of those now and of those before, shape (k,).
+    """Logarithms of the means of the posterior's weights (k,) now and those before, shape (k,).
 
     A valley has many minima, of which each search finds others. Therefore means are of the modes that are one, and what
-    such a family holds is shared out as it is now: a mode's mass is not lost on a minimum that held next to none.
+    such a family holds is shared out as it is now: a mode's mass is not lost on a minimum that held next to none. Of
+    probabilities that samples give the mean is true; that of their logarithms would let one search that has missed most
+    of a valley count for more than all others. What the filter has not is as probable as it is now.
 
     Args:
-        before: of the filter's modes, shape (n,).
-        now: of the posterior's modes, shape (k,).
+        before: logarithms of the weights of the filter's modes, shape (n,).
+        now: of those of the posterior's modes, shape (k,).
         same: which of these are one, shape (k, n).
         share: of the mean, that is by those of now.
     """
     family = np.eye(len(now), dtype=np.bool_) | (same @ same.T)
     for _ in range(len(now).bit_length()):
         family = family @ family
-    held = np.logaddexp.reduce(np.where(family @ same, before, -np.inf), axis=1)
-    holds = np.logaddexp.reduce(np.where(family, now, -np.inf), axis=1)
-    return now + (1.0 - share) * np.where(np.isneginf(held), 0.0, held - holds)
+    known = family @ same
+    held, holds = known @ np.exp(before), family @ np.exp(now)
+    return now + np.where(known.any(axis=1), np.log(share + (1.0 - share) * held / holds), 0.0)
 
 
 def _same_modes(
