@@ -60,12 +60,11 @@ def relocalise(
 
 
 def _mean_weights(before: FloatArray, now: FloatArray, same: NDArray[np.bool_], share: float) -> FloatArray:
-    """Logarithms of the means of the posterior's weights (k,) now and those before, shape (k,).
+    """Means of the logarithms of the posterior's weights (k,) now and those before, shape (k,).
 
     A valley has many minima, of which each search finds others. Therefore means are of the modes that are one, and what
-    such a family holds is shared out as it is now: a mode's mass is not lost on a minimum that held next to none. Of
-    probabilities that samples give the mean is true; that of their logarithms would let one search that has missed most
-    of a valley count for more than all others. What the filter has not is as probable as it is now.
+    such a family holds is shared out as it is now: a mode's mass is not lost on a minimum that held next to none. What
+    is plain is learnt at once by means of logarithms. What the filter has not is as probable as it is now.
 
     Args:
         before: logarithms of the weights of the filter's modes, shape (n,).
@@ -76,9 +75,9 @@ def _mean_weights(before: FloatArray, now: FloatArray, same: NDArray[np.bool_], 
     family = np.eye(len(now), dtype=np.bool_) | (same @ same.T)
     for _ in range(len(now).bit_length()):
         family = family @ family
-    known = family @ same
-    held, holds = known @ np.exp(before), family @ np.exp(now)
-    return now + np.where(known.any(axis=1), np.log(share + (1.0 - share) * held / holds), 0.0)
+    held = np.logaddexp.reduce(np.where(family @ same, before, -np.inf), axis=1)
+    holds = np.logaddexp.reduce(np.where(family, now, -np.inf), axis=1)
+    return now + (1.0 - share) * np.where(np.isneginf(held), 0.0, held - holds)
 
 
 def _same_modes(
