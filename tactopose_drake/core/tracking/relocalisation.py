@@ -1,11 +1,4 @@
-"""Relocalisation: the one-shot posterior runs beside the filter, and its modes and the filter's compete by evidence.
-
-A mode's weight is what the one-shot estimate gives it by the touch of now, and what it would have had by the touches of
-the window. What the filter foretold has no part in that: so a mode that was led astray, and since then only foretells
-what it is itself led by, loses against one that explains the touch better, whenever that is found. While the touch
-stays, the searches weigh the same evidence again, each by samples of its own: their mean, with a forgetting factor, is
-what counts. Of each mode of the posterior that the filter has already, the filter's pose stays, which has learnt from
-many frames, unless the touch contradicts it.
+"""Relocalisation: the one-shot posterior runs beside the filter, whose modes compete with its.
 
 A search is made in slices, each of which fits into the time of an update: it proposes minima of the touch, from a part
 of the starts, other ones each time; it settles these and the modes that are known by all the evidence; it covers what
@@ -16,16 +9,12 @@ some searches all is searched.
 from __future__ import annotations
 
 import dataclasses
-import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tactopose_drake.core.evidence.evidence import Evidence
-from tactopose_drake.core.kernels.matrix_kernels import inverses
-from tactopose_drake.core.plain_values import copied
-from tactopose_drake.core.poses import compose, increments_between
+from tactopose_drake.core.poses import compose
 from tactopose_drake.core.posterior.belief_sampling import Cover, cover_modes, weigh_covered
 from tactopose_drake.core.posterior.hypotheses import Modes, find_modes
 from tactopose_drake.core.posterior.plausibility import explain_with_doubt
@@ -37,8 +26,7 @@ from tactopose_drake.core.searches.pose_problem import PoseProblem, make_problem
 from tactopose_drake.core.searches.search import SearchResult
 from tactopose_drake.core.shape.free_spin import nearest_images
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.tracking.contact_update import update_with_contacts
-from tactopose_drake.core.tracking.keyframes import Touch, past_cost
+from tactopose_drake.core.tracking.keyframes import Touch
 from tactopose_drake.core.tracking.motion_prediction import Motion
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams, RelocalisationParams
@@ -219,81 +207,3 @@ def _distinct(model: ObjectModel, params: RelocalisationParams, problem: PosePro
         model.size,
         params.found,
     )
-
-
-def relocalise(
-    model: ObjectModel, params: PoseTrackerParams, touch: Touch, modes: TrackedModes, posterior: Modes, share: float
-) -> TrackedModes:
-    """The modes of the posterior by the window, by falling weight.
-
-    Args:
-        model: the object.
-        params: what is assumed.
-        touch: of now.
-        modes: the filter's, after the touch.
-        posterior: by the touch of now.
-        share: of the mean of a mode's weights, that is by it.
-    """
-    X_PO, weights = posterior.mixture.X_PO, posterior.mixture.weights
-    log_weight = np.log(np.maximum(weights, 1e-300)) - past_cost(model, params, touch.window, X_PO)
-    log_weight -= np.logaddexp.reduce(log_weight)
-    kept = np.argsort(-log_weight, kind="stable")[: params.mixture.max_modes]
-    kept = kept[log_weight[kept] > log_weight[kept[:1]] + math.log(params.mixture.least_share)]
-    pairs, is_right = _match(model, params, touch.averaged(params), posterior, kept, modes)
-    new = _make_modes(model, params, touch, posterior, kept[~is_right])
-    joined = modes.chosen(pairs[is_right]).joined(new)
-    order = np.argsort(~is_right, kind="stable")
-    pairs, now = pairs[order], log_weight[kept[order]]
-    if len(modes):
-        before = (modes.log_weight - np.logaddexp.reduce(modes.log_weight))[pairs]
-        now = np.where(pairs < 0, now, before + share * (now - before))
-    return dataclasses.replace(joined, log_weight=now)
-
-
-def _match(
-    model: ObjectModel,
-    params: PoseTrackerParams,
-    evidence: Evidence,
-    posterior: Modes,
-    kept: NDArray[np.intp],
-    modes: TrackedModes,
-) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
-    """For each of the posterior's modes that are kept the filter's that it is, or -1; and whether its pose stays."""
-    pairs, is_right = np.full(len(kept), -1), np.zeros(len(kept), dtype=np.bool_)
-    X_PO = np.ascontiguousarray(posterior.mixture.X_PO[kept])
-    information = inverses(posterior.mixture.covariance[kept])[0]
-    objective = make_problem(model, evidence).objective
-    cost, least = objective.cost(np.ascontiguousarray(modes.X_PO)), objective.cost(X_PO)
-    images = compose(modes.X_PO[:, None], model.symmetry_poses[None])
-    u = increments_between(X_PO[:, None, None], images[None])
-    distance = np.einsum("jmsi,jik,jmsk->jms", u, information, u).min(axis=2)
-    free = np.ones(len(modes), dtype=np.bool_)
-    for j in range(len(kept)):
-        same = np.flatnonzero(free & (distance[j] < params.mixture.same_sigmas**2))
-        if len(same):
-            i = int(same[np.argmin(cost[same])])
-            free[i], pairs[j] = False, i
-            is_right[j] = cost[i] < least[j] + params.relocalisation.least_gain
-    return pairs, is_right
-
-
-def _make_modes(
-    model: ObjectModel, params: PoseTrackerParams, touch: Touch, posterior: Modes, kept: NDArray[np.intp]
-) -> TrackedModes:
-    """Modes as the posterior knows them, of whose biases is known what the touch tells."""
-    reading, near, X_PO = touch.reading, touch.standing, posterior.mixture.X_PO[kept]
-    n, sources = len(kept), len(reading.sources)
-    if not n:
-        return TrackedModes.empty(sources)
-    if near is None:
-        X_near, information = X_PO, make_problem(model, Evidence(reading.contacts)).space.information
-        spread = np.asarray(np.linalg.inv(information), dtype=np.float64)
-    else:
-        X_near, spread = np.tile(near.X_PO, (n, 1, 1)), near.covariance
-    priors = TrackedModes.independent(X_near, np.tile(spread, (n, 1, 1)), sources)
-    update = update_with_contacts(model, params, reading, priors, X_PO)
-    # How rough the surface is where they touch is known once they have been there.
-    roughness = np.zeros_like(priors.roughness)
-    roughness[:, reading.source] = update.roughness + reading.parts.excess
-    new = copied(priors, X_PO=X_PO, covariance=update.covariance, roughness=roughness)
-    return copied(new, cross_covariance=update.cross_covariance).fitted(posterior.mixture.covariance[kept])

@@ -136,6 +136,7 @@ class RelocalisationParams:
     urgent_period: float = 0.03  # s between two searches, while it is not
     starts: int = 120  # poses with which a search begins, at the most
     found: int = 12  # poses that it ends with, at the most
+    joined: int = 8  # of these, of which it is asked which are minima of one valley, at the most: ways are many
     samples: int = 96  # by which these are weighed, in one round
     least_share: float = 0.2  # of a mean over searches, that is by the last one
     least_gain: float = 1.0  # of the cost, for which what is found takes the place of the filter's mode that it is
@@ -144,7 +145,8 @@ class RelocalisationParams:
     def posterior(self) -> PosteriorParams:
         """Of the posterior of which so many samples are drawn."""
         sampling = dataclasses.replace(DEFAULT_PARAMS.sampling, samples=self.samples, most_samples=self.samples)
-        return dataclasses.replace(DEFAULT_PARAMS, sampling=sampling)
+        moments = dataclasses.replace(DEFAULT_PARAMS.moments, most_joined=self.joined)
+        return dataclasses.replace(DEFAULT_PARAMS, sampling=sampling, moments=moments)
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)

@@ -8,13 +8,16 @@ from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.poses import compose, increments_between, make_poses, random_rotations, retract
+from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
+from tactopose_drake.core.posterior.hypotheses import Modes
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking import relocalisation
 from tactopose_drake.core.tracking.contact_errors import follow_doubt
 from tactopose_drake.core.tracking.frame import PoseMeasurement
 from tactopose_drake.core.tracking.keyframes import Keyframe, Touch, make_window
+from tactopose_drake.core.tracking.mode_competition import relocalise
 from tactopose_drake.core.tracking.motion_prediction import Motion
-from tactopose_drake.core.tracking.relocalisation import SearchState, relocalise, search_on
+from tactopose_drake.core.tracking.relocalisation import SearchState, search_on
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tests.core.tracking.boxes import make_box, read, touch
@@ -134,6 +137,22 @@ def test_weights_are_means_over_the_searches_that_agree(box: ObjectModel) -> Non
     fresh, after = (search(box, doubtful, count=1, share=share) for share in (1.0, 0.2))
     assert after.log_weight[0] == pytest.approx(before + 0.2 * (fresh.log_weight[0] - before))
     assert after.log_weight[0] < fresh.log_weight[0] - 2.0
+
+
+def test_a_valley_keeps_its_mass_when_a_search_finds_another_one_of_its_minima(box: ObjectModel) -> None:
+    touched = touch_of(touch(X_PO, np.random.default_rng(1)))
+    valley = np.stack([retract(X_PO, np.array([0.0, 0, 0, 0.002, 0, 0])), X_PO, ELSEWHERE])
+    weights = np.array([0.4, 1e-7, 0.6])
+    modes = TrackedModes.independent(valley, np.tile(1e-6 * np.eye(6), (3, 1, 1)), 6)
+    modes = dataclasses.replace(modes, log_weight=np.log(weights))
+    covariance = np.tile(1e-5 * np.eye(6), (2, 1, 1))
+    found = GaussianMixture(np.stack([X_PO, ELSEWHERE]), np.array([0.6, 0.4]), covariance)
+    posterior = Modes(found, np.zeros(2), 2 * (np.empty((0, 6)),), 0.0)
+    after = relocalise(box, PARAMS, touched, modes, posterior, 0.2)
+    assert len(after) == 2
+    in_valley = np.linalg.norm(after.X_PO[:, :, 3] - X_PO[:, 3], axis=1) < 0.01
+    odds = float(after.log_weight[in_valley][0] - after.log_weight[~in_valley][0])
+    assert odds == pytest.approx(0.8 * np.log(0.4 / 0.6) + 0.2 * np.log(0.6 / 0.4), abs=1e-6)
 
 
 def test_of_a_touch_that_is_as_told_little_is_doubted(box: ObjectModel) -> None:
