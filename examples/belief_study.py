@@ -31,8 +31,7 @@ from rich.progress import track
 
 import tactopose_drake as tp
 from tactopose_drake.core.objectives import SurfaceContact
-from tactopose_drake.core.posterior import free_directions
-from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, ModeParams
+from tactopose_drake.core.posterior import ModeParams, free_directions
 from tactopose_drake.hand import Hand, add_hand, load_hand_config
 from tactopose_drake.resources import model_path
 from tactopose_drake.systems import AddPoseEstimation, AddPoseTracking, PoseEstimationParams
@@ -163,7 +162,7 @@ def compare(
     if len(contacts):
         information = SurfaceContact(model.grid, contacts).normal_equations(X_true[None]).hessian
         free = free_directions(information, model.size)[0]
-        share = min(DEFAULT_PARAMS.modes.free_share, RIGHT[0] / model.size)
+        share = min(ModeParams().free_share, RIGHT[0] / model.size)
         open_directions = free_directions(information, model.size, params=ModeParams(free_share=share))[0]
     X_belief, X_estimate = (said("object_pose").GetAsMatrix34(), found("object_pose").GetAsMatrix34())
     modes, hypotheses = said("belief"), found("hypotheses") or ()

@@ -12,3 +12,4 @@ from .plausibility import degrees_of_freedom as degrees_of_freedom
 from .plausibility import explain_touch as explain_touch
 from .plausibility import may_be_touched as may_be_touched
 from .posterior import make_posterior as make_posterior
+from .posterior_params import ModeParams as ModeParams

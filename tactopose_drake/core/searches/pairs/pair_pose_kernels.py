@@ -186,7 +186,9 @@ def keep_best(
     count, used, limit, is_anywhere = cost.shape[0], 0, np.inf, images.farthest == np.inf
     # A pose is kept as its pair, its match and its spin. There may be twice as many as are wanted, then half are left:
     # soon most poses cost more than is worth adding up.
-    room = 2 * count + spins.max() if spins.shape[0] > 0 else 0
+    room = 2 * count
+    for q in range(spins.shape[0]):
+        room = max(room, 2 * count + spins[q])
     kept, kept_cost = np.empty((room, 3), dtype=np.int32), np.empty(room, dtype=np.float32)
     spare = np.empty(room, dtype=np.float32)
     order = np.empty(table.shape[0], dtype=np.intp)
