@@ -8,7 +8,7 @@ from tactopose_drake.core.validation import FloatArray
 
 
 def contact_table(field: CoarseField, contacts: Contacts, sigma_position: float, sigma_normal: float) -> FloatArray:
-    """What `pair_poses.coarse_cost` reads of each contact, shape (k, 8): point, normal, weights of their squares.
+    """What `pair_lane_kernels.add_cost` reads of each contact, shape (k, 8): point, normal, weights of their squares.
 
     The standard deviations say how far off the poses are that will be judged; the sensors' own and the voxels' are
     added.

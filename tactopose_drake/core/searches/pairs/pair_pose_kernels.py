@@ -1,33 +1,40 @@
-"""The poses that lay two contacts on two surface samples, and their cost on the coarse field."""
+"""The poses that lay two contacts on two surface samples, and the best of them on the coarse field."""
 
 from typing import NamedTuple
 
 import numpy as np
 
 from tactopose_drake.core.compilation import (
-    Bytes2,
-    Floats1,
     Floats2,
     Ints1,
     Longs1,
     Longs2,
+    OutFloats1,
     OutFloats3,
+    OutLongs2,
     OutSingles1,
-    Shape3,
-    Shorts2,
     inlined,
     kernel,
+    part,
 )
 from tactopose_drake.core.kernels.sorting_kernels import select, sort_stably
 from tactopose_drake.core.searches.pairs.image_kernels import Images, is_near, may_be_near
-
-
-class Samples(NamedTuple):
-    """An object's surface samples (n, 3), their normals (n, 3), and pairs of them (m, 2); read-only."""
-
-    points: Floats2
-    normals: Floats2
-    pairs: Shorts2
+from tactopose_drake.core.searches.pairs.pair_lane_kernels import (
+    AXES,
+    COSINE,
+    COST,
+    LANES,
+    MIDDLE,
+    SINE,
+    SIZE,
+    Field,
+    Samples,
+    add_cost,
+    axes_along,
+    fit_spins,
+    place,
+    turn,
+)
 
 
 class Matched(NamedTuple):
@@ -39,28 +46,18 @@ class Matched(NamedTuple):
     spins: Longs1
 
 
-class Field(NamedTuple):
-    """A `CoarseField`, read-only, with one over its spacing, 1/m, and the steps of the distance in a voxel."""
+class _Block(NamedTuple):
+    """As many poses as there are lanes, of one pair of contacts, and their rows of lanes.
 
-    values: Bytes2
-    shape: Shape3
-    origin: Floats1
-    inverse_spacing: float
-    steps: float
-
-
-@inlined
-def _axes(x, y, z):
-    """Three axes as rows: x along a vector, any y and z.
-
-    Source: T. Duff et al., Building an orthonormal basis, revisited, J. Comput. Graph. Tech. 6, 2017.
+    Attributes:
+        samples: where the pair's contacts lie, shape (LANES, 2).
+        match: the places of these in `Matched.matches`, and the numbers of spins, shape (LANES, 2).
+        w: the rows.
     """
-    length = np.sqrt(x * x + y * y + z * z)
-    x, y, z = x / length, y / length, z / length
-    sign = 1.0 if z >= 0.0 else -1.0
-    a = -1.0 / (sign + z)
-    b = x * y * a
-    return (x, y, z), (1.0 + sign * x * x * a, sign * b, -sign * x), (b, sign + y * y * a, -y)
+
+    samples: OutLongs2
+    match: OutLongs2
+    w: OutFloats1
 
 
 @inlined
@@ -70,98 +67,47 @@ def _lay_out(table, first, second, order, inverse_spacing, frame, contacts):
     The frame (4, 3) is the point between two of them, and axes, x from the first to the second. Contacts (k, 8), in
     this order, are points, in voxels from there, and normals along the axes, and the weights of `contact_table`.
     """
-    x, y, z = _axes(
+    x, y, z = axes_along(
         table[second, 0] - table[first, 0], table[second, 1] - table[first, 1], table[second, 2] - table[first, 2]
     )
     for c in range(3):
         frame[0, c] = 0.5 * (table[first, c] + table[second, c])
         frame[1, c], frame[2, c], frame[3, c] = x[c], y[c], z[c]
-    for place in range(order.shape[0]):
-        m = order[place]
+    for row in range(order.shape[0]):
+        m = order[row]
         for c in range(3):
             along, normal = 0.0, 0.0
             for d in range(3):
                 along += frame[1 + c, d] * (table[m, d] - frame[0, d])
                 normal += frame[1 + c, d] * table[m, 3 + d]
-            contacts[place, c], contacts[place, 3 + c] = along * inverse_spacing, normal
-        contacts[place, 6], contacts[place, 7] = table[m, 6], table[m, 7]
+            contacts[row, c], contacts[row, 3 + c] = along * inverse_spacing, normal
+        contacts[row, 6], contacts[row, 7] = table[m, 6], table[m, 7]
 
 
 @inlined
-def _place(samples, i, j, contacts, spin, spins):
-    """Where a match and spin lays the contacts' frame in O: the point between the samples, and its axes.
-
-    The pair's own contacts are the last two of `contacts`, which has their normals across the line between them.
-    """
-    points, normals = samples.points, samples.normals
-    along, y, z = _axes(points[j, 0] - points[i, 0], points[j, 1] - points[i, 1], points[j, 2] - points[i, 2])
-    middle = (
-        0.5 * (points[i, 0] + points[j, 0]),
-        0.5 * (points[i, 1] + points[j, 1]),
-        0.5 * (points[i, 2] + points[j, 2]),
-    )
-    if spins == 1:
-        cosine, sine = 1e-30, 0.0  # Normals along the line leave the spin at zero.
-        last = contacts.shape[0] - 2
-        for k, row in ((i, last), (j, last + 1)):
-            across = normals[k, 0] * y[0] + normals[k, 1] * y[1] + normals[k, 2] * y[2]
-            up = normals[k, 0] * z[0] + normals[k, 1] * z[1] + normals[k, 2] * z[2]
-            cosine += across * contacts[row, 4] + up * contacts[row, 5]
-            sine += across * contacts[row, 5] - up * contacts[row, 4]
-        scale = 1.0 / np.sqrt(cosine * cosine + sine * sine)
-        cosine, sine = cosine * scale, sine * scale
-    else:
-        angle = 2.0 * np.pi * spin / spins
-        cosine, sine = np.cos(angle), np.sin(angle)
-    # The frame's y and z are where its own normals are laid on the samples'.
-    y_frame = cosine * y[0] - sine * z[0], cosine * y[1] - sine * z[1], cosine * y[2] - sine * z[2]
-    z_frame = sine * y[0] + cosine * z[0], sine * y[1] + cosine * z[1], sine * y[2] + cosine * z[2]
-    return middle, along, y_frame, z_frame
-
-
-@inlined
-def _fill_pose(frame, middle, x, y, z, X):
-    """The pose X (3, 4) at which the contacts' frame is at this place in O."""
+def _fill_pose(frame, w, lane, X):
+    """The pose X (3, 4) at which the contacts' frame is where a lane says."""
     for a in range(3):
         X[a, 3] = frame[0, a]
         for b in range(3):
-            X[a, b] = frame[1, a] * x[b] + frame[2, a] * y[b] + frame[3, a] * z[b]
-            X[a, 3] -= X[a, b] * middle[b]
+            row = AXES + np.uintp(LANES * b) + lane
+            x, y, z = w[row], w[row + np.uintp(3 * LANES)], w[row + np.uintp(6 * LANES)]
+            X[a, b] = frame[1, a] * x + frame[2, a] * y + frame[3, a] * z
+            X[a, 3] -= X[a, b] * w[MIDDLE + np.uintp(LANES * b) + lane]
 
 
-@inlined
-def coarse_cost(field, contacts, middle, x, y, z, limit):
-    """Sum of the squared whitened differences of contacts (k, 8), or some number beyond the limit.
-
-    The contacts are those of `_lay_out`, whose frame has this middle, m, and these axes in O.
-    """
-    values, origin, inverse_spacing, steps = field.values, field.origin, field.inverse_spacing, field.steps
-    nx, ny, nz = field.shape
-    # Voxels from the first one's centre.
-    u0 = (middle[0] - origin[0]) * inverse_spacing
-    v0 = (middle[1] - origin[1]) * inverse_spacing
-    w0 = (middle[2] - origin[2]) * inverse_spacing
-    total = 0.0
-    for m in range(contacts.shape[0]):
-        px, py, pz = contacts[m, 0], contacts[m, 1], contacts[m, 2]
-        u = u0 + px * x[0] + py * y[0] + pz * z[0]
-        v = v0 + px * x[1] + py * y[1] + pz * z[1]
-        w = w0 + px * x[2] + py * y[2] + pz * z[2]
-        a, b, c = min(max(u, 0.0), nx - 1.0), min(max(v, 0.0), ny - 1.0), min(max(w, 0.0), nz - 1.0)
-        at = np.uintp((int(a + 0.5) * ny + int(b + 0.5)) * nz + int(c + 0.5))
-        d = float(values[at, 0])
-        if u != a or v != b or w != c:
-            d += steps * np.sqrt((u - a) ** 2 + (v - b) ** 2 + (w - c) ** 2)
-        total += d * d * contacts[m, 6]
-        if contacts[m, 7] > 0.0:
-            n0, n1, n2 = contacts[m, 3], contacts[m, 4], contacts[m, 5]
-            e = values[at, 1] * (1.0 / 127.0) - (n0 * x[0] + n1 * y[0] + n2 * z[0])
-            f = values[at, 2] * (1.0 / 127.0) - (n0 * x[1] + n1 * y[1] + n2 * z[1])
-            g = values[at, 3] * (1.0 / 127.0) - (n0 * x[2] + n1 * y[2] + n2 * z[2])
-            total += (e * e + f * f + g * g) * contacts[m, 7]
-        if total > limit:
-            break
-    return total
+@part
+def _place_lanes(samples: Samples, contacts: Floats2, spins: int, lanes: int, block: _Block) -> None:
+    """Where matches and spins lay the contacts' frame in O. The pair's own contacts are the last two of `contacts`."""
+    w, last = block.w, contacts.shape[0] - 1
+    place(samples, block.samples, lanes, w)
+    if spins == 1:
+        fit_spins(contacts[last - 1], contacts[last], lanes, w)
+    else:
+        for lane in range(np.uintp(lanes)):
+            angle = 2.0 * np.pi * block.match[lane, 1] / spins
+            w[COSINE + lane], w[SINE + lane] = np.cos(angle), np.sin(angle)
+    turn(lanes, w)
 
 
 @kernel
@@ -179,38 +125,46 @@ def keep_best(
 
     Costs below `alike` tell nothing: which of such poses counts as the better one is left to chance.
     """
-    pairs = samples.pairs
     matches, begins, ends, spins = matched
     X, frames = np.empty((3, 4)), np.empty((spins.shape[0], 4, 3))
     contacts = np.empty((spins.shape[0], table.shape[0], table.shape[1]))
     count, used, limit, is_anywhere = cost.shape[0], 0, np.inf, images.farthest == np.inf
     # A pose is kept as its pair, its match and its spin. There may be twice as many as are wanted, then half are left:
     # soon most poses cost more than is worth adding up.
-    room = 2 * count
-    for q in range(spins.shape[0]):
-        room = max(room, 2 * count + spins[q])
+    room = 2 * count + LANES
     kept, kept_cost = np.empty((room, 3), dtype=np.int32), np.empty(room, dtype=np.float32)
     spare = np.empty(room, dtype=np.float32)
     order = np.empty(table.shape[0], dtype=np.intp)
+    block = _Block(np.empty((LANES, 2), dtype=np.int64), np.empty((LANES, 2), dtype=np.int64), np.empty(SIZE))
     for q in range(spins.shape[0]):
         _put_last(ends[q, 0], ends[q, 1], order)
         frame, laid = frames[q], contacts[q]
         _lay_out(table, ends[q, 0], ends[q, 1], order, field.inverse_spacing, frame, laid)
-        for row in range(begins[q], begins[q + 1]):
-            i, j = pairs[matches[row], 0], pairs[matches[row], 1]
-            if not is_anywhere and not may_be_near(samples.points, i, j, frame, images):
-                continue
-            for spin in range(spins[q]):
-                middle, x, y, z = _place(samples, i, j, laid, spin, spins[q])
+        row, spin = begins[q], 0
+        while row < begins[q + 1]:
+            lanes = 0
+            while lanes < LANES and row < begins[q + 1]:
+                i, j = samples.pairs[matches[row], 0], samples.pairs[matches[row], 1]
+                is_worth = is_anywhere or spin > 0 or may_be_near(samples.points, i, j, frame, images)
+                if is_worth:
+                    block.samples[lanes, 0], block.samples[lanes, 1] = i, j
+                    block.match[lanes, 0], block.match[lanes, 1] = row, spin
+                    lanes, spin = lanes + 1, spin + 1
+                if not is_worth or spin == spins[q]:
+                    row, spin = row + 1, 0
+            _place_lanes(samples, laid, spins[q], lanes, block)
+            for lane in range(np.uintp(lanes)):
+                block.w[COST + lane] = 0.0
                 if not is_anywhere:
-                    _fill_pose(frame, middle, x, y, z, X)
-                    if not is_near(X, images):
-                        continue
-                total = coarse_cost(field, laid, middle, x, y, z, max(limit, alike))
+                    _fill_pose(frame, block.w, lane, X)
+                    block.w[COST + lane] = 0.0 if is_near(X, images) else np.inf
+            _add_costs(field, laid, max(limit, alike), lanes, block.w)
+            for lane in range(np.uintp(lanes)):
+                total, match, turns = block.w[COST + lane], block.match[lane, 0], block.match[lane, 1]
                 if total < alike:
-                    total = alike * _chance(row, spin)
-                if total <= limit:
-                    kept[used, 0], kept[used, 1], kept[used, 2] = q, row, spin
+                    total = alike * _chance(match, turns)
+                if total <= limit and total < np.inf:
+                    kept[used, 0], kept[used, 1], kept[used, 2] = q, match, turns
                     kept_cost[used] = total
                     used += 1
             if used >= 2 * count:
@@ -221,14 +175,26 @@ def keep_best(
     for k in range(used):
         rising[k] = kept_cost[k]
     sort_stably(rising, places[0], places[1])
-    for place in range(used):
-        k = places[0, place]
-        q, row, spin = kept[k, 0], kept[k, 1], kept[k, 2]
-        i, j = pairs[matches[row], 0], pairs[matches[row], 1]
-        middle, x, y, z = _place(samples, i, j, contacts[q], spin, spins[q])
-        _fill_pose(frames[q], middle, x, y, z, X_best[place])
-        cost[place] = kept_cost[k]
+    for k in range(used):
+        q, row, spin = kept[places[0, k], 0], kept[places[0, k], 1], kept[places[0, k], 2]
+        block.samples[0, 0], block.samples[0, 1] = samples.pairs[matches[row], 0], samples.pairs[matches[row], 1]
+        block.match[0, 1] = spin
+        _place_lanes(samples, contacts[q], spins[q], 1, block)
+        _fill_pose(frames[q], block.w, np.uintp(0), X_best[k])
+        cost[k] = kept_cost[places[0, k]]
     return used
+
+
+@part
+def _add_costs(field: Field, contacts: Floats2, limit: float, lanes: int, w: OutFloats1) -> None:
+    """Adds what contacts (k, 8) cost, until all lanes cost more than the limit."""
+    for m in range(contacts.shape[0]):
+        add_cost(field, contacts[m], lanes, w)
+        least = np.inf
+        for lane in range(np.uintp(lanes)):
+            least = min(least, w[COST + lane])
+        if least > limit:
+            break
 
 
 @inlined
@@ -240,12 +206,12 @@ def _chance(row, spin):
 @inlined
 def _put_last(a, b, order):
     """The order of contacts with a pair last: it fits by construction, the others say sooner that a pose is bad."""
-    place = 0
+    row = 0
     for m in range(order.shape[0]):
         if m != a and m != b:
-            order[place] = m
-            place += 1
-    order[place], order[place + 1] = a, b
+            order[row] = m
+            row += 1
+    order[row], order[row + 1] = a, b
 
 
 @inlined

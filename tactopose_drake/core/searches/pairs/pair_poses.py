@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.searches.pairs.image_kernels import Images
-from tactopose_drake.core.searches.pairs.pair_pose_kernels import Field, Matched, Samples, keep_best
+from tactopose_drake.core.searches.pairs.pair_lane_kernels import Field, Samples
+from tactopose_drake.core.searches.pairs.pair_pose_kernels import Matched, keep_best
 from tactopose_drake.core.shape.coarse_field import CoarseField
 from tactopose_drake.core.shape.pair_features import PairFeatures
 from tactopose_drake.core.validation import FloatArray
