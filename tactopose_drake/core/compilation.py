@@ -14,12 +14,14 @@ types they have. It is LLVM that puts it there: where numba does, it infers the 
 third as long again.
 """
 
+import contextlib
 import functools
+import gc
 import hashlib
 import inspect
 import re
 import typing
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, TypeAlias, TypeVar
 
@@ -113,6 +115,18 @@ def numba_type(annotation: Any) -> types.Type:
     raise TypeError(f"{annotation}: stands for no type of a kernel's argument.")
 
 
+@contextlib.contextmanager
+def _without_collections() -> Iterator[None]:
+    """Python looks for no garbage meanwhile: what numba makes of a kernel sets it off often, and is hardly any yet."""
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
+
+
 class Kernel(CPUDispatcher):
     """A function that is compiled for the one signature that its annotations say."""
 
@@ -134,7 +148,7 @@ class Kernel(CPUDispatcher):
         """Compiles it, or loads it from the cache on disk; later calls do nothing. Threads wait for each other."""
         if self.is_ready:
             return
-        with global_compiler_lock:
+        with global_compiler_lock, _without_collections():
             if not self.is_ready:
                 self.compile(self.declared)
                 self.disable_compile()
@@ -180,7 +194,9 @@ _OPTIONS = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
 
 def kernel(function: Function) -> Function:
     """Compiles a function for the types of its annotations, at its first call."""
-    return typing.cast(Function, _cached(Kernel(py_func=function, targetoptions={"nopython": True, **_OPTIONS})))
+    told = {"nopython": True, **_OPTIONS}
+    compiled = Kernel(py_func=function, targetoptions=told, pipeline_class=linked_code.KernelCompiler)
+    return typing.cast(Function, _cached(compiled))
 
 
 def part(function: Function) -> Function:

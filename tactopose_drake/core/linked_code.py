@@ -1,18 +1,46 @@
-"""Compiled code as the package keeps it: without what nobody is going to use.
+"""Compiled code as the package makes and keeps it: without what nobody is going to use.
 
-Numba makes machine code of each function that it compiles, also of those that are only linked into others, where they
-are compiled once more; and it reads, beside the machine code of a kernel from its cache, what others may link, which
-takes longer and more memory.
+Numba looks, in each function, for closures, branches on the types of arguments, containers of mixed types and more that
+kernels have none of, and analyses it anew after each search. It makes machine code of each function that it compiles,
+also of those that are only linked into others, where they are compiled once more; and it reads, beside the machine code
+of a kernel from its cache, what others may link, which takes longer and more memory.
 """
 
 from typing import Any
 
 from llvmlite import binding as llvm
+from numba.core import typed_passes, untyped_passes
 from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import Compiler, compile_result
+from numba.core.compiler import CompilerBase, DefaultPassBuilder, compile_result
+from numba.core.compiler_machinery import PassManager
+
+_FRONT = (
+    untyped_passes.TranslateByteCode,
+    untyped_passes.FixupArgs,
+    untyped_passes.IRProcessing,
+    untyped_passes.GenericRewrites,
+    untyped_passes.RewriteDynamicRaises,
+    untyped_passes.ReconstructSSA,
+    typed_passes.NopythonTypeInference,
+    typed_passes.PreLowerStripPhis,
+    typed_passes.NopythonRewrites,
+)
 
 
-class LinkedCompiler(Compiler):
+class KernelCompiler(CompilerBase):
+    """Numba's compiler, of whose passes over a function only those are run that kernels need."""
+
+    def define_pipelines(self) -> list[PassManager]:
+        """What numba asks for: the passes, in their order."""
+        passes = PassManager("kernel")
+        for each in _FRONT:
+            passes.add_pass(each, each.__name__)
+        passes.passes.extend(DefaultPassBuilder.define_nopython_lowering_pipeline(self.state).passes)
+        passes.finalize()
+        return [passes]
+
+
+class LinkedCompiler(KernelCompiler):
     """Numba's compiler, for code that is only linked into other code."""
 
     def __init__(self, typingctx: Any, targetctx: Any, *rest: Any) -> None:

@@ -1,9 +1,10 @@
 """Compiled loops: one version each, and bits that depend on the numbers alone."""
 
 import ast
+import gc
 import importlib
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -97,6 +98,31 @@ def test_a_view_for_kernels_is_read_only_and_leaves_the_array_as_it_is() -> None
     assert array.flags.writeable
     cloud = build_point_grid(np.random.default_rng(0).normal(size=(20, 3))).kernel_view
     assert not cloud.points.flags.writeable
+
+
+@pytest.mark.parametrize("enabled", [True, False])
+def test_no_garbage_is_looked_for_while_a_kernel_is_compiled(enabled: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    def double(values: OutFloats1) -> None:
+        for i in range(len(values)):
+            values[i] *= 2.0
+
+    compiled, seen = Kernel(py_func=double, targetoptions={"nopython": True}), list[bool]()
+    compile_it = compiled.compile
+
+    def watched(declared: Any) -> Any:
+        seen.append(gc.isenabled())
+        return compile_it(declared)
+
+    monkeypatch.setattr(compiled, "compile", watched)
+    before, values = gc.isenabled(), np.ones(3)
+    (gc.enable if enabled else gc.disable)()
+    try:
+        compiled(values)
+        after = gc.isenabled()
+    finally:
+        (gc.enable if before else gc.disable)()
+    assert (seen, after) == ([False], enabled)
+    np.testing.assert_array_equal(values, [2.0, 2.0, 2.0])
 
 
 class Pair(NamedTuple):
