@@ -22,10 +22,10 @@ from typing import NamedTuple
 import numpy as np
 
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.objectives.surface_contact import along_normals
+from tactopose_drake.core.objectives.surface_contact import SurfaceContact, along_normals
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.frame import ContactReading, ErrorParts, Frame, SeemingErrors, told_variances
-from tactopose_drake.core.tracking.slip_detection import SlipTest, contact_rows_at
+from tactopose_drake.core.tracking.slip_detection import SlipTest
 from tactopose_drake.core.tracking.tracker_params import CalibrationScaleParams, PoseTrackerParams
 from tactopose_drake.core.validation import FloatArray
 
@@ -243,7 +243,7 @@ def estimate_scale(
     if len(felt) < _LEAST_CONTACTS or contacts.n_PC is None:
         return None
     mean = np.nansum(history[:, felt], axis=0) / counts[felt, None]
-    jacobian = contact_rows_at(model, reading, X_PO[None])[1][0][felt]
+    jacobian = SurfaceContact(model.grid, contacts).rows_of_contacts(X_PO[None])[1][0, felt, :4]
     residuals, jacobian = along_normals(contacts.n_PC[felt] @ X_PO[:, :3], mean, jacobian)
     told = reading.parts.told[felt]
     scales = _scales(settings.halvings, settings.doublings, settings.doubling_share, settings.apart_share)
