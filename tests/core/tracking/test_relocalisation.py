@@ -15,9 +15,8 @@ from tactopose_drake.core.tracking import relocalisation
 from tactopose_drake.core.tracking.contact_errors import follow_doubt
 from tactopose_drake.core.tracking.frame import PoseMeasurement
 from tactopose_drake.core.tracking.keyframes import Keyframe, Touch, make_window
-from tactopose_drake.core.tracking.mode_competition import relocalise
 from tactopose_drake.core.tracking.motion_prediction import Motion
-from tactopose_drake.core.tracking.relocalisation import SearchState, search_on
+from tactopose_drake.core.tracking.relocalisation import SearchState, relocalise, search_on
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tests.core.tracking.boxes import make_box, read, touch
