@@ -8,9 +8,8 @@ some searches all is searched.
 A mode's weight is what the posterior gives it by the touch of now, and what it would have had by the touches of the
 window. What the filter foretold has no part in that: so a mode that was led astray, and since then only foretells what
 it is itself led by, loses against one that explains the touch better, whenever that is found. While the touch stays,
-the searches weigh the same evidence again, each by samples of its own: their mean, with a forgetting factor, is what
-counts. Of each mode of the posterior that the filter has already, the filter's pose stays, which has learnt from many
-frames, unless the touch contradicts it.
+searches weigh the same evidence again, each by samples of its own: their mean, with a forgetting factor, counts. The
+filter's pose of a mode that it has already stays, for it has learnt from many frames, unless the touch contradicts it.
 """
 
 from __future__ import annotations
@@ -24,7 +23,6 @@ from numpy.typing import NDArray
 
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.kernels.matrix_kernels import inverses
-from tactopose_drake.core.objectives.objective import Objective
 from tactopose_drake.core.poses import compose, increments_between
 from tactopose_drake.core.posterior.belief_sampling import Cover, cover_modes, weigh_covered
 from tactopose_drake.core.posterior.hypotheses import Modes, find_modes
@@ -45,7 +43,6 @@ from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams, Relo
 from tactopose_drake.core.validation import FloatArray
 
 _REFINEMENT = LevenbergMarquardt(max_iterations=20, tolerance=1e-2)
-
 
 Covered = tuple[Evidence, Modes, Cover | None]
 """The touch of one slice, its modes, and what covers them, if anything can."""
@@ -240,9 +237,11 @@ def relocalise(
     kept = np.argsort(-now, kind="stable")[: params.mixture.max_modes]
     kept = kept[now[kept] > now[kept[:1]] + math.log(params.mixture.least_share)]
     X_PO, covariance, now = X_PO[kept], covariance[kept], now[kept]
-    same = _same_modes(model, params, X_PO, covariance, modes)
+    same, within = _same_modes(model, params, X_PO, covariance, modes)
     objective = make_problem(model, touch.averaged(params)).objective
-    pairs, is_right = _match(params, objective, X_PO, modes, same)
+    cost, least = objective.cost(np.ascontiguousarray(modes.X_PO)), objective.cost(X_PO)
+    pairs = _match(cost, same, within & (cost < least[:, None] + params.relocalisation.least_gain))
+    is_right = pairs >= 0
     new = begin_modes(model, params, touch.reading, touch.standing, X_PO[~is_right], covariance[~is_right])
     if len(modes):
         before = modes.log_weight - np.logaddexp.reduce(modes.log_weight)
@@ -275,24 +274,27 @@ def _mean_weights(before: FloatArray, now: FloatArray, same: NDArray[np.bool_], 
 def _same_modes(
     model: ObjectModel, params: PoseTrackerParams, X_PO: FloatArray, covariance: FloatArray, modes: TrackedModes
 ) -> NDArray[np.bool_]:
-    """Which of the posterior's k modes are which of the filter's n, up to symmetries, shape (k, n)."""
+    """Which of the posterior's k modes are which of the filter's n, by its own spread and by theirs, (2, k, n)."""
     images = compose(modes.X_PO[:, None], model.symmetry_poses[None])
     u = increments_between(X_PO[:, None, None], images[None])
-    distance = np.einsum("jmsi,jik,jmsk->jms", u, inverses(covariance)[0], u).min(axis=2)
-    return np.asarray(distance < params.mixture.same_sigmas**2)
+    spreads = inverses(covariance)[0][:, None], inverses(modes.covariance)[0][None]
+    distances = [np.einsum("jmsi,jmik,jmsk->jms", u, information, u).min(axis=2) for information in spreads]
+    return np.asarray(np.stack(distances) < params.mixture.same_sigmas**2)
 
 
-def _match(
-    params: PoseTrackerParams, objective: Objective, X_PO: FloatArray, modes: TrackedModes, same: NDArray[np.bool_]
-) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
-    """For each of the posterior's modes the filter's that it is, or -1; and whether its pose stays."""
-    pairs, is_right = np.full(len(X_PO), -1), np.zeros(len(X_PO), dtype=np.bool_)
-    cost, least = objective.cost(np.ascontiguousarray(modes.X_PO)), objective.cost(X_PO)
-    free = np.ones(len(modes), dtype=np.bool_)
-    for j in range(len(X_PO)):
+def _match(cost: FloatArray, same: NDArray[np.bool_], stays: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """For each of the posterior's k modes the filter's that it is, and whose pose stays, or -1, shape (k,).
+
+    Args:
+        cost: of the filter's modes, shape (n,).
+        same: which of these each is, shape (k, n).
+        stays: which of these explain the touch as well, and leave it by no more than their own spread: a mode that is
+            surer than the touch may stand at a valley's end; shape (k, n).
+    """
+    pairs, free = np.full(len(same), -1), np.ones(len(cost), dtype=np.bool_)
+    for j in range(len(same)):
         alike = np.flatnonzero(free & same[j])
         if len(alike):
             i = int(alike[np.argmin(cost[alike])])
-            free[i], pairs[j] = False, i
-            is_right[j] = cost[i] < least[j] + params.relocalisation.least_gain
-    return pairs, is_right
+            free[i], pairs[j] = False, i if stays[j, i] else -1
+    return pairs
