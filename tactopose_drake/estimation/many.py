@@ -39,7 +39,7 @@ def estimate_poses(
         priors: of all touches, or of each.
         seed: likewise, of the search's random numbers.
         executor: where the work is done: processes, or a cluster's, which are handed the models and so pay where each
-            object has hundreds of touches. Threads without, one a core: of an estimate a third is Python's, which
+            object has hundreds of touches. Threads without, one a core: of an estimate a sixth is Python's, which
             one thread at a time has.
         on_progress: is told how many touches of how many are done.
         options: all others of `estimate_pose`, the same for all touches.

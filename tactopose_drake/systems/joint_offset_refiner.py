@@ -12,9 +12,11 @@ from pydrake.common.value import AbstractValue
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import BasicVector, Context, EventStatus, State
 
+from tactopose_drake.core.calibration.offset_refinement import JointOffsets, OffsetRefinementParams, refine_offsets
+from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.sensing.intrinsic_contact import ContactSolution
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.tracking.offset_refinement import JointOffsets, OffsetRefinementParams, refine_offsets
+from tactopose_drake.core.tracking.keyframes import Keyframe
 from tactopose_drake.core.tracking.pose_belief import PoseBelief
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.hand.encoder_offsets import encoder_gains
@@ -39,7 +41,7 @@ class _Refined:
 
 
 class JointOffsetRefiner(CollectableSystem):
-    """Refines the encoders' offsets by the touches of a run; see `core.tracking.offset_refinement`.
+    """Refines the encoders' offsets by the touches of a run; see `core.calibration.offset_refinement`.
 
     What is found is taken off once nothing is touched: contacts do not jump while the hand holds something.
 
@@ -134,12 +136,12 @@ class JointOffsetRefiner(CollectableSystem):
         is_settled = belief.status == "ok" and touch is not None and touch.frames >= self._params.least_frames
         if not is_settled or touch is None or turned < math.radians(self._params.least_turn_deg):
             return before
-        solutions = eval_input(self._solutions, context, dict)
+        by_source = self._contact_gains(context, eval_input(self._solutions, context, dict))
+        rows = [i for i, source in enumerate(touch.sources) if source in by_source]
+        gains = np.array([by_source[touch.sources[i]] for i in rows]).reshape(len(rows), 6, len(self.joints))
         known = before.offsets
         left = dataclasses.replace(known, mean=known.mean - before.applied)
-        found = refine_offsets(
-            self._model, self._params, touch, belief.X_PO[0], self._contact_gains(context, solutions), left
-        )
+        found = refine_offsets(self._model, self._params, _contacts(touch, rows), gains, belief.X_PO[0], left)
         return _Refined(dataclasses.replace(found, mean=found.mean + before.applied), before.applied, q.copy())
 
     def _contact_gains(self, context: Context, solutions: Mapping[str, ContactSolution]) -> dict[str, FloatArray]:
@@ -151,3 +153,10 @@ class JointOffsetRefiner(CollectableSystem):
                 J = kinematics.jacobian(self._frames[finger], solutions[finger].p_SC) @ self._gains
                 gains[finger] = np.concatenate([J[3:], J[:3]])
         return gains
+
+
+def _contacts(touch: Keyframe, rows: list[int]) -> Contacts:
+    """Some contacts of a touch of now."""
+    position, normal = np.sqrt(touch.variances[rows]).T
+    normals = None if touch.normals is None else touch.normals[rows]
+    return Contacts(touch.points[rows], normals, sigma_position=position, sigma_normal=normal)

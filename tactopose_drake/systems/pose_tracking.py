@@ -5,8 +5,8 @@ import dataclasses
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
 
+from tactopose_drake.core.calibration.offset_refinement import OffsetRefinementParams
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.tracking.offset_refinement import OffsetRefinementParams
 from tactopose_drake.hand.hand_config import HandConfig, HandUncertainty
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.systems.belief_inputs import pad_source

@@ -9,9 +9,9 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram
 
 import tactopose_drake as tp
+from tactopose_drake.core.calibration.offset_refinement import OffsetRefinementParams
 from tactopose_drake.core.poses import exp_so3, inverse, transform_points
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.tracking.offset_refinement import OffsetRefinementParams
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.closed_grasps import ClosedGrasp, ClosedGraspParams
 from tactopose_drake.hand.encoder_offsets import encoder_gains

@@ -4,6 +4,7 @@ from .annealed_fit import anneal as anneal
 from .annealed_fit import start_noise as start_noise
 from .combinations import Combination as Combination
 from .combinations import undetermined as undetermined
+from .offset_refinement import OffsetRefinementParams as OffsetRefinementParams
 from .shared_least_squares import SharedProblem as SharedProblem
 from .shared_least_squares import Solution as Solution
 from .shared_least_squares import linearize as linearize

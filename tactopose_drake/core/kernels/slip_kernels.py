@@ -1,6 +1,6 @@
 """What fingertips and contacts leave unexplained over the latest frames, compiled.
 
-See `rigidity_test.py` and `slip_detection.py`.
+See `slip_detection.py`.
 """
 
 import numpy as np

@@ -128,3 +128,20 @@ def _run(contact: SurfaceContact, prior: Prior, rule: DescentRule, X_PO: FloatAr
     )
     descend(contact.grid, contact.touch, prior, rule, X_PO, ends)
     return ends
+
+
+def along_normals(n_O: FloatArray, residuals: FloatArray, jacobian: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Distances, and the two components of the differences of normals across them: (k, 3) and (k, 3, 6).
+
+    Args:
+        n_O: measured normals in the object's frame, shape (k, 3).
+        residuals: distances and differences of normals, shape (k, 4).
+        jacobian: their derivatives, shape (k, 4, 6).
+    """
+    least = np.eye(3)[np.argmin(np.abs(n_O), axis=1)]
+    first = np.cross(n_O, least)
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    across = np.stack([first, np.cross(n_O, first)], axis=1)
+    rows = np.zeros((len(n_O), 3, 4))
+    rows[:, 0, 0], rows[:, 1:, 1:] = 1.0, across
+    return np.einsum("kab,kb->ka", rows, residuals), rows @ jacobian

@@ -1,6 +1,5 @@
 from .frame import Frame as Frame
 from .frame import PoseMeasurement as PoseMeasurement
-from .offset_refinement import OffsetRefinementParams as OffsetRefinementParams
 from .pose_belief import PoseBelief as PoseBelief
 from .pose_tracker import PoseTracker as PoseTracker
 from .tracker_params import PoseTrackerParams as PoseTrackerParams

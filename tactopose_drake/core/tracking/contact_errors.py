@@ -22,9 +22,10 @@ from typing import NamedTuple
 import numpy as np
 
 from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.objectives.surface_contact import SurfaceContact, along_normals
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.frame import ContactReading, ErrorParts, Frame, SeemingErrors, told_variances
-from tactopose_drake.core.tracking.slip_detection import SlipTest, contact_rows_at
+from tactopose_drake.core.tracking.slip_detection import SlipTest
 from tactopose_drake.core.tracking.tracker_params import CalibrationScaleParams, PoseTrackerParams
 from tactopose_drake.core.validation import FloatArray
 
@@ -242,7 +243,7 @@ def estimate_scale(
     if len(felt) < _LEAST_CONTACTS or contacts.n_PC is None:
         return None
     mean = np.nansum(history[:, felt], axis=0) / counts[felt, None]
-    jacobian = contact_rows_at(model, reading, X_PO[None])[1][0][felt]
+    jacobian = SurfaceContact(model.grid, contacts).rows_of_contacts(X_PO[None])[1][0, felt, :4]
     residuals, jacobian = along_normals(contacts.n_PC[felt] @ X_PO[:, :3], mean, jacobian)
     told = reading.parts.told[felt]
     scales = _scales(settings.halvings, settings.doublings, settings.doubling_share, settings.apart_share)
@@ -262,23 +263,6 @@ def follow_scale(errors: SeemingErrors, now: FloatArray | None, params: Calibrat
     share = max(1.0 / (1.0 + errors.estimates), params.least_share)
     mean = np.exp((1.0 - share) * np.log(errors.calibration) + share * np.log(now))
     return errors._replace(calibration=mean, estimates=errors.estimates + 1)
-
-
-def along_normals(n_O: FloatArray, mean: FloatArray, jacobian: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Distances, and the two components of the differences of normals across them: (k, 3) and (k, 3, 6).
-
-    Args:
-        n_O: measured normals in the object's frame, shape (k, 3).
-        mean: distances and differences of normals, shape (k, 4).
-        jacobian: their derivatives, shape (k, 4, 6).
-    """
-    least = np.eye(3)[np.argmin(np.abs(n_O), axis=1)]
-    first = np.cross(n_O, least)
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    across = np.stack([first, np.cross(n_O, first)], axis=1)
-    rows = np.zeros((len(n_O), 3, 4))
-    rows[:, 0, 0], rows[:, 1:, 1:] = 1.0, across
-    return np.einsum("kab,kb->ka", rows, mean), rows @ jacobian
 
 
 def _log_evidence(residuals: FloatArray, jacobian: FloatArray, variances: FloatArray) -> FloatArray:

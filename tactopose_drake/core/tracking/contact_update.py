@@ -44,6 +44,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tactopose_drake.core.compilation import read_only
+from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.kernels import gain_kernels
 from tactopose_drake.core.kernels.joint_state_kernels import ContactArrays, ModePriors
 from tactopose_drake.core.kernels.matrix_kernels import eigenpairs, inverses
@@ -53,9 +54,10 @@ from tactopose_drake.core.kernels.sigma_point_kernels import RegressionSettings
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.plain_values import copied
 from tactopose_drake.core.posterior.hypotheses import increments_of_one_metre
+from tactopose_drake.core.searches.pose_problem import make_problem
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.contact_errors import BiasModel
-from tactopose_drake.core.tracking.frame import ContactReading
+from tactopose_drake.core.tracking.frame import ContactReading, PoseMeasurement
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tactopose_drake.core.validation import FloatArray
@@ -267,3 +269,27 @@ def _regression_settings(params: PoseTrackerParams, size: float) -> RegressionSe
         settings.lasting_normal_share,
         settings.new_normal_share,
     )
+
+
+def begin_modes(
+    model: ObjectModel,
+    params: PoseTrackerParams,
+    reading: ContactReading,
+    near: PoseMeasurement | None,
+    X_PO: FloatArray,
+    covariance: FloatArray,
+) -> TrackedModes:
+    """Modes as a posterior knows them, near a pose if there is one; of their biases is known what the touch tells."""
+    n, sources = len(X_PO), len(reading.sources)
+    if not n:
+        return TrackedModes.empty(sources)
+    X_near, spread = X_PO, np.linalg.inv(make_problem(model, Evidence(reading.contacts)).space.information)
+    if near is not None:
+        X_near, spread = np.tile(near.X_PO, (n, 1, 1)), near.covariance
+    priors = TrackedModes.independent(X_near, np.tile(spread, (n, 1, 1)), sources)
+    update = update_with_contacts(model, params, reading, priors, X_PO)
+    # How rough the surface is where they touch is known once they have been there.
+    roughness = np.zeros_like(priors.roughness)
+    roughness[:, reading.source] = update.roughness + reading.parts.excess
+    new = copied(priors, X_PO=X_PO, covariance=update.covariance, roughness=roughness)
+    return copied(new, cross_covariance=update.cross_covariance).fitted(covariance)

@@ -24,7 +24,6 @@ from tactopose_drake.core.tracking.contact_errors import (
 from tactopose_drake.core.tracking.contact_update import follow_lasting_errors, update_modes
 from tactopose_drake.core.tracking.frame import ContactReading, Frame, SeemingErrors
 from tactopose_drake.core.tracking.keyframes import Keyframe, Touch, follow_touch, make_window, move_keyframes
-from tactopose_drake.core.tracking.mode_competition import relocalise
 from tactopose_drake.core.tracking.motion_prediction import (
     Motion,
     MotionHistory,
@@ -34,9 +33,14 @@ from tactopose_drake.core.tracking.motion_prediction import (
     predict_modes,
 )
 from tactopose_drake.core.tracking.pose_belief import Explanation, PoseBelief, summarise
-from tactopose_drake.core.tracking.relocalisation import search_on
-from tactopose_drake.core.tracking.rigidity_test import detect_by_motion
-from tactopose_drake.core.tracking.slip_detection import PoseChange, SlipTest, detect_by_forces, detect_slip
+from tactopose_drake.core.tracking.relocalisation import relocalise, search_on
+from tactopose_drake.core.tracking.slip_detection import (
+    PoseChange,
+    SlipTest,
+    detect_by_forces,
+    detect_by_motion,
+    detect_slip,
+)
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tactopose_drake.core.tracking.vision_update import move_standing, see
 from tactopose_drake.core.validation import FloatArray, instance_of

@@ -4,17 +4,26 @@ A search is made in slices, each of which fits into the time of an update: it pr
 of the starts, other ones each time; it settles these and the modes that are known by all the evidence; it covers what
 explains the touch by densities, as the estimate does, and weighs samples of them; and what it says is put to use. Over
 some searches all is searched.
+
+A mode's weight is what the posterior gives it by the touch of now, and what it would have had by the touches of the
+window. What the filter foretold has no part in that: so a mode that was led astray, and since then only foretells what
+it is itself led by, loses against one that explains the touch better, whenever that is found. While the touch stays,
+searches weigh the same evidence again, each by samples of its own: their mean, with a forgetting factor, counts. The
+filter's pose of a mode that it has already stays, for it has learnt from many frames, unless the touch contradicts it.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tactopose_drake.core.evidence.evidence import Evidence
-from tactopose_drake.core.poses import compose
+from tactopose_drake.core.kernels.matrix_kernels import inverses
+from tactopose_drake.core.poses import compose, increments_between
 from tactopose_drake.core.posterior.belief_sampling import Cover, cover_modes, weigh_covered
 from tactopose_drake.core.posterior.hypotheses import Modes, find_modes
 from tactopose_drake.core.posterior.plausibility import explain_with_doubt
@@ -26,14 +35,14 @@ from tactopose_drake.core.searches.pose_problem import PoseProblem, make_problem
 from tactopose_drake.core.searches.search import SearchResult
 from tactopose_drake.core.shape.free_spin import nearest_images
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.tracking.keyframes import Touch
+from tactopose_drake.core.tracking.contact_update import begin_modes
+from tactopose_drake.core.tracking.keyframes import Touch, past_cost
 from tactopose_drake.core.tracking.motion_prediction import Motion
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams, RelocalisationParams
 from tactopose_drake.core.validation import FloatArray
 
 _REFINEMENT = LevenbergMarquardt(max_iterations=20, tolerance=1e-2)
-
 
 Covered = tuple[Evidence, Modes, Cover | None]
 """The touch of one slice, its modes, and what covers them, if anything can."""
@@ -207,3 +216,85 @@ def _distinct(model: ObjectModel, params: RelocalisationParams, problem: PosePro
         model.size,
         params.found,
     )
+
+
+def relocalise(
+    model: ObjectModel, params: PoseTrackerParams, touch: Touch, modes: TrackedModes, posterior: Modes, share: float
+) -> TrackedModes:
+    """The modes of the posterior by the window, by falling weight.
+
+    Args:
+        model: the object.
+        params: what is assumed.
+        touch: of now.
+        modes: the filter's, after the touch.
+        posterior: by the touch of now.
+        share: of the mean of a mode's weights, that is by it.
+    """
+    X_PO, covariance, weights = posterior.mixture.X_PO, posterior.mixture.covariance, posterior.mixture.weights
+    now = np.log(np.maximum(weights, 1e-300)) - past_cost(model, params, touch.window, X_PO)
+    now -= np.logaddexp.reduce(now)
+    kept = np.argsort(-now, kind="stable")[: params.mixture.max_modes]
+    kept = kept[now[kept] > now[kept[:1]] + math.log(params.mixture.least_share)]
+    X_PO, covariance, now = X_PO[kept], covariance[kept], now[kept]
+    same, within = _same_modes(model, params, X_PO, covariance, modes)
+    objective = make_problem(model, touch.averaged(params)).objective
+    cost, least = objective.cost(np.ascontiguousarray(modes.X_PO)), objective.cost(X_PO)
+    pairs = _match(cost, same, within & (cost < least[:, None] + params.relocalisation.least_gain))
+    is_right = pairs >= 0
+    new = begin_modes(model, params, touch.reading, touch.standing, X_PO[~is_right], covariance[~is_right])
+    if len(modes):
+        before = modes.log_weight - np.logaddexp.reduce(modes.log_weight)
+        now = _mean_weights(before, now, same, share)
+    joined = modes.chosen(pairs[is_right]).joined(new)
+    return dataclasses.replace(joined, log_weight=now[np.argsort(~is_right, kind="stable")])
+
+
+def _mean_weights(before: FloatArray, now: FloatArray, same: NDArray[np.bool_], share: float) -> FloatArray:
+    """Means of the logarithms of the posterior's weights (k,) now and those before, shape (k,).
+
+    A valley has many minima, of which each search finds others. Therefore means are of the modes that are one, and what
+    such a family holds is shared out as it is now: a mode's mass is not lost on a minimum that held next to none. What
+    is plain is learnt at once by means of logarithms. What the filter has not is as probable as it is now.
+
+    Args:
+        before: logarithms of the weights of the filter's modes, shape (n,).
+        now: of those of the posterior's modes, shape (k,).
+        same: which of these are one, shape (k, n).
+        share: of the mean, that is by those of now.
+    """
+    family = np.eye(len(now), dtype=np.bool_) | (same @ same.T)
+    for _ in range(len(now).bit_length()):
+        family = family @ family
+    held = np.logaddexp.reduce(np.where(family @ same, before, -np.inf), axis=1)
+    holds = np.logaddexp.reduce(np.where(family, now, -np.inf), axis=1)
+    return now + (1.0 - share) * np.where(np.isneginf(held), 0.0, held - holds)
+
+
+def _same_modes(
+    model: ObjectModel, params: PoseTrackerParams, X_PO: FloatArray, covariance: FloatArray, modes: TrackedModes
+) -> NDArray[np.bool_]:
+    """Which of the posterior's k modes are which of the filter's n, by its own spread and by theirs, (2, k, n)."""
+    images = compose(modes.X_PO[:, None], model.symmetry_poses[None])
+    u = increments_between(X_PO[:, None, None], images[None])
+    spreads = inverses(covariance)[0][:, None], inverses(modes.covariance)[0][None]
+    distances = [np.einsum("jmsi,jmik,jmsk->jms", u, information, u).min(axis=2) for information in spreads]
+    return np.asarray(np.stack(distances) < params.mixture.same_sigmas**2)
+
+
+def _match(cost: FloatArray, same: NDArray[np.bool_], stays: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """For each of the posterior's k modes the filter's that it is, and whose pose stays, or -1, shape (k,).
+
+    Args:
+        cost: of the filter's modes, shape (n,).
+        same: which of these each is, shape (k, n).
+        stays: which of these explain the touch as well, and leave it by no more than their own spread: a mode that is
+            surer than the touch may stand at a valley's end; shape (k, n).
+    """
+    pairs, free = np.full(len(same), -1), np.ones(len(cost), dtype=np.bool_)
+    for j in range(len(same)):
+        alike = np.flatnonzero(free & same[j])
+        if len(alike):
+            i = int(alike[np.argmin(cost[alike])])
+            free[i], pairs[j] = False, i if stays[j, i] else -1
+    return pairs

@@ -1,4 +1,4 @@
-"""Whether the object slips: by how it moves relative to the fingertips, and by the forces on these.
+"""Whether the object slips: by how it moves under the fingertips, how these move, and the forces on them.
 
 Where the fingertips hold, an object that moves as they carry it has its surface where they touch at all times, up to
 their noise. What errors of the hand, of the pose and of the surface leave between surface and contact is the same from
@@ -11,6 +11,12 @@ The history is therefore kept with the pose that it is of, which moves as the fi
 there is compared with it, and then it is taken to the pose of now. How large the noise of single frames is shows in how
 residuals change from one to the next.
 
+Of a fingertip that rolls on the object or sticks to it, the point that touches has the object's velocity v + w x p. Of
+k fingertips these are 3 k equations of six unknowns, the closure of the loops that hand and object make. What no twist
+explains of their displacements within a short time is the innovation: while all hold, it is the noise of the measured
+velocities, which shows in how it changes from one frame to the next, and a share of the way that the fingertips went,
+by which kinematics err. Its normalised square is chi-square with 3 k - 6 degrees of freedom, until one slides.
+
 A slip along a surface that is the same farther on moves no fingertip and turns no normal. Its forces tell: those of
 fingertips that hold an object change slowly, and lie in their cones of friction. Where friction gives way, the load
 goes over to other fingers within some hundredths of a second, which it does not do while all hold; and where the object
@@ -22,9 +28,13 @@ told: below, nothing slides.
 
 from __future__ import annotations
 
+import functools
+import math
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import chdtri
 
 from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.kernels import slip_kernels
@@ -32,12 +42,15 @@ from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.frame import ContactReading
 from tactopose_drake.core.tracking.motion_prediction import Motion, error_of_motion
-from tactopose_drake.core.tracking.tracker_params import ForceTestParams, SlipParams
+from tactopose_drake.core.tracking.tracker_params import ForceTestParams, RigidityTestParams, SlipParams
 from tactopose_drake.core.validation import FloatArray
 
 _NOISE = read_only(np.array([0.02, 4.0]))  # the least and the most that is taken for it
 _LEAST_VARIANCE = 1e-12
+_LEAST_CONTACTS = 3  # of two, the distance alone is told
+_MOST_GROWTH = 4.0  # of the noise by one frame
 _ROWS = 4  # of a contact: its distance, and the difference of the normals
+_limit = functools.lru_cache(chdtri)  # of chi-square with so many degrees of freedom, by its probability
 _KIND_OF_ROW = np.array([0, 1, 1, 1])  # by which variances are told, of points or of normals
 
 
@@ -92,13 +105,13 @@ def detect_slip(
         change: of the best mode, by the frame.
     """
     X_before = change.X_PO if test.X_PO is None else test.X_PO
-    residuals, jacobian = contact_rows_at(model, reading, np.stack([X_before, change.X_PO]))
+    touch = SurfaceContact(model.grid, reading.contacts)
+    residuals, jacobian = touch.rows_of_contacts(np.stack([X_before, change.X_PO]))
     noise, kept = np.array(test.noise), min(len(test.residuals) + 1, params.max_frames)
     history = np.empty((kept, len(reading.sources), _ROWS))
-    slip_kernels.follow_residuals(
-        test.residuals, np.ascontiguousarray(residuals), reading.source, params.noise_gain, _NOISE, noise, history
-    )
-    slips = _has_slipped(params, history, jacobian[0], noise, reading, change)
+    rows = np.ascontiguousarray(residuals[..., :_ROWS])
+    slip_kernels.follow_residuals(test.residuals, rows, reading.source, params.noise_gain, _NOISE, noise, history)
+    slips = _has_slipped(params, history, jacobian[0, :, :_ROWS], noise, reading, change)
     return SlipTest(history, (float(noise[0]), float(noise[1])), change.X_PO), slips
 
 
@@ -126,11 +139,8 @@ def _has_slipped(
         J, differences = jacobian[known].reshape(-1, 6), found[known, :_ROWS].reshape(-1)
         weights = found[known][:, _ROWS + _KIND_OF_ROW].reshape(-1)
         error = params.motion_share * error_of_motion(change.X_PO[None], change.motion)[0]
-        elapsed = 1.5 * recent + 0.5 * earlier
-        if _explained(J, weights, differences, elapsed * error) <= threshold:
-            continue
-        moved = _way(reading.contacts.p_PC, change.X_PO, _explaining_motion(J, weights, differences))
-        if moved > params.least_distance:
+        explained, u = _explain(J, weights, differences, (1.5 * recent + 0.5 * earlier) * error)
+        if explained > threshold and _way(reading.contacts.p_PC, change.X_PO, u) > params.least_distance:
             return True
     return False
 
@@ -142,34 +152,85 @@ def _way(p_PC: FloatArray, X_PO: FloatArray, u: FloatArray) -> float:
     return float(np.sqrt(np.mean(np.sum(moved**2, axis=1))))
 
 
-def contact_rows_at(model: ObjectModel, reading: ContactReading, X_PO: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Residuals (B, k, 4) at poses (B, 3, 4), and their derivatives (B, k, 4, 6); of normals that are none zeros."""
-    residuals, jacobian = SurfaceContact(model.grid, reading.contacts).rows_of_contacts(X_PO)
-    return residuals[..., :_ROWS], jacobian[..., :_ROWS, :]
-
-
-def _explained(J: FloatArray, weight: FloatArray, difference: FloatArray, error: FloatArray) -> float:
-    """How much a motion explains of differences (m,).
+def _explain(J: FloatArray, weight: FloatArray, difference: FloatArray, error: FloatArray) -> tuple[float, FloatArray]:
+    """How much a motion explains of differences (m,), and the one that does best, as an increment (6,) of the pose.
 
     Without a slip g = J^T W d has the covariance A + A E A, with A = J^T W J and E that of the motion's error; then
     g^T (A + A E A)^-1 g is chi-square with six degrees of freedom at most.
     """
     JW = J.T * weight
     A, g = JW @ J, JW @ difference
-    expected = A + A @ error @ A
-    scale = 1.0 / np.sqrt(np.diag(expected) + 1e-12)
-    held = expected * np.outer(scale, scale) + 1e-6 * np.eye(6)
-    return float((g * scale) @ np.linalg.solve(held, g * scale))
+    return float(g @ _solve(A + A @ error @ A, g, 1e-6)), _solve(A, g, 1e-4)
 
 
-def _explaining_motion(J: FloatArray, weight: FloatArray, difference: FloatArray) -> FloatArray:
-    """The increment (6,) of the pose that explains differences (m,) best."""
-    JW = J.T * weight
-    A, g = JW @ J, JW @ difference
+def _solve(A: FloatArray, g: FloatArray, held: float) -> FloatArray:
+    """A^-1 g of a matrix (6, 6) that is held by so much of its diagonal."""
     scale = 1.0 / np.sqrt(np.diag(A) + 1e-12)
-    held = A * np.outer(scale, scale) + 1e-4 * np.eye(6)
-    u: FloatArray = np.linalg.solve(held, g * scale) * scale
+    u: FloatArray = np.linalg.solve(A * np.outer(scale, scale) + held * np.eye(6), g * scale) * scale
     return u
+
+
+class RigidityTest(NamedTuple):
+    """What the test remembers.
+
+    Attributes:
+        times: of the latest frames, oldest first, s.
+        displacements: in each of them, of the fingertips where they touch, by source, shape (h, s, 3), m; NaN where one
+            does not touch, or has just come to touch: on its way there nothing bound it.
+        touching: names of the sources that touched in the last of them.
+        noise: variance of the velocities' errors, of each coordinate, m^2/s^2; None before the first frame.
+    """
+
+    times: tuple[float, ...] = ()
+    displacements: FloatArray = np.zeros((0, 0, 3))
+    touching: frozenset[str] = frozenset()
+    noise: float | None = None
+
+
+def detect_by_motion(
+    params: RigidityTestParams,
+    test: RigidityTest,
+    reading: ContactReading,
+    tip_velocity: Mapping[str, FloatArray] | None,
+    time: float,
+    duration: float,
+) -> tuple[RigidityTest, bool]:
+    """The test after a frame, and whether a fingertip slides.
+
+    Args:
+        params: when one does.
+        test: after the last frame.
+        reading: the contacts.
+        tip_velocity: spatial velocities [w, v] of the fingertips at the origin of P, by source, rad/s and m/s.
+        time: of the frame, s.
+        duration: since the last frame, s.
+    """
+    if tip_velocity is None or duration <= 0.0:
+        return RigidityTest(noise=test.noise), False
+    names, noise = reading.sources, params.velocity_noise**2 if test.noise is None else test.noise
+    touching = frozenset(frame_names := [names[s] for s in reading.source])
+    stay = [row for row, name in enumerate(frame_names) if name in test.touching and name in tip_velocity]
+    velocity = np.array([tip_velocity[frame_names[row]] for row in stay]).reshape(-1, 6)
+    first = sum(then <= time - params.time + 1e-9 for then in test.times)
+    before, squares = test.displacements[first:], np.empty(3)
+    displacements = np.full((len(before) + 1, len(names), 3), np.nan)
+    displacements[:-1, : before.shape[1]] = before
+    p_PC, source = reading.contacts.p_PC[stay], reading.source[stay]
+    steady = slip_kernels.add_displacements(source, p_PC, velocity, duration, displacements, squares)
+    test = RigidityTest((*test.times[first:], time), displacements, touching, noise)
+    if steady < _LEAST_CONTACTS:
+        return test, False
+    unexplained, of_change, of_ways = squares.tolist()
+    freedom = 3 * steady - 6
+    if len(before):
+        # Of two independent errors the difference has twice the variance of one. A slide goes on as before.
+        seen = 0.5 * of_change / (freedom * duration**2)
+        seen = min(max(seen, params.least_velocity_noise**2), _MOST_GROWTH * noise)
+        test = test._replace(noise=noise + params.noise_gain * (seen - noise))
+    # Noise adds up as a random walk, what kinematics err along the way does not average out.
+    variance = noise * duration**2 * len(displacements) + params.way_share**2 * of_ways / (3 * steady)
+    is_news = unexplained > variance * _limit(freedom, params.false_alarm_probability)
+    return test, bool(is_news and unexplained > steady * params.least_distance**2)
 
 
 class ForceTest(NamedTuple):
@@ -208,21 +269,19 @@ def detect_by_forces(
     held_time = time if is_new else test.held_time
     if contacts.f_PC is None or contacts.n_PC is None:
         return ForceTest(held_time=held_time), False
-    now = np.zeros((1, len(reading.sources), 3))
-    now[0, reading.source[: len(contacts)]] = contacts.f_PC
-    before = np.zeros((len(test.times), now.shape[1], 3))
-    before[:, : test.forces.shape[1]] = test.forces
-    recent = [i for i, then in enumerate(test.times) if then >= time - params.time]
-    before = before[recent]
-    times = (*(test.times[i] for i in recent), time)
-    kept = test._replace(times=times, forces=np.concatenate([before, now]), held_time=held_time)
+    first = sum(then < time - params.time for then in test.times)
+    forces = np.zeros((len(test.times) - first + 1, len(reading.sources), 3))
+    forces[:-1, : test.forces.shape[1]] = test.forces[first:]
+    forces[-1, reading.source[: len(contacts)]] = contacts.f_PC
+    kept = test._replace(times=(*test.times[first:], time), forces=forces, held_time=held_time)
     ratios = _ratios(params, contacts.f_PC, contacts.n_PC)
     if time < held_time + params.settling_time or not len(ratios):
         return kept._replace(ratio=0.0, noise=0.0, inside_time=-np.inf) if is_new else kept, False
     largest = min(float(ratios.max()), params.most_ratio)
     ratio = test.ratio + params.gain * max(largest - test.ratio, 0.0) if test.ratio > 0.0 else largest
     at_limit = ratios > params.limit_share * max(ratio, params.least_ratio)
-    change = _change(before[0], now[0]) if len(before) else 0.0
+    squares = max(float(np.sum(forces[0] ** 2)), float(np.sum(forces[-1] ** 2)), 1e-12)
+    change = math.sqrt(float(np.sum((forces[-1] - forces[0]) ** 2)) / squares)
     noise = test.noise + params.gain * (min(change, params.change) - test.noise)
     kept = kept._replace(ratio=ratio, noise=noise, inside_time=test.inside_time if at_limit.all() else time)
     are_alike = len(ratios) >= params.least_fingers and np.ptp(ratios) < params.alike * ratios.mean()
@@ -238,9 +297,3 @@ def _ratios(params: ForceTestParams, f_PC: FloatArray, n_PC: FloatArray) -> Floa
     across = np.sqrt(np.maximum(size**2 - along**2, 0.0))
     bears = size > max(params.least_force, params.least_share * float(size.sum()))
     return np.asarray((across / np.maximum(along, 1e-3 * size + 1e-12))[bears])
-
-
-def _change(before: FloatArray, now: FloatArray) -> float:
-    """Of forces (s, 3), relative to the larger ones."""
-    largest = max(float(np.sum(before**2)), float(np.sum(now**2)), 1e-12)
-    return float(np.sqrt(np.sum((now - before) ** 2) / largest))

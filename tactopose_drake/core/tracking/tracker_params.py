@@ -138,7 +138,7 @@ class RelocalisationParams:
     found: int = 12  # poses that it ends with, at the most
     joined: int = 8  # of these, of which it is asked which are minima of one valley, at the most: ways are many
     samples: int = 96  # by which these are weighed, in one round
-    least_share: float = 0.2  # of a mean over searches, that is by the last one
+    least_share: float = 0.5  # of a mean over searches, that is by the last one
     least_gain: float = 1.0  # of the cost, for which what is found takes the place of the filter's mode that it is
 
     @property

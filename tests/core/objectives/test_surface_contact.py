@@ -3,7 +3,7 @@ import pytest
 import trimesh
 
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.objectives.surface_contact import SurfaceContact
+from tactopose_drake.core.objectives.surface_contact import SurfaceContact, along_normals
 from tactopose_drake.core.poses import exp_so3, make_poses, random_rotations, retract, transform_points
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
@@ -129,3 +129,18 @@ def test_the_facets_of_a_cylinder_do_not_determine_its_spin() -> None:
     hessian = SurfaceContact(can.grid, contacts).normal_equations(np.eye(3, 4)[None]).hessian[0]
     assert 1.0 / np.sqrt(hessian[2, 2]) > np.radians(20.0)
     assert 1.0 / np.sqrt(hessian[0, 0]) < np.radians(3.0)
+
+
+def test_along_normals_a_difference_of_normals_has_two_components_and_loses_nothing() -> None:
+    generator = np.random.default_rng(5)
+    n_O = generator.normal(size=(7, 3))
+    n_O /= np.linalg.norm(n_O, axis=1, keepdims=True)
+    across = np.cross(n_O, generator.normal(size=(7, 3)))
+    residuals = np.concatenate([generator.normal(size=(7, 1)), across], axis=1)
+    jacobian = np.einsum("ka,ki->kai", residuals, generator.normal(size=(7, 6)))
+    rows, slopes = along_normals(n_O, residuals, jacobian)
+    np.testing.assert_allclose(rows[:, 0], residuals[:, 0])
+    np.testing.assert_allclose(np.linalg.norm(rows[:, 1:], axis=1), np.linalg.norm(across, axis=1))
+    np.testing.assert_allclose(slopes * residuals[:, :1, None], rows[..., None] * jacobian[:, :1], atol=1e-12)
+    along = np.concatenate([np.zeros((7, 1)), n_O], axis=1)
+    np.testing.assert_allclose(along_normals(n_O, along, jacobian)[0], 0.0, atol=1e-12)

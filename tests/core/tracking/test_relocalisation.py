@@ -15,9 +15,8 @@ from tactopose_drake.core.tracking import relocalisation
 from tactopose_drake.core.tracking.contact_errors import follow_doubt
 from tactopose_drake.core.tracking.frame import PoseMeasurement
 from tactopose_drake.core.tracking.keyframes import Keyframe, Touch, make_window
-from tactopose_drake.core.tracking.mode_competition import relocalise
 from tactopose_drake.core.tracking.motion_prediction import Motion
-from tactopose_drake.core.tracking.relocalisation import SearchState, search_on
+from tactopose_drake.core.tracking.relocalisation import SearchState, relocalise, search_on
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tests.core.tracking.boxes import make_box, read, touch
@@ -79,6 +78,20 @@ def test_a_mode_of_the_filter_that_explains_the_touch_keeps_its_pose_and_what_it
     i = int(np.argmax(after.log_weight))
     np.testing.assert_array_equal(after.X_PO[i], narrow.X_PO[0])
     np.testing.assert_array_equal(after.covariance[i], narrow.covariance[0])
+
+
+@pytest.mark.parametrize(("sigma", "stays"), [(1e-3, True), (5e-5, False)])
+def test_a_mode_that_is_surer_than_the_touch_does_not_keep_its_pose(
+    box: ObjectModel, sigma: float, stays: bool
+) -> None:
+    touched = touch_of(touch(X_PO, np.random.default_rng(1)))
+    near = retract(X_PO, np.array([0.0, 0, 0, 0.0003, 0, 0]))
+    narrow = TrackedModes.independent(near[None], np.diag(np.repeat([1e-4, sigma**2], 3))[None], 6)
+    wide = GaussianMixture(X_PO[None], np.ones(1), np.diag(np.repeat([0.01, 1e-4], 3))[None])
+    posterior = Modes(wide, np.zeros(1), (np.empty((0, 6)),), 0.0)
+    after = relocalise(box, PARAMS, touched, narrow, posterior, 0.5)
+    np.testing.assert_array_equal(after.X_PO[0], near if stays else X_PO)
+    assert np.array_equal(after.covariance[0], narrow.covariance[0]) == stays
 
 
 def test_a_search_is_made_of_five_slices_while_there_is_a_mode_to_keep_up(box: ObjectModel) -> None:

@@ -13,17 +13,14 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
 
 import numpy as np
 from scipy.stats import chi2
 
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.objectives.surface_contact import SurfaceContact
+from tactopose_drake.core.objectives.surface_contact import SurfaceContact, along_normals
 from tactopose_drake.core.poses import skew
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.tracking.contact_errors import along_normals
-from tactopose_drake.core.tracking.keyframes import Keyframe
 from tactopose_drake.core.validation import FloatArray, positive_number, whole_number
 
 # Nothing is known of the pose, rad and m.
@@ -78,9 +75,9 @@ class JointOffsets:
 def refine_offsets(
     model: ObjectModel,
     params: OffsetRefinementParams,
-    touch: Keyframe,
+    contacts: Contacts,
+    gains: FloatArray,
     X_PO: FloatArray,
-    gains: Mapping[str, FloatArray],
     left: JointOffsets,
 ) -> JointOffsets:
     """What is known of offsets after a touch; the same where it tells nothing.
@@ -88,29 +85,24 @@ def refine_offsets(
     Args:
         model: the object.
         params: how much a touch counts.
-        touch: of now.
+        contacts: n of them, as sure as they are told.
+        gains: what errors of a radian of each encoder move each contact's point by, and turn its normal by, in P, shape
+            (n, 6, k).
         X_PO: the best pose, shape (3, 4).
-        gains: what errors of a radian of each encoder move a contact's point by, and turn its normal by, in P, shape
-            (6, k), by the source.
         left: what is known of the offsets that are left in these contacts.
     """
-    rows = [i for i, source in enumerate(touch.sources) if source in gains]
-    if len(rows) < _LEAST_CONTACTS or touch.normals is None:
+    n, n_PC = len(contacts), contacts.n_PC
+    if n < _LEAST_CONTACTS or n_PC is None:
         return left
-    points, normals, sigmas = touch.points[rows], touch.normals[rows], np.sqrt(touch.variances[rows])
-    contacts = Contacts(points, normals, sigma_position=sigmas[:, 0], sigma_normal=sigmas[:, 1])
-    flat, slopes = SurfaceContact(model.grid, contacts).residuals_and_jacobian(X_PO[None])
-    of_each = flat.reshape(len(rows), -1)[:, :4], slopes.reshape(len(rows), -1, 6)[:, :4]
-    r, J = along_normals(normals @ X_PO[:, :3], *of_each)
-    by_contact = -J @ _moves_of_the_object(points, X_PO)
-    G = np.array([gains[touch.sources[i]] for i in rows])
-    told = np.square(np.repeat(sigmas, 3, axis=1))
-    of_joints = np.einsum("kij,jl,kil->ki", G, left.covariance, G)
+    residuals, jacobian = SurfaceContact(model.grid, contacts).rows_of_contacts(X_PO[None])
+    r, J = along_normals(n_PC @ X_PO[:, :3], residuals[0, :, :4], jacobian[0, :, :4])
+    by_contact = -J @ _moves_of_the_object(contacts.p_PC, X_PO)
+    told = np.repeat(np.square(np.stack([contacts.sigma_position, contacts.sigma_normal], axis=1)), 3, axis=1)
+    of_joints = np.einsum("kij,jl,kil->ki", gains, left.covariance, gains)
     other = np.maximum(told - of_joints, params.least_noise_share * told)
-    noise = np.zeros((len(rows), 3, len(rows), 3))
-    each = np.arange(len(rows))
+    noise, each = np.zeros((n, 3, n, 3)), np.arange(n)
     noise[each, :, each] = np.einsum("kri,ki,ksi->krs", by_contact, other, by_contact)
-    B = (by_contact @ G).reshape(-1, len(left.mean))
+    B = (by_contact @ gains).reshape(-1, len(left.mean))
     return _update(params, r.reshape(-1), J.reshape(-1, 6), B, noise.reshape(len(B), len(B)), left)
 
 
