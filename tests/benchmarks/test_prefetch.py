@@ -15,7 +15,8 @@ import numpy as np
 import tactopose_drake as tp
 from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.kernels import descent_kernels, lane_kernels, surface_contact_kernels
-from tactopose_drake.core.kernels.descent_kernels import DescentRule, Ends
+from tactopose_drake.core.kernels.descent_kernels import Ends
+from tactopose_drake.core.kernels.least_squares_kernels import DescentRule
 from tactopose_drake.core.kernels.prior_kernels import Prior
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.poses import retract
@@ -44,7 +45,7 @@ def without_prefetch() -> Any:
 def test_prefetch() -> None:
     model = tp.ObjectModel.from_mesh(model_path("objects", "bust.obj"))
     rng = np.random.default_rng(0)
-    rule = DescentRule(4, 1e-6, 1e-2, 1e6)
+    rule = DescentRule(4, 1e-6, 1e-2, 1e6, 0.1)
     kernels = {"with": descent_kernels.descend, "without": without_prefetch()}
     taken: dict[str, list[float]] = {name: [] for name in kernels}
     costs = {}

@@ -11,6 +11,7 @@ from tactopose_drake.core.compilation import OutFlags1, OutFloats1, OutFloats2, 
 from tactopose_drake.core.kernels.grid_kernels import Grid
 from tactopose_drake.core.kernels.lane_kernels import LANES, SIZE, leave, total_cost
 from tactopose_drake.core.kernels.least_squares_kernels import (
+    DescentRule,
     damped_step,
     has_converged,
     next_damping,
@@ -20,15 +21,6 @@ from tactopose_drake.core.kernels.pose_kernels import retract_one
 from tactopose_drake.core.kernels.prior_kernels import Prior, add_prior, half_square, prior_row
 from tactopose_drake.core.kernels.sorting_kernels import copy_matrix
 from tactopose_drake.core.kernels.surface_contact_kernels import Touch, add_up
-
-
-class DescentRule(NamedTuple):
-    """What `searches.levenberg_marquardt.LevenbergMarquardt` goes by; see there."""
-
-    max_iterations: int
-    tolerance: float
-    initial_damping: float
-    max_damping: float
 
 
 class Ends(NamedTuple):
@@ -75,10 +67,8 @@ def descend(grid: Grid, touch: Touch, prior: Prior, rule: DescentRule, X: OutFlo
             ends.iterations[b] += 1
             decrease, is_first = ends.cost[b] - total, ends.iterations[b] == 0
             if not is_first:
-                damping[lane] = next_damping(damping[lane], decrease > 0.0, 0.0)
-                ends.converged[b] = has_converged(
-                    ends.cost[b], decrease, promised[lane], damping[lane], rule.tolerance, rule.max_damping
-                )
+                damping[lane] = next_damping(damping[lane], decrease > 0.0, rule.least_refused)
+                ends.converged[b] = has_converged(ends.cost[b], decrease, promised[lane], damping[lane], rule)
             if is_first or decrease > 0.0:
                 ends.cost[b] = total
                 copy_matrix(at, X[b])

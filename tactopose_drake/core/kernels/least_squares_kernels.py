@@ -21,6 +21,16 @@ from tactopose_drake.core.compilation import (
 from tactopose_drake.core.kernels.sorting_kernels import copy_matrix, copy_vector
 
 
+class DescentRule(NamedTuple):
+    """What `searches.levenberg_marquardt.LevenbergMarquardt` goes by; see there."""
+
+    max_iterations: int
+    tolerance: float
+    initial_damping: float
+    max_damping: float
+    least_refused: float
+
+
 class Problems(NamedTuple):
     """Where a batch of problems stands: what is moved (B, s), cost (B,), gradient (B, m) and Hessian (B, m, m)."""
 
@@ -110,14 +120,14 @@ def next_damping(damping, has_fallen, least_refused):
 
 
 @inlined
-def has_converged(cost, decrease, promised, damping, tolerance, limit):
+def has_converged(cost, decrease, promised, damping, rule):
     """Whether a step from this cost, after which the damping is so large, was the last that pays.
 
     It was where the cost fell, or was promised to fall, by less than the tolerance times cost + 1; or where it did not
     fall and the damping exceeds its limit.
     """
-    least = tolerance * (cost + 1.0)
-    return promised < least or 0.0 < decrease < least or (not decrease > 0.0 and damping > limit)
+    least = rule.tolerance * (cost + 1.0)
+    return promised < least or 0.0 < decrease < least or (not decrease > 0.0 and damping > rule.max_damping)
 
 
 @kernel
@@ -126,16 +136,15 @@ def accept_steps(
     there: Problems,
     step: Floats2,
     damping: OutFloats1,
-    tolerance: float,
-    limit: float,
+    rule: DescentRule,
     done: OutFlags1,
 ) -> None:
     """Moves each problem by its step if its cost falls, changes its damping, and says whether it is done."""
     state, cost, gradient, hessian = here
     for b in range(cost.shape[0]):
         decrease, promised = cost[b] - there.cost[b], promised_decrease(gradient[b], step[b])
-        damping[b] = next_damping(damping[b], decrease > 0.0, 0.0)
-        done[b] = has_converged(cost[b], decrease, promised, damping[b], tolerance, limit)
+        damping[b] = next_damping(damping[b], decrease > 0.0, rule.least_refused)
+        done[b] = has_converged(cost[b], decrease, promised, damping[b], rule)
         if decrease > 0.0:
             cost[b] = there.cost[b]
             copy_vector(there.state[b], state[b])

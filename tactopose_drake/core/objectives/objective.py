@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactopose_drake.core.kernels import least_squares_kernels
-from tactopose_drake.core.kernels.descent_kernels import DescentRule
+from tactopose_drake.core.kernels.least_squares_kernels import DescentRule
 from tactopose_drake.core.validation import FloatArray
 
 

@@ -8,7 +8,8 @@ import numpy as np
 from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.kernels import surface_contact_kernels
-from tactopose_drake.core.kernels.descent_kernels import DescentRule, Ends, descend
+from tactopose_drake.core.kernels.descent_kernels import Ends, descend
+from tactopose_drake.core.kernels.least_squares_kernels import DescentRule
 from tactopose_drake.core.kernels.prior_kernels import Prior
 from tactopose_drake.core.kernels.surface_contact_kernels import Touch
 from tactopose_drake.core.objectives.objective import (
@@ -106,7 +107,7 @@ def _cost(contact: SurfaceContact, prior: Prior, X_PO: FloatArray) -> FloatArray
 
 
 def _normal_equations(contact: SurfaceContact, prior: Prior, X_PO: FloatArray) -> NormalEquations:
-    ends = _run(contact, prior, DescentRule(0, 0.0, 0.0, 0.0), np.array(X_PO, order="C"))
+    ends = _run(contact, prior, DescentRule(0, 0.0, 0.0, 0.0, 0.0), np.array(X_PO, order="C"))
     return NormalEquations(ends.cost, ends.gradient, ends.hessian)
 
 

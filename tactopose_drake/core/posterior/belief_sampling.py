@@ -244,7 +244,7 @@ def _to_the_floor(X_PO: FloatArray, posterior: Posterior) -> FloatArray:
     """Moves poses (B, 3, 4) in the directions that the touch determines well, and little in others."""
     params, units = posterior.params.sampling, posterior.units
     soft, longest = 1.0 / (units * posterior.straight) ** 2, params.longest_step * posterior.size
-    for _ in range(params.steps):
+    for _ in range(params.steps if len(X_PO) else 0):
         _, gradient, hessian = posterior.likelihood.normal_equations(X_PO)
         sampling_weight_kernels.step_down(gradient, hessian, soft, units, longest, X_PO)
     return X_PO

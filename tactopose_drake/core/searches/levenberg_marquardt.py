@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from tactopose_drake.core.kernels import least_squares_kernels
-from tactopose_drake.core.kernels.descent_kernels import DescentRule
+from tactopose_drake.core.kernels.least_squares_kernels import DescentRule
 from tactopose_drake.core.objectives.objective import (
     Descent,
     LeastSquaresObjective,
@@ -49,6 +49,8 @@ class LevenbergMarquardt(Search):
         tolerance: a pose has converged when a step lowers its cost, or promises to, by less than this and this fraction
             of it; or when rejected steps have driven the damping beyond `max_damping`.
         initial_damping, max_damping: lambda of [B16] eq. 2.30.
+        least_refused: a rejected step's successor has at least this lambda. Zero is the thesis' rule, by which those
+            that follow on many better steps are tried in vain until lambda begins to count, from a tenth on.
         parameters: what is moved: six increments, or the thesis' quaternion and translation.
         solver: how the damped equations are solved.
     """
@@ -57,6 +59,7 @@ class LevenbergMarquardt(Search):
     tolerance: float = 1e-6
     initial_damping: float = 1e-3
     max_damping: float = 1e6
+    least_refused: float = 0.0
     parameters: Parameters = dataclasses.field(default_factory=IncrementParameters)
     solver: Solver = cholesky_steps
 
@@ -96,8 +99,7 @@ class LevenbergMarquardt(Search):
                 least_squares_kernels.Problems(moved.reshape(len(here), -1), *there),
                 step,
                 damping,
-                self.tolerance,
-                self.max_damping,
+                self._rule,
                 done,
             )
             last = iteration == self.max_iterations or should_stop()
@@ -113,13 +115,16 @@ class LevenbergMarquardt(Search):
                     break
         return SearchResult(self.parameters.poses(state, X_start), cost, iterations, converged).ranked()
 
+    @property
+    def _rule(self) -> DescentRule:
+        numbers = self.tolerance, self.initial_damping, self.max_damping, self.least_refused
+        return DescentRule(self.max_iterations, *map(float, numbers))
+
     def _descend(
         self, descent: Callable[[DescentRule, FloatArray], Descent], X_start: FloatArray, should_stop: StopSignal
     ) -> Iterator[SearchResult]:
         """The same in compiled blocks of poses; those that there is no time for stay where they are."""
-        rule = DescentRule(
-            self.max_iterations, float(self.tolerance), float(self.initial_damping), float(self.max_damping)
-        )
+        rule = self._rule
         standing = rule._replace(max_iterations=0)
         size = 1 + _BLOCK // (1 + self.max_iterations)
         for first in range(0, max(1, len(X_start)), size):

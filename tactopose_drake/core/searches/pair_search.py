@@ -73,8 +73,11 @@ class Start:
     kept: int | None = None
 
 
+# Less damping than this changes a step too little to be tried after a refused one: a tenth of the trials are saved.
+_LEAST_REFUSED = 0.1
+_FIRST_STEPS = LevenbergMarquardt(max_iterations=3, initial_damping=1e-2, least_refused=_LEAST_REFUSED)
 # All that come out have arrived: a pose on its way down a valley would count as a mode of its own.
-_TO_THE_MINIMUM = Stage(refinement=LevenbergMarquardt(max_iterations=40, tolerance=1e-4))
+_TO_THE_MINIMUM = Stage(refinement=LevenbergMarquardt(max_iterations=40, tolerance=3e-4, least_refused=_LEAST_REFUSED))
 
 
 def global_stages(starts: int = 100, kept: int = 40) -> tuple[Stage, ...]:
@@ -85,8 +88,8 @@ def global_stages(starts: int = 100, kept: int = 40) -> tuple[Stage, ...]:
         kept: that are refined until they hardly move.
     """
     return (
-        Stage(refinement=LevenbergMarquardt(max_iterations=1, initial_damping=1e-2), kept=starts),
-        Stage(refinement=LevenbergMarquardt(max_iterations=4, initial_damping=1e-2), kept=kept, by_curvature=True),
+        Stage(refinement=dataclasses.replace(_FIRST_STEPS, max_iterations=1), kept=starts),
+        Stage(refinement=dataclasses.replace(_FIRST_STEPS, max_iterations=4), kept=kept, by_curvature=True),
         _TO_THE_MINIMUM,
     )
 
@@ -94,7 +97,7 @@ def global_stages(starts: int = 100, kept: int = 40) -> tuple[Stage, ...]:
 def near_stages(kept: int = 60) -> tuple[Stage, ...]:
     """The stages near a prior, of which so many poses are refined until they hardly move."""
     return (
-        Stage(refinement=LevenbergMarquardt(max_iterations=3, initial_damping=1e-2), kept=kept, by_curvature=True),
+        Stage(refinement=_FIRST_STEPS, kept=kept, by_curvature=True),
         _TO_THE_MINIMUM,
     )
 

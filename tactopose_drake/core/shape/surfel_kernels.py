@@ -80,14 +80,15 @@ def _exp_minus(x):
 def densities(discs: Discs, measured: Measurements, X: Floats3, density: OutFloats2) -> None:
     """The density of each contact at each pose, into density (B, k); on a flat surface with the right normal it is 1.
 
-    Cells near the contact are gone through by columns, and in each the blocks that hold their discs; those out of reach
-    are passed over. What the first and the last block hold of the next cells counts, too: no other column has it.
+    Cells near the contact are gone through by columns, and in each the blocks that hold their discs. Those within reach
+    are noted, without a branch that a processor would have to guess, before any is reckoned. What the first and the last block hold of the next cells counts, too: no other column has it.
     """
     blocks, balls, first, origin, per_cell, shape, spacing, sigmas = discs
     p, n, sigma, weight_n = measured
     numbers, width = blocks.reshape(-1), np.uintp(blocks.shape[2])
     q, m, shares = np.empty(3), np.empty(3), np.empty(BLOCK, dtype=np.float32)
     low, high = np.empty(3, dtype=np.int64), np.empty(3, dtype=np.int64)
+    near = np.empty(blocks.shape[0], dtype=np.uint32)
     one, half, most = np.float32(1.0), np.float32(0.5), np.float32(_MOST)
     for b in range(X.shape[0]):
         for i in range(p.shape[0]):
@@ -107,6 +108,7 @@ def densities(discs: Discs, measured: Measurements, X: Floats3, density: OutFloa
                 m0, m1, m2 = np.float32(m[0]), np.float32(m[1]), np.float32(m[2])
                 variance, per_across = np.float32(sigma[i] ** 2), np.float32(0.5 / sigma[i] ** 2)
                 per_normal, nearby = np.float32(weight_n[i] ** 2), np.float32(sigmas * sigma[i])
+                count = np.uintp(0)
                 for a in range(low[0], high[0] + 1):
                     for c in range(low[1], high[1] + 1):
                         column = (a * shape[1] + c) * (shape[2] + 1)
@@ -115,24 +117,26 @@ def densities(discs: Discs, measured: Measurements, X: Floats3, density: OutFloa
                         for block in range(begin, end):
                             dx, dy, dz = q0 - balls[block, 0], q1 - balls[block, 1], q2 - balls[block, 2]
                             far = nearby + balls[block, 3]
-                            if dx * dx + dy * dy + dz * dz > far * far:
-                                continue
-                            # A loop whose length the compiler knew it would unroll into single numbers.
-                            for j in range(width):
-                                k = np.uintp(block) * _WHOLE + j
-                                nx, ny, nz = numbers[k + _NX], numbers[k + _NY], numbers[k + _NZ]
-                                dx, dy, dz = q0 - numbers[k], q1 - numbers[k + _Y], q2 - numbers[k + _Z]
-                                d = dx * nx + dy * ny + dz * nz
-                                square = dx * dx + dy * dy + dz * dz - d * d
-                                # One division for both factors.
-                                wider = variance + numbers[k + _SPREAD]
-                                rougher = one + per_normal * numbers[k + _ROUGHNESS]
-                                both = one / (wider * rougher)
-                                exponent = per_across * d * d + half * rougher * both * square
-                                # Half the squared difference of unit vectors is one minus their product.
-                                turned = one - (m0 * nx + m1 * ny + m2 * nz)
-                                exponent += per_normal * wider * both * turned
-                                shares[j] += numbers[k + _AREA] * both * _exp_minus(min(exponent, most))
+                            near[count] = block
+                            count += np.uintp(dx * dx + dy * dy + dz * dz <= far * far)
+                for place in range(count):
+                    start = np.uintp(near[place]) * _WHOLE
+                    # A loop whose length the compiler knew it would unroll into single numbers.
+                    for j in range(width):
+                        k = start + j
+                        nx, ny, nz = numbers[k + _NX], numbers[k + _NY], numbers[k + _NZ]
+                        dx, dy, dz = q0 - numbers[k], q1 - numbers[k + _Y], q2 - numbers[k + _Z]
+                        d = dx * nx + dy * ny + dz * nz
+                        square = dx * dx + dy * dy + dz * dz - d * d
+                        # One division for both factors.
+                        wider = variance + numbers[k + _SPREAD]
+                        rougher = one + per_normal * numbers[k + _ROUGHNESS]
+                        both = one / (wider * rougher)
+                        exponent = per_across * d * d + half * rougher * both * square
+                        # Half the squared difference of unit vectors is one minus their product.
+                        turned = one - (m0 * nx + m1 * ny + m2 * nz)
+                        exponent += per_normal * wider * both * turned
+                        shares[j] += numbers[k + _AREA] * both * _exp_minus(min(exponent, most))
             total = np.float32(0.0)
             for j in range(BLOCK):
                 total += shares[j]
