@@ -81,7 +81,8 @@ def densities(discs: Discs, measured: Measurements, X: Floats3, density: OutFloa
     """The density of each contact at each pose, into density (B, k); on a flat surface with the right normal it is 1.
 
     Cells near the contact are gone through by columns, and in each the blocks that hold their discs. Those within reach
-    are noted, without a branch that a processor would have to guess, before any is reckoned. What the first and the last block hold of the next cells counts, too: no other column has it.
+    are noted, without a branch that a processor would have to guess, before any is reckoned. What the first and the
+    last block hold of the next cells counts, too: no other column has it.
     """
     blocks, balls, first, origin, per_cell, shape, spacing, sigmas = discs
     p, n, sigma, weight_n = measured
