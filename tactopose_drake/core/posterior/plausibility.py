@@ -48,7 +48,7 @@ def explain_touch(
         explained &= touch.cost(X_PO) <= limit
         if not explained.all():
             explained[~explained] = _exact_cost(model, touch, evidence.contacts, X_PO[~explained]) <= limit
-    return np.asarray(explained & _by_pad(model, evidence, X_PO, params).all(axis=1))
+    return np.asarray(explained & _by_pad(model, evidence, X_PO, params.least_pad_chance).all(axis=1))
 
 
 def _exact_cost(model: ObjectModel, touch: SurfaceContact, contacts: Contacts, X_PO: FloatArray) -> FloatArray:
@@ -80,7 +80,7 @@ def explain_with_doubt(
     """
     explained, false = np.ones(len(X_PO), dtype=np.bool_), np.zeros(len(X_PO), dtype=np.int64)
     if evidence.patches:
-        by_pad = _by_pad(model, evidence, X_PO, params)
+        by_pad = _by_pad(model, evidence, X_PO, params.least_pad_chance)
         felt = np.array([patch.is_felt for patch in evidence.patches], dtype=np.bool_)
         explained &= by_pad[:, ~felt].all(axis=1)
         false += np.count_nonzero(~by_pad[:, felt], axis=1)
@@ -118,21 +118,23 @@ def is_comfortable(
     params: PlausibilityParams = DEFAULT_PARAMS.plausibility,
 ) -> bool:
     """Whether any of the poses (B, 3, 4) explains the touch so well that no contact or pad calls for doubt."""
+    chance = params.comfortable_chance
     if evidence.patches:
-        limits = 0.5 * params.comfortable_ratio * _numbers_by_pad(evidence)
-        X_PO = X_PO[(PatchContact(model.grid, evidence.patches).pad_costs(X_PO) <= limits).all(axis=1)]
+        X_PO = X_PO[_by_pad(model, evidence, X_PO, chance, params.comfortable_variance).all(axis=1)]
     if not len(X_PO) or problem.mixture is None:
         return len(X_PO) > 0
-    limit = 0.5 * params.comfortable_ratio * _of_contacts(evidence)
+    limit = params.comfortable_variance * _limit(_of_contacts(evidence), chance)
     return bool(problem.touch.cost(X_PO).min() <= limit or problem.mixture.density.cost(X_PO).min() <= limit)
 
 
-def _by_pad(model: ObjectModel, evidence: Evidence, X_PO: FloatArray, params: PlausibilityParams) -> NDArray[np.bool_]:
-    """Which of k pads each of the poses (B, 3, 4) explains, shape (B, k)."""
+def _by_pad(
+    model: ObjectModel, evidence: Evidence, X_PO: FloatArray, least_chance: float, variance: float = 1.0
+) -> NDArray[np.bool_]:
+    """Which of k pads each of the poses (B, 3, 4) explains, shape (B, k), with so many times the told variance."""
     if not evidence.patches:
         return np.ones((len(X_PO), 0), dtype=np.bool_)
-    limits = np.array([_limit(int(count), params.least_pad_chance) for count in _numbers_by_pad(evidence)])
-    return np.asarray(PatchContact(model.grid, evidence.patches).pad_costs(X_PO) <= limits)
+    limits = np.array([_limit(_MISPLACEMENTS + _of_patch(patch), least_chance) for patch in evidence.patches])
+    return np.asarray(PatchContact(model.grid, evidence.patches).pad_costs(X_PO) <= variance * limits)
 
 
 def may_be_touched(
@@ -166,11 +168,6 @@ def _limit(count: int, least_chance: float) -> float:
 
 def _of_contacts(evidence: Evidence) -> int:
     return len(evidence.contacts) * (1 if evidence.contacts.n_PC is None else 3)
-
-
-def _numbers_by_pad(evidence: Evidence) -> NDArray[np.int64]:
-    """What each pad (k,) measures, and what it may be misplaced by."""
-    return np.array([_MISPLACEMENTS + _of_patch(patch) for patch in evidence.patches])
 
 
 def _of_patch(patch: Patch) -> int:

@@ -28,11 +28,12 @@ class PlausibilityParams:
     least_doubted_chance: float = 1e-3
     # The chance that there are no more false contacts than are allowed: of five one, of six to ten two.
     usual_false_contacts: float = 0.8
-    # Where squared residuals are on average no larger than so many variances, no contact and no pad calls for doubt. At
-    # the best pose of touches that are as told they are larger in 5 to 10 % (five to ten contacts; what the field's
-    # kinks add grows with the contacts as noise does, so a chance would call more often the more there are). With a
-    # false contact they are smaller in 10 to 20 %, of which doubt would have mended one in a hundred.
-    comfortable_ratio: float = 1.5
+    # No contact and no pad calls for doubt where noise of so many times the told variance leaves residuals like theirs
+    # no more rarely than with this chance. The factor is for what the field's kinks add: without it the best pose of
+    # every third touch of ten contacts that is as told would call, with it that of one in ten. Of touches with a false
+    # contact that do not call doubt would mend one in a hundred.
+    comfortable_chance: float = 0.2
+    comfortable_variance: float = 1.2
     reach_sigmas: float = 6.0  # standard deviations from where it is believed to be, beyond which an object is not
 
 

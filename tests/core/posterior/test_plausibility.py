@@ -8,8 +8,14 @@ from tactopose_drake.core.evidence.contact_kinds import ContactKinds
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.poses import compose, exp_so3
-from tactopose_drake.core.posterior.plausibility import explain_touch, may_be_touched, most_false_contacts
+from tactopose_drake.core.posterior.plausibility import (
+    explain_touch,
+    is_comfortable,
+    may_be_touched,
+    most_false_contacts,
+)
 from tactopose_drake.core.posterior.posterior_params import PlausibilityParams
+from tactopose_drake.core.searches.pose_problem import make_problem
 from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
 from tests.core.tracking.boxes import make_box, touch
 
@@ -88,3 +94,22 @@ def test_as_many_contacts_may_be_false_as_the_binomial_distribution_says_and_thr
 def test_by_default_one_contact_of_five_may_be_false_and_two_of_ten(count: int, allowed: int) -> None:
     share = ContactKinds().shares(Evidence(Contacts(np.zeros((1, 3)))).outlier_probability).false
     assert most_false_contacts(count, share, PlausibilityParams().usual_false_contacts) == allowed
+
+
+@pytest.mark.parametrize("count", [5, 10, 20])
+def test_noise_calls_for_doubt_seldom_however_many_contacts_there_are_and_a_false_contact_often(count: int) -> None:
+    """At the true pose, which is not fitted to the noise; so it calls more often than at the best one.
+
+    The exact density has a floor, so one false contact costs no more however far it is off.
+    """
+    box, X_PO, generator = make_box(), np.eye(3, 4), np.random.default_rng(5)
+    calls = np.zeros(2)
+    for _ in range(100):
+        felt = touch_surface(box, X_PO, count, generator)
+        away = np.copy(felt.p_PC)
+        away[0] += 0.03 * away[0] / np.linalg.norm(away[0])
+        for i, p_PC in enumerate((felt.p_PC, away)):
+            evidence = Evidence(Contacts(p_PC, felt.n_PC))
+            calls[i] += not is_comfortable(box, evidence, make_problem(box, evidence), X_PO[None])
+    assert calls[0] <= 20
+    assert calls[1] >= 95

@@ -126,6 +126,20 @@ def test_the_compiled_descent_steps_as_the_rounds_do(blob: ObjectModel, has_prio
     assert np.count_nonzero(alike) >= 27
 
 
+@pytest.mark.parametrize("is_compiled", [True, False])
+def test_after_a_refused_step_the_damping_counts_and_the_same_minima_take_fewer_steps(
+    blob: ObjectModel, is_compiled: bool
+) -> None:
+    summed, prior, X_true = make_touch(blob, 4)
+    touch = next(term for term in summed.terms if isinstance(term, SurfaceContact))
+    objective = ContactWithPrior(touch, PriorObjective(prior)) if is_compiled else summed
+    assert (objective.descent is not None) == is_compiled
+    X_start = retract(X_true, 0.5 * np.random.default_rng(4).normal(size=(40, 6)) * prior.sigmas)
+    thesis, quicker = (LevenbergMarquardt(least_refused=least).refine(objective, X_start) for least in (0.0, 0.1))
+    assert quicker.iterations.sum() < thesis.iterations.sum()
+    np.testing.assert_allclose(quicker.cost[0], thesis.cost[0], atol=1e-3)
+
+
 def test_a_compiled_descent_stops_when_told_to(blob: ObjectModel) -> None:
     touch = make_touch(blob, 9)[0].terms[0]
     X_start = PriorSpace(make_touch(blob, 9)[1]).sample(np.random.default_rng(3), 400)
