@@ -30,8 +30,8 @@ class PlausibilityParams:
     usual_false_contacts: float = 0.8
     # No contact and no pad calls for doubt where noise of so many times the told variance leaves residuals like theirs
     # no more rarely than with this chance. The factor is for what the field's kinks add: without it the best pose of
-    # every third touch of ten contacts that is as told would call, with it that of one in ten. Of touches with a false
-    # contact that do not call doubt would mend one in a hundred.
+    # every third touch of ten contacts that is as told would call, with it that of one in nine. Of all touches with a
+    # false contact 0 to 2 % then lack a better pose that doubt would have found.
     comfortable_chance: float = 0.2
     comfortable_variance: float = 1.2
     reach_sigmas: float = 6.0  # standard deviations from where it is believed to be, beyond which an object is not

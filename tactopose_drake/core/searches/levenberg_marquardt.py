@@ -88,6 +88,7 @@ class LevenbergMarquardt(Search):
         iterations, converged = np.zeros(len(here), dtype=np.int64), np.zeros(len(here), dtype=np.bool_)
         # The working arrays hold the poses that still move; `active` says which ones these are.
         active, start, damping = np.arange(len(here)), X_start, np.full(len(here), self.initial_damping)
+        rule = self._rule
         equations = self.parameters.normal_equations(objective, here, X_start)
         for iteration in range(1, self.max_iterations + 1):
             step = self.solver(equations.hessian, equations.gradient, damping)
@@ -99,7 +100,7 @@ class LevenbergMarquardt(Search):
                 least_squares_kernels.Problems(moved.reshape(len(here), -1), *there),
                 step,
                 damping,
-                self._rule,
+                rule,
                 done,
             )
             last = iteration == self.max_iterations or should_stop()
