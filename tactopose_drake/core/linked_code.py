@@ -3,17 +3,21 @@
 Numba looks, in each function, for closures, branches on the types of arguments, containers of mixed types and more that
 kernels have none of, and analyses it anew after each search. It makes machine code of each function that it compiles,
 also of those that are only linked into others, where they are compiled once more; and it reads, beside the machine code
-of a kernel from its cache, what others may link, which takes longer and more memory.
+of a kernel from its cache, what others may link, which takes longer and more memory. Where a processor has instructions
+for 16 singles, it makes loops of these, to which the kernels' many loops over eight are too short.
 """
 
+import copy
+import functools
 from typing import Any
 
 from llvmlite import binding as llvm
-from numba.core import typed_passes, untyped_passes
+from numba.core import config, typed_passes, untyped_passes
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, DefaultPassBuilder, compile_result
 from numba.core.compiler_machinery import PassManager
 
+_TOLD: Any = config  # by numba's user; has no types
 _FRONT = (
     untyped_passes.TranslateByteCode,
     untyped_passes.FixupArgs,
@@ -30,6 +34,15 @@ _FRONT = (
 class KernelCompiler(CompilerBase):
     """Numba's compiler, of whose passes over a function only those are run that kernels need."""
 
+    def __init__(self, typingctx: Any, targetctx: Any, *rest: Any) -> None:
+        super().__init__(typingctx, targetctx, *rest)
+        self.state.library = self._library(targetctx.codegen())
+
+    def _library(self, codegen: Any) -> JITCodeLibrary:
+        library: JITCodeLibrary = _for_256_bits(codegen).create_library("kernel")
+        library.enable_object_caching()
+        return library
+
     def define_pipelines(self) -> list[PassManager]:
         """What numba asks for: the passes, in their order."""
         passes = PassManager("kernel")
@@ -40,12 +53,24 @@ class KernelCompiler(CompilerBase):
         return [passes]
 
 
+@functools.cache
+def _for_256_bits(codegen: Any) -> Any:
+    """Numba's maker of machine code, with the same engine, whose loops take 256 bits to an instruction at the most."""
+    options: dict[str, Any] = {"opt": _TOLD.OPT}
+    codegen._customize_tm_options(options)
+    if "+avx512f" not in options["features"]:
+        return codegen
+    options["features"] += ",+prefer-256-bit"
+    narrow = copy.copy(codegen)
+    narrow._tm = llvm.Target.from_triple(llvm.get_process_triple()).create_target_machine(**options)
+    return narrow
+
+
 class LinkedCompiler(KernelCompiler):
     """Numba's compiler, for code that is only linked into other code."""
 
-    def __init__(self, typingctx: Any, targetctx: Any, *rest: Any) -> None:
-        super().__init__(typingctx, targetctx, *rest)
-        self.state.library = LinkedLibrary(targetctx.codegen(), "linked")
+    def _library(self, codegen: Any) -> JITCodeLibrary:
+        return LinkedLibrary(codegen, "linked")
 
 
 class LinkedLibrary(JITCodeLibrary):

@@ -5,6 +5,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+from llvmlite import binding as llvm
+
+from tactopose_drake.core import linked_code
+
 MODULE = """
 from tactopose_drake.core.compilation import Floats1, inlined, kernel, part
 
@@ -46,6 +51,24 @@ THIRD = """
 import numpy as np, some_kernels as k
 print(k.thrice(np.array([3.0, 4.0])), len(k.total.overloads), len(k.twice.overloads))
 """
+LOOP = """
+define void @double(ptr noalias %x, ptr noalias %y, i64 %n) {
+entry:
+  br label %loop
+loop:
+  %i = phi i64 [ 0, %entry ], [ %next, %loop ]
+  %here = getelementptr float, ptr %x, i64 %i
+  %there = getelementptr float, ptr %y, i64 %i
+  %value = load float, ptr %here
+  %twice = fadd float %value, %value
+  store float %twice, ptr %there
+  %next = add i64 %i, 1
+  %more = icmp ult i64 %next, %n
+  br i1 %more, label %loop, label %done
+done:
+  ret void
+}
+"""
 
 
 def run(code: str, folder: Path) -> list[str]:
@@ -63,3 +86,30 @@ def test_parts_are_linked_and_kernels_loaded_from_the_cache(tmp_path: Path) -> N
     assert run(SECOND, tmp_path) == ["1 None", "75.0 True", "1 0"]
     # And what is kept of that needs nothing else.
     assert run(THIRD, tmp_path) == ["75.0 0 0"]
+
+
+class Codegen:
+    """As numba's, for a processor with these features."""
+
+    def __init__(self, features: str) -> None:
+        self.features, self._tm, self._engine = features, object(), object()
+
+    def _customize_tm_options(self, options: dict[str, str]) -> None:
+        options.update(cpu="x86-64-v3", features=self.features)
+
+
+@pytest.mark.skipif(not llvm.get_process_triple().startswith("x86_64"), reason="asks for features of x86-64")
+def test_only_loops_of_512_bits_are_kept_from_being_made() -> None:
+    plain, wide = Codegen("+avx2"), Codegen("+avx2,+avx512f,+avx512vl")
+    assert linked_code._for_256_bits(plain) is plain
+    narrow = linked_code._for_256_bits(wide)
+    # LLVM is told for kernels alone, and makes them in the same engine as all else.
+    assert narrow._engine is wide._engine
+    assert narrow._tm is not wide._tm
+    module = llvm.parse_assembly(LOOP)
+    tuning = llvm.create_pipeline_tuning_options(speed_level=3)
+    tuning.loop_vectorization = True
+    builder = llvm.create_pass_builder(narrow._tm, tuning)
+    builder.getModulePassManager().run(module, builder)
+    assert "<8 x float>" in str(module)
+    assert "<16 x float>" not in str(module)
