@@ -76,15 +76,36 @@ def _exp_minus(x):
     return power * power
 
 
+@inlined
+def _blocks_near(discs, q, low, high, reach, near):
+    """Notes the blocks within reach of a point q (3,) in O, m; how many these are.
+
+    The cells from `low` to `high` (3,) are gone through by columns, and in each the blocks that hold their discs,
+    without a branch that a processor would have to guess. What the first and the last block hold of the next cells
+    counts, too: no other column has it.
+    """
+    x, y, z, count = np.float32(q[0]), np.float32(q[1]), np.float32(q[2]), np.uintp(0)
+    balls, first, shape = discs.balls, discs.first, discs.shape
+    for a in range(low[0], high[0] + 1):
+        for c in range(low[1], high[1] + 1):
+            column = (a * shape[1] + c) * (shape[2] + 1)
+            begin = np.uintp(first[column + low[2]]) // np.uintp(BLOCK)
+            end = np.uintp(first[column + high[2] + 1] + BLOCK - 1) // np.uintp(BLOCK)
+            for block in range(begin, end):
+                dx, dy, dz = x - balls[block, 0], y - balls[block, 1], z - balls[block, 2]
+                far = reach + balls[block, 3]
+                near[count] = block
+                count += np.uintp(dx * dx + dy * dy + dz * dz <= far * far)
+    return count
+
+
 @kernel
 def densities(discs: Discs, measured: Measurements, X: Floats3, density: OutFloats2) -> None:
     """The density of each contact at each pose, into density (B, k); on a flat surface with the right normal it is 1.
 
-    Cells near the contact are gone through by columns, and in each the blocks that hold their discs. Those within reach
-    are noted, without a branch that a processor would have to guess, before any is reckoned. What the first and the
-    last block hold of the next cells counts, too: no other column has it.
+    Those of the blocks within reach are added up.
     """
-    blocks, balls, first, origin, per_cell, shape, spacing, sigmas = discs
+    blocks, _, _, origin, per_cell, shape, spacing, sigmas = discs
     p, n, sigma, weight_n = measured
     numbers, width = blocks.reshape(-1), np.uintp(blocks.shape[2])
     q, m, shares = np.empty(3), np.empty(3), np.empty(BLOCK, dtype=np.float32)
@@ -108,18 +129,8 @@ def densities(discs: Discs, measured: Measurements, X: Floats3, density: OutFloa
                 q0, q1, q2 = np.float32(q[0]), np.float32(q[1]), np.float32(q[2])
                 m0, m1, m2 = np.float32(m[0]), np.float32(m[1]), np.float32(m[2])
                 variance, per_across = np.float32(sigma[i] ** 2), np.float32(0.5 / sigma[i] ** 2)
-                per_normal, nearby = np.float32(weight_n[i] ** 2), np.float32(sigmas * sigma[i])
-                count = np.uintp(0)
-                for a in range(low[0], high[0] + 1):
-                    for c in range(low[1], high[1] + 1):
-                        column = (a * shape[1] + c) * (shape[2] + 1)
-                        begin = np.uintp(first[column + low[2]]) // np.uintp(BLOCK)
-                        end = np.uintp(first[column + high[2] + 1] + BLOCK - 1) // np.uintp(BLOCK)
-                        for block in range(begin, end):
-                            dx, dy, dz = q0 - balls[block, 0], q1 - balls[block, 1], q2 - balls[block, 2]
-                            far = nearby + balls[block, 3]
-                            near[count] = block
-                            count += np.uintp(dx * dx + dy * dy + dz * dz <= far * far)
+                per_normal = np.float32(weight_n[i] ** 2)
+                count = _blocks_near(discs, q, low, high, np.float32(sigmas * sigma[i]), near)
                 for place in range(count):
                     start = np.uintp(near[place]) * _WHOLE
                     # A loop whose length the compiler knew it would unroll into single numbers.
