@@ -17,8 +17,8 @@ from tactopose_drake.core.evidence.plane_contact import PlaneContact
 from tactopose_drake.core.identification.model_evidence import log_evidence
 from tactopose_drake.core.objectives.contact_mixture import Judgement
 from tactopose_drake.core.posterior.alike_modes import indistinct_images, join_alike
-from tactopose_drake.core.posterior.belief_sampling import weigh_modes
 from tactopose_drake.core.posterior.hypotheses import Modes, find_modes
+from tactopose_drake.core.posterior.importance_sampling import weigh_modes
 from tactopose_drake.core.posterior.plausibility import explain_with_doubt, is_comfortable
 from tactopose_drake.core.posterior.posterior import make_posterior
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, PosteriorParams

@@ -1,4 +1,3 @@
-from .belief_sampling import weigh_modes as weigh_modes
 from .cramer_rao import cramer_rao_bound as cramer_rao_bound
 from .gaussian_mixture import GaussianMixture as GaussianMixture
 from .hypotheses import Modes as Modes
@@ -6,6 +5,7 @@ from .hypotheses import determined_part as determined_part
 from .hypotheses import determined_rows as determined_rows
 from .hypotheses import find_modes as find_modes
 from .hypotheses import free_directions as free_directions
+from .importance_sampling import weigh_modes as weigh_modes
 from .metrics import touch_errors as touch_errors
 from .metrics import truth_errors as truth_errors
 from .plausibility import degrees_of_freedom as degrees_of_freedom

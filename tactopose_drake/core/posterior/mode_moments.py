@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tactopose_drake.core.objectives.objective import Objective
-from tactopose_drake.core.posterior import sampling_weight_kernels
+from tactopose_drake.core.posterior import importance_sampling_kernels
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, MomentParams
 from tactopose_drake.core.validation import FloatArray
 
@@ -34,7 +34,7 @@ def weigh_moments(increments: FloatArray, weights: FloatArray) -> Moments:
     """The moments of samples by their increments (B, g, 6) from the groups' poses and their weights (B, g)."""
     g = weights.shape[1]
     moments = Moments(np.empty(g), np.zeros((g, 6)), np.zeros((g, 6, 6)))
-    sampling_weight_kernels.add_moments(increments, weights, *moments)
+    importance_sampling_kernels.add_moments(increments, weights, *moments)
     return moments
 
 
@@ -55,8 +55,8 @@ def toward_the_mean(
         The poses, their costs, and the mean products (g, 6, 6) of the increments from them.
     """
     g, mean, way = len(X_PO), moments.first, np.array(params.tried_shares)
-    tried = sampling_weight_kernels.Tried(np.empty((g, len(way))), np.empty((g, len(way), 3, 4)))
-    sampling_weight_kernels.try_shares(X_PO, laplace, mean, moments.effective_samples, way, params.chance, tried)
+    tried = importance_sampling_kernels.Tried(np.empty((g, len(way))), np.empty((g, len(way), 3, 4)))
+    importance_sampling_kernels.try_shares(X_PO, laplace, mean, moments.effective_samples, way, params.chance, tried)
     costs = objective.cost(tried.X.reshape(-1, 3, 4)).reshape(g, len(way))
     costs[:, -1] = cost
     chosen = np.arange(g), (costs <= cost[:, None] + params.as_good).argmax(axis=1)

@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.kernels.matrix_kernels import inverses
 from tactopose_drake.core.poses import compose, increments_between
-from tactopose_drake.core.posterior.belief_sampling import Cover, cover_modes, weigh_covered
 from tactopose_drake.core.posterior.hypotheses import Modes, find_modes
+from tactopose_drake.core.posterior.importance_sampling import Cover, cover_modes, weigh_covered
 from tactopose_drake.core.posterior.plausibility import explain_with_doubt
 from tactopose_drake.core.posterior.posterior import make_posterior
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt

@@ -1,5 +1,5 @@
-"""The belief's compiled loops: importance weights, their moments, and steps to a valley's floor; see `belief.py`
-and `mode_moments.py`.
+"""The belief's compiled loops: importance weights, their moments, and steps to a valley's floor; see
+`importance_sampling.py` and `mode_moments.py`.
 
 With the exact posterior exp(-c) and the groups' densities q_g that add up to the mixture's q = sum_g q_g, a sample x
 of N weighs w = exp(-c(x)) / (N q(x)), of which w q_g(x) / q(x) belongs to group g [OZ00]. For increments u from the

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactopose_drake.core.kernels.matrix_kernels import inverses
-from tactopose_drake.core.posterior import sampling_weight_kernels
+from tactopose_drake.core.posterior import importance_sampling_kernels
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.posterior.hypotheses import Modes, free_directions
 from tactopose_drake.core.posterior.joined_modes import Families, find_families
@@ -138,7 +138,7 @@ def _draw(cover: Cover, posterior: Posterior, generator: np.random.Generator) ->
         drawn, all_drawn = fresh.stop, slice(fresh.stop)
         proposal.add_to(density[all_drawn], increments.part(all_drawn))
         cost[fresh] = _cost_of_one_image(X_PO[fresh], X_mode, posterior)
-        lowest, error, worth = sampling_weight_kernels.weigh(
+        lowest, error, worth = importance_sampling_kernels.weigh(
             cost[all_drawn],
             lowest,
             density[all_drawn],
@@ -161,7 +161,9 @@ def _cost_of_one_image(X_PO: FloatArray, X_mode: FloatArray, posterior: Posterio
     if len(posterior.symmetry_poses) == 1:
         return posterior.exact_cost(X_PO)
     nearest = np.empty(len(X_PO), dtype=np.intp)
-    sampling_weight_kernels.find_nearest_images(X_PO, X_mode, posterior.symmetry_poses, 0.5 * posterior.size, nearest)
+    importance_sampling_kernels.find_nearest_images(
+        X_PO, X_mode, posterior.symmetry_poses, 0.5 * posterior.size, nearest
+    )
     cost, own = np.full(len(X_PO), np.inf), nearest == 0
     cost[own] = posterior.exact_cost(X_PO[own])
     return cost
@@ -246,7 +248,7 @@ def _to_the_floor(X_PO: FloatArray, posterior: Posterior) -> FloatArray:
     soft, longest = 1.0 / (units * posterior.straight) ** 2, params.longest_step * posterior.size
     for _ in range(params.steps if len(X_PO) else 0):
         _, gradient, hessian = posterior.likelihood.normal_equations(X_PO)
-        sampling_weight_kernels.step_down(gradient, hessian, soft, units, longest, X_PO)
+        importance_sampling_kernels.step_down(gradient, hessian, soft, units, longest, X_PO)
     return X_PO
 
 

@@ -6,10 +6,10 @@ import pytest
 
 from tactopose_drake.core.objectives.objective import LeastSquaresObjective, NormalEquations, form_normal_equations
 from tactopose_drake.core.poses import exp_so3, increments_between, make_poses, retract
-from tactopose_drake.core.posterior import sampling_weight_kernels
-from tactopose_drake.core.posterior.belief_sampling import weigh_modes
+from tactopose_drake.core.posterior import importance_sampling_kernels
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.posterior.hypotheses import Modes
+from tactopose_drake.core.posterior.importance_sampling import weigh_modes
 from tactopose_drake.core.posterior.mode_moments import toward_the_mean, weigh_moments
 from tactopose_drake.core.posterior.posterior import Posterior
 from tactopose_drake.core.posterior.posterior_params import PosteriorParams, SamplingParams
@@ -267,7 +267,7 @@ def test_of_groups_that_are_one_the_shares_are_as_sure_as_what_they_are_together
     cost, weights = np.linspace(0.5, 3.0, 40), np.empty((40, 3))
 
     def weigh(family: list[int]) -> tuple[float, float, float]:
-        return sampling_weight_kernels.weigh(cost, 1.0, densities, np.array(family), count, weights)
+        return importance_sampling_kernels.weigh(cost, 1.0, densities, np.array(family), count, weights)
 
     lowest, error, worth = weigh([0, 1, 2])
     np.testing.assert_allclose(weights.sum(axis=1), np.exp(lowest - cost) / densities.sum(axis=1))
