@@ -132,6 +132,7 @@ class Kernel(CPUDispatcher):
 
     _can_compile: bool
     _cache: Any
+    _insert: Callable[..., None]
 
     @functools.cached_property
     def declared(self) -> tuple[types.Type, ...]:
@@ -156,6 +157,25 @@ class Kernel(CPUDispatcher):
     def is_kept(self) -> bool:
         """Whether its compiled code is in the cache on disk."""
         return bool(self._cache.holds(self.declared, self.targetctx))
+
+    def __call__(self, *args: Any) -> Any:
+        """Calls it from Python: with plain tuples, for numba spells the names of a named one's fields at each call."""
+        return super().__call__(*[tuple(arg) if isinstance(arg, tuple) else arg for arg in args])
+
+    @functools.cached_property
+    def _plain(self) -> list[Any]:
+        """The types of the arguments when it is called from Python."""
+        return [types.BaseTuple.from_types(t.types) if hasattr(t, "types") else t for t in self.declared]
+
+    def add_overload(self, cres: Any) -> None:
+        """What numba asks for once it is compiled, for calls from Python and from other kernels."""
+        self._insert([plain._code for plain in self._plain], cres.entry_point, cres.objectmode)
+        self.overloads[self.declared] = cres
+
+    def _search_new_conversions(self, *args: Any) -> bool:
+        """What numba asks for at the first call with arguments of other types, as of arrays that may be written."""
+        given = [self.typeof_pyval(arg) for arg in args]
+        return bool(self.typingctx.install_possible_conversions(given, self._plain))
 
     def _compile_for_args(self, *args: Any, **kws: Any) -> Any:
         """What numba asks for at the first call: what to call with these arguments."""

@@ -14,6 +14,7 @@ import tactopose_drake
 from tactopose_drake.core import compilation
 from tactopose_drake.core.compilation import Floats1, Floats2, Inlined, Kernel, OutFloats1, numba_type, read_only
 from tactopose_drake.core.kernels.pose_kernels import retract, retract_one
+from tactopose_drake.core.kernels.prior_kernels import Prior, prior_costs
 from tactopose_drake.core.shape.point_grid import build_point_grid
 
 CORE = Path(tactopose_drake.__file__).parent / "core"
@@ -88,6 +89,29 @@ def test_kernels_take_arrays_that_may_be_written_and_others_alike() -> None:
             retract(other, increments, found)
     with pytest.raises(TypeError, match="No matching definition"):
         retract(X, increments, read_only(found))
+
+
+def test_named_tuples_are_taken_by_the_types_of_their_fields() -> None:
+    generator = np.random.default_rng(0)
+    prior = Prior(read_only(np.eye(3, 4)), read_only(generator.uniform(size=6)))
+    X, cost, again = np.empty((5, 3, 4)), np.empty(5), np.empty(5)
+    retract(np.tile(np.eye(3, 4), (5, 1, 1)), increments := generator.normal(size=(5, 6)), X)
+    prior_costs(prior, X, cost)
+    expected = 0.5 * np.sum((increments * prior.weights) ** 2, axis=1)
+    np.testing.assert_allclose(cost, expected, rtol=1e-12)
+    prior_costs(prior, read_only(X), again)
+    np.testing.assert_array_equal(again, cost)
+    for other in (
+        prior._replace(X=prior.X.astype(np.float32)),
+        prior._replace(weights=np.ones(6, dtype=np.int64)),
+        prior._replace(X=read_only(np.eye(3, 4)[None])),
+        prior._replace(X=prior.X.copy(order="F")),
+        (*prior, prior.weights),
+        prior.X,
+    ):
+        with pytest.raises(TypeError, match="No matching definition"):
+            prior_costs(other, X, cost)  # type: ignore[arg-type]
+    assert len(prior_costs.signatures) == 1  # type: ignore[attr-defined]
 
 
 def test_a_view_for_kernels_is_read_only_and_leaves_the_array_as_it_is() -> None:
