@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tactopose_drake.core.compilation import (
+    Floats1,
     Floats2,
     Floats3,
     Longs1,
@@ -23,6 +24,9 @@ from tactopose_drake.core.compilation import (
 )
 from tactopose_drake.core.kernels import pose_kernels
 from tactopose_drake.core.kernels.matrix_kernels import cholesky, invert, solve_transposed
+
+# So many poses are compared with a component at a time: their numbers stay in the processor's first cache.
+_LANES = 256
 
 
 class Components(NamedTuple):
@@ -199,41 +203,57 @@ def add_densities(
 ) -> None:
     """Adds scale (f / (f + d^T H d))^(power / 2) of each component, d from its center, by the volume of poses.
 
-    Each number of the components is an array by itself, so that several components are reckoned at once.
+    Of some poses at a time those within a group's reach are gathered, each number of their increments by itself, so
+    that a component's densities of several poses are reckoned at once.
     """
     first, center, information, reach, scale = components
-    count = center.shape[0]
-    c, H = np.empty((6, count)), np.empty((21, count))
-    for j in range(count):
-        row = 0
-        for a in range(6):
-            c[a, j] = center[j, a]
-            for i in range(a):
-                H[row, j] = 2.0 * information[j, a, i]
-                row += 1
-            H[row, j] = information[j, a, a]
-            row += 1
-    ratio, share = np.empty(count), np.empty(count)
-    for b in range(increment.shape[0]):
+    near, lanes = np.empty(_LANES, dtype=np.int64), np.empty((9, _LANES))
+    for begin in range(0, increment.shape[0], _LANES):
         for g in range(reach.shape[0]):
-            u = increment[b, g]
-            if u[3] ** 2 + u[4] ** 2 + u[5] ** 2 > reach[g]:
-                continue
-            begin, end = np.uintp(first[g]), np.uintp(first[g + 1])
-            for j in range(begin, end):
-                x, y, z = u[0] - c[0, j], u[1] - c[1, j], u[2] - c[2, j]
-                r, s, t = u[3] - c[3, j], u[4] - c[4, j], u[5] - c[5, j]
-                square = x * (H[0, j] * x) + y * (H[1, j] * x + H[2, j] * y)
-                square += z * (H[3, j] * x + H[4, j] * y + H[5, j] * z)
-                square += r * (H[6, j] * x + H[7, j] * y + H[8, j] * z + H[9, j] * r)
-                square += s * (H[10, j] * x + H[11, j] * y + H[12, j] * z + H[13, j] * r + H[14, j] * s)
-                square += t * (H[15, j] * x + H[16, j] * y + H[17, j] * z + H[18, j] * r + H[19, j] * s + H[20, j] * t)
-                ratio[j] = freedom / (freedom + square)
-                share[j] = scale[j] * (np.sqrt(ratio[j]) if power % 2 else 1.0)
-            for _ in range(power // 2):
-                for j in range(begin, end):
-                    share[j] *= ratio[j]
-            total = 0.0
-            for j in range(begin, end):
-                total += share[j]
-            density[b, g] += total / volume[b, g]
+            count = 0
+            for b in range(begin, min(begin + _LANES, increment.shape[0])):
+                u = increment[b, g]
+                if u[3] ** 2 + u[4] ** 2 + u[5] ** 2 > reach[g]:
+                    continue
+                near[count], lanes[8, count] = b, 0.0
+                for i in range(6):
+                    lanes[i, count] = u[i]
+                count += 1
+            for j in range(first[g], first[g + 1]):
+                _add_density(center[j], information[j], scale[j], freedom, power, lanes, count)
+            for k in range(count):
+                density[near[k], g] += lanes[8, k] / volume[near[k], g]
+
+
+@part
+def _add_density(
+    center: Floats1, information: Floats2, scale: float, freedom: int, power: int, lanes: OutFloats2, count: int
+) -> None:
+    """Adds one component's density, without the volume, at so many increments.
+
+    lanes (9, n): the six numbers of the increments; two for work; and the sums that it is added to.
+    """
+    c, H, f = center, information, float(freedom)
+    c0, c1, c2, c3, c4, c5 = c[0], c[1], c[2], c[3], c[4], c[5]
+    H00, H11, H22, H33, H44, H55 = H[0, 0], H[1, 1], H[2, 2], H[3, 3], H[4, 4], H[5, 5]
+    # Twice what is below the diagonal.
+    H10, H20, H21 = 2.0 * H[1, 0], 2.0 * H[2, 0], 2.0 * H[2, 1]
+    H30, H31, H32 = 2.0 * H[3, 0], 2.0 * H[3, 1], 2.0 * H[3, 2]
+    H40, H41, H42, H43 = 2.0 * H[4, 0], 2.0 * H[4, 1], 2.0 * H[4, 2], 2.0 * H[4, 3]
+    H50, H51, H52, H53, H54 = 2.0 * H[5, 0], 2.0 * H[5, 1], 2.0 * H[5, 2], 2.0 * H[5, 3], 2.0 * H[5, 4]
+    for k in range(count):
+        x, y, z = lanes[0, k] - c0, lanes[1, k] - c1, lanes[2, k] - c2
+        r, s, t = lanes[3, k] - c3, lanes[4, k] - c4, lanes[5, k] - c5
+        square = x * (H00 * x) + y * (H10 * x + H11 * y)
+        square += z * (H20 * x + H21 * y + H22 * z)
+        square += r * (H30 * x + H31 * y + H32 * z + H33 * r)
+        square += s * (H40 * x + H41 * y + H42 * z + H43 * r + H44 * s)
+        square += t * (H50 * x + H51 * y + H52 * z + H53 * r + H54 * s + H55 * t)
+        ratio = f / (f + square)
+        lanes[6, k] = ratio
+        lanes[7, k] = scale * (np.sqrt(ratio) if power % 2 else 1.0)
+    for _ in range(power // 2):
+        for k in range(count):
+            lanes[7, k] *= lanes[6, k]
+    for k in range(count):
+        lanes[8, k] += lanes[7, k]
