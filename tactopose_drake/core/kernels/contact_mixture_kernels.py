@@ -101,70 +101,84 @@ class Judged(NamedTuple):
 
 
 @inlined
-def _mix(d, n, doubts, work):
-    """The cost of energies d and n (k,), zero where those are; fills the factors, and what the pairs weigh."""
-    point, turn, far, total = work
-    pairs, shift = total.shape[0], 0.0
-    for q in range(pairs):
-        total[q] = doubts.probability[q]
-    for i in range(d.shape[0]):
-        far[i] = np.exp(-doubts.closeness[i] * d[i])
-        per = 0.5**MOST_DOUBLINGS
-        by_point, by_turn, root = np.exp(-d[i] * per), np.exp(-n[i] * per), 0.5 ** (0.5 * MOST_DOUBLINGS)
-        for a in range(MOST_DOUBLINGS, -1, -1):
-            point[i, a] = by_point * root
-            turn[i, a] = by_turn * per if doubts.has_normals else 1.0
-            by_point, by_turn, per, root = by_point * by_point, by_turn * by_turn, 2.0 * per, _ROOT_2 * root
-        most, moved = 0.0, doubts.displaced[i] * far[i]
+def _mix(d, n, lanes, doubts, cost, work):
+    """The costs of energies d and n (k, lanes), zero where those are; fills the factors, and what the pairs weigh."""
+    point, turn, moved, total, most = work
+    pairs = total.shape[0]
+    for lane in range(lanes):
+        cost[lane] = 0.0
         for q in range(pairs):
-            by_point, by_turn = point[i, doubts.s[q]], turn[i, doubts.t[q]]
-            false = doubts.normal[i] * by_point + moved * by_turn + doubts.other[i]
-            total[q] *= by_point * by_turn + false
-            most = max(most, total[q])
-        if not 1e-50 <= most <= 1e50:  # Many contacts' densities are too small or too large for one number.
-            shift += np.log(most)
-            for q in range(pairs):
-                total[q] /= most
-    mass = 0.0
-    for q in range(pairs):
-        mass += total[q]
-    for q in range(pairs):
-        total[q] /= mass
-    return -shift - np.log(mass)
+            total[q, lane] = doubts.probability[q]
+    for i in range(d.shape[0]):
+        for lane in range(lanes):
+            per, root = 0.5**MOST_DOUBLINGS, 0.5 ** (0.5 * MOST_DOUBLINGS)
+            by_point, by_turn = np.exp(-d[i, lane] * per), np.exp(-n[i, lane] * per)
+            for a in range(MOST_DOUBLINGS, -1, -1):
+                point[i, a, lane] = by_point * root
+                turn[i, a, lane] = by_turn * per if doubts.has_normals else 1.0
+                by_point, by_turn, per, root = by_point * by_point, by_turn * by_turn, 2.0 * per, _ROOT_2 * root
+            moved[i, lane] = doubts.displaced[i] * np.exp(-doubts.closeness[i] * d[i, lane])
+            most[lane] = 0.0
+        for q in range(pairs):
+            s, t = doubts.s[q], doubts.t[q]
+            for lane in range(lanes):
+                by_point, by_turn = point[i, s, lane], turn[i, t, lane]
+                false = doubts.normal[i] * by_point + moved[i, lane] * by_turn + doubts.other[i]
+                total[q, lane] *= by_point * by_turn + false
+                most[lane] = max(most[lane], total[q, lane])
+        for lane in range(lanes):
+            if not 1e-50 <= most[lane] <= 1e50:  # Many contacts' densities are too small or large for one number.
+                cost[lane] -= np.log(most[lane])
+                for q in range(pairs):
+                    total[q, lane] /= most[lane]
+    for lane in range(lanes):
+        mass = 0.0
+        for q in range(pairs):
+            mass += total[q, lane]
+        for q in range(pairs):
+            total[q, lane] /= mass
+        cost[lane] -= np.log(mass)
 
 
 @inlined
-def _shares(doubts, i, work):
-    """That a contact is as told; and the derivatives of the cost by its energies d and n."""
-    point, turn, far, total = work
-    told, weight_d, weight_n, displaced = 0.0, 0.0, 0.0, doubts.displaced[i] * far[i]
-    for q in range(total.shape[0]):
-        if total[q] > 1e-6:
-            by_point, by_turn = point[i, doubts.s[q]], turn[i, doubts.t[q]]
-            as_told = by_point * by_turn
-            turned, moved = doubts.normal[i] * by_point, displaced * by_turn
-            part = total[q] / (as_told + turned + moved + doubts.other[i])
-            told += part * as_told
-            weight_d += part * ((as_told + turned) * doubts.per_s[q] + moved * doubts.closeness[i])
-            weight_n += part * (as_told + moved) * doubts.per_t[q]
-    return told, weight_d, weight_n
+def _find_shares(i, lanes, doubts, work, shares):
+    """That a contact is as told, and the derivatives of the cost by its energies d and n, into shares (3, lanes)."""
+    point, turn, moved, total, _ = work
+    for lane in range(lanes):
+        told, weight_d, weight_n = 0.0, 0.0, 0.0
+        for q in range(total.shape[0]):
+            if total[q, lane] > 1e-6:
+                by_point, by_turn = point[i, doubts.s[q], lane], turn[i, doubts.t[q], lane]
+                as_told = by_point * by_turn
+                turned, displaced = doubts.normal[i] * by_point, moved[i, lane] * by_turn
+                part = total[q, lane] / (as_told + turned + displaced + doubts.other[i])
+                told += part * as_told
+                weight_d += part * ((as_told + turned) * doubts.per_s[q] + displaced * doubts.closeness[i])
+                weight_n += part * (as_told + displaced) * doubts.per_t[q]
+        shares[0, lane], shares[1, lane], shares[2, lane] = told, weight_d, weight_n
 
 
 @inlined
 def _work(contacts, doubts):
-    """What `_mix` fills: the contacts' factors by points and by normals, how far they are, and what the pairs weigh."""
-    factors = (contacts, MOST_DOUBLINGS + 1)
-    return np.empty(factors), np.empty(factors), np.empty(contacts), np.empty(len(doubts.s))
+    """What `_mix` fills: the contacts' factors by points, by normals, and as displaced; and what the pairs weigh."""
+    factors = (contacts, MOST_DOUBLINGS + 1, LANES)
+    return (
+        np.empty(factors),
+        np.empty(factors),
+        np.empty((contacts, LANES)),
+        np.empty((len(doubts.s), LANES)),
+        np.empty(LANES),
+    )
 
 
 @part
 def _find_energies(grid: Grid, touch: Touch, lanes: int, w: OutFloats1, d: OutFloats2, n: OutFloats2) -> None:
-    """The energies of each contact's distance and normal at so many poses, into (lanes, k), by the distance field."""
+    """The energies of each contact's distance and normal at so many poses, into (k, lanes), by the distance field."""
     for i in range(touch.p.shape[0]):
         read_grid(grid, touch.p[i], touch.n[i], lanes, w)
         weigh(grid.inverse_spacing, touch.weight_p[i], touch.weight_n[i], lanes, w)
         for lane in range(lanes):
-            d[lane, i], n[lane, i] = w[DISTANCE_ENERGY + np.uintp(lane)], w[NORMAL_ENERGY + np.uintp(lane)]
+            d[i, lane], n[i, lane] = w[DISTANCE_ENERGY + np.uintp(lane)], w[NORMAL_ENERGY + np.uintp(lane)]
 
 
 @inlined
@@ -174,10 +188,10 @@ def _energies_and_rows(grid, touch, X, rows, d, n):
     for i in range(touch.p.shape[0]):
         own = Rows(residual[i], J[i], smooth[i], work)
         contact_rows(grid, touch.p[i], touch.n[i], touch.weight_p[i], touch.weight_n[i], X, own)
-        d[i] = 0.5 * residual[i, 0] ** 2
-        n[i] = 0.0
+        d[i, 0] = 0.5 * residual[i, 0] ** 2
+        n[i, 0] = 0.0
         for a in range(1, 5):
-            n[i] += 0.5 * residual[i, a] ** 2
+            n[i, 0] += 0.5 * residual[i, a] ** 2
 
 
 @kernel
@@ -196,22 +210,20 @@ def mixture_equations(
     """
     cost, gradient, hessian = equations
     k = touch.p.shape[0]
-    w, d, n, work = np.zeros(SIZE), np.empty((LANES, k)), np.empty((LANES, k)), _work(k, doubts)
-    share_d, share_n, g, H = np.empty((k, LANES)), np.empty((k, LANES)), np.empty(6), np.empty((6, 6))
+    w, d, n, work = np.zeros(SIZE), np.empty((k, LANES)), np.empty((k, LANES)), _work(k, doubts)
+    shares, g, H = np.empty((3, LANES)), np.empty(6), np.empty((6, 6))
     u, difference, D = np.empty(6), np.empty(6), np.empty((6, 6))
     for first in range(0, X.shape[0], LANES):
         lanes = min(LANES, X.shape[0] - first)
         enter(X, first, lanes, w)
         _find_energies(grid, touch, lanes, w, d, n)
-        for lane in range(lanes):
-            cost[first + lane] = _mix(d[lane], n[lane], doubts, work)
-            for i in range(k):
-                _, share_d[i, lane], share_n[i, lane] = _shares(doubts, i, work)
+        _mix(d, n, lanes, doubts, cost[first:], work)
         for i in range(k):
+            _find_shares(i, lanes, doubts, work, shares)
             read_grid(grid, touch.p[i], touch.n[i], lanes, w)
             for lane in range(lanes):
-                w[DISTANCE_SHARE + np.uintp(lane)] = share_d[i, lane]
-                w[NORMAL_SHARE + np.uintp(lane)] = share_n[i, lane]
+                w[DISTANCE_SHARE + np.uintp(lane)] = shares[1, lane]
+                w[NORMAL_SHARE + np.uintp(lane)] = shares[2, lane]
             add_equations(grid.inverse_spacing, touch.weight_p[i], touch.weight_n[i], lanes, w)
         for lane in range(lanes):
             b = first + lane
@@ -232,34 +244,39 @@ def judge(
     cut, and the distance field is as good. The prior counts in the costs alone.
     """
     density, reached = exact
-    k, least, u = touch.p.shape[0], np.exp(-reached), np.empty(6)
-    w, d, n, work = np.zeros(SIZE), np.empty((LANES, k)), np.empty((LANES, k)), _work(k, doubts)
-    for b in range(X.shape[0]):
-        lane = b % LANES
-        if lane == 0:
-            lanes = min(LANES, X.shape[0] - b)
-            enter(X, b, lanes, w)
-            _find_energies(grid, touch, lanes, w, d, n)
-        for i in range(k):
-            if density[b, i] > least:
-                both = -np.log(density[b, i])
-                d[lane, i] = min(d[lane, i], max(both, 0.0))
-                n[lane, i] = both - d[lane, i]
-            else:
-                n[lane, i] = max(d[lane, i] + n[lane, i], reached) - d[lane, i]
-        judged.cost[b] = _mix(d[lane], n[lane], doubts, work) + prior_cost(prior, X[b], u)
+    k, least, u, shares = touch.p.shape[0], np.exp(-reached), np.empty(6), np.empty((3, LANES))
+    w, d, n, work = np.zeros(SIZE), np.empty((k, LANES)), np.empty((k, LANES)), _work(k, doubts)
+    for first in range(0, X.shape[0], LANES):
+        lanes = min(LANES, X.shape[0] - first)
+        enter(X, first, lanes, w)
+        _find_energies(grid, touch, lanes, w, d, n)
+        for lane in range(lanes):
+            for i in range(k):
+                if density[first + lane, i] > least:
+                    both = -np.log(density[first + lane, i])
+                    d[i, lane] = min(d[i, lane], max(both, 0.0))
+                    n[i, lane] = both - d[i, lane]
+                else:
+                    n[i, lane] = max(d[i, lane] + n[i, lane], reached) - d[i, lane]
+        _mix(d, n, lanes, doubts, judged.cost[first:], work)
+        for b in range(first, first + lanes):
+            judged.cost[b] += prior_cost(prior, X[b], u)
         if not whole:
             continue
-        total = work[3]
-        judged.noise_scale[b], narrowed, calmed = 0.0, 0.0, 0.0
-        for pair in range(len(doubts.s)):
-            judged.noise_scale[b] += total[pair] / np.sqrt(doubts.per_s[pair])
-            narrowed += total[pair] * doubts.per_s[pair]
-            calmed += total[pair] * doubts.per_t[pair]
-        judged.misfit[b] = 0.0
         for i in range(k):
-            judged.inlier_probability[b, i] = _shares(doubts, i, work)[0]
-            judged.misfit[b] += judged.inlier_probability[b, i] * (d[lane, i] * narrowed + n[lane, i] * calmed)
+            _find_shares(i, lanes, doubts, work, shares)
+            for lane in range(lanes):
+                judged.inlier_probability[first + lane, i] = shares[0, lane]
+        for lane in range(lanes):
+            b, total = first + lane, work[3][:, lane]
+            judged.noise_scale[b], narrowed, calmed = 0.0, 0.0, 0.0
+            for pair in range(len(doubts.s)):
+                judged.noise_scale[b] += total[pair] / np.sqrt(doubts.per_s[pair])
+                narrowed += total[pair] * doubts.per_s[pair]
+                calmed += total[pair] * doubts.per_t[pair]
+            judged.misfit[b] = 0.0
+            for i in range(k):
+                judged.misfit[b] += judged.inlier_probability[b, i] * (d[i, lane] * narrowed + n[i, lane] * calmed)
 
 
 @kernel
@@ -273,17 +290,17 @@ def doubted_information(
     """
     k = touch.p.shape[0]
     residual, J, smooth, scratch = np.empty((k, 5)), np.empty((k, 5, 6)), np.empty((k, 4, 6)), np.empty((10, 4))
-    d, n, work = np.empty(k), np.empty(k), _work(k, doubts)
+    d, n, work, shares, cost = np.empty((k, 1)), np.empty((k, 1)), _work(k, doubts), np.empty((3, 1)), np.empty(1)
     for b in range(X.shape[0]):
         _energies_and_rows(grid, touch, X[b], (residual, J, smooth, scratch), d, n)
-        _mix(d, n, doubts, work)
+        _mix(d, n, 1, doubts, cost, work)
         for i in range(k):
-            _, weight_d, weight_n = _shares(doubts, i, work)
-            lost_d = max(weight_d - doubts.closeness[i], 0.0)
+            _find_shares(i, 1, doubts, work, shares)
+            lost_d = max(shares[1, 0] - doubts.closeness[i], 0.0)
             for c in range(6):
                 for e in range(6):
                     information[b, i, c, e] = hessian[b, c, e] - lost_d * smooth[i, 0, c] * smooth[i, 0, e]
                     lost = 0.0
                     for a in range(1, 4):
                         lost += smooth[i, a, c] * smooth[i, a, e]
-                    information[b, k + i, c, e] = hessian[b, c, e] - weight_n * lost
+                    information[b, k + i, c, e] = hessian[b, c, e] - shares[2, 0] * lost
