@@ -1,5 +1,6 @@
 """Builds the diagram of a scenario: a simulated hand with its senses, what closes it, and the pose estimation."""
 
+import gc
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -105,7 +106,7 @@ def make_station(
     model: ObjectModel | None = None,
     meshcat: Meshcat | None = None,
 ) -> Station:
-    """Builds a scenario's diagram.
+    """Builds a scenario's diagram, once those before it that nobody uses any more are freed.
 
     Args:
         scenario: what to build.
@@ -117,6 +118,9 @@ def make_station(
         InvalidInputError: if the scenario cannot be built.
     """
     scenario.validate()
+    # A diagram and its builder hold each other, with a hundred megabytes, but of few objects in Python, which looks for
+    # such garbage too rarely then: some hundred grasps, one after the other, would come to gigabytes.
+    gc.collect()
     model = scenario.object_model() if model is None else model
     if scenario.grip is None and plan is None:
         plan = plan_scenario(scenario, model)[0]

@@ -12,6 +12,7 @@ from tactopose_drake.drivers.device_bus import DeviceBus
 from tactopose_drake.hand.geometry import BodySpheres
 from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.station.can_devices import CanDevices
+from tactopose_drake.station.grasp_planning import plan_scenario
 from tactopose_drake.station.hardware import make_hardware_station
 from tactopose_drake.station.scenario import Scenario, load_scenario
 from tactopose_drake.station.simulated import check_bodies, make_station
@@ -54,6 +55,22 @@ def test_a_station_is_freed_with_all_that_it_was_made_of(make: Callable[[], Diag
     after = count()
     assert diagram() is None
     assert after <= before
+
+
+def test_a_new_station_frees_those_before_it_though_python_does_not_look_for_garbage() -> None:
+    scenario = load_scenario("shadow_like")
+    scenario.planner.grasps = 1
+    model = scenario.object_model()
+    plan = plan_scenario(scenario, model)[0]
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        made = [weakref.ref(make_station(scenario, plan, model=model).diagram) for _ in range(3)]
+        freed = [diagram() is None for diagram in made[:2]]
+    finally:
+        if enabled:
+            gc.enable()
+    assert freed == [True, True]
 
 
 @pytest.mark.parametrize(
