@@ -103,7 +103,7 @@ def _blocks_near(discs, q, low, high, reach, near):
 def densities(discs: Discs, measured: Measurements, X: Floats3, density: OutFloats2) -> None:
     """The density of each contact at each pose, into density (B, k); on a flat surface with the right normal it is 1.
 
-    Those of the blocks within reach are added up.
+    The shares of the discs in blocks within reach add up to it.
     """
     blocks, _, _, origin, per_cell, shape, spacing, sigmas = discs
     p, n, sigma, weight_n = measured
