@@ -57,6 +57,7 @@ Floats1: TypeAlias = Annotated[_Doubles, _Array(types.float64, 1, False)]
 Floats2: TypeAlias = Annotated[_Doubles, _Array(types.float64, 2, False)]
 Floats3: TypeAlias = Annotated[_Doubles, _Array(types.float64, 3, False)]
 Floats4: TypeAlias = Annotated[_Doubles, _Array(types.float64, 4, False)]
+Singles1: TypeAlias = Annotated[_Singles, _Array(types.float32, 1, False)]
 Singles2: TypeAlias = Annotated[_Singles, _Array(types.float32, 2, False)]
 Singles3: TypeAlias = Annotated[_Singles, _Array(types.float32, 3, False)]
 Singles4: TypeAlias = Annotated[_Singles, _Array(types.float32, 4, False)]
@@ -127,7 +128,36 @@ def _without_collections() -> Iterator[None]:
             gc.enable()
 
 
-class Kernel(CPUDispatcher):
+class _Lean(CPUDispatcher):
+    """A function that counts references to arrays only where it makes some: each count is an atomic instruction.
+
+    Whoever calls it holds its arguments meanwhile. What it has not made it must not return, nor a part of that.
+    """
+
+    def compile(self, sig: Any) -> Any:
+        """What numba asks for: code for this signature."""
+        counts = self.targetoptions["_nrt"] = _makes_arrays(self.py_func)
+        entry = super().compile(sig)
+        if not counts and any(_holds_arrays(compiled.signature.return_type) for compiled in self.overloads.values()):
+            raise TypeError(f"{self.py_func}: returns an array that is not its own.")
+        return entry
+
+
+def _makes_arrays(function: Callable[..., Any]) -> bool:
+    """Whether a function makes arrays, or calls one that does; other ways to make one numba refuses without counts."""
+    names, own = function.__code__.co_names, function.__globals__
+    if {"empty", "zeros", "full"} & set(names):
+        return True
+    scopes = [own, *(vars(own[name]) for name in names if inspect.ismodule(own.get(name)))]
+    called = [scope.get(name) for scope in scopes for name in names]
+    return any(_makes_arrays(each.py_func) for each in called if isinstance(each, _Lean))
+
+
+def _holds_arrays(returned: types.Type) -> bool:
+    return isinstance(returned, types.Array) or any(map(_holds_arrays, getattr(returned, "types", ())))
+
+
+class Kernel(_Lean):
     """A function that is compiled for the one signature that its annotations say."""
 
     _can_compile: bool
@@ -188,7 +218,7 @@ class Kernel(CPUDispatcher):
         return super().get_call_template(args, kws)
 
 
-class _WithoutEntry(CPUDispatcher):
+class _WithoutEntry(_Lean):
     """What has no entry for Python: called from there, as tests do, it is compiled once more, with one."""
 
     @functools.cached_property

@@ -9,10 +9,22 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 from numba.core.dispatcher import Dispatcher
+from numba.core.runtime import _nrt_python, rtsys
 
 import tactopose_drake
 from tactopose_drake.core import compilation
-from tactopose_drake.core.compilation import Floats1, Floats2, Inlined, Kernel, OutFloats1, numba_type, read_only
+from tactopose_drake.core.compilation import (
+    Floats1,
+    Floats2,
+    Inlined,
+    Kernel,
+    OutFloats1,
+    OutFloats2,
+    numba_type,
+    read_only,
+)
+from tactopose_drake.core.kernels.descent_kernels import descend
+from tactopose_drake.core.kernels.matrix_kernels import inverses
 from tactopose_drake.core.kernels.pose_kernels import retract, retract_one
 from tactopose_drake.core.kernels.prior_kernels import Prior, prior_costs
 from tactopose_drake.core.shape.point_grid import build_point_grid
@@ -147,6 +159,44 @@ def test_no_garbage_is_looked_for_while_a_kernel_is_compiled(enabled: bool, monk
         (gc.enable if before else gc.disable)()
     assert (seen, after) == ([False], enabled)
     np.testing.assert_array_equal(values, [2.0, 2.0, 2.0])
+
+
+def test_arrays_are_counted_only_where_some_are_made() -> None:
+    def same(values: OutFloats2) -> OutFloats2:
+        return values
+
+    def own_row(values: OutFloats2) -> OutFloats1:
+        row = np.empty(values.shape[1])
+        for k in range(values.shape[1]):
+            row[k] = values[0, k]
+        return row
+
+    own, borrowed = (Kernel(py_func=function, targetoptions={"nopython": True}) for function in (own_row, same))
+    np.testing.assert_array_equal(own(np.eye(3)), [1.0, 0.0, 0.0])
+    with pytest.raises(TypeError, match="not its own"):
+        borrowed(np.eye(3))
+    assert not _counts(retract)
+    assert _counts(descend)
+
+
+def _counts(function: Any) -> bool:
+    function.make_ready()
+    return bool(function.targetoptions["_nrt"])
+
+
+def test_no_kernel_keeps_what_it_makes() -> None:
+    _nrt_python.memsys_enable_stats()
+    try:
+        before = rtsys.get_allocation_stats()
+        X, increments = np.tile(np.eye(3, 4), (40, 1, 1)), np.zeros((40, 6))
+        for _ in range(3):
+            retract(X, increments, X.copy())
+            inverses(np.tile(np.eye(6), (5, 1, 1)))
+        after = rtsys.get_allocation_stats()
+    finally:
+        _nrt_python.memsys_disable_stats()
+    assert after.mi_alloc > before.mi_alloc
+    assert after.mi_alloc - before.mi_alloc == after.mi_free - before.mi_free
 
 
 class Pair(NamedTuple):
