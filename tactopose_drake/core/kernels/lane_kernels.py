@@ -15,7 +15,7 @@ from tactopose_drake.core.kernels.grid_kernels import SOFT_LENGTH, Grid
 from tactopose_drake.core.kernels.pose_kernels import turn_translations
 from tactopose_drake.core.kernels.prefetch import prefetch
 
-LANES = 8
+LANES = 16
 # Bounds the derivative of the square root in the residual that normalises the normals' likelihood.
 SOFT_ROOT = 1e-4
 # Where rows begin: of a pose; of a contact's point and normal in O; of its place in the grid; of the grid's values at
