@@ -9,7 +9,7 @@ from tactopose_drake.core.shape.coarse_field import CoarseField
 
 def cost_at(field: CoarseField, table: np.ndarray, X_PO: np.ndarray) -> float:
     """Of a table (k, 8) of contacts, see `contact_table`, at a pose (3, 4)."""
-    contacts, rows = table.copy(), np.zeros((SIZE // LANES, LANES))
+    contacts, rows = table.astype(np.float32), np.zeros((SIZE // LANES, LANES), dtype=np.float32)
     contacts[:, :3] = (table[:, :3] - X_PO[:, 3]) / field.spacing
     rows[int(AXES) // LANES :, 0][:9] = X_PO[:, :3].ravel()
     w = rows.ravel()

@@ -107,6 +107,24 @@ def transform(U: Floats2, A: Floats2, work: OutFloats2, out: OutFloats2) -> None
             out[i, j] = out[j, i] = s
 
 
+@part
+def orthonormalize(rows: OutFloats2, count: int) -> None:
+    """Makes so many of the rows (n, m) orthonormal, each less what of it is along those before it."""
+    for c in range(count):
+        for _ in range(2):  # Once more, of what rounding has left.
+            for before in range(c):
+                along = 0.0
+                for k in range(rows.shape[1]):
+                    along += rows[c, k] * rows[before, k]
+                for k in range(rows.shape[1]):
+                    rows[c, k] -= along * rows[before, k]
+            square = 0.0
+            for k in range(rows.shape[1]):
+                square += rows[c, k] * rows[c, k]
+            for k in range(rows.shape[1]):
+                rows[c, k] /= np.sqrt(square)
+
+
 @inlined
 def cholesky(A, L):
     """The lower triangle L of A = L L^T (n, n), from A's, or in its place; the logarithm of A's determinant.

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from tactopose_drake.core.compilation import Floats1, Floats3, OutFloats2, OutFloats3, OutLongs1, kernel, part
-from tactopose_drake.core.kernels.matrix_kernels import cholesky, diagonalize, transform
+from tactopose_drake.core.compilation import Floats1, Floats3, OutFloats3, OutLongs1, kernel
+from tactopose_drake.core.kernels.matrix_kernels import cholesky, diagonalize, orthonormalize, transform
 from tactopose_drake.core.kernels.sorting_kernels import copy_vector
 
 
@@ -49,21 +49,3 @@ def find_free(information: Floats3, units: Floats1, limit: float, rows: OutFloat
                 for k in range(6):
                     rows[b, c, k] = basis[c, k] * units[k]
             orthonormalize(rows[b], count[b])
-
-
-@part
-def orthonormalize(rows: OutFloats2, count: int) -> None:
-    """Makes so many of the rows (n, m) orthonormal, each less what of it is along those before it."""
-    for c in range(count):
-        for _ in range(2):  # Once more, of what rounding has left.
-            for before in range(c):
-                along = 0.0
-                for k in range(rows.shape[1]):
-                    along += rows[c, k] * rows[before, k]
-                for k in range(rows.shape[1]):
-                    rows[c, k] -= along * rows[before, k]
-            square = 0.0
-            for k in range(rows.shape[1]):
-                square += rows[c, k] * rows[c, k]
-            for k in range(rows.shape[1]):
-                rows[c, k] /= np.sqrt(square)

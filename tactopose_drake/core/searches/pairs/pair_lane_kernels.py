@@ -1,7 +1,8 @@
 """Poses that lay two contacts on two surface samples, and their cost on the coarse field, several at a time.
 
 Rows of lanes, as in `kernels.lane_kernels`: what differs from lane to lane (which samples, which voxels) is copied into
-rows first; a loop over lanes has no branches, and becomes four numbers to an instruction.
+rows first; a loop over lanes has no branches. The numbers are singles, as many as an instruction takes: the samples lie
+millimetres beside the contacts, and the voxels err by a third of one.
 """
 
 from typing import NamedTuple
@@ -9,27 +10,30 @@ from typing import NamedTuple
 import numpy as np
 
 from tactopose_drake.core.compilation import (
-    Bytes2,
     Floats1,
     Floats2,
+    Ints1,
     Longs2,
-    OutFloats1,
+    OutSingles1,
     Shape3,
     Shorts2,
+    Singles1,
     inlined,
     part,
 )
 
-LANES = 8
+LANES = 64
 # Where rows begin: the point between two samples; the frame's axes in O; the samples' normals; the turn about the line.
 MIDDLE, AXES, _NORMALS, COSINE, SINE = (np.uintp(LANES * row) for row in (0, 3, 12, 18, 19))
-# Of a contact: its voxel, and what is read there; how far outside of the field it is, in voxels; its normal in O.
-_VOXEL, _OUTSIDE, _TURNED = (np.uintp(LANES * row) for row in (20, 24, 25))
-COST = np.uintp(LANES * 28)
-SIZE = LANES * 29
+# Of a contact: its voxel's number; how far outside of the field it is, in voxels; its normal in O.
+_VOXEL, _OUTSIDE, _TURNED = (np.uintp(LANES * row) for row in (20, 21, 22))
+COST = np.uintp(LANES * 25)
+SIZE = LANES * 26
 """Numbers that the rows take."""
 
 _1, _2, _3, _4, _5, _6, _7, _8 = (np.uintp(LANES * row) for row in range(1, 9))
+# A double among singles would make doubles of all.
+_ZERO, _HALF, _ONE, _NONE, _STEP = (np.float32(value) for value in (0.0, 0.5, 1.0, 1e-15, 1.0 / 127.0))
 
 
 class Samples(NamedTuple):
@@ -41,9 +45,11 @@ class Samples(NamedTuple):
 
 
 class Field(NamedTuple):
-    """A `CoarseField`, read-only, with one over its spacing, 1/m, and the steps of the distance in a voxel."""
+    """A `CoarseField`, read-only: the four bytes of each voxel in one number, the first the lowest; with one over its
+    spacing, 1/m, and the steps of the distance in a voxel.
+    """
 
-    values: Bytes2
+    values: Ints1
     shape: Shape3
     origin: Floats1
     inverse_spacing: float
@@ -58,14 +64,14 @@ def axes_along(x, y, z):
     """
     length = np.sqrt(x * x + y * y + z * z)
     x, y, z = x / length, y / length, z / length
-    sign = 1.0 if z >= 0.0 else -1.0
-    a = -1.0 / (sign + z)
+    sign = _ONE if z >= _ZERO else -_ONE
+    a = -_ONE / (sign + z)
     b = x * y * a
-    return (x, y, z), (1.0 + sign * x * x * a, sign * b, -sign * x), (b, sign + y * y * a, -y)
+    return (x, y, z), (_ONE + sign * x * x * a, sign * b, -sign * x), (b, sign + y * y * a, -y)
 
 
 @part
-def place(samples: Samples, ends: Longs2, lanes: int, w: OutFloats1) -> None:
+def place(samples: Samples, ends: Longs2, lanes: int, w: OutSingles1) -> None:
     """Where so many pairs of samples (LANES, 2) lay a frame of two contacts, but for its turn about the line."""
     points, normals = samples.points, samples.normals
     for lane in range(np.uintp(lanes)):
@@ -84,16 +90,16 @@ def place(samples: Samples, ends: Longs2, lanes: int, w: OutFloats1) -> None:
 
 
 @part
-def fit_spins(first: Floats1, second: Floats1, lanes: int, w: OutFloats1) -> None:
+def fit_spins(first: Singles1, second: Singles1, lanes: int, w: OutSingles1) -> None:
     """The turns that lay the normals of the pair's contacts (8,), see `_lay_out`, best on the samples'."""
     first_y, first_z, second_y, second_z = first[4], first[5], second[4], second[5]
     for lane in range(np.uintp(lanes)):
         across, up = _across(w, _NORMALS + lane, AXES + lane)
-        cosine, sine = 1e-30 + (across * first_y + up * first_z), across * first_z - up * first_y
+        cosine, sine = _NONE + (across * first_y + up * first_z), across * first_z - up * first_y
         across, up = _across(w, _NORMALS + _3 + lane, AXES + lane)
         cosine += across * second_y + up * second_z  # Normals along the line leave the spin at zero.
         sine += across * second_z - up * second_y
-        scale = 1.0 / np.sqrt(cosine * cosine + sine * sine)
+        scale = _ONE / np.sqrt(cosine * cosine + sine * sine)
         w[COSINE + lane], w[SINE + lane] = cosine * scale, sine * scale
 
 
@@ -106,7 +112,7 @@ def _across(w, normal, row):
 
 
 @part
-def turn(lanes: int, w: OutFloats1) -> None:
+def turn(lanes: int, w: OutSingles1) -> None:
     """Turns y and z: the frame's are where its own normals are laid on the samples'."""
     for lane in range(np.uintp(lanes)):
         cosine, sine, row = w[COSINE + lane], w[SINE + lane], AXES + lane
@@ -125,35 +131,35 @@ def turn(lanes: int, w: OutFloats1) -> None:
 
 
 @part
-def add_cost(field: Field, contact: Floats1, lanes: int, w: OutFloats1) -> None:
+def add_cost(field: Field, contact: Singles1, lanes: int, w: OutSingles1) -> None:
     """Adds the squared whitened differences of a contact (8,), see `_lay_out`, to the costs."""
-    values, steps, per_voxel = field.values, field.steps, field.inverse_spacing
+    values, steps, per_voxel = field.values, np.float32(field.steps), np.float32(field.inverse_spacing)
     nx, ny, nz = field.shape
-    most_x, most_y, most_z = nx - 1.0, ny - 1.0, nz - 1.0
-    x0, y0, z0 = field.origin[0], field.origin[1], field.origin[2]
+    most_x, most_y, most_z = np.float32(nx - 1), np.float32(ny - 1), np.float32(nz - 1)
+    row_y, row_x = np.float32(nz), np.float32(ny * nz)
+    x0, y0, z0 = np.float32(field.origin[0]), np.float32(field.origin[1]), np.float32(field.origin[2])
     px, py, pz, n0, n1, n2 = contact[0], contact[1], contact[2], contact[3], contact[4], contact[5]
-    weight_d, weight_n = contact[6], contact[7]
+    weight_d, weight_n, bits = contact[6], contact[7], w.view(np.int32)
     for lane in range(np.uintp(lanes)):
         row = AXES + lane
         # Voxels from the first one's centre.
         u = (w[MIDDLE + lane] - x0) * per_voxel + px * w[row] + py * w[row + _3] + pz * w[row + _6]
         v = (w[MIDDLE + _1 + lane] - y0) * per_voxel + px * w[row + _1] + py * w[row + _4] + pz * w[row + _7]
         t = (w[MIDDLE + _2 + lane] - z0) * per_voxel + px * w[row + _2] + py * w[row + _5] + pz * w[row + _8]
-        a, b, c = min(max(u, 0.0), most_x), min(max(v, 0.0), most_y), min(max(t, 0.0), most_z)
-        w[_OUTSIDE + lane] = np.sqrt((u - a) ** 2 + (v - b) ** 2 + (t - c) ** 2)
-        w[_VOXEL + lane], w[_VOXEL + _1 + lane], w[_VOXEL + _2 + lane] = a + 0.5, b + 0.5, c + 0.5
+        a, b, c = min(max(u, _ZERO), most_x), min(max(v, _ZERO), most_y), min(max(t, _ZERO), most_z)
+        w[_OUTSIDE + lane] = np.sqrt((u - a) * (u - a) + (v - b) * (v - b) + (t - c) * (t - c))
+        a, b, c = np.float32(np.int32(a + _HALF)), np.float32(np.int32(b + _HALF)), np.float32(np.int32(c + _HALF))
+        w[_VOXEL + lane] = a * row_x + b * row_y + c
         w[_TURNED + lane] = n0 * w[row] + n1 * w[row + _3] + n2 * w[row + _6]
         w[_TURNED + _1 + lane] = n0 * w[row + _1] + n1 * w[row + _4] + n2 * w[row + _7]
         w[_TURNED + _2 + lane] = n0 * w[row + _2] + n1 * w[row + _5] + n2 * w[row + _8]
     for lane in range(np.uintp(lanes)):
-        row = _VOXEL + lane
-        at = np.uintp((int(w[row]) * ny + int(w[row + _1])) * nz + int(w[row + _2]))
-        for c in range(np.uintp(4)):
-            w[row + np.uintp(LANES) * c] = values[at, c]
+        bits[_VOXEL + lane] = values[np.uintp(np.int32(w[_VOXEL + lane]))]
     for lane in range(np.uintp(lanes)):
-        row = _VOXEL + lane
-        d = w[row] + steps * w[_OUTSIDE + lane]
-        e = w[row + _1] * (1.0 / 127.0) - w[_TURNED + lane]
-        f = w[row + _2] * (1.0 / 127.0) - w[_TURNED + _1 + lane]
-        g = w[row + _3] * (1.0 / 127.0) - w[_TURNED + _2 + lane]
+        # Each shift to the left ends with a byte on top, each to the right leaves it alone with its sign.
+        v = bits[_VOXEL + lane]
+        d = np.float32(np.int32(v << 24) >> 24) + steps * w[_OUTSIDE + lane]
+        e = np.float32(np.int32(v << 16) >> 24) * _STEP - w[_TURNED + lane]
+        f = np.float32(np.int32(v << 8) >> 24) * _STEP - w[_TURNED + _1 + lane]
+        g = np.float32(v >> 24) * _STEP - w[_TURNED + _2 + lane]
         w[COST + lane] += d * d * weight_d + (e * e + f * f + g * g) * weight_n

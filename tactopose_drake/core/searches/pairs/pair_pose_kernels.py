@@ -9,14 +9,15 @@ from tactopose_drake.core.compilation import (
     Ints1,
     Longs1,
     Longs2,
-    OutFloats1,
     OutFloats3,
     OutLongs2,
     OutSingles1,
+    Singles2,
     inlined,
     kernel,
     part,
 )
+from tactopose_drake.core.kernels.matrix_kernels import orthonormalize
 from tactopose_drake.core.kernels.sorting_kernels import select, sort_stably
 from tactopose_drake.core.searches.pairs.image_kernels import Images, is_near, may_be_near
 from tactopose_drake.core.searches.pairs.pair_lane_kernels import (
@@ -57,7 +58,7 @@ class _Block(NamedTuple):
 
     samples: OutLongs2
     match: OutLongs2
-    w: OutFloats1
+    w: OutSingles1
 
 
 @inlined
@@ -85,19 +86,25 @@ def _lay_out(table, first, second, order, inverse_spacing, frame, contacts):
 
 
 @inlined
-def _fill_pose(frame, w, lane, X):
-    """The pose X (3, 4) at which the contacts' frame is where a lane says."""
+def _fill_axes(w, lane, axes):
+    """The axes (3, 3) of the contacts' frame in O, rows, where a lane says."""
+    for a in range(3):
+        for b in range(3):
+            axes[a, b] = w[AXES + np.uintp(LANES * (3 * a + b)) + lane]
+
+
+@inlined
+def _fill_pose(frame, axes, w, lane, X):
+    """The pose X (3, 4) at which the contacts' frame has these axes, and its origin where a lane says."""
     for a in range(3):
         X[a, 3] = frame[0, a]
         for b in range(3):
-            row = AXES + np.uintp(LANES * b) + lane
-            x, y, z = w[row], w[row + np.uintp(3 * LANES)], w[row + np.uintp(6 * LANES)]
-            X[a, b] = frame[1, a] * x + frame[2, a] * y + frame[3, a] * z
+            X[a, b] = frame[1, a] * axes[0, b] + frame[2, a] * axes[1, b] + frame[3, a] * axes[2, b]
             X[a, 3] -= X[a, b] * w[MIDDLE + np.uintp(LANES * b) + lane]
 
 
 @part
-def _place_lanes(samples: Samples, contacts: Floats2, spins: int, lanes: int, block: _Block) -> None:
+def _place_lanes(samples: Samples, contacts: Singles2, spins: int, lanes: int, block: _Block) -> None:
     """Where matches and spins lay the contacts' frame in O. The pair's own contacts are the last two of `contacts`."""
     w, last = block.w, contacts.shape[0] - 1
     place(samples, block.samples, lanes, w)
@@ -126,8 +133,8 @@ def keep_best(
     Costs below `alike` tell nothing: which of such poses counts as the better one is left to chance.
     """
     matches, begins, ends, spins = matched
-    X, frames = np.empty((3, 4)), np.empty((spins.shape[0], 4, 3))
-    contacts = np.empty((spins.shape[0], table.shape[0], table.shape[1]))
+    X, axes, frames = np.empty((3, 4)), np.empty((3, 3)), np.empty((spins.shape[0], 4, 3))
+    contacts = np.empty((spins.shape[0], table.shape[0], table.shape[1]), dtype=np.float32)
     count, used, limit, is_anywhere = cost.shape[0], 0, np.inf, images.farthest == np.inf
     # A pose is kept as its pair, its match and its spin. There may be twice as many as are wanted, then half are left:
     # soon most poses cost more than is worth adding up.
@@ -135,7 +142,11 @@ def keep_best(
     kept, kept_cost = np.empty((room, 3), dtype=np.int32), np.empty(room, dtype=np.float32)
     spare = np.empty(room, dtype=np.float32)
     order = np.empty(table.shape[0], dtype=np.intp)
-    block = _Block(np.empty((LANES, 2), dtype=np.int64), np.empty((LANES, 2), dtype=np.int64), np.empty(SIZE))
+    block = _Block(
+        np.empty((LANES, 2), dtype=np.int64),
+        np.empty((LANES, 2), dtype=np.int64),
+        np.empty(SIZE, dtype=np.float32),
+    )
     for q in range(spins.shape[0]):
         _put_last(ends[q, 0], ends[q, 1], order)
         frame, laid = frames[q], contacts[q]
@@ -156,11 +167,12 @@ def keep_best(
             for lane in range(np.uintp(lanes)):
                 block.w[COST + lane] = 0.0
                 if not is_anywhere:
-                    _fill_pose(frame, block.w, lane, X)
+                    _fill_axes(block.w, lane, axes)
+                    _fill_pose(frame, axes, block.w, lane, X)
                     block.w[COST + lane] = 0.0 if is_near(X, images) else np.inf
             _add_costs(field, laid, max(limit, alike), lanes, block.w)
             for lane in range(np.uintp(lanes)):
-                total, match, turns = block.w[COST + lane], block.match[lane, 0], block.match[lane, 1]
+                total, match, turns = float(block.w[COST + lane]), block.match[lane, 0], block.match[lane, 1]
                 if total < alike:
                     total = alike * _chance(match, turns)
                 if total <= limit and total < np.inf:
@@ -180,20 +192,22 @@ def keep_best(
         block.samples[0, 0], block.samples[0, 1] = samples.pairs[matches[row], 0], samples.pairs[matches[row], 1]
         block.match[0, 1] = spin
         _place_lanes(samples, contacts[q], spins[q], 1, block)
-        _fill_pose(frames[q], block.w, np.uintp(0), X_best[k])
+        _fill_axes(block.w, np.uintp(0), axes)
+        orthonormalize(axes, 3)  # They are singles.
+        _fill_pose(frames[q], axes, block.w, np.uintp(0), X_best[k])
         cost[k] = kept_cost[places[0, k]]
     return used
 
 
 @part
-def _add_costs(field: Field, contacts: Floats2, limit: float, lanes: int, w: OutFloats1) -> None:
-    """Adds what contacts (k, 8) cost, until all lanes cost more than the limit."""
+def _add_costs(field: Field, contacts: Singles2, bound: float, lanes: int, w: OutSingles1) -> None:
+    """Adds what contacts (k, 8) cost, until all lanes cost more than the bound."""
     for m in range(contacts.shape[0]):
         add_cost(field, contacts[m], lanes, w)
-        least = np.inf
+        good = 0
         for lane in range(np.uintp(lanes)):
-            least = min(least, w[COST + lane])
-        if least > limit:
+            good += 1 if w[COST + lane] <= np.float32(bound) else 0
+        if good == 0:
             break
 
 

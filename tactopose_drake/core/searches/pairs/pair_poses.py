@@ -49,7 +49,7 @@ class MatchedPairs:
 
 def kernel_field(field: CoarseField) -> Field:
     """The coarse field as kernels read it."""
-    values, origin = read_only(field.values), read_only(field.origin)
+    values, origin = read_only(field.values.view(np.int32).reshape(-1)), read_only(field.origin)
     return Field(values, field.shape, origin, 1.0 / field.spacing, field.spacing / field.step)
 
 

@@ -48,7 +48,7 @@ def test_the_right_match_gives_the_pose(blob: ObjectModel, seed: int) -> None:
     pairs = matched((0, 1, match_of(blob, i, j)))
     found, cost = best_poses(pairs, blob.pair_features, blob.coarse_field, table, EVERY, *EVERYWHERE)
     assert len(found) == len(cost) == 1
-    np.testing.assert_allclose(found[0], X_PO, atol=1e-9)
+    np.testing.assert_allclose(found[0], X_PO, atol=1e-6)  # Poses are laid out in singles.
     assert cost[0] < 15.0
 
 
