@@ -16,6 +16,7 @@ from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.evidence.plane_contact import PlaneContact
 from tactopose_drake.core.identification.model_evidence import log_evidence
 from tactopose_drake.core.objectives.contact_mixture import Judgement
+from tactopose_drake.core.plain_values import copied
 from tactopose_drake.core.posterior.alike_modes import indistinct_images, join_alike
 from tactopose_drake.core.posterior.hypotheses import Modes, find_modes
 from tactopose_drake.core.posterior.importance_sampling import weigh_modes
@@ -102,7 +103,7 @@ def estimate_pose(
     found = weigh_poses(model.about_middle if is_far else model, evidence, method, seed, limited, limit)
     if is_far:
         found, evidence = reported_for_origin(found, model.middle), dataclasses.replace(evidence, prior=prior)
-    return dataclasses.replace(found, question=Question(model, evidence))
+    return copied(found, question=Question(model, evidence))
 
 
 def _check_question(model: ObjectModel, contacts: Contacts, method: str, prior: PosePrior | None) -> None:
@@ -215,7 +216,7 @@ def _modes_of(
     cost, _, hessian = problem.doubted(problem.determining).normal_equations(X_PO)
     for term in problem.bounding:
         cost = cost + term.cost(X_PO)
-    order = np.argsort(cost, kind="stable")
+    order = cost.argsort(kind="stable")
     return find_modes(
         SearchResult(X_PO[order], cost[order], found.iterations[order], found.converged[order]),
         hessian[order],

@@ -6,6 +6,7 @@ the file's own frame O all the same.
 """
 
 import dataclasses
+import math
 
 import numpy as np
 from pydrake.math import RigidTransform
@@ -21,7 +22,7 @@ _FAR = 1.0  # from the origin to the object's middle, in its sizes
 
 def has_far_origin(model: ObjectModel) -> bool:
     """Whether the object is farther from its frame's origin than it is large."""
-    return float(np.linalg.norm(model.middle)) > _FAR * model.size
+    return math.hypot(*model.middle.tolist()) > _FAR * model.size
 
 
 def prior_about_middle(prior: PosePrior | None, p_OC: FloatArray) -> PosePrior | None:

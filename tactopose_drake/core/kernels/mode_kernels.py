@@ -9,39 +9,34 @@ from tactopose_drake.core.kernels.pose_kernels import compose_one, increment_bet
 from tactopose_drake.core.validation import FloatArray
 
 
-def owners(X_PO: FloatArray, information: FloatArray, symmetry_poses: FloatArray, sigmas: float) -> NDArray[np.int64]:
-    """For each pose (n, 3, 4), the best one first, the first that it equals up to a symmetry (g, 3, 4), maybe itself.
+def one_of_each(
+    X_PO: FloatArray, information: FloatArray, symmetry_poses: FloatArray, sigmas: float
+) -> NDArray[np.int64]:
+    """Which poses (n, 3, 4), the best one first, equal none before them that is one of these, up to a symmetry.
 
     Two are equal when they lie within so many standard deviations of the better one, by its information (n, 6, 6).
     """
-    owner = np.empty(len(X_PO), dtype=np.int64)
-    _find_owners(X_PO, information, symmetry_poses, sigmas**2, owner)
-    return owner
-
-
-def one_of_each(owner: NDArray[np.int64]) -> NDArray[np.intp]:
-    """The poses that own themselves."""
-    return np.flatnonzero(owner == np.arange(len(owner)))
+    index = np.empty(len(X_PO), dtype=np.int64)
+    return index[: _find_distinct(X_PO, information, symmetry_poses, sigmas**2, index)]
 
 
 @kernel
-def _find_owners(X: Floats3, information: Floats3, symmetries: Floats3, threshold: float, owner: OutLongs1) -> None:
-    """Finds for each pose X (B, 3, 4) the first that owns itself and that it equals up to a symmetry.
+def _find_distinct(X: Floats3, information: Floats3, symmetries: Floats3, threshold: float, index: OutLongs1) -> int:
+    """Fills in which poses X (B, 3, 4) equal none of those before them up to a symmetry, and returns their number.
 
     Two poses are equal when the squared Mahalanobis length of the increment between them, by the information (B, 6, 6)
     of the better one, is below the threshold for one of the symmetries (g, 3, 4). Most are told apart sooner, by how
     far such increments move and turn at the most: their squares are below the threshold times the covariance's traces.
     """
-    u, Y = np.empty(6), np.empty((symmetries.shape[0], 3, 4))
+    u, Y, count = np.empty(6), np.empty((symmetries.shape[0], 3, 4)), 0
     L, covariance = np.empty((6, 6)), np.empty((6, 6))
     farthest, least_trace = np.empty(X.shape[0]), np.empty(X.shape[0])
     for b in range(X.shape[0]):
         for s in range(symmetries.shape[0]):
             compose_one(X[b], symmetries[s], Y[s])
-        owner[b] = b
-        for a in range(b):
-            if owner[a] != a:
-                continue
+        is_new = True
+        for k in range(count):
+            a = index[k]
             H = information[a]
             for s in range(symmetries.shape[0]):
                 way, trace = 0.0, 0.0
@@ -59,13 +54,16 @@ def _find_owners(X: Floats3, information: Floats3, symmetries: Floats3, threshol
                         half += H[i, j] * u[j]
                     total += 2.0 * half * u[i]
                 if total < threshold:
-                    owner[b] = a
+                    is_new = False
                     break
-            if owner[b] != b:
+            if not is_new:
                 break
-        if owner[b] == b:
+        if is_new:
+            index[count] = b
+            count += 1
             cholesky(information[b], L)
             invert(L, covariance)
             farthest[b] = threshold * (covariance[3, 3] + covariance[4, 4] + covariance[5, 5])
             widest = np.sqrt(threshold * (covariance[0, 0] + covariance[1, 1] + covariance[2, 2]))
             least_trace[b] = 1.0 + 2.0 * np.cos(min(widest, np.pi))
+    return count

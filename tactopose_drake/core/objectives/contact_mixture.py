@@ -11,7 +11,6 @@ Assoc. 84, 1989. [HRM16] D. Hogg, J. Bovy, D. Lang, Data analysis recipes: fitti
 (mixture for outliers).
 """
 
-import copy
 import dataclasses
 import functools
 import math
@@ -95,8 +94,8 @@ class ContactMixture(SmoothObjective):
 
     def with_prior(self, prior: PriorObjective) -> "ContactMixture":
         """The sum of both, in the same compiled loops."""
-        both = copy.copy(self)
-        both._prior = prior.kernel_view
+        both = object.__new__(ContactMixture)
+        vars(both).update(vars(self), _prior=prior.kernel_view)
         return both
 
     def cost(self, X_PO: FloatArray) -> FloatArray:
@@ -159,7 +158,7 @@ def _doubts(model: ObjectModel, contacts: Contacts, outlier_probability: float, 
     has_normals = contacts.n_PC is not None
     # Of a contact as told the density is by area, that across the surface a Gaussian; of one of something else by
     # volume. Of a normal as told the density is a Gaussian on the sphere, of any normal one over its area.
-    volume = float(np.prod(model.grid.upper - model.grid.origin + 2.0 * doubt.surroundings))
+    volume = math.prod((model.grid.upper - model.grid.origin + 2.0 * doubt.surroundings).tolist())
     any_point = np.minimum(model.area * math.sqrt(2.0 * math.pi) * sigma_p / volume, 1.0)
     any_normal = np.minimum(0.5 * sigma_n**2, 1.0) if has_normals else np.ones(len(sigma_n))
     displaced = np.minimum(sigma_p / doubt.displacement, 1.0)

@@ -30,10 +30,11 @@ class SurfaceDensity:
         sigma = np.asarray(contacts.sigma_position)
         weight_n = (0.0 if contacts.n_PC is None else 1.0) / np.asarray(contacts.sigma_normal)
         # The discs are as fine as the surest contact needs. Of others it would take very many, so they have their own.
-        steps = np.floor(np.log(sigma / sigma.min()) / math.log(_WIDEST_SHARE)).astype(np.int64)
+        ratios = (sigma / sigma.min()).tolist()
+        steps = [math.floor(math.log(ratio) / math.log(_WIDEST_SHARE)) for ratio in ratios]
         self._parts = []
-        for step in sorted(set(steps.tolist())):
-            index = np.flatnonzero(steps == step)
+        for step in sorted(set(steps)):
+            index = [m for m, each in enumerate(steps) if each == step]
             numbers = contacts.p_PC[index], n_PC[index], sigma[index], weight_n[index]
             discs = model.surfels(float(sigma[index].min())).kernel_view()
             self._parts.append((index, discs, Measurements(*map(read_only, numbers))))

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tactopose_drake.core.kernels.matrix_kernels import eigenpairs, inverses
-from tactopose_drake.core.kernels.mode_kernels import one_of_each, owners
+from tactopose_drake.core.kernels.mode_kernels import one_of_each
 from tactopose_drake.core.posterior.free_direction_kernels import find_free
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, ModeParams
@@ -62,10 +62,10 @@ def find_modes(
         params: which poses are one mode, and which directions are free.
     """
     information = touch_information + prior_information
-    index = one_of_each(owners(found.X_PO, information, symmetry_poses, params.same_sigmas))
+    index = one_of_each(found.X_PO, information, symmetry_poses, params.same_sigmas)
     covariance, log_determinant = inverses(_held_by_rounding(information[index], size))
     log_weight = -found.cost[index] - 0.5 * log_determinant
-    order = np.argsort(-log_weight, kind="stable")[:max_modes]
+    order = (-log_weight).argsort(kind="stable")[:max_modes]
     index, log_weight = index[order], log_weight[order]
     weight = np.exp(log_weight - log_weight[0])
     return Modes(
@@ -83,7 +83,7 @@ def _held_by_rounding(information: FloatArray, size: float) -> FloatArray:
     There the least that is known of any direction is what rounding leaves to know; see `free_directions` for how
     rotations compare with translations.
     """
-    lost = np.flatnonzero(~np.isfinite(inverses(information)[1]))
+    lost = (~np.isfinite(inverses(information)[1])).nonzero()[0]
     if not len(lost):
         return information
     information, scales = information.copy(), np.outer(units := increments_of_one_metre(size), units)

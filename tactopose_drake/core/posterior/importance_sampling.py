@@ -11,13 +11,13 @@ mixture weights). [CDG08] O. Cappe et al., Adaptive importance sampling in gener
 2008. [CMMR12] J.-M. Cornuet et al., Adaptive multiple importance sampling, Scand. J. Stat. 39, 2012.
 """
 
-import dataclasses
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactopose_drake.core.kernels.matrix_kernels import inverses
+from tactopose_drake.core.plain_values import copied
 from tactopose_drake.core.posterior import importance_sampling_kernels
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.posterior.hypotheses import Modes, free_directions
@@ -66,7 +66,7 @@ def weigh_modes(modes: Modes, posterior: Posterior, generator: np.random.Generat
 def cover_modes(modes: Modes, posterior: Posterior, generator: np.random.Generator) -> Cover | None:
     """Covers the modes: the first half of the work. None where they cannot be: Laplace's approximation has to do."""
     mixture, params = modes.mixture, posterior.params.sampling
-    close = np.flatnonzero(mixture.weights > params.least_weighed_share * mixture.weights.max())
+    close = (mixture.weights > params.least_weighed_share * mixture.weights.max()).nonzero()[0]
     X_close = mixture.X_PO[close]
     information = inverses(mixture.covariance[close])[0] + posterior.gauge
     if not np.isfinite(information).all():
@@ -75,7 +75,7 @@ def cover_modes(modes: Modes, posterior: Posterior, generator: np.random.Generat
     laplace = -least - 0.5 * across_turns(information, posterior.turn_directions(X_close))[1]
     share = np.exp(laplace - laplace.max())
     share /= share.sum()
-    worthy = np.flatnonzero(share > params.least_sampled_share)
+    worthy = (share > params.least_sampled_share).nonzero()[0]
     proposal = _cover(X_close[worthy], share[worthy], information[worthy], posterior, generator)
     families = find_families(
         X_close[worthy],
@@ -101,7 +101,7 @@ def weigh_covered(modes: Modes, cover: Cover, posterior: Posterior, generator: n
     masses[close] = every
     log_mass = float(np.log(masses.sum()) - lowest + _LOG_TURNS[len(posterior.turns[0])])
     found = _update(modes, close[worthy], masses / masses.sum(), moments, cover.families, posterior, log_mass)
-    return dataclasses.replace(found, standard_error=error)
+    return copied(found, standard_error=error)
 
 
 class _Samples(NamedTuple):
@@ -174,11 +174,11 @@ def _about(
 ) -> StudentTMixture:
     """Tiles for so many samples, about ones (B, 3, 4) as often as their weights (B, g) say."""
     params = posterior.params.sampling
-    passed = np.cumsum(weights.sum(axis=1))
-    drawn = np.searchsorted(passed, passed[-1] * (np.arange(params.tiles) + 0.5) / params.tiles)
+    passed = weights.sum(axis=1).cumsum()
+    drawn = passed.searchsorted(passed[-1] * (np.arange(params.tiles) + 0.5) / params.tiles)
     index, times = np.unique(drawn, return_counts=True)
     owner = weights[index].argmax(axis=1)
-    order = np.argsort(owner, kind="stable")
+    order = owner.argsort(kind="stable")
     index, times, owner = index[order], times[order], owner[order]
     local = posterior.objective.normal_equations(X_PO[index]).hessian + posterior.held
     center, local, turns = in_chart(X_mode, owner, X_PO[index], local, posterior.turn_directions(X_PO[index]))
@@ -199,11 +199,11 @@ def _cover(
     root_share = np.sqrt(share)
     counts = 1 + np.rint(params.tiles * root_share / root_share.sum()).astype(np.intp)
     each = np.arange(len(X_mode))
-    group = np.repeat(each, counts)
+    group = each.repeat(counts)
     white = generator.normal(scale=params.tile_scatter, size=(int(counts.max()), 6))
     white[0] = 0.0  # The first at each mode stands in its middle.
     laplace = draw(X_mode, each, np.zeros((len(X_mode), 6)), information, counts, white, opposed=False)
-    likely = np.flatnonzero(share > params.least_tailed_share)
+    likely = (share > params.least_tailed_share).nonzero()[0]
     X_PO = np.concatenate([_to_the_floor(laplace, posterior), X_mode[likely]])
     smooth, _, hessian = posterior.objective.normal_equations(X_PO)
     hessian, tiles = hessian + posterior.held, len(group)
@@ -212,7 +212,7 @@ def _cover(
     owner, tails = _tails(X_mode[likely], hessian[tiles:], posterior)
     each_tail = max(params.least_tail_samples, round(params.tail_samples / max(len(owner), 1)))
     group = np.concatenate([group, likely[owner]])
-    order = np.argsort(group, kind="stable")
+    order = group.argsort(kind="stable")
     group, X_PO = group[order], X_PO[np.concatenate([np.arange(tiles), tiles + owner])[order]]
     hessian = np.concatenate([hessian[:tiles], tails])[order]
     count = np.concatenate([count, np.full(len(owner), each_tail, dtype=np.intp)])[order]
@@ -267,7 +267,7 @@ def _update(
     known = moments.effective_samples > 1.0
     index, moments = sampled[known], Moments(*(moment[known] for moment in moments))
     laplace = covariance[index]
-    mass[index], moments, _ = families.chosen(np.flatnonzero(known)).join(cost[index], mass[index], moments)
+    mass[index], moments, _ = families.chosen(known.nonzero()[0]).join(cost[index], mass[index], moments)
     left = mass[index] > 0.0
     index, laplace, moments = index[left], laplace[left], Moments(*(moment[left] for moment in moments))
     X_PO[index], cost[index], second = toward_the_mean(
@@ -280,7 +280,7 @@ def _update(
     by_both = free_directions(by_touch, posterior.size, [free[i] for i in index], params.modes)
     for i, directions in zip(index, by_both, strict=True):
         free[i] = directions
-    order = np.argsort(-mass, kind="stable")[: np.count_nonzero(mass)]
+    order = (-mass).argsort(kind="stable")[: np.count_nonzero(mass)]
     named = tuple(free[i] for i in order)
     return Modes(GaussianMixture(X_PO[order], mass[order], covariance[order]), cost[order], named, log_mass)
 
@@ -290,8 +290,9 @@ def _spread(X_PO: FloatArray, moments: Moments, laplace: FloatArray, posterior: 
 
     That is what the next sample of an inverse Wishart distribution is expected to be, with Laplace's as prior.
     """
-    directions = posterior.turn_directions(X_PO)
-    turns = posterior.turn_variance * directions @ np.swapaxes(directions, 1, 2)
+    spread = moments.second
+    if len(posterior.turns[0]):
+        directions = posterior.turn_directions(X_PO)
+        spread = spread + posterior.turn_variance * directions @ np.swapaxes(directions, 1, 2)
     prior_share = posterior.params.moments.pseudo_samples / moments.effective_samples[:, None, None]
-    spread: FloatArray = moments.second + turns + prior_share * laplace
-    return spread
+    return np.asarray(spread + prior_share * laplace)

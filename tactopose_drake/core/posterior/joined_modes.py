@@ -61,7 +61,7 @@ class Families(NamedTuple):
             Masses, none for a mode that another one has taken in; the moments; and which mode each one is part of.
         """
         mass, joint = mass.copy(), Moments(*(moment.copy() for moment in moments))
-        order, owner = np.argsort(cost, kind="stable"), np.empty(len(mass), dtype=np.intp)
+        order, owner = cost.argsort(kind="stable"), np.empty(len(mass), dtype=np.intp)
         join(self.X_PO, order, self.symmetry_poses, self.family, self.arm, Joined(mass, *joint), owner)
         return mass, joint, owner
 

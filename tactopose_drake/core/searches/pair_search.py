@@ -12,7 +12,7 @@ import dataclasses
 import numpy as np
 
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.kernels.mode_kernels import one_of_each, owners
+from tactopose_drake.core.kernels.mode_kernels import one_of_each
 from tactopose_drake.core.objectives.objective import LeastSquaresObjective
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.poses import compose
@@ -26,6 +26,7 @@ from tactopose_drake.core.shape.free_spin import nearest_images, turn_alike
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 
+_NO_SYMMETRY = np.eye(3, 4)[None]
 # Poses that are still moving lead to the same minimum when they lie within so many standard deviations of each other.
 _SAME_MINIMUM = 1.5
 # An object that is symmetric within so much of the contacts' sigma is so for any touch. Of the images of one that is
@@ -196,7 +197,7 @@ class PairSearch(Search):
         missing = 0 if start.fewest is None else start.fewest - len(near)
         samples = space.sample(generator, max(start.samples, missing) - 1)
         X_PO = np.concatenate([space.center[None], samples, near])
-        return X_PO[np.argsort(objective.cost(X_PO), kind="stable")[: start.kept]]
+        return X_PO[objective.cost(X_PO).argsort(kind="stable")[: start.kept]]
 
     def _next(
         self, stage: Stage, found: SearchResult, objective: LeastSquaresObjective, space: PoseSpace
@@ -222,10 +223,10 @@ class PairSearch(Search):
 
         By the local models: along a direction that hardly changes the cost, poses far apart belong together.
         """
-        worth = int(np.searchsorted(found.cost, found.cost[0] + _WORTH, side="right"))
+        worth = int(found.cost.searchsorted(found.cost[0] + _WORTH, side="right"))
         X_PO = found.X_PO[:worth]
         hessian = objective.normal_equations(X_PO).hessian if found.hessian is None else found.hessian[:worth]
-        apart = one_of_each(owners(X_PO, hessian + space.information, np.eye(3, 4)[None], _SAME_MINIMUM))
+        apart = one_of_each(X_PO, hessian + space.information, _NO_SYMMETRY, _SAME_MINIMUM)
         return X_PO[apart[:count]]
 
     def propose(self, choice: PairChoice, count: int, space: PoseSpace, generator: np.random.Generator) -> FloatArray:

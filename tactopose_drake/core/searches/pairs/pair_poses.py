@@ -41,11 +41,6 @@ class MatchedPairs:
     begins: NDArray[np.intp]
     matches: NDArray[np.int32]
 
-    @property
-    def count(self) -> int:
-        """The number of their poses."""
-        return int(np.diff(self.begins) @ self.spins)
-
 
 def kernel_field(field: CoarseField) -> Field:
     """The coarse field as kernels read it."""
@@ -84,8 +79,7 @@ def best_poses(
     Returns:
         The poses (n, 3, 4), and their coarse costs, rising, shape (n,); chance numbers where these tell nothing.
     """
-    most = min(count, pairs.count)
-    X_PO, cost = np.empty((most, 3, 4)), np.empty(most, dtype=np.float32)
+    X_PO, cost = np.empty((count, 3, 4)), np.empty(count, dtype=np.float32)
     images = Images(
         read_only(center[:, :3] @ np.swapaxes(turns[:, :, :3], 1, 2)),
         read_only(turns[:, :, 3]),

@@ -11,7 +11,6 @@ from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
 def choose(model: ObjectModel, touch: Contacts, /, **choice: int) -> list[tuple[int, int, int, int]]:
     pairs = PairChoice(**choice).choose(model.pair_features, touch, np.random.default_rng(0))
     counts = np.diff(pairs.begins)
-    assert pairs.count == counts @ pairs.spins
     return [
         (int(first), int(second), int(count), int(spins))
         for (first, second), count, spins in zip(pairs.ends, counts, pairs.spins, strict=True)
