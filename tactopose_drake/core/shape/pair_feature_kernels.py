@@ -126,10 +126,10 @@ def find_matches(
                     for c in range(4):
                         difference = (features[at, c] - feature[c]) * weight[c]
                         total += difference * difference
-                    if total <= square:
-                        if count < found.shape[0]:
-                            found[count] = k
-                        count += 1
+                    # The next one takes the place of one that does not match: a branch would often be guessed wrong.
+                    if count < found.shape[0]:
+                        found[count] = k
+                    count += 1 if total <= square else 0
     return count
 
 
