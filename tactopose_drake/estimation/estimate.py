@@ -211,7 +211,7 @@ def _modes_of(
 ) -> Modes:
     """What a search has found, as modes of contacts that may be false, up to images (s, 3, 4); so many at the most."""
     X_PO = found.X_PO
-    if evidence.prior is None and any(symmetry.is_continuous for symmetry in model.symmetries):
+    if evidence.prior is None and model.continuous_symmetries:
         X_PO = turn_alike(X_PO, X_PO[0], model.symmetries)
     cost, _, hessian = problem.doubted(problem.determining).normal_equations(X_PO)
     for term in problem.bounding:

@@ -3,6 +3,25 @@
 import numpy as np
 
 from tactopose_drake.core.compilation import Floats2, Floats3, Longs1, OutFloats3, kernel
+from tactopose_drake.core.kernels.pose_kernels import compose_one
+from tactopose_drake.core.kernels.sorting_kernels import copy_matrix
+
+
+@kernel
+def take_nearest_image(reference: Floats2, turns: Floats3, X: Floats3, out: OutFloats3) -> None:
+    """Of each pose X (B, 3, 4) the image by one of the turns (g, 3, 4) whose rotation is nearest to the reference's."""
+    image = np.empty((3, 4))
+    for b in range(X.shape[0]):
+        most = -np.inf
+        for s in range(turns.shape[0]):
+            compose_one(X[b], turns[s], image)
+            trace = 0.0
+            for i in range(3):
+                for k in range(3):
+                    trace += image[i, k] * reference[i, k]
+            if trace > most:
+                most = trace
+                copy_matrix(image, out[b])
 
 
 @kernel

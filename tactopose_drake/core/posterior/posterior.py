@@ -25,7 +25,8 @@ class Posterior:
         exact_cost: the negative log posterior of poses (B, 3, 4), up to a constant.
         doubted_information: of poses (B, 3, 4) and Hessians there (B, 6, 6), what would be left of these with one or
             another contact false, shape (B, n, 6, 6); None where there is no contact.
-        turns: axes, unit rows (c, 3), and points on them (c, 3), m, in O, about which turns change nothing.
+        turns: axes, unit rows (c, 3), about which turns change nothing, and by which these move O's origin, rows
+            (c, 3), m, in O.
         prior_information: what is known without the touch, of increments, shape (6, 6).
         symmetry_poses: the object's finite symmetry group as poses X_OO', the identity first, shape (s, 3, 4).
         size: the object's, m.
@@ -50,13 +51,8 @@ class Posterior:
         directions = np.empty((len(X_PO), 6, len(axes)))
         if len(axes):
             directions[:, :3] = axes.T
-            directions[:, 3:] = X_PO[:, :, :3] @ self._shifts
+            directions[:, 3:] = X_PO[:, :, :3] @ self.turns[1].T
         return directions
-
-    @functools.cached_property
-    def _shifts(self) -> FloatArray:
-        """By which turns about the axes move O's origin, in O, shape (3, c)."""
-        return -np.cross(*self.turns).T
 
     @property
     def turn_variance(self) -> float:
@@ -106,15 +102,15 @@ def make_posterior(
         return functools.reduce(np.add, [term.exact_cost(X_PO) for term in terms])
 
     # A prior tells the turns about a continuous axis apart; no other evidence does.
-    axes = [] if evidence.prior is not None else [symmetry for symmetry in model.symmetries if symmetry.is_continuous]
+    turns = model.continuous_symmetries if evidence.prior is None else ()
     return Posterior(
         likelihood=problem.doubted(problem.likelihood),
         objective=problem.doubted(problem.objective),
         exact_cost=exact_cost,
         doubted_information=None if mixture is None else mixture.doubted_information,
         turns=(
-            np.array([symmetry.axis for symmetry in axes]).reshape(-1, 3),
-            np.array([symmetry.point for symmetry in axes]).reshape(-1, 3),
+            np.array([symmetry.axis for symmetry in turns]).reshape(-1, 3),
+            np.array([symmetry.moment for symmetry in turns]).reshape(-1, 3),
         ),
         prior_information=problem.space.information,
         symmetry_poses=model.symmetry_poses if images is None else images,

@@ -19,8 +19,8 @@ from tactopose_drake.core.searches.parameters import IncrementParameters, Parame
 from tactopose_drake.core.searches.search import PoseSpace, Search, SearchResult, StopSignal, join_results, never
 from tactopose_drake.core.validation import FloatArray
 
-# A compiled descent may be stopped after so many steps, a millisecond or two.
-_BLOCK = 4096
+# A compiled descent may be stopped after so many steps, a millisecond or so.
+_BLOCK = 2048
 
 Solver = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
 

@@ -183,7 +183,7 @@ class PairSearch(Search):
         X_PO = self.propose(start.choice, start.candidates, space, generator)
         if start.fewest is None or len(X_PO) < start.fewest:
             X_PO = np.concatenate([X_PO, space.sample(generator, start.samples)])
-        if not any(symmetry.is_continuous for symmetry in self.model.symmetries):
+        if not self.model.continuous_symmetries:
             return X_PO
         X_PO = turn_alike(X_PO, space.center, self.model.symmetries)
         return X_PO[distinct_poses(X_PO, start.choice.offset * self.model.pair_features.spacing, start.choice.bend)]
@@ -237,7 +237,7 @@ class PairSearch(Search):
         pairs = choice.choose(features, self.contacts, generator)
         # Without a prior all poses that lay a contact on the surface are within reach.
         turns, reach = self.model.symmetry_turns, space.reach if space.reach[0] < np.pi else (np.pi, np.inf)
-        if sum(symmetry.is_continuous for symmetry in self.model.symmetries) > 1:
+        if len(self.model.continuous_symmetries) > 1:
             turns, reach = turns[:1], (np.pi, reach[1])  # A sphere's rotation is always within reach.
         X_PO, _ = best_poses(pairs, features, field, table, count, space.center, reach, turns)
         if len(self.model.symmetry_turns) > 1:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactopose_drake.core.kernels import free_spin_kernels
-from tactopose_drake.core.poses import compose, make_poses
+from tactopose_drake.core.poses import make_poses
 from tactopose_drake.core.shape.symmetry import RotationalSymmetry
 from tactopose_drake.core.validation import FloatArray
 
@@ -38,13 +38,12 @@ def turn_alike(X_PO: FloatArray, X_reference: FloatArray, symmetries: Sequence[R
         X_reference: shape (3, 4).
         symmetries: the object's.
     """
-    axes = [symmetry.axis for symmetry in symmetries if symmetry.is_continuous]
-    if len(axes) != 1:
+    continuous = [symmetry for symmetry in symmetries if symmetry.is_continuous]
+    if len(continuous) != 1:
         return turn_toward(X_PO, X_reference, symmetries)
-    is_opposite = X_PO[:, :, :3] @ axes[0] @ (X_reference[:, :3] @ axes[0]) < 0.0
-    across = np.cross(axes[0], np.eye(3)[np.argmin(np.abs(axes[0]))])
-    half_turn = 2.0 * np.outer(across, across) / (across @ across) - np.eye(3)
-    upside_down = make_poses(X_reference[:, :3] @ half_turn, X_reference[:, 3])
+    axis = continuous[0].axis
+    is_opposite = X_PO[:, :, :3] @ axis @ (X_reference[:, :3] @ axis) < 0.0
+    upside_down = make_poses(X_reference[:, :3] @ continuous[0].half_turn, X_reference[:, 3])
     return _turn(X_PO, np.stack([X_reference, upside_down]), is_opposite.astype(np.int64), symmetries)
 
 
@@ -73,9 +72,9 @@ def nearest_images(
         symmetries: the same by their axes; the turns about the continuous ones are made exact.
     """
     if len(turns) > 1:
-        wanted = (X_reference[:, :3] @ np.swapaxes(turns[:, :, :3], 1, 2)).reshape(-1, 9)
-        best = np.argmax(X_PO[:, :, :3].reshape(-1, 9) @ wanted.T, axis=1)
-        X_PO = compose(X_PO, turns[best])
+        nearest = np.empty((len(X_PO), 3, 4))
+        free_spin_kernels.take_nearest_image(X_reference, turns, np.ascontiguousarray(X_PO), nearest)
+        X_PO = nearest
     return turn_toward(X_PO, X_reference, symmetries)
 
 

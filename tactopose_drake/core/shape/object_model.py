@@ -181,6 +181,11 @@ class ObjectModel(SimpleBodies):
             self.surfels(sigma)
 
     @cached_property
+    def continuous_symmetries(self) -> tuple[RotationalSymmetry, ...]:
+        """Those of the symmetries about whose axes every turn leaves the object unchanged."""
+        return tuple(symmetry for symmetry in self.symmetries if symmetry.is_continuous)
+
+    @cached_property
     def symmetry_turns(self) -> FloatArray:
         """The finite symmetries, joined with some turns about each continuous axis, shape (g, 3, 4)."""
         return sampled_turns(self.symmetry_poses, self.symmetries)

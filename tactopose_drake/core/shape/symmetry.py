@@ -57,6 +57,12 @@ class RotationalSymmetry:
         """The velocity of the object's origin when it turns about the axis, point x axis, in O, shape (3,), m."""
         return np.cross(self.point, self.axis)
 
+    @functools.cached_property
+    def half_turn(self) -> FloatArray:
+        """The rotation that turns the axis upside down, about one across it, shape (3, 3)."""
+        across = np.cross(self.axis, np.eye(3)[np.argmin(np.abs(self.axis))])
+        return np.asarray(2.0 * np.outer(across, across) / (across @ across) - np.eye(3))
+
     def seen_from(self, p_OC: FloatArray) -> RotationalSymmetry:
         """The same in a frame C with O's axes, at p_OC, shape (3,), m."""
         return RotationalSymmetry(self.axis, self.point - p_OC, self.order)

@@ -178,7 +178,7 @@ def _elsewhere(points: FloatArray, distance: FloatArray) -> FloatArray:
 
 def _spin_information(object_model: ObjectModel) -> FloatArray:
     """What fixes the angle about the object's axes of continuous symmetry, of the increment, shape (6, 6)."""
-    axes = np.array([symmetry.axis for symmetry in object_model.symmetries if symmetry.is_continuous]).reshape(-1, 3)
+    axes = np.array([symmetry.axis for symmetry in object_model.continuous_symmetries]).reshape(-1, 3)
     information = np.zeros((6, 6))
     information[:3, :3] = axes.T @ axes / _SPIN**2
     return information
