@@ -63,7 +63,7 @@ def find_modes(
     """
     information = touch_information + prior_information
     index = one_of_each(found.X_PO, information, symmetry_poses, params.same_sigmas)
-    covariance, log_determinant = inverses(_held_by_rounding(information[index], size))
+    covariance, log_determinant = _inverses(information[index], size)
     log_weight = -found.cost[index] - 0.5 * log_determinant
     order = (-log_weight).argsort(kind="stable")[:max_modes]
     index, log_weight = index[order], log_weight[order]
@@ -76,21 +76,22 @@ def find_modes(
     )
 
 
-def _held_by_rounding(information: FloatArray, size: float) -> FloatArray:
-    """Information (n, 6, 6), of which each has an inverse.
+def _inverses(information: FloatArray, size: float) -> tuple[FloatArray, FloatArray]:
+    """The inverses of information (n, 6, 6), each of which has one, and the logarithms (n,) of the determinants.
 
     Where doubles cannot hold what the touch determines best beside what is known of the rest, rounding may leave none.
     There the least that is known of any direction is what rounding leaves to know; see `free_directions` for how
     rotations compare with translations.
     """
-    lost = (~np.isfinite(inverses(information)[1])).nonzero()[0]
+    inverse, log_determinant = inverses(information)
+    lost = (~np.isfinite(log_determinant)).nonzero()[0]
     if not len(lost):
-        return information
+        return inverse, log_determinant
     information, scales = information.copy(), np.outer(units := increments_of_one_metre(size), units)
     values, rows = eigenpairs(information[lost] * scales)
     values = np.maximum(values, _ROUNDING * values.max(axis=1, keepdims=True))
     information[lost] = np.einsum("ni,nia,nib->nab", values, rows, rows) / scales
-    return information
+    return inverses(information)
 
 
 def increments_of_one_metre(size: float) -> FloatArray:

@@ -174,12 +174,9 @@ def _about(
 ) -> StudentTMixture:
     """Tiles for so many samples, about ones (B, 3, 4) as often as their weights (B, g) say."""
     params = posterior.params.sampling
-    passed = weights.sum(axis=1).cumsum()
-    drawn = passed.searchsorted(passed[-1] * (np.arange(params.tiles) + 0.5) / params.tiles)
-    index, times = np.unique(drawn, return_counts=True)
-    owner = weights[index].argmax(axis=1)
-    order = owner.argsort(kind="stable")
-    index, times, owner = index[order], times[order], owner[order]
+    drawn = importance_sampling_kernels.Drawn(*np.empty((3, params.tiles), dtype=np.int64))
+    different = importance_sampling_kernels.resample(weights, drawn)
+    index, owner, times = (each[:different] for each in drawn)
     local = posterior.objective.normal_equations(X_PO[index]).hessian + posterior.held
     center, local, turns = in_chart(X_mode, owner, X_PO[index], local, posterior.turn_directions(X_PO[index]))
     count = times * (samples // params.tiles)

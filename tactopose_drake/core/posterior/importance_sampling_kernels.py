@@ -98,6 +98,48 @@ def _variance(weights: Floats2, g: int, each: Floats1, count: Longs1) -> float:
     return variance
 
 
+class Drawn(NamedTuple):
+    """Samples that are drawn anew, by rising group: which ones, their groups, and how often each, shape (n,)."""
+
+    index: OutLongs1
+    group: OutLongs1
+    times: OutLongs1
+
+
+@kernel
+def resample(weights: Floats2, drawn: Drawn) -> int:
+    """Draws as many of the samples as there is room for, evenly by their weights (B, g), each of its heaviest group.
+
+    Returns the number of those that are drawn at all, which are all that is filled.
+    """
+    index, group, times = drawn
+    most, total, passed, done, count = index.shape[0], 0.0, 0.0, 0, 0
+    work = np.empty((3, most), dtype=np.int64)
+    chosen, owner, often = work[0], work[1], work[2]
+    for b in range(weights.shape[0]):
+        for g in range(weights.shape[1]):
+            total += weights[b, g]
+    for b in range(weights.shape[0]):
+        heaviest = 0
+        for g in range(weights.shape[1]):
+            passed += weights[b, g]
+            if weights[b, g] > weights[b, heaviest]:
+                heaviest = g
+        before = done
+        while done < most and total * (done + 0.5) / most <= passed:
+            done += 1
+        if done > before:
+            chosen[count], owner[count], often[count] = b, heaviest, done - before
+            count += 1
+    filled = 0
+    for g in range(weights.shape[1]):
+        for k in range(count):
+            if owner[k] == g:
+                index[filled], group[filled], times[filled] = chosen[k], g, often[k]
+                filled += 1
+    return count
+
+
 @kernel
 def find_nearest_images(X: Floats3, X_mode: Floats3, symmetries: Floats3, arm: float, nearest: OutLongs1) -> None:
     """By which symmetry (s, 3, 4) the image of each pose X (B, 3, 4) is that is nearest to one of the modes (g, 3, 4).

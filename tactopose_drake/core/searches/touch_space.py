@@ -26,7 +26,8 @@ class TouchSpace:
         # A pose with the identity's rotation and the centres of touch and surface on each other.
         middle_O, arm, variance = self._surface.spread
         middle_P = self._p_PC.mean(axis=0)
-        self.center = np.column_stack([np.eye(3), middle_P - middle_O])
+        self.center = np.eye(3, 4)
+        self.center[:, 3] = middle_P - middle_O
         # The way from there to p_PC - R q, for any contact, any rotation and any point q of the surface.
         spread = np.linalg.norm(self._p_PC - middle_P, axis=1).max()
         self.reach = np.pi, float(spread + arm + np.linalg.norm(middle_O))

@@ -223,7 +223,9 @@ def test_a_turn_that_changes_nothing_is_reported_as_that_and_does_not_cost_sampl
     start = modes(valley, X[None])
     held = np.diag([0, 0, 1 / 1.7, 0, 0, 0])
     start.mixture.covariance[:] = np.linalg.inv(valley.normal_equations(X[None]).hessian + held)
-    found = weigh_modes(start, posterior(valley, turns=(axis, np.cross(point, axis)), samples=6000), np.random.default_rng(0))
+    found = weigh_modes(
+        start, posterior(valley, turns=(axis, np.cross(point, axis)), samples=6000), np.random.default_rng(0)
+    )
     turn = np.concatenate([axis[0], -X[:, :3] @ np.cross(axis[0], point[0])])
     information = np.linalg.inv(found.mixture.covariance[0])
     assert 1.0 / (turn @ information @ turn) == pytest.approx(1.7, rel=0.05)
