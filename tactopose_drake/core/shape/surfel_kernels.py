@@ -122,33 +122,37 @@ def densities(discs: Discs, measured: Measurements, X: Floats3, density: OutFloa
                 m[a] = X[b, 0, a] * n[i, 0] + X[b, 1, a] * n[i, 1] + X[b, 2, a] * n[i, 2]
                 low[a] = max(0, int(np.floor((q[a] - reach - origin[a]) * per_cell)))
                 high[a] = min(shape[a] - 1, int(np.floor((q[a] + reach - origin[a]) * per_cell)))
-                empty = empty or high[a] < low[a]
+                if high[a] < low[a]:
+                    empty = True
+                    break
+            if empty:
+                density[b, i] = 0.0
+                continue
             for j in range(BLOCK):
                 shares[j] = 0.0
-            if not empty:
-                q0, q1, q2 = np.float32(q[0]), np.float32(q[1]), np.float32(q[2])
-                m0, m1, m2 = np.float32(m[0]), np.float32(m[1]), np.float32(m[2])
-                variance, per_across = np.float32(sigma[i] ** 2), np.float32(0.5 / sigma[i] ** 2)
-                per_normal = np.float32(weight_n[i] ** 2)
-                count = _blocks_near(discs, q, low, high, np.float32(sigmas * sigma[i]), near)
-                for place in range(count):
-                    start = np.uintp(near[place]) * _WHOLE
-                    # A loop whose length the compiler knew it would unroll into single numbers.
-                    for j in range(width):
-                        k = start + j
-                        nx, ny, nz = numbers[k + _NX], numbers[k + _NY], numbers[k + _NZ]
-                        dx, dy, dz = q0 - numbers[k], q1 - numbers[k + _Y], q2 - numbers[k + _Z]
-                        d = dx * nx + dy * ny + dz * nz
-                        square = dx * dx + dy * dy + dz * dz - d * d
-                        # One division for both factors.
-                        wider = variance + numbers[k + _SPREAD]
-                        rougher = one + per_normal * numbers[k + _ROUGHNESS]
-                        both = one / (wider * rougher)
-                        exponent = per_across * d * d + half * rougher * both * square
-                        # Half the squared difference of unit vectors is one minus their product.
-                        turned = one - (m0 * nx + m1 * ny + m2 * nz)
-                        exponent += per_normal * wider * both * turned
-                        shares[j] += numbers[k + _AREA] * both * _exp_minus(min(exponent, most))
+            q0, q1, q2 = np.float32(q[0]), np.float32(q[1]), np.float32(q[2])
+            m0, m1, m2 = np.float32(m[0]), np.float32(m[1]), np.float32(m[2])
+            variance, per_across = np.float32(sigma[i] ** 2), np.float32(0.5 / sigma[i] ** 2)
+            per_normal = np.float32(weight_n[i] ** 2)
+            count = _blocks_near(discs, q, low, high, np.float32(sigmas * sigma[i]), near)
+            for place in range(count):
+                start = np.uintp(near[place]) * _WHOLE
+                # A loop whose length the compiler knew it would unroll into single numbers.
+                for j in range(width):
+                    k = start + j
+                    nx, ny, nz = numbers[k + _NX], numbers[k + _NY], numbers[k + _NZ]
+                    dx, dy, dz = q0 - numbers[k], q1 - numbers[k + _Y], q2 - numbers[k + _Z]
+                    d = dx * nx + dy * ny + dz * nz
+                    square = dx * dx + dy * dy + dz * dz - d * d
+                    # One division for both factors.
+                    wider = variance + numbers[k + _SPREAD]
+                    rougher = one + per_normal * numbers[k + _ROUGHNESS]
+                    both = one / (wider * rougher)
+                    exponent = per_across * d * d + half * rougher * both * square
+                    # Half the squared difference of unit vectors is one minus their product.
+                    turned = one - (m0 * nx + m1 * ny + m2 * nz)
+                    exponent += per_normal * wider * both * turned
+                    shares[j] += numbers[k + _AREA] * both * _exp_minus(min(exponent, most))
             total = np.float32(0.0)
             for j in range(BLOCK):
                 total += shares[j]
