@@ -138,7 +138,7 @@ class _Lean(CPUDispatcher):
         """What numba asks for: code for this signature."""
         counts = self.targetoptions["_nrt"] = _makes_arrays(self.py_func)
         entry = super().compile(sig)
-        if not counts and any(_holds_arrays(compiled.signature.return_type) for compiled in self.overloads.values()):
+        if not counts and any(_holds_arrays(signature.return_type) for signature in self.nopython_signatures):
             raise TypeError(f"{self.py_func}: returns an array that is not its own.")
         return entry
 

@@ -1,8 +1,8 @@
 """Contacts on the distance grid, compiled for several poses at a time, so that the processor works on them together.
 
-Each number of a pose is one of eight that lie next to each other, a row of lanes. All rows are one array: of places in
-one array, so far apart, a compiler knows that they do not overlap. What differs from lane to lane (which nodes of the
-grid are read) is copied into rows first. A loop over lanes has no branches and no function that exists for single
+Each number of a pose is one of sixteen that lie next to each other, a row of lanes. All rows are one array: of places
+in one array, so far apart, a compiler knows that they do not overlap. What differs from lane to lane (which nodes of
+the grid are read) is copied into rows first. A loop over lanes has no branches and no function that exists for single
 numbers only; then it becomes four numbers to an instruction.
 
 All is in the object's frame: increments are (w, R^T v) until `leave`. The formulas are those of `contact_rows`.

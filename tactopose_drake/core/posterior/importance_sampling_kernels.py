@@ -101,7 +101,7 @@ def _variance(weights: Floats2, g: int, each: Floats1, count: Longs1) -> float:
 class Drawn(NamedTuple):
     """Samples that are drawn anew, by rising group: which ones, their groups, and how often each, shape (n,)."""
 
-    index: OutLongs1
+    sample: OutLongs1
     group: OutLongs1
     times: OutLongs1
 
@@ -112,8 +112,8 @@ def resample(weights: Floats2, drawn: Drawn) -> int:
 
     Returns the number of those that are drawn at all, which are all that is filled.
     """
-    index, group, times = drawn
-    most, total, passed, done, count = index.shape[0], 0.0, 0.0, 0, 0
+    sample, group, times = drawn
+    most, total, passed, done, count = sample.shape[0], 0.0, 0.0, 0, 0
     work = np.empty((3, most), dtype=np.int64)
     chosen, owner, often = work[0], work[1], work[2]
     for b in range(weights.shape[0]):
@@ -135,7 +135,7 @@ def resample(weights: Floats2, drawn: Drawn) -> int:
     for g in range(weights.shape[1]):
         for k in range(count):
             if owner[k] == g:
-                index[filled], group[filled], times[filled] = chosen[k], g, often[k]
+                sample[filled], group[filled], times[filled] = chosen[k], g, often[k]
                 filled += 1
     return count
 
