@@ -39,7 +39,7 @@ def estimate_poses(
         priors: of all touches, or of each.
         seed: likewise, of the search's random numbers.
         executor: where the work is done: processes, or a cluster's, which are handed the models and so pay where each
-            object has hundreds of touches. Threads without, one a core: of an estimate a sixth is Python's, which
+            object has hundreds of touches. Threads without, one a core: of an estimate two fifths are Python's, which
             one thread at a time has.
         on_progress: is told how many touches of how many are done.
         options: all others of `estimate_pose`, the same for all touches.
@@ -62,7 +62,7 @@ def estimate_poses(
         futures: dict[Future[list[PoseEstimate]], list[int]] = {}
         for model, part in _parts(of, size):
             touches = [(i, contacts[i], {"prior": before[i], "seed": seeds[i]}) for i in part]
-            futures[pool.submit(_estimate_some, Sealed(model), Sealed(touches), Sealed(options))] = part
+            futures[pool.submit(_estimate_some, model, Sealed(touches), Sealed(options))] = part
         done = 0
         try:
             for future in as_completed(futures):
@@ -89,16 +89,15 @@ def _each(name: str, value: Any, kind: type, count: int) -> list[Any]:
     return list(value)
 
 
-def _parts(models: Sequence[ObjectModel], most: int) -> Iterator[tuple[ObjectModel, list[int]]]:
+def _parts(models: Sequence[ObjectModel], most: int) -> Iterator[tuple[Sealed[ObjectModel], list[int]]]:
     """The touches by number, so many of one object at a time, or fewer so that all cores have work."""
     groups: dict[int, list[int]] = {}
     for i, model in enumerate(models):
         groups.setdefault(id(model), []).append(i)
     for group in groups.values():
-        size = min(most, -(-len(group) // (os.cpu_count() or 1)))
+        model, size = Sealed(models[group[0]]), min(most, -(-len(group) // (os.cpu_count() or 1)))
         for begin in range(0, len(group), size):
-            part = group[begin : begin + size]
-            yield models[part[0]], part
+            yield model, group[begin : begin + size]
 
 
 def _estimate_some(

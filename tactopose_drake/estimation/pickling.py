@@ -4,6 +4,7 @@ Pickling makes every array writable. Compiled kernels are compiled for each kind
 differently: results would depend, in their last bits, on the process that computes them.
 """
 
+import functools
 import io
 import pickle
 from collections.abc import Callable
@@ -18,7 +19,7 @@ Value = TypeVar("Value")
 
 @dataclass(frozen=True, eq=False)
 class Sealed(Generic[Value]):
-    """Holds a value; its pickle keeps arrays read-only that are.
+    """Holds a value; its pickle, which is made once, keeps arrays read-only that are.
 
     Attributes:
         value: anything that can be pickled.
@@ -27,9 +28,13 @@ class Sealed(Generic[Value]):
     value: Value
 
     def __reduce__(self) -> tuple[Callable[[bytes], "Sealed[Any]"], tuple[bytes]]:
+        return _unseal, (self._content,)
+
+    @functools.cached_property
+    def _content(self) -> bytes:
         buffer = io.BytesIO()
         _Pickler(buffer, protocol=pickle.HIGHEST_PROTOCOL).dump(self.value)
-        return _unseal, (buffer.getvalue(),)
+        return buffer.getvalue()
 
 
 class _Pickler(pickle.Pickler):
