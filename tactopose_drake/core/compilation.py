@@ -72,6 +72,7 @@ UnsignedShorts1: TypeAlias = Annotated[NDArray[np.uint16], _Array(types.uint16, 
 UnsignedLongs1: TypeAlias = Annotated[NDArray[np.uint64], _Array(types.uint64, 1, False)]
 Bytes2: TypeAlias = Annotated[NDArray[np.int8], _Array(types.int8, 2, False)]
 UnsignedBytes2: TypeAlias = Annotated[NDArray[np.uint8], _Array(types.uint8, 2, False)]
+Flags1: TypeAlias = Annotated[NDArray[np.bool_], _Array(types.boolean, 1, False)]
 # ... and those that it writes.
 OutFloats1: TypeAlias = Annotated[_Doubles, _Array(types.float64, 1, True)]
 OutFloats2: TypeAlias = Annotated[_Doubles, _Array(types.float64, 2, True)]

@@ -95,9 +95,9 @@ def _parts(models: Sequence[ObjectModel], most: int) -> Iterator[tuple[Sealed[Ob
     for i, model in enumerate(models):
         groups.setdefault(id(model), []).append(i)
     for group in groups.values():
-        model, size = Sealed(models[group[0]]), min(most, -(-len(group) // (os.cpu_count() or 1)))
+        sealed, size = Sealed(models[group[0]]), min(most, -(-len(group) // (os.cpu_count() or 1)))
         for begin in range(0, len(group), size):
-            yield model, group[begin : begin + size]
+            yield sealed, group[begin : begin + size]
 
 
 def _estimate_some(

@@ -12,7 +12,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from tactopose_drake.core.poses import skew
+from tactopose_drake.core.compilation import read_only
+from tactopose_drake.core.sensing.contact_noise_kernels import Found, Noise, fill_covariances
 from tactopose_drake.core.sensing.intrinsic_contact import ContactSolution, ContactSolutions
 from tactopose_drake.core.sensing.soft_layer import SoftLayer
 from tactopose_drake.core.surfaces.surface import Surface
@@ -56,52 +57,11 @@ def contact_covariance(
     """
     sigma_moment = positive_number("sigma_moment", sigma_moment, allow_zero=True)
     sigma_force = positive_number("sigma_force", sigma_force, allow_zero=True)
-    covariance_p, covariance_n = np.full((2, np.size(contacts.valid), 3, 3), np.nan)
-    valid = np.atleast_1d(contacts.valid)
-    p, n = np.atleast_2d(contacts.p_SC)[valid], np.atleast_2d(contacts.n_S)[valid]
-    f_t = np.atleast_2d(contacts.friction_force)[valid]
-    f = np.atleast_2d(contacts.normal_force)[valid] + f_t
-    torque = _dot(np.atleast_2d(contacts.local_torque)[valid], n)
-    depth = np.atleast_1d(contacts.deformation)[valid][:, None, None]
-    compliance = 0.0 if layer is None else 1.0 / layer.stiffness
-
-    W = _shape_operator(surface, p + depth[:, 0] * n, n)
-    Wf = np.einsum("bij,bj->bi", W, f_t)
-    inward = np.eye(3) - depth * W
-    # The Jacobian of the residual to a step t on the surface, as in `contact_kernels.linearize`, here as a 3x3 matrix
-    # of the tangent plane; n n^T makes it invertible and drops out again in `step`.
-    J = _dot(f, n)[:, None, None] * (skew(n) @ inward) - torque[:, None, None] * W
-    J -= compliance * _outer(np.cross(n, f_t), Wf)
-    nn = _outer(n, n)
-    step = -np.linalg.inv(J + nn) @ (np.eye(3) - nn)
-    # What noise (dm, df) adds to the residual: dm + by_force df; and to the point at a fixed step: compliance n n^T df
-    by_force = -skew(p) - compliance * _outer(np.cross(n, f), n)
-    to_point = (inward + compliance * _outer(n, Wf)) @ step
-    for covariance, by_moment, own in ((covariance_p, to_point, compliance * nn), (covariance_n, W @ step, 0.0 * nn)):
-        force_gain = by_moment @ by_force + own
-        covariance[valid] = sigma_moment**2 * _square(by_moment) + sigma_force**2 * _square(force_gain)
-    if isinstance(contacts, ContactSolution):
-        return ContactCovariance(covariance_p[0], covariance_n[0])
-    return ContactCovariance(covariance_p, covariance_n)
-
-
-def _shape_operator(surface: Surface, q_S: FloatArray, n_S: FloatArray) -> FloatArray:
-    """W (B, 3, 3), 1/m, with dn = W t for steps t on the surface at its points q_S (B, 3)."""
-    tangent = np.eye(3) - _outer(n_S, n_S)
-    length = np.linalg.norm(surface.gradient(q_S), axis=1)
-    W: FloatArray = tangent @ surface.hessian(q_S) @ tangent / length[:, None, None]
-    return W
-
-
-def _outer(a: FloatArray, b: FloatArray) -> FloatArray:
-    return a[:, :, None] * b[:, None, :]
-
-
-def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
-    product: FloatArray = np.einsum("bi,bi->b", a, b)
-    return product
-
-
-def _square(A: FloatArray) -> FloatArray:
-    product: FloatArray = A @ np.swapaxes(A, -1, -2)
-    return product
+    rows = contacts.p_SC, contacts.n_S, contacts.normal_force, contacts.friction_force, contacts.local_torque
+    p, n, normal_force, friction_force, torque = (read_only(np.atleast_2d(each)) for each in rows)
+    depth, valid = (read_only(np.atleast_1d(each)) for each in (contacts.deformation, contacts.valid))
+    found = Found(p, n, normal_force, friction_force, torque, depth, valid)
+    noise = Noise(sigma_moment**2, sigma_force**2, 0.0 if layer is None else 1.0 / layer.stiffness)
+    covariance = ContactCovariance(*np.full((2, len(valid), 3, 3), np.nan))
+    fill_covariances(surface.kind, surface.shape, surface.X_SF, found, noise, *covariance)
+    return ContactCovariance(*(each[0] for each in covariance)) if isinstance(contacts, ContactSolution) else covariance

@@ -1,0 +1,175 @@
+"""Covariances of intrinsic contacts, compiled; `contact_noise.py` says what they are."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from tactopose_drake.core.compilation import (
+    Flags1,
+    Floats1,
+    Floats2,
+    OutFloats1,
+    OutFloats2,
+    OutFloats3,
+    inlined,
+    kernel,
+    part,
+)
+from tactopose_drake.core.kernels.matrix_kernels import multiply, transform
+from tactopose_drake.core.surfaces.surface_kernels import evaluate_one
+
+
+class Found(NamedTuple):
+    """Contacts in S, of B wrenches: points, normals, normal and friction forces and local torques (B, 3), deformations
+    (B,), and which are valid (B,); read-only.
+    """
+
+    p: Floats2
+    n: Floats2
+    normal_force: Floats2
+    friction_force: Floats2
+    torque: Floats2
+    depth: Floats1
+    valid: Flags1
+
+
+class Noise(NamedTuple):
+    """Variances of each component of the moment, (N m)^2, and of the force, N^2; the layer's compliance, m/N."""
+
+    moment: float
+    force: float
+    compliance: float
+
+
+class _Work(NamedTuple):
+    """Matrices (3, 3) and vectors (3,) to work with."""
+
+    g: OutFloats1
+    A: OutFloats2
+    B: OutFloats2
+    W: OutFloats2
+    step: OutFloats2
+    gain: OutFloats2
+    product: OutFloats2
+
+
+@kernel
+def fill_covariances(
+    kind: int, shape: Floats1, X_SF: Floats2, found: Found, noise: Noise, by_point: OutFloats3, by_normal: OutFloats3
+) -> None:
+    """Fills the covariances (B, 3, 3) of the valid contacts' points and normals, in S."""
+    square = (3, 3)
+    work = _Work(
+        np.empty(3),
+        np.empty(square),
+        np.empty(square),
+        np.empty(square),
+        np.empty(square),
+        np.empty(square),
+        np.empty(square),
+    )
+    f, across, bent, by_force = np.empty(3), np.empty(3), np.empty(3), np.empty((3, 3))
+    W, step, gain = work.W, work.step, work.gain
+    for b in range(found.valid.shape[0]):
+        if not found.valid[b]:
+            continue
+        p, n, f_t, depth = found.p[b], found.n[b], found.friction_force[b], found.depth[b]
+        _bend(kind, shape, X_SF, p, n, depth, work)
+        push, torque = 0.0, 0.0
+        for i in range(3):
+            f[i] = found.normal_force[b, i] + f_t[i]
+            push += f[i] * n[i]
+            torque += found.torque[b, i] * n[i]
+            bent[i] = W[i, 0] * f_t[0] + W[i, 1] * f_t[1] + W[i, 2] * f_t[2]
+        _cross(n, f, across)  # What the normal force adds to it vanishes.
+        # The Jacobian of the residual to a step t on the surface, as in `contact_newton_kernels.linearize`, here as a
+        # matrix of the tangent plane; n n^T makes it invertible and drops out again in `step`.
+        J = work.A
+        for k in range(3):
+            for i in range(3):
+                work.B[i, k] = (1.0 if i == k else 0.0) - depth * W[i, k]
+            _cross(n, work.B[:, k], work.g)
+            for i in range(3):
+                J[i, k] = push * work.g[i] - torque * W[i, k] - noise.compliance * across[i] * bent[k] + n[i] * n[k]
+        _invert_plane(J, n, step)
+        # What noise (dm, df) adds to the residual, dm + by_force df; and to the point at a fixed step.
+        _fill_lever(p, across, n, noise.compliance, by_force)
+        for i in range(3):
+            for k in range(3):
+                work.B[i, k] += noise.compliance * n[i] * bent[k]
+        multiply(work.B, step, gain)
+        _add_noise(gain, by_force, n, noise, noise.compliance, work, by_point[b])
+        multiply(W, step, gain)
+        _add_noise(gain, by_force, n, noise, 0.0, work, by_normal[b])
+
+
+@part
+def _bend(kind: int, shape: Floats1, X: Floats2, p: Floats1, n: Floats1, depth: float, work: _Work) -> None:
+    """W, 1/m, with dn = W t for steps t on the surface at the contact, which lies deeper; X (3, 4) is X_SF."""
+    g, A, B, W = work.g, work.A, work.B, work.W
+    for i in range(3):
+        g[i] = p[i] + depth * n[i] - X[i, 3]
+    x = X[0, 0] * g[0] + X[1, 0] * g[1] + X[2, 0] * g[2]
+    y = X[0, 1] * g[0] + X[1, 1] * g[1] + X[2, 1] * g[2]
+    z = X[0, 2] * g[0] + X[1, 2] * g[1] + X[2, 2] * g[2]
+    evaluate_one(kind, shape, x, y, z, g, A)
+    length = np.sqrt(g[0] * g[0] + g[1] * g[1] + g[2] * g[2])
+    # (1 - n n^T) R, by which the Hessian in F becomes W in S.
+    for k in range(3):
+        along = n[0] * X[0, k] + n[1] * X[1, k] + n[2] * X[2, k]
+        for i in range(3):
+            B[i, k] = X[i, k] - n[i] * along
+    transform(B, A, work.product, W)
+    for i in range(3):
+        for k in range(3):
+            W[i, k] /= length
+
+
+@inlined
+def _invert_plane(J, n, step):
+    """step = -J^-1 (1 - n n^T), by J's cofactors."""
+    for i in range(3):
+        a, b = (i + 1) % 3, (i + 2) % 3
+        for k in range(3):
+            c, d = (k + 1) % 3, (k + 2) % 3
+            step[k, i] = J[a, c] * J[b, d] - J[a, d] * J[b, c]
+    determinant = J[0, 0] * step[0, 0] + J[0, 1] * step[1, 0] + J[0, 2] * step[2, 0]
+    for i in range(3):
+        along = step[i, 0] * n[0] + step[i, 1] * n[1] + step[i, 2] * n[2]
+        for k in range(3):
+            step[i, k] = (along * n[k] - step[i, k]) / determinant
+
+
+@inlined
+def _fill_lever(p, across, n, compliance, out):
+    """-[p]x - compliance (n x f) n^T."""
+    for i in range(3):
+        a, b = (i + 1) % 3, (i + 2) % 3
+        out[i, i], out[i, a], out[i, b] = 0.0, p[b], -p[a]
+    for i in range(3):
+        for k in range(3):
+            out[i, k] -= compliance * across[i] * n[k]
+
+
+@part
+def _add_noise(
+    gain: Floats2, by_force: Floats2, n: Floats1, noise: Noise, own: float, work: _Work, out: OutFloats2
+) -> None:
+    """The covariance of what moment and force move by these gains, the force by its own along the normal, too."""
+    A = work.A
+    multiply(gain, by_force, A)
+    for i in range(3):
+        for k in range(3):
+            A[i, k] += own * n[i] * n[k]
+    for i in range(3):
+        for k in range(3):
+            moment, force = 0.0, 0.0
+            for c in range(3):
+                moment += gain[i, c] * gain[k, c]
+                force += A[i, c] * A[k, c]
+            out[i, k] = noise.moment * moment + noise.force * force
+
+
+@inlined
+def _cross(a, b, out):
+    out[0], out[1], out[2] = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
