@@ -24,18 +24,21 @@ def eval_input(port: InputPort, context: Context, kind: type[Kind]) -> Kind:
     """
     if not port.HasValue(context):
         raise PortTypeError(f"{_name(port)}: is not connected; it needs a {kind.__name__}.")
-    value = port.Eval(context)
-    if not isinstance(value, kind):
-        raise PortTypeError(f"{_name(port)}: holds a {type(value).__name__}; allowed is a {kind.__name__}.")
-    return value
+    return _checked(port, port.Eval(context), kind)
 
 
 def eval_optional_input(port: InputPort, context: Context, kind: type[Kind]) -> Kind | None:
     """Like `eval_input`, but None when the port is not connected or holds None."""
     if not port.HasValue(context):
         return None
-    value: Any = port.Eval(context)
-    return None if value is None else eval_input(port, context, kind)
+    value = port.Eval(context)
+    return None if value is None else _checked(port, value, kind)
+
+
+def _checked(port: InputPort, value: Any, kind: type[Kind]) -> Kind:
+    if not isinstance(value, kind):
+        raise PortTypeError(f"{_name(port)}: holds a {type(value).__name__}; allowed is a {kind.__name__}.")
+    return value
 
 
 def _name(port: InputPort) -> str:
