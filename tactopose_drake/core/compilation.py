@@ -111,7 +111,7 @@ def numba_type(annotation: Any) -> types.Type:
         return plain[annotation]
     if typing.get_origin(annotation) is tuple:
         return types.Tuple([numba_type(item) for item in typing.get_args(annotation)])
-    if isinstance(annotation, type) and issubclass(annotation, tuple) and hasattr(annotation, "_fields"):
+    if _is_named_tuple(annotation):
         hints = typing.get_type_hints(annotation, include_extras=True)
         return types.BaseTuple.from_types([numba_type(hints[name]) for name in annotation._fields], annotation)
     raise TypeError(f"{annotation}: stands for no type of a kernel's argument.")
@@ -189,10 +189,6 @@ class Kernel(_Lean):
         """Whether its compiled code is in the cache on disk."""
         return bool(self._cache.holds(self.declared, self.targetctx))
 
-    def __call__(self, *args: Any) -> Any:
-        """Calls it from Python: with plain tuples, for numba spells the names of a named one's fields at each call."""
-        return super().__call__(*[tuple(arg) if isinstance(arg, tuple) else arg for arg in args])
-
     @functools.cached_property
     def _plain(self) -> list[Any]:
         """The types of the arguments when it is called from Python."""
@@ -217,6 +213,34 @@ class Kernel(_Lean):
         """What numba asks for when another kernel calls this one."""
         self.make_ready()
         return super().get_call_template(args, kws)
+
+
+class _OfTuples(Kernel):
+    """A kernel that takes named tuples.
+
+    It is called with plain ones, for numba spells the names of a named one's fields at each call.
+    """
+
+    @functools.cached_property
+    def _named(self) -> list[int]:
+        """Which arguments they are."""
+        return [i for i, annotation in enumerate(_arguments(self.py_func)) if _is_named_tuple(annotation)]
+
+    def __call__(self, *args: Any) -> Any:
+        """Calls it from Python."""
+        plain = list(args)
+        for i in self._named:
+            plain[i] = tuple(plain[i])
+        return CPUDispatcher.__call__(self, *plain)
+
+
+def _arguments(function: Callable[..., Any]) -> list[Any]:
+    """Their annotations."""
+    return [annotation for name, annotation in function.__annotations__.items() if name != "return"]
+
+
+def _is_named_tuple(annotation: Any) -> bool:
+    return isinstance(annotation, type) and issubclass(annotation, tuple) and hasattr(annotation, "_fields")
 
 
 class _WithoutEntry(_Lean):
@@ -246,7 +270,8 @@ _OPTIONS = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
 def kernel(function: Function) -> Function:
     """Compiles a function for the types of its annotations, at its first call."""
     told = {"nopython": True, **_OPTIONS}
-    compiled = Kernel(py_func=function, targetoptions=told, pipeline_class=linked_code.KernelCompiler)
+    kind = _OfTuples if any(map(_is_named_tuple, _arguments(function))) else Kernel
+    compiled = kind(py_func=function, targetoptions=told, pipeline_class=linked_code.KernelCompiler)
     return typing.cast(Function, _cached(compiled))
 
 
