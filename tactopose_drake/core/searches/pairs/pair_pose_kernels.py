@@ -135,7 +135,7 @@ def keep_best(
     matches, begins, ends, spins = matched
     X, axes, frames = np.empty((3, 4)), np.empty((3, 3)), np.empty((spins.shape[0], 4, 3))
     contacts = np.empty((spins.shape[0], table.shape[0], table.shape[1]), dtype=np.float32)
-    count, used, limit, is_anywhere = cost.shape[0], 0, np.inf, images.farthest == np.inf
+    count, used, limit = cost.shape[0], 0, np.inf
     # A pose is kept as its pair, its match and its spin. There may be twice as many as are wanted, then half are left:
     # soon most poses cost more than is worth adding up.
     room = 2 * count + LANES
@@ -153,20 +153,11 @@ def keep_best(
         _lay_out(table, ends[q, 0], ends[q, 1], order, field.inverse_spacing, frame, laid)
         row, spin = begins[q], 0
         while row < begins[q + 1]:
-            lanes = 0
-            while lanes < LANES and row < begins[q + 1]:
-                i, j = samples.pairs[matches[row], 0], samples.pairs[matches[row], 1]
-                is_worth = is_anywhere or spin > 0 or may_be_near(samples.points, i, j, frame, images)
-                if is_worth:
-                    block.samples[lanes, 0], block.samples[lanes, 1] = i, j
-                    block.match[lanes, 0], block.match[lanes, 1] = row, spin
-                    lanes, spin = lanes + 1, spin + 1
-                if not is_worth or spin == spins[q]:
-                    row, spin = row + 1, 0
+            lanes, row, spin = _take(samples, matched, q, frame, images, (row, spin), block)
             _place_lanes(samples, laid, spins[q], lanes, block)
             for lane in range(np.uintp(lanes)):
                 block.w[COST + lane] = 0.0
-                if not is_anywhere:
+                if images.farthest < np.inf:
                     _fill_axes(block.w, lane, axes)
                     _fill_pose(frame, axes, block.w, lane, X)
                     block.w[COST + lane] = 0.0 if is_near(X, images) else np.inf
@@ -189,14 +180,39 @@ def keep_best(
     sort_stably(rising, places[0], places[1])
     for k in range(used):
         q, row, spin = kept[places[0, k], 0], kept[places[0, k], 1], kept[places[0, k], 2]
-        block.samples[0, 0], block.samples[0, 1] = samples.pairs[matches[row], 0], samples.pairs[matches[row], 1]
-        block.match[0, 1] = spin
+        _note(samples, matches[row], row, spin, 0, block)
         _place_lanes(samples, contacts[q], spins[q], 1, block)
         _fill_axes(block.w, np.uintp(0), axes)
         orthonormalize(axes, 3)  # They are singles.
         _fill_pose(frames[q], axes, block.w, np.uintp(0), X_best[k])
         cost[k] = kept_cost[places[0, k]]
     return used
+
+
+@inlined
+def _take(samples, matched, q, frame, images, begun, block):
+    """Takes the next poses of a pair of contacts that may be near enough, as many as there are lanes.
+
+    Returns how many these are, and the match and spin that the next one has.
+    """
+    (row, spin), lanes, is_anywhere = begun, 0, images.farthest == np.inf
+    while lanes < LANES and row < matched.begins[q + 1]:
+        match = matched.matches[row]
+        i, j = samples.pairs[match, 0], samples.pairs[match, 1]
+        is_worth = is_anywhere or spin > 0 or may_be_near(samples.points, i, j, frame, images)
+        if is_worth:
+            _note(samples, match, row, spin, lanes, block)
+            lanes, spin = lanes + 1, spin + 1
+        if not is_worth or spin == matched.spins[q]:
+            row, spin = row + 1, 0
+    return lanes, row, spin
+
+
+@inlined
+def _note(samples, match, row, spin, lane, block):
+    """Writes down what a lane's pose is made of."""
+    block.samples[lane, 0], block.samples[lane, 1] = samples.pairs[match, 0], samples.pairs[match, 1]
+    block.match[lane, 0], block.match[lane, 1] = row, spin
 
 
 @part
