@@ -34,7 +34,7 @@ def with_shape_errors(model: ObjectModel, contacts: Contacts) -> Contacts:
     covariance = contacts.covariance.copy()
     covariance[:, :3, :3] += (variance + height)[:, None, None] * _outward(contacts)
     covariance[:, 3:, 3:] += turn[:, None, None] * np.eye(3)
-    return dataclasses.replace(contacts, covariance=covariance)
+    return contacts.with_covariance(covariance)
 
 
 def _outward(contacts: Contacts) -> FloatArray:

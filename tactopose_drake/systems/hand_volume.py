@@ -9,7 +9,6 @@ from pydrake.common.value import AbstractValue
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context
 
-from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.hand.contact_uncertainty import ContactUncertainty
 from tactopose_drake.hand.geometry import BodySpheres, HandGeometry
 from tactopose_drake.hand.hand_in_plant import Hand
@@ -23,14 +22,12 @@ class _Placed:
     """The spheres in the palm.
 
     Attributes:
-        p_PH: centres of the spheres, shape (h, 3), m.
-        known: whether a sphere's link is where it seems: all joints in between are known, shape (h,).
-        sigma: by how much the hand's surface is off, m.
+        hand: those of links that are where they seem, all joints in between being known; None where there are none.
+        known: which of all spheres they are, shape (h,).
     """
 
-    p_PH: FloatArray
+    hand: HandGeometry | None
     known: NDArray[np.bool_]
-    sigma: float
 
 
 class HandVolume(CollectableSystem):
@@ -96,22 +93,19 @@ class HandVolume(CollectableSystem):
         sigma = HandGeometry.sigma
         if self._uncertainty is not None:
             sigma = math.hypot(sigma, self._uncertainty.surface_sigma(kinematics))
-        cached.set_value(_Placed(kinematics.positions(self._spheres), kinematics.is_known(self._spheres.body), sigma))
+        known, hand = kinematics.is_known(self._spheres.body), None
+        if known.any():
+            hand = HandGeometry(kinematics.positions(self._spheres)[known], self._spheres.radius[known], sigma)
+        cached.set_value(_Placed(hand, known))
 
     def _calc_hand(self, context: Context, output: AbstractValue) -> None:
-        output.set_value(self._geometry(context, np.ones(len(self._spheres.radius), dtype=np.bool_)))
+        output.set_value(self._placed.Eval(context).hand)
 
     def _calc_untouched(self, context: Context, output: AbstractValue) -> None:
         fingers = eval_optional_input(self._fingers_untouched, context, tuple) or ()
         chosen = np.zeros(len(self._spheres.radius), dtype=np.bool_)
         for finger in fingers:
             chosen |= self._on_tip[finger]
-        output.set_value(self._geometry(context, chosen))
-
-    def _geometry(self, context: Context, chosen: NDArray[np.bool_]) -> HandGeometry | None:
-        """The spheres that are chosen (h,); None where there are none."""
         placed = self._placed.Eval(context)
-        chosen = chosen & placed.known
-        if not chosen.any():
-            return None
-        return HandGeometry(placed.p_PH[chosen], self._spheres.radius[chosen], placed.sigma)
+        of_known = chosen[placed.known]
+        output.set_value(placed.hand.chosen(of_known) if of_known.any() else None)

@@ -140,6 +140,11 @@ class Contacts(PlainValue):
                 value.setflags(write=False)
         return copied(self, **arrays)
 
+    def with_covariance(self, covariance: FloatArray) -> Self:
+        """The contacts with other covariances (k, 6, 6), computed of ones that were checked."""
+        position, normal = _sigmas_of(covariance, self.n_PC)
+        return self.with_arrays(covariance=covariance, sigma_position=position, sigma_normal=normal)
+
     def __repr__(self) -> str:
         known = [
             "points",

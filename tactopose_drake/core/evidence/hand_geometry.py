@@ -2,7 +2,10 @@
 
 import dataclasses
 
-from tactopose_drake.core.plain_values import PlainValue
+import numpy as np
+from numpy.typing import NDArray
+
+from tactopose_drake.core.plain_values import PlainValue, copied
 from tactopose_drake.core.validation import (
     FARTHEST,
     FloatArray,
@@ -45,6 +48,13 @@ class HandGeometry(PlainValue):
         for name, value in (("p_PH", p_PH), ("radius", radius)):
             value.setflags(write=False)
             object.__setattr__(self, name, value)
+
+    def chosen(self, index: NDArray[np.bool_]) -> "HandGeometry":
+        """Some of the spheres, at least one, by a mask (h,)."""
+        p_PH, radius = self.p_PH[index], self.radius[index]
+        for value in (p_PH, radius):
+            value.setflags(write=False)
+        return copied(self, p_PH=p_PH, radius=radius)
 
     def __len__(self) -> int:
         return len(self.radius)
