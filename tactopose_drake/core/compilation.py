@@ -23,98 +23,18 @@ import re
 import typing
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, TypeAlias, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numba.core import types
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import CPUDispatcher
-from numpy.typing import NDArray
 
-from tactopose_drake.core import linked_code
+from tactopose_drake.core import kernel_types, linked_code
 from tactopose_drake.core.kernel_cache import kernel_cache
+from tactopose_drake.core.kernel_types import is_named_tuple, numba_type
 
 Function = TypeVar("Function", bound=Callable[..., Any])
-
-
-class _Array(NamedTuple):
-    """What an annotation says of an array beyond its type in Python."""
-
-    dtype: types.Number
-    dimensions: int
-    written: bool
-
-    def type(self) -> types.Array:
-        return types.Array(self.dtype, self.dimensions, "C", readonly=not self.written)
-
-
-_Doubles: TypeAlias = NDArray[np.float64]
-_Singles: TypeAlias = NDArray[np.float32]
-_Longs: TypeAlias = NDArray[np.int64]
-
-# Arrays that a kernel reads, by the type of their numbers and how many axes they have ...
-Floats1: TypeAlias = Annotated[_Doubles, _Array(types.float64, 1, False)]
-Floats2: TypeAlias = Annotated[_Doubles, _Array(types.float64, 2, False)]
-Floats3: TypeAlias = Annotated[_Doubles, _Array(types.float64, 3, False)]
-Floats4: TypeAlias = Annotated[_Doubles, _Array(types.float64, 4, False)]
-Singles1: TypeAlias = Annotated[_Singles, _Array(types.float32, 1, False)]
-Singles2: TypeAlias = Annotated[_Singles, _Array(types.float32, 2, False)]
-Singles3: TypeAlias = Annotated[_Singles, _Array(types.float32, 3, False)]
-Singles4: TypeAlias = Annotated[_Singles, _Array(types.float32, 4, False)]
-Longs1: TypeAlias = Annotated[_Longs, _Array(types.int64, 1, False)]
-Longs2: TypeAlias = Annotated[_Longs, _Array(types.int64, 2, False)]
-Ints1: TypeAlias = Annotated[NDArray[np.int32], _Array(types.int32, 1, False)]
-Ints2: TypeAlias = Annotated[NDArray[np.int32], _Array(types.int32, 2, False)]
-Ints3: TypeAlias = Annotated[NDArray[np.int32], _Array(types.int32, 3, False)]
-Shorts2: TypeAlias = Annotated[NDArray[np.int16], _Array(types.int16, 2, False)]
-Shorts3: TypeAlias = Annotated[NDArray[np.int16], _Array(types.int16, 3, False)]
-UnsignedShorts1: TypeAlias = Annotated[NDArray[np.uint16], _Array(types.uint16, 1, False)]
-UnsignedLongs1: TypeAlias = Annotated[NDArray[np.uint64], _Array(types.uint64, 1, False)]
-Bytes2: TypeAlias = Annotated[NDArray[np.int8], _Array(types.int8, 2, False)]
-UnsignedBytes2: TypeAlias = Annotated[NDArray[np.uint8], _Array(types.uint8, 2, False)]
-Flags1: TypeAlias = Annotated[NDArray[np.bool_], _Array(types.boolean, 1, False)]
-# ... and those that it writes.
-OutFloats1: TypeAlias = Annotated[_Doubles, _Array(types.float64, 1, True)]
-OutFloats2: TypeAlias = Annotated[_Doubles, _Array(types.float64, 2, True)]
-OutFloats3: TypeAlias = Annotated[_Doubles, _Array(types.float64, 3, True)]
-OutFloats4: TypeAlias = Annotated[_Doubles, _Array(types.float64, 4, True)]
-OutSingles1: TypeAlias = Annotated[_Singles, _Array(types.float32, 1, True)]
-OutSingles4: TypeAlias = Annotated[_Singles, _Array(types.float32, 4, True)]
-OutLongs1: TypeAlias = Annotated[_Longs, _Array(types.int64, 1, True)]
-OutLongs2: TypeAlias = Annotated[_Longs, _Array(types.int64, 2, True)]
-OutInts1: TypeAlias = Annotated[NDArray[np.int32], _Array(types.int32, 1, True)]
-OutInts3: TypeAlias = Annotated[NDArray[np.int32], _Array(types.int32, 3, True)]
-OutShorts2: TypeAlias = Annotated[NDArray[np.int16], _Array(types.int16, 2, True)]
-OutUnsignedBytes2: TypeAlias = Annotated[NDArray[np.uint8], _Array(types.uint8, 2, True)]
-OutFlags1: TypeAlias = Annotated[NDArray[np.bool_], _Array(types.boolean, 1, True)]
-OutFlags2: TypeAlias = Annotated[NDArray[np.bool_], _Array(types.boolean, 2, True)]
-# Numbers that come together.
-Triple: TypeAlias = tuple[float, float, float]
-Shape3: TypeAlias = tuple[int, int, int]
-# An unsigned number: an offset by one needs no check of its sign.
-Unsigned: TypeAlias = Annotated[int, types.uint64]
-
-
-def numba_type(annotation: Any) -> types.Type:
-    """The numba type that an annotation stands for.
-
-    Raises:
-        TypeError: an annotation that stands for none.
-    """
-    for said in getattr(annotation, "__metadata__", ()):
-        if isinstance(said, _Array):
-            return said.type()
-        if isinstance(said, types.Type):
-            return said
-    plain = {float: types.float64, int: types.int64, bool: types.boolean}
-    if annotation in plain:
-        return plain[annotation]
-    if typing.get_origin(annotation) is tuple:
-        return types.Tuple([numba_type(item) for item in typing.get_args(annotation)])
-    if _is_named_tuple(annotation):
-        hints = typing.get_type_hints(annotation, include_extras=True)
-        return types.BaseTuple.from_types([numba_type(hints[name]) for name in annotation._fields], annotation)
-    raise TypeError(f"{annotation}: stands for no type of a kernel's argument.")
 
 
 @contextlib.contextmanager
@@ -224,7 +144,7 @@ class _OfTuples(Kernel):
     @functools.cached_property
     def _named(self) -> list[int]:
         """Which arguments they are."""
-        return [i for i, annotation in enumerate(_arguments(self.py_func)) if _is_named_tuple(annotation)]
+        return [i for i, annotation in enumerate(_arguments(self.py_func)) if is_named_tuple(annotation)]
 
     def __call__(self, *args: Any) -> Any:
         """Calls it from Python."""
@@ -237,10 +157,6 @@ class _OfTuples(Kernel):
 def _arguments(function: Callable[..., Any]) -> list[Any]:
     """Their annotations."""
     return [annotation for name, annotation in function.__annotations__.items() if name != "return"]
-
-
-def _is_named_tuple(annotation: Any) -> bool:
-    return isinstance(annotation, type) and issubclass(annotation, tuple) and hasattr(annotation, "_fields")
 
 
 class _WithoutEntry(_Lean):
@@ -270,7 +186,7 @@ _OPTIONS = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
 def kernel(function: Function) -> Function:
     """Compiles a function for the types of its annotations, at its first call."""
     told = {"nopython": True, **_OPTIONS}
-    kind = _OfTuples if any(map(_is_named_tuple, _arguments(function))) else Kernel
+    kind = _OfTuples if any(map(is_named_tuple, _arguments(function))) else Kernel
     compiled = kind(py_func=function, targetoptions=told, pipeline_class=linked_code.KernelCompiler)
     return typing.cast(Function, _cached(compiled))
 
@@ -322,7 +238,7 @@ def _kernel_files() -> dict[str, Path]:
 def _fingerprint(name: str) -> bytes:
     """Of how kernels are compiled, and the file of that name with all that it names and so may have compiled in it."""
     files, todo = _kernel_files(), [name]
-    found = {path: Path(path).read_bytes() for path in (__file__, linked_code.__file__)}
+    found = {path: Path(path).read_bytes() for path in (__file__, kernel_types.__file__, linked_code.__file__)}
     while todo:
         here = todo.pop()
         if here in files and here not in found:

@@ -13,16 +13,8 @@ from numba.core.runtime import _nrt_python, rtsys
 
 import tactopose_drake
 from tactopose_drake.core import compilation
-from tactopose_drake.core.compilation import (
-    Floats1,
-    Floats2,
-    Inlined,
-    Kernel,
-    OutFloats1,
-    OutFloats2,
-    numba_type,
-    read_only,
-)
+from tactopose_drake.core.compilation import Inlined, Kernel, read_only
+from tactopose_drake.core.kernel_types import Floats1, Floats2, OutFloats1, OutFloats2, numba_type
 from tactopose_drake.core.kernels.descent_kernels import descend
 from tactopose_drake.core.kernels.matrix_kernels import inverses
 from tactopose_drake.core.kernels.pose_kernels import retract, retract_one
@@ -34,7 +26,7 @@ MODULES = [
     "tactopose_drake." + ".".join(path.relative_to(CORE.parent).with_suffix("").parts)
     for path in sorted(CORE.rglob("*_kernels.py"))
 ]
-NUMBA_ELSEWHERE = {"compilation.py", "kernel_cache.py", "linked_code.py", "prefetch.py"}
+NUMBA_ELSEWHERE = {"compilation.py", "kernel_cache.py", "kernel_types.py", "linked_code.py", "prefetch.py"}
 
 
 def kernels(module: str) -> list[Kernel]:

@@ -11,7 +11,8 @@ from llvmlite import binding as llvm
 from tactopose_drake.core import linked_code
 
 MODULE = """
-from tactopose_drake.core.compilation import Floats1, inlined, kernel, part
+from tactopose_drake.core.compilation import inlined, kernel, part
+from tactopose_drake.core.kernel_types import Floats1
 
 @inlined
 def square(x):

@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactopose_drake.core.compilation import (
+from tactopose_drake.core.compilation import kernel
+from tactopose_drake.core.kernel_types import (
     Floats1,
     Floats2,
     Floats3,
@@ -17,7 +18,6 @@ from tactopose_drake.core.compilation import (
     OutFlags2,
     OutFloats2,
     OutLongs2,
-    kernel,
 )
 from tactopose_drake.core.kernels.grid_kernels import Grid, cell
 

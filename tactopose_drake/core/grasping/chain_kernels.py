@@ -4,7 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactopose_drake.core.compilation import Floats1, Floats2, Floats3, Floats4, Longs1, OutFloats3, OutFloats4, kernel
+from tactopose_drake.core.compilation import kernel
+from tactopose_drake.core.kernel_types import Floats1, Floats2, Floats3, Floats4, Longs1, OutFloats3, OutFloats4
 from tactopose_drake.core.kernels.pose_kernels import compose_one, retract_one
 
 

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from tactopose_drake.core.compilation import Floats2, Ints1, Longs1, OutFloats1, OutLongs1, UnsignedShorts1, kernel
+from tactopose_drake.core.compilation import kernel
+from tactopose_drake.core.kernel_types import Floats2, Ints1, Longs1, OutFloats1, OutLongs1, UnsignedShorts1
 from tactopose_drake.core.shape.pair_feature_kernels import fill_feature
 
 # The layout of the table that objects share, and of counts that are kept on disk.

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from tactopose_drake.core.compilation import Unsigned, UnsignedLongs1, inlined, kernel
+from tactopose_drake.core.compilation import inlined, kernel
+from tactopose_drake.core.kernel_types import Unsigned, UnsignedLongs1
 
 # Numbers without a sign, and so are all that they meet: with any other they would become floats.
 _P1: Any = np.uint64(0x9E3779B185EBCA87)

@@ -18,18 +18,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactopose_drake.core.compilation import (
-    Floats1,
-    Floats3,
-    Longs1,
-    OutFloats1,
-    OutFloats2,
-    OutFloats3,
-    OutFloats4,
-    inlined,
-    kernel,
-    part,
-)
+from tactopose_drake.core.compilation import inlined, kernel, part
+from tactopose_drake.core.kernel_types import Floats1, Floats3, Longs1, OutFloats1, OutFloats2, OutFloats3, OutFloats4
 from tactopose_drake.core.kernels.grid_kernels import Grid
 from tactopose_drake.core.kernels.lane_kernels import (
     DISTANCE_ENERGY,

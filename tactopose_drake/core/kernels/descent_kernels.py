@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactopose_drake.core.compilation import OutFlags1, OutFloats1, OutFloats2, OutFloats3, OutLongs1, kernel
+from tactopose_drake.core.compilation import kernel
+from tactopose_drake.core.kernel_types import OutFlags1, OutFloats1, OutFloats2, OutFloats3, OutLongs1
 from tactopose_drake.core.kernels.grid_kernels import Grid
 from tactopose_drake.core.kernels.lane_kernels import LANES, SIZE, leave, total_cost
 from tactopose_drake.core.kernels.least_squares_kernels import (

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from tactopose_drake.core.compilation import Floats2, Floats3, Longs1, OutFloats3, kernel
+from tactopose_drake.core.compilation import kernel
+from tactopose_drake.core.kernel_types import Floats2, Floats3, Longs1, OutFloats3
 from tactopose_drake.core.kernels.pose_kernels import compose_one
 from tactopose_drake.core.kernels.sorting_kernels import copy_matrix
 

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from tactopose_drake.core.compilation import Floats1, Floats2, Floats3, Floats4, Longs1, OutFloats3, kernel
+from tactopose_drake.core.compilation import kernel
+from tactopose_drake.core.kernel_types import Floats1, Floats2, Floats3, Floats4, Longs1, OutFloats3
 from tactopose_drake.core.kernels.matrix_kernels import cholesky, diagonalize, multiply, solve_transposed, transform
 
 

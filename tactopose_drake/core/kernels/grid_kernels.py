@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactopose_drake.core.compilation import Floats1, OutFloats1, OutFloats2, Singles4, inlined, part
+from tactopose_drake.core.compilation import inlined, part
+from tactopose_drake.core.kernel_types import Floats1, OutFloats1, OutFloats2, Singles4
 
 # Where interpolated normals nearly cancel (the middle of a thin wall) their direction means little: this bounds it.
 SOFT_LENGTH = 0.05

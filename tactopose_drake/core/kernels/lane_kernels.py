@@ -10,7 +10,8 @@ All is in the object's frame: increments are (w, R^T v) until `leave`. The formu
 
 import numpy as np
 
-from tactopose_drake.core.compilation import Floats1, Floats3, OutFloats1, inlined, part
+from tactopose_drake.core.compilation import inlined, part
+from tactopose_drake.core.kernel_types import Floats1, Floats3, OutFloats1
 from tactopose_drake.core.kernels.grid_kernels import SOFT_LENGTH, Grid
 from tactopose_drake.core.kernels.pose_kernels import turn_translations
 from tactopose_drake.core.kernels.prefetch import prefetch

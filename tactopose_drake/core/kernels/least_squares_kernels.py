@@ -7,17 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactopose_drake.core.compilation import (
-    Floats1,
-    Floats2,
-    Floats3,
-    OutFlags1,
-    OutFloats1,
-    OutFloats2,
-    OutFloats3,
-    inlined,
-    kernel,
-)
+from tactopose_drake.core.compilation import inlined, kernel
+from tactopose_drake.core.kernel_types import Floats1, Floats2, Floats3, OutFlags1, OutFloats1, OutFloats2, OutFloats3
 from tactopose_drake.core.kernels.sorting_kernels import copy_matrix, copy_vector
 
 

@@ -5,7 +5,8 @@ Source: [GV] G. Golub and C. Van Loan, Matrix Computations, 4th ed., 2013, secti
 
 import numpy as np
 
-from tactopose_drake.core.compilation import Floats2, Floats3, OutFloats1, OutFloats2, OutFloats3, inlined, kernel, part
+from tactopose_drake.core.compilation import inlined, kernel, part
+from tactopose_drake.core.kernel_types import Floats2, Floats3, OutFloats1, OutFloats2, OutFloats3
 from tactopose_drake.core.validation import FloatArray
 
 _MOST_SWEEPS = 30  # Six or seven are enough for any matrix of six rows.

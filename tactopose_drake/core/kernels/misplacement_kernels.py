@@ -5,7 +5,8 @@
 
 import numpy as np
 
-from tactopose_drake.core.compilation import Floats2, OutFloats2, inlined, part
+from tactopose_drake.core.compilation import inlined, part
+from tactopose_drake.core.kernel_types import Floats2, OutFloats2
 from tactopose_drake.core.kernels.grid_kernels import Grid
 from tactopose_drake.core.kernels.least_squares_kernels import next_damping, promised_decrease
 from tactopose_drake.core.kernels.matrix_kernels import cholesky, solve

@@ -3,7 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from tactopose_drake.core.compilation import Floats3, OutLongs1, kernel
+from tactopose_drake.core.compilation import kernel
+from tactopose_drake.core.kernel_types import Floats3, OutLongs1
 from tactopose_drake.core.kernels.matrix_kernels import cholesky, invert
 from tactopose_drake.core.kernels.pose_kernels import compose_one, increment_between
 from tactopose_drake.core.validation import FloatArray

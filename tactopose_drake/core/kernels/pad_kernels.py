@@ -16,7 +16,8 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from tactopose_drake.core.compilation import (
+from tactopose_drake.core.compilation import inlined, kernel, part
+from tactopose_drake.core.kernel_types import (
     Floats1,
     Floats2,
     Floats3,
@@ -24,9 +25,6 @@ from tactopose_drake.core.compilation import (
     OutFloats2,
     Unsigned,
     UnsignedLongs1,
-    inlined,
-    kernel,
-    part,
 )
 from tactopose_drake.core.kernels.grid_kernels import SOFT_LENGTH, Grid, cell, interpolate
 from tactopose_drake.core.kernels.pose_kernels import rotate_to_object, to_object

@@ -5,7 +5,8 @@ Each pad is misplaced as `misplacement_kernels.py` finds it. `grid`, `pads` and 
 
 import numpy as np
 
-from tactopose_drake.core.compilation import Floats3, OutFloats1, OutFloats2, OutFloats3, kernel
+from tactopose_drake.core.compilation import kernel
+from tactopose_drake.core.kernel_types import Floats3, OutFloats1, OutFloats2, OutFloats3
 from tactopose_drake.core.kernels.grid_kernels import Grid
 from tactopose_drake.core.kernels.matrix_kernels import cholesky, solve
 from tactopose_drake.core.kernels.misplacement_kernels import couple, make_rows, settle

@@ -5,7 +5,8 @@ Poses are (3, 4), or (B, 3, 4) for a batch; increments (w, v) as in `poses.py`.
 
 import numpy as np
 
-from tactopose_drake.core.compilation import Floats1, Floats2, Floats3, OutFloats1, OutFloats3, inlined, kernel, part
+from tactopose_drake.core.compilation import inlined, kernel, part
+from tactopose_drake.core.kernel_types import Floats1, Floats2, Floats3, OutFloats1, OutFloats3
 
 
 @part

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from tactopose_drake.core.compilation import Floats2, Floats3, OutFloats1, OutFloats2, OutFloats3, kernel
+from tactopose_drake.core.compilation import kernel
+from tactopose_drake.core.kernel_types import Floats2, Floats3, OutFloats1, OutFloats2, OutFloats3
 from tactopose_drake.core.kernels.matrix_kernels import multiply, transform
 
 

@@ -10,7 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactopose_drake.core.compilation import Floats2, OutFloats1, OutFloats2, OutFloats3, inlined, kernel, part
+from tactopose_drake.core.compilation import inlined, kernel, part
+from tactopose_drake.core.kernel_types import Floats2, OutFloats1, OutFloats2, OutFloats3
 from tactopose_drake.core.kernels import least_squares_kernels, pose_kernels, surface_contact_kernels
 from tactopose_drake.core.kernels.grid_kernels import Grid
 from tactopose_drake.core.kernels.joint_state_kernels import (

@@ -20,7 +20,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactopose_drake.core.compilation import Floats1, Floats2, OutFloats1, OutFloats2, OutFloats3, kernel, part
+from tactopose_drake.core.compilation import kernel, part
+from tactopose_drake.core.kernel_types import Floats1, Floats2, OutFloats1, OutFloats2, OutFloats3
 from tactopose_drake.core.kernels import least_squares_kernels, pose_kernels
 from tactopose_drake.core.kernels.grid_kernels import Grid
 from tactopose_drake.core.kernels.joint_state_kernels import (

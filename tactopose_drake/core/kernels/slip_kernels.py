@@ -5,17 +5,8 @@ See `slip_detection.py`.
 
 import numpy as np
 
-from tactopose_drake.core.compilation import (
-    Floats1,
-    Floats2,
-    Floats3,
-    Longs1,
-    OutFloats1,
-    OutFloats2,
-    OutFloats3,
-    kernel,
-    part,
-)
+from tactopose_drake.core.compilation import kernel, part
+from tactopose_drake.core.kernel_types import Floats1, Floats2, Floats3, Longs1, OutFloats1, OutFloats2, OutFloats3
 
 
 @kernel

@@ -1,6 +1,7 @@
 """Sorting, selecting and copying, compiled once: NumPy's own would be compiled anew for each kernel that uses them."""
 
-from tactopose_drake.core.compilation import Floats1, Floats2, OutFloats1, OutFloats2, OutLongs1, OutSingles1, part
+from tactopose_drake.core.compilation import part
+from tactopose_drake.core.kernel_types import Floats1, Floats2, OutFloats1, OutFloats2, OutLongs1, OutSingles1
 
 
 @part

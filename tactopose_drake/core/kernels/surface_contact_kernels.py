@@ -9,18 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactopose_drake.core.compilation import (
-    Floats1,
-    Floats2,
-    Floats3,
-    OutFloats1,
-    OutFloats2,
-    OutFloats3,
-    OutFloats4,
-    inlined,
-    kernel,
-    part,
-)
+from tactopose_drake.core.compilation import inlined, kernel, part
+from tactopose_drake.core.kernel_types import Floats1, Floats2, Floats3, OutFloats1, OutFloats2, OutFloats3, OutFloats4
 from tactopose_drake.core.kernels.grid_kernels import (
     SOFT_LENGTH,
     Grid,

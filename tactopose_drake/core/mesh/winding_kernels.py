@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from tactopose_drake.core.compilation import Floats1, Floats2, Ints2, Shape3, Shorts2, Shorts3, inlined, kernel
+from tactopose_drake.core.compilation import inlined, kernel
+from tactopose_drake.core.kernel_types import Floats1, Floats2, Ints2, Shape3, Shorts2, Shorts3
 
 
 @kernel

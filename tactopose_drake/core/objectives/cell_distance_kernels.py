@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from tactopose_drake.core.compilation import Floats2, Floats3, Longs1, OutFloats2, kernel
+from tactopose_drake.core.compilation import kernel
+from tactopose_drake.core.kernel_types import Floats2, Floats3, Longs1, OutFloats2
 from tactopose_drake.core.kernels.pose_kernels import to_object
 from tactopose_drake.core.shape.point_grid_kernels import Cloud, nearest_square
 

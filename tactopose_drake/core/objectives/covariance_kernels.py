@@ -4,15 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactopose_drake.core.compilation import (
-    Floats1,
-    Floats2,
-    Floats3,
-    OutFloats1,
-    OutFloats2,
-    inlined,
-    kernel,
-)
+from tactopose_drake.core.compilation import inlined, kernel
+from tactopose_drake.core.kernel_types import Floats1, Floats2, Floats3, OutFloats1, OutFloats2
 from tactopose_drake.core.kernels.pose_kernels import to_object
 from tactopose_drake.core.shape.point_grid_kernels import Cloud, nearest_square, slot_of
 

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from tactopose_drake.core.compilation import Floats1, Floats3, OutFloats3, OutLongs1, kernel
+from tactopose_drake.core.compilation import kernel
+from tactopose_drake.core.kernel_types import Floats1, Floats3, OutFloats3, OutLongs1
 from tactopose_drake.core.kernels.matrix_kernels import cholesky, diagonalize, orthonormalize, transform
 from tactopose_drake.core.kernels.sorting_kernels import copy_vector
 

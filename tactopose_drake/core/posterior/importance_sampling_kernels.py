@@ -14,7 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactopose_drake.core.compilation import (
+from tactopose_drake.core.compilation import kernel, part
+from tactopose_drake.core.kernel_types import (
     Floats1,
     Floats2,
     Floats3,
@@ -24,8 +25,6 @@ from tactopose_drake.core.compilation import (
     OutFloats3,
     OutFloats4,
     OutLongs1,
-    kernel,
-    part,
 )
 from tactopose_drake.core.kernels import least_squares_kernels, pose_kernels
 from tactopose_drake.core.kernels.matrix_kernels import cholesky, invert

@@ -4,7 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactopose_drake.core.compilation import (
+from tactopose_drake.core.compilation import kernel, part
+from tactopose_drake.core.kernel_types import (
     Floats1,
     Floats2,
     Floats3,
@@ -16,8 +17,6 @@ from tactopose_drake.core.compilation import (
     OutFloats3,
     OutFloats4,
     OutLongs1,
-    kernel,
-    part,
 )
 from tactopose_drake.core.kernels.pose_kernels import compose_one, increment_between, retract_one
 from tactopose_drake.core.kernels.sorting_kernels import copy_vector

@@ -10,7 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactopose_drake.core.compilation import (
+from tactopose_drake.core.compilation import kernel, part
+from tactopose_drake.core.kernel_types import (
     Floats1,
     Floats2,
     Floats3,
@@ -19,8 +20,6 @@ from tactopose_drake.core.compilation import (
     OutFloats2,
     OutFloats3,
     OutLongs1,
-    kernel,
-    part,
 )
 from tactopose_drake.core.kernels import pose_kernels
 from tactopose_drake.core.kernels.matrix_kernels import cholesky, invert, solve_transposed

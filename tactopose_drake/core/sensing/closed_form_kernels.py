@@ -6,7 +6,8 @@ Everything is in the surface's frame F, for a wrench divided by its force: f is 
 
 import math
 
-from tactopose_drake.core.compilation import Floats1, OutFloats1, Triple, part
+from tactopose_drake.core.compilation import part
+from tactopose_drake.core.kernel_types import Floats1, OutFloats1, Triple
 from tactopose_drake.core.surfaces.surface_kernels import ROD, SMOOTH, project
 
 EDGE = 1e-9  # rounding error allowed at the edge of the admissible part, relative to the extent

@@ -9,7 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactopose_drake.core.compilation import Floats1, Floats2, OutFloats1, OutFloats2, OutLongs1, Triple, kernel, part
+from tactopose_drake.core.compilation import kernel, part
+from tactopose_drake.core.kernel_types import Floats1, Floats2, OutFloats1, OutFloats2, OutLongs1, Triple
 from tactopose_drake.core.kernels.sorting_kernels import copy_vector
 from tactopose_drake.core.sensing.closed_form_kernels import EDGE, closed_form, facing_point, rod_contact
 from tactopose_drake.core.sensing.contact_newton_kernels import MAX_ITERATIONS, Line, Work, linearize, newton

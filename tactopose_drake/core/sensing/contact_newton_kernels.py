@@ -9,7 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactopose_drake.core.compilation import Floats1, OutFloats1, OutFloats2, Triple, part
+from tactopose_drake.core.compilation import part
+from tactopose_drake.core.kernel_types import Floats1, OutFloats1, OutFloats2, Triple
 from tactopose_drake.core.kernels.sorting_kernels import copy_vector
 from tactopose_drake.core.surfaces.surface_kernels import evaluate_one, project
 

@@ -4,17 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactopose_drake.core.compilation import (
-    Flags1,
-    Floats1,
-    Floats2,
-    OutFloats1,
-    OutFloats2,
-    OutFloats3,
-    inlined,
-    kernel,
-    part,
-)
+from tactopose_drake.core.compilation import inlined, kernel, part
+from tactopose_drake.core.kernel_types import Flags1, Floats1, Floats2, OutFloats1, OutFloats2, OutFloats3
 from tactopose_drake.core.kernels.matrix_kernels import multiply, transform
 from tactopose_drake.core.surfaces.surface_kernels import evaluate_one
 

@@ -2,17 +2,8 @@
 
 import numpy as np
 
-from tactopose_drake.core.compilation import (
-    Floats1,
-    Floats2,
-    Ints3,
-    OutFloats3,
-    OutInts3,
-    Shorts3,
-    Singles4,
-    inlined,
-    kernel,
-)
+from tactopose_drake.core.compilation import inlined, kernel
+from tactopose_drake.core.kernel_types import Floats1, Floats2, Ints3, OutFloats3, OutInts3, Shorts3, Singles4
 
 
 @inlined

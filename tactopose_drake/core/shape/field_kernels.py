@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from tactopose_drake.core.compilation import Floats1, Floats2, OutFloats2, Singles4, kernel
+from tactopose_drake.core.compilation import kernel
+from tactopose_drake.core.kernel_types import Floats1, Floats2, OutFloats2, Singles4
 
 
 @kernel

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from tactopose_drake.core.compilation import Floats1, Floats2, Floats3, Ints3, Longs1, OutFloats3, OutSingles4, kernel
+from tactopose_drake.core.compilation import kernel
+from tactopose_drake.core.kernel_types import Floats1, Floats2, Floats3, Ints3, Longs1, OutFloats3, OutSingles4
 from tactopose_drake.core.shape.distance_kernels import closest_weights
 
 

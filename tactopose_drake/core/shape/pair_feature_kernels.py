@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from tactopose_drake.core.compilation import (
+from tactopose_drake.core.compilation import inlined, kernel, part
+from tactopose_drake.core.kernel_types import (
     Floats1,
     Floats2,
     Ints1,
@@ -12,9 +13,6 @@ from tactopose_drake.core.compilation import (
     OutShorts2,
     OutUnsignedBytes2,
     UnsignedBytes2,
-    inlined,
-    kernel,
-    part,
 )
 
 BYTE = 255.0  # the largest number of a byte

@@ -4,7 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactopose_drake.core.compilation import Floats1, Floats2, Ints1, Ints3, OutFloats1, inlined, kernel, part
+from tactopose_drake.core.compilation import inlined, kernel, part
+from tactopose_drake.core.kernel_types import Floats1, Floats2, Ints1, Ints3, OutFloats1
 
 
 class Cloud(NamedTuple):

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from tactopose_drake.core.compilation import Floats1, Floats2, kernel
+from tactopose_drake.core.compilation import kernel
+from tactopose_drake.core.kernel_types import Floats1, Floats2
 from tactopose_drake.core.kernels.sorting_kernels import copy_matrix
 
 _DEPTH = 12  # Base-4 digits of the share that count: 17 million places in a triangle.

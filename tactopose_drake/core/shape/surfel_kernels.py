@@ -4,18 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactopose_drake.core.compilation import (
-    Floats1,
-    Floats2,
-    Floats3,
-    Ints1,
-    OutFloats2,
-    Shape3,
-    Singles2,
-    Singles3,
-    inlined,
-    kernel,
-)
+from tactopose_drake.core.compilation import inlined, kernel
+from tactopose_drake.core.kernel_types import Floats1, Floats2, Floats3, Ints1, OutFloats2, Shape3, Singles2, Singles3
 
 # So many discs are reckoned at once: the layout of `Surfels.blocks`.
 BLOCK = 8

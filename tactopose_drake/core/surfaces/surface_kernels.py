@@ -11,7 +11,8 @@ import math
 
 import numpy as np
 
-from tactopose_drake.core.compilation import Floats1, Floats2, OutFloats1, OutFloats2, OutFloats3, kernel, part
+from tactopose_drake.core.compilation import kernel, part
+from tactopose_drake.core.kernel_types import Floats1, Floats2, OutFloats1, OutFloats2, OutFloats3
 
 SMOOTH, ROD = 0, 1
 

@@ -1,6 +1,7 @@
 """A grid's values between its nodes, asked for at one point after the other."""
 
-from tactopose_drake.core.compilation import Floats3, Triple, kernel
+from tactopose_drake.core.compilation import kernel
+from tactopose_drake.core.kernel_types import Floats3, Triple
 
 
 @kernel

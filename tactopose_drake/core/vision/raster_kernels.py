@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from tactopose_drake.core.compilation import Floats1, Floats2, Ints2, Singles2, Singles3, kernel
+from tactopose_drake.core.compilation import kernel
+from tactopose_drake.core.kernel_types import Floats1, Floats2, Ints2, Singles2, Singles3
 
 # How pictures look; nothing is measured in them. Fixed, so that the loop over the pixels knows the exponent.
 # Directions towards the lights in the camera's frame (right, down, forward), and their strengths.

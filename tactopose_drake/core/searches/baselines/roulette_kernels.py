@@ -2,16 +2,8 @@
 
 import numpy as np
 
-from tactopose_drake.core.compilation import (
-    Floats1,
-    Floats2,
-    OutFlags1,
-    OutFloats1,
-    OutFloats2,
-    OutFloats3,
-    kernel,
-    part,
-)
+from tactopose_drake.core.compilation import kernel, part
+from tactopose_drake.core.kernel_types import Floats1, Floats2, OutFlags1, OutFloats1, OutFloats2, OutFloats3
 
 
 @kernel

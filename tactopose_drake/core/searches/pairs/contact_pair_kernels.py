@@ -4,7 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactopose_drake.core.compilation import (
+from tactopose_drake.core.compilation import kernel, part
+from tactopose_drake.core.kernel_types import (
     Floats1,
     Floats2,
     Ints1,
@@ -14,8 +15,6 @@ from tactopose_drake.core.compilation import (
     OutLongs1,
     OutLongs2,
     UnsignedBytes2,
-    kernel,
-    part,
 )
 from tactopose_drake.core.kernels.sorting_kernels import sort_stably
 from tactopose_drake.core.shape.pair_feature_kernels import find_matches

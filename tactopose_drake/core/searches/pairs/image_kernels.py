@@ -4,7 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactopose_drake.core.compilation import Floats1, Floats2, Floats3, inlined
+from tactopose_drake.core.compilation import inlined
+from tactopose_drake.core.kernel_types import Floats1, Floats2, Floats3
 
 
 class Images(NamedTuple):

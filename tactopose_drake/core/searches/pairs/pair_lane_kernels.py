@@ -9,18 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactopose_drake.core.compilation import (
-    Floats1,
-    Floats2,
-    Ints1,
-    Longs2,
-    OutSingles1,
-    Shape3,
-    Shorts2,
-    Singles1,
-    inlined,
-    part,
-)
+from tactopose_drake.core.compilation import inlined, part
+from tactopose_drake.core.kernel_types import Floats1, Floats2, Ints1, Longs2, OutSingles1, Shape3, Shorts2, Singles1
 
 LANES = 64
 # Where rows begin: the point between two samples; the frame's axes in O; the samples' normals; the turn about the line.

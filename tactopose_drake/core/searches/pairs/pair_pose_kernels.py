@@ -4,7 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactopose_drake.core.compilation import (
+from tactopose_drake.core.compilation import inlined, kernel, part
+from tactopose_drake.core.kernel_types import (
     Floats2,
     Ints1,
     Longs1,
@@ -13,9 +14,6 @@ from tactopose_drake.core.compilation import (
     OutLongs2,
     OutSingles1,
     Singles2,
-    inlined,
-    kernel,
-    part,
 )
 from tactopose_drake.core.kernels.matrix_kernels import orthonormalize
 from tactopose_drake.core.kernels.sorting_kernels import select, sort_stably
