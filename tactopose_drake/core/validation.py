@@ -18,6 +18,7 @@ FloatArray = NDArray[np.float64]
 
 # Coordinates, m, and components of unit vectors count in steps of this: about 1e-9, and exact in binary.
 _STEP = 2.0**-30
+_LEAST, _MOST = np.nextafter(0.0, 1.0), np.finfo(np.float64).max
 _DEEPEST = 8
 _LONG = 1e3
 
@@ -41,15 +42,19 @@ def finite_array(name: str, value: ArrayLike, *shapes: tuple[int | None, ...]) -
         InvalidInputError: if it is not of numbers, of another shape, or holds a NaN or an infinite number.
     """
     array = number_array(name, value, *shapes)
+    _check_finite(name, array)
+    return array
+
+
+def _check_finite(name: str, array: FloatArray) -> None:
     if not np.isfinite(array).all():
         bad = np.argwhere(~np.isfinite(array))[0]
         raise InvalidInputError(f"{_place(name, bad)}: is {array[tuple(bad)]}; allowed are finite numbers.")
-    return array
 
 
 def number_array(name: str, value: ArrayLike, *shapes: tuple[int | None, ...]) -> FloatArray:
     """As `finite_array`, but NaN and infinite numbers may be among the entries."""
-    if type(value) is np.ndarray and value.dtype.char == "d" and value.shape in shapes:
+    if type(value) is np.ndarray and value.dtype.char == "d" and any(_fits(value.shape, shape) for shape in shapes):
         return np.array(value, dtype=np.float64, order="C")  # Nothing is wrong: some times as fast.
     try:
         _check_numbers(name, value)
@@ -101,7 +106,14 @@ def _place(name: str, index: Iterable[Any]) -> str:
 
 
 def _fits(shape: tuple[int, ...], wanted: tuple[int | None, ...]) -> bool:
+    if shape == wanted:
+        return True
     return len(shape) == len(wanted) and all(n is None or n == m for n, m in zip(wanted, shape, strict=True))
+
+
+def _is_between(array: FloatArray, least: float, most: float) -> bool:
+    """Whether no entry is a NaN or outside of two limits: soon told, where nothing is wrong."""
+    return not array.size or bool(least <= array.min() and array.max() <= most)
 
 
 def positive_number(
@@ -130,7 +142,10 @@ def positive_numbers(
     Raises:
         InvalidInputError: if it is not one, or of another shape.
     """
-    array = finite_array(name, value, *shapes)
+    array = number_array(name, value, *shapes)
+    if _is_between(array, least or (0.0 if allow_zero else _LEAST), min(most, _MOST)):
+        return array
+    _check_finite(name, array)
     low = (array < 0.0) | ((array == 0.0) & (not allow_zero))
     outside = ((array < least) & (array > 0.0)) | (array > most)
     for wrong, allowed in (
@@ -148,10 +163,10 @@ def points_near(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> F
     Raises:
         InvalidInputError: if one is farther than `FARTHEST` from the origin, or they are not finite or of that shape.
     """
-    points = finite_array(name, value, shape)
-    far = np.abs(points).max(axis=1, initial=0.0)
-    if len(points) and far.max() > FARTHEST:
-        i = int(far.argmax())
+    points = number_array(name, value, shape)
+    if not _is_between(points, -FARTHEST, FARTHEST):
+        _check_finite(name, points)
+        i = int(np.abs(points).max(axis=1).argmax())
         raise InvalidInputError(
             f"{name}[{i}]: is {points[i].tolist()}, in metres; allowed are coordinates up to {FARTHEST:g} m. "
             "Multiply by 0.001 what is in millimetres."
@@ -165,11 +180,12 @@ def limited(name: str, value: ArrayLike, *shapes: tuple[int | None, ...], most: 
     Raises:
         InvalidInputError: if it is not one, or of another shape.
     """
-    array = finite_array(name, value, *shapes)
-    beyond = np.argwhere(np.abs(array) > most)
-    if len(beyond):
-        worst = array[tuple(beyond[0])]
-        raise InvalidInputError(f"{_place(name, beyond[0])}: is {worst:g}; allowed are numbers up to {most:g}.")
+    array = number_array(name, value, *shapes)
+    if not _is_between(array, -most, most):
+        _check_finite(name, array)
+        beyond = np.argwhere(np.abs(array) > most)[0]
+        worst = array[tuple(beyond)]
+        raise InvalidInputError(f"{_place(name, beyond)}: is {worst:g}; allowed are numbers up to {most:g}.")
     return array
 
 

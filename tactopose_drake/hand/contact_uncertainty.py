@@ -19,6 +19,7 @@ from pydrake.multibody.tree import PrismaticJoint
 
 from tactopose_drake.core.poses import skew
 from tactopose_drake.core.sensing.contact_noise import contact_covariance
+from tactopose_drake.core.sensing.contact_noise_kernels import HandErrors, fill_hand_covariance
 from tactopose_drake.core.sensing.intrinsic_contact import ContactSolution
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.hand.contact_gains import contact_gains, wrench_of
@@ -45,6 +46,9 @@ class ContactUncertainty:
         # What an offset of one standard deviation of each measured joint adds to the plant's positions, shape (nq, k).
         self._offsets = gains * math.radians(uncertainty.encoder_offset_deg)
         self._frames, self._errors = hand.sensor_frames, uncertainty
+        self._variances = HandErrors(
+            uncertainty.mounting**2, math.radians(uncertainty.mounting_deg) ** 2, uncertainty.fingertip_radius**2
+        )
         self._surfaces, self._layers = hand.surfaces, hand.layers
         self._calibrated: dict[str, _Calibrated] = {}
         if hand.calibration is not None:
@@ -71,24 +75,16 @@ class ContactUncertainty:
         """
         if finger in self._calibrated:
             return self._of_calibrated(finger, solution, X_PS, kinematics)
-        errors, R = self._errors, X_PS.rotation().matrix()
-        J = kinematics.jacobian(self._frames[finger], solution.p_SC) @ self._offsets
-        by_joints = np.concatenate([J[3:], J[:3]])
-        covariance: FloatArray = by_joints @ by_joints.T
-        n = R @ solution.n_S
-        covariance[:3, :3] += errors.mounting**2 * np.eye(3) + errors.fingertip_radius**2 * np.outer(n, n)
-        by_turn = np.concatenate([-R @ skew(solution.p_SC), R]) * math.radians(errors.mounting_deg)
-        covariance += by_turn @ by_turn.T
+        by_joints = kinematics.jacobian(self._frames[finger], solution.p_SC) @ self._offsets
         by_sensor = contact_covariance(
             solution,
             self._surfaces[finger],
             layer=self._layers.get(finger),
-            sigma_moment=errors.sensor_moment,
-            sigma_force=errors.sensor_force,
+            sigma_moment=self._errors.sensor_moment,
+            sigma_force=self._errors.sensor_force,
         )
-        turned = skew(n) @ R
-        covariance[:3, :3] += R @ by_sensor.p @ R.T
-        covariance[3:, 3:] += turned @ by_sensor.n @ turned.T
+        X, covariance = np.ascontiguousarray(X_PS.GetAsMatrix34()), np.empty((6, 6))
+        fill_hand_covariance(X, solution.p_SC, solution.n_S, by_joints, *by_sensor, self._variances, covariance)
         return covariance
 
     def surface_sigma(self, kinematics: HandKinematics) -> float:

@@ -14,14 +14,14 @@ from pydrake.systems.framework import Context
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.sensing.intrinsic_contact import ContactSolution
-from tactopose_drake.core.validation import positive_number
+from tactopose_drake.core.validation import FloatArray, positive_number
 from tactopose_drake.hand.contact_uncertainty import ContactUncertainty
 from tactopose_drake.systems.collectable_system import CollectableSystem, declare_cache
 from tactopose_drake.systems.hand_kinematics import declare_kinematics
 from tactopose_drake.systems.ports import eval_input
 
 # Variances of a contact of a hand that errs in nothing: of where its point is, m^2, and of its normal, rad^2.
-_LEAST = np.repeat([1e-5**2, 1e-3**2], 3)
+_LEAST = np.diag(np.repeat([1e-5**2, 1e-3**2], 3))
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -119,13 +119,12 @@ class ContactsInPalm(CollectableSystem):
         solutions = eval_input(self._solutions, context, dict)
         X_PS = self._kinematics.Eval(context).poses(self._sensor_frames)
         fingers = tuple(finger for finger in X_PS if finger in solutions and solutions[finger].valid)
-        rows = [_move(X_PS[finger], solutions[finger]) for finger in fingers]
-        p_PC, n_PC, f_PC = np.array(rows).reshape(-1, 3, 3).transpose(1, 0, 2)
+        p_PC, n_PC, f_PC = _move([X_PS[finger] for finger in fingers], [solutions[finger] for finger in fingers])
         covariance = None
         if self._uncertainty is not None:
             kinematics = self._kinematics.Eval(context)
             each = [self._uncertainty.covariance(f, solutions[f], X_PS[f], kinematics) for f in fingers]
-            covariance = np.array(each).reshape(-1, 6, 6) + np.diag(_LEAST)
+            covariance = np.array(each).reshape(-1, 6, 6) + _LEAST
         contacts = Contacts(
             p_PC,
             n_PC,
@@ -140,11 +139,13 @@ class ContactsInPalm(CollectableSystem):
         cached.set_value(_Touch(contacts, fingers, untouched, status))
 
 
-def _move(X_PS: RigidTransform, solution: ContactSolution) -> tuple[Any, Any, Any]:
-    """Position, the object's outward normal and the force on the fingertip, in P."""
-    R_PS = X_PS.rotation()
-    force_S = solution.normal_force + solution.friction_force
-    return X_PS @ solution.p_SC, -(R_PS @ solution.n_S), R_PS @ force_S
+def _move(X_PS: list[RigidTransform], solutions: list[ContactSolution]) -> FloatArray:
+    """Positions, the object's outward normals and the forces on the fingertips, in P, shape (3, k, 3)."""
+    X = np.array([X.GetAsMatrix34() for X in X_PS]).reshape(-1, 3, 4)
+    rows_S = [(each.p_SC, -each.n_S, each.normal_force + each.friction_force) for each in solutions]
+    rows_P = np.array(rows_S).reshape(-1, 3, 3) @ np.swapaxes(X[:, :, :3], 1, 2)
+    rows_P[:, 0] += X[:, :, 3]
+    return np.swapaxes(rows_P, 0, 1)
 
 
 def _reason(finger: str, known: Mapping[str, Any], solutions: Mapping[str, ContactSolution]) -> str:

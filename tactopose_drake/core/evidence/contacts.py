@@ -8,6 +8,7 @@ from typing import Any, Never, Protocol, Self, SupportsIndex
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tactopose_drake.core.evidence.contact_variance_kernels import fill_variances
 from tactopose_drake.core.plain_values import PlainValue, copied
 from tactopose_drake.core.validation import FloatArray, in_steps, limited, points_near, positive_numbers, unit_vectors
 from tactopose_drake.errors import InvalidInputError
@@ -223,19 +224,16 @@ def _covariances(value: ArrayLike, count: int) -> FloatArray:
 
 def _sigmas_of(covariance: FloatArray, n_PC: FloatArray | None) -> tuple[FloatArray, FloatArray]:
     """What of covariances (k, 6, 6) counts for the distance and for the turn of the normal, shape (k,)."""
-    point, turn = covariance[:, :3, :3], covariance[:, 3:, 3:]
-    mean = np.trace(point, axis1=1, axis2=2) / 3.0, np.trace(turn, axis1=1, axis2=2) / 3.0
-    variances = mean
-    if n_PC is not None:
-        along = [np.einsum("ki,kij,kj->k", n_PC, part, n_PC) for part in (point, turn)]
-        variances = along[0], 0.5 * (3.0 * mean[1] - along[1])
-    for name, variance in zip(("point", "normal"), variances, strict=True):
-        if np.any(variance <= 0.0):
-            row = int(np.argmin(variance))
-            raise InvalidInputError(
-                f"covariance[{row}]: says {variance[row]:.3g} of the {name}; allowed are variances above 0."
-            )
-    return np.sqrt(variances[0]), np.sqrt(variances[1])
+    variances = np.empty((2, len(covariance)))
+    fill_variances(covariance, np.zeros((0, 3)) if n_PC is None else n_PC, variances)
+    if variances.min(initial=np.inf) <= 0.0:
+        which, row = np.unravel_index(variances.argmin(), variances.shape)
+        raise InvalidInputError(
+            f"covariance[{row}]: says {variances[which, row]:.3g} of the {('point', 'normal')[which]}; allowed are "
+            "variances above 0."
+        )
+    position, normal = np.sqrt(variances)
+    return position, normal
 
 
 def _sigmas(name: str, value: ArrayLike, count: int, least: float, most: float) -> FloatArray:

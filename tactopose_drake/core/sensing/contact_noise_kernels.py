@@ -32,6 +32,16 @@ class Noise(NamedTuple):
     compliance: float
 
 
+class HandErrors(NamedTuple):
+    """Variances of where a fingertip is along each axis, m^2, of how it is turned about each, rad^2, and of how thick
+    it is, m^2.
+    """
+
+    place: float
+    turn: float
+    radius: float
+
+
 class _Work(NamedTuple):
     """Matrices (3, 3) and vectors (3,) to work with."""
 
@@ -92,6 +102,69 @@ def fill_covariances(
         _add_noise(gain, by_force, n, noise, noise.compliance, work, by_point[b])
         multiply(W, step, gain)
         _add_noise(gain, by_force, n, noise, 0.0, work, by_normal[b])
+
+
+@kernel
+def fill_hand_covariance(
+    X: Floats2,
+    p: Floats1,
+    n: Floats1,
+    by_joints: Floats2,
+    by_point: Floats2,
+    by_normal: Floats2,
+    errors: HandErrors,
+    out: OutFloats2,
+) -> None:
+    """Fills the covariance (6, 6) of a contact's point and of a small turn of its normal, in P.
+
+    Args:
+        X: X_PS, shape (3, 4).
+        p: the point in S, shape (3,), m.
+        n: the fingertip's normal there, in S, shape (3,).
+        by_joints: by how much a standard deviation of each joint's offset turns and moves the contact, shape (6, k).
+        by_point: covariance of p by its sensor's noise, in S, shape (3, 3).
+        by_normal: of n, likewise.
+        errors: what the fingertip's place and size may be off.
+        out: to fill.
+    """
+    R, turned, rotation = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
+    a, m = np.empty(3), np.empty(3)
+    for i in range(3):
+        a[i], m[i] = 0.0, 0.0
+        for k in range(3):
+            R[i, k] = X[i, k]
+            a[i] += X[i, k] * p[k]
+            m[i] += X[i, k] * n[k]
+    for i in range(6):
+        for k in range(i + 1):
+            out[i, k] = 0.0
+            for c in range(by_joints.shape[1]):
+                out[i, k] += by_joints[(i + 3) % 6, c] * by_joints[(k + 3) % 6, c]
+    # A turn w of the fingertip moves the point, which is at a from S, by w x a.
+    square = a[0] * a[0] + a[1] * a[1] + a[2] * a[2]
+    for i in range(3):
+        out[i, i] += errors.place + errors.turn * square
+        out[3 + i, 3 + i] += errors.turn
+        out[3 + i, (i + 1) % 3] += errors.turn * a[(i + 2) % 3]
+        out[3 + i, (i + 2) % 3] -= errors.turn * a[(i + 1) % 3]
+        for k in range(i + 1):
+            out[i, k] += errors.radius * m[i] * m[k] - errors.turn * a[i] * a[k]
+    transform(R, by_point, turned, rotation)
+    for i in range(3):
+        for k in range(i + 1):
+            out[i, k] += rotation[i, k]
+    # A normal that moves by dn has turned by n x dn.
+    for c in range(3):
+        _cross(m, R[:, c], a)
+        for i in range(3):
+            turned[i, c] = a[i]
+    transform(turned, by_normal, R, rotation)
+    for i in range(3):
+        for k in range(i + 1):
+            out[3 + i, 3 + k] += rotation[i, k]
+    for i in range(6):
+        for k in range(i):
+            out[k, i] = out[i, k]
 
 
 @part
