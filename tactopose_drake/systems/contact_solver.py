@@ -5,15 +5,15 @@ from collections.abc import Mapping
 
 import numpy as np
 from pydrake.common.value import AbstractValue
-from pydrake.systems.framework import Context
+from pydrake.systems.framework import Context, InputPort
 
-from tactopose_drake.core.sensing.intrinsic_contact import MIN_FORCE, solve_contacts
+from tactopose_drake.core.sensing.intrinsic_contact import MIN_FORCE, ContactSolution, FingertipSolver
 from tactopose_drake.core.sensing.soft_layer import SoftLayer
 from tactopose_drake.core.surfaces import Surface
 from tactopose_drake.core.validation import FloatArray, positive_number
 from tactopose_drake.systems.collectable_system import CollectableSystem
 
-_NO_READING = np.full((1, 6), np.nan)
+_NO_READING = np.full(6, np.nan)
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -66,9 +66,13 @@ class ContactSolver(CollectableSystem):
         super().__init__()
         self._params = ContactSolverParams() if params is None else params
         self._params.validate()
-        self._surfaces, self._layers = dict(surfaces), dict(layers or {})
+        layers, told = layers or {}, self._params
+        self._solvers = {
+            finger: FingertipSolver(surface, layers.get(finger), told.min_force, told.friction_coefficient)
+            for finger, surface in surfaces.items()
+        }
         self._biases = {} if biases is None else dict(biases)
-        self._wrenches = {finger: self.DeclareVectorInputPort(f"wrench_{finger}", 6) for finger in self._surfaces}
+        self._wrenches = {finger: self.DeclareVectorInputPort(f"wrench_{finger}", 6) for finger in self._solvers}
         self.DeclareAbstractOutputPort(
             "contact_solutions",
             lambda: AbstractValue.Make({}),
@@ -77,18 +81,8 @@ class ContactSolver(CollectableSystem):
         )
 
     def _calc_solutions(self, context: Context, output: AbstractValue) -> None:
-        output.set_value(
-            {
-                # Batched, because there a wrench that is not finite is an answer and not an error.
-                finger: solve_contacts(
-                    (port.Eval(context) - self._biases.get(finger, 0.0))[None]
-                    if port.HasValue(context)
-                    else _NO_READING,
-                    self._surfaces[finger],
-                    layer=self._layers.get(finger),
-                    min_force=self._params.min_force,
-                    friction_coefficient=self._params.friction_coefficient,
-                )[0]
-                for finger, port in self._wrenches.items()
-            }
-        )
+        output.set_value({finger: self._solve(context, finger, port) for finger, port in self._wrenches.items()})
+
+    def _solve(self, context: Context, finger: str, port: InputPort) -> ContactSolution:
+        wrench = port.Eval(context) - self._biases.get(finger, 0.0) if port.HasValue(context) else _NO_READING
+        return self._solvers[finger].solve(wrench)

@@ -58,8 +58,9 @@ def contact_covariance(
     sigma_moment = positive_number("sigma_moment", sigma_moment, allow_zero=True)
     sigma_force = positive_number("sigma_force", sigma_force, allow_zero=True)
     rows = contacts.p_SC, contacts.n_S, contacts.normal_force, contacts.friction_force, contacts.local_torque
-    depth, valid = np.atleast_1d(contacts.deformation), np.atleast_1d(contacts.valid)
-    found = Found(*(read_only(each.reshape(-1, 3)) for each in rows), read_only(depth), read_only(valid))
+    p_SC, n_S, normal_force, friction_force, torque = (read_only(each.reshape(-1, 3)) for each in rows)
+    depth, valid = (read_only(np.atleast_1d(each)) for each in (contacts.deformation, contacts.valid))
+    found = Found(p_SC, n_S, normal_force, friction_force, torque, depth, valid)
     noise = Noise(sigma_moment**2, sigma_force**2, 0.0 if layer is None else 1.0 / layer.stiffness)
     p, n = np.full((2, len(valid), 3, 3), np.nan)
     fill_covariances(surface.kind, surface.shape, surface.X_SF, found, noise, p, n)

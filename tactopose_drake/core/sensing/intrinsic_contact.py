@@ -162,20 +162,7 @@ def solve_contact(
         UnknownNameError: another method.
     """
     wrench = finite_array("F_S", F_S, (6,))
-    out, codes = _solve(wrench[None], surface, layer, min_force, friction_coefficient, method)
-    row, code = out[0], int(codes[0])
-    return ContactSolution(
-        row[0:3],
-        row[3:6],
-        row[6:9],
-        row[9:12],
-        row[12:15],
-        float(row[15]),
-        float(row[16]),
-        0 if code else int(row[17]),
-        code == contact_kernels.VALID,
-        _REASONS[code],
-    )
+    return FingertipSolver(surface, layer, min_force, friction_coefficient, method).solve(wrench)
 
 
 def solve_contacts(
@@ -203,50 +190,84 @@ def solve_contacts(
         InvalidInputError: wrenches of another shape, an option out of its range, or a layer as thick as the fingertip.
         UnknownNameError: another method.
     """
-    wrenches = number_array("F_S", F_S, (None, 6))
-    out, codes = _solve(wrenches, surface, layer, min_force, friction_coefficient, method)
-    valid = codes == contact_kernels.VALID
-    return ContactSolutions(
-        out[:, 0:3],
-        out[:, 3:6],
-        out[:, 6:9],
-        out[:, 9:12],
-        out[:, 12:15],
-        out[:, 15],
-        out[:, 16],
-        np.where(valid, out[:, 17], 0.0).astype(np.int64),
-        valid,
-        _REASON_TABLE[codes],
-    )
+    return FingertipSolver(surface, layer, min_force, friction_coefficient, method).solve_all(F_S)
 
 
-def _solve(
-    wrenches: FloatArray,
-    surface: Surface,
-    layer: SoftLayer | None,
-    min_force: float,
-    friction_coefficient: float | None,
-    method: str,
-) -> tuple[FloatArray, NDArray[np.int64]]:
-    """Checks the options and runs the kernel: rows (B, RESULT_SIZE) and codes (B,)."""
-    known_name("method", method, get_args(Method))
-    instance_of("surface", surface, Surface)
-    if layer is not None:
-        instance_of("layer", layer, SoftLayer)
-    limits = np.array(
-        [
-            positive_number("min_force", min_force, allow_zero=True),
-            math.inf if friction_coefficient is None else positive_number("friction_coefficient", friction_coefficient),
-            0.0,
-            0.0,
-        ]
-    )
-    if layer is not None:
-        layer.check_fits(surface.half_width)
-        limits[2:] = 1.0 / layer.stiffness, layer.thickness
-    out = np.empty((len(wrenches), contact_kernels.RESULT_SIZE))
-    codes = np.empty(len(wrenches), dtype=np.int64)
-    conditions = contact_kernels.Conditions(read_only(limits), method == "newton")
-    contact_kernels.solve(surface.kind, surface.shape, surface.X_SF, wrenches, conditions, out, codes)
-    out.setflags(write=False)
-    return out, codes
+@dataclasses.dataclass(frozen=True, eq=False)
+class FingertipSolver:
+    """The solver of one fingertip's contacts, for a loop: what does not change is checked once.
+
+    Attributes:
+        surface, layer, min_force, friction_coefficient, method: as of `solve_contacts`.
+
+    Raises:
+        InvalidInputError: an option out of its range, or a layer as thick as the fingertip.
+        UnknownNameError: another method.
+    """
+
+    surface: Surface
+    layer: SoftLayer | None = None
+    min_force: float = MIN_FORCE
+    friction_coefficient: float | None = None
+    method: Method = "auto"
+    _conditions: contact_kernels.Conditions = dataclasses.field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        known_name("method", self.method, get_args(Method))
+        instance_of("surface", self.surface, Surface)
+        friction, compliance, thickness = math.inf, 0.0, 0.0
+        least = positive_number("min_force", self.min_force, allow_zero=True)
+        if self.friction_coefficient is not None:
+            friction = positive_number("friction_coefficient", self.friction_coefficient)
+        if self.layer is not None:
+            instance_of("layer", self.layer, SoftLayer)
+            self.layer.check_fits(self.surface.half_width)
+            compliance, thickness = 1.0 / self.layer.stiffness, self.layer.thickness
+        limits = read_only(np.array([least, friction, compliance, thickness]))
+        object.__setattr__(self, "_conditions", contact_kernels.Conditions(limits, self.method == "newton"))
+
+    def solve(self, F_S: FloatArray) -> ContactSolution:
+        """The contact of one wrench, shape (6,), N m and N; not valid where a number is not finite."""
+        out, codes = self._run(F_S[None])
+        row, code = out[0], int(codes[0])
+        return ContactSolution(
+            row[0:3],
+            row[3:6],
+            row[6:9],
+            row[9:12],
+            row[12:15],
+            float(row[15]),
+            float(row[16]),
+            0 if code else int(row[17]),
+            code == contact_kernels.VALID,
+            _REASONS[code],
+        )
+
+    def solve_all(self, F_S: ArrayLike) -> ContactSolutions:
+        """The contacts of wrenches (B, 6), N m and N.
+
+        Raises:
+            InvalidInputError: wrenches of another shape.
+        """
+        out, codes = self._run(number_array("F_S", F_S, (None, 6)))
+        valid = codes == contact_kernels.VALID
+        return ContactSolutions(
+            out[:, 0:3],
+            out[:, 3:6],
+            out[:, 6:9],
+            out[:, 9:12],
+            out[:, 12:15],
+            out[:, 15],
+            out[:, 16],
+            np.where(valid, out[:, 17], 0.0).astype(np.int64),
+            valid,
+            _REASON_TABLE[codes],
+        )
+
+    def _run(self, wrenches: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
+        """Rows (B, RESULT_SIZE), read-only, and codes (B,)."""
+        surface, count = self.surface, len(wrenches)
+        out, codes = np.empty((count, contact_kernels.RESULT_SIZE)), np.empty(count, dtype=np.int64)
+        contact_kernels.solve(surface.kind, surface.shape, surface.X_SF, wrenches, self._conditions, out, codes)
+        out.setflags(write=False)
+        return out, codes
