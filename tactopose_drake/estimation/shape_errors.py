@@ -4,9 +4,9 @@ import dataclasses
 
 import numpy as np
 
+from tactopose_drake.core.evidence.contact_variance_kernels import fill_tangential, widen
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import FloatArray
 
 
 def with_shape_errors(model: ObjectModel, contacts: Contacts) -> Contacts:
@@ -29,26 +29,9 @@ def with_shape_errors(model: ObjectModel, contacts: Contacts) -> Contacts:
     variance = model.surface_sigma**2 + outward**2
     if contacts.covariance is None:
         return dataclasses.replace(contacts, sigma_position=np.sqrt(np.square(contacts.sigma_position) + variance))
-    along = np.hypot(_along(contacts.covariance, contacts.n_PC), tangential)
-    height, turn = model.unevenness.variances(along)
-    covariance = contacts.covariance.copy()
-    covariance[:, :3, :3] += (variance + height)[:, None, None] * _outward(contacts)
-    covariance[:, 3:, 3:] += turn[:, None, None] * np.eye(3)
+    n_PC = np.zeros((0, 3)) if contacts.n_PC is None else contacts.n_PC
+    covariance, along = contacts.covariance.copy(), np.empty(len(contacts))
+    fill_tangential(covariance, n_PC, along)
+    height, turn = model.unevenness.variances(np.hypot(along, tangential))
+    widen(n_PC, variance + height, turn, covariance)
     return contacts.with_covariance(covariance)
-
-
-def _outward(contacts: Contacts) -> FloatArray:
-    """n n' of each contact, shape (k, 3, 3); where no normal is known, of all directions."""
-    if contacts.n_PC is None:
-        return np.broadcast_to(np.eye(3), (len(contacts), 3, 3))
-    outward: FloatArray = contacts.n_PC[:, :, None] * contacts.n_PC[:, None, :]
-    return outward
-
-
-def _along(covariance: FloatArray, n_PC: FloatArray | None) -> FloatArray:
-    """By how much points are off along each of the surface's tangents, rms, shape (k,), m."""
-    point = covariance[:, :3, :3]
-    total = np.trace(point, axis1=1, axis2=2)
-    outward = total / 3.0 if n_PC is None else np.einsum("ki,kij,kj->k", n_PC, point, n_PC)
-    along: FloatArray = np.sqrt(np.maximum(0.5 * (total - outward), 0.0))
-    return along

@@ -5,7 +5,7 @@ from pydrake.math import RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, Joint
 
-from tactopose_drake.core.sensing.force_torque import weight_wrench
+from tactopose_drake.core.sensing.force_torque import weight_matrix
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.hand.hand_in_plant import Hand
 from tactopose_drake.hand.kinematics import HandKinematics
@@ -43,7 +43,7 @@ class FingertipWeights:
         self._per_gravity: dict[str, FloatArray] = {}  # (6, 3): the weight's wrench is this times gravity in S
         for finger, weld in hand.welds.items():
             mass, p_STipcm = fingertip_mass(plant, weld, self._frames[finger])
-            self._per_gravity[finger] = np.column_stack([weight_wrench(mass, p_STipcm, axis) for axis in np.eye(3)])
+            self._per_gravity[finger] = weight_matrix(mass, p_STipcm)
 
     def wrenches(self, q: FloatArray, R_WP: RotationMatrix | None = None) -> dict[str, FloatArray]:
         """The weight of each fingertip about the origin of its sensor's frame S, in S, by finger.

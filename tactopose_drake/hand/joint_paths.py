@@ -29,6 +29,8 @@ class JointPaths:
         self._needed = np.zeros((plant.num_bodies(), plant.num_positions()), dtype=np.bool_)
         for body, positions in path.items():
             self._needed[body, sorted(positions ^ to_frame)] = True
+        self._all = np.ones(plant.num_bodies(), dtype=np.bool_)
+        self._all.setflags(write=False)
 
     def known(self, q: FloatArray) -> NDArray[np.bool_]:
         """Whether each body's pose in the frame is known, shape (number of bodies,).
@@ -36,4 +38,5 @@ class JointPaths:
         Args:
             q: positions, shape (nq,), rad; NaN where not known.
         """
-        return np.asarray(~np.any(self._needed & ~np.isfinite(q), axis=1))
+        unknown = ~np.isfinite(q)
+        return np.asarray(~self._needed[:, unknown].any(axis=1)) if unknown.any() else self._all

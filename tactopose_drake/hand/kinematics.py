@@ -43,7 +43,7 @@ class HandKinematics:
     def move(self, q: FloatArray) -> None:
         """Sets the joint positions, shape (nq,), rad; NaN where one is not known."""
         self._known = self._paths.known(q)
-        self._plant.SetPositions(self._context, np.nan_to_num(q))
+        self._plant.SetPositions(self._context, np.where(np.isfinite(q), q, 0.0))
 
     def is_known(self, bodies: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Whether all joints between the frame and the bodies of these indices (k,) are known, shape (k,)."""

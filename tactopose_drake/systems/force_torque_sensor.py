@@ -13,7 +13,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, Joint
 from pydrake.systems.framework import Context, EventStatus, State
 
-from tactopose_drake.core.sensing.force_torque import ForceTorqueModel, measure, shift_wrench, weight_wrench
+from tactopose_drake.core.sensing.force_torque import ForceTorqueModel, measure, shift_matrix, weight_matrix
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import InvalidFileError, UnknownNameError
 from tactopose_drake.hand.fingertip_weights import fingertip_mass
@@ -123,13 +123,14 @@ class ForceTorqueSensor(CollectableSystem):
         self._model = model
         self._joint = int(weld.index())
         self._body = int(sensor_frame.body().index())
-        self._R_BS = sensor_frame.GetFixedRotationMatrixInBodyFrame()
         has_weight = plant.is_gravity_enabled(weld.child_body().model_instance())
         self._g_W = np.array(plant.gravity_field().gravity_vector()) if has_weight else np.zeros(3)
 
         X_SJ = plant.CalcRelativeTransform(plant.CreateDefaultContext(), sensor_frame, weld.frame_on_child())
-        self._X_SJ: np.ndarray = X_SJ.GetAsMatrix34()
-        self._tip_mass, self._p_STipcm = fingertip_mass(plant, weld, sensor_frame)
+        # At rest the finger holds the fingertip against the contact and the weight: the load is minus the reaction.
+        self._load_of_reaction = -shift_matrix(X_SJ.GetAsMatrix34())
+        R_BS = sensor_frame.GetFixedRotationMatrixInBodyFrame().matrix()
+        self._weight_of_gravity = weight_matrix(*fingertip_mass(plant, weld, sensor_frame)) @ R_BS.T
 
         self._reactions = self.DeclareAbstractInputPort(
             "reaction_forces", AbstractValue.Make([SpatialForce(np.zeros(6))])
@@ -144,12 +145,10 @@ class ForceTorqueSensor(CollectableSystem):
 
     def _sample(self, context: Context, state: State) -> EventStatus:
         F_TipJ_J = eval_input(self._reactions, context, list)[self._joint].get_coeffs()
-        R_WS = eval_input(self._body_poses, context, list)[self._body].rotation() @ self._R_BS
+        R_BW = eval_input(self._body_poses, context, list)[self._body].rotation().inverse()
         noise = self._noise.Eval(context) if self._noise.HasValue(context) else np.zeros(6)
-
-        # At rest the finger holds the fingertip against the contact and the weight: the load is minus the reaction.
-        measurement = measure(-shift_wrench(F_TipJ_J, self._X_SJ), noise, self._model, context.get_time())
-        weight = weight_wrench(self._tip_mass, self._p_STipcm, R_WS.inverse() @ self._g_W)
+        measurement = measure(self._load_of_reaction @ F_TipJ_J, noise, self._model, context.get_time())
+        weight = self._weight_of_gravity @ (R_BW @ self._g_W)
         wrench = np.full(6, np.nan) if measurement.saturated.any() else measurement.F_S - weight
         state.get_mutable_discrete_state(self._wrench).SetFromVector(wrench)
         state.get_mutable_abstract_state(self._status).set_value(measurement.status)

@@ -66,6 +66,7 @@ class HandVolume(CollectableSystem):
         """
         super().__init__()
         self._spheres, self._uncertainty = spheres, uncertainty
+        self._filled = HandGeometry(spheres.p_BH, spheres.radius) if len(spheres.radius) else None
         tips = {finger: int(weld.child_body().index()) for finger, weld in hand.welds.items()}
         self._on_tip = {finger: spheres.body == tip for finger, tip in tips.items()}
         self._positions = self.DeclareVectorInputPort("joint_positions", plant.num_positions())
@@ -94,8 +95,9 @@ class HandVolume(CollectableSystem):
         if self._uncertainty is not None:
             sigma = math.hypot(sigma, self._uncertainty.surface_sigma(kinematics))
         known, hand = kinematics.is_known(self._spheres.body), None
-        if known.any():
-            hand = HandGeometry(kinematics.positions(self._spheres)[known], self._spheres.radius[known], sigma)
+        if self._filled is not None and known.any():
+            filled = self._filled if known.all() else self._filled.chosen(known)
+            hand = filled.placed(kinematics.positions(self._spheres)[known], sigma)
         cached.set_value(_Placed(hand, known))
 
     def _calc_hand(self, context: Context, output: AbstractValue) -> None:

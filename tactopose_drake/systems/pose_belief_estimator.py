@@ -9,6 +9,7 @@ from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import BasicVector, Context, EventStatus, State
 
+from tactopose_drake.core.kernels.matrix_kernels import inverses
 from tactopose_drake.core.posterior.hypotheses import free_directions
 from tactopose_drake.core.posterior.plausibility import may_be_touched
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS
@@ -268,7 +269,7 @@ def estimate_of(belief: PoseBelief, size: float, duration: float = 0.0) -> PoseE
     """
     if not belief.has_pose:
         return None
-    free = free_directions(np.asarray(np.linalg.inv(belief.covariance)), size)
+    free = free_directions(inverses(belief.covariance)[0], size)
     hypotheses = tuple(
         PoseHypothesis(
             RigidTransform(X_PO), -float(np.log(max(share, 1e-300))), float(share), covariance, rows, bool(ok)

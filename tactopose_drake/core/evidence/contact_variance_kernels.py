@@ -1,7 +1,9 @@
-"""What of contacts' covariances counts, compiled; `contacts.py` says which."""
+"""What of contacts' covariances counts, and what shapes add to them, compiled; see `contacts`, and `shape_errors`."""
+
+import numpy as np
 
 from tactopose_drake.core.compilation import inlined, kernel
-from tactopose_drake.core.kernel_types import Floats2, Floats3, OutFloats2
+from tactopose_drake.core.kernel_types import Floats1, Floats2, Floats3, OutFloats1, OutFloats2, OutFloats3
 
 
 @kernel
@@ -13,6 +15,28 @@ def fill_variances(covariance: Floats3, n_PC: Floats2, out: OutFloats2) -> None:
         if len(n_PC):
             out[0, i] = _along(covariance[i], 0, n_PC[i])
             out[1, i] = 0.5 * (turn - _along(covariance[i], 3, n_PC[i]))
+
+
+@kernel
+def fill_tangential(covariance: Floats3, n_PC: Floats2, out: OutFloats1) -> None:
+    """Fills by how much points are off along each of the surface's tangents, rms, shape (k,), m."""
+    for i in range(covariance.shape[0]):
+        total = _trace(covariance[i], 0)
+        outward = _along(covariance[i], 0, n_PC[i]) if len(n_PC) else total / 3.0
+        out[i] = np.sqrt(max(0.5 * (total - outward), 0.0))
+
+
+@kernel
+def widen(n_PC: Floats2, outward: Floats1, turn: Floats1, covariance: OutFloats3) -> None:
+    """Adds variances (k,) of points along their normals, of all directions where none is known, and of turns."""
+    for i in range(covariance.shape[0]):
+        for a in range(3):
+            covariance[i, 3 + a, 3 + a] += turn[i]
+            if len(n_PC):
+                for b in range(3):
+                    covariance[i, a, b] += outward[i] * n_PC[i, a] * n_PC[i, b]
+            else:
+                covariance[i, a, a] += outward[i]
 
 
 @inlined

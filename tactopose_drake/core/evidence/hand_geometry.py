@@ -1,6 +1,7 @@
 """The hand's volume at one instant, as spheres."""
 
 import dataclasses
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,12 +50,22 @@ class HandGeometry(PlainValue):
             value.setflags(write=False)
             object.__setattr__(self, name, value)
 
-    def chosen(self, index: NDArray[np.bool_]) -> "HandGeometry":
+    def chosen(self, index: NDArray[np.bool_]) -> Self:
         """Some of the spheres, at least one, by a mask (h,)."""
         p_PH, radius = self.p_PH[index], self.radius[index]
         for value in (p_PH, radius):
             value.setflags(write=False)
         return copied(self, p_PH=p_PH, radius=radius)
+
+    def placed(self, p_PH: FloatArray, sigma: float) -> Self:
+        """The same spheres elsewhere, at centres (h, 3), m, of a surface that is known to another sigma, m.
+
+        Raises:
+            InvalidInputError: centres that are not near the palm.
+        """
+        p_PH = points_near("p_PH", p_PH, self.p_PH.shape)
+        p_PH.setflags(write=False)
+        return copied(self, p_PH=p_PH, sigma=sigma)
 
     def __len__(self) -> int:
         return len(self.radius)

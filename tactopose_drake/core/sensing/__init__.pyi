@@ -5,8 +5,8 @@ from .contact_noise import NANO17_SIGMA_MOMENT as NANO17_SIGMA_MOMENT
 from .contact_noise import contact_covariance as contact_covariance
 from .force_torque import ForceTorqueModel as ForceTorqueModel
 from .force_torque import measure as measure
-from .force_torque import shift_wrench as shift_wrench
-from .force_torque import weight_wrench as weight_wrench
+from .force_torque import shift_matrix as shift_matrix
+from .force_torque import weight_matrix as weight_matrix
 from .height_maps import HeightMapSensor as HeightMapSensor
 from .intrinsic_contact import MIN_FORCE as MIN_FORCE
 from .intrinsic_contact import ContactSolution as ContactSolution

@@ -6,9 +6,11 @@ and quantisation apply to the sum, and the weight is subtracted afterwards.
 """
 
 import dataclasses
+import math
 
 import numpy as np
 
+from tactopose_drake.core.poses import skew
 from tactopose_drake.core.validation import FloatArray, finite_array
 from tactopose_drake.errors import InvalidInputError
 
@@ -75,45 +77,38 @@ def measure(F_S: FloatArray, normal_noise: FloatArray, model: ForceTorqueModel, 
         model: the sensor's limits, valid.
         time: that its bias has drifted, s.
     """
-    largest, step = np.asarray(model.range), np.asarray(model.resolution)
-    bias = np.asarray(model.bias) + time * np.asarray(model.drift)
-    signal = F_S + bias + np.asarray(model.noise) * normal_noise
-    clipped = np.clip(signal, -largest, largest)
-    rounded = np.where(step > 0, step * np.round(clipped / np.where(step > 0, step, 1.0)), clipped)
-    return Measurement(F_S=rounded, saturated=np.abs(signal) >= largest)
+    reading, saturated = [], []
+    each = F_S.tolist(), normal_noise.tolist(), model.noise, model.bias, model.drift, model.range, model.resolution
+    for load, normal, sigma, bias, drift, largest, step in zip(*each, strict=True):  # Six numbers: no work for numpy.
+        signal = load + bias + time * drift + sigma * normal
+        clipped = min(max(signal, -largest), largest)
+        is_rounded = step > 0.0 and math.isfinite(clipped)
+        reading.append(step * round(clipped / step) if is_rounded else clipped)
+        saturated.append(abs(signal) >= largest)
+    return Measurement(np.array(reading), np.array(saturated))
 
 
-def weight_wrench(mass: float, p_SScm: FloatArray, g_S: FloatArray) -> FloatArray:
-    """The weight of a body as a wrench about S's origin.
+def weight_matrix(mass: float, p_SScm: FloatArray) -> FloatArray:
+    """What makes of the acceleration of gravity in S, m/s^2, the weight of a body as a wrench about S's origin.
 
     Args:
         mass: kg.
         p_SScm: centre of mass in S, shape (3,), m.
-        g_S: acceleration of gravity in S, shape (3,), m/s^2.
 
     Returns:
-        Shape (6,), N m and N.
+        Shape (6, 3).
     """
-    f_S = mass * g_S
-    return np.concatenate([_cross(p_SScm, f_S), f_S])
+    return mass * np.concatenate([skew(p_SScm), np.eye(3)])
 
 
-def shift_wrench(F_J: FloatArray, X_SJ: FloatArray) -> FloatArray:
-    """A wrench about the origin of J, in J, as the same wrench about the origin of S, in S.
+def shift_matrix(X_SJ: FloatArray) -> FloatArray:
+    """What makes of a wrench [m, f] about the origin of J, in J, the same wrench about the origin of S, in S.
 
     Args:
-        F_J: [m, f], shape (6,), N m and N.
         X_SJ: pose of J in S, shape (3, 4).
 
     Returns:
-        Shape (6,), N m and N.
+        Shape (6, 6).
     """
-    R_SJ, p_SJ = X_SJ[:, :3], X_SJ[:, 3]
-    f_S = R_SJ @ F_J[3:]
-    return np.concatenate([R_SJ @ F_J[:3] + _cross(p_SJ, f_S), f_S])
-
-
-def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """The cross product of two vectors (3,): for one pair, numpy's takes ten times as long."""
-    (x, y, z), (u, v, w) = a.tolist(), b.tolist()
-    return np.array([y * w - z * v, z * u - x * w, x * v - y * u])
+    R_SJ = X_SJ[:, :3]
+    return np.block([[R_SJ, skew(X_SJ[:, 3]) @ R_SJ], [np.zeros((3, 3)), R_SJ]])

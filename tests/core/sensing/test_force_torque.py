@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from tactopose_drake.core.poses import exp_so3, make_poses
-from tactopose_drake.core.sensing.force_torque import ForceTorqueModel, measure, shift_wrench, weight_wrench
+from tactopose_drake.core.sensing.force_torque import ForceTorqueModel, measure, shift_matrix, weight_matrix
 from tactopose_drake.errors import InvalidInputError
 
 LOAD = np.array([0.01, -0.02, 0.003, 1.0, -2.0, 3.0])
@@ -47,7 +47,7 @@ def test_a_load_that_is_nan_is_no_signal() -> None:
 
 
 def test_a_weight_acts_at_the_centre_of_mass() -> None:
-    F_S = weight_wrench(0.02, np.array([0.0, 0.0, 0.03]), np.array([9.81, 0.0, 0.0]))
+    F_S = weight_matrix(0.02, np.array([0.0, 0.0, 0.03])) @ [9.81, 0.0, 0.0]
     np.testing.assert_allclose(F_S, [0, 0.03 * 0.1962, 0, 0.1962, 0, 0])
 
 
@@ -55,7 +55,7 @@ def test_a_shifted_wrench_does_the_same_work() -> None:
     generator = np.random.default_rng(0)
     R_SJ, p_SJ = exp_so3(generator.normal(size=3)), generator.normal(size=3)
     F_J, w_S, v_S = generator.normal(size=(2, 3)).ravel(), *generator.normal(size=(2, 3))
-    F_S = shift_wrench(F_J, make_poses(R_SJ, p_SJ))
+    F_S = shift_matrix(make_poses(R_SJ, p_SJ)) @ F_J
     w_J, v_J = R_SJ.T @ w_S, R_SJ.T @ (v_S + np.cross(w_S, p_SJ))  # the same rigid motion, seen at J
     assert F_S @ np.concatenate([w_S, v_S]) == pytest.approx(F_J @ np.concatenate([w_J, v_J]))
 
