@@ -1,10 +1,12 @@
 """Compiled code as the package makes and keeps it: without what nobody is going to use.
 
 Numba looks, in each function, for closures, branches on the types of arguments, containers of mixed types and more that
-kernels have none of, and analyses it anew after each search. It makes machine code of each function that it compiles,
-also of those that are only linked into others, where they are compiled once more; and it reads, beside the machine code
-of a kernel from its cache, what others may link, which takes longer and more memory. Where a processor has instructions
-for 16 singles, it makes loops of these, to which the kernels' many loops over eight are too short.
+kernels have none of, and analyses it anew after each search. At each place where an operator stands it asks all that it
+knows of the operator. It makes machine code of each function that it compiles, also of those that are only linked into
+others, where they are compiled once more; it optimises each function before all are put together, and then again; and
+it reads, beside the machine code of a kernel from its cache, what others may link, which takes longer and more memory.
+Where a processor has instructions for 16 singles, it makes loops of these, to which the kernels' many loops over eight
+are too short.
 """
 
 import copy
@@ -12,10 +14,11 @@ import functools
 from typing import Any
 
 from llvmlite import binding as llvm
-from numba.core import config, typed_passes, untyped_passes
+from numba.core import config, typed_passes, types, untyped_passes
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, DefaultPassBuilder, compile_result
 from numba.core.compiler_machinery import PassManager
+from numba.core.typing.context import Context
 
 _TOLD: Any = config  # by numba's user; has no types
 _FRONT = (
@@ -35,11 +38,11 @@ class KernelCompiler(CompilerBase):
     """Numba's compiler, of whose passes over a function only those are run that kernels need."""
 
     def __init__(self, typingctx: Any, targetctx: Any, *rest: Any) -> None:
-        super().__init__(typingctx, targetctx, *rest)
+        super().__init__(_remembering(typingctx), targetctx, *rest)
         self.state.library = self._library(targetctx.codegen())
 
     def _library(self, codegen: Any) -> JITCodeLibrary:
-        library: JITCodeLibrary = _for_256_bits(codegen).create_library("kernel")
+        library = _KernelLibrary(_for_256_bits(codegen), "kernel")
         library.enable_object_caching()
         return library
 
@@ -51,6 +54,29 @@ class KernelCompiler(CompilerBase):
         passes.passes.extend(DefaultPassBuilder.define_nopython_lowering_pipeline(self.state).passes)
         passes.finalize()
         return [passes]
+
+
+class _RememberingContext(Context):
+    """Numba's knowledge of types, which remembers what an operator gives for arguments of some types."""
+
+    _known: dict[Any, Any]
+
+    def resolve_function_type(self, func: Any, args: Any, kws: Any) -> Any:
+        """What numba asks for: the signature, or None."""
+        if kws or isinstance(func, types.Dispatcher) or not all(isinstance(arg, types.Type) for arg in args):
+            return super().resolve_function_type(func, args, kws)
+        key = func, *args
+        if key not in self._known:
+            self._known[key] = super().resolve_function_type(func, args, kws)
+        return self._known[key]
+
+
+@functools.cache
+def _remembering(context: Any) -> _RememberingContext:
+    """The same knowledge, shared with numba's own context."""
+    remembering = copy.copy(context)
+    remembering.__class__, remembering._known = _RememberingContext, {}
+    return remembering
 
 
 @functools.cache
@@ -71,6 +97,14 @@ class LinkedCompiler(KernelCompiler):
 
     def _library(self, codegen: Any) -> JITCodeLibrary:
         return LinkedLibrary(codegen, "linked")
+
+
+class _KernelLibrary(JITCodeLibrary):
+    """Code of a kernel, with all that is linked into it."""
+
+    def _optimize_functions(self, ll_module: Any) -> None:
+        """Where all of it is in one module it is optimised; what is linked has been before."""
+        ll_module.data_layout = self._codegen._data_layout
 
 
 class LinkedLibrary(JITCodeLibrary):
