@@ -10,6 +10,7 @@ from .force_torque import weight_matrix as weight_matrix
 from .height_maps import HeightMapSensor as HeightMapSensor
 from .intrinsic_contact import MIN_FORCE as MIN_FORCE
 from .intrinsic_contact import ContactSolution as ContactSolution
+from .intrinsic_contact import FingertipSolver as FingertipSolver
 from .intrinsic_contact import solve_contacts as solve_contacts
 from .patches import Patch as Patch
 from .patches import PatchParams as PatchParams
