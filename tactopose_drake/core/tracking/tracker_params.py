@@ -98,6 +98,12 @@ class ForceTestParams:
     reaching_time: float = 0.3  # s since one of them was not at the limit: fingers may rest there
     limit_share: float = 0.95  # of the largest ratio that was seen while the object was held, from which on one slides
     least_ratio: float = 0.3  # below which nothing slides, whatever was seen
+    rise_time: float = 0.5  # s within which ratios have risen
+    rise: float = 0.1  # by this, of two fingers at the least, which slide if the ratios then stay
+    plateau_time: float = 0.05  # for so long, s,
+    plateau: float = 0.04  # within this,
+    equal: float = 0.05  # alike up to this part, and no other is larger than they by more,
+    growth: float = 0.06  # while all forces change by this part of their size: the load goes on to grow
     gain: float = 0.05  # by which the largest ratio, and what forces change in the mean, follow each frame
     most_ratio: float = 1.0  # beyond which what is seen is no coefficient of friction
 

@@ -154,6 +154,31 @@ def test_two_fingers_at_equal_ratios_prove_nothing() -> None:
     assert not any(feel([read(contacts) for contacts in two]))
 
 
+def load(first: int, most: float = 0.8, until: int = 200, larger: float = 0.0) -> list[ContactReading]:
+    """A load that grows until a frame; two fingers' ratios grow to the most from a frame on, one's may be larger."""
+    readings = []
+    for i in np.minimum(np.arange(200), until):
+        ratios = HELD + 0.0005 * i
+        ratios[:2] = np.minimum(HELD[:2] + 0.01 * max(i - first, 0), most)
+        ratios[2] += larger
+        readings.append(press(ratios, 2.0 * 1.014 ** np.array([0, 0, i, i, i, i])))
+    return readings
+
+
+def test_two_fingers_that_come_to_the_limit_while_the_load_grows_slide() -> None:
+    said = feel(load(50))
+    comes = 50 + 100 * (0.8 - HELD[:2].min())
+    assert comes <= said.index(True) <= comes + 6
+
+
+def test_fingers_whose_ratios_stay_because_the_load_does_hold() -> None:
+    assert not any(feel(load(50, until=round(50 + 100 * (0.8 - HELD[:2].min())))))
+
+
+def test_fingers_below_anothers_ratio_are_not_at_the_limit() -> None:
+    assert not any(feel(load(50, most=0.65, larger=0.8 - HELD[2])))
+
+
 def test_without_forces_nothing_is_said_of_them() -> None:
     bare = read(dataclasses.replace(press(HELD).contacts, f_PC=None))
     assert detect_by_forces(ForceTestParams(), ForceTest(), bare, 1.0, is_new=True) == (ForceTest(held_time=1.0), False)
