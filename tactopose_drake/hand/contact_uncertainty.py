@@ -17,9 +17,10 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import PrismaticJoint
 
+from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.poses import skew
 from tactopose_drake.core.sensing.contact_noise import contact_covariance
-from tactopose_drake.core.sensing.contact_noise_kernels import HandErrors, fill_hand_covariance
+from tactopose_drake.core.sensing.contact_noise_kernels import HandErrors, SensedContact, fill_hand_covariance
 from tactopose_drake.core.sensing.intrinsic_contact import ContactSolution
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.hand.contact_gains import contact_gains, wrench_of
@@ -84,7 +85,8 @@ class ContactUncertainty:
             sigma_force=self._errors.sensor_force,
         )
         X, covariance = np.ascontiguousarray(X_PS.GetAsMatrix34()), np.empty((6, 6))
-        fill_hand_covariance(X, solution.p_SC, solution.n_S, by_joints, *by_sensor, self._variances, covariance)
+        contact = SensedContact(solution.p_SC, solution.n_S, read_only(by_sensor.p), read_only(by_sensor.n))
+        fill_hand_covariance(X, contact, by_joints, self._variances, covariance)
         return covariance
 
     def surface_sigma(self, kinematics: HandKinematics) -> float:

@@ -32,6 +32,17 @@ class Noise(NamedTuple):
     compliance: float
 
 
+class SensedContact(NamedTuple):
+    """A contact's point and the fingertip's normal there, in S, shape (3,), and their covariances by the noise of its
+    sensor, shape (3, 3).
+    """
+
+    p: Floats1
+    n: Floats1
+    by_point: Floats2
+    by_normal: Floats2
+
+
 class HandErrors(NamedTuple):
     """Variances of where a fingertip is along each axis, m^2, of how it is turned about each, rad^2, and of how thick
     it is, m^2.
@@ -106,27 +117,18 @@ def fill_covariances(
 
 @kernel
 def fill_hand_covariance(
-    X: Floats2,
-    p: Floats1,
-    n: Floats1,
-    by_joints: Floats2,
-    by_point: Floats2,
-    by_normal: Floats2,
-    errors: HandErrors,
-    out: OutFloats2,
+    X: Floats2, contact: SensedContact, by_joints: Floats2, errors: HandErrors, out: OutFloats2
 ) -> None:
     """Fills the covariance (6, 6) of a contact's point and of a small turn of its normal, in P.
 
     Args:
         X: X_PS, shape (3, 4).
-        p: the point in S, shape (3,), m.
-        n: the fingertip's normal there, in S, shape (3,).
+        contact: what the sensor has found.
         by_joints: by how much a standard deviation of each joint's offset turns and moves the contact, shape (6, k).
-        by_point: covariance of p by its sensor's noise, in S, shape (3, 3).
-        by_normal: of n, likewise.
         errors: what the fingertip's place and size may be off.
         out: to fill.
     """
+    p, n, by_point, by_normal = contact
     R, turned, rotation = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
     a, m = np.empty(3), np.empty(3)
     for i in range(3):
