@@ -88,7 +88,7 @@ class ForceTestParams:
     """When forces say that the object slips."""
 
     time: float = 0.025  # s within which
-    change: float = 0.15  # forces change by this part of their size where friction gives way,
+    change: float = 0.3  # forces change by this part of their size where friction gives way,
     noises: float = 2.5  # and by so many times as much as they do in the mean
     settling_time: float = 0.3  # s after a finger has come to touch, until which forces change by that
     least_force: float = 0.05  # N; less is no load,
@@ -99,7 +99,7 @@ class ForceTestParams:
     limit_share: float = 0.95  # of the largest ratio that was seen while the object was held, from which on one slides
     least_ratio: float = 0.3  # below which nothing slides, whatever was seen
     rise_time: float = 0.5  # s within which ratios have risen
-    rise: float = 0.1  # by this, of two fingers at the least, which slide if the ratios then stay
+    rise: float = 0.2  # by this, of two fingers at the least, which slide if the ratios then stay
     plateau_time: float = 0.05  # for so long, s,
     plateau: float = 0.04  # within this,
     equal: float = 0.05  # alike up to this part, and no other is larger than they by more,
