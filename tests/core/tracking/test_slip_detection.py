@@ -175,6 +175,10 @@ def test_fingers_whose_ratios_stay_because_the_load_does_hold() -> None:
     assert not any(feel(load(50, until=round(50 + 100 * (0.8 - HELD[:2].min())))))
 
 
+def test_fingers_that_have_long_been_at_equal_ratios_hold_while_the_load_grows() -> None:
+    assert not any(feel(load(-100)))
+
+
 def test_fingers_below_anothers_ratio_are_not_at_the_limit() -> None:
     assert not any(feel(load(50, most=0.65, larger=0.8 - HELD[2])))
 
