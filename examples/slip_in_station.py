@@ -12,12 +12,14 @@ belief), how often it says that the object slips, and where the time goes: proce
 of the belief's updates. A slide of at least 10 mm has begun with its first millimetre: asked is how much later it is
 called so. A call is false where within a tenth of a second nothing has slid by a millimetre; calls are counted while
 the object is held, too. A slide goes on where the object has slid by a millimetre within the last 50 ms: of those
-instants it is printed what the belief says then.
+instants it is printed what the belief says then. With `--relieved` loads come and go, too, at which nothing slides.
 """
 
 import argparse
+import functools
 import itertools
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -38,6 +40,8 @@ from tactopose_drake.systems import PoseTrackingParams
 PERIOD = 0.01
 DRAWN = 4  # of the slides, at the most
 RATES = (10.0, 20.0, 40.0)  # times its weight, each second
+# Loads that come and go: of that under which it begins to slide, times its weight each second, and s at the most.
+PARTS, RELIEVED_RATES, STAYS = (0.4, 0.7), (10.0, 30.0), 0.3
 SLIPPED, LOST = 0.02, 0.06  # m that it slides, and that it moves in the palm, until the end
 SLIDE, BEGUN = 0.01, 0.001  # m: what counts as a slide, and from where on it has begun
 SOON = 0.1  # s within which what is called a slip has begun
@@ -129,8 +133,14 @@ def hold(grasp: GraspResult, seconds: float) -> tuple[float, float, int]:
     return time.process_time() - started, updates, sum(now > before for before, now in itertools.pairwise(says))
 
 
-def load_until_it_slides(grasp: GraspResult, rate: float, longest: float) -> list[Row]:
-    """Adds weight to the object as it is held, and compares the belief with the simulator's truth."""
+def load_until_it_slides(grasp: GraspResult, load_at: Callable[[float], float], longest: float) -> list[Row]:
+    """Adds weight to the object as it is held, and compares the belief with the simulator's truth.
+
+    Args:
+        grasp: of the object.
+        load_at: what it then weighs, over its own weight, by the time since, s.
+        longest: until when, s.
+    """
     station, context = grasp.station, grasp.context.Clone()
     simulator = Simulator(station.diagram, context)
     simulator.set_monitor(station.release_when_held)
@@ -140,7 +150,7 @@ def load_until_it_slides(grasp: GraspResult, rate: float, longest: float) -> lis
     begun, p_held, rows = context.get_time(), station.object_pose(context).translation(), list[Row]()
     slide = Slide(station, context)
     while context.get_time() < begun + longest:
-        load = 1.0 + rate * (context.get_time() - begun)
+        load = load_at(context.get_time() - begun)
         heavy = SpatialInertia(load * M.get_mass(), M.get_com(), M.get_unit_inertia())
         station.object_body.SetSpatialInertiaInBodyFrame(plant_context, heavy)
         simulator.AdvanceTo(context.get_time() + PERIOD)
@@ -155,6 +165,36 @@ def load_until_it_slides(grasp: GraspResult, rate: float, longest: float) -> lis
         if rows[-1].slide > SLIPPED or np.linalg.norm(X_PO.translation() - p_held) > LOST:
             break
     return rows
+
+
+def grows(rate: float, time: float) -> float:
+    """A load that grows by so many weights a second."""
+    return 1.0 + rate * time
+
+
+def comes_and_goes(rate: float, most: float, time: float) -> float:
+    """One that grows to so many weights, stays a moment, and falls again."""
+    return float(np.clip(1.0 + rate * min(time, 2.0 * (most - 1.0) / rate + STAYS - time), 1.0, most))
+
+
+def calls_while_it_holds(grasp: GraspResult, rows: list[Row]) -> tuple[int, float]:
+    """How often loads that come and go are called a slip of which nothing slides by a millimetre, and in what time, s.
+
+    Args:
+        grasp: of the object.
+        rows: of a load that has grown until it slid.
+    """
+    calls, seconds = 0, 0.0
+    slid = next((row.load for row in rows if row.slide > 0.5 * BEGUN), rows[-1].load)
+    for part, rate in itertools.product(PARTS, RELIEVED_RATES):
+        most = 1.0 + part * (slid - 1.0)
+        load_at = functools.partial(comes_and_goes, rate, most)
+        relieved = load_until_it_slides(grasp, load_at, 2.0 * ((most - 1.0) / rate + STAYS))
+        if max(row.slide for row in relieved) < BEGUN:
+            said = [row.status == "slipping" for row in relieved]
+            calls += sum(now > before for before, now in itertools.pairwise([False, *said]))
+            seconds += PERIOD * len(relieved)
+    return calls, seconds
 
 
 def save_figure(runs: dict[str, list[Row]], path: Path) -> None:
@@ -188,7 +228,7 @@ def in_words(case: str, rows: list[Row]) -> str:
 def run(arguments: argparse.Namespace) -> tuple[dict[str, list[Row]], list[str]]:
     """The slides by what they are of, and all that is to be said of them."""
     runs: dict[str, list[Row]] = {}
-    lines, calls, held = [], 0, 0.0
+    lines, calls, held, held_on = [], 0, 0.0, np.zeros(2)
     for name, seed in itertools.product(arguments.objects, range(arguments.grasps)):
         grasp = simulate_grasp(Scenario(object=name, seed=arguments.first_seed + seed, tracking=PoseTrackingParams()))
         case = f"{name}, seed {arguments.first_seed + seed}"
@@ -201,8 +241,10 @@ def run(arguments: argparse.Namespace) -> tuple[dict[str, list[Row]], list[str]]
         )
         for rate in arguments.rates:
             of_rate = f"{case}, {rate:g} weights a second"
-            runs[of_rate] = load_until_it_slides(grasp, rate, 2.0 * arguments.seconds)
+            runs[of_rate] = load_until_it_slides(grasp, functools.partial(grows, rate), 2.0 * arguments.seconds)
             lines.append(in_words(of_rate, runs[of_rate]))
+        if arguments.relieved:
+            held_on += np.array(calls_while_it_holds(grasp, runs[f"{case}, {arguments.rates[0]:g} weights a second"]))
     delays = [seconds for seconds in map(delay, runs.values()) if seconds is not None]
     more, still = np.sum([false_calls(rows) for rows in runs.values()], axis=0)
     squares = [row.square for rows in runs.values() for row in rows if row.slide > BEGUN and np.isfinite(row.square)]
@@ -214,6 +256,8 @@ def run(arguments: argparse.Namespace) -> tuple[dict[str, list[Row]], list[str]]
         f"{len(says_then)} instants at which a slide goes on it says slipping at {says_then.count('slipping')}, ok at "
         f"{says_then.count('ok')}"
     )
+    if arguments.relieved:
+        lines.append(f"loads that come and go, of which nothing slides: {held_on[0]:.0f} calls in {held_on[1]:.1f} s")
     return runs, lines
 
 
@@ -224,6 +268,7 @@ def main() -> None:
     parser.add_argument("--grasps", type=int, default=1, help="of each object")
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--rates", type=float, nargs="+", default=RATES, help="weights that are added a second")
+    parser.add_argument("--relieved", action="store_true", help="with loads that come and go, too")
     parser.add_argument("--seconds", type=float, default=1.0, help="that the time is measured for")
     parser.add_argument("--out", type=Path, default=Path("out/slip_in_station"))
     arguments = parser.parse_args()
