@@ -4,7 +4,14 @@ import numpy as np
 
 from tactopose_drake.core.compilation import kernel
 from tactopose_drake.core.kernel_types import Floats1, Floats2, Floats3, Floats4, Longs1, OutFloats3
-from tactopose_drake.core.kernels.matrix_kernels import cholesky, diagonalize, multiply, solve_transposed, transform
+from tactopose_drake.core.kernels.matrix_kernels import (
+    cholesky,
+    diagonalize,
+    multiply,
+    solve_transposed,
+    transform,
+    widen,
+)
 
 
 @kernel
@@ -89,15 +96,7 @@ def bound_covariances(before: Floats3, most: Floats3, after: OutFloats3) -> None
             for j in range(6):
                 root[i, j] /= scale
                 unit[i, j] *= scale
-        transform(unit, after[b], work, A)
-        diagonalize(A, values, rows)
-        multiply(rows, root, work)
-        for i in range(6):
-            for j in range(i + 1):
-                s = 0.0
-                for k in range(6):
-                    s += max(values[k], 1.0) * work[k, i] * work[k, j]
-                after[b, i, j] = after[b, j, i] = s
+        widen(root, unit, after[b], A, values, rows, work)
 
 
 @kernel

@@ -109,6 +109,32 @@ def transform(U: Floats2, A: Floats2, work: OutFloats2, out: OutFloats2) -> None
 
 
 @part
+def widen(
+    root: Floats2,
+    unit: Floats2,
+    covariance: OutFloats2,
+    A: OutFloats2,
+    values: OutFloats1,
+    rows: OutFloats2,
+    work: OutFloats2,
+) -> None:
+    """Makes a covariance (n, n) no less in any direction than another one, root^T root.
+
+    `unit` is the inverse of the root, transposed; what follows on the covariance is for work.
+    """
+    n = values.shape[0]
+    transform(unit, covariance, work, A)
+    diagonalize(A, values, rows)
+    multiply(rows, root, work)
+    for i in range(n):
+        for j in range(i + 1):
+            s = 0.0
+            for k in range(n):
+                s += max(values[k], 1.0) * work[k, i] * work[k, j]
+            covariance[i, j] = covariance[j, i] = s
+
+
+@part
 def orthonormalize(rows: OutFloats2, count: int) -> None:
     """Makes so many of the rows (n, m) orthonormal, each less what of it is along those before it."""
     for c in range(count):

@@ -22,7 +22,7 @@ from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.evidence.contact_kinds import ContactKinds
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.kernels import contact_mixture_kernels
-from tactopose_drake.core.kernels.contact_mixture_kernels import Doubts, Equations, Exact, Judged
+from tactopose_drake.core.kernels.contact_mixture_kernels import Alternatives, Doubts, Equations, Exact, Judged
 from tactopose_drake.core.objectives.objective import NormalEquations, SmoothObjective
 from tactopose_drake.core.objectives.pose_prior import NO_PRIOR, PriorObjective
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
@@ -111,16 +111,14 @@ class ContactMixture(SmoothObjective):
         )
         return NormalEquations(*equations)
 
-    def doubted_information(self, X_PO: FloatArray, hessian: FloatArray) -> FloatArray:
-        """What is left of Hessians (B, 6, 6) if one contact were false, shape (B, 2 k, 6, 6).
-
-        The first k where each is displaced, the others where its normal is any.
-        """
-        information = np.empty((len(X_PO), 2 * len(self._doubts.closeness), 6, 6))
-        contact_mixture_kernels.doubted_information(
-            self.touch.grid, self.touch.touch, self._doubts, np.ascontiguousarray(X_PO), hessian, information
+    def alternatives(self, X_PO: FloatArray, gradient: FloatArray, hessian: FloatArray) -> Alternatives:
+        """The local models (B, 6) and (B, 6, 6) of a cost at poses (B, 3, 4) by what its contacts are."""
+        shape = len(X_PO), 1 + 2 * len(self._doubts.closeness)
+        found = Alternatives(np.empty(shape), np.empty((*shape, 6)), np.empty((*shape, 6, 6)))
+        contact_mixture_kernels.find_alternatives(
+            self.touch.grid, self.touch.touch, self._doubts, np.ascontiguousarray(X_PO), gradient, hessian, found
         )
-        return information
+        return found
 
     def judge(self, X_PO: FloatArray) -> Judgement:
         """What the exact likelihood says of poses (B, 3, 4): of the surface as it is, see `SurfaceDensity`."""

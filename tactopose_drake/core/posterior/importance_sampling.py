@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from tactopose_drake.core.kernels.matrix_kernels import inverses
 from tactopose_drake.core.plain_values import copied
 from tactopose_drake.core.posterior import importance_sampling_kernels
+from tactopose_drake.core.posterior.doubted_spread import widen_by_doubt
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.posterior.hypotheses import Modes, free_directions
 from tactopose_drake.core.posterior.joined_modes import Families, find_families
@@ -58,9 +59,12 @@ class Cover(NamedTuple):
 
 
 def weigh_modes(modes: Modes, posterior: Posterior, generator: np.random.Generator) -> Modes:
-    """The modes with the mass and covariance that samples of the exact posterior give them."""
+    """The modes with the mass and covariance that samples of the exact posterior give them.
+
+    Each is no narrower than the doubt of single contacts makes it, which few of the samples show.
+    """
     cover = cover_modes(modes, posterior, generator)
-    return modes if cover is None else weigh_covered(modes, cover, posterior, generator)
+    return widen_by_doubt(modes if cover is None else weigh_covered(modes, cover, posterior, generator), posterior)
 
 
 def cover_modes(modes: Modes, posterior: Posterior, generator: np.random.Generator) -> Cover | None:
@@ -228,9 +232,10 @@ def _tails(X_mode: FloatArray, held: FloatArray, posterior: Posterior) -> tuple[
     Returns:
         Which mode each is about, shape (t,), and its information, shape (t, 6, 6); of many those that reach farthest.
     """
-    if posterior.doubted_information is None:
+    if posterior.alternatives is None:
         return np.empty(0, dtype=np.intp), np.empty((0, 6, 6))
-    left, most = posterior.doubted_information(X_mode, held), posterior.params.sampling.tail_samples
+    most = posterior.params.sampling.tail_samples
+    left = posterior.alternatives(X_mode, np.zeros((len(X_mode), 6)), held).information[:, 1:]
     owner, left = np.repeat(np.arange(len(held)), left.shape[1]), left.reshape(-1, 6, 6)
     if len(left) > most:
         lost = np.linalg.slogdet(held)[1][owner] - np.linalg.slogdet(left)[1]

@@ -8,6 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from tactopose_drake.core.evidence.evidence import Evidence
+from tactopose_drake.core.kernels.contact_mixture_kernels import Alternatives
 from tactopose_drake.core.objectives.objective import SmoothObjective
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, PosteriorParams
 from tactopose_drake.core.searches.pose_problem import PoseProblem
@@ -23,8 +24,8 @@ class Posterior:
         likelihood: the smooth objective of all evidence but the prior.
         objective: that of all evidence.
         exact_cost: the negative log posterior of poses (B, 3, 4), up to a constant.
-        doubted_information: of poses (B, 3, 4) and Hessians there (B, 6, 6), what would be left of these with one or
-            another contact false, shape (B, n, 6, 6); None where there is no contact.
+        alternatives: of poses (B, 3, 4) and the cost's gradients (B, 6) and Hessians (B, 6, 6) there, what would be left
+            of these with one or another contact false; None where there is no contact.
         turns: axes, unit rows (c, 3), about which turns change nothing, and by which these move O's origin, rows
             (c, 3), m, in O.
         prior_information: what is known without the touch, of increments, shape (6, 6).
@@ -37,7 +38,7 @@ class Posterior:
     likelihood: SmoothObjective
     objective: SmoothObjective
     exact_cost: Callable[[FloatArray], FloatArray]
-    doubted_information: Callable[[FloatArray, FloatArray], FloatArray] | None
+    alternatives: Callable[[FloatArray, FloatArray, FloatArray], Alternatives] | None
     turns: tuple[FloatArray, FloatArray]
     prior_information: FloatArray
     symmetry_poses: FloatArray
@@ -107,7 +108,7 @@ def make_posterior(
         likelihood=problem.doubted(problem.likelihood),
         objective=problem.doubted(problem.objective),
         exact_cost=exact_cost,
-        doubted_information=None if mixture is None else mixture.doubted_information,
+        alternatives=None if mixture is None else mixture.alternatives,
         turns=(
             np.array([symmetry.axis for symmetry in turns]).reshape(-1, 3),
             np.array([symmetry.moment for symmetry in turns]).reshape(-1, 3),
