@@ -55,13 +55,13 @@ def test_without_any_contacts_stay_the_same() -> None:
 
 
 def test_an_object_that_is_larger_and_says_so_is_less_sure() -> None:
-    """Touches of an object 3 % larger than its mesh: told, the truth is within the covariance."""
+    """Touches of an object 5 % larger than its mesh: told, the truth is within the covariance."""
     squares = {}
-    for scale_sigma in (0.0, 0.03):
+    for scale_sigma in (0.0, 0.05):
         model = tp.ObjectModel.from_box([0.06, 0.09, 0.14], symmetry="none", scale_sigma=scale_sigma)
-        squares[scale_sigma] = [_square(model, seed) for seed in range(12)]
-    assert np.median(squares[0.03]) < 12.6  # 95 % of six degrees of freedom
-    assert np.median(squares[0.03]) < 0.5 * np.median(squares[0.0])
+        squares[scale_sigma] = [_square(model, seed) for seed in range(24)]
+    assert np.median(squares[0.05]) < 12.6  # 95 % of six degrees of freedom
+    assert np.median(squares[0.05]) < 0.5 * np.median(squares[0.0])
 
 
 def _square(model: tp.ObjectModel, seed: int) -> float:
@@ -70,7 +70,7 @@ def _square(model: tp.ObjectModel, seed: int) -> float:
     X_PO = make_poses(random_rotations(generator, 1), np.zeros((1, 3)))[0]
     felt = touch_surface(model, X_PO, 6, generator, spread=True, sigma_position=0.0003, sigma_normal=math.radians(2.0))
     prior = tp.PosePrior(retract(X_PO, 0.01 * generator.normal(size=6)), sigma_translation=0.01, sigma_rotation=0.01)
-    contacts = tp.Contacts(1.03 * felt.p_PC, felt.n_PC, sigma_position=0.0003, sigma_normal=math.radians(2.0))
+    contacts = tp.Contacts(1.05 * felt.p_PC, felt.n_PC, sigma_position=0.0003, sigma_normal=math.radians(2.0))
     best = tp.estimate_pose(model, contacts, prior=prior, outlier_probability=0.0).best
     turned = best.X_PO.rotation().matrix().T @ X_PO[:, :3]
     w = 0.5 * np.array([turned[2, 1] - turned[1, 2], turned[0, 2] - turned[2, 0], turned[1, 0] - turned[0, 1]])

@@ -18,6 +18,7 @@ def test_a_few_trials_are_run_and_drawn(
     assert min(shares) > 80.0
     squares = [float(square) for square in re.findall(r"mean squared Mahalanobis error ([0-9.]+)", printed)]
     assert len(squares) == 2
-    assert all(3.0 < square < 10.0 for square in squares)
+    # Six were exact; a belief that reckons with false contacts and larger noise is wider where there are none.
+    assert all(2.0 < square < 6.0 for square in squares)
     assert (tmp_path / "calibration.txt").read_text(encoding="utf-8").strip() in printed
     assert (tmp_path / "calibration.png").read_bytes().startswith(b"\x89PNG")

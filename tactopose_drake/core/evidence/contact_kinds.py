@@ -5,7 +5,10 @@ from typing import NamedTuple
 
 
 class KindShares(NamedTuple):
-    """The probabilities of what a contact is before the touch; their sum is 1."""
+    """The probabilities of what a contact is before the touch; their sum is 1.
+
+    What is told of one that is `other` says nothing of the object, neither its point nor its normal.
+    """
 
     as_told: float
     turned: float
@@ -32,13 +35,17 @@ class ContactKinds:
     Attributes:
         turned: the odds that a contact has any normal, over those of something else.
         displaced: the odds that one is displaced, likewise.
+        lost: the odds that one tells no more than one of something else, likewise: two touches taken for one, say.
     """
 
     turned: float = 1.0
     displaced: float = 6.0
+    lost: float = 0.0
 
     def shares(self, outlier_probability: float) -> KindShares:
         """The probabilities of all kinds, by that of a contact with something else, from 0 to below 1."""
         p, q = outlier_probability, 1.0 - outlier_probability
-        per_kind = q / (q + (self.turned + self.displaced) * p)
-        return KindShares(q * per_kind, self.turned * p * per_kind, self.displaced * p * per_kind, p)
+        per_kind = q / (q + (self.turned + self.displaced + self.lost) * p)
+        return KindShares(
+            q * per_kind, self.turned * p * per_kind, self.displaced * p * per_kind, p + self.lost * p * per_kind
+        )

@@ -41,7 +41,9 @@ class ContactDoubt:
     Attributes:
         surroundings: a contact with something else is anywhere within so much of the object, m.
         displacement: standard deviation of how far a displaced contact is off, along each axis, m.
-        kinds: how often a contact is displaced or has another normal, by how often it is of something else.
+        kinds: how often a contact is not as told otherwise, by how often it is of something else. That is a sceptic's:
+            where one of fifty is of something else, eleven are displaced, two have any normal, and one or two are lost.
+            Who takes false contacts for rarer is sure and wrong where one is, and hardly surer where none is.
         doublings: how often the variance of points and that of normals may be twice what is told, and the probability
             of that before the touch. That it is as told is the most probable: data sheets are. Errors of joints, of the
             fingertips' mounting and of the mesh, which no data sheet tells, move points more than they turn normals.
@@ -50,17 +52,19 @@ class ContactDoubt:
 
     surroundings: float = 0.025
     displacement: float = 0.015
-    kinds: ContactKinds = dataclasses.field(default_factory=ContactKinds)
+    kinds: ContactKinds = dataclasses.field(
+        default_factory=functools.partial(ContactKinds, turned=2.5, displaced=15.0, lost=2.0)
+    )
     doublings: tuple[tuple[int, int, float], ...] = (
-        (0, 0, 0.56),
-        (1, 0, 0.10),
-        (2, 0, 0.08),
-        (3, 0, 0.05),
-        (4, 0, 0.03),
-        (1, 1, 0.07),
-        (2, 2, 0.06),
-        (3, 3, 0.03),
-        (4, 4, 0.02),
+        (0, 0, 0.40),
+        (1, 0, 0.12),
+        (2, 0, 0.10),
+        (3, 0, 0.07),
+        (4, 0, 0.05),
+        (1, 1, 0.10),
+        (2, 2, 0.08),
+        (3, 3, 0.05),
+        (4, 4, 0.03),
     )
     reached: float = 6.5
 

@@ -46,7 +46,8 @@ def widen_modes(alternatives: Alternatives, covariance: OutFloats3) -> None:
                 for i in range(6):
                     for j in range(6):
                         least[i, j] += weight[z] / total * (inverse[i, j] + step[z, i] * step[z, j])
-        cholesky(least, L)
+        if not np.isfinite(cholesky(least, L)):  # What is known best and the rest do not fit into doubles.
+            continue
         for i in range(6):
             for j in range(6):
                 root[i, j] = L[j, i] if i <= j else 0.0

@@ -24,8 +24,8 @@ class Posterior:
         likelihood: the smooth objective of all evidence but the prior.
         objective: that of all evidence.
         exact_cost: the negative log posterior of poses (B, 3, 4), up to a constant.
-        alternatives: of poses (B, 3, 4) and the cost's gradients (B, 6) and Hessians (B, 6, 6) there, what would be left
-            of these with one or another contact false; None where there is no contact.
+        alternatives: of poses (B, 3, 4) and the cost's gradients (B, 6) and Hessians (B, 6, 6) there, what would be
+            left of these with one or another contact false; None where there is no contact.
         turns: axes, unit rows (c, 3), about which turns change nothing, and by which these move O's origin, rows
             (c, 3), m, in O.
         prior_information: what is known without the touch, of increments, shape (6, 6).

@@ -1,3 +1,5 @@
+import dataclasses
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -28,6 +30,9 @@ def test_the_odds_of_the_other_kinds_are_as_many_times_those_of_something_else(p
     shares = KINDS.shares(p)
     assert shares.displaced / shares.as_told == pytest.approx(6.0 * p / (1.0 - p), rel=1e-9)
     assert shares.turned / shares.as_told == pytest.approx(p / (1.0 - p), rel=1e-9)
+    lost = dataclasses.replace(KINDS, lost=2.0).shares(p)
+    assert (lost.other - p) / lost.as_told == pytest.approx(2.0 * p / (1.0 - p), rel=1e-5)
+    assert sum(lost) == pytest.approx(1.0, abs=1e-12)
 
 
 def test_without_doubt_every_contact_is_as_told_and_where_there_is_no_normal_none_is_another() -> None:

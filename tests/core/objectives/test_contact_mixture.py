@@ -34,10 +34,11 @@ def touch(model: ObjectModel, X_PO: np.ndarray, seed: int, noise: float = 1.0, c
 
 
 def odds(share: float, has_normals: bool) -> tuple[float, float, float]:
-    """Of contacts with any normal, displaced and of something else, over those as told."""
-    w = share / (1.0 - share)  # Of something else, over contacts of the object; of those 1 : w : 6 w are what.
-    told = 1.0 if has_normals else 1.0 + w
-    return w * has_normals, 6.0 * w / told, w * (1.0 + 7.0 * w) / told
+    """Of contacts with any normal, displaced, and of which nothing is as told, over those as told."""
+    w = share / (1.0 - share)  # Of something else, over contacts of the object; these are told, turned, moved and lost
+    # as 1 to 2.5 w to 15 w to 2 w.
+    told = 1.0 if has_normals else 1.0 + 2.5 * w
+    return 2.5 * w * has_normals, 15.0 * w / told, (w * (1.0 + 19.5 * w) + 2.0 * w) / told
 
 
 def formula(model: ObjectModel, contacts: Contacts, X_PO: np.ndarray, share: float) -> float:
