@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.math import RigidTransform
 
+from tactopose_drake.core.evidence.contact_doubt import SCEPTICAL
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.evidence.force_balance import ForceBalance
@@ -79,7 +80,7 @@ def estimate_pose(
         time_limit: after so long, s, the search ends with the best that it has; None for as long as it takes. It is
             asked between rounds, and at least one is made.
         outlier_probability: that a contact is not of this object at all, before the touch, from 0 to 0.99. With it go
-            contacts of the object that are not as told, see `ContactDoubt`: by 0.02 one of fifty is of something else,
+            contacts of the object that are not as told, see `SCEPTICAL`: by 0.02 one of fifty is of something else,
             eleven are displaced, two have any normal, and of one or two nothing is as told. 0 takes every contact as
             told.
         planes: known planes of the world, in the palm frame, that the held object touches with its lowest point over
@@ -99,7 +100,9 @@ def estimate_pose(
     is_far = has_far_origin(model)
     about = prior_about_middle(prior, model.middle) if is_far else prior
     felt = with_shape_errors(model, contacts)
-    evidence = Evidence(felt, about, hand, untouched, balance, friction, patches, outlier_probability, planes)
+    evidence = Evidence(
+        felt, about, hand, untouched, balance, friction, patches, outlier_probability, planes, SCEPTICAL
+    )
     _check_touch(evidence, model.size)
     found = weigh_poses(model.about_middle if is_far else model, evidence, method, seed, limited, limit)
     if is_far:

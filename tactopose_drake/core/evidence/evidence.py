@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from tactopose_drake.core.evidence.contact_doubt import USUAL, ContactDoubt
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.force_balance import ForceBalance
 from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
@@ -41,8 +42,8 @@ class Evidence:
         balance: that the object is at rest under the contacts' forces and gravity alone.
         friction: coefficient of friction between fingertips and object, by which no contact slips.
         planes: known planes of the world that the object touches, with its lowest point over each.
-        outlier_probability: that a contact is of something else than the object. How often it is displaced or has
-            another normal follows, see `ContactKinds`; 0 takes every contact as told.
+        outlier_probability: that a contact is of something else than the object; 0 takes every contact as told.
+        doubt: what else is doubted of contacts, by how often they are of something else.
 
     Raises:
         InvalidInputError: a value of another type, a friction below 0, or balance or friction without forces.
@@ -58,6 +59,7 @@ class Evidence:
     patches: Sequence[Patch] = ()
     outlier_probability: float = 0.02
     planes: Sequence[PlaneContact] = ()
+    doubt: ContactDoubt = USUAL
 
     def __post_init__(self) -> None:
         for name, (kind, called) in _KINDS.items():

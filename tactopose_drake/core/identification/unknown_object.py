@@ -11,8 +11,7 @@ to be guessed. Two guesses are made, and their geometric mean is taken:
 Both are rough. How far the best object must be above them, for each number that the touch measures beyond the six of a
 pose, and how much of the difference is to be believed, was found by logistic regression [P99]: 198 random touches of 38
 objects by five and eight contacts, each against many libraries of 5 to 28 of these objects with the touched one and
-without. (Since then contacts are doubted more, by which known objects explain touches better; 0.05 of the former is for
-that.) `examples/unknown_objects.py` shows how it does on other objects.
+without. `examples/unknown_objects.py` shows how it does on other objects.
 
 However well a known object explains a touch, an unknown one may equal it wherever it was touched: of the touches of
 unknown objects a small share is taken to be such.
@@ -56,7 +55,7 @@ class UnknownObjectParams:
     outwardness: float = 0.5
     library_share: float = 0.5
     trust: float = 0.7
-    least_surplus: float = 0.85
+    least_surplus: float = 0.8
     lookalikes: float = 0.03
 
 

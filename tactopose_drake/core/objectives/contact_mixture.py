@@ -11,7 +11,6 @@ Assoc. 84, 1989. [HRM16] D. Hogg, J. Bovy, D. Lang, Data analysis recipes: fitti
 (mixture for outliers).
 """
 
-import dataclasses
 import functools
 import math
 from typing import Any, NamedTuple
@@ -19,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tactopose_drake.core.compilation import read_only
-from tactopose_drake.core.evidence.contact_kinds import ContactKinds
+from tactopose_drake.core.evidence.contact_doubt import USUAL, ContactDoubt
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.kernels import contact_mixture_kernels
 from tactopose_drake.core.kernels.contact_mixture_kernels import Alternatives, Doubts, Equations, Exact, Judged
@@ -32,41 +31,6 @@ from tactopose_drake.core.validation import FloatArray
 
 # Densities stay above 0 where no contact may be of something else, so that their logarithms are numbers.
 _LEAST_DENSITY = 1e-250
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class ContactDoubt:
-    """What is doubted of contacts.
-
-    Attributes:
-        surroundings: a contact with something else is anywhere within so much of the object, m.
-        displacement: standard deviation of how far a displaced contact is off, along each axis, m.
-        kinds: how often a contact is not as told otherwise, by how often it is of something else. That is a sceptic's:
-            where one of fifty is of something else, eleven are displaced, two have any normal, and one or two are lost.
-            Who takes false contacts for rarer is sure and wrong where one is, and hardly surer where none is.
-        doublings: how often the variance of points and that of normals may be twice what is told, and the probability
-            of that before the touch. That it is as told is the most probable: data sheets are. Errors of joints, of the
-            fingertips' mounting and of the mesh, which no data sheet tells, move points more than they turn normals.
-        reached: the exact density is known up to this energy; see `SurfaceDensity`.
-    """
-
-    surroundings: float = 0.025
-    displacement: float = 0.015
-    kinds: ContactKinds = dataclasses.field(
-        default_factory=functools.partial(ContactKinds, turned=2.5, displaced=15.0, lost=2.0)
-    )
-    doublings: tuple[tuple[int, int, float], ...] = (
-        (0, 0, 0.40),
-        (1, 0, 0.12),
-        (2, 0, 0.10),
-        (3, 0, 0.07),
-        (4, 0, 0.05),
-        (1, 1, 0.10),
-        (2, 2, 0.08),
-        (3, 3, 0.05),
-        (4, 4, 0.03),
-    )
-    reached: float = 6.5
 
 
 class Judgement(NamedTuple):
@@ -89,7 +53,7 @@ class ContactMixture(SmoothObjective):
     """The mixture likelihood of contacts; zero where all lie on the surface exactly, as that of `SurfaceContact`."""
 
     def __init__(
-        self, model: ObjectModel, contacts: Contacts, outlier_probability: float, doubt: ContactDoubt = ContactDoubt()
+        self, model: ObjectModel, contacts: Contacts, outlier_probability: float, doubt: ContactDoubt = USUAL
     ) -> None:
         self.touch = SurfaceContact(model.grid, contacts)
         self.density = SurfaceDensity(model, contacts)

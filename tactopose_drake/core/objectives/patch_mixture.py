@@ -14,7 +14,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tactopose_drake.core.evidence.contact_kinds import ContactKinds
+from tactopose_drake.core.evidence.contact_doubt import ContactKinds
 from tactopose_drake.core.evidence.patch_contacts import patch_contacts
 from tactopose_drake.core.objectives.objective import NormalEquations, SmoothObjective
 from tactopose_drake.core.objectives.patch_contact import PatchContact

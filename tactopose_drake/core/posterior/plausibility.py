@@ -5,7 +5,7 @@ import functools
 import numpy as np
 from numpy.typing import NDArray
 
-from tactopose_drake.core.evidence.contact_kinds import ContactKinds
+from tactopose_drake.core.evidence.contact_doubt import ContactKinds
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.objectives.contact_mixture import Judgement

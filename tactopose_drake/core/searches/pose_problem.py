@@ -95,7 +95,9 @@ def make_problem(model: ObjectModel, evidence: Evidence) -> PoseProblem:
         InvalidInputError: balance of an object whose mass is not known, or whose symmetries move its centre of mass.
     """
     contacts, prior = evidence.contacts, evidence.prior
-    mixture = ContactMixture(model, contacts, evidence.outlier_probability) if len(contacts) else None
+    mixture = None
+    if len(contacts):
+        mixture = ContactMixture(model, contacts, evidence.outlier_probability, evidence.doubt)
     touch = SurfaceContact(model.grid, contacts) if mixture is None else mixture.touch
     terms: list[LeastSquaresObjective] = [touch] if len(contacts) else []
     pads = PatchContact(model.grid, evidence.felt) if evidence.felt else None

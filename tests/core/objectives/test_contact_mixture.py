@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 import trimesh
 
+from tactopose_drake.core.evidence.contact_doubt import ContactDoubt
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
-from tactopose_drake.core.objectives.contact_mixture import ContactDoubt, ContactMixture
+from tactopose_drake.core.objectives.contact_mixture import ContactMixture
 from tactopose_drake.core.objectives.pose_prior import PriorObjective
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.poses import exp_so3, make_poses, random_rotations, retract
@@ -34,11 +35,10 @@ def touch(model: ObjectModel, X_PO: np.ndarray, seed: int, noise: float = 1.0, c
 
 
 def odds(share: float, has_normals: bool) -> tuple[float, float, float]:
-    """Of contacts with any normal, displaced, and of which nothing is as told, over those as told."""
-    w = share / (1.0 - share)  # Of something else, over contacts of the object; these are told, turned, moved and lost
-    # as 1 to 2.5 w to 15 w to 2 w.
-    told = 1.0 if has_normals else 1.0 + 2.5 * w
-    return 2.5 * w * has_normals, 15.0 * w / told, (w * (1.0 + 19.5 * w) + 2.0 * w) / told
+    """Of contacts with any normal, displaced and of something else, over those as told."""
+    w = share / (1.0 - share)  # Of something else, over contacts of the object; of those 1 : w : 6 w are what.
+    told = 1.0 if has_normals else 1.0 + w
+    return w * has_normals, 6.0 * w / told, w * (1.0 + 7.0 * w) / told
 
 
 def formula(model: ObjectModel, contacts: Contacts, X_PO: np.ndarray, share: float) -> float:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from tactopose_drake.core.evidence.contact_kinds import ContactKinds
+from tactopose_drake.core.evidence.contact_doubt import ContactKinds
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.poses import compose, exp_so3

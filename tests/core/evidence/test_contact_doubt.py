@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tactopose_drake.core.evidence.contact_kinds import ContactKinds, KindShares
+from tactopose_drake.core.evidence.contact_doubt import ContactKinds, KindShares
 
 KINDS = ContactKinds(turned=1.0, displaced=6.0)
 probabilities = st.floats(0.0, 0.99)

@@ -1,0 +1,107 @@
+"""What is doubted of contacts: what each may be beside as told, how often, and whether all noise is as told."""
+
+import dataclasses
+from typing import NamedTuple
+
+
+class KindShares(NamedTuple):
+    """The probabilities of what a contact is before the touch; their sum is 1.
+
+    What is told of one that is `other` says nothing of the object, neither its point nor its normal.
+    """
+
+    as_told: float
+    turned: float
+    displaced: float
+    other: float
+
+    @property
+    def false(self) -> float:
+        """That it is not as told, in whatever way."""
+        return self.turned + self.displaced + self.other
+
+    def without_normals(self) -> "KindShares":
+        """Those where no normal is measured: of a contact whose normal is any, all that is told is true."""
+        return KindShares(self.as_told + self.turned, 0.0, self.displaced, self.other)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ContactKinds:
+    """How often a contact with the object is not as told, by how often one is of something else.
+
+    The first has odds against being as told that are so many times those of the second against being of the object:
+    a hand that often touches something else is in clutter, at edges, or badly calibrated.
+
+    Attributes:
+        turned: the odds that a contact has any normal, over those of something else.
+        displaced: the odds that one is displaced, likewise.
+        lost: the odds that one tells no more than one of something else, likewise: two touches taken for one, say.
+    """
+
+    turned: float = 1.0
+    displaced: float = 6.0
+    lost: float = 0.0
+
+    def shares(self, outlier_probability: float) -> KindShares:
+        """The probabilities of all kinds, by that of a contact with something else, from 0 to below 1."""
+        p, q = outlier_probability, 1.0 - outlier_probability
+        per_kind = q / (q + (self.turned + self.displaced + self.lost) * p)
+        return KindShares(
+            q * per_kind, self.turned * p * per_kind, self.displaced * p * per_kind, p + self.lost * p * per_kind
+        )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ContactDoubt:
+    """What is doubted of contacts.
+
+    Attributes:
+        surroundings: a contact with something else is anywhere within so much of the object, m.
+        displacement: standard deviation of how far a displaced contact is off, along each axis, m.
+        kinds: how often a contact is not as told otherwise, by how often it is of something else.
+        doublings: how often the variance of points and that of normals may be twice what is told, and the probability
+            of that before the touch. That it is as told is the most probable: data sheets are. Errors of joints, of the
+            fingertips' mounting and of the mesh, which no data sheet tells, move points more than they turn normals.
+        reached: the exact density is known up to this energy; see `SurfaceDensity`.
+    """
+
+    surroundings: float = 0.025
+    displacement: float = 0.015
+    kinds: ContactKinds = dataclasses.field(default_factory=ContactKinds)
+    doublings: tuple[tuple[int, int, float], ...] = (
+        (0, 0, 0.56),
+        (1, 0, 0.10),
+        (2, 0, 0.08),
+        (3, 0, 0.05),
+        (4, 0, 0.03),
+        (1, 1, 0.07),
+        (2, 2, 0.06),
+        (3, 3, 0.03),
+        (4, 4, 0.02),
+    )
+    reached: float = 6.5
+
+
+USUAL = ContactDoubt()
+"""That of a good hand."""
+
+SCEPTICAL = ContactDoubt(
+    kinds=ContactKinds(turned=2.5, displaced=15.0, lost=2.0),
+    doublings=(
+        (0, 0, 0.40),
+        (1, 0, 0.12),
+        (2, 0, 0.10),
+        (3, 0, 0.07),
+        (4, 0, 0.05),
+        (1, 1, 0.10),
+        (2, 2, 0.08),
+        (3, 3, 0.05),
+        (4, 4, 0.03),
+    ),
+)
+"""That of an estimate of one touch, which somebody is to act on.
+
+Where one of fifty contacts is of something else, eleven are displaced, two have any normal, and one or two are lost.
+Who takes false contacts for rarer is sure and wrong where one is, and hardly surer where none is. But so all objects
+explain a touch better, which tells them apart less well; and a belief over time sees for itself what lasts.
+"""
