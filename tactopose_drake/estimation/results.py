@@ -94,7 +94,8 @@ class PoseEstimate(PlainValue, Presentable):
         duration: s.
         finished: whether the search ended by itself, rather than at the time limit.
         log_evidence: the natural logarithm of how well the object explains the touch in all its poses together; see
-            `core.identification.model_evidence`. It compares objects for one touch, and means nothing by itself.
+            `core.identification.model_evidence`. It compares objects for one touch, and means nothing by itself;
+            `identify`, which doubts contacts less, tells objects apart better.
         noise_scale: the ratio of the noise that the contacts' points seem to have to what is told; 1 where they are as
             told.
         standard_error: the largest that is left of a hypothesis' probability by sampling; infinite where the time limit
