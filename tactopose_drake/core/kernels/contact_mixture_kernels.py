@@ -19,16 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tactopose_drake.core.compilation import inlined, kernel, part
-from tactopose_drake.core.kernel_types import (
-    Floats1,
-    Floats2,
-    Floats3,
-    Longs1,
-    OutFloats1,
-    OutFloats2,
-    OutFloats3,
-    OutFloats4,
-)
+from tactopose_drake.core.kernel_types import Floats1, Floats3, Longs1, OutFloats1, OutFloats2, OutFloats3
 from tactopose_drake.core.kernels.grid_kernels import Grid
 from tactopose_drake.core.kernels.lane_kernels import (
     DISTANCE_ENERGY,
@@ -44,7 +35,7 @@ from tactopose_drake.core.kernels.lane_kernels import (
     weigh,
 )
 from tactopose_drake.core.kernels.prior_kernels import Prior, add_prior, half_square, prior_cost, prior_row
-from tactopose_drake.core.kernels.surface_contact_kernels import Rows, Touch, contact_rows
+from tactopose_drake.core.kernels.surface_contact_kernels import Touch
 
 # The factors of the variances are two to the powers 0 to this.
 MOST_DOUBLINGS = 4
@@ -99,24 +90,8 @@ class Judged(NamedTuple):
     misfit: OutFloats1
 
 
-class Alternatives(NamedTuple):
-    """Local models of the cost at B poses by what the contacts are, of which there are m = 1 + 2 k.
-
-    First all are as told, then each in turn is displaced, then each in turn has any normal.
-
-    Attributes:
-        share: how probable that is there, shape (B, m).
-        gradient: of the cost if it is so, shape (B, m, 6).
-        information: its Hessian, shape (B, m, 6, 6).
-    """
-
-    share: OutFloats2
-    gradient: OutFloats3
-    information: OutFloats4
-
-
 @inlined
-def _mix(d, n, lanes, doubts, cost, work):
+def mix(d, n, lanes, doubts, cost, work):
     """The costs of energies d and n (k, lanes), zero where those are; fills the factors, and what the pairs weigh."""
     point, turn, moved, total, most = work
     pairs = total.shape[0]
@@ -156,7 +131,7 @@ def _mix(d, n, lanes, doubts, cost, work):
 
 
 @inlined
-def _find_shares(i, lanes, doubts, work, shares):
+def find_shares(i, lanes, doubts, work, shares):
     """That a contact is as told, and the derivatives of the cost by its energies d and n, into shares (3, lanes)."""
     point, turn, moved, total, _ = work
     for lane in range(lanes):
@@ -174,7 +149,7 @@ def _find_shares(i, lanes, doubts, work, shares):
 
 
 @inlined
-def _work(contacts, doubts):
+def make_work(contacts, doubts):
     """What `_mix` fills: the contacts' factors by points, by normals, and as displaced; and what the pairs weigh."""
     factors = (contacts, MOST_DOUBLINGS + 1, LANES)
     return (
@@ -196,19 +171,6 @@ def _find_energies(grid: Grid, touch: Touch, lanes: int, w: OutFloats1, d: OutFl
             d[i, lane], n[i, lane] = w[DISTANCE_ENERGY + np.uintp(lane)], w[NORMAL_ENERGY + np.uintp(lane)]
 
 
-@inlined
-def _energies_and_rows(grid, touch, X, rows, d, n):
-    """The contacts' rows (residual, J, smooth, work) at one pose, and the energies that are half their squares."""
-    residual, J, smooth, work = rows
-    for i in range(touch.p.shape[0]):
-        own = Rows(residual[i], J[i], smooth[i], work)
-        contact_rows(grid, touch.p[i], touch.n[i], touch.weight_p[i], touch.weight_n[i], X, own)
-        d[i, 0] = 0.5 * residual[i, 0] ** 2
-        n[i, 0] = 0.0
-        for a in range(1, 5):
-            n[i, 0] += 0.5 * residual[i, a] ** 2
-
-
 @kernel
 def mixture_equations(
     grid: Grid,
@@ -225,16 +187,16 @@ def mixture_equations(
     """
     cost, gradient, hessian = equations
     k = touch.p.shape[0]
-    w, d, n, work = np.zeros(SIZE), np.empty((k, LANES)), np.empty((k, LANES)), _work(k, doubts)
+    w, d, n, work = np.zeros(SIZE), np.empty((k, LANES)), np.empty((k, LANES)), make_work(k, doubts)
     shares, g, H = np.empty((3, LANES)), np.empty(6), np.empty((6, 6))
     u, difference, D = np.empty(6), np.empty(6), np.empty((6, 6))
     for first in range(0, X.shape[0], LANES):
         lanes = min(LANES, X.shape[0] - first)
         enter(X, first, lanes, w)
         _find_energies(grid, touch, lanes, w, d, n)
-        _mix(d, n, lanes, doubts, cost[first:], work)
+        mix(d, n, lanes, doubts, cost[first:], work)
         for i in range(k):
-            _find_shares(i, lanes, doubts, work, shares)
+            find_shares(i, lanes, doubts, work, shares)
             read_grid(grid, touch.p[i], touch.n[i], lanes, w)
             for lane in range(lanes):
                 w[DISTANCE_SHARE + np.uintp(lane)] = shares[1, lane]
@@ -260,7 +222,7 @@ def judge(
     """
     density, reached = exact
     k, least, u, shares = touch.p.shape[0], np.exp(-reached), np.empty(6), np.empty((3, LANES))
-    w, d, n, work = np.zeros(SIZE), np.empty((k, LANES)), np.empty((k, LANES)), _work(k, doubts)
+    w, d, n, work = np.zeros(SIZE), np.empty((k, LANES)), np.empty((k, LANES)), make_work(k, doubts)
     for first in range(0, X.shape[0], LANES):
         lanes = min(LANES, X.shape[0] - first)
         enter(X, first, lanes, w)
@@ -273,13 +235,13 @@ def judge(
                     n[i, lane] = both - d[i, lane]
                 else:
                     n[i, lane] = max(d[i, lane] + n[i, lane], reached) - d[i, lane]
-        _mix(d, n, lanes, doubts, judged.cost[first:], work)
+        mix(d, n, lanes, doubts, judged.cost[first:], work)
         for b in range(first, first + lanes):
             judged.cost[b] += prior_cost(prior, X[b], u)
         if not whole:
             continue
         for i in range(k):
-            _find_shares(i, lanes, doubts, work, shares)
+            find_shares(i, lanes, doubts, work, shares)
             for lane in range(lanes):
                 judged.inlier_probability[first + lane, i] = shares[0, lane]
         for lane in range(lanes):
@@ -292,56 +254,3 @@ def judge(
             judged.misfit[b] = 0.0
             for i in range(k):
                 judged.misfit[b] += judged.inlier_probability[b, i] * (d[i, lane] * narrowed + n[i, lane] * calmed)
-
-
-@inlined
-def _false_shares(i, doubts, work):
-    """That a contact is displaced, and that its normal is any, at the first of the poses."""
-    point, turn, moved, total, _ = work
-    displaced, turned = 0.0, 0.0
-    for q in range(total.shape[0]):
-        by_point, by_turn = point[i, doubts.s[q], 0], turn[i, doubts.t[q], 0]
-        with_any, elsewhere = doubts.normal[i] * by_point, moved[i, 0] * by_turn
-        part = total[q, 0] / (by_point * by_turn + with_any + elsewhere + doubts.other[i])
-        displaced += part * elsewhere
-        turned += part * with_any
-    return displaced, turned
-
-
-@kernel
-def find_alternatives(
-    grid: Grid, touch: Touch, doubts: Doubts, X: Floats3, gradient: Floats2, hessian: Floats3, found: Alternatives
-) -> None:
-    """What is left of each pose's gradient (B, 6) and Hessian (B, 6, 6), as of `mixture_equations`, see `Alternatives`.
-
-    What is taken off a Hessian is what the contact counts for in it, no more, so that nothing negative is left.
-    """
-    k = touch.p.shape[0]
-    residual, J, smooth, scratch = np.empty((k, 5)), np.empty((k, 5, 6)), np.empty((k, 4, 6)), np.empty((10, 4))
-    d, n, work, shares, cost = np.empty((k, 1)), np.empty((k, 1)), _work(k, doubts), np.empty((3, 1)), np.empty(1)
-    for b in range(X.shape[0]):
-        _energies_and_rows(grid, touch, X[b], (residual, J, smooth, scratch), d, n)
-        _mix(d, n, 1, doubts, cost, work)
-        found.share[b, 0] = 1.0
-        for c in range(6):
-            found.gradient[b, 0, c] = gradient[b, c]
-            for e in range(6):
-                found.information[b, 0, c, e] = hessian[b, c, e]
-        for i in range(k):
-            _find_shares(i, 1, doubts, work, shares)
-            moved, turned = 1 + i, 1 + k + i
-            found.share[b, 0] *= shares[0, 0]
-            found.share[b, moved], found.share[b, turned] = _false_shares(i, doubts, work)
-            lost_d = max(shares[1, 0] - doubts.closeness[i], 0.0)
-            for c in range(6):
-                lost = 0.0
-                for a in range(1, 5):
-                    lost += residual[i, a] * J[i, a, c]
-                found.gradient[b, moved, c] = gradient[b, c] - lost_d * residual[i, 0] * J[i, 0, c]
-                found.gradient[b, turned, c] = gradient[b, c] - shares[2, 0] * lost
-                for e in range(6):
-                    found.information[b, moved, c, e] = hessian[b, c, e] - lost_d * smooth[i, 0, c] * smooth[i, 0, e]
-                    lost = 0.0
-                    for a in range(1, 4):
-                        lost += smooth[i, a, c] * smooth[i, a, e]
-                    found.information[b, turned, c, e] = hessian[b, c, e] - shares[2, 0] * lost

@@ -20,8 +20,9 @@ import numpy as np
 from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.evidence.contact_doubt import USUAL, ContactDoubt
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.kernels import contact_mixture_kernels
-from tactopose_drake.core.kernels.contact_mixture_kernels import Alternatives, Doubts, Equations, Exact, Judged
+from tactopose_drake.core.kernels import contact_alternatives_kernels, contact_mixture_kernels
+from tactopose_drake.core.kernels.contact_alternatives_kernels import Alternatives
+from tactopose_drake.core.kernels.contact_mixture_kernels import Doubts, Equations, Exact, Judged
 from tactopose_drake.core.objectives.objective import NormalEquations, SmoothObjective
 from tactopose_drake.core.objectives.pose_prior import NO_PRIOR, PriorObjective
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
@@ -83,7 +84,7 @@ class ContactMixture(SmoothObjective):
         """The local models (B, 6) and (B, 6, 6) of a cost at poses (B, 3, 4) by what its contacts are."""
         shape = len(X_PO), 1 + 2 * len(self._doubts.closeness)
         found = Alternatives(np.empty(shape), np.empty((*shape, 6)), np.empty((*shape, 6, 6)))
-        contact_mixture_kernels.find_alternatives(
+        contact_alternatives_kernels.find_alternatives(
             self.touch.grid, self.touch.touch, self._doubts, np.ascontiguousarray(X_PO), gradient, hessian, found
         )
         return found

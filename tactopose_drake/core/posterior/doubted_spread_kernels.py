@@ -4,7 +4,7 @@ import numpy as np
 
 from tactopose_drake.core.compilation import kernel
 from tactopose_drake.core.kernel_types import OutFloats3
-from tactopose_drake.core.kernels.contact_mixture_kernels import Alternatives
+from tactopose_drake.core.kernels.contact_alternatives_kernels import Alternatives
 from tactopose_drake.core.kernels.matrix_kernels import cholesky, invert, solve, solve_transposed, widen
 
 # Of the weight of all, that of what does not count.

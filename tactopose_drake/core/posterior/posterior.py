@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from tactopose_drake.core.evidence.evidence import Evidence
-from tactopose_drake.core.kernels.contact_mixture_kernels import Alternatives
+from tactopose_drake.core.kernels.contact_alternatives_kernels import Alternatives
 from tactopose_drake.core.objectives.objective import SmoothObjective
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, PosteriorParams
 from tactopose_drake.core.searches.pose_problem import PoseProblem

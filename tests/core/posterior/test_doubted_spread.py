@@ -4,7 +4,7 @@ import trimesh
 from scipy.stats import chi2
 
 import tactopose_drake as tp
-from tactopose_drake.core.kernels.contact_mixture_kernels import Alternatives
+from tactopose_drake.core.kernels.contact_alternatives_kernels import Alternatives
 from tactopose_drake.core.poses import increments_between, retract
 from tactopose_drake.core.posterior.doubted_spread_kernels import widen_modes
 
