@@ -76,7 +76,8 @@ def estimate_pose(
         friction: coefficient of friction; each force lies in its cone about the object's normal.
         method: the search. Those of `GLOBAL_METHODS` need no prior; the others start from it.
         seed: of the search's random numbers.
-        max_hypotheses: how many hypotheses are kept at the most.
+        max_hypotheses: how many hypotheses are kept at the most. What the others carry counts for the status, and is
+            left out of the probabilities; `kept_share` says how much is left.
         time_limit: after so long, s, the search ends with the best that it has; None for as long as it takes. It is
             asked between rounds, and at least one is made.
         outlier_probability: that a contact is not of this object at all, before the touch, from 0 to 0.99. With it go
@@ -150,6 +151,7 @@ def weigh_poses(
         InvalidInputError: balance of an object whose mass is not known, or whose symmetries move its centre of mass.
     """
     deadline, evidence, params = _Deadline(time_limit), evidence.rounded(), DEFAULT_PARAMS
+    most_modes = max(max_hypotheses, params.modes.most_modes)
     problem = make_problem(model, evidence)
     search = METHODS[method](model, evidence)
     generator = np.random.default_rng(seed)
@@ -158,13 +160,13 @@ def weigh_poses(
     if evidence.outlier_probability > 0.0 and not comfortable:
         found = search_with_doubt(model, evidence, problem, search, found, generator, deadline)
     images = indistinct_images(model, float(np.min(evidence.touch.sigma_position)))
-    modes = _modes_of(model, evidence, problem, found, images, max_hypotheses)
+    modes = _modes_of(model, evidence, problem, found, images, most_modes)
     explained = comfortable or evidence.prior is None or _judge(model, evidence, problem, modes, params)[1].any()
     wider_search = None if explained else search.widened()
     if wider_search is not None and not deadline():
         # The valley with the pose may be a narrow one that no start has led to.
         found = wider_search.minimize(problem.objective, problem.space, generator, deadline)
-        wider = _modes_of(model, evidence, problem, found, images, max_hypotheses)
+        wider = _modes_of(model, evidence, problem, found, images, most_modes)
         modes = min(modes, wider, key=lambda either: float(either.cost.min()))
     if not deadline():
         posterior = make_posterior(model, evidence, problem, params, images)
@@ -174,7 +176,7 @@ def weigh_poses(
     judged, explains = _judge(model, evidence, problem, modes, params)
     hypotheses = _hypotheses(modes, _inlier_probability(problem, evidence, modes, judged), explains)
     undetermined = evidence.prior is None and len(evidence.touch) < params.modes.fewest_contacts
-    return PoseEstimate(
+    estimate = PoseEstimate(
         hypotheses,
         status_of(hypotheses, undetermined),
         deadline.elapsed(),
@@ -182,7 +184,9 @@ def weigh_poses(
         log_evidence(model, evidence, modes.log_mass),
         1.0 if judged is None else float(modes.mixture.weights @ judged.noise_scale),
         modes.standard_error,
+        undetermined,
     )
+    return estimate.first(max_hypotheses)
 
 
 def _judge(

@@ -4,6 +4,7 @@ import contextlib
 import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor, as_completed
+from numbers import Integral
 from typing import Any
 
 from tactopose_drake.core.evidence.contacts import Contacts
@@ -53,7 +54,7 @@ def estimate_poses(
         raise InvalidInputError("contacts: are of one touch; allowed is a sequence of Contacts, one for each touch.")
     contacts = list(contacts)
     of, before = _each("models", models, ObjectModel, len(contacts)), _each("priors", priors, PosePrior, len(contacts))
-    seeds = _each("seed", seed, int, len(contacts))
+    seeds = _each("seed", seed, Integral, len(contacts))
     make_kernels_ready()  # Threads that meet a type for the first time at once may each get their own from numba.
     estimates: list[PoseEstimate | None] = [None] * len(contacts)
     with contextlib.ExitStack() as stack:

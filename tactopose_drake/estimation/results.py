@@ -83,13 +83,14 @@ class PoseHypothesis(PlainValue):
 class PoseEstimate(PlainValue, Presentable):
     """The hypotheses that one touch leaves.
 
-    All numbers are finite, whatever the status. With "no_solution" the hypotheses are the poses that come nearest to
-    explaining the touch, weighed among themselves; their covariances say how well the touch would determine them.
+    All numbers of the hypotheses are finite, whatever the status. With "no_solution" the hypotheses are the poses that
+    come nearest to explaining the touch, weighed among themselves; their covariances say how well the touch would
+    determine them.
 
     Attributes:
         hypotheses: by falling probability; never empty.
-        status: "ok"; "ambiguous" when the best hypothesis carries less than 90 % of the mass, or when fewer than three
-            contacts stand against no prior; "no_solution" when those that explain the touch, with as many false
+        status: "ok"; "ambiguous" when the best hypothesis carries less than 90 % of the mass, or when the pose is
+            undetermined; "no_solution" when those that explain the touch, with as many false
             contacts as there may well be, carry no more than 10 %.
         duration: s.
         finished: whether the search ended by itself, rather than at the time limit.
@@ -100,6 +101,9 @@ class PoseEstimate(PlainValue, Presentable):
             told.
         standard_error: the largest that is left of a hypothesis' probability by sampling; infinite where the time limit
             left no time for it.
+        undetermined: whether fewer than three contacts stand against no prior, and leave whole families of poses.
+        kept_share: the probability, from 0 to 1, of the hypotheses together; the rest is that of those beyond
+            `max_hypotheses`.
         question: what `estimate_pose` was asked, by which the estimate can show itself; None where it is not known.
     """
 
@@ -110,6 +114,8 @@ class PoseEstimate(PlainValue, Presentable):
     log_evidence: float = -math.inf
     noise_scale: float = 1.0
     standard_error: float = math.inf
+    undetermined: bool = False
+    kept_share: float = 1.0
     question: Question | None = dataclasses.field(default=None, repr=False)
 
     def __len__(self) -> int:
@@ -175,30 +181,48 @@ class PoseEstimate(PlainValue, Presentable):
             np.array([hypothesis.covariance for hypothesis in self.hypotheses]),
         )
 
+    def first(self, count: int) -> PoseEstimate:
+        """The estimate by the most probable hypotheses alone, so many at the most; the status is that of all."""
+        if len(self) <= count:
+            return self
+        hypotheses, mass = _weighed_among_themselves(self.hypotheses[:count])
+        return dataclasses.replace(self, hypotheses=hypotheses, kept_share=self.kept_share * mass)
+
     def keep(self, kept: Sequence[bool]) -> PoseEstimate:
-        """The estimate by some of the hypotheses alone, weighed among themselves.
+        """The estimate if the other hypotheses are impossible: some of them, weighed among themselves.
 
         Args:
             kept: for each hypothesis whether it stays; at least one does.
 
         Raises:
-            InvalidInputError: if none stays.
+            InvalidInputError: if none stays, or if there are more or fewer of them than hypotheses.
         """
-        chosen = [hypothesis for hypothesis, stays in zip(self.hypotheses, kept, strict=True) if stays]
-        if not chosen:
-            raise InvalidInputError("kept: keeps no hypothesis; the least is 1.")
-        mass = sum(hypothesis.probability for hypothesis in chosen)
-        hypotheses = tuple(
-            dataclasses.replace(hypothesis, probability=hypothesis.probability / mass if mass else 1.0 / len(chosen))
-            for hypothesis in chosen
+        if len(kept) != len(self):
+            raise InvalidInputError(f"kept: has length {len(kept)}; allowed is one for each hypothesis, {len(self)}.")
+        hypotheses, mass = _weighed_among_themselves(
+            [hypothesis for hypothesis, stays in zip(self.hypotheses, kept, strict=True) if stays]
         )
-        undetermined = self.status == "ambiguous" and self.best.probability >= DEFAULT_PARAMS.modes.answer_share
+        # What carries the rest of the belief may stay, too.
+        left = self.kept_share * mass + 1.0 - self.kept_share
+        kept_share = self.kept_share * mass / left if left else 1.0
         return dataclasses.replace(
             self,
             hypotheses=hypotheses,
-            status=status_of(hypotheses, undetermined),
-            log_evidence=self.log_evidence + (math.log(mass) if mass else -math.inf),
+            status=status_of(hypotheses, self.undetermined, kept_share),
+            log_evidence=self.log_evidence + (math.log(left) if left else -math.inf),
+            kept_share=kept_share,
         )
+
+
+def _weighed_among_themselves(hypotheses: Sequence[PoseHypothesis]) -> tuple[tuple[PoseHypothesis, ...], float]:
+    """Hypotheses with probabilities that sum to 1, and the sum of those that they had."""
+    if not hypotheses:
+        raise InvalidInputError("kept: keeps no hypothesis; the least is 1.")
+    mass = sum(hypothesis.probability for hypothesis in hypotheses)
+    return tuple(
+        dataclasses.replace(hypothesis, probability=hypothesis.probability / mass if mass else 1.0 / len(hypotheses))
+        for hypothesis in hypotheses
+    ), mass
 
 
 def _sigmas(covariance: FloatArray) -> tuple[float, float]:
@@ -221,12 +245,12 @@ def _row(hypothesis: PoseHypothesis) -> tuple[str, ...]:
     )
 
 
-def status_of(hypotheses: Sequence[PoseHypothesis], undetermined: bool) -> Status:
-    """Of hypotheses by falling probability; `undetermined`: however they are weighed."""
+def status_of(hypotheses: Sequence[PoseHypothesis], undetermined: bool, kept_share: float = 1.0) -> Status:
+    """Of hypotheses by falling probability, which carry so much of the belief; see `PoseEstimate`."""
     share = DEFAULT_PARAMS.modes.answer_share
     best, explained = hypotheses[0], sum(each.probability for each in hypotheses if each.explains_touch)
     if explained <= 1.0 - share:
         return "no_solution"
-    if undetermined or best.probability < share or not best.explains_touch:
+    if undetermined or kept_share * best.probability < share or not best.explains_touch:
         return "ambiguous"
     return "ok"

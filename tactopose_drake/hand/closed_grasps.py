@@ -105,9 +105,13 @@ class GraspCloser:
         """A grasp of an object somewhere in the hand.
 
         Raises:
-            InvalidInputError: if the fingers do not reach it.
+            InvalidInputError: if the hand's file does not say where it grips, or the fingers do not reach the object.
         """
         config = self._hand.config
+        if not config.grip_low or not config.grip_high:
+            raise InvalidInputError(
+                "hand: its file has no grip_low and grip_high; needed are both, where it holds things, m, in P."
+            )
         middle = 0.5 * (np.array(config.grip_low) + np.array(config.grip_high))
         for _ in range(_TRIES):
             R_PO = random_rotations(generator, 1)[0]

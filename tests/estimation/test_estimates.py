@@ -4,6 +4,8 @@ from pydrake.math import RigidTransform, RollPitchYaw
 
 import tactopose_drake as tp
 from tactopose_drake.core.poses import increments_between, retract
+from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
+from tactopose_drake.resources import model_path
 
 
 def weighed(*probabilities: float, status: str = "ok", explains: tuple[bool, ...] | None = None) -> tp.PoseEstimate:
@@ -41,12 +43,46 @@ def test_a_kept_hypothesis_that_does_not_explain_the_touch_is_no_solution() -> N
 
 
 def test_too_few_contacts_stay_ambiguous_whatever_is_kept() -> None:
-    assert weighed(0.95, 0.05, status="ambiguous").keep((True, False)).status == "ambiguous"
+    bust = tp.ObjectModel.from_mesh(model_path("objects", "bust.obj"))
+    estimate = tp.estimate_pose(bust, touch_surface(bust, np.eye(3, 4), 2, np.random.default_rng(0)))
+    assert estimate.best.probability < 0.9
+    assert (estimate.status, estimate.undetermined) == ("ambiguous", True)
+    assert estimate.keep([i == 0 for i in range(len(estimate))]).status == "ambiguous"
 
 
-def test_at_least_one_hypothesis_is_kept() -> None:
+def test_one_hypothesis_or_more_is_kept_of_as_many_as_there_are() -> None:
     with pytest.raises(tp.TactoposeError, match="kept: keeps no hypothesis"):
         weighed(1.0).keep((False,))
+    with pytest.raises(tp.TactoposeError, match="kept: has length 3; allowed is one for each hypothesis, 2"):
+        weighed(0.5, 0.5).keep((True, True, True))
+
+
+def test_hypotheses_that_are_left_out_count_for_the_status() -> None:
+    all_of_them = weighed(0.5, 0.3, 0.2, status="ambiguous")
+    assert all_of_them.first(3) is all_of_them
+    first = all_of_them.first(1)
+    assert (first.status, first.best.probability, first.kept_share) == ("ambiguous", 1.0, 0.5)
+    assert first.keep([True]) == first
+    # Without the second of the first two, 0.5 and the 0.2 that is left out are all that may be.
+    left = all_of_them.first(2).keep([True, False])
+    assert (left.status, left.best.probability) == ("ambiguous", 1.0)
+    assert left.kept_share == pytest.approx(0.5 / 0.7)
+    assert left.log_evidence == all_of_them.log_evidence
+
+
+@pytest.mark.parametrize("count", [1, 2, 5])
+def test_fewer_hypotheses_are_those_of_more(count: int) -> None:
+    bust = tp.ObjectModel.from_mesh(model_path("objects", "bust.obj"))
+    contacts = touch_surface(bust, np.eye(3, 4), 3, np.random.default_rng(2))
+    all_of_them, few = (tp.estimate_pose(bust, contacts, max_hypotheses=most) for most in (64, count))
+    assert len(all_of_them) > 5
+    assert (few.status, all_of_them.status) == ("ambiguous", "ambiguous")
+    assert few.log_evidence == all_of_them.log_evidence
+    assert [each.cost for each in few] == [each.cost for each in all_of_them[:count]]
+    share = sum(each.probability for each in all_of_them[:count])
+    assert few.kept_share == pytest.approx(share)
+    expected = [each.probability / share for each in all_of_them[:count]]
+    assert [each.probability for each in few] == pytest.approx(expected)
 
 
 def test_a_hypothesis_is_carried_into_the_world_with_its_covariance() -> None:

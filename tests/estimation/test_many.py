@@ -1,5 +1,6 @@
 """Many touches in one call: the same bits as one by one, wherever the work is done."""
 
+import dataclasses
 import math
 from collections.abc import Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
@@ -115,5 +116,11 @@ def test_numbers_that_do_not_agree_are_refused(box: tp.ObjectModel) -> None:
         tp.estimate_poses([box] * 2, contacts)
     with pytest.raises(InvalidInputError, match=r"priors: allowed are one PosePrior"):
         tp.estimate_poses(box, contacts, priors=priors[:2])
-    with pytest.raises(InvalidInputError, match=r"seed\[1\]: is a str; allowed is an? int"):
+    with pytest.raises(InvalidInputError, match=r"seed\[1\]: is a str; allowed is an Integral"):
         tp.estimate_poses(box, contacts, seed=[0, "1", 2])  # type: ignore[list-item]
+
+
+def test_numpys_integers_are_seeds(box: tp.ObjectModel) -> None:
+    contacts, _ = touches([box] * 2)
+    (by_numpy, _), (plain, _) = (tp.estimate_poses(box, contacts, seed=seed) for seed in (np.int64(7), 7))
+    assert by_numpy == dataclasses.replace(plain, duration=by_numpy.duration)

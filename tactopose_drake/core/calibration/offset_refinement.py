@@ -15,11 +15,11 @@ import dataclasses
 import math
 
 import numpy as np
-from scipy.stats import chi2
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact, along_normals
 from tactopose_drake.core.poses import skew
+from tactopose_drake.core.posterior.chi_square import chi_square_limit
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray, positive_number, whole_number
 
@@ -121,7 +121,7 @@ def _update(
     """By residuals (m,) with the derivatives J by the pose and B by the offsets."""
     S = noise + (J * _ANY_POSE**2) @ J.T + B @ left.covariance @ B.T
     weighed = np.linalg.solve(S, np.column_stack([r, B @ left.covariance]))
-    if r @ weighed[:, 0] > chi2.ppf(1.0 - params.chance, len(r) - 6):
+    if r @ weighed[:, 0] > chi_square_limit(len(r) - 6, params.chance):
         return left
     gain = weighed[:, 1:].T
     covariance = left.covariance - gain @ B @ left.covariance

@@ -2,32 +2,50 @@
 
 SciPy has them too, but loading its special functions takes longer than a hundred estimates.
 
-Source: [NR] W. H. Press et al., Numerical Recipes, 3rd edition, 2007, section 6.2 (Lentz's continued fraction).
+Source: [NR] W. H. Press et al., Numerical Recipes, 3rd edition, 2007, section 6.2 (the series, and Lentz's continued
+fraction).
 """
 
+import functools
 import math
 from statistics import NormalDist
 
 _ROUNDING = 1e-15  # relative: where the fraction, and Newton's steps, end
 
 
+@functools.lru_cache
 def chi_square_limit(freedom: int, chance: float) -> float:
-    """What a chi-square variable of so many degrees of freedom exceeds by a chance, 0.05 at the most.
+    """What a chi-square variable of so many degrees of freedom exceeds by a chance, above 0 and below 1.
 
-    Newton's method on the chance's logarithm, which is concave, from Wilson and Hilferty's approximation.
+    Newton's method on the chance's logarithm, from Wilson and Hilferty's approximation.
     """
     share = 2.0 / (9.0 * freedom)
-    limit = max(freedom * (1.0 - share - NormalDist().inv_cdf(chance) * math.sqrt(share)) ** 3, freedom + 2.0)
+    root = 1.0 - share - NormalDist().inv_cdf(chance) * math.sqrt(share)
+    limit = freedom * max(root, 0.1) ** 3
     for _ in range(50):
-        fraction = _fraction(0.5 * freedom, 0.5 * limit)
-        # The upper tail is fraction * density * limit, which are taken as logarithms: both are very small far out.
-        density = (0.5 * freedom - 1.0) * math.log(0.5 * limit) - 0.5 * limit - math.lgamma(0.5 * freedom)
-        excess = density + math.log(0.5 * limit * fraction) - math.log(chance)
-        step = excess * fraction * limit
-        limit = max(limit + step, freedom + 2.0)
+        # Both tails over limit * density, and that as a logarithm: it is very small far out.
+        a, x = 0.5 * freedom, 0.5 * limit
+        log_scale = a * math.log(x) - x - math.lgamma(a)
+        is_upper = x > a + 1.0
+        log_tail = (
+            log_scale + math.log(_fraction(a, x)) if is_upper else math.log1p(-math.exp(log_scale) * _series(a, x))
+        )
+        step = (log_tail - math.log(chance)) * math.exp(log_tail - log_scale) * limit
+        limit = max(limit + step, 0.5 * limit)
         if abs(step) <= 4.0 * _ROUNDING * limit:
             break
     return limit
+
+
+def _series(a: float, x: float) -> float:
+    """The lower incomplete gamma function over x^a exp(-x), for x up to a + 1."""
+    value = term = 1.0 / a
+    n = 0
+    while term > _ROUNDING * value:
+        n += 1
+        term *= x / (a + n)
+        value += term
+    return value
 
 
 def _fraction(a: float, x: float) -> float:

@@ -12,6 +12,7 @@ class ModeParams:
 
     same_sigmas: float = 3.0  # standard deviations within which two poses are one mode
     free_share: float = 0.1  # of the object's size: a direction is free when the touch fixes the surface no better
+    most_modes: int = 64  # that are weighed, but where more hypotheses are asked for
     answer_share: float = 0.9  # of the probability that the first mode must carry to be called the answer
     # Fewer contacts and pads leave whole families of poses where nothing else is known, whatever that mode carries.
     fewest_contacts: int = 3

@@ -157,7 +157,7 @@ def _propose_poses(
     pairs = PairSearch(model=model, contacts=touch.contacts)
     if touch.felt:
         pairs = patch_search(model, touch.felt, touch.contacts)
-    stages = global_stages(starts // 2, starts // 8)
+    stages = global_stages(-(-starts // 2), -(-starts // 8))
     pairs = dataclasses.replace(pairs, start=Start(candidates=starts, samples=starts // 2), stages=stages)
     found = pairs.minimize(problem.objective, problem.space, generator)
     return _distinct(model, params, problem, found).mixture.X_PO

@@ -30,17 +30,16 @@ is held is a lower bound of the coefficient where that is not told: below, nothi
 from __future__ import annotations
 
 import bisect
-import functools
 import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import chdtri
 
 from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.kernels import slip_kernels
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
+from tactopose_drake.core.posterior.chi_square import chi_square_limit
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.frame import ContactReading
 from tactopose_drake.core.tracking.motion_prediction import Motion, error_of_motion
@@ -52,7 +51,6 @@ _LEAST_VARIANCE = 1e-12
 _LEAST_CONTACTS = 3  # of two, the distance alone is told
 _MOST_GROWTH = 4.0  # of the noise by one frame
 _ROWS = 4  # of a contact: its distance, and the difference of the normals
-_limit = functools.lru_cache(chdtri)  # of chi-square with so many degrees of freedom, by its probability
 _KIND_OF_ROW = np.array([0, 1, 1, 1])  # by which variances are told, of points or of normals
 
 
@@ -231,7 +229,7 @@ def detect_by_motion(
         test = test._replace(noise=noise + params.noise_gain * (seen - noise))
     # Noise adds up as a random walk, what kinematics err along the way does not average out.
     variance = noise * duration**2 * len(displacements) + params.way_share**2 * of_ways / (3 * steady)
-    is_news = unexplained > variance * _limit(freedom, params.false_alarm_probability)
+    is_news = unexplained > variance * chi_square_limit(freedom, params.false_alarm_probability)
     return test, bool(is_news and unexplained > steady * params.least_distance**2)
 
 

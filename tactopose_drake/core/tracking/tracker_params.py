@@ -140,7 +140,7 @@ class RelocalisationParams:
 
     period: float = 0.15  # s between two searches, while all is well
     urgent_period: float = 0.03  # s between two searches, while it is not
-    starts: int = 120  # poses with which a search begins, at the most
+    starts: int = 120  # poses with which a search without a prior begins, at the most
     found: int = 12  # poses that it ends with, at the most
     joined: int = 8  # of these, of which it is asked which are minima of one valley, at the most: ways are many
     samples: int = 96  # by which these are weighed, in one round
