@@ -64,6 +64,15 @@ def test_however_sure_the_filter_is_what_explains_the_touch_takes_its_place(box:
     assert off(search(box, wrong)) < 0.004
 
 
+@pytest.mark.parametrize("starts", [1, 7])
+def test_a_search_may_begin_with_few_poses(box: ObjectModel, starts: int) -> None:
+    params = dataclasses.replace(PARAMS, relocalisation=dataclasses.replace(PARAMS.relocalisation, starts=starts))
+    touched = touch_of(touch(X_PO, np.random.default_rng(1)))
+    _, weighed = search_on(box, params, touched, TrackedModes.empty(6), SearchState())
+    assert weighed is not None
+    assert len(weighed.modes.cost)
+
+
 def test_vision_that_is_far_off_does_not_keep_the_pose_from_being_found(box: ObjectModel) -> None:
     seen = PoseMeasurement.from_prior(GaussianPrior(ELSEWHERE), 0.0)
     assert off(search(box, TrackedModes.empty(6), seen)) < 0.005

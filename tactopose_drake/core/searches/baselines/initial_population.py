@@ -1,4 +1,4 @@
-"""The first particles of the Monte Carlo search: rows (q, t), see `roulette.py`.
+"""The first particles of the Monte Carlo search: rows (q, t), see `roulette_kernels.py`.
 
 Uniform and normal numbers come from a `numpy.random.Generator`, in place of rand() and the Box-Muller transform.
 
