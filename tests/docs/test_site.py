@@ -4,6 +4,7 @@ import html
 import importlib
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 import typing
@@ -11,14 +12,22 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import click
+import numpy as np
 import pytest
 import yaml
+from pydrake.common.value import AbstractValue
+from pydrake.math import RigidTransform
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import ConstantValueSource, ConstantVectorSource
 
+import tactopose_drake as tp
 from tactopose_drake.cli.main import cli
+from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
 from tactopose_drake.hand.calibration_file import HandCalibration
 from tactopose_drake.hand.grasp_files import GraspFile
 from tactopose_drake.hand.hand_config import HandConfig
 from tactopose_drake.hand.tactile_pads import TactilePadFile
+from tactopose_drake.resources import model_path
 from tactopose_drake.station.scenario import Scenario
 
 ROOT = Path(__file__).parents[2]
@@ -77,6 +86,13 @@ def test_every_module_of_the_folder_is_in_the_reference(folder: str) -> None:
     assert told == modules
 
 
+@pytest.mark.parametrize("folder", ["objectives", "posterior"])
+def test_every_module_of_cores_folder_is_in_the_reference(folder: str) -> None:
+    modules = {path.stem for path in (ROOT / "tactopose_drake" / "core" / folder).glob("[!_]*.py")}
+    told = set(re.findall(rf"automodule:: tactopose_drake\.core\.{folder}\.(\w+)", PAGES["docs/reference/core.md"]))
+    assert told == {name for name in modules if not name.endswith("_kernels")}
+
+
 @pytest.mark.parametrize("root", [Scenario, HandConfig, TactilePadFile, GraspFile, HandCalibration])
 def test_every_key_of_a_file_is_said_to_mean_something(root: type, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(ROOT / "docs" / "extensions"))
@@ -106,6 +122,35 @@ def test_examples_run(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         # A file that the page shows is there under the name that its first line says.
         if named := re.match(r"(?:#|<!--) (\S+\.\w+)", text):
             Path(named[1]).write_text(text)
+
+
+def test_the_readmes_code_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(model_path("objects", "mug.obj"), "mug.obj")
+    model = tp.ObjectModel.from_mesh("mug.obj")
+    contacts = touch_surface(model, np.eye(3, 4), 5, np.random.default_rng(0))
+    builder = DiagramBuilder()
+    zero = {finger: builder.AddSystem(ConstantVectorSource(np.zeros(6))) for finger in ("thumb", "first", "middle")}
+    joints = builder.AddSystem(ConstantVectorSource(np.zeros(24)))
+    camera = builder.AddSystem(ConstantValueSource(AbstractValue.Make(tp.PosePrior(RigidTransform()))))
+    namespace: dict[str, object] = {
+        "p_PC": contacts.p_PC,
+        "n_PC": contacts.n_PC,
+        "X_PO_camera": RigidTransform(),
+        "builder": builder,
+        "my_sensors": {finger: source.get_output_port() for finger, source in zero.items()},
+        "my_joint_positions": joints.get_output_port(),
+        "my_camera": camera.get_output_port(),
+    }
+    monkeypatch.setattr(tp.PoseEstimate, "show", lambda estimate: None)
+    blocks = [text for language, text in FENCE.findall((ROOT / "README.md").read_text()) if language == "python"]
+    for text in blocks:
+        exec(compile(text, "README.md", "exec"), namespace)
+    assert len(blocks) == 2
+    assert Path("mug.png").stat().st_size > 0
+    diagram = builder.Build()
+    estimate = diagram.GetOutputPort("object_pose").Eval(diagram.CreateDefaultContext())
+    assert isinstance(estimate, RigidTransform)
 
 
 def commands_of(text: str) -> list[list[str]]:

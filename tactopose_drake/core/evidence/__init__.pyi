@@ -1,3 +1,8 @@
+from .contact_doubt import SCEPTICAL as SCEPTICAL
+from .contact_doubt import USUAL as USUAL
+from .contact_doubt import ContactDoubt as ContactDoubt
+from .contact_doubt import ContactKinds as ContactKinds
+from .contact_doubt import KindShares as KindShares
 from .contacts import Contacts as Contacts
 from .evidence import Evidence as Evidence
 from .force_balance import ForceBalance as ForceBalance

@@ -71,6 +71,9 @@ def explain_with_doubt(
 ) -> NDArray[np.bool_]:
     """Which of the poses (B, 3, 4) explain the touch but for as many false contacts and pads as there may well be.
 
+    So many as a good hand makes, by `outlier_probability`: a sceptic's doubt is for what is concluded, and does not
+    make a touch of which only half fits one of this object.
+
     Args:
         model: the object.
         evidence: the touch.
@@ -92,7 +95,7 @@ def explain_with_doubt(
     return np.asarray(explained & (false <= allowed))
 
 
-@functools.lru_cache
+@functools.cache
 def _false_share(outlier_probability: float) -> float:
     return ContactKinds().shares(outlier_probability).false
 
