@@ -21,7 +21,6 @@ from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.evidence.contact_doubt import USUAL, ContactDoubt
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.kernels import contact_alternatives_kernels, contact_mixture_kernels
-from tactopose_drake.core.kernels.contact_alternatives_kernels import Alternatives
 from tactopose_drake.core.kernels.contact_mixture_kernels import Doubts, Equations, Exact, Judged
 from tactopose_drake.core.objectives.objective import NormalEquations, SmoothObjective
 from tactopose_drake.core.objectives.pose_prior import NO_PRIOR, PriorObjective
@@ -80,14 +79,13 @@ class ContactMixture(SmoothObjective):
         )
         return NormalEquations(*equations)
 
-    def alternatives(self, X_PO: FloatArray, gradient: FloatArray, hessian: FloatArray) -> Alternatives:
-        """The local models (B, 6) and (B, 6, 6) of a cost at poses (B, 3, 4) by what its contacts are."""
-        shape = len(X_PO), 1 + 2 * len(self._doubts.closeness)
-        found = Alternatives(np.empty(shape), np.empty((*shape, 6)), np.empty((*shape, 6, 6)))
+    def alternatives(self, X_PO: FloatArray, hessian: FloatArray) -> FloatArray:
+        """What is left of a cost's Hessians (B, 6, 6) at poses (B, 3, 4) with one contact false, (B, 2 k, 6, 6)."""
+        left = np.empty((len(X_PO), 2 * len(self._doubts.closeness), 6, 6))
         contact_alternatives_kernels.find_alternatives(
-            self.touch.grid, self.touch.touch, self._doubts, np.ascontiguousarray(X_PO), gradient, hessian, found
+            self.touch.grid, self.touch.touch, self._doubts, np.ascontiguousarray(X_PO), hessian, left
         )
-        return found
+        return left
 
     def judge(self, X_PO: FloatArray) -> Judgement:
         """What the exact likelihood says of poses (B, 3, 4): of the surface as it is, see `SurfaceDensity`."""

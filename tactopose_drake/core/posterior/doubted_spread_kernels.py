@@ -1,56 +1,150 @@
 """How far modes spread where each contact may be false, compiled; see `doubted_spread.py`."""
 
+from typing import NamedTuple, Self
+
 import numpy as np
 
-from tactopose_drake.core.compilation import kernel
-from tactopose_drake.core.kernel_types import OutFloats3
-from tactopose_drake.core.kernels.contact_alternatives_kernels import Alternatives
-from tactopose_drake.core.kernels.matrix_kernels import cholesky, invert, solve, solve_transposed, widen
+from tactopose_drake.core.compilation import kernel, part
+from tactopose_drake.core.kernel_types import (
+    Floats1,
+    Floats2,
+    Floats3,
+    Floats4,
+    OutFloats2,
+    OutFloats3,
+    OutFloats4,
+    OutLongs1,
+)
+from tactopose_drake.core.kernels import pose_kernels
+from tactopose_drake.core.kernels.matrix_kernels import cholesky, solve
 
-# Of the weight of all, that of what does not count.
-_LEAST_WEIGHT = 1e-6
+# On each side of a line, in standard deviations of the mode with all contacts as told: places as far as these are known
+# well, and then farther and farther ones, to so many standard deviations of the mode with one of them false.
+_NEAR = (0.5, 1.0, 1.5)
+_POINTS, _LAST = 12, 4.0
+# A line is worth asking where a false contact makes the mode so many times as wide.
+_LEAST_WIDER = 2.0
+# Of the power method, by which the direction that loses most is found; that of a distance is at once.
+_STEPS = 6
+
+
+class Lines(NamedTuple):
+    """Lines through modes, along which these go where one contact is false.
+
+    Attributes:
+        mode: which mode each goes through, shape (n,).
+        direction: increments by one standard deviation of the mode with all contacts as told, shape (n, 6).
+        place: of the points on it, in these, those of one side after those of the other, shape (n, q).
+        X: the points, shape (n, q, 3, 4).
+    """
+
+    mode: OutLongs1
+    direction: OutFloats2
+    place: OutFloats2
+    X: OutFloats4
+
+    @classmethod
+    def empty(cls, count: int) -> Self:
+        """For so many lines."""
+        points = 2 * _POINTS
+        return cls(
+            np.empty(count, dtype=np.int64),
+            np.empty((count, 6)),
+            np.empty((count, points)),
+            np.empty((count, points, 3, 4)),
+        )
+
+    def first(self, count: int) -> Self:
+        """So many of them."""
+        return type(self)(*(each[:count] for each in self))
 
 
 @kernel
-def widen_modes(alternatives: Alternatives, covariance: OutFloats3) -> None:
-    """Makes covariances (B, 6, 6) no less in any direction than the alternatives together; see `widen_by_doubt`."""
-    share, gradient, information = alternatives
-    m = share.shape[1]
-    weight, step, L, inverse = np.empty(m), np.empty((m, 6)), np.empty((6, 6)), np.empty((6, 6))
-    least, root, unit = np.empty((6, 6)), np.zeros((6, 6)), np.empty((6, 6))
-    A, values, rows, work = np.empty((6, 6)), np.empty(6), np.empty((6, 6)), np.empty((6, 6))
-    for b in range(share.shape[0]):
-        most, total = -np.inf, 0.0
-        for z in range(m):
-            weight[z] = -np.inf
-            logarithm = cholesky(information[b, z], L)
-            if share[b, z] > 0.0 and np.isfinite(logarithm):
-                for i in range(6):
-                    step[z, i] = -gradient[b, z, i]
-                solve(L, step[z])
-                gain = 0.0
-                for i in range(6):
-                    gain -= 0.5 * gradient[b, z, i] * step[z, i]
-                weight[z] = np.log(share[b, z]) + gain - 0.5 * logarithm
-            most = max(most, weight[z])
-        for z in range(m):
-            weight[z] = np.exp(weight[z] - most)
-            total += weight[z]
-        if not np.isfinite(total):  # No local model is one: there is nothing to compare with.
+def lay_lines(X: Floats3, information: Floats3, left: Floats4, lines: Lines) -> int:
+    """Lays lines through modes (B, 3, 4) along what each alternative loses, and says how many are worth it.
+
+    The information (B, 6, 6) is that of all contacts as told, what is left of it in each alternative (B, m, 6, 6).
+    """
+    n, L, d, lost, u = 0, np.empty((6, 6)), np.empty(6), np.empty((6, 6)), np.empty(6)
+    for b in range(X.shape[0]):
+        if not np.isfinite(cholesky(information[b], L)):
             continue
-        least[:] = 0.0
-        for z in range(m):
-            if weight[z] > _LEAST_WEIGHT * total:
-                cholesky(information[b, z], L)
-                invert(L, inverse)
+        for z in range(left.shape[1]):
+            column, most = -1, 0.0
+            for i in range(6):
+                for j in range(6):
+                    lost[i, j] = information[b, i, j] - left[b, z, i, j]
+                if lost[i, i] > most * information[b, i, i]:
+                    column, most = i, lost[i, i] / information[b, i, i]
+            if column < 0:
+                continue
+            for i in range(6):
+                u[i] = lost[i, column]
+            kept = 0.0
+            for _ in range(_STEPS):
+                d[:] = u
+                solve(L, d)
+                square = 0.0
                 for i in range(6):
+                    square += u[i] * d[i]
+                for i in range(6):
+                    d[i] /= np.sqrt(square)  # d^T H d is u^T H^-1 u.
+                kept = 0.0
+                for i in range(6):
+                    u[i] = 0.0
                     for j in range(6):
-                        least[i, j] += weight[z] / total * (inverse[i, j] + step[z, i] * step[z, j])
-        if not np.isfinite(cholesky(least, L)):  # What is known best and the rest do not fit into doubles.
-            continue
+                        u[i] += lost[i, j] * d[j]
+                        kept += d[i] * left[b, z, i, j] * d[j]
+            if not 0.0 < kept <= 1.0 / _LEAST_WIDER**2:
+                continue
+            lines.mode[n], lines.direction[n] = b, d
+            grown = (_LAST / (np.sqrt(kept) * _NEAR[-1])) ** (1.0 / (_POINTS - len(_NEAR)))
+            place = _NEAR[-1]
+            for q in range(_POINTS):
+                place = _NEAR[q] if q < len(_NEAR) else grown * place
+                for side in range(2):
+                    signed = place if side == 0 else -place
+                    for i in range(6):
+                        u[i] = signed * d[i]
+                    lines.place[n, side * _POINTS + q] = signed
+                    pose_kernels.retract_one(X[b], u, lines.X[n, side * _POINTS + q])
+            n += 1
+    return n
+
+
+@part
+def _mean_square(place: Floats1, low: float, cost: Floats1) -> float:
+    """The mean of the place's square by densities exp(low - cost); lower costs far off are those of another mode."""
+    mass, second = 0.0, 0.0
+    for side in range(2):
+        before, at = 1.0, 0.0
+        for q in range(side * _POINTS, (side + 1) * _POINTS):
+            density, way = np.exp(min(low - cost[q], 0.0)), 0.5 * (abs(place[q]) - at)
+            mass += way * (density + before)
+            second += way * (density * place[q] ** 2 + before * at**2)
+            before, at = density, abs(place[q])
+    return second / mass
+
+
+@kernel
+def widen_modes(lines: Lines, low: Floats1, cost: Floats2, information: Floats3, covariance: OutFloats3) -> None:
+    """Makes covariances (B, 6, 6) no less along any line than its exact costs (n, q) say.
+
+    The modes' own costs are low (B,), and their information with all contacts as told (B, 6, 6).
+    """
+    dual = np.empty(6)
+    for line in range(lines.mode.shape[0]):
+        b, d = lines.mode[line], lines.direction[line]
+        variance = 0.0
+        for i in range(6):  # That of dual^T u, which is 1 at u = d and 0 across the line.
+            dual[i] = 0.0
+            for j in range(6):
+                dual[i] += information[b, i, j] * d[j]
         for i in range(6):
             for j in range(6):
-                root[i, j] = L[j, i] if i <= j else 0.0
-                rows[i, j] = 1.0 if i == j else 0.0
-            solve_transposed(L, rows[i], unit[i])
-        widen(root, unit, covariance[b], A, values, rows, work)
+                variance += dual[i] * covariance[b, i, j] * dual[j]
+        missing = _mean_square(lines.place[line], low[b], cost[line]) - variance
+        if missing > 0.0:
+            for i in range(6):
+                for j in range(6):
+                    covariance[b, i, j] += missing * d[i] * d[j]

@@ -8,7 +8,6 @@ from collections.abc import Callable
 import numpy as np
 
 from tactopose_drake.core.evidence.evidence import Evidence
-from tactopose_drake.core.kernels.contact_alternatives_kernels import Alternatives
 from tactopose_drake.core.objectives.objective import SmoothObjective
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, PosteriorParams
 from tactopose_drake.core.searches.pose_problem import PoseProblem
@@ -24,8 +23,8 @@ class Posterior:
         likelihood: the smooth objective of all evidence but the prior.
         objective: that of all evidence.
         exact_cost: the negative log posterior of poses (B, 3, 4), up to a constant.
-        alternatives: of poses (B, 3, 4) and the cost's gradients (B, 6) and Hessians (B, 6, 6) there, what would be
-            left of these with one or another contact false; None where there is no contact.
+        alternatives: of poses (B, 3, 4) and the cost's Hessians (B, 6, 6) there, what is left of these with one or
+            another contact false, shape (B, m, 6, 6); None where there is no contact.
         turns: axes, unit rows (c, 3), about which turns change nothing, and by which these move O's origin, rows
             (c, 3), m, in O.
         prior_information: what is known without the touch, of increments, shape (6, 6).
@@ -38,7 +37,7 @@ class Posterior:
     likelihood: SmoothObjective
     objective: SmoothObjective
     exact_cost: Callable[[FloatArray], FloatArray]
-    alternatives: Callable[[FloatArray, FloatArray, FloatArray], Alternatives] | None
+    alternatives: Callable[[FloatArray, FloatArray], FloatArray] | None
     turns: tuple[FloatArray, FloatArray]
     prior_information: FloatArray
     symmetry_poses: FloatArray
