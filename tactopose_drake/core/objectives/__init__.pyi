@@ -10,7 +10,6 @@ from .objective import Objective as Objective
 from .objective import SumObjective as SumObjective
 from .objective import form_normal_equations as form_normal_equations
 from .patch_contact import PatchContact as PatchContact
-from .patch_mixture import PatchDoubt as PatchDoubt
 from .patch_mixture import PatchMixture as PatchMixture
 from .penetration import Penetration as Penetration
 from .plane_support import PlaneSupport as PlaneSupport
