@@ -6,7 +6,7 @@ import trimesh
 
 from tactopose_drake.core.objectives.cell_distance import CellDistance
 from tactopose_drake.core.objectives.covariance_matching import CovarianceMatching
-from tactopose_drake.core.poses import inverse, make_poses, random_rotations, retract, transform_points
+from tactopose_drake.core.poses import inverse, make_poses, retract, transform_points
 from tactopose_drake.core.sensing.patches import Patch, describe_patch
 from tactopose_drake.core.sensing.sensing_range import sensing_box
 from tactopose_drake.core.shape.object_model import ObjectModel
@@ -14,6 +14,7 @@ from tactopose_drake.core.shape.point_grid import PointGrid, build_point_grid
 from tactopose_drake.core.synthetic.synthetic_patch import flat_pad, touch_with_pads
 from tactopose_drake.errors import InvalidInputError
 from tests.core.meshes import shape_poor_in_symmetry
+from tests.displaced_poses import random_pose
 
 WEIGHTS = {"gate": 0.03, "h1": 3.0, "h2": 0.2, "h3": 700.0}
 BOX = {"thickness": 0.001, "height": 0.004}
@@ -28,11 +29,6 @@ def model() -> ObjectModel:
 @pytest.fixture(scope="module")
 def cloud(model: ObjectModel) -> PointGrid:
     return build_point_grid(model.samples.points)
-
-
-def random_pose(seed: int) -> np.ndarray:
-    generator = np.random.default_rng(seed)
-    return make_poses(random_rotations(generator, 1), generator.normal(size=(1, 3)) * 0.05)[0]
 
 
 def mismatch(covariance: np.ndarray, eigenvalues: np.ndarray) -> float:
