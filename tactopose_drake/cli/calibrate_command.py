@@ -9,6 +9,7 @@ from rich.table import Table
 
 from tactopose_drake.cli.calibration_page import save_calibration_page
 from tactopose_drake.cli.consoles import ERRORS, OUT
+from tactopose_drake.cli.path_type import PATH
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.estimation.object_files import load_object
 from tactopose_drake.estimation.output_files import check_outputs
@@ -21,24 +22,23 @@ from tactopose_drake.runs.manifest import MANIFEST
 from tactopose_drake.runs.quiet_instant import quiet_grasp
 from tactopose_drake.runs.recorded_senses import read_recording
 
-_path = click.Path(path_type=Path)
 _MOST_NAMED = 8  # combinations that are not determined
 _SURE = 0.9  # probability of a pose, below which another is worth naming
 
 
 @click.command("calibrate")
 @click.option("--hand", required=True, help="The hand's YAML file, or one of the package by name.")
-@click.option("--object", "mesh", type=_path, required=True, help="Mesh of the object, or its SDF or URDF.")
+@click.option("--object", "mesh", type=PATH, required=True, help="Mesh of the object, or its SDF or URDF.")
 @click.option("--scale", type=float, default=1.0, show_default=True, help="Metres in the mesh's unit: 0.001 for mm.")
-@click.option("--grasps", "folder", type=_path, required=True, help="Folder of grasps: files or recordings.")
+@click.option("--grasps", "folder", type=PATH, required=True, help="Folder of grasps: files or recordings.")
 @click.option(
     "--out",
-    type=_path,
+    type=PATH,
     default=Path("calibration.yaml"),
     show_default=True,
     help="What was found, for the key `calibration` of the hand's file.",
 )
-@click.option("--html", type=_path, help="Writes a page with all residuals, before and after, finger by finger.")
+@click.option("--html", type=PATH, help="Writes a page with all residuals, before and after, finger by finger.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the searches for poses.")
 def calibrate(hand: str, mesh: Path, scale: float, folder: Path, out: Path, html: Path | None, seed: int) -> None:
     """Finds what a hand is off by from grasps of one known object, in poses that need not be known.

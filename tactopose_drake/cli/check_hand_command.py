@@ -8,6 +8,7 @@ from rich.table import Table
 
 from tactopose_drake.cli.consoles import ERRORS, OUT
 from tactopose_drake.cli.hand_page import save_hand_page
+from tactopose_drake.cli.path_type import PATH
 from tactopose_drake.estimation.output_files import check_outputs
 from tactopose_drake.hand.findings import Finding, fingers_yaml
 from tactopose_drake.hand.hand_check import check_hand
@@ -15,14 +16,13 @@ from tactopose_drake.hand.hand_config import PadConfig
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
 from tactopose_drake.visualization.layout_picture import save_layout_picture
 
-_path = click.Path(path_type=Path)
 _STYLES = {"ok": "green", "note": "yellow", "fault": "red"}
 
 
 @click.command("check-hand")
 @click.argument("hand", type=str)
-@click.option("--html", type=_path, help="Writes a page that shows the hand with its frames and fingertips, by name.")
-@click.option("--cells", type=_path, help="Writes a picture of the tactile pads' cells with their numbers, as PNG.")
+@click.option("--html", type=PATH, help="Writes a page that shows the hand with its frames and fingertips, by name.")
+@click.option("--cells", type=PATH, help="Writes a picture of the tactile pads' cells with their numbers, as PNG.")
 def check_hand_command(hand: str, html: Path | None, cells: Path | None) -> None:
     """Checks HAND, a hand's YAML file, or one of the package by name: the exit status is 2 if it has a fault."""
     check_outputs((html, cells), inputs=(Path(hand),))

@@ -13,6 +13,7 @@ from pydrake.math import RigidTransform
 from tactopose_drake.cli.consoles import ERRORS, OUT
 from tactopose_drake.cli.demo_run import DemoResult, earlier_results, prepare_demo, run_demo, save_demo
 from tactopose_drake.cli.demo_scenario import demo_scenario
+from tactopose_drake.cli.path_type import PATH
 from tactopose_drake.cli.reports import fingers_table, pads_table, poses_table
 from tactopose_drake.estimation.descriptions import free_line, sigma_line, status_line
 from tactopose_drake.runs.grasp_simulation import GraspResult
@@ -21,7 +22,6 @@ from tactopose_drake.systems.pose_tracking import PoseTrackingParams
 from tactopose_drake.visualization.presentation import open_page
 
 _FOLDER = "tactopose_demo"
-_path = click.Path(path_type=Path)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -49,7 +49,7 @@ class _Options:
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the grasp and all noise.")
 @click.option(
     "--out",
-    type=_path,
+    type=PATH,
     show_default="tactopose_demo, or where that has results already, tactopose_demo_2 and so on",
     help="Folder for the results; those of an earlier run there are replaced.",
 )

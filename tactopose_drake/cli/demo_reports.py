@@ -8,7 +8,7 @@ from pydrake.math import RigidTransform
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.poses import increments_between
 from tactopose_drake.core.posterior.hypotheses import determined_part
-from tactopose_drake.core.posterior.metrics import touch_errors, truth_errors
+from tactopose_drake.core.posterior.metrics import angles_between, touch_errors, truth_errors
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
@@ -94,7 +94,7 @@ def report_finger(finger: str, row: int, contacts: Contacts, truth: PartContact 
     if truth is None:
         return FingerReport(finger, force, None, None)
     position_error = float(np.linalg.norm(contacts.p_PC[row] - truth.p_PC))
-    return FingerReport(finger, force, position_error, _angle(contacts.n_PC[row], truth.n_PC))
+    return FingerReport(finger, force, position_error, float(angles_between(contacts.n_PC[row], truth.n_PC)))
 
 
 def report_pad(pad: str, patch: Patch, areas: FloatArray, truth: PartContact | None) -> PadReport:
@@ -107,7 +107,9 @@ def report_pad(pad: str, patch: Patch, areas: FloatArray, truth: PartContact | N
         float(np.linalg.norm(pad_force(patch, areas))),
         0.0 if truth is None else float(truth.f_PC @ truth.n_PC),
         float(np.linalg.norm(patch.centroid - truth.p_PC)) if truth is not None and touched else None,
-        _angle(patch.eigenvectors[:, 2], truth.n_PC) if truth is not None and patch.status == "area" else None,
+        float(angles_between(patch.eigenvectors[:, 2], truth.n_PC))
+        if truth is not None and patch.status == "area"
+        else None,
     )
 
 
@@ -149,8 +151,3 @@ def report_pose(
         float(RME),
         float(MAE),
     )
-
-
-def _angle(a: FloatArray, b: FloatArray) -> float:
-    """Between unit vectors (3,), rad."""
-    return float(np.arccos(np.clip(a @ b, -1.0, 1.0)))

@@ -10,6 +10,7 @@ import numpy as np
 
 from tactopose_drake import hand, visualization
 from tactopose_drake.cli.consoles import ERRORS, OUT
+from tactopose_drake.cli.path_type import PATH
 from tactopose_drake.cli.reports import hypotheses_table
 from tactopose_drake.cli.symmetry_option import SYMMETRY_HELP, parse_symmetries
 from tactopose_drake.core.evidence.force_balance import ForceBalance
@@ -23,18 +24,16 @@ from tactopose_drake.estimation.object_files import load_object
 from tactopose_drake.estimation.output_files import check_outputs
 from tactopose_drake.estimation.search_methods import METHODS
 
-_path = click.Path(path_type=Path)
-
 
 @click.command()
-@click.option("--object", "mesh", type=_path, required=True, help="Mesh of the object, or its SDF or URDF.")
+@click.option("--object", "mesh", type=PATH, required=True, help="Mesh of the object, or its SDF or URDF.")
 @click.option("--scale", type=float, default=1.0, show_default=True, help="Metres in the mesh's unit: 0.001 for mm.")
 @click.option("--symmetry", multiple=True, default=("auto",), show_default=True, help=SYMMETRY_HELP)
 @click.option("--mass", type=float, help="Of the object, kg; by default what its SDF or URDF says.")
-@click.option("--contacts", "contacts_file", type=_path, required=True, help="contacts.yaml: contacts, patches.")
-@click.option("--prior", "prior_file", type=_path, help="prior.yaml: what is known of the pose without touch.")
+@click.option("--contacts", "contacts_file", type=PATH, required=True, help="contacts.yaml: contacts, patches.")
+@click.option("--prior", "prior_file", type=PATH, help="prior.yaml: what is known of the pose without touch.")
 @click.option(
-    "--hand-volume", "volume_file", type=_path, help="YAML of where the hand is, and which of its parts feel nothing."
+    "--hand-volume", "volume_file", type=PATH, help="YAML of where the hand is, and which of its parts feel nothing."
 )
 @click.option("--friction", type=float, help="Coefficient of friction: no contact slips. Needs forces.")
 @click.option(
@@ -54,8 +53,8 @@ _path = click.Path(path_type=Path)
 @click.option(
     "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the search's random numbers."
 )
-@click.option("--out", type=_path, help="Writes result.json here.")
-@click.option("--html", type=_path, help="Writes the scene here, as a web page to turn and zoom.")
+@click.option("--out", type=PATH, help="Writes result.json here.")
+@click.option("--html", type=PATH, help="Writes the scene here, as a web page to turn and zoom.")
 @click.option("--meshcat-url", help="Draws the scene into the meshcat-server there, e.g. tcp://127.0.0.1:6000.")
 def estimate(
     mesh: Path,

@@ -5,19 +5,19 @@ from pathlib import Path
 import click
 
 from tactopose_drake.cli.consoles import ERRORS, OUT
+from tactopose_drake.cli.path_type import PATH
 from tactopose_drake.estimation.output_files import check_outputs
 from tactopose_drake.runs.csv_export import write_csv
 from tactopose_drake.runs.mcap_export import write_mcap
 from tactopose_drake.runs.recorded_senses import read_recording
 
-_path = click.Path(path_type=Path)
 _WRITERS = {"mcap": write_mcap, "csv": write_csv}
 
 
 @click.command()
-@click.argument("log", type=_path)
+@click.argument("log", type=PATH)
 @click.option("--format", "kind", type=click.Choice(list(_WRITERS)), required=True, help="Of the file.")
-@click.option("--out", type=_path, help="The file; LOG with the format's ending by default.")
+@click.option("--out", type=PATH, help="The file; LOG with the format's ending by default.")
 def export(log: Path, kind: str, out: Path | None) -> None:
     """Writes LOG, a folder that `run --record` made, as one file: for Foxglove, PlotJuggler, rosbag2, or a table."""
     out = log.with_name(f"{log.resolve().name}.{kind}") if out is None else out

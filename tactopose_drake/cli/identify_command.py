@@ -13,6 +13,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from tactopose_drake.cli.consoles import ERRORS, OUT
+from tactopose_drake.cli.path_type import PATH
 from tactopose_drake.cli.workers import processes
 from tactopose_drake.core.mesh.repair import MeshRepairWarning
 from tactopose_drake.errors import InvalidFileError
@@ -26,12 +27,11 @@ from tactopose_drake.hand.touch_file import load_touch
 _MOST_ROWS = 12
 _BAR = 12  # Characters of the longest.
 _NONE = "none of these"
-_path = click.Path(path_type=Path)
 
 
 @click.command(name="identify")
-@click.option("--library", "folder", type=_path, required=True, help="Folder of meshes in metres, or a manifest.")
-@click.option("--contacts", "contacts_file", type=_path, required=True, help="contacts.yaml: contacts, patches.")
+@click.option("--library", "folder", type=PATH, required=True, help="Folder of meshes in metres, or a manifest.")
+@click.option("--contacts", "contacts_file", type=PATH, required=True, help="contacts.yaml: contacts, patches.")
 @click.option(
     "--jobs",
     type=click.IntRange(min=1),
@@ -53,7 +53,7 @@ _path = click.Path(path_type=Path)
     show_default="a third",
     help="Probability, before the touch, that it is none of the objects; 0 rules that out.",
 )
-@click.option("--out", type=_path, help="Writes what is found here, as JSON.")
+@click.option("--out", type=PATH, help="Writes what is found here, as JSON.")
 def identify_command(
     folder: Path, contacts_file: Path, jobs: int, likelihood: Likelihood, unknown_prior: float, out: Path | None
 ) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from tactopose_drake.cli.consoles import OUT
+from tactopose_drake.cli.path_type import PATH
 from tactopose_drake.cli.run_command import print_end, showing
 from tactopose_drake.cli.titles import grasp_title
 from tactopose_drake.estimation.output_files import check_outputs, written_beside
@@ -16,17 +17,15 @@ from tactopose_drake.runs.scenario_replay import replay as replay_recording
 from tactopose_drake.runs.stepping import RunView
 from tactopose_drake.station.scenario import load_scenario, scenario_file
 
-_path = click.Path(path_type=Path)
-
 
 @click.command()
-@click.argument("log", type=_path)
+@click.argument("log", type=PATH)
 @click.option("--scenario", required=True, help="Of the same hand, object and devices; how to estimate may differ.")
 @click.option(
     "--speed", type=click.Choice(["max", "real"]), default="max", show_default=True, help="How fast it plays."
 )
-@click.option("--out", type=_path, help="Writes the estimates here, a line of JSON each.")
-@click.option("--html", type=_path, help="Writes a page here: hand, touch and belief at any time, with a slider.")
+@click.option("--out", type=PATH, help="Writes the estimates here, a line of JSON each.")
+@click.option("--html", type=PATH, help="Writes a page here: hand, touch and belief at any time, with a slider.")
 @click.option("--monitor", is_flag=True, help="Shows rates, ages, forces, pressures and the estimate live.")
 def replay(log: Path, scenario: str, speed: str, out: Path | None, html: Path | None, monitor: bool) -> None:
     """Plays LOG, a folder that `run --record` made, through the drivers: the same estimates each time, bit by bit."""

@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from tactopose_drake.cli.consoles import ERRORS, OUT
+from tactopose_drake.cli.path_type import PATH
 from tactopose_drake.cli.titles import grasp_title
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.output_files import check_outputs
@@ -17,16 +18,15 @@ from tactopose_drake.runs.stepping import Observer, Progress, RunView
 from tactopose_drake.station.scenario import Scenario, load_scenario, scenario_file
 from tactopose_drake.station.senses import LcmSenses, Ros2Senses
 
-_path = click.Path(path_type=Path)
 _seconds = click.FloatRange(min=0.0, min_open=True)
 
 
 @click.command()
 @click.argument("scenario", type=str)
 @click.option("--duration", type=_seconds, help="s; the scenario's by default, with real devices until Ctrl-C.")
-@click.option("--record", type=_path, help="Folder for a recording, new or empty: CAN logs, other signals, manifest.")
-@click.option("--html", type=_path, help="Writes a page here: hand, touch and belief at any time, with a slider.")
-@click.option("--picture", type=_path, help="Writes a picture of the last estimate here, as PNG.")
+@click.option("--record", type=PATH, help="Folder for a recording, new or empty: CAN logs, other signals, manifest.")
+@click.option("--html", type=PATH, help="Writes a page here: hand, touch and belief at any time, with a slider.")
+@click.option("--picture", type=PATH, help="Writes a picture of the last estimate here, as PNG.")
 @click.option("--monitor", is_flag=True, help="Shows rates, ages, forces, pressures and the estimate live.")
 def run(
     scenario: str, duration: float | None, record: Path | None, html: Path | None, picture: Path | None, monitor: bool

@@ -41,7 +41,6 @@ Shorts2: TypeAlias = Annotated[NDArray[np.int16], _Array(types.int16, 2, False)]
 Shorts3: TypeAlias = Annotated[NDArray[np.int16], _Array(types.int16, 3, False)]
 UnsignedShorts1: TypeAlias = Annotated[NDArray[np.uint16], _Array(types.uint16, 1, False)]
 UnsignedLongs1: TypeAlias = Annotated[NDArray[np.uint64], _Array(types.uint64, 1, False)]
-Bytes2: TypeAlias = Annotated[NDArray[np.int8], _Array(types.int8, 2, False)]
 UnsignedBytes2: TypeAlias = Annotated[NDArray[np.uint8], _Array(types.uint8, 2, False)]
 Flags1: TypeAlias = Annotated[NDArray[np.bool_], _Array(types.boolean, 1, False)]
 # ... and those that it writes.

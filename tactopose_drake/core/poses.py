@@ -12,6 +12,9 @@ import numpy as np
 
 from tactopose_drake.core.validation import FloatArray
 
+RANDOM_ROTATION_VARIANCE = (np.pi**2 / 3.0 + 2.0) / 3.0
+"""The mean square of each coordinate of a uniformly random rotation's vector, rad^2: nothing is known of such a one."""
+
 
 def make_poses(R: FloatArray, p: FloatArray) -> FloatArray:
     """Joins rotations (..., 3, 3) and translations (..., 3) to poses (..., 3, 4)."""

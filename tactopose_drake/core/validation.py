@@ -22,6 +22,7 @@ _STEP = 2.0**-30
 _LEAST, _MOST = np.nextafter(0.0, 1.0), np.finfo(np.float64).max
 _DEEPEST = 8
 _LONG = 1e3
+_UNIT_TOLERANCE = 1e-3
 
 FARTHEST = 10.0
 """No point in the palm frame is so far from it, m: one that is must be in millimetres."""
@@ -245,11 +246,11 @@ def shown(value: object) -> str:
     return text if len(text) < 80 else f"a {type(value).__name__}"
 
 
-def unit_vectors(name: str, value: ArrayLike, shape: tuple[int | None, ...], tolerance: float = 1e-3) -> FloatArray:
+def unit_vectors(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> FloatArray:
     """Returns rows of unit length, normalised exactly.
 
     Raises:
-        InvalidInputError: if a row's length differs from 1 by more than `tolerance`.
+        InvalidInputError: if a row's length differs from 1 by more than 0.001.
     """
     rows = finite_array(name, value, shape)
     largest = np.abs(rows).max(axis=-1, initial=0.0)
@@ -257,10 +258,10 @@ def unit_vectors(name: str, value: ArrayLike, shape: tuple[int | None, ...], tol
     with np.errstate(over="ignore"):
         length = scale * np.linalg.norm(rows / scale[..., None], axis=-1)
     worst = np.abs(length - 1.0)
-    if rows.size and worst.max() > tolerance:
+    if rows.size and worst.max() > _UNIT_TOLERANCE:
         index = np.unravel_index(int(worst.argmax()), worst.shape)
         raise InvalidInputError(
-            f"{_place(name, index)}: has length {length[index]:.6g}; allowed is 1 within {tolerance:g}."
+            f"{_place(name, index)}: has length {length[index]:.6g}; allowed is 1 within {_UNIT_TOLERANCE:g}."
         )
     unit: FloatArray = rows / length[..., None]
     return unit

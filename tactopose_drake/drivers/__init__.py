@@ -1,4 +1,7 @@
-"""Sensors on CAN buses, with python-can: drivers, simulated devices with the same protocols, recording, replay."""
+"""Sensors on CAN buses, with python-can: drivers, simulated devices with the same protocols, recording, replay.
+
+And what other processes say and hear over LCM and ROS 2: the messages, and who receives them.
+"""
 
 import lazy_loader
 

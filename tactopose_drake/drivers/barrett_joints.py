@@ -82,9 +82,9 @@ def fingertip_torque(strain: int, polynomial: Sequence[float] = STRAIN_POLYNOMIA
     return float(np.polyval(polynomial, strain))
 
 
-def strain_of(torque: float, polynomial: Sequence[float] = STRAIN_POLYNOMIAL) -> int:
-    """The gauge's reading at this torque, N m: the nearest that the polynomial, which must rise, reaches."""
-    torques: FloatArray = np.polyval(np.asarray(polynomial, np.float64), np.arange(STRAIN_MAX + 1.0))
+def strain_of(torque: float) -> int:
+    """The gauge's reading at this torque, N m: the nearest that `STRAIN_POLYNOMIAL`, which rises, reaches."""
+    torques: FloatArray = np.polyval(np.asarray(STRAIN_POLYNOMIAL, np.float64), np.arange(STRAIN_MAX + 1.0))
     return int(np.argmin(np.abs(torques - torque)))
 
 

@@ -3,7 +3,7 @@
 import can
 
 # Linux writes what an error frame is about into its identifier (linux/can/error.h); other backends copy that.
-ERROR_CONTROLLER, ERROR_NO_ACKNOWLEDGE, ERROR_BUS_OFF = 0x04, 0x20, 0x40
+ERROR_CONTROLLER, ERROR_BUS_OFF = 0x04, 0x40
 
 
 def data_frame(arbitration_id: int, data: bytes = b"") -> can.Message:

@@ -19,11 +19,11 @@ class PosePrior(GaussianPrior):
     Attributes:
         X_PO: the object's pose in the palm frame.
         mean: the same as an array, shape (3, 4), by which `core` knows it.
-        sigma_translation: standard deviation of each coordinate of p_PO, m.
-        sigma_rotation: standard deviation of a small rotation about each axis, rad.
+        sigma_translation: standard deviation of each coordinate of p_PO, m, from 1e-7 to 1000.
+        sigma_rotation: standard deviation of a small rotation about each axis, rad, from 1e-6 to 1000.
 
     Raises:
-        InvalidInputError: a pose that is none, or a sigma that is not positive and finite.
+        InvalidInputError: a pose that is none or farther away than 10 m, or a sigma out of its range.
     """
 
     X_PO: RigidTransform = dataclasses.field(kw_only=True)

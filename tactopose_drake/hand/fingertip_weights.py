@@ -5,12 +5,10 @@ from pydrake.math import RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, Joint
 
-from tactopose_drake.core.sensing.force_torque import weight_matrix
+from tactopose_drake.core.sensing.force_torque import GRAVITY_W, weight_matrix
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.hand.hand_in_plant import Hand
 from tactopose_drake.hand.kinematics import HandKinematics
-
-_GRAVITY_W = np.array([0.0, 0.0, -9.81])  # m/s^2, Drake's default
 
 
 def fingertip_mass(plant: MultibodyPlant, weld: Joint, sensor_frame: Frame) -> tuple[float, FloatArray]:
@@ -39,7 +37,7 @@ class FingertipWeights:
         """
         self._on_base, self._frames = HandKinematics(plant, plant.world_frame()), hand.sensor_frames
         self._on_palm = HandKinematics(plant, hand.palm_frame)
-        self._g_Base = R_WBase.inverse() @ _GRAVITY_W
+        self._g_Base = R_WBase.inverse() @ GRAVITY_W
         self._per_gravity: dict[str, FloatArray] = {}  # (6, 3): the weight's wrench is this times gravity in S
         for finger, weld in hand.welds.items():
             mass, p_STipcm = fingertip_mass(plant, weld, self._frames[finger])
@@ -58,7 +56,7 @@ class FingertipWeights:
         """
         on, gravity = self._on_base, self._g_Base
         if R_WP is not None:
-            on, gravity = self._on_palm, R_WP.inverse() @ _GRAVITY_W
+            on, gravity = self._on_palm, R_WP.inverse() @ GRAVITY_W
         on.move(q)
         wrenches = {finger: np.full(6, np.nan) for finger in self._frames}
         for finger, X_S in on.poses(self._frames).items():

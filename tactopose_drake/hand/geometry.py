@@ -37,13 +37,14 @@ class HandGeometry(hand_geometry.HandGeometry):
     """Spheres that fill the hand at one instant, given or made from a plant.
 
     Attributes:
-        p_PH: centres in the palm frame, shape (h, 3), m.
-        radius: radii, shape (h,), m.
-        sigma: standard deviation of the hand's surface from where the spheres have it, m: from joints, links, packing.
+        p_PH: centres in the palm frame, shape (h, 3), m; coordinates up to 10 m.
+        radius: radii, shape (h,), m, from 1e-6 to 10.
+        sigma: standard deviation of the hand's surface from where the spheres have it, m: from joints, links, packing;
+            from 1e-7 to 10.
 
     Raises:
-        InvalidInputError: no sphere, a number that is not finite, a shape that does not fit, or a radius or sigma that
-            is not positive.
+        InvalidInputError: no sphere, what is not of finite numbers, a shape that does not fit, or a number out of its
+            range.
     """
 
     @classmethod

@@ -80,13 +80,11 @@ class CalibrationResult:
         names: of the errors that were looked for.
         values: of these, shape (d,), SI units.
         covariance: of these, shape (d, d), in their units.
-        prior_sigma: their standard deviations before, shape (d,), in their units.
         undetermined: combinations of errors of which the grasps say nothing.
         X_PO: the object's poses X_PO in the grasps, shape (g, 3, 4), translations in m.
         pose_probability: probability of each of these poses, shape (g,): where it is not near 1, another pose explains
             the grasp, too, and the covariance is the wider for it.
         grasp_weights: weight of each grasp, 1 where it fits the others, 0 where it counted for nothing, shape (g,).
-        contact_weights: likewise the contacts' weights, by finger in the order of the grasps, shape (k,) each.
         before: residuals of the hand as its files have it, by finger, each grasp's pose being the best for it.
         after: residuals of the calibrated hand, by finger.
         converged: whether the fit had come to its end.
@@ -96,12 +94,10 @@ class CalibrationResult:
     names: tuple[str, ...]
     values: FloatArray
     covariance: FloatArray
-    prior_sigma: FloatArray
     undetermined: tuple[Combination, ...]
     X_PO: FloatArray
     pose_probability: FloatArray
     grasp_weights: FloatArray
-    contact_weights: dict[str, FloatArray]
     before: dict[str, FingerResiduals]
     after: dict[str, FingerResiduals]
     converged: bool
@@ -197,12 +193,10 @@ def _result(felt: FeltGrasps, errors: HandErrors, problem: SharedProblem, found:
         names,
         vector[errors.free],
         covariance[np.ix_(errors.free, errors.free)],
-        sigma,
         combinations,
         solution.X_PO,
         found.probability,
         solution.at.grasp_weights,
-        {finger: solution.at.weights[felt.finger == k] for k, finger in enumerate(errors.fingers)},
         before,
         after,
         solution.converged,

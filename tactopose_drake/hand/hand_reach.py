@@ -38,13 +38,12 @@ _MOST_PROTRUSION = 0.0015  # of the fingertip's link out of the fingertip's surf
 _DIRECTIONS = random_directions(np.random.default_rng(0), 64)
 
 
-def make_hand_reach(config: HandConfig, params: ReachParams, seed: int = 0) -> HandReach:
+def make_hand_reach(config: HandConfig, params: ReachParams) -> HandReach:
     """Samples what each finger of a hand can reach.
 
     Args:
         config: the hand; where it names no grip region, that is where most of its fingertips come together.
         params: what counts as a clean touch.
-        seed: of the samples.
 
     Raises:
         InvalidInputError: if fewer than two fingers have a force-torque sensor, by which grasps are closed, or no place
@@ -62,7 +61,7 @@ def make_hand_reach(config: HandConfig, params: ReachParams, seed: int = 0) -> H
         hand = add_hand(plant, config, RigidTransform())
         plant.Finalize()
     spheres = BodySpheres.from_inspector(plant, scene_graph.model_inspector(), hand.model_instance)
-    generator = np.random.default_rng(seed)
+    generator = np.random.default_rng(0)
     geometries = {
         finger: _finger_geometry(plant, scene_graph.model_inspector(), hand, finger, spheres) for finger in sensing
     }

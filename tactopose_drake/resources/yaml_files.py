@@ -33,13 +33,13 @@ NOT_FINITE = re.compile(r"[-+]?\.?(inf|Inf|INF|nan|NaN|NAN)")
 _SHOWN = 60  # characters of a value in a message
 
 
-def read_yaml(path: Path, max_bytes: int = MAX_BYTES) -> yaml.Node | None:
+def read_yaml(path: Path) -> yaml.Node | None:
     """The tree of a file, with merged keys (`<<`) in their places; None for an empty file.
 
     Raises:
         InvalidFileError: if the file cannot be read, is no YAML in UTF-8, or is beyond the limits.
     """
-    text = read_text(path, max_bytes)
+    text = read_text(path, MAX_BYTES)
     try:
         return parse_yaml(text)
     except InvalidFileError as error:

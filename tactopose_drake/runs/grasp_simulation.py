@@ -1,6 +1,5 @@
 """Runs a scenario until the hand holds the object by itself, or says why it does not."""
 
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -36,7 +35,6 @@ class GraspResult:
         slip: how far the object's origin moved in the palm after its release, m.
         speed: of the object's origin in the palm at the end, m/s.
         failed_attempts: why each grasp that was tried before this one failed.
-        wall_time: of the simulation of this attempt, s.
     """
 
     stable: bool
@@ -49,7 +47,6 @@ class GraspResult:
     slip: float
     speed: float
     failed_attempts: tuple[str, ...]
-    wall_time: float
 
     @property
     def context(self) -> Context:
@@ -113,7 +110,6 @@ def run_grasp(
         meshcat: the station's display, if it is to record.
         observer: is shown the run after each step.
     """
-    started = time.perf_counter()
     simulator = Simulator(station.diagram)
     context = simulator.get_mutable_context()
     station.start(context)
@@ -157,7 +153,6 @@ def run_grasp(
         slip,
         speed,
         failed_attempts,
-        time.perf_counter() - started,
     )
 
 

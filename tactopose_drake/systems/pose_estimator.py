@@ -11,10 +11,17 @@ from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.force_balance import ForceBalance
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.searches.pose_problem import check_mass
+from tactopose_drake.core.sensing.force_torque import GRAVITY_W
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import MOST_FRICTION, MOST_OUTLIERS, FloatArray, positive_number
-from tactopose_drake.errors import InvalidInputError, UnknownNameError
+from tactopose_drake.core.validation import (
+    MOST_FRICTION,
+    MOST_OUTLIERS,
+    FloatArray,
+    known_name,
+    positive_number,
+    whole_number,
+)
 from tactopose_drake.estimation.estimate import estimate_pose
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.estimation.results import PoseEstimate
@@ -23,7 +30,6 @@ from tactopose_drake.hand.collision import HandCollision, keep_clear
 from tactopose_drake.systems.collectable_system import CollectableSystem, declare_cache
 from tactopose_drake.systems.ports import eval_input, eval_optional_input
 
-_GRAVITY = np.array([0.0, 0.0, -9.81])  # in the world, m/s^2
 _SIGMAS = 3.0  # of where the hand is, by which the object may be in it
 
 
@@ -46,10 +52,8 @@ class PoseEstimatorParams:
 
     def validate(self) -> None:
         """Raises InvalidInputError if a number is out of its range or the method unknown."""
-        if self.method not in METHODS:
-            raise UnknownNameError("PoseEstimatorParams.method", self.method, METHODS)
-        if self.seed < 0:
-            raise InvalidInputError(f"PoseEstimatorParams.seed: is {self.seed}; allowed are integers >= 0.")
+        known_name("PoseEstimatorParams.method", self.method, METHODS)
+        whole_number("PoseEstimatorParams.seed", self.seed, least=0)
         positive_number("PoseEstimatorParams.period", self.period)
         positive_number("PoseEstimatorParams.collision_tolerance", self.collision_tolerance, allow_zero=True)
         if self.max_duration is not None:
@@ -60,10 +64,7 @@ class PoseEstimatorParams:
             "PoseEstimatorParams.outlier_probability", self.outlier_probability, allow_zero=True, most=MOST_OUTLIERS
         )
         for name in ("min_contacts", "max_hypotheses"):
-            if getattr(self, name) < 1:
-                raise InvalidInputError(
-                    f"PoseEstimatorParams.{name}: is {getattr(self, name)}; allowed are numbers >= 1."
-                )
+            whole_number(f"PoseEstimatorParams.{name}", getattr(self, name), least=1)
 
 
 class PoseEstimator(CollectableSystem):
@@ -230,7 +231,7 @@ class PoseEstimator(CollectableSystem):
         is_known = X_WP is not None and np.isfinite(X_WP.translation()).all()
         if X_WP is None or not is_known or any(patch.is_felt for patch in patches):
             return None
-        gravity_P: FloatArray = X_WP.rotation().inverse() @ _GRAVITY
+        gravity_P: FloatArray = X_WP.rotation().inverse() @ GRAVITY_W
         return ForceBalance(gravity_P)
 
     def _joints_are_known(self, context: Context) -> bool:

@@ -68,7 +68,7 @@ def move_patches(
     """
     for slot in range(slots):
         at = f"{path}/{slot}"
-        shown = slot < len(patches) and patches[slot].status != "no_contact"
+        shown = slot < len(patches) and patches[slot].is_felt
         meshcat.SetProperty(at, "visible", shown, time)
         if shown:
             _move_plates(meshcat, f"{at}/cells", patches[slot], cells, time)

@@ -10,6 +10,7 @@ import tactopose_drake as tp
 from tactopose_drake.core.poses import increments_between, make_poses, random_rotations, transform_points
 from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
 from tests.core.balanced_forces import balanced_forces
+from tests.displaced_poses import random_pose
 
 TIP = 0.008  # radius of a fingertip, m
 MASS = 0.3
@@ -23,11 +24,6 @@ def can() -> tp.ObjectModel:
 @pytest.fixture(scope="module")
 def box() -> tp.ObjectModel:
     return tp.ObjectModel.from_mesh(trimesh.creation.box((0.06, 0.09, 0.14)).subdivide().subdivide())
-
-
-def random_pose(seed: int) -> np.ndarray:
-    generator = np.random.default_rng(seed)
-    return make_poses(random_rotations(generator, 1), generator.normal(size=(1, 3)) * 0.05)[0]
 
 
 def fingertips(contacts: tp.Contacts, pressed: float = 0.0005) -> tp.HandGeometry:

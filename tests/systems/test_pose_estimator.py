@@ -225,7 +225,9 @@ def test_a_value_of_another_type_is_refused_by_the_name_of_the_port(
     [
         ("period", 0.0),
         ("min_contacts", 0),
+        ("min_contacts", 2.5),
         ("max_hypotheses", 0),
+        ("seed", -1),
         ("max_duration", 0.0),
         ("collision_tolerance", -1.0),
         ("outlier_probability", 1.5),

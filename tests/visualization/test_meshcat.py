@@ -98,8 +98,16 @@ def test_the_pressed_cells_of_a_scene_are_shown(model: ObjectModel) -> None:
 
 
 def test_a_scene_of_nothing_but_contacts_is_drawn(model: ObjectModel) -> None:
-    draw_scene(RecordingMeshcat(), Scene(model=model, contacts=TOUCH))
-    draw_scene(RecordingMeshcat(), Scene(model=model, contacts=Contacts.empty()))
+    meshcat, empty, scene = RecordingMeshcat(), RecordingMeshcat(), Scene(model=model, contacts=TOUCH)
+    draw_scene(meshcat, scene)
+    drawn = {"/".join(path.split("/")[:4]) for path in meshcat.objects}
+    assert drawn == {f"/tactopose/touch/{row}" for row in range(3)}
+    for row in range(3):
+        assert meshcat.visible(f"/tactopose/touch/{row}/point/ball")
+        p_WC = meshcat.pose(f"/tactopose/touch/{row}").translation()
+        np.testing.assert_allclose(p_WC, upright(scene) @ TOUCH.p_PC[row], atol=1e-12)
+    draw_scene(empty, Scene(model=model, contacts=Contacts.empty()))
+    assert not empty.objects
 
 
 def test_the_page_holds_its_scene_and_needs_no_network(model: ObjectModel, tmp_path: Path) -> None:

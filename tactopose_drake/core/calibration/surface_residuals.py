@@ -16,9 +16,6 @@ from tactopose_drake.core.poses import skew
 from tactopose_drake.core.shape.signed_distance import DistanceGrid
 from tactopose_drake.core.validation import FloatArray
 
-ROWS = 4
-"""Residuals of a contact: its distance, and the three components of its normal's difference."""
-
 
 class Touches(NamedTuple):
     """Contacts of all grasps, in the palm frame, at one value of what they share.

@@ -41,7 +41,7 @@ def patch_contacts(
     Raises:
         InvalidInputError: a sigma that is not positive.
     """
-    felt = [patch for patch in patches if patch.status != "no_contact"]
+    felt = [patch for patch in patches if patch.is_felt]
     normals, sigmas = np.empty((len(felt), 3)), np.full(len(felt), float(sigma_lean))
     places = np.full(len(felt), float(sigma_position))
     for i, patch in enumerate(felt):

@@ -15,6 +15,7 @@ from tactopose_drake.core.validation import FloatArray, positive_number
 
 # Of a Gaussian in three dimensions 95 % lies within so many standard deviations: the root of chi-square's quantile.
 _SIGMAS = 2.795
+_SAMPLES = 1000  # poses that stand for a belief
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -102,14 +103,7 @@ def distinct_poses(
     return GaussianMixture(np.array(poses)[order], weights, np.array(covariances)[order])
 
 
-def resolved_share(
-    model: ObjectModel,
-    belief: GaussianMixture,
-    tolerance: Tolerance = Tolerance(),
-    *,
-    samples: int = 1000,
-    seed: int = 0,
-) -> float:
+def resolved_share(model: ObjectModel, belief: GaussianMixture, tolerance: Tolerance = Tolerance()) -> float:
     """The probability that the object is within the tolerance of the pose that most of the belief lies about.
 
     Unlike the largest mode's weight, it is small where that mode is wide. It is that of poses drawn from the belief.
@@ -118,13 +112,11 @@ def resolved_share(
         model: the object, whose symmetric twins are the same.
         belief: of its pose.
         tolerance: how near.
-        samples: how many poses are drawn.
-        seed: of the draws.
 
     Raises:
         InvalidInputError: a belief without a mode.
     """
     belief = checked_mixture("belief", belief)
-    drawn = belief.sample(samples, np.random.default_rng(seed))
+    drawn = belief.sample(_SAMPLES, np.random.default_rng(0))
     best = distinct_poses(model, belief, tolerance).X_PO[0]
     return float(nearest_twins(model, drawn, best, tolerance).same.mean())

@@ -16,7 +16,7 @@ from tactopose_drake.core.grasping.finger_touches import Touches
 from tactopose_drake.core.grasping.grasp_law import ClosingMotion
 from tactopose_drake.core.grasping.grasp_plan import FingerPlan, GraspPlan
 from tactopose_drake.core.grasping.grasp_score import ContactTerms, GraspScore, ScoreParams, score_grasp
-from tactopose_drake.core.grasping.held_pose import sample_held_pose, shifted_off
+from tactopose_drake.core.grasping.held_pose import least_distance, sample_held_pose, shifted_off
 from tactopose_drake.core.grasping.refusals import Refusals
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray, known_name, positive_number
@@ -165,7 +165,7 @@ class _Search:
     def plan_at(self, X_PO: FloatArray) -> GraspPlan | None:
         """The best grasp of the object in a pose; None where there is none, and why is counted."""
         clearance = self.params.palm_clearance
-        if _least_distance(self.model, X_PO, self.hand.palm_spheres) < clearance:
+        if least_distance(self.model, X_PO, self.hand.palm_spheres) < clearance:
             return self._refused(_IN_THE_PALM)
         touches: dict[str, Touches] = {}
         idle = 0
@@ -204,7 +204,7 @@ class _Search:
 
     def _is_in_the_way(self, name: str, X_PO: FloatArray) -> bool:
         """Whether an idle finger is too near the object where it usually waits."""
-        return _least_distance(self.model, X_PO, self.hand.rest_spheres[name]) < self.params.palm_clearance
+        return least_distance(self.model, X_PO, self.hand.rest_spheres[name]) < self.params.palm_clearance
 
     def _ways_out(self, name: str, X_PO: FloatArray) -> FloatArray:
         """Where else an idle finger may wait, as far as the object is concerned: joint positions, shape (n, m)."""
@@ -285,8 +285,3 @@ class _Search:
 def _oppose(touches: Mapping[str, Touches]) -> bool:
     """Whether some touches of two fingers press against each other, without which no forces are in balance."""
     return any(float((a.n_PC @ b.n_PC.T).min()) < 0.0 for a, b in itertools.combinations(touches.values(), 2))
-
-
-def _least_distance(model: ObjectModel, X_PO: FloatArray, spheres: Spheres) -> float:
-    centres, radius = spheres
-    return float((model.grid.distance((centres - X_PO[:, 3]) @ X_PO[:, :3]) - radius).min())

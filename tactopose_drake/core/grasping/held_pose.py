@@ -65,3 +65,9 @@ def shifted_off(
             break
         X_PO = poses.make_poses(X_PO[:, :3], X_PO[:, 3] - (lacking + _BEYOND) * (X_PO[:, :3] @ n_O[deepest]))
     return X_PO
+
+
+def least_distance(model: ObjectModel, X_PO: FloatArray, spheres: tuple[FloatArray, FloatArray]) -> float:
+    """How near to the object at a pose (3, 4) the nearest of spheres, centres in P (n, 3) and radii (n,), comes, m."""
+    centres, radius = spheres
+    return float((model.grid.distance((centres - X_PO[:, 3]) @ X_PO[:, :3]) - radius).min())

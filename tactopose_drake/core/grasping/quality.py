@@ -35,6 +35,10 @@ from tactopose_drake.core.validation import (
 # More edges, or poses, say nothing more, and take all memory and time there is.
 _MOST_EDGES, _MOST_SAMPLES = 64, 10**6
 _MOST_TASK = 1e9  # N m and N; what is allowed
+# Times that a point is moved along the normal by its distance: the first leaves what the grid rounds and the surface
+# bends.
+_PROJECTIONS = 3
+_PUSHED = 400  # points of the surface, about so many; time goes by their number
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -162,21 +166,19 @@ def force_closure_probability(
     return ClosureProbability(share, float(np.sqrt(share * (1.0 - share) / samples)))
 
 
-def on_surface(model: ObjectModel, p_OQ: FloatArray, projections: int = 3) -> tuple[FloatArray, FloatArray, FloatArray]:
+def on_surface(model: ObjectModel, p_OQ: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """The surface's points nearest to given ones.
 
     Args:
         model: the object.
         p_OQ: points in O, shape (..., 3), m.
-        projections: times that a point is moved along the normal by its distance: the first leaves what the grid rounds
-            and the surface bends.
 
     Returns:
         Points (..., 3), m; outward normals there (..., 3); signed distances of the given points (...), m.
     """
     start, normal = model.grid.distance_and_normal(p_OQ)
     p_OC, distance = p_OQ, start
-    for _ in range(projections):
+    for _ in range(_PROJECTIONS):
         p_OC = p_OC - distance[..., None] * normal
         distance, normal = model.grid.distance_and_normal(p_OC)
     return p_OC, normal, start
@@ -187,7 +189,7 @@ def lever(model: ObjectModel) -> float:
     return float(np.linalg.norm(model.vertices - model.center_of_mass, axis=1).max())
 
 
-def object_wrenches(model: ObjectModel, friction: float, edges: int, length: float, points: int = 400) -> FloatArray:
+def object_wrenches(model: ObjectModel, friction: float, edges: int, length: float) -> FloatArray:
     """Wrenches of pushes of 1 N on the surface, in the axes of O, shape (t, 6), torque over the length first, N.
 
     Args:
@@ -195,9 +197,8 @@ def object_wrenches(model: ObjectModel, friction: float, edges: int, length: flo
         friction: coefficient of friction.
         edges: of the pyramid that stands for a friction cone.
         length: what torques are divided by, m.
-        points: of the surface that are pushed, about so many; time goes by their number.
     """
-    some = slice(None, None, max(1, len(model.samples) // points))
+    some = slice(None, None, max(1, len(model.samples) // _PUSHED))
     p_OQ, n_OQ = model.samples.points[some], model.samples.normals[some]
     return cone_wrenches(p_OQ - model.center_of_mass, n_OQ, friction, edges, length).reshape(-1, 6)
 

@@ -40,17 +40,13 @@ from tactopose_drake.core.validation import FloatArray
 SAMPLES = 512
 """Of each object's surface samples so many are paired; counts that are kept on disk are known by it."""
 
+LEAST_DENSITY = 1e-6
+"""The density where no pair of the samples is near: samples may miss what is there."""
+
 _BINS = DISTANCE_BINS * ANGLE_BINS**3
-
-
-@dataclass(frozen=True, kw_only=True)
-class PairScoreParams:
-    """How exactly contacts are compared with an object's pairs."""
-
-    reach: float = 2.5  # bins count within so many standard deviations
-    most_contacts: int = 8  # that are paired: of more, those that are farthest apart tell enough
-    least_density: float = 1e-6  # where no pair of the samples is near: samples may miss what is there
-    least_length: float = 3.0  # of a pair of contacts, in its standard deviations: its direction is known
+_REACH = 2.5  # bins count within so many standard deviations
+_MOST_CONTACTS = 8  # that are paired: of more, those that are farthest apart tell enough
+_LEAST_LENGTH = 3.0  # of a pair of contacts, in its standard deviations: its direction is known
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,15 +112,15 @@ class LibraryIndex:
             place[pairs.bins] += 1
         return cls(len(objects), first, owners, counts)
 
-    def scores(self, contacts: Contacts, params: PairScoreParams = PairScoreParams()) -> FloatArray:
+    def scores(self, contacts: Contacts) -> FloatArray:
         """How well each object's pairs agree with those of the contacts, shape (objects,); higher is better."""
-        chosen = spread_out(contacts.p_PC, params.most_contacts)
+        chosen = spread_out(contacts.p_PC, _MOST_CONTACTS)
         sigma_position, sigma_normal = np.asarray(contacts.sigma_position), np.asarray(contacts.sigma_normal)
         scores, density = np.zeros(self.size), np.empty(self.size)
         for a, b in itertools.combinations(chosen.tolist(), 2):
             length = float(np.linalg.norm(contacts.p_PC[b] - contacts.p_PC[a]))
             sigma_length = float(np.hypot(sigma_position[a], sigma_position[b]))
-            if length < params.least_length * sigma_length:
+            if length < _LEAST_LENGTH * sigma_length:
                 continue
             if contacts.n_PC is None:
                 feature, sigma = np.array([length, 0.0, 0.0, 0.0]), np.array([sigma_length, np.inf, np.inf, np.inf])
@@ -134,12 +130,12 @@ class LibraryIndex:
                 turns = [sigma_normal[a], sigma_normal[b]]
                 sigma = np.array([sigma_length, *np.hypot(turns, tilt), np.hypot(*turns)])
             density[:] = 0.0
-            add_densities(self.first, self.objects, self.counts, *_weights(feature, sigma, params.reach), density)
-            scores += np.log(density / (SAMPLES * (SAMPLES - 1)) + params.least_density)
+            add_densities(self.first, self.objects, self.counts, *_weights(feature, sigma), density)
+            scores += np.log(density / (SAMPLES * (SAMPLES - 1)) + LEAST_DENSITY)
         return scores
 
 
-def _weights(feature: FloatArray, sigma: FloatArray, reach: float) -> tuple[NDArray[np.int64], FloatArray]:
+def _weights(feature: FloatArray, sigma: FloatArray) -> tuple[NDArray[np.int64], FloatArray]:
     """The lowest bins (4,) about a feature, and the weights of those and the next along each number, shape (4, bins).
 
     The weights are those of a Gaussian that is wider by a bin, because a sample may lie anywhere in its bin.
@@ -148,8 +144,8 @@ def _weights(feature: FloatArray, sigma: FloatArray, reach: float) -> tuple[NDAr
     bins = np.array([DISTANCE_BINS, *np.full(3, ANGLE_BINS)])
     middle, spread = feature / width + np.array([0.0, 0.5, 0.5, 0.5]), np.sqrt((sigma / width) ** 2 + 1.0 / 6.0)
     middle[0] = min(middle[0], DISTANCE_BINS - 0.5)
-    low = np.clip(np.floor(middle - reach * spread), 0, bins - 1).astype(np.int64)
-    high = np.clip(np.floor(middle + reach * spread), 0, bins - 1).astype(np.int64)
+    low = np.clip(np.floor(middle - _REACH * spread), 0, bins - 1).astype(np.int64)
+    high = np.clip(np.floor(middle + _REACH * spread), 0, bins - 1).astype(np.int64)
     weights = np.zeros((4, int((high - low).max()) + 1))
     for a in range(4):
         steps = np.arange(low[a], high[a] + 1) + 0.5 - middle[a]

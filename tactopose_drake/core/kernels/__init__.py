@@ -1,1 +1,1 @@
-"""The inner loops of objectives and searches, compiled by numba and cached on disk."""
+"""Inner loops of objectives, searches, posteriors, shapes, sensing and tracking: compiled by numba, cached on disk."""

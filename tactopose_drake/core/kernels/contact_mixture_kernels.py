@@ -150,7 +150,7 @@ def find_shares(i, lanes, doubts, work, shares):
 
 @inlined
 def make_work(contacts, doubts):
-    """What `_mix` fills: the contacts' factors by points, by normals, and as displaced; and what the pairs weigh."""
+    """What `mix` fills: the contacts' factors by points, by normals, and as displaced; and what the pairs weigh."""
     factors = (contacts, MOST_DOUBLINGS + 1, LANES)
     return (
         np.empty(factors),

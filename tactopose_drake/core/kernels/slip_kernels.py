@@ -1,6 +1,6 @@
 """What fingertips and contacts leave unexplained over the latest frames, compiled.
 
-See `slip_detection.py`.
+See `slip_by_surface.py` and `slip_by_motion.py`.
 """
 
 import numpy as np

@@ -7,5 +7,4 @@ from .loading import load_mesh as load_mesh
 from .loading import mesh_file as mesh_file
 from .loading import mesh_name as mesh_name
 from .repair import MeshRepairWarning as MeshRepairWarning
-from .repair import RepairParams as RepairParams
 from .repair import repair_mesh as repair_mesh

@@ -16,6 +16,7 @@ from tactopose_drake.errors import InvalidMeshError
 
 _NO_AREA = 1e-9  # as a share of the squared size: rounding
 _STATED_HOLES = 5  # in a message
+_DEBRIS = DebrisParams()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,7 +33,6 @@ def close_holes(
     size: float,
     repairs: list[str],
     params: HoleParams = HoleParams(),
-    debris: DebrisParams = DebrisParams(),
 ) -> tuple[FloatArray, IntArray]:
     """Closes every hole by a fan of faces around the middle of its rim; open pieces without volume are dropped.
 
@@ -41,7 +41,7 @@ def close_holes(
     """
     if not len(mesh_topology.link_faces(faces).open):
         return vertices, faces
-    faces = _without_open_debris(vertices, faces, repairs, debris)
+    faces = _without_open_debris(vertices, faces, repairs)
     loops, closed_vertices, closed_faces = _put_lids(vertices, faces)
     if not loops:
         return vertices, faces
@@ -75,20 +75,20 @@ def _put_lids(vertices: FloatArray, faces: IntArray) -> tuple[list[IntArray], Fl
     return loops, np.concatenate([vertices, *middles]), np.concatenate([faces, *lids])
 
 
-def _without_open_debris(vertices: FloatArray, faces: IntArray, repairs: list[str], params: DebrisParams) -> IntArray:
+def _without_open_debris(vertices: FloatArray, faces: IntArray, repairs: list[str]) -> IntArray:
     """Drops open pieces that are debris even with lids on."""
     _, closed_vertices, closed_faces = _put_lids(vertices, faces)
     body = mesh_topology.body_labels(closed_faces)
     volume = np.abs(mesh_bodies.volumes(closed_vertices, closed_faces, body))
     debris = np.zeros(len(volume), dtype=bool)
     debris[body[len(faces) :]] = True
-    debris &= mesh_bodies.is_debris(volume, params)
+    debris &= mesh_bodies.is_debris(volume, _DEBRIS)
     if not np.any(volume):
         raise InvalidMeshError(f"is flat or loose: none of its {len(volume)} pieces encloses a volume.")
     if debris.any():
         repairs.append(
             f"dropped {counted(debris.sum(), 'open piece', 'open pieces')} around less than "
-            f"{100 * params.share:g} % of the volume"
+            f"{100 * _DEBRIS.share:g} % of the volume"
         )
     return faces[~debris[body[: len(faces)]]]
 

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from tactopose_drake.core.mesh import bodies as mesh_bodies
 from tactopose_drake.core.mesh import topology as mesh_topology
-from tactopose_drake.core.mesh.bodies import DebrisParams, counted
+from tactopose_drake.core.mesh.bodies import counted
 from tactopose_drake.core.mesh.flat_faces import without_flat_faces
-from tactopose_drake.core.mesh.holes import HoleParams, close_holes
+from tactopose_drake.core.mesh.holes import close_holes
 from tactopose_drake.core.mesh.loading import RawMesh
 from tactopose_drake.core.mesh.solid import SolidProperties, solid_properties
 from tactopose_drake.core.mesh.topology import IntArray
@@ -28,16 +28,8 @@ FARTHEST = 20.0
 
 _MERGE_DISTANCE = 1e-7  # duplicates of one vertex, as a share of the size: rounding of single precision
 _MOST_NEIGHBOURS = 50  # pairs of vertices within that distance, per vertex: there are no cracks in a heap of vertices
-
-
-@dataclass(frozen=True, kw_only=True)
-class RepairParams:
-    """How far repairs go."""
-
-    # Of cracks that are closed where that makes the mesh closed, as shares of the size, tried one after the other.
-    weld_distances: tuple[float, ...] = (1e-5, 1e-4)
-    holes: HoleParams = HoleParams()
-    debris: DebrisParams = DebrisParams()
+# Of cracks that are closed where that makes the mesh closed, as shares of the size, tried one after the other.
+_WELD_DISTANCES = (1e-5, 1e-4)
 
 
 class MeshRepairWarning(UserWarning):
@@ -62,7 +54,7 @@ class RepairedMesh:
     properties: SolidProperties
 
 
-def repair_mesh(raw: RawMesh, name: str, params: RepairParams = RepairParams()) -> RepairedMesh:
+def repair_mesh(raw: RawMesh, name: str) -> RepairedMesh:
     """Checks a mesh, and repairs what can be repaired without guessing at the shape.
 
     Repaired with a statement: faces without area, repeated faces, faces that show the wrong side, inside-out bodies,
@@ -73,7 +65,6 @@ def repair_mesh(raw: RawMesh, name: str, params: RepairParams = RepairParams()) 
     Args:
         raw: the triangles.
         name: what error messages call the mesh.
-        params: how far repairs go.
 
     Raises:
         InvalidMeshError: if there are no faces, a vertex is not finite, the mesh is not manifold, has no volume, is so
@@ -84,9 +75,9 @@ def repair_mesh(raw: RawMesh, name: str, params: RepairParams = RepairParams()) 
     repairs: list[str] = []
     try:
         size = _check(raw)
-        vertices, faces = _connect(raw.vertices, raw.faces, size, repairs, params.weld_distances)
-        vertices, faces = close_holes(vertices, faces, size, repairs, params.holes, params.debris)
-        vertices, faces = mesh_bodies.arrange(vertices, faces, repairs, params.debris)
+        vertices, faces = _connect(raw.vertices, raw.faces, size, repairs)
+        vertices, faces = close_holes(vertices, faces, size, repairs)
+        vertices, faces = mesh_bodies.arrange(vertices, faces, repairs)
         vertices, faces = _compact(vertices, without_flat_faces(vertices, faces, size, repairs))
         properties = solid_properties(vertices, faces)
     except (InvalidMeshError, MeshUnitsError) as error:
@@ -129,15 +120,13 @@ def _check(raw: RawMesh) -> float:
     return size
 
 
-def _connect(
-    vertices: FloatArray, faces: IntArray, size: float, repairs: list[str], weld_distances: tuple[float, ...]
-) -> tuple[FloatArray, IntArray]:
+def _connect(vertices: FloatArray, faces: IntArray, size: float, repairs: list[str]) -> tuple[FloatArray, IntArray]:
     """Merges duplicate vertices and makes the mesh manifold; wider cracks are welded if that closes the mesh."""
     vertices, faces = _merge(vertices, faces, _MERGE_DISTANCE * size)
     stated: list[str] = []
     connected = _make_manifold(vertices, faces, stated)
     if len(mesh_topology.link_faces(connected[1]).open):
-        for share in weld_distances:
+        for share in _WELD_DISTANCES:
             welded_stated: list[str] = []
             welding = _weld(vertices, faces, share * size)
             try:

@@ -10,12 +10,10 @@ from .objective import Objective as Objective
 from .objective import SumObjective as SumObjective
 from .objective import form_normal_equations as form_normal_equations
 from .patch_contact import PatchContact as PatchContact
-from .patch_mixture import PatchDoubt as PatchDoubt
 from .patch_mixture import PatchMixture as PatchMixture
 from .penetration import Penetration as Penetration
 from .plane_support import PlaneSupport as PlaneSupport
 from .point_cloud_contact import PointCloudContact as PointCloudContact
-from .pose_gaussian import PoseGaussian as PoseGaussian
 from .pose_prior import PriorObjective as PriorObjective
 from .surface_contact import ContactWithPrior as ContactWithPrior
 from .surface_contact import SurfaceContact as SurfaceContact

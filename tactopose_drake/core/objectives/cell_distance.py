@@ -22,7 +22,7 @@ class CellDistance(DifferencedObjective):
     """
 
     def __init__(self, cloud: PointGrid, patches: Sequence[Patch]) -> None:
-        felt = [patch.points[patch.active] for patch in patches if patch.status != "no_contact"]
+        felt = [patch.points[patch.active] for patch in patches if patch.is_felt]
         cells = np.concatenate([np.empty((0, 3)), *felt])
         ends = np.cumsum([0, *(len(points) for points in felt)])
         self._arguments = (cloud.kernel_view, cells, ends)

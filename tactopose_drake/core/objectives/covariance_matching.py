@@ -6,7 +6,6 @@ Source: [B16] J. Bimbo, thesis, 2016, section 5.2.4, eq. 5.8, and algorithm 5.2.
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.objectives.covariance_kernels import Pads, pad_costs
@@ -14,16 +13,7 @@ from tactopose_drake.core.objectives.finite_differences import DifferencedObject
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.sensing.sensing_range import sensing_box
 from tactopose_drake.core.shape.point_grid import PointGrid
-from tactopose_drake.core.validation import FloatArray, finite_array, positive_number
-
-
-def covariance_mismatch(covariance: ArrayLike, eigenvalues: ArrayLike) -> float:
-    """q, the Frobenius norm of the difference between a covariance in the eigenbasis (3, 3) and the eigenvalues (3,).
-
-    [B16] eq. 5.8; in the unit of the two.
-    """
-    C = finite_array("covariance", covariance, (3, 3))
-    return float(np.linalg.norm(C - np.diag(finite_array("eigenvalues", eigenvalues, (3,)))))
+from tactopose_drake.core.validation import FloatArray, positive_number
 
 
 class CovarianceMatching(DifferencedObjective):
@@ -69,7 +59,7 @@ class CovarianceMatching(DifferencedObjective):
         Raises:
             InvalidInputError: a number out of range, or a pad of one cell.
         """
-        felt = [patch for patch in patches if patch.status != "no_contact"]
+        felt = [patch for patch in patches if patch.is_felt]
         boxes = [sensing_box(patch, thickness=thickness, height=height) for patch in felt]
         rotations = np.array([box.X_PB[:, :3] for box in boxes]).reshape(-1, 3, 3)
         centroids = np.array([patch.centroid for patch in felt]).reshape(-1, 3)

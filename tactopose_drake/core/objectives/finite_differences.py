@@ -4,7 +4,7 @@ from abc import ABC, abstractmethod
 
 import numpy as np
 
-from tactopose_drake.core.objectives.objective import LeastSquaresObjective, NormalEquations, form_normal_equations
+from tactopose_drake.core.objectives.objective import LeastSquaresObjective
 from tactopose_drake.core.poses import retract
 from tactopose_drake.core.validation import FloatArray
 
@@ -22,18 +22,9 @@ class DifferencedObjective(LeastSquaresObjective, ABC):
     def residuals(self, X_PO: FloatArray) -> FloatArray:
         """Residuals (B, m) of poses (B, 3, 4)."""
 
-    def cost(self, X_PO: FloatArray) -> FloatArray:
-        """Costs (B,) of poses (B, 3, 4)."""
-        cost: FloatArray = 0.5 * np.sum(self.residuals(X_PO) ** 2, axis=-1)
-        return cost
-
     def residuals_and_jacobian(self, X_PO: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Residuals (B, m) and their forward differences by the increment (B, m, 6). [B16] eq. 2.28."""
         here = self.residuals(X_PO)
         moved = retract(X_PO[:, None], np.eye(6) * _FORWARD_STEP)  # (B, 6, 3, 4)
         there = self.residuals(moved.reshape(-1, 3, 4)).reshape(len(X_PO), 6, -1)
         return here, np.swapaxes(there - here[:, None], 1, 2) / _FORWARD_STEP
-
-    def normal_equations(self, X_PO: FloatArray) -> NormalEquations:
-        """Cost, gradient and Gauss-Newton Hessian at poses (B, 3, 4)."""
-        return form_normal_equations(*self.residuals_and_jacobian(X_PO))

@@ -7,7 +7,7 @@ import numpy as np
 from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.kernels import evidence_kernels
-from tactopose_drake.core.objectives.objective import LeastSquaresObjective, NormalEquations, form_normal_equations
+from tactopose_drake.core.objectives.objective import LeastSquaresObjective
 from tactopose_drake.core.shape.signed_distance import DistanceGrid
 from tactopose_drake.core.validation import FloatArray
 
@@ -45,11 +45,6 @@ class FrictionCone(LeastSquaresObjective):
         )
         self._count = len(size)
 
-    def cost(self, X_PO: FloatArray) -> FloatArray:
-        """Costs (B,) of poses (B, 3, 4)."""
-        cost: FloatArray = 0.5 * np.sum(self.residuals(X_PO) ** 2, axis=-1)
-        return cost
-
     def residuals(self, X_PO: FloatArray) -> FloatArray:
         """Residuals (B, k) of poses (B, 3, 4)."""
         return self.residuals_and_jacobian(X_PO)[0]
@@ -59,7 +54,3 @@ class FrictionCone(LeastSquaresObjective):
         residuals, jacobian = np.empty((len(X_PO), self._count)), np.empty((len(X_PO), self._count, 6))
         evidence_kernels.friction_residuals(*self._arguments, np.ascontiguousarray(X_PO), residuals, jacobian)
         return residuals, jacobian
-
-    def normal_equations(self, X_PO: FloatArray) -> NormalEquations:
-        """Cost, gradient and Gauss-Newton Hessian at poses (B, 3, 4)."""
-        return form_normal_equations(*self.residuals_and_jacobian(X_PO))

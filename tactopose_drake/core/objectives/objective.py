@@ -74,7 +74,10 @@ class SmoothObjective(Objective, Protocol):
 
 
 class LeastSquaresObjective(SmoothObjective, Protocol):
-    """An objective that is half a sum of squares."""
+    """An objective that is half a sum of squares.
+
+    Its residuals and their derivatives say all; what is known faster than from these, a class of its own says.
+    """
 
     def residuals(self, X_PO: FloatArray) -> FloatArray:
         """Residuals (B, m) of poses (B, 3, 4)."""
@@ -83,6 +86,15 @@ class LeastSquaresObjective(SmoothObjective, Protocol):
     def residuals_and_jacobian(self, X_PO: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Residuals (B, m) and their derivatives by the increment (B, m, 6)."""
         ...
+
+    def cost(self, X_PO: FloatArray) -> FloatArray:
+        """Costs (B,) of poses (B, 3, 4)."""
+        cost: FloatArray = 0.5 * np.sum(self.residuals(X_PO) ** 2, axis=-1)
+        return cost
+
+    def normal_equations(self, X_PO: FloatArray) -> NormalEquations:
+        """Cost, gradient and Gauss-Newton Hessian at poses (B, 3, 4)."""
+        return form_normal_equations(*self.residuals_and_jacobian(X_PO))
 
     @property
     def terms(self) -> tuple["LeastSquaresObjective", ...]:

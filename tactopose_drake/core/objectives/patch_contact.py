@@ -151,7 +151,7 @@ class PatchContact(SumObjective):
             sigma_position=positive_number("sigma_position", sigma_position, allow_zero=True),
             sigma_rotation=positive_number("sigma_rotation", sigma_rotation, allow_zero=True),
         )
-        felt = [patch for patch in patches if patch.status != "no_contact"]
+        felt = [patch for patch in patches if patch.is_felt]
         normals = np.array([-patch.n_PT[patch.active].mean(axis=0) for patch in felt]).reshape(-1, 3)
         faces = Contacts(
             np.array([patch.centroid for patch in felt]).reshape(-1, 3),

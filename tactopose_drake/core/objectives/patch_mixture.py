@@ -8,7 +8,6 @@ Source: [HRM16] D. Hogg, J. Bovy, D. Lang, Data analysis recipes: fitting a mode
 outliers).
 """
 
-import dataclasses
 import math
 from collections.abc import Sequence
 
@@ -22,41 +21,28 @@ from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class PatchDoubt:
-    """What is doubted of patches.
-
-    Attributes:
-        surroundings: a pad on something else is anywhere within so much of the object, m.
-        kinds: how often pads are false, as contacts are: one that is displaced counts as one on something else, and
-            what a pad feels has no normal of its own that could be another.
-        sigma_depth: standard deviation of each cell's depth, m; `PatchContact`'s.
-        share: standard deviation of a depth as a share of it, likewise.
-    """
-
-    surroundings: float = 0.05
-    kinds: ContactKinds = dataclasses.field(default_factory=ContactKinds)
-    sigma_depth: float = 0.0005
-    share: float = 0.2
+_SURROUNDINGS = 0.05  # a pad on something else is anywhere within so much of the object, m
+# How often pads are false, as contacts are: one that is displaced counts as one on something else, and what a pad feels
+# has no normal of its own that could be another.
+_KINDS = ContactKinds()
+# Standard deviations of each cell's depth, m, and of a depth as a share of it; `PatchContact`'s.
+_SIGMA_DEPTH, _SHARE = 0.0005, 0.2
 
 
 class PatchMixture(SmoothObjective):
     """The mixture likelihood of pads that feel the object; zero where all explain what they feel exactly."""
 
-    def __init__(
-        self, model: ObjectModel, pads: Sequence[Patch], outlier_probability: float, doubt: PatchDoubt = PatchDoubt()
-    ) -> None:
+    def __init__(self, model: ObjectModel, pads: Sequence[Patch], outlier_probability: float) -> None:
         """Takes the pads that feel something, in P; the probability is above 0."""
         self._pads = PatchContact(model.grid, pads)
         self._each = [PatchContact(model.grid, [pad]) for pad in pads]
         felt = patch_contacts(pads)
         sigma_p, sigma_n = np.asarray(felt.sigma_position), np.asarray(felt.sigma_normal)
-        volume = float(np.prod(model.grid.upper - model.grid.origin + 2.0 * doubt.surroundings))
+        volume = float(np.prod(model.grid.upper - model.grid.origin + 2.0 * _SURROUNDINGS))
         log_any_point = np.minimum(math.log(model.area * math.sqrt(2.0 * math.pi) / volume) + np.log(sigma_p), 0.0)
         log_any_normal = np.minimum(math.log(0.5) + 2.0 * np.log(sigma_n), 0.0)
-        by_shape = np.array([_shape_cost(pad, doubt) for pad in pads])
-        shares = doubt.kinds.shares(outlier_probability).without_normals()
+        by_shape = np.array([_shape_cost(pad) for pad in pads])
+        shares = _KINDS.shares(outlier_probability).without_normals()
         self._other_cost = by_shape - math.log(shares.false / shares.as_told) - log_any_point - log_any_normal
 
     def cost(self, X_PO: FloatArray) -> FloatArray:
@@ -80,11 +66,11 @@ class PatchMixture(SmoothObjective):
         return _expit(self._other_cost - self._pads.pad_costs(X_PO))
 
 
-def _shape_cost(pad: Patch, doubt: PatchDoubt) -> float:
+def _shape_cost(pad: Patch) -> float:
     """What the depths of a pad's cells cost on something else: as on a plane, or what noise makes of them."""
     depth = pad.alpha * pad.pressure[pad.active]
     points = pad.p_PT[pad.active] - depth[:, None] * pad.n_PT[pad.active]
-    weights = 1.0 / np.hypot(doubt.sigma_depth, doubt.share * depth)
+    weights = 1.0 / np.hypot(_SIGMA_DEPTH, _SHARE * depth)
     normal = pad.n_PT[pad.active].mean(axis=0)
     across = np.linalg.svd(normal[None])[2][1:]
     places = points - points.mean(axis=0)

@@ -48,11 +48,6 @@ class Penetration(LeastSquaresObjective):
         self._spheres = evidence_kernels.Spheres(*map(read_only, (hand.p_PH[order], hand.radius[order], reach, start)))
         self._allowed, self._weight = allowed, 1.0 / hand.sigma
 
-    def cost(self, X_PO: FloatArray) -> FloatArray:
-        """Costs (B,) of poses (B, 3, 4)."""
-        cost: FloatArray = 0.5 * np.sum(self.residuals(X_PO) ** 2, axis=-1)
-        return cost
-
     def residuals(self, X_PO: FloatArray) -> FloatArray:
         """Residuals (B, g) of poses (B, 3, 4), one for each of g neighbourhoods."""
         return self._weight * self._depths(X_PO)[0]

@@ -6,7 +6,7 @@ import numpy as np
 import scipy
 
 from tactopose_drake.core.evidence.plane_contact import PlaneContact
-from tactopose_drake.core.objectives.objective import LeastSquaresObjective, NormalEquations, form_normal_equations
+from tactopose_drake.core.objectives.objective import LeastSquaresObjective
 from tactopose_drake.core.poses import skew
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
@@ -27,11 +27,6 @@ class PlaneSupport(LeastSquaresObjective):
         self._offset = np.array([plane.n_P @ plane.p_PQ for plane in planes])
         self._weight = 1.0 / np.array([plane.sigma for plane in planes])
 
-    def cost(self, X_PO: FloatArray) -> FloatArray:
-        """Costs (B,) of poses (B, 3, 4)."""
-        cost: FloatArray = 0.5 * np.sum(self.residuals(X_PO) ** 2, axis=-1)
-        return cost
-
     def residuals(self, X_PO: FloatArray) -> FloatArray:
         """Residuals (B, k) of poses (B, 3, 4), one for each plane."""
         return self._lowest(X_PO)[0]
@@ -44,10 +39,6 @@ class PlaneSupport(LeastSquaresObjective):
         turn = -np.einsum("bki,bkij->bkj", n_O, skew(p_OV))
         shift = np.broadcast_to(self._n_P, turn.shape)
         return residuals, self._weight[:, None] * np.concatenate([turn, shift], axis=2)
-
-    def normal_equations(self, X_PO: FloatArray) -> NormalEquations:
-        """Cost, gradient and Gauss-Newton Hessian at poses (B, 3, 4)."""
-        return form_normal_equations(*self.residuals_and_jacobian(X_PO))
 
     def _lowest(self, X_PO: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Residuals (B, k), and the lowest vertices in O (B, k, 3)."""

@@ -5,7 +5,7 @@ import numpy as np
 from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.kernels import prior_kernels
-from tactopose_drake.core.objectives.objective import LeastSquaresObjective, NormalEquations, form_normal_equations
+from tactopose_drake.core.objectives.objective import LeastSquaresObjective
 from tactopose_drake.core.validation import FloatArray
 
 NO_PRIOR = prior_kernels.Prior(read_only(np.eye(3, 4)), read_only(np.zeros(6)))
@@ -33,7 +33,3 @@ class PriorObjective(LeastSquaresObjective):
         residuals, jacobian = np.empty((len(X_PO), 6)), np.empty((len(X_PO), 6, 6))
         prior_kernels.prior_residuals(self.kernel_view, np.ascontiguousarray(X_PO), residuals, jacobian)
         return residuals, jacobian
-
-    def normal_equations(self, X_PO: FloatArray) -> NormalEquations:
-        """Cost, gradient and Gauss-Newton Hessian at poses (B, 3, 4)."""
-        return form_normal_equations(*self.residuals_and_jacobian(X_PO))

@@ -8,7 +8,7 @@ import numpy as np
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.force_balance import ForceBalance
 from tactopose_drake.core.kernels import evidence_kernels
-from tactopose_drake.core.objectives.objective import LeastSquaresObjective, NormalEquations, form_normal_equations
+from tactopose_drake.core.objectives.objective import LeastSquaresObjective
 from tactopose_drake.core.poses import skew
 from tactopose_drake.core.validation import FloatArray
 
@@ -58,11 +58,6 @@ class WrenchBalance(LeastSquaresObjective):
         self._offset = -np.concatenate([whitening @ moment, per_force * (np.sum(f_PC, axis=0) - weight_P)])
         self._center_of_mass = np.array(center_of_mass)
 
-    def cost(self, X_PO: FloatArray) -> FloatArray:
-        """Costs (B,) of poses (B, 3, 4)."""
-        cost: FloatArray = 0.5 * np.sum(self.residuals(X_PO) ** 2, axis=-1)
-        return cost
-
     def residuals(self, X_PO: FloatArray) -> FloatArray:
         """Residuals (B, 6) of poses (B, 3, 4): moments, then forces."""
         return self.residuals_and_jacobian(X_PO)[0]
@@ -74,7 +69,3 @@ class WrenchBalance(LeastSquaresObjective):
             self._A, self._offset, self._center_of_mass, np.ascontiguousarray(X_PO), residuals, jacobian
         )
         return residuals, jacobian
-
-    def normal_equations(self, X_PO: FloatArray) -> NormalEquations:
-        """Cost, gradient and Gauss-Newton Hessian at poses (B, 3, 4)."""
-        return form_normal_equations(*self.residuals_and_jacobian(X_PO))

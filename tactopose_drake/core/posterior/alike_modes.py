@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from tactopose_drake.core.poses import compose, increments_between, inverse, log_so3, skew
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
-from tactopose_drake.core.posterior.hypotheses import Modes, determined_part
+from tactopose_drake.core.posterior.hypotheses import Modes, determined_part, increments_of_one_metre
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, ModeParams
-from tactopose_drake.core.shape.free_spin import turn_toward
+from tactopose_drake.core.shape.free_spin import continuous_turns, turn_toward
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.shape.symmetry import RotationalSymmetry
 from tactopose_drake.core.validation import FloatArray
@@ -129,19 +129,13 @@ def _family(
     covariance = J @ mixture.covariance[left] @ np.swapaxes(J, 1, 2)
     spins = log_so3(np.swapaxes(turned[:, :, :3], 1, 2) @ by_images[chosen][:, :, :3])
     turns = spins @ np.array([each.axis for each in axes]).reshape(-1, 3).T
-    directions = _turn_directions(X_first, axes)
+    directions = continuous_turns(axes, X_first)
     spread = covariance + covariance[0] + np.pi**2 * directions.T @ directions
     spread += _ROUNDING * np.trace(spread, axis1=1, axis2=2)[:, None, None] * np.eye(6)
     distance = np.einsum("ni,ni->n", residual, np.linalg.solve(spread, residual[..., None])[..., 0])
     alike = distance <= same_sigmas**2
     alike[0] = True
     return _Family(left[alike], residual[alike], covariance[alike], turns[alike])
-
-
-def _turn_directions(X_PO: FloatArray, axes: Sequence[RotationalSymmetry]) -> FloatArray:
-    """The increments of turns about axes at a pose (3, 4), shape (c, 6)."""
-    rows = [np.concatenate([each.axis, -X_PO[:, :3] @ np.cross(each.axis, each.point)]) for each in axes]
-    return np.array(rows).reshape(-1, 6)
 
 
 def _as_one(modes: Modes, family: _Family, axes: Sequence[RotationalSymmetry], size: float, params: ModeParams) -> _One:
@@ -151,7 +145,7 @@ def _as_one(modes: Modes, family: _Family, axes: Sequence[RotationalSymmetry], s
     if len(family.index) == 1:
         return _One(index, float(mass[0]), modes.mixture.covariance[index], modes.free_directions[index])
     share = mass / mass.sum()
-    directions = _turn_directions(modes.mixture.X_PO[index], axes)
+    directions = continuous_turns(axes, modes.mixture.X_PO[index])
     moment = np.einsum("n,nc,nd->cd", share, family.turns, family.turns)
     covariance = (
         np.einsum("n,nij->ij", share, family.covariance)
@@ -168,7 +162,7 @@ def _with_turns(free: FloatArray, turns: FloatArray, size: float) -> FloatArray:
     if not len(turns):
         return free
     if len(free):
-        units = np.repeat([2.0 / size, 1.0], 3)
+        units = increments_of_one_metre(size)
         others = determined_part(free, turns, size)
         way, whole = np.linalg.norm(others / units, axis=1), np.linalg.norm(free / units, axis=1)
         turns = np.concatenate([turns, others[way > _ANOTHER * whole]])

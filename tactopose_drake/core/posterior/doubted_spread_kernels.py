@@ -56,7 +56,7 @@ class Lines(NamedTuple):
 
     def first(self, count: int) -> Self:
         """So many of them."""
-        return type(self)(*(each[:count] for each in self))
+        return type(self)(self.mode[:count], self.direction[:count], self.place[:count], self.X[:count])
 
 
 @kernel

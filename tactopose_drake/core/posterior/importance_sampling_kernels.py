@@ -214,7 +214,7 @@ def step_down(
 def add_moments(
     increment: Floats3, weights: Floats2, effective_samples: OutFloats1, first: OutFloats2, second: OutFloats3
 ) -> None:
-    """Fills `mode_moments.Moments`, of which the second and third are zero on entry, from weights (B, g)."""
+    """Fills `mode_moments.Moments`, of which `first` and `second` are zero on entry, from weights (B, g)."""
     for g in range(weights.shape[1]):
         mass, squares = 0.0, 0.0
         for b in range(weights.shape[0]):

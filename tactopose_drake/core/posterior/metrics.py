@@ -43,18 +43,18 @@ def touch_errors(model: ObjectModel, contacts: Contacts, X_PO: FloatArray) -> To
     MDTS = np.abs(distance).mean(axis=1)
     if contacts.n_PC is None:
         return TouchErrors(MDTS, np.full(len(X_PO), np.nan))
-    return TouchErrors(MDTS, _angles(contacts.n_PC @ R_PO, n_O).mean(axis=1))
+    return TouchErrors(MDTS, angles_between(contacts.n_PC @ R_PO, n_O).mean(axis=1))
 
 
 def truth_errors(p_OC: FloatArray, n_OC: FloatArray, X_PO_true: FloatArray, X_PO: FloatArray) -> TruthErrors:
     """Compares where the true pose (3, 4) and poses (B, 3, 4) put points p_OC (k, 3) and normals n_OC (k, 3) of O."""
     true_points = p_OC @ X_PO_true[:, :3].T + X_PO_true[:, 3]
     points = p_OC @ np.swapaxes(X_PO[:, :, :3], 1, 2) + X_PO[:, None, :, 3]
-    angles = _angles(n_OC @ np.swapaxes(X_PO[:, :, :3], 1, 2), n_OC @ X_PO_true[:, :3].T)
+    angles = angles_between(n_OC @ np.swapaxes(X_PO[:, :, :3], 1, 2), n_OC @ X_PO_true[:, :3].T)
     return TruthErrors(np.linalg.norm(points - true_points, axis=-1).mean(axis=1), angles.mean(axis=1))
 
 
-def _angles(a: FloatArray, b: FloatArray) -> FloatArray:
+def angles_between(a: FloatArray, b: FloatArray) -> FloatArray:
     """Angles between unit vectors (..., 3), rad, exact near zero too."""
     angles: FloatArray = 2.0 * np.arctan2(np.linalg.norm(a - b, axis=-1), np.linalg.norm(a + b, axis=-1))
     return angles

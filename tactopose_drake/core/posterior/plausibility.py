@@ -25,6 +25,7 @@ _LEAST_DENSITY = 1e-6
 _FEWEST_THAT_AGREE = 3
 # What a pad's place and turn may be off by, at the true pose.
 _MISPLACEMENTS = 6
+_REACH_SIGMAS = 6.0  # standard deviations from where it is believed to be, beyond which an object is not
 
 
 def degrees_of_freedom(evidence: Evidence) -> int:
@@ -145,7 +146,6 @@ def may_be_touched(
     X_PO: FloatArray,
     covariance: FloatArray,
     contacts: Contacts,
-    params: PlausibilityParams = DEFAULT_PARAMS.plausibility,
 ) -> bool:
     """Whether an object of which a pose is known may be what is touched: whether any contact is within its reach.
 
@@ -154,11 +154,10 @@ def may_be_touched(
         X_PO: where it is or was lately, shape (3, 4).
         covariance: of the increment (w, v) from it, shape (6, 6), rad and m.
         contacts: in P, at least one.
-        params: how far off it may be.
     """
     spread = np.trace(covariance[3:, 3:]) + model.size**2 * np.trace(covariance[:3, :3])
     # Within its size are the turns about its origin, and what it may have moved in the hand meanwhile.
-    reach = model.size + params.reach_sigmas * np.sqrt(spread)
+    reach = model.size + _REACH_SIGMAS * np.sqrt(spread)
     p_OC = (contacts.p_PC - X_PO[:, 3]) @ X_PO[:, :3]
     out_of_box = p_OC - np.clip(p_OC, model.grid.origin, model.grid.upper)
     return bool(np.square(out_of_box).sum(axis=1).min() < reach**2)

@@ -9,6 +9,7 @@ import numpy as np
 
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.objectives.objective import SmoothObjective
+from tactopose_drake.core.posterior.hypotheses import increments_of_one_metre
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, PosteriorParams
 from tactopose_drake.core.searches.pose_problem import PoseProblem
 from tactopose_drake.core.shape.object_model import ObjectModel
@@ -76,7 +77,7 @@ class Posterior:
     @functools.cached_property
     def units(self) -> FloatArray:
         """Increments (6,) that move a point at half the object's size by one metre."""
-        return np.repeat([2.0 / self.size, 1.0], 3)
+        return increments_of_one_metre(self.size)
 
     @functools.cached_property
     def straight(self) -> float:

@@ -35,7 +35,6 @@ class PlausibilityParams:
     # false contact 0 to 2 % then lack a better pose that doubt would have found.
     comfortable_chance: float = 0.2
     comfortable_variance: float = 1.2
-    reach_sigmas: float = 6.0  # standard deviations from where it is believed to be, beyond which an object is not
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, slots=True)

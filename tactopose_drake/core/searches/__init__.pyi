@@ -17,8 +17,6 @@ from .parameters import QuaternionParameters as QuaternionParameters
 from .patch_searches import corner_search as corner_search
 from .patch_searches import patch_search as patch_search
 from .pose_problem import PoseProblem as PoseProblem
-from .pose_problem import balance_term as balance_term
-from .pose_problem import bounding_terms as bounding_terms
 from .pose_problem import make_problem as make_problem
 from .search import PoseSpace as PoseSpace
 from .search import PriorSpace as PriorSpace

@@ -1,8 +1,8 @@
 """A search where the best pose leaves so much unexplained that one of the contacts or pads may be false.
 
 A false one draws all poses of a search toward itself, and none near the truth may be left. Without it, in turn
-without each of them, the search finds what the others say. All that is found is refined by the mixture likelihood,
-which then says itself which one is false, if any.
+without each of those that the best pose explains least, the search finds what the others say. All that is found is
+refined by the mixture likelihood, which then says itself which one is false, if any.
 """
 
 from typing import cast

@@ -35,7 +35,7 @@ def patch_search(model: ObjectModel, patches: Sequence[Patch], contacts: Contact
     )
 
 
-def corner_search(model: ObjectModel, patches: Sequence[Patch], contacts: Contacts | None = None) -> EvolutionStrategy:
+def corner_search(model: ObjectModel, patches: Sequence[Patch]) -> EvolutionStrategy:
     """The same proposals for objectives that jump or bend, as those of point clouds do.
 
     There the derivative says little: a point that enters a pad's sensing box makes the cost jump, and wherever another
@@ -44,9 +44,8 @@ def corner_search(model: ObjectModel, patches: Sequence[Patch], contacts: Contac
     Args:
         model: the object.
         patches: the touch that poses are proposed from; at least one pad feels the object.
-        contacts: more of it.
     """
-    pairs = patch_search(model, patches, contacts)
+    pairs = patch_search(model, patches)
 
     def propose(space: PoseSpace, generator: np.random.Generator) -> FloatArray:
         if space.reach[0] < np.pi:

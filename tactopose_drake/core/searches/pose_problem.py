@@ -107,11 +107,11 @@ def make_problem(model: ObjectModel, evidence: Evidence) -> PoseProblem:
         if evidence.outlier_probability > 0.0:
             pad_mixture = PatchMixture(model, evidence.felt, evidence.outlier_probability)
     if evidence.balance is not None:
-        terms.append(balance_term(model, evidence))
+        terms.append(_balance_term(model, evidence))
     if evidence.planes:
         terms.append(PlaneSupport(model, evidence.planes))
     determining = _sum(terms)
-    bounding = bounding_terms(model, evidence)
+    bounding = _bounding_terms(model, evidence)
     likelihood = _sum([*terms, *bounding])
     known = None if prior is None else PriorObjective(prior)
     if known is None or prior is None:
@@ -128,7 +128,7 @@ def make_problem(model: ObjectModel, evidence: Evidence) -> PoseProblem:
     )
 
 
-def bounding_terms(model: ObjectModel, evidence: Evidence) -> list[LeastSquaresObjective]:
+def _bounding_terms(model: ObjectModel, evidence: Evidence) -> list[LeastSquaresObjective]:
     """The objectives of what bounds the pose on one side: silent pads, friction, and the hand's volume."""
     terms: list[LeastSquaresObjective] = []
     unfelt = [patch for patch in evidence.patches if not patch.is_felt]
@@ -147,7 +147,7 @@ def _sum(terms: list[LeastSquaresObjective]) -> LeastSquaresObjective:
     return terms[0] if len(terms) == 1 else SumObjective(terms)
 
 
-def balance_term(model: ObjectModel, evidence: Evidence) -> LeastSquaresObjective:
+def _balance_term(model: ObjectModel, evidence: Evidence) -> LeastSquaresObjective:
     """The objective of the forces' balance, which the evidence has.
 
     Raises:

@@ -40,9 +40,9 @@ class SearchResult(NamedTuple):
     converged: np.ndarray[tuple[int], np.dtype[np.bool_]]
     hessian: FloatArray | None = None
 
-    def ranked(self, count: int | None = None) -> "SearchResult":
-        """The `count` poses of least cost (all by default), by rising cost."""
-        order = self.cost.argsort(kind="stable")[:count]
+    def ranked(self) -> "SearchResult":
+        """The poses by rising cost."""
+        order = self.cost.argsort(kind="stable")
         return SearchResult(*(None if column is None else column[order] for column in self))  # type: ignore[arg-type]
 
 

@@ -3,12 +3,9 @@
 import numpy as np
 
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.poses import make_poses, random_rotations
+from tactopose_drake.core.poses import RANDOM_ROTATION_VARIANCE, make_poses, random_rotations
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
-
-# The mean square of each coordinate of the rotation vector of a uniformly random rotation: (pi^2 / 3 + 2) / 3.
-_ROTATION_VARIANCE = (np.pi**2 / 3.0 + 2.0) / 3.0
 
 
 class TouchSpace:
@@ -31,7 +28,7 @@ class TouchSpace:
         # The way from there to p_PC - R q, for any contact, any rotation and any point q of the surface.
         spread = np.linalg.norm(self._p_PC - middle_P, axis=1).max()
         self.reach = np.pi, float(spread + arm + np.linalg.norm(middle_O))
-        self.information = np.diag(1.0 / np.repeat([_ROTATION_VARIANCE, variance], 3))
+        self.information = np.diag(1.0 / np.repeat([RANDOM_ROTATION_VARIANCE, variance], 3))
 
     def sample(self, generator: np.random.Generator, count: int) -> FloatArray:
         """Random rotations that put a random contact on a random surface sample, shape (count, 3, 4)."""

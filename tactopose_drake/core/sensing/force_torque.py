@@ -15,6 +15,8 @@ from tactopose_drake.core.validation import FloatArray, finite_array
 from tactopose_drake.errors import InvalidInputError
 
 AXES = ("m_x", "m_y", "m_z", "f_x", "f_y", "f_z")
+GRAVITY_W = np.array([0.0, 0.0, -9.81])
+"""The acceleration of gravity in the world, m/s^2: Drake's default."""
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)

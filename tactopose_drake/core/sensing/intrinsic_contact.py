@@ -183,7 +183,8 @@ def solve_contacts(
         surface: the fingertip's surface.
         layer: its soft layer; rigid without.
         min_force: force below which there is no contact, N.
-        friction_coefficient: the largest that can occur; a wrench that needs more is not valid. Not checked without.
+        friction_coefficient: the largest that can occur; a wrench that needs more is not valid. Without it, the bounds
+            are those of a coefficient of 10, as of `solve_contact`.
         method: as of `solve_contact`.
 
     Raises:

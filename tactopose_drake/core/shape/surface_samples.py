@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 from tactopose_drake.core.shape.sampling_kernels import triangle_curve
 from tactopose_drake.core.validation import FloatArray
 
+_BITS = 10  # of each coordinate, by which faces are sorted
+
 
 @dataclass(frozen=True, eq=False)
 class SurfaceSamples:
@@ -80,13 +82,13 @@ def points_along_surface(
     return points, cross[face] / twice_area[face, None], 0.5 * float(ends[-1]) / count
 
 
-def _spatial_order(points: FloatArray, bits: int = 10) -> NDArray[np.intp]:
+def _spatial_order(points: FloatArray) -> NDArray[np.intp]:
     """Indices that sort points (n, 3) along a Morton curve."""
     low = points.min(axis=0)
-    scale = (2**bits - 1) / max(float(np.ptp(points, axis=0).max()), 1e-12)
+    scale = (2**_BITS - 1) / max(float(np.ptp(points, axis=0).max()), 1e-12)
     cell = ((points - low) * scale).astype(np.int64)
     code = np.zeros(len(points), dtype=np.int64)
-    for bit in range(bits):
+    for bit in range(_BITS):
         for axis in range(3):
             code |= ((cell[:, axis] >> bit) & 1) << (3 * bit + axis)
     return np.argsort(code, kind="stable")

@@ -23,20 +23,17 @@ from tactopose_drake.core.shape.surface_samples import points_along_surface
 from tactopose_drake.core.shape.surfel_kernels import BLOCK, Discs
 from tactopose_drake.core.validation import FloatArray
 
+# How finely discs cover a surface, and which of them are reckoned: exactness against time.
+SPACING_SIGMAS = 1.3
+"""Wanted between neighbours, in a point's standard deviations."""
+LEAST_SPACING = 0.0005
+"""Between neighbours, m, however well a point is known."""
+_MAX_SURFELS = 250_000  # about so many, at the most: larger surfaces get larger discs
+_POINTS_PER_DISC = 9  # of the surface, whose mean and variance a disc is
+_LEAST_MEAN_NORMAL = 0.92  # length of the mean of a disc's normals: they differ by some 20 degrees
+_CELL_SPACINGS = 3.4  # a cell's width, in spacings: a contact's surroundings lie in few long runs
+_REACH = 3.8  # discs count within so many standard deviations of a contact
 _AN_OCTAVE = 4  # spacings
-
-
-@dataclass(frozen=True, kw_only=True)
-class SurfelParams:
-    """How finely discs cover a surface, and which of them are reckoned: exactness against time."""
-
-    spacing_sigmas: float = 1.3  # wanted between neighbours, in a point's standard deviations
-    least_spacing: float = 0.0005  # between neighbours, m, however well a point is known
-    max_surfels: int = 250_000  # about so many, at the most: larger surfaces get larger discs
-    points_per_disc: int = 9  # of the surface, whose mean and variance a disc is
-    least_mean_normal: float = 0.92  # length of the mean of a disc's normals: they differ by some 20 degrees
-    cell_spacings: float = 3.4  # a cell's width, in spacings: a contact's surroundings lie in few long runs
-    reach: float = 3.8  # discs count within so many standard deviations of a contact
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,31 +64,25 @@ class Surfels:
     def kernel_view(self) -> Discs:
         """The discs as kernels read them."""
         blocks, balls, first, origin = map(read_only, (self.blocks, self.balls, self.first, self.origin))
-        return Discs(blocks, balls, first, origin, 1.0 / self.cell, self.shape, self.spacing, SurfelParams().reach)
+        return Discs(blocks, balls, first, origin, 1.0 / self.cell, self.shape, self.spacing, _REACH)
 
 
-def surfel_spacing(sigma: float, area: float, params: SurfelParams = SurfelParams()) -> float:
+def surfel_spacing(sigma: float, area: float) -> float:
     """The spacing, m, that suits a point known to sigma, m, on a surface of this area, m^2: one of four an octave."""
-    wanted = max(params.spacing_sigmas * sigma, params.least_spacing, math.sqrt(area / params.max_surfels))
+    wanted = max(SPACING_SIGMAS * sigma, LEAST_SPACING, math.sqrt(area / _MAX_SURFELS))
     return 1e-3 * float(2.0 ** (math.ceil(_AN_OCTAVE * math.log2(1e3 * wanted) - 0.5) / _AN_OCTAVE))
 
 
-def surfel_sigmas(least: float, largest: float, params: SurfelParams = SurfelParams()) -> FloatArray:
+def surfel_sigmas(least: float, largest: float) -> FloatArray:
     """Standard deviations of points, m, from the least to the largest, that between them suit all spacings."""
-    least = max(least, params.least_spacing / params.spacing_sigmas)
+    least = max(least, LEAST_SPACING / SPACING_SIGMAS)
     steps = max(0, math.ceil(_AN_OCTAVE * math.log2(largest / least)))
     return np.asarray(least * 2.0 ** (np.arange(steps + 1) / _AN_OCTAVE))
 
 
-def make_surfels(
-    vertices: FloatArray,
-    faces: NDArray[np.int32],
-    area: float,
-    spacing: float,
-    params: SurfelParams = SurfelParams(),
-) -> Surfels:
+def make_surfels(vertices: FloatArray, faces: NDArray[np.int32], area: float, spacing: float) -> Surfels:
     """Covers the mesh (v, 3), (f, 3) of this area, m^2, with discs about `spacing` apart, m, and more along creases."""
-    count = max(1, round(params.points_per_disc * area / spacing**2))
+    count = max(1, round(_POINTS_PER_DISC * area / spacing**2))
     points, normals, share = points_along_surface(vertices, faces, count)
     # A disc is the points of one voxel whose normals have the same largest part, so that edges and walls come apart.
     part = np.abs(normals).argmax(axis=1)
@@ -102,7 +93,7 @@ def make_surfels(
     center, mean = (_averages(rows, disc, size) for rows in (points, normals))
     variance = 0.5 * _averages(np.sum((points - center[disc]) ** 2, axis=1)[:, None], disc, size)[:, 0]
     length = np.linalg.norm(mean, axis=1)
-    is_flat = length > params.least_mean_normal
+    is_flat = length > _LEAST_MEAN_NORMAL
     rest = ~is_flat[disc]
     discs = np.concatenate(
         [
@@ -111,7 +102,7 @@ def make_surfels(
             np.column_stack([points, normals, *np.broadcast_arrays(share, share / 12.0, 0.0, points[:, 0])[:3]])[rest],
         ]
     )
-    return _sorted(discs.astype(np.float32), params.cell_spacings * spacing, spacing)
+    return _sorted(discs.astype(np.float32), _CELL_SPACINGS * spacing, spacing)
 
 
 def _sorted(discs: NDArray[np.float32], cell: float, spacing: float) -> Surfels:

@@ -18,6 +18,7 @@ CONTINUOUS = 0
 
 # A fact of finite groups of rotations: those of an icosahedron; twelve-fold prisms have 24.
 _LARGEST_GROUP = 60
+_CONTINUOUS_TURNS = 12  # that stand for all about an axis, equally far apart
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,19 +93,16 @@ def symmetry_group(symmetries: Iterable[RotationalSymmetry]) -> FloatArray:
     return group
 
 
-def sampled_turns(
-    group: FloatArray, symmetries: Iterable[RotationalSymmetry], continuous_turns: int = 12
-) -> FloatArray:
+def sampled_turns(group: FloatArray, symmetries: Iterable[RotationalSymmetry]) -> FloatArray:
     """A group of poses (g, 3, 4), joined with some turns about each continuous axis, shape (n, 3, 4).
 
     Args:
         group: of the finite symmetries, see `symmetry_group`.
         symmetries: among which the continuous ones are.
-        continuous_turns: that stand for all about such an axis, equally far apart.
     """
     for symmetry in symmetries:
         if symmetry.is_continuous:
-            steps = RotationalSymmetry(symmetry.axis, symmetry.point, continuous_turns).poses()
+            steps = RotationalSymmetry(symmetry.axis, symmetry.point, _CONTINUOUS_TURNS).poses()
             group = compose(group[:, None], steps[None]).reshape(-1, 3, 4)
     return group
 

@@ -25,7 +25,7 @@ from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact, along_normals
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.frame import ContactReading, ErrorParts, Frame, SeemingErrors, told_variances
-from tactopose_drake.core.tracking.slip_detection import SlipTest
+from tactopose_drake.core.tracking.slip_by_surface import SlipTest
 from tactopose_drake.core.tracking.tracker_params import CalibrationScaleParams, PoseTrackerParams
 from tactopose_drake.core.validation import FloatArray
 

@@ -29,14 +29,12 @@ from tactopose_drake.core.kernels import prediction_kernels
 from tactopose_drake.core.kernels.matrix_kernels import inverses
 from tactopose_drake.core.kernels.pose_kernels import retract
 from tactopose_drake.core.plain_values import copied
-from tactopose_drake.core.poses import compose, inverse, log_so3, skew
+from tactopose_drake.core.poses import RANDOM_ROTATION_VARIANCE, compose, inverse, log_so3, skew
 from tactopose_drake.core.tracking.frame import PoseMeasurement
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import MotionNoise
 from tactopose_drake.core.validation import FloatArray
 
-# Nothing is known of a rotation with this variance about each axis, rad^2: the mean square of a random rotation's.
-_ANY_ROTATION = (np.pi**2 / 3.0 + 2.0) / 3.0
 _ORIGIN = np.eye(3, 4)[None]
 
 
@@ -120,7 +118,7 @@ def move_freely(
         X_PP = compose(inverse(X_WP), X_WP_before)
         twist = np.concatenate([log_so3(X_PP[:, :3]), X_PP[:, 3]])
     free = _three_each(noise.free_rotation**2, noise.free_translation**2)
-    variances = np.minimum(free * duration, _three_each(_ANY_ROTATION, max_sigma_translation**2))
+    variances = np.minimum(free * duration, _three_each(RANDOM_ROTATION_VARIANCE, max_sigma_translation**2))
     return Motion(twist, np.diag(variances))
 
 
@@ -214,7 +212,7 @@ def predict_modes(modes: TrackedModes, motion: Motion, max_sigma_translation: fl
         max_sigma_translation: of a translation with this standard deviation nothing is known, m.
     """
     X_PO, covariance, cross = _carry(modes.X_PO, modes.covariance, modes.cross_covariance, motion)
-    limits = _three_each(_ANY_ROTATION, max_sigma_translation**2)
+    limits = _three_each(RANDOM_ROTATION_VARIANCE, max_sigma_translation**2)
     is_beyond = np.diagonal(covariance, axis1=1, axis2=2) > limits
     for b in np.flatnonzero(is_beyond.any(axis=1)) if is_beyond.any() else ():
         shrink = _shrink(covariance[b], limits)

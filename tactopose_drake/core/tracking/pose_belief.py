@@ -25,7 +25,9 @@ from tactopose_drake.core.tracking.frame import PoseMeasurement, SeemingErrors
 from tactopose_drake.core.tracking.keyframes import Keyframe
 from tactopose_drake.core.tracking.motion_prediction import MotionHistory
 from tactopose_drake.core.tracking.relocalisation import SearchState
-from tactopose_drake.core.tracking.slip_detection import ForceTest, RigidityTest, SlipTest
+from tactopose_drake.core.tracking.slip_by_forces import ForceTest
+from tactopose_drake.core.tracking.slip_by_motion import RigidityTest
+from tactopose_drake.core.tracking.slip_by_surface import SlipTest
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tactopose_drake.core.validation import FloatArray

@@ -34,13 +34,9 @@ from tactopose_drake.core.tracking.motion_prediction import (
 )
 from tactopose_drake.core.tracking.pose_belief import Explanation, PoseBelief, summarise
 from tactopose_drake.core.tracking.relocalisation import relocalise, search_on
-from tactopose_drake.core.tracking.slip_detection import (
-    PoseChange,
-    SlipTest,
-    detect_by_forces,
-    detect_by_motion,
-    detect_slip,
-)
+from tactopose_drake.core.tracking.slip_by_forces import detect_by_forces
+from tactopose_drake.core.tracking.slip_by_motion import detect_by_motion
+from tactopose_drake.core.tracking.slip_by_surface import PoseChange, SlipTest, detect_slip
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tactopose_drake.core.tracking.vision_update import move_standing, see
 from tactopose_drake.core.validation import FloatArray, instance_of

@@ -60,7 +60,6 @@ class SimulatedBarrettHand(SimulatedDevice):
         self._status = dict.fromkeys(Puck, PuckStatus.READY if awake else PuckStatus.MONITOR)
         self._mode = dict.fromkeys(Puck, TactileMode.OFF)
         self._awake_at = dict.fromkeys(Puck, 0.0)
-        self._woken_last = 0.0
         self._zero = np.zeros((len(ARRAYS), tactile.CELLS))
         self.moves: list[tuple[Puck, int]] = []
         self.disturbed = False

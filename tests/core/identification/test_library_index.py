@@ -5,10 +5,10 @@ import trimesh
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.identification import index_kernels
 from tactopose_drake.core.identification.library_index import (
+    LEAST_DENSITY,
     SAMPLES,
     LibraryIndex,
     PairCounts,
-    PairScoreParams,
     count_pairs,
 )
 from tactopose_drake.core.poses import random_rotations
@@ -87,7 +87,7 @@ def test_densities_are_those_of_the_samples_pairs(
         steps = bins - feature[a] / width[a]
         kernel *= np.exp(-0.5 * (steps / spread) ** 2) / (np.sqrt(2.0 * np.pi) * spread)
     expected = kernel.sum() / (SAMPLES * (SAMPLES - 1))
-    found = np.exp(index.scores(contacts)[0]) - PairScoreParams().least_density
+    found = np.exp(index.scores(contacts)[0]) - LEAST_DENSITY
     # Bins beyond 2.5 standard deviations, a hundredth of each direction, are left out.
     assert found == pytest.approx(expected, rel=0.06)
 
@@ -118,7 +118,7 @@ def test_distances_beyond_the_last_bin_are_counted_there() -> None:
     ends = Contacts([[-0.8, 0.0, 0.0], [0.8, 0.0, 0.0]], [[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
     apart = Contacts([[-3.0, 0.0, 0.0], [3.0, 0.0, 0.0]], [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
     assert np.isfinite(index.scores(apart)).all()
-    assert index.scores(ends)[0] > np.log(PairScoreParams().least_density) + 1.0
+    assert index.scores(ends)[0] > np.log(LEAST_DENSITY) + 1.0
 
 
 def test_counts_from_a_file_are_checked(models: list[ObjectModel]) -> None:

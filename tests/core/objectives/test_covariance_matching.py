@@ -1,10 +1,12 @@
+import dataclasses
+
 import numpy as np
 import pytest
 import trimesh
 
 from tactopose_drake.core.objectives.cell_distance import CellDistance
-from tactopose_drake.core.objectives.covariance_matching import CovarianceMatching, covariance_mismatch
-from tactopose_drake.core.poses import inverse, make_poses, random_rotations, retract, transform_points
+from tactopose_drake.core.objectives.covariance_matching import CovarianceMatching
+from tactopose_drake.core.poses import inverse, make_poses, retract, transform_points
 from tactopose_drake.core.sensing.patches import Patch, describe_patch
 from tactopose_drake.core.sensing.sensing_range import sensing_box
 from tactopose_drake.core.shape.object_model import ObjectModel
@@ -12,6 +14,7 @@ from tactopose_drake.core.shape.point_grid import PointGrid, build_point_grid
 from tactopose_drake.core.synthetic.synthetic_patch import flat_pad, touch_with_pads
 from tactopose_drake.errors import InvalidInputError
 from tests.core.meshes import shape_poor_in_symmetry
+from tests.displaced_poses import random_pose
 
 WEIGHTS = {"gate": 0.03, "h1": 3.0, "h2": 0.2, "h3": 700.0}
 BOX = {"thickness": 0.001, "height": 0.004}
@@ -28,9 +31,9 @@ def cloud(model: ObjectModel) -> PointGrid:
     return build_point_grid(model.samples.points)
 
 
-def random_pose(seed: int) -> np.ndarray:
-    generator = np.random.default_rng(seed)
-    return make_poses(random_rotations(generator, 1), generator.normal(size=(1, 3)) * 0.05)[0]
+def mismatch(covariance: np.ndarray, eigenvalues: np.ndarray) -> float:
+    """q, of a covariance in the eigenbasis (3, 3) and the eigenvalues (3,). [B16] eq. 5.8."""
+    return float(np.linalg.norm(covariance - np.diag(eigenvalues)))
 
 
 def as_listed(points: np.ndarray, patches: list[Patch], X_PO: np.ndarray) -> float:
@@ -46,7 +49,7 @@ def as_listed(points: np.ndarray, patches: list[Patch], X_PO: np.ndarray) -> flo
         if d <= WEIGHTS["gate"] and inside.sum() > 3:
             in_eigenbasis = (p_PS[inside] - patch.centroid) @ E
             r = np.sum(WEIGHTS["h2"] * np.maximum(0.0, -p_BS[inside, 2]))
-            q = covariance_mismatch(np.cov(in_eigenbasis.T), patch.eigenvalues)
+            q = mismatch(np.cov(in_eigenbasis.T), patch.eigenvalues)
             total += q * WEIGHTS["h3"] + np.linalg.norm(in_eigenbasis.mean(axis=0)) + r
         else:
             total += WEIGHTS["h1"] * d + size * WEIGHTS["h3"]
@@ -57,7 +60,15 @@ def test_the_worked_example() -> None:
     """[B16] eqs. 5.9 and 5.10."""
     eigenvalues = np.array([34.56, 7.86, 0.76]) * 1e-6
     covariance = np.array([[34.15, -0.01, 0.26], [-0.01, 7.55, -0.00], [0.26, -0.00, 0.15]]) * 1e-6
-    assert covariance_mismatch(covariance, eigenvalues) == pytest.approx(0.87846e-6, abs=0.5e-11)
+    # Six points with this covariance about the middle of a pad that feels those eigenvalues.
+    arms = np.sqrt(5 / 2) * np.linalg.cholesky(covariance).T
+    points = np.concatenate([arms, -arms])
+    np.testing.assert_allclose(np.cov(points.T), covariance, atol=1e-18)
+    cells = flat_pad(6, 4, 0.004)
+    flat = describe_patch(cells, np.full(24, 1e4), alpha=0.0, n_PT=np.tile([0.0, 0.0, 1.0], (24, 1)))
+    patch = dataclasses.replace(flat, covariance=np.diag(eigenvalues))
+    objective = CovarianceMatching(build_point_grid(points), [patch], thickness=0.001, h2=0.0, h3=1.0)
+    assert objective.cost(IDENTITY[None])[0] == pytest.approx(0.87846e-6, abs=0.5e-11)
 
 
 def test_it_is_the_listing(model: ObjectModel, cloud: PointGrid) -> None:
@@ -85,8 +96,8 @@ def test_each_branch_of_the_listing() -> None:
         return float(objective.cost(retract(IDENTITY, np.array([[0.0, 0.0, 0.0, 0.0, 0.0, z]])))[0])
 
     size = float(np.linalg.norm(patch.eigenvalues))
-    mismatch = covariance_mismatch(np.cov((plate[(np.abs(plate) < [0.012, 0.008, 1.0]).all(axis=1)]).T), [0.0] * 3)
-    assert mismatch > 0
+    in_box = plate[(np.abs(plate) < [0.012, 0.008, 1.0]).all(axis=1)]
+    assert mismatch(np.cov(in_box.T), np.zeros(3)) > 0
     on_it = cost(0.0)
     np.testing.assert_allclose(cost(0.001), on_it + 0.001, rtol=1e-9)  # further off: the centroids differ
     np.testing.assert_allclose(cost(-0.001), on_it + 0.001 + 0.1 * 0.001 * 24 * 16, rtol=1e-9)  # in the finger

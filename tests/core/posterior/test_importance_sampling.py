@@ -4,7 +4,7 @@ import math
 import numpy as np
 import pytest
 
-from tactopose_drake.core.objectives.objective import LeastSquaresObjective, NormalEquations, form_normal_equations
+from tactopose_drake.core.objectives.objective import LeastSquaresObjective, NormalEquations
 from tactopose_drake.core.poses import exp_so3, increments_between, make_poses, retract
 from tactopose_drake.core.posterior import importance_sampling_kernels
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
@@ -32,18 +32,11 @@ class Valley(LeastSquaresObjective):
         u[:, 4] -= self.bend * np.sin(u[:, 2])
         return u / self.sigmas
 
-    def cost(self, X_PO: FloatArray) -> FloatArray:
-        cost: FloatArray = 0.5 * np.sum(self.residuals(X_PO) ** 2, axis=1)
-        return cost
-
     def residuals_and_jacobian(self, X_PO: FloatArray) -> tuple[FloatArray, FloatArray]:
         here = self.residuals(X_PO)
         steps = 1e-6 * np.eye(6)
         columns = [(self.residuals(retract(X_PO, step)) - here) / 1e-6 for step in steps]
         return here, np.stack(columns, axis=-1)
-
-    def normal_equations(self, X_PO: FloatArray) -> NormalEquations:
-        return form_normal_equations(*self.residuals_and_jacobian(X_PO))
 
 
 def posterior(

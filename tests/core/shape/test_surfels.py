@@ -9,7 +9,7 @@ from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.objectives.surface_density import DENSITY_FLOOR, SurfaceDensity
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.shape.surfels import SurfelParams, Surfels, surfel_spacing
+from tactopose_drake.core.shape.surfels import LEAST_SPACING, SPACING_SIGMAS, Surfels, surfel_spacing
 from tactopose_drake.core.validation import FloatArray
 
 SIGMA, BEND = 0.001, 0.1
@@ -114,10 +114,10 @@ def test_far_from_the_surface_the_cost_stays_finite(box: ObjectModel) -> None:
 
 
 def test_the_spacing_follows_the_noise_within_what_the_surface_allows() -> None:
-    assert surfel_spacing(1e-5, 0.01) == pytest.approx(SurfelParams().least_spacing, rel=0.1)
+    assert surfel_spacing(1e-5, 0.01) == pytest.approx(LEAST_SPACING, rel=0.1)
     assert surfel_spacing(0.002, 0.01) == pytest.approx(2 * surfel_spacing(0.001, 0.01))
     assert surfel_spacing(1e-5, 100.0) > 0.01
-    assert surfel_spacing(0.001, 0.01, SurfelParams(spacing_sigmas=2.6)) == pytest.approx(surfel_spacing(0.002, 0.01))
+    assert surfel_spacing(0.002, 0.01) == pytest.approx(SPACING_SIGMAS * 0.002, rel=0.1)
 
 
 @pytest.mark.parametrize("height", [0.06, 0.002])

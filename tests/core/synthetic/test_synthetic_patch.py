@@ -2,15 +2,11 @@ import numpy as np
 import pytest
 import trimesh
 
-from tactopose_drake.core.poses import inverse, make_poses, random_rotations, transform_points
+from tactopose_drake.core.poses import inverse, transform_points
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.synthetic.synthetic_patch import PadTouchParams, flat_pad, touch_with_pads
 from tactopose_drake.errors import InvalidInputError
-
-
-def random_pose(seed: int) -> np.ndarray:
-    generator = np.random.default_rng(seed)
-    return make_poses(random_rotations(generator, 1), generator.normal(size=(1, 3)) * 0.05)[0]
+from tests.displaced_poses import random_pose
 
 
 def test_without_noise_active_cells_lie_on_the_surface_and_others_outside() -> None:

@@ -15,7 +15,7 @@ from tactopose_drake.core.tracking.contact_errors import (
 )
 from tactopose_drake.core.tracking.frame import ContactReading, SeemingErrors
 from tactopose_drake.core.tracking.motion_prediction import MotionNoise, move_with_palm
-from tactopose_drake.core.tracking.slip_detection import PoseChange, SlipTest, detect_slip
+from tactopose_drake.core.tracking.slip_by_surface import PoseChange, SlipTest, detect_slip
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tests.core.tracking.boxes import SIGMA_NORMAL, SIGMA_POSITION, draw_biases, make_box, n_OC, p_OC, read, touch
 

@@ -2,7 +2,7 @@ import numpy as np
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.tracking.frame import ContactReading
-from tactopose_drake.core.tracking.slip_detection import RigidityTest, detect_by_motion
+from tactopose_drake.core.tracking.slip_by_motion import RigidityTest, detect_by_motion
 from tactopose_drake.core.tracking.tracker_params import RigidityTestParams
 from tests.core.tracking.boxes import n_OC, p_OC, read
 

@@ -133,7 +133,7 @@ class MonteCarlo(Search):
         generator: np.random.Generator,
         should_stop: StopSignal = never,
     ) -> tuple[FloatArray, FloatArray]:
-        """All particles (n, 7) as they came, see `roulette_kernels.py`, and their costs (n,)."""
+        """All particles (n, 7) in the order in which they were made, see `roulette_kernels`, and their costs (n,)."""
         is_near = space.reach[0] < np.pi
         design = self.correction if is_near else self.anywhere
         particles, cost = np.empty((design.particles, 7)), np.empty(design.particles)

@@ -70,7 +70,7 @@ def best_poses(
         pairs: contacts and their matches.
         features: the object's pairs of samples.
         field: the object's coarse field.
-        table: all contacts, from `contact_table.contact_table`.
+        table: all contacts, from `contact_tables.contact_table`.
         count: so many, at the most.
         center: the middle of the poses that count, shape (3, 4).
         reach: the largest rotation from there, rad, and the largest translation, m.

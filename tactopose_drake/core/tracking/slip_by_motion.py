@@ -1,0 +1,87 @@
+"""Whether a fingertip slides on the object, by how the fingertips move.
+
+Of a fingertip that rolls on the object or sticks to it, the point that touches has the object's velocity v + w x p. Of
+k fingertips these are 3 k equations of six unknowns, the closure of the loops that hand and object make. What no twist
+explains of their displacements within a short time is the innovation: while all hold, it is the noise of the measured
+velocities, which shows in how it changes from one frame to the next, and a share of the way that the fingertips went,
+by which kinematics err. Its normalised square is chi-square with 3 k - 6 degrees of freedom, until one slides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from tactopose_drake.core.kernels import slip_kernels
+from tactopose_drake.core.posterior.chi_square import chi_square_limit
+from tactopose_drake.core.tracking.frame import ContactReading
+from tactopose_drake.core.tracking.tracker_params import RigidityTestParams
+from tactopose_drake.core.validation import FloatArray
+
+_LEAST_CONTACTS = 3  # of two, the distance alone is told
+_MOST_GROWTH = 4.0  # of the noise by one frame
+
+
+class RigidityTest(NamedTuple):
+    """What the test remembers.
+
+    Attributes:
+        times: of the latest frames, oldest first, s.
+        displacements: in each of them, of the fingertips where they touch, by source, shape (h, s, 3), m; NaN where one
+            does not touch, or has just come to touch: on its way there nothing bound it.
+        touching: names of the sources that touched in the last of them.
+        noise: variance of the velocities' errors, of each coordinate, m^2/s^2; None before the first frame.
+    """
+
+    times: tuple[float, ...] = ()
+    displacements: FloatArray = np.zeros((0, 0, 3))
+    touching: frozenset[str] = frozenset()
+    noise: float | None = None
+
+
+def detect_by_motion(
+    params: RigidityTestParams,
+    test: RigidityTest,
+    reading: ContactReading,
+    tip_velocity: Mapping[str, FloatArray] | None,
+    time: float,
+    duration: float,
+) -> tuple[RigidityTest, bool]:
+    """The test after a frame, and whether a fingertip slides.
+
+    Args:
+        params: when one does.
+        test: after the last frame.
+        reading: the contacts.
+        tip_velocity: spatial velocities [w, v] of the fingertips at the origin of P, by source, rad/s and m/s.
+        time: of the frame, s.
+        duration: since the last frame, s.
+    """
+    if tip_velocity is None or duration <= 0.0:
+        return RigidityTest(noise=test.noise), False
+    names, noise = reading.sources, params.velocity_noise**2 if test.noise is None else test.noise
+    touching = frozenset(frame_names := [names[s] for s in reading.source])
+    stay = [row for row, name in enumerate(frame_names) if name in test.touching and name in tip_velocity]
+    velocity = np.array([tip_velocity[frame_names[row]] for row in stay]).reshape(-1, 6)
+    first = sum(then <= time - params.time + 1e-9 for then in test.times)
+    before, squares = test.displacements[first:], np.empty(3)
+    displacements = np.full((len(before) + 1, len(names), 3), np.nan)
+    displacements[:-1, : before.shape[1]] = before
+    p_PC, source = reading.contacts.p_PC[stay], reading.source[stay]
+    steady = slip_kernels.add_displacements(source, p_PC, velocity, duration, displacements, squares)
+    test = RigidityTest((*test.times[first:], time), displacements, touching, noise)
+    if steady < _LEAST_CONTACTS:
+        return test, False
+    unexplained, of_change, of_ways = squares.tolist()
+    freedom = 3 * steady - 6
+    if len(before):
+        # Of two independent errors the difference has twice the variance of one. A slide goes on as before.
+        seen = 0.5 * of_change / (freedom * duration**2)
+        seen = min(max(seen, params.least_velocity_noise**2), _MOST_GROWTH * noise)
+        test = test._replace(noise=noise + params.noise_gain * (seen - noise))
+    # Noise adds up as a random walk, what kinematics err along the way does not average out.
+    variance = noise * duration**2 * len(displacements) + params.way_share**2 * of_ways / (3 * steady)
+    is_news = unexplained > variance * chi_square_limit(freedom, params.false_alarm_probability)
+    return test, bool(is_news and unexplained > steady * params.least_distance**2)

@@ -1,0 +1,149 @@
+"""Whether the object slips, by how its surface moves under the fingertips.
+
+Where the fingertips hold, an object that moves as they carry it has its surface where they touch at all times, up to
+their noise. What errors of the hand, of the pose and of the surface leave between surface and contact is the same from
+frame to frame. So the differences of contacts' residuals over a short time tell of the slip alone: to first order they
+are J u, where u is the motion that nothing explains. It is a slip where the touch tells u apart from noise, and from
+what is unknown of the fingertips' own motion, and it is more than a little.
+
+A mode's pose is corrected at each frame, by touch, by vision and by searches, and what it leaves over changes by that.
+The history is therefore kept with the pose that it is of, which moves as the fingertips say: what contacts leave over
+there is compared with it, and then it is taken to the pose of now. How large the noise of single frames is shows in how
+residuals change from one to the next.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from tactopose_drake.core.compilation import read_only
+from tactopose_drake.core.kernels import slip_kernels
+from tactopose_drake.core.objectives.surface_contact import SurfaceContact
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.tracking.frame import ContactReading
+from tactopose_drake.core.tracking.motion_prediction import Motion, error_of_motion
+from tactopose_drake.core.tracking.tracker_params import SlipParams
+from tactopose_drake.core.validation import FloatArray
+
+_NOISE = read_only(np.array([0.02, 4.0]))  # the least and the most that is taken for it
+_LEAST_VARIANCE = 1e-12
+_ROWS = 4  # of a contact: its distance, and the difference of the normals
+_KIND_OF_ROW = np.array([0, 1, 1, 1])  # by which variances are told, of points or of normals
+
+
+class SlipTest(NamedTuple):
+    """What the test remembers.
+
+    Attributes:
+        residuals: of the latest h frames, oldest first, whitened by what is told of the contacts' errors, by source, as
+            they would be at one pose, shape (h, s, 4); NaN where a source does not touch.
+        noise: variances of what is new of distances and of normals at each frame.
+        X_PO: that pose, which the best mode had after the last of them, as it has moved since, shape (3, 4); None
+            before the first.
+    """
+
+    residuals: FloatArray = np.zeros((0, 0, _ROWS))
+    noise: tuple[float, float] = (1.0, 1.0)
+    X_PO: FloatArray | None = None
+
+    def moved(self, motion: Motion) -> SlipTest:
+        """The same after a motion of the object."""
+        return self if self.X_PO is None else self._replace(X_PO=motion.of_poses(self.X_PO))
+
+    def restarted(self) -> SlipTest:
+        """Without the history."""
+        return self._replace(residuals=np.zeros((0, 0, _ROWS)))
+
+
+class PoseChange(NamedTuple):
+    """The best mode at a frame.
+
+    Attributes:
+        X_PO: its pose after the touch, shape (3, 4).
+        roughness: of the surface about each source: variances of positions, m^2, and of normals, rad^2, shape (s, 2).
+        motion: since the last frame.
+    """
+
+    X_PO: FloatArray
+    roughness: FloatArray
+    motion: Motion
+
+
+def detect_slip(
+    model: ObjectModel, params: SlipParams, test: SlipTest, reading: ContactReading, change: PoseChange
+) -> tuple[SlipTest, bool]:
+    """The test after a frame, and whether the object slips.
+
+    Args:
+        model: the object.
+        params: when it does.
+        test: after the last frame, moved by the motion since.
+        reading: the contacts.
+        change: of the best mode, by the frame.
+    """
+    X_before = change.X_PO if test.X_PO is None else test.X_PO
+    touch = SurfaceContact(model.grid, reading.contacts)
+    residuals, jacobian = touch.rows_of_contacts(np.stack([X_before, change.X_PO]))
+    noise, kept = np.array(test.noise), min(len(test.residuals) + 1, params.max_frames)
+    history = np.empty((kept, len(reading.sources), _ROWS))
+    rows = np.ascontiguousarray(residuals[..., :_ROWS])
+    slip_kernels.follow_residuals(test.residuals, rows, reading.source, params.noise_gain, _NOISE, noise, history)
+    slips = _has_slipped(params, history, jacobian[0, :, :_ROWS], noise, reading, change)
+    return SlipTest(history, (float(noise[0]), float(noise[1])), change.X_PO), slips
+
+
+def _has_slipped(
+    params: SlipParams,
+    history: FloatArray,
+    jacobian: FloatArray,
+    noise: FloatArray,
+    reading: ContactReading,
+    change: PoseChange,
+) -> bool:
+    """Whether the latest of the residuals (h, s, 4) differ from those before by a slip; the jacobian is (k, 4, 6)."""
+    rough = params.rough_share * np.maximum(change.roughness[reading.source], 0.0) / reading.parts.told
+    tests = (params.few_frames, params.few_threshold), (params.many_frames, params.many_threshold)
+    for recent, threshold in tests:
+        earlier = min(len(history) - 2 * recent, params.compared_frames)
+        if earlier < params.least_frames:
+            continue
+        variances = np.maximum(noise * (1.0 / recent + 1.0 / earlier) + rough, _LEAST_VARIANCE)
+        found = np.empty((len(rough), _ROWS + 2))
+        misfit = slip_kernels.compare_frames(history, reading.source, variances, recent, earlier, found)
+        if misfit <= threshold:  # A motion explains a part of it at most.
+            continue
+        known = found[:, _ROWS] > 0.0
+        J, differences = jacobian[known].reshape(-1, 6), found[known, :_ROWS].reshape(-1)
+        weights = found[known][:, _ROWS + _KIND_OF_ROW].reshape(-1)
+        error = params.motion_share * error_of_motion(change.X_PO[None], change.motion)[0]
+        explained, u = _explain(J, weights, differences, (1.5 * recent + 0.5 * earlier) * error)
+        if explained > threshold and _way(reading.contacts.p_PC, change.X_PO, u) > params.least_distance:
+            return True
+    return False
+
+
+def _way(p_PC: FloatArray, X_PO: FloatArray, u: FloatArray) -> float:
+    """How far an increment of the pose moves the object where it is touched, root mean square, m."""
+    arms = (p_PC - X_PO[:, 3]) @ X_PO[:, :3]
+    moved = np.cross(u[:3], arms) @ X_PO[:, :3].T + u[3:]
+    return float(np.sqrt(np.mean(np.sum(moved**2, axis=1))))
+
+
+def _explain(J: FloatArray, weight: FloatArray, difference: FloatArray, error: FloatArray) -> tuple[float, FloatArray]:
+    """How much a motion explains of differences (m,), and the one that does best, as an increment (6,) of the pose.
+
+    Without a slip g = J^T W d has the covariance A + A E A, with A = J^T W J and E that of the motion's error; then
+    g^T (A + A E A)^-1 g is chi-square with six degrees of freedom at most.
+    """
+    JW = J.T * weight
+    A, g = JW @ J, JW @ difference
+    return float(g @ _solve(A + A @ error @ A, g, 1e-6)), _solve(A, g, 1e-4)
+
+
+def _solve(A: FloatArray, g: FloatArray, held: float) -> FloatArray:
+    """A^-1 g of a matrix (6, 6) that is held by so much of its diagonal."""
+    scale = 1.0 / np.sqrt(np.diag(A) + 1e-12)
+    u: FloatArray = np.linalg.solve(A * np.outer(scale, scale) + held * np.eye(6), g * scale) * scale
+    return u

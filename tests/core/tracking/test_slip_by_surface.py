@@ -1,0 +1,78 @@
+import numpy as np
+import pytest
+
+from tactopose_drake.core.poses import make_poses, random_rotations, retract
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.tracking.motion_prediction import Motion, move_with_palm
+from tactopose_drake.core.tracking.slip_by_surface import PoseChange, SlipTest, detect_slip
+from tactopose_drake.core.tracking.tracker_params import MotionNoise, SlipParams
+from tests.core.tracking.boxes import draw_biases, make_box, read, touch
+
+PARAMS = SlipParams()
+X_PO = make_poses(random_rotations(np.random.default_rng(0), 1), np.array([[0.02, 0.0, 0.1]]))[0]
+REST = move_with_palm(MotionNoise(), 0.01, slips=False)
+WAY = np.array([0.0, 0, 0, 0.6, -0.5, 0.62])
+
+
+@pytest.fixture(scope="module")
+def box() -> ObjectModel:
+    return make_box()
+
+
+def change(X_after: np.ndarray, motion: Motion = REST) -> PoseChange:
+    return PoseChange(X_after, np.zeros((6, 2)), motion)
+
+
+def first_slip(box: ObjectModel, seed: int, step: np.ndarray, frames: int, begin: int = 30) -> int | None:
+    """At which frame after the begin an object that moves by increments is found to slip, of so many; None if never."""
+    generator, test, X = np.random.default_rng(seed), SlipTest(), X_PO
+    bias = draw_biases(generator, 0.002, 0.1)  # errors of the hand, larger than told
+    for i in range(begin + frames):
+        X = retract(X, step) if i >= begin else X
+        test, slips = detect_slip(box, PARAMS, test, read(touch(X, generator, bias)), change(X_PO))
+        if slips:
+            return i - begin
+    return None
+
+
+def test_an_object_that_is_held_does_not_slip_however_wrong_the_hand_is(box: ObjectModel) -> None:
+    assert [first_slip(box, seed, np.zeros(6), 300, 0) for seed in range(3)] == [None] * 3
+
+
+@pytest.mark.parametrize("speed", [0.1, 0.2])
+def test_a_slide_is_noticed_within_50_ms_of_its_first_two_millimetres(box: ObjectModel, speed: float) -> None:
+    late = 0.05 + 0.002 / speed
+    found = [first_slip(box, seed, 0.01 * speed * WAY, 40) for seed in range(5)]
+    assert all(frame is not None and 0.01 * (frame + 1) <= late for frame in found), found
+
+
+def test_a_correction_of_the_pose_is_no_slip(box: ObjectModel) -> None:
+    generator, test, X = np.random.default_rng(1), SlipTest(), retract(X_PO, 0.003 * WAY)
+    for i in range(60):
+        # The estimate creeps to where the object is.
+        X_after = X_PO if i > 30 else retract(X, -0.0001 * WAY)
+        test, slips = detect_slip(box, PARAMS, test, read(touch(X_PO, generator)), change(X_after))
+        assert not slips
+        X = X_after
+
+
+def test_what_the_fingertips_may_have_done_themselves_is_no_slip(box: ObjectModel) -> None:
+    unsure = Motion(np.zeros(6), np.diag(np.repeat([0.0, 1e-4], 3)))
+    for motion, expected in ((REST, True), (unsure, False)):
+        generator, test, called = np.random.default_rng(2), SlipTest(), False
+        for i in range(45):
+            X = retract(X_PO, max(0, i - 30) * 0.0005 * WAY)
+            test, slips = detect_slip(box, PARAMS, test, read(touch(X, generator)), change(X_PO, motion))
+            called = called or slips
+        assert called == expected
+
+
+def test_the_noise_is_learnt_from_single_frames(box: ObjectModel) -> None:
+    generator, test, exact = np.random.default_rng(3), SlipTest(), touch(X_PO, np.random.default_rng(0))
+    for _ in range(60):
+        test, _ = detect_slip(box, PARAMS, test, read(exact), change(X_PO))
+    assert max(test.noise) < 0.05
+    for _ in range(60):
+        test, _ = detect_slip(box, PARAMS, test, read(touch(X_PO, generator)), change(X_PO))
+    assert min(test.noise) > 0.7
+    assert max(test.noise) < 1.4
