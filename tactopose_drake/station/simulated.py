@@ -35,7 +35,13 @@ from tactopose_drake.station.grasp import GraspStart, add_grip, add_planned_gras
 from tactopose_drake.station.grasp_planning import plan_scenario
 from tactopose_drake.station.motor_inertia import add_motor_inertia
 from tactopose_drake.station.scenario import Scenario
-from tactopose_drake.station.simulated_senses import add_noise, add_palm_pose, add_senses, simulate_errors
+from tactopose_drake.station.simulated_senses import (
+    add_measured_palm_pose,
+    add_noise,
+    add_palm_pose,
+    add_senses,
+    simulate_errors,
+)
 from tactopose_drake.station.tracking import add_tracking
 from tactopose_drake.station.vision_source import add_vision
 from tactopose_drake.systems.grip_controller import set_motor_gains
@@ -136,10 +142,12 @@ def make_station(
     else:
         start = add_planned_grasp(builder, scenario, plant, hand, senses, plan)
     seen = add_vision(builder, scenario, plant, scene_graph, hand, object_body, model)
-    uses_palm = scenario.estimation.estimator.balance
-    palm = {"palm_pose": add_palm_pose(builder, plant, hand)} if uses_palm or scenario.tracking is not None else {}
-    _add_estimation(builder, scenario, hand, model, {**senses, **(palm if uses_palm else {})})
+    measured = {}
+    if scenario.estimation.estimator.balance:
+        measured["palm_pose"] = add_measured_palm_pose(builder, scenario, hand, senses["joint_positions"])
+    _add_estimation(builder, scenario, hand, model, {**senses, **measured})
     if scenario.tracking is not None:
+        palm = {"palm_pose": add_palm_pose(builder, plant, hand)}
         joints = builder.GetSubsystemByName("joint_positions")
         more = {"joint_velocities": joints.get_output_port(1), "vision": seen, **palm}
         add_tracking(builder, scenario.tracking, hand.config, model, {**senses, **more})

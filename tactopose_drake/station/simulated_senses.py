@@ -15,10 +15,12 @@ from tactopose_drake.hand.encoder_offsets import encoder_gains
 from tactopose_drake.hand.hand_in_plant import Hand, make_hand_plant
 from tactopose_drake.hand.other_fingertips import change_fingertips
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
+from tactopose_drake.resources import fixed_pose
 from tactopose_drake.station.other_object import change_object
 from tactopose_drake.station.scenario import Scenario
 from tactopose_drake.station.simulated_errors import HandErrors, SimulatedErrors, hand_errors
 from tactopose_drake.systems.joint_encoders import JointEncoders
+from tactopose_drake.systems.palm_on_base import PalmOnBase
 from tactopose_drake.systems.palm_pose import PalmPose
 from tactopose_drake.systems.plant_senses import add_touch_sensors
 
@@ -95,6 +97,16 @@ def add_palm_pose(builder: DiagramBuilder, plant: MultibodyPlant, hand: Hand) ->
     """Adds what tells where the palm is in the world."""
     palm = builder.AddNamedSystem("palm_pose", PalmPose(hand.palm_frame))
     builder.Connect(plant.get_body_poses_output_port(), palm.GetInputPort("body_poses"))
+    return palm.GetOutputPort("palm_pose")
+
+
+def add_measured_palm_pose(
+    builder: DiagramBuilder, scenario: Scenario, hand: Hand, joint_positions: OutputPort
+) -> OutputPort:
+    """Adds what tells where the palm is by the measured joints, as a hand on devices does."""
+    X_WBase = fixed_pose("Scenario.X_WBase", scenario.X_WBase)
+    palm = builder.AddNamedSystem("measured_palm_pose", PalmOnBase(*make_hand_plant(hand.config), X_WBase))
+    builder.Connect(joint_positions, palm.GetInputPort("joint_positions"))
     return palm.GetOutputPort("palm_pose")
 
 

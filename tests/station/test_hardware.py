@@ -194,6 +194,9 @@ def test_a_recorded_simulation_replays_to_what_the_run_said(cube: ObjectModel, t
     scenario = load_scenario("shadow_like")
     scenario.object, scenario.planner.grasps = "cube", 1
     scenario.estimation.use_hand_volume = scenario.estimation.check_collisions = False
+    scenario.estimation.estimator.balance = True  # The weight's direction is known by the joints as they are measured.
+    assert scenario.errors is not None
+    scenario.errors.encoder_noise_deg = 0.1
     simulated = run_scenario(scenario, duration=1.3, record=tmp_path / "run").diagram
     assert_same_ports(simulated, held_cube.scenario(), cube)
     with EstimateWriter(tmp_path / "replayed.jsonl") as writer:
