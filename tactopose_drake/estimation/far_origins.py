@@ -11,13 +11,16 @@ import math
 import numpy as np
 from pydrake.math import RigidTransform
 
-from tactopose_drake.core.poses import skew
+from tactopose_drake.core.poses import exp_so3, skew
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.estimation.results import PoseEstimate, PoseHypothesis
 
 _FAR = 1.0  # from the origin to the object's middle, in its sizes
+# Draws of three standard normal numbers, each with its opposite, whose covariance is exactly the identity.
+_DRAWN = np.random.default_rng(0).standard_normal((200, 3))
+_NORMAL = np.concatenate([_DRAWN, -_DRAWN]) @ np.linalg.inv(np.linalg.cholesky(_DRAWN.T @ _DRAWN / len(_DRAWN))).T
 
 
 def has_far_origin(model: ObjectModel) -> bool:
@@ -43,10 +46,31 @@ def about_middle(hypothesis: PoseHypothesis, model: ObjectModel) -> PoseHypothes
 
     That is what people mean by how far an object may be off, and what of its pose is not determined.
     """
-    return _of_origin(hypothesis, -model.middle) if has_far_origin(model) else hypothesis
+    if not has_far_origin(model):
+        return hypothesis
+    straight = hypothesis.covariance - _bend(hypothesis, model.middle)
+    return _moved(hypothesis, -model.middle, straight)
 
 
 def _of_origin(hypothesis: PoseHypothesis, p_OC: FloatArray) -> PoseHypothesis:
+    moved = _moved(hypothesis, p_OC, hypothesis.covariance)
+    return dataclasses.replace(moved, covariance=moved.covariance + _bend(moved, p_OC))
+
+
+def _bend(hypothesis: PoseHypothesis, p_OC: FloatArray) -> FloatArray:
+    """What the arc of O about C adds to the covariance (6, 6) of O's pose: centimetres by turns of some degrees.
+
+    It is the mean product of what is left of R exp(w) p_OC beside its part that is linear in w.
+    """
+    w = _NORMAL @ np.linalg.cholesky(hypothesis.covariance[:3, :3]).T
+    left = (exp_so3(w) @ p_OC - p_OC - np.cross(w, p_OC)) @ hypothesis.X_PO.rotation().matrix().T
+    bend = np.zeros((6, 6))
+    bend[3:, 3:] = left.T @ left / len(left)
+    return bend
+
+
+def _moved(hypothesis: PoseHypothesis, p_OC: FloatArray, covariance: FloatArray) -> PoseHypothesis:
+    """The hypothesis of O's pose by that of C's, with what is linear in the increments."""
     # p_PO = p_PC - R p_OC, so with R exp(w) its increment is v_O = v_C + R [p_OC]x w.
     J = np.eye(6)
     J[3:, :3] = hypothesis.X_PO.rotation().matrix() @ skew(p_OC)
@@ -56,6 +80,6 @@ def _of_origin(hypothesis: PoseHypothesis, p_OC: FloatArray) -> PoseHypothesis:
     return dataclasses.replace(
         hypothesis,
         X_PO=hypothesis.X_PO @ RigidTransform(-p_OC),
-        covariance=J @ hypothesis.covariance @ J.T,
+        covariance=J @ covariance @ J.T,
         free_directions=free,
     )

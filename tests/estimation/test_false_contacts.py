@@ -105,6 +105,16 @@ def test_doubt_at_either_end_gives_sensible_odds(blob: tp.ObjectModel) -> None:
     assert least[-1] < 0.1
 
 
+@pytest.mark.parametrize("share", [0.02, 0.3, 0.6, 0.9])
+def test_who_doubts_more_still_finds_an_exact_touch_explained(blob: tp.ObjectModel, share: float) -> None:
+    X_PO, _ = touched(blob, 0)
+    exact = touch_surface(blob, X_PO, 6, np.random.default_rng(1), sigma_position=0.0, sigma_normal=0.0)
+    contacts = tp.Contacts(exact.p_PC, exact.n_PC, **NOISE)
+    estimate = tp.estimate_pose(blob, contacts, prior=tp.PosePrior(X_PO), outlier_probability=share)
+    assert estimate.best.explains_touch
+    assert estimate.status == "ok"
+
+
 def test_the_standard_error_is_stated(blob: tp.ObjectModel) -> None:
     X_PO, contacts = touched(blob, 300, count=4)
     assert 0.0 <= tp.estimate_pose(blob, contacts).standard_error <= 0.05

@@ -16,6 +16,7 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.evidence.contact_doubt import USUAL, ContactDoubt
@@ -41,12 +42,14 @@ class Judgement(NamedTuple):
         inlier_probability: that each contact is as told, shape (B, k).
         noise_scale: posterior means, shape (B,).
         misfit: half the sum of squares of the contacts that are as told, in units of the noise as it seems, shape (B,).
+        is_false: which contacts are not as told, shape (B, k): less than half as probably so as exact ones.
     """
 
     cost: FloatArray
     inlier_probability: FloatArray
     noise_scale: FloatArray
     misfit: FloatArray
+    is_false: NDArray[np.bool_]
 
 
 class ContactMixture(SmoothObjective):
@@ -89,7 +92,9 @@ class ContactMixture(SmoothObjective):
 
     def judge(self, X_PO: FloatArray) -> Judgement:
         """What the exact likelihood says of poses (B, 3, 4): of the surface as it is, see `SurfaceDensity`."""
-        return Judgement(*self._judge(X_PO, self.density.densities(X_PO), self._reached, whole=True))
+        judged = self._judge(X_PO, self.density.densities(X_PO), self._reached, whole=True)
+        of_exact_ones = 1.0 / (1.0 + self._doubts.normal + self._doubts.displaced + self._doubts.other)
+        return Judgement(*judged, judged.inlier_probability < 0.5 * of_exact_ones)
 
     def exact_cost(self, X_PO: FloatArray) -> FloatArray:
         """Of what `judge` says the costs (B,) alone, which takes less time."""

@@ -89,7 +89,7 @@ def explain_with_doubt(
         explained &= by_pad[:, ~felt].all(axis=1)
         false += np.count_nonzero(~by_pad[:, felt], axis=1)
     if judgement is not None:
-        false += np.count_nonzero(judgement.inlier_probability < 0.5, axis=1)
+        false += np.count_nonzero(judgement.is_false, axis=1)
         explained &= judgement.misfit <= _limit(_of_contacts(evidence), params.least_doubted_chance)
     count = len(evidence.contacts) + len(evidence.felt)
     allowed = most_false_contacts(count, _false_share(evidence.outlier_probability), params.usual_false_contacts)

@@ -68,7 +68,7 @@ class Start:
     """
 
     choice: PairChoice = PairChoice()
-    candidates: int = 300
+    candidates: int = 600
     samples: int = 250
     fewest: int | None = 20
     kept: int | None = None
@@ -89,7 +89,7 @@ def global_stages(starts: int = 100, kept: int = 40) -> tuple[Stage, ...]:
         kept: that are refined until they hardly move.
     """
     return (
-        Stage(refinement=dataclasses.replace(_FIRST_STEPS, max_iterations=1), kept=starts),
+        Stage(refinement=dataclasses.replace(_FIRST_STEPS, max_iterations=1), kept=starts, by_curvature=True),
         Stage(refinement=dataclasses.replace(_FIRST_STEPS, max_iterations=4), kept=kept, by_curvature=True),
         _TO_THE_MINIMUM,
     )

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tactopose_drake.core.poses import exp_so3
+from tactopose_drake.core.poses import exp_so3, log_so3
 from tactopose_drake.core.shape.signed_distance import DistanceGrid
 from tactopose_drake.core.shape.surface_samples import SurfaceSamples
 from tactopose_drake.core.shape.symmetry import CONTINUOUS, RotationalSymmetry, symmetry_group
@@ -41,7 +41,7 @@ class SymmetryDetectionParams:
     # Likewise for a continuous axis: half the angle between the sides of a prism of 24.
     continuous_normal_angle: float = math.radians(7.5)
     equal_moments: float = 0.05  # difference of two moments, as a share of the largest, below which they may be equal
-    highest_order: int = 12  # that is looked for; axes of higher ones are continuous or none
+    highest_order: int = 30  # that is looked for; axes of higher ones are continuous or none
     irrational_turns: int = 6  # that a continuous axis is tried with, beside those of all orders
     judged_samples: int = 1000  # about so many of the surface's, at least, say whether a turn counts
     searched_samples: int = 150  # likewise in the search for axes
@@ -98,7 +98,7 @@ def detect_symmetries(
                 multiples = range(order * (params.highest_order // order), order, -order)
                 found.append((next((m for m in multiples if judge.holds(axis, _turns_of(m))), order), axis))
     found.sort(key=lambda item: -item[0])
-    return _one_group(RotationalSymmetry(axis, centroid, order) for order, axis in found)
+    return _one_group((RotationalSymmetry(axis, centroid, order) for order, axis in found), judge)
 
 
 def detect_near_symmetries(
@@ -187,13 +187,18 @@ def _distinct(axes: FloatArray) -> FloatArray:
     return np.array(kept).reshape(-1, 3)
 
 
-def _one_group(symmetries: Iterable[RotationalSymmetry]) -> tuple[RotationalSymmetry, ...]:
-    """Those symmetries, in order, that generate one finite group: an almost symmetric object may show more."""
+def _one_group(symmetries: Iterable[RotationalSymmetry], judge: _Judge) -> tuple[RotationalSymmetry, ...]:
+    """Those symmetries, in order, that generate one finite group, all of whose turns leave the object unchanged.
+
+    An almost symmetric object may show more, and products of turns within the tolerance may be beyond it.
+    """
     kept: tuple[RotationalSymmetry, ...] = ()
     for symmetry in symmetries:
         try:
-            symmetry_group([*kept, symmetry])
+            group = symmetry_group([*kept, symmetry])
         except InvalidInputError:
+            continue
+        if not judge.holds_all(group):
             continue
         kept = (*kept, symmetry)
     return kept
@@ -241,6 +246,12 @@ class _Judge:
     def holds(self, axis: FloatArray, angles: FloatArray) -> bool:
         """Whether the turns about the axis by all these angles leave the object unchanged, within the tolerance."""
         return self._holds(axis, angles, self._params.normal_angle)
+
+    def holds_all(self, poses: FloatArray) -> bool:
+        """Whether each of the poses (g, 3, 4), the identity first, leaves the object unchanged."""
+        turns = log_so3(poses[1:, :, :3])
+        angles = np.linalg.norm(turns, axis=1)
+        return all(self.holds(turn / angle, np.array([angle])) for turn, angle in zip(turns, angles, strict=True))
 
     def _holds(self, axis: FloatArray, angles: FloatArray, normal_angle: float) -> bool:
         for angle in angles:

@@ -136,13 +136,34 @@ def test_normals_count_where_distances_do_not() -> None:
     crest = np.round(np.arctan2(knurled.vertices[:, 1], knurled.vertices[:, 0]) / (np.pi / 36)).astype(int) % 2 == 0
     scale = np.where(crest, 1.0, 0.97)
     knurled.vertices[:, :2] *= scale[:, None]
-    assert symmetries_of(knurled, tolerance=0.02)[0].order == 12  # of 36
+    assert symmetries_of(knurled, tolerance=0.02)[0].order == 18  # of 36
     assert symmetries_of(prism(72), tolerance=0.02)[0].order == 0
 
 
 def test_separate_bodies_are_turned_as_one() -> None:
     pair = joined(cube(0.03, (0.03, 0.0, 0.0)), cube(0.03, (-0.03, 0.0, 0.0)))
     assert sorted(s.order for s in symmetries_of(pair)) == [2, 2, 2, 2, 4]
+
+
+@pytest.mark.parametrize("sides", [13, 15, 20])
+def test_axes_of_high_order_are_found(sides: int) -> None:
+    fluted = prism(2 * sides)
+    crest = np.round(np.arctan2(fluted.vertices[:, 1], fluted.vertices[:, 0]) / (np.pi / sides)).astype(int) % 2 == 0
+    fluted.vertices[:, :2] *= np.where(crest, 1.0, 0.9)[:, None] * (1.0 - 2.0 * fluted.vertices[:, 2:])
+    assert [symmetry.order for symmetry in symmetries_of(fluted)] == [sides]
+
+
+def test_turns_that_are_made_of_others_count_for_themselves() -> None:
+    # Two flips within the tolerance, of the teeth and of the square hole, would make turns of 80 degrees.
+    gear = create.cylinder(0.03, 0.02, sections=18 * 8)
+    tooth = np.floor(np.arctan2(gear.vertices[:, 1], gear.vertices[:, 0]) / (2.0 * np.pi / 18) * 2.0 + 1e-6) % 2 == 0
+    gear.vertices[:, :2] *= np.where(tooth, 1.0, 0.94)[:, None]
+    gear = trimesh.boolean.difference([gear, create.box((0.014, 0.014, 0.06))], engine="manifold")
+    group = symmetry_group(symmetries_of(gear))
+    surface = trimesh.sample.sample_surface(gear, 300, seed=0)[0]
+    moved = transform_points(group, surface).reshape(-1, 3)
+    assert len(group) <= 4
+    assert distance_to(gear, moved).max() < 0.004 * float(np.linalg.norm(gear.extents))
 
 
 def test_no_order_beyond_the_highest_is_looked_for() -> None:

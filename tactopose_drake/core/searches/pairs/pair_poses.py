@@ -20,8 +20,9 @@ from tactopose_drake.core.shape.coarse_field import CoarseField
 from tactopose_drake.core.shape.pair_features import PairFeatures
 from tactopose_drake.core.validation import FloatArray
 
-# Coarse costs of so much for each contact, and less, are alike.
-_ALIKE = 0.5
+# Coarse costs of so much for each contact, and less, are alike: where a face lies in the coarse field's cells makes
+# half of that, and all faces of a flat object that explain a touch are to be kept.
+_ALIKE = 1.0
 
 
 @dataclass(frozen=True, eq=False)
