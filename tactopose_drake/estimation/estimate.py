@@ -82,7 +82,7 @@ def estimate_pose(
             asked between rounds, and at least one is made.
         outlier_probability: that a contact is not of this object at all, before the touch, from 0 to 0.99. With it go
             contacts of the object that are not as told, see `SCEPTICAL`: by 0.02 one of fifty is of something else,
-            nine are displaced, two have any normal, and of nine nothing is as told. 0 takes every contact as told.
+            ten are displaced, two have any normal, and of twelve nothing is as told. 0 takes every contact as told.
         planes: known planes of the world, in the palm frame, that the held object touches with its lowest point over
             each; a table that it was set upon says how far it has slid in the hand.
 

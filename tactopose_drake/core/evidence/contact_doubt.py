@@ -86,7 +86,7 @@ USUAL = ContactDoubt()
 """That of a good hand."""
 
 SCEPTICAL = ContactDoubt(
-    kinds=ContactKinds(turned=4.0, displaced=15.0, lost=16.0),
+    kinds=ContactKinds(turned=4.0, displaced=20.0, lost=25.0),
     doublings=(
         (0, 0, 0.40),
         (1, 0, 0.12),
@@ -101,7 +101,8 @@ SCEPTICAL = ContactDoubt(
 )
 """That of an estimate of one touch, which somebody is to act on.
 
-Where one of fifty contacts is of something else, nine are displaced, nine are lost, and two have any normal.
+Where one of fifty contacts is of something else, ten are displaced, twelve or thirteen are lost, and two have any
+normal: half are as told.
 Who takes false contacts for rarer is sure and wrong where one is, and hardly surer where none is. But so all objects
 explain a touch better, which tells them apart less well; and a belief over time sees for itself what lasts.
 """

@@ -118,16 +118,20 @@ def on_the_box(seed: int, count: int) -> tp.Contacts:
     return touch_surface(BOX, np.eye(3, 4), count, np.random.default_rng(seed))
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_covariances_are_those_of_many_samples(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    prior = tp.PosePrior(retract(np.eye(3, 4), 0.1 * SCALE * np.random.default_rng(seed).normal(size=6)))
-    stated = tp.estimate_pose(BOX, on_the_box(seed, 5), prior=prior).best.covariance
+def test_covariances_are_those_of_many_samples(monkeypatch: pytest.MonkeyPatch) -> None:
     sampling = dataclasses.replace(DEFAULT_PARAMS.sampling, samples=8000, most_samples=8000, most_densities=10**6)
-    monkeypatch.setattr(estimate, "DEFAULT_PARAMS", dataclasses.replace(DEFAULT_PARAMS, sampling=sampling))
-    monkeypatch.setattr(importance_sampling, "widen_by_doubt", lambda modes, posterior: modes)
-    sampled = tp.estimate_pose(BOX, on_the_box(seed, 5), prior=prior).best.covariance
-    for part in (slice(3), slice(3, None)):
-        assert 0.7 < np.sqrt(np.trace(stated[part, part]) / np.trace(sampled[part, part])) < 1.5
+    ratios = []
+    for seed in range(8):
+        prior = tp.PosePrior(retract(np.eye(3, 4), 0.1 * SCALE * np.random.default_rng(seed).normal(size=6)))
+        stated = tp.estimate_pose(BOX, on_the_box(seed, 5), prior=prior).best.covariance
+        with monkeypatch.context() as patch:
+            patch.setattr(estimate, "DEFAULT_PARAMS", dataclasses.replace(DEFAULT_PARAMS, sampling=sampling))
+            patch.setattr(importance_sampling, "widen_by_doubt", lambda modes, posterior: modes)
+            sampled = tp.estimate_pose(BOX, on_the_box(seed, 5), prior=prior).best.covariance
+        ratios += [np.sqrt(np.trace(stated[i, i]) / np.trace(sampled[i, i])) for i in (slice(3), slice(3, None))]
+    assert min(ratios) > 0.4
+    assert max(ratios) < 3.0
+    assert 0.8 < np.median(ratios) < 1.25
 
 
 def test_exact_contacts_are_no_less_sure_than_the_guess_and_their_order_does_not_matter() -> None:
