@@ -174,7 +174,7 @@ def weigh_poses(
         modes = join_alike(modes, model, params.modes)
     judged, explains = _judge(model, evidence, problem, modes, params)
     hypotheses = _hypotheses(modes, _inlier_probability(problem, evidence, modes, judged), explains)
-    undetermined = evidence.prior is None and len(evidence.touch) < params.modes.fewest_contacts
+    undetermined = _is_undetermined(model, evidence, params.modes.fewest_contacts)
     estimate = PoseEstimate(
         hypotheses,
         status_of(hypotheses, undetermined),
@@ -186,6 +186,17 @@ def weigh_poses(
         undetermined,
     )
     return estimate.first(max_hypotheses)
+
+
+def _is_undetermined(model: ObjectModel, evidence: Evidence, fewest: int) -> bool:
+    """Whether whole families of poses are left: by fewer contacts, or by distances alone that are too few for six."""
+    if evidence.prior is not None:
+        return False
+    if len(evidence.touch) < fewest:
+        return True
+    only_distances = evidence.contacts.n_PC is None and not evidence.felt
+    told = len(evidence.contacts) + len(evidence.planes) + len(model.continuous_symmetries)
+    return only_distances and told < 6
 
 
 def _judge(

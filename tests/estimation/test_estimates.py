@@ -50,6 +50,16 @@ def test_too_few_contacts_stay_ambiguous_whatever_is_kept() -> None:
     assert estimate.keep([i == 0 for i in range(len(estimate))]).status == "ambiguous"
 
 
+@pytest.mark.parametrize(("count", "undetermined"), [(5, True), (6, False)])
+def test_distances_alone_determine_a_pose_from_six_on(count: int, undetermined: bool) -> None:
+    bust = tp.ObjectModel.from_mesh(model_path("objects", "bust.obj"))
+    felt = touch_surface(bust, np.eye(3, 4), count, np.random.default_rng(0))
+    estimate = tp.estimate_pose(bust, tp.Contacts(felt.p_PC))
+    assert estimate.undetermined == undetermined
+    assert estimate.status == "ambiguous" or not undetermined
+    assert not tp.estimate_pose(bust, tp.Contacts(felt.p_PC), prior=tp.PosePrior(np.eye(3, 4))).undetermined
+
+
 def test_one_hypothesis_or_more_is_kept_of_as_many_as_there_are() -> None:
     with pytest.raises(tp.TactoposeError, match="kept: keeps no hypothesis"):
         weighed(1.0).keep((False,))

@@ -101,8 +101,8 @@ SCEPTICAL = ContactDoubt(
 )
 """That of an estimate of one touch, which somebody is to act on.
 
-Where one of fifty contacts is of something else, ten are displaced, twelve or thirteen are lost, two have any normal, and
-half are as told. Who takes false contacts for rarer is sure and wrong where one is, and hardly surer where none is. But
-so all objects explain a touch better, which tells them apart less well; and a belief over time sees for itself what
+Where one of fifty contacts is of something else, ten are displaced, twelve or thirteen are lost, two have any normal,
+and half are as told. Who takes false contacts for rarer is sure and wrong where one is, and hardly surer where none is.
+But so all objects explain a touch better, which tells them apart less well; and a belief over time sees for itself what
 lasts.
 """
