@@ -157,6 +157,11 @@ class Scenario:
             self.errors.validate(hand)
         if isinstance(self.senses, CanSenses | Ros2Senses):
             self.senses.validate(hand)
+        if isinstance(self.senses, CanSenses):
+            # A scenario without devices does without their drivers.
+            from tactopose_drake.station.can_devices import check_drivers
+
+            check_drivers(self.senses)
         if isinstance(self.senses, LcmSenses):
             self.senses.validate()
         if self.publish is not None:
