@@ -99,7 +99,7 @@ def test_a_bad_grasp_is_one_line(
     (grasps / "bad.yaml").write_text(content)
     files = ("--hand", folder / "mine.hand.yaml", "--object", folder / "blob.stl", "--grasps", grasps)
     assert run("calibrate", *files, "--out", tmp_path / "calibration.yaml") == 2
-    (line,) = capsys.readouterr().err.strip().splitlines()
+    (line,) = capsys.readouterr().err.splitlines()
     assert "bad.yaml" in line
     assert said in line
     assert not (tmp_path / "calibration.yaml").exists()
