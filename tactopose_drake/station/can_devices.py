@@ -1,13 +1,13 @@
 """The CAN devices that a scenario names: opened together, tared, recorded, and closed together."""
 
 import contextlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Self
 
 from numpy.typing import ArrayLike
 
-from tactopose_drake.core.validation import FloatArray, known_name
+from tactopose_drake.core.validation import FloatArray, known_name, told_of
 from tactopose_drake.drivers.barrett_hand import BarrettHand
 from tactopose_drake.drivers.barrett_joints import STRAIN_POLYNOMIAL
 from tactopose_drake.drivers.barrett_protocol import TactileMode
@@ -16,7 +16,7 @@ from tactopose_drake.drivers.device_bus import DeviceBus
 from tactopose_drake.drivers.netcanoem import NetCanOemForceTorque
 from tactopose_drake.drivers.netcanoem_protocol import ForceUnit, TorqueUnit
 from tactopose_drake.drivers.replay_bus import open_log
-from tactopose_drake.errors import DeviceTimeoutError, InvalidInputError
+from tactopose_drake.errors import DeviceTimeoutError
 from tactopose_drake.station.senses import BarrettPucks, CanSenses, ForceTorqueBoard
 
 _GREETING_TIME = 5.0  # s, in which a device must have given its first sample to be tared; Barrett's wakes up for 1 s
@@ -31,7 +31,7 @@ def live_buses(senses: CanSenses) -> dict[str, DeviceBus]:
     """
     buses = {}
     for name, bus in senses.buses.items():
-        with _told_of(f"CanSenses.buses[{name}]."):
+        with told_of(f"CanSenses.buses[{name}]."):
             buses[name] = DeviceBus.open(bus.interface, bus.channel, **bus.options)
     return buses
 
@@ -45,10 +45,10 @@ def check_drivers(senses: CanSenses) -> None:
     """
     devices = CanDevices(senses, live_buses(senses))
     for finger, board in senses.fingers.items():
-        with _told_of(f"CanSenses.buses[{board.bus}]: "):
+        with told_of(f"CanSenses.buses[{board.bus}]: "):
             devices.buses[board.bus].attach(devices.boards[finger])
     if senses.barrett_hand is not None and devices.hand is not None:
-        with _told_of(f"CanSenses.buses[{senses.barrett_hand.bus}]: "):
+        with told_of(f"CanSenses.buses[{senses.barrett_hand.bus}]: "):
             devices.buses[senses.barrett_hand.bus].attach(devices.hand)
 
 
@@ -166,17 +166,8 @@ class CanDevices:
         return origin
 
 
-@contextlib.contextmanager
-def _told_of(place: str) -> Iterator[None]:
-    """Says of an input that cannot be used where it stands."""
-    try:
-        yield
-    except InvalidInputError as error:
-        raise InvalidInputError(f"{place}{error}") from None
-
-
 def _make_board(finger: str, board: ForceTorqueBoard, bus: DeviceBus) -> NetCanOemForceTorque:
-    with _told_of(f"CanSenses.fingers[{finger}]."):
+    with told_of(f"CanSenses.fingers[{finger}]."):
         units = None
         if board.force_unit or board.torque_unit:
             for name, unit, known in (
@@ -197,7 +188,7 @@ def _make_board(finger: str, board: ForceTorqueBoard, bus: DeviceBus) -> NetCanO
 
 
 def _make_hand(pucks: BarrettPucks, bus: DeviceBus) -> BarrettHand:
-    with _told_of("CanSenses.barrett_hand."):
+    with told_of("CanSenses.barrett_hand."):
         known_name("mode", pucks.mode, ("FULL", "TOP"))
         return BarrettHand(
             bus,
