@@ -86,6 +86,7 @@ def test_what_is_written_is_what_the_hand_then_knows(
         ("joint_positions: {FFJ4: 0.1}\nwrenches: {first: [1, 2]}", "wrenches.first"),
         ("joint_positions: {FFJ4: 0.1}\nwrenches: {first: [0, 0, 0, 0, 0, 1]}", "joint_positions: lack"),
         ("joint_positions: {FFJ9: 0.1}\nwrenches: {first: [0, 0, 0, 0, 0, 1]}", "FFJ9"),
+        ("joint_positions: {FFJ2: 60.5}\nwrenches: {first: [0, 0, 0, 0, 0, 1]}", "joint_positions[FFJ2]: is 60.5 rad;"),
         ("joint_positions: [0.1]", "joint_positions: is no mapping"),
     ],
 )
