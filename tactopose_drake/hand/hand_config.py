@@ -163,7 +163,8 @@ def load_hand_config(name_or_path: str | Path) -> HandConfig:
         known = ", ".join(
             sorted(file.name.removesuffix(".hand.yaml") for file in model_path("hands").glob("*/*.hand.yaml"))
         )
-        raise InvalidFileError(f"{path}: there is no such file; the package's hands are {known}.")
+        missing = "is a folder; allowed is a hand's YAML file" if os.path.isdir(path) else "there is no such file"
+        raise InvalidFileError(f"{path}: {missing}; the package's hands are {known}.")
     config = load_typed_yaml(HandConfig, path)
     try:
         config.validate()

@@ -164,7 +164,7 @@ class Scenario:
             from tactopose_drake.station.can_devices import check_drivers
 
             check_drivers(self.senses)
-        if isinstance(self.senses, LcmSenses):
+        if isinstance(self.senses, LcmSenses | RecordedSenses):
             self.senses.validate()
         if self.publish is not None:
             self.publish.validate()

@@ -89,6 +89,14 @@ def test_check_hand_of_a_file_that_is_not_there(capsys: pytest.CaptureFixture[st
     assert "there is no such file" in line
 
 
+def test_a_folder_is_told_from_what_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "contacts.yaml").write_text("contacts: [{position: [0, 0, 0]}]")
+    for arguments in (["estimate", "--contacts", tmp_path / "contacts.yaml", "--object"], ["check-hand"]):
+        assert run(*arguments, tmp_path) == 2
+        (line,) = capsys.readouterr().err.splitlines()
+        assert f"{tmp_path}: is a folder; allowed is a" in line
+
+
 def test_demo_with_an_own_hand_and_a_mesh_in_millimetres(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     hand = write_gripper(tmp_path)
     trimesh.creation.box((45.0, 55.0, 90.0)).export(tmp_path / "my block.stl")
@@ -172,6 +180,9 @@ def test_estimate_takes_a_scale_and_known_symmetries(
     for wrong in ("w", "z:1", "0,0,0"):
         assert run("estimate", *arguments, "--symmetry", wrong) == 2
         assert f"--symmetry: is '{wrong}'" in capsys.readouterr().err
+    for wrong in (("none", "z"), ("z", "auto"), ("none", "none")):
+        assert run("estimate", *arguments, *(part for text in wrong for part in ("--symmetry", text))) == 2
+        assert re.search("--symmetry: has '(none|auto)' and 1 more; (none|auto) stands alone", capsys.readouterr().err)
 
 
 def test_a_message_of_drake_is_shown_once() -> None:

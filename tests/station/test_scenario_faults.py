@@ -49,6 +49,7 @@ FAULTS = {
     "hand: " + "h" * 300: "there is no such file; the package's hands are",
     "object: mug\nobject: cube": "line 2: key 'object' is given twice",
     "a: &a [*a]": "*a stands for nothing",
+    "senses: !RecordedSenses {}": "RecordedSenses.folder: is not given; allowed is one that `run --record` made",
     "senses: !SimulatedSenses": "line 1: senses: is no mapping",
     "senses: !Nonsense {}": "line 1: senses: the tag !Nonsense is unknown; allowed are !SimulatedSenses, !CanSenses",
     "seed: !Seed 3": "line 1: seed: the tag !Seed is unknown; allowed is none",
