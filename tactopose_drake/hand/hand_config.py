@@ -83,9 +83,7 @@ class HandConfig:
     palm_frame: str = ""  # P, a frame or link of the model
     fingers: list[FingerConfig] = dataclasses.field(default_factory=list)
     pads: list[PadConfig] = dataclasses.field(default_factory=list)
-    rest_positions: dict[str, float] = dataclasses.field(
-        default_factory=dict
-    )  # of actuated joints that do not rest at 0, rad, m
+    rest_positions: dict[str, float] = dataclasses.field(default_factory=dict)  # of actuated joints not at 0, rad or m
     grip_low: list[float] = dataclasses.field(default_factory=list)  # lower corner of where it holds things, m, in P
     grip_high: list[float] = dataclasses.field(default_factory=list)  # upper corner; both only for planned grasps
     # By how much all of this may be off: it says how far each contact, and the place of each tactile array, can be
