@@ -4,12 +4,13 @@ from pathlib import Path
 
 import click
 from rich import box
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from tactopose_drake.cli.calibration_page import save_calibration_page
 from tactopose_drake.cli.consoles import ERRORS, OUT
 from tactopose_drake.cli.path_type import PATH
+from tactopose_drake.cli.progress_bar import progress_bar
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.estimation.object_files import load_object
 from tactopose_drake.estimation.output_files import check_outputs
@@ -51,7 +52,7 @@ def calibrate(hand: str, mesh: Path, scale: float, folder: Path, out: Path, html
         model = load_object(mesh, scale=scale)
     grasps = _grasps(folder, model)
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=ERRORS, transient=True) as progress:
+    with progress_bar(*columns) as progress:
         task = progress.add_task("calibrating", total=1.0)
         result = calibrate_hand(
             config,

@@ -1,7 +1,9 @@
 """`tactopose demo`: a simulated hand closes on an object, and corrects the camera's pose by touch."""
 
 import dataclasses
+import os
 import sys
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -62,7 +64,12 @@ def demo(**given: Any) -> None:
     out = _free_folder() if options.out is None else options.out
     replaced = prepare_demo(out)
     with ERRORS.status("reading the hand"):
-        scenario = demo_scenario(options.hand, options.name, options.seed, out, options.scale, options.mass)
+        # Its object's files are in the way of nobody until there is a result.
+        scratch = Path(click.get_current_context().with_resource(tempfile.TemporaryDirectory(prefix="tactopose_")))
+        scenario = demo_scenario(options.hand, options.name, options.seed, scratch, options.scale, options.mass)
+        own = sorted(scratch.iterdir())
+        inputs = (Path(text) for text in (options.hand, options.name) if text and os.path.isfile(text))
+        prepare_demo(out, (path.name for path in own), inputs)
     if options.track:
         scenario.tracking = PoseTrackingParams()
     scenario.validate()
@@ -73,7 +80,7 @@ def demo(**given: Any) -> None:
     with ERRORS.status("reading the object") as status:
         result = run_demo(scenario, meshcat=meshcat, on_progress=status.update)
         status.update("writing the results")
-        paths = save_demo(result, out, meshcat)
+        paths = save_demo(result, out, meshcat, own)
     for reason in result.grasp.failed_attempts:
         OUT.print(f"A grasp failed ({reason}); the next one was taken.")
     OUT.print(

@@ -1,7 +1,9 @@
 """The demonstration: a simulated hand closes on an object, feels it, and corrects what vision says about its pose."""
 
+import contextlib
 import dataclasses
-from collections.abc import Callable
+import shutil
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +27,7 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidFileError, TactoposeError
 from tactopose_drake.estimation.files import save_result
-from tactopose_drake.estimation.output_files import check_outputs
+from tactopose_drake.estimation.output_files import check_outputs, written_beside
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.hand.hand_config import load_hand_config
@@ -116,7 +118,9 @@ def run_demo(
     estimate: PoseEstimate | None = diagram.GetOutputPort("hypotheses").Eval(context)
     if estimate is None:
         status = diagram.GetOutputPort("status").Eval(context)
-        raise GraspFailedError(f"the hand holds the {scenario.object} but feels too little of it: {status}.")
+        raise GraspFailedError(
+            f"the hand holds the {model.name.replace('_', ' ')} but feels too little of it: {status}."
+        )
     vision, touched = (
         report_pose(name, X_PO, grasp.X_PO, grasp.station.model, touch, estimate.best.free_directions)
         for name, X_PO in (("vision", prior.mean), ("touch", estimate.best.X_PO.GetAsMatrix34()))
@@ -141,24 +145,47 @@ def earlier_results(folder: Path) -> list[Path]:
     return [folder / name for name in _FILES if (folder / name).exists()]
 
 
-def prepare_demo(folder: Path) -> list[Path]:
-    """Makes the folder for the results, and tells which files there will be replaced.
+def prepare_demo(folder: Path, others: Iterable[str] = (), inputs: Iterable[Path] = ()) -> list[Path]:
+    """Checks that the results can be written, and tells which files there will be replaced; leaves nothing behind.
+
+    Args:
+        folder: for the results, which may be new.
+        others: names of further files that are to be written there.
+        inputs: files that are read, which must stay as they are.
 
     Raises:
-        InvalidFileError: if nothing can be written there.
+        InvalidFileError: if something cannot be written there.
     """
+    is_new = {path: not path.exists() for path in (folder, *folder.parents)}
+    try:
+        _make(folder)
+        check_outputs((folder / name for name in (*_FILES, *others)), inputs)
+        return earlier_results(folder)
+    finally:
+        for path in (path for path in is_new if is_new[path] and path.name != ".."):
+            with contextlib.suppress(OSError):
+                path.rmdir()
+
+
+def _make(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         reason = "is a file" if folder.is_file() else f"cannot be made ({error.strerror})"
         raise InvalidFileError(f"{folder}: {reason}; allowed is a folder, which may be new.") from None
-    check_outputs(folder / name for name in _FILES)
-    return earlier_results(folder)
 
 
-def save_demo(result: DemoResult, folder: Path, meshcat: Meshcat | None = None) -> tuple[Path, ...]:
-    """Writes result.json and picture.png, and with Meshcat's recording scene.html; returns their paths."""
-    prepare_demo(folder)
+def save_demo(
+    result: DemoResult, folder: Path, meshcat: Meshcat | None = None, others: Iterable[Path] = ()
+) -> tuple[Path, ...]:
+    """Writes result.json and picture.png, with Meshcat's recording scene.html, and copies others; returns their paths.
+
+    The paths are those of the results alone.
+    """
+    _make(folder)
+    for other in others:
+        with written_beside(folder / other.name) as beside:
+            shutil.copyfile(other, beside)
     paths = [folder / name for name in _FILES[:2]]
     save_result(paths[0], result.estimate)
     save_picture(paths[1], result.scene, captions=("before: vision", "after: touch"))

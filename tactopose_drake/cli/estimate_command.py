@@ -119,6 +119,8 @@ def estimate(
 def _load(mesh: Path, scale: float, symmetry: tuple[str, ...], mass: float | None) -> ObjectModel:
     if symmetry == ("auto",):
         return load_object(mesh, scale=scale, mass=mass)
+    if symmetry != ("none",):
+        parse_symmetries(symmetry, np.zeros(3))  # What is no axis is told before a mesh is read.
     model = load_object(mesh, scale=scale, symmetry="none", mass=mass)
     if symmetry == ("none",):
         return model

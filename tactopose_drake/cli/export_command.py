@@ -20,7 +20,9 @@ _WRITERS = {"mcap": write_mcap, "csv": write_csv}
 @click.option("--out", type=PATH, help="The file; LOG with the format's ending by default.")
 def export(log: Path, kind: str, out: Path | None) -> None:
     """Writes LOG, a folder that `run --record` made, as one file: for Foxglove, PlotJuggler, rosbag2, or a table."""
-    out = log.with_name(f"{log.resolve().name}.{kind}") if out is None else out
+    if out is None:
+        # Of `.` and `..`, the folder that is meant has the name.
+        out = log.resolve().parent / f"{log.resolve().name}.{kind}"
     check_outputs((out,), inputs=(log,))
     with ERRORS.status("reading the recording") as status:
         run = read_recording(log)

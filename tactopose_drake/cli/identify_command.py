@@ -9,11 +9,12 @@ from typing import get_args
 
 import click
 from rich import box
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from tactopose_drake.cli.consoles import ERRORS, OUT
 from tactopose_drake.cli.path_type import PATH
+from tactopose_drake.cli.progress_bar import progress_bar
 from tactopose_drake.cli.workers import processes
 from tactopose_drake.core.mesh.repair import MeshRepairWarning
 from tactopose_drake.errors import InvalidFileError
@@ -79,7 +80,7 @@ def _open(folder: Path, executor: Executor | None) -> ObjectLibrary:
     columns = (TextColumn("indexing"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with (
         warnings.catch_warnings(record=True) as caught,
-        Progress(*columns, console=ERRORS, transient=True) as progress,
+        progress_bar(*columns) as progress,
     ):
         warnings.simplefilter("always", LibraryWarning)
         task = progress.add_task("indexing", total=None)

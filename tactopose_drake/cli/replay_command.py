@@ -31,7 +31,7 @@ def replay(log: Path, scenario: str, speed: str, out: Path | None, html: Path | 
     """Plays LOG, a folder that `run --record` made, through the drivers: the same estimates each time, bit by bit."""
     loaded = load_scenario(scenario)
     check_outputs((out, html), inputs=(log, scenario_file(scenario)))
-    replaced = [str(path) for path in (out, html) if path is not None and path.is_file()]
+    replaced = [path for path in (out, html) if path is not None and path.is_file()]
     page = None if html is None else PageRecorder(loaded, loaded.object_model())
     with contextlib.ExitStack() as parts:
         writer = None if out is None else parts.enter_context(_written(out))
@@ -52,8 +52,9 @@ def replay(log: Path, scenario: str, speed: str, out: Path | None, html: Path | 
     title = f"{grasp_title(loaded)}: recording {log.absolute().name}"
     if page is not None and html is not None and not page.save(html, title):
         OUT.print(f"{html}: not written, since there never was an estimate.", style="yellow", soft_wrap=True)
+        replaced = [path for path in replaced if path != html]
     if replaced:
-        OUT.print(f"Replaced: {', '.join(replaced)}", soft_wrap=True)
+        OUT.print(f"Replaced: {', '.join(map(str, replaced))}", soft_wrap=True)
     print_end(played.view)
 
 

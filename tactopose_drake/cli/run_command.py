@@ -38,7 +38,8 @@ def run(
     loaded = load_scenario(scenario)
     check_outputs((html, picture), inputs=(scenario_file(scenario), record))
     drawn = _recorder(loaded) if html is not None or picture is not None else None
-    replaced = [str(path) for path in (html, picture) if path is not None and path.is_file()]
+    earlier = [path for path in (html, picture) if path is not None and path.is_file()]
+    written: list[Path] = []
     with showing(monitor) as (show, tell):
 
         def keep_and_show(view: RunView) -> None:
@@ -49,8 +50,8 @@ def run(
         view = run_scenario(loaded, duration=duration, record=record, observer=keep_and_show, tell=tell)
         if drawn is not None:
             tell("writing the results")
-            _save(drawn, html, picture, f"{grasp_title(loaded)}: {Path(scenario).name}")
-    if replaced:
+            written = _save(drawn, html, picture, f"{grasp_title(loaded)}: {Path(scenario).name}")
+    if replaced := [str(path) for path in earlier if path in written]:
         OUT.print(f"Replaced: {', '.join(replaced)}", soft_wrap=True)
     if record is not None:
         OUT.print(f"Recorded: {record}", soft_wrap=True)
@@ -65,15 +66,16 @@ def _recorder(scenario: Scenario) -> PageRecorder:
     return PageRecorder(scenario, scenario.object_model())
 
 
-def _save(drawn: PageRecorder, html: Path | None, picture: Path | None, title: str) -> None:
-    """Writes what is asked for, or says why not."""
-    missing = []
-    if html is not None and not drawn.save(html, title):
-        missing.append(html)
-    if picture is not None and not drawn.save_picture(picture):
-        missing.append(picture)
-    for path in missing:
+def _save(drawn: PageRecorder, html: Path | None, picture: Path | None, title: str) -> list[Path]:
+    """Writes what is asked for, or says why not; returns what is written."""
+    is_written = {}
+    if html is not None:
+        is_written[html] = drawn.save(html, title)
+    if picture is not None:
+        is_written[picture] = drawn.save_picture(picture)
+    for path in (path for path, done in is_written.items() if not done):
         OUT.print(f"{path}: not written, since there never was an estimate.", style="yellow", soft_wrap=True)
+    return [path for path, done in is_written.items() if done]
 
 
 @contextlib.contextmanager

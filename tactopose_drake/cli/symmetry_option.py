@@ -19,8 +19,14 @@ def parse_symmetries(texts: Sequence[str], middle: FloatArray) -> tuple[Rotation
     """The axes that the option names, through the object's centre of mass, shape (3,), m, in O.
 
     Raises:
-        InvalidInputError: if one is no axis, or its order none.
+        InvalidInputError: if one is no axis, or its order none, such as auto and none, which stand alone.
     """
+    for name in ("auto", "none"):
+        if name in texts:
+            raise InvalidInputError(
+                f"--symmetry: has {name!r} and {len(texts) - 1} more; {name} stands alone, and allowed together are "
+                "axes such as z, z:4 or 0,0.6,0.8:2."
+            )
     return tuple(_parse(text, middle) for text in texts)
 
 

@@ -4,9 +4,10 @@ import os
 import time
 
 import click
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from tactopose_drake.cli.consoles import ERRORS, OUT
+from tactopose_drake.cli.consoles import OUT
+from tactopose_drake.cli.progress_bar import progress_bar
 from tactopose_drake.cli.workers import processes
 from tactopose_drake.core.kernel_library import compile_kernels, missing_kernels
 
@@ -34,7 +35,7 @@ def warm_up(jobs: int) -> None:
         TextColumn("left:"),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=ERRORS, transient=True) as progress, processes(min(jobs, len(missing))) as executor:
+    with progress_bar(*columns) as progress, processes(min(jobs, len(missing))) as executor:
         task = progress.add_task("compiling kernels", total=total)
         for done in compile_kernels(missing, executor.submit):
             name = done.module.rsplit(".", 1)[-1].removesuffix("_kernels").replace("_", " ")

@@ -5,8 +5,9 @@ taken as float64. Nothing else is a number: no boolean, no string of digits, no 
 no object, and no masked entry of an array (whatever stands behind the mask).
 """
 
+import contextlib
 import numbers
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from operator import mul
 from typing import Any
 
@@ -227,6 +228,19 @@ def known_name(what: str, value: object, valid: Iterable[str]) -> str:
     if not isinstance(value, str) or value not in names:
         raise UnknownNameError(what, value, names)
     return value
+
+
+@contextlib.contextmanager
+def told_of(place: str) -> Iterator[None]:
+    """Puts where a value stands before what is wrong with it.
+
+    Raises:
+        InvalidInputError: whatever error of that kind comes from inside.
+    """
+    try:
+        yield
+    except InvalidInputError as error:
+        raise InvalidInputError(f"{place}{error}") from None
 
 
 def instance_of(name: str, value: object, kind: type) -> None:

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from tactopose_drake.errors import InvalidFileError
+from tactopose_drake.estimation.input_files import files_behind
 
 _LEAST_FREE = 5_000_000  # bytes; a page with a scene has 3 MB
 
@@ -16,23 +17,26 @@ def check_outputs(outputs: Iterable[Path | None], inputs: Iterable[Path | None] 
 
     Args:
         outputs: the files that are to be written; None stands for none.
-        inputs: files and folders that are read; an output may neither be one nor be in one.
+        inputs: files and folders that are read; an output may neither be one nor be in one, nor in those that these
+            name: the model of a hand, that model's meshes, and so on.
 
     Raises:
         InvalidFileError: if a folder does not exist, an output is a folder, an input, or another output, or nothing can
             be written there, for want of room too.
     """
     written: list[Path] = []
-    read = [_place(path) for path in inputs if path is not None]
-    for path in (path for path in outputs if path is not None):
+    wanted = [path for path in outputs if path is not None]
+    read = [(path, _place(file)) for path in inputs if path is not None for file in _behind(path, wanted)]
+    for path in wanted:
         place = _place(path)
         if not path.absolute().parent.is_dir():
             raise InvalidFileError(f"{path}: the folder {path.absolute().parent} does not exist.")
         if path.is_dir():
             raise InvalidFileError(f"{path}: is a folder; allowed is a file, which may be new.")
-        for other in read:
+        for given, other in read:
             if place == other or (other.is_dir() and place.is_relative_to(other)) or _is_same(place, other):
-                raise InvalidFileError(f"{path}: is an input, or in one; allowed is another file.")
+                way = "" if other == _place(given) else f", which {given} leads to"
+                raise InvalidFileError(f"{path}: is an input, or in one{way}; allowed is another file.")
         if any(place == other or _is_same(place, other) for other in written):
             raise InvalidFileError(f"{path}: is to be written twice; allowed is a file for each output.")
         written.append(place)
@@ -70,6 +74,12 @@ def written_beside(path: Path) -> Iterator[Path]:
             beside.unlink(missing_ok=True)
     except OSError as error:
         raise InvalidFileError(f"{path}: cannot be written ({error.strerror or error}).") from None
+
+
+def _behind(path: Path, outputs: list[Path]) -> Iterable[Path]:
+    """An input and, if something is to be written, what it leads to."""
+    _place(path)
+    return files_behind(path) if outputs else (path,)
 
 
 def _place(path: Path) -> Path:

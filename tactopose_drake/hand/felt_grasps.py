@@ -19,7 +19,7 @@ from tactopose_drake.hand.hand_errors import HandErrors
 from tactopose_drake.hand.hand_in_plant import Hand
 from tactopose_drake.hand.joint_paths import JointPaths
 from tactopose_drake.hand.kinematics import HandKinematics
-from tactopose_drake.hand.named_joints import NamedJoints
+from tactopose_drake.hand.named_joints import NamedJoints, check_near_limits
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -176,6 +176,7 @@ def check_grasps(plant: MultibodyPlant, hand: Hand, grasps: Sequence[RecordedGra
         where = grasp.name or f"grasps[{i}]"
         instance_of(f"{where}: model", grasp.model, ObjectModel)
         q = named.positions(f"{where}: joint_positions", dict(grasp.joint_positions))
+        check_near_limits(f"{where}: joint_positions", grasp.joint_positions, plant, hand)
         known = paths.known(q)
         if not all(known[int(frame.body().index())] for frame in hand.sensor_frames.values()):
             missing = [joint for joint in measured_joints(plant, hand) if joint not in grasp.joint_positions]

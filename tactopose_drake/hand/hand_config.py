@@ -4,7 +4,7 @@ import dataclasses
 import os
 from pathlib import Path
 
-from tactopose_drake.core.validation import finite_array, positive_number
+from tactopose_drake.core.validation import finite_array, known_name, positive_number
 from tactopose_drake.errors import InvalidFileError, InvalidInputError, UnknownNameError
 from tactopose_drake.hand.calibration_file import load_calibration
 from tactopose_drake.hand.fingertip_surfaces import (
@@ -83,7 +83,7 @@ class HandConfig:
     palm_frame: str = ""  # P, a frame or link of the model
     fingers: list[FingerConfig] = dataclasses.field(default_factory=list)
     pads: list[PadConfig] = dataclasses.field(default_factory=list)
-    rest_positions: dict[str, float] = dataclasses.field(default_factory=dict)  # of joints whose rest is not at 0, rad
+    rest_positions: dict[str, float] = dataclasses.field(default_factory=dict)  # of actuated joints not at 0, rad or m
     grip_low: list[float] = dataclasses.field(default_factory=list)  # lower corner of where it holds things, m, in P
     grip_high: list[float] = dataclasses.field(default_factory=list)  # upper corner; both only for planned grasps
     # By how much all of this may be off: it says how far each contact, and the place of each tactile array, can be
@@ -127,6 +127,10 @@ class HandConfig:
             raise InvalidInputError(f"HandConfig.pads: have the names {pads}; allowed are different names.")
         for pad in self.pads:
             positive_number(f"HandConfig.pads[{pad.name}].alpha", pad.alpha)
+        driven = list(dict.fromkeys(joint for finger in self.fingers for joint in finger.joints))
+        for joint, position in self.rest_positions.items():
+            known_name("HandConfig.rest_positions", joint, driven)
+            finite_array(f"HandConfig.rest_positions[{joint}]", [position], (1,))
         for name, corner in (("grip_low", self.grip_low), ("grip_high", self.grip_high)):
             if corner:
                 finite_array(f"HandConfig.{name}", corner, (3,))
@@ -157,7 +161,8 @@ def load_hand_config(name_or_path: str | Path) -> HandConfig:
         known = ", ".join(
             sorted(file.name.removesuffix(".hand.yaml") for file in model_path("hands").glob("*/*.hand.yaml"))
         )
-        raise InvalidFileError(f"{path}: there is no such file; the package's hands are {known}.")
+        missing = "is a folder; allowed is a hand's YAML file" if os.path.isdir(path) else "there is no such file"
+        raise InvalidFileError(f"{path}: {missing}; the package's hands are {known}.")
     config = load_typed_yaml(HandConfig, path)
     try:
         config.validate()

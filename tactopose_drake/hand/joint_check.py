@@ -13,6 +13,8 @@ from tactopose_drake.hand.hand_config import FingerConfig
 from tactopose_drake.hand.hand_in_plant import Hand
 from tactopose_drake.hand.shared_joints import held_joints, shared_joints
 
+_ROUNDING = 1e-3  # rad or m, by which a position in a file may be beyond a limit
+
 
 def check_joints(plant: MultibodyPlant, hand: Hand) -> Iterator[Finding]:
     """Compares the joints of a hand's file with those that move each finger's sensor in the model."""
@@ -49,6 +51,7 @@ def check_joints(plant: MultibodyPlant, hand: Hand) -> Iterator[Finding]:
         yield Finding(
             part, text if limited else f"{text}; planned grasps need finite ones", "ok" if limited else "fault"
         )
+    yield from _rest(plant, hand)
     yield from _shared(hand)
 
 
@@ -57,6 +60,17 @@ def _order(plant: MultibodyPlant, hand: Hand, finger: FingerConfig) -> tuple[str
     path = joints_towards(plant, hand, hand.sensor_frames[finger.name])
     follows = {coupling.joint: coupling.follows for coupling in finger.couplings}
     return tuple(dict.fromkeys(follows.get(name, name) for name in path))
+
+
+def _rest(plant: MultibodyPlant, hand: Hand) -> Iterator[Finding]:
+    for name, position in hand.config.rest_positions.items():
+        joint = plant.GetJointByName(name, hand.model_instance)
+        low, high = joint.position_lower_limits()[0], joint.position_upper_limits()[0]
+        if not low - _ROUNDING <= position <= high + _ROUNDING:
+            text = (
+                f"`rest_positions` has {name!r} at {position:g}, beyond its limits; allowed is {low:.3g} to {high:.3g}"
+            )
+            yield Finding("joints", text, "fault")
 
 
 def _shared(hand: Hand) -> Iterator[Finding]:

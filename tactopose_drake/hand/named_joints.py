@@ -5,9 +5,13 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import PrismaticJoint
 
 from tactopose_drake.core.validation import FloatArray, known_name, number_array
+from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.hand_in_plant import Hand
+
+_MARGIN_RAD, _MARGIN_M = 0.5, 0.05  # by which a reading may be beyond a joint's limits
 
 
 class NamedJoints:
@@ -64,3 +68,28 @@ class NamedJoints:
             if coupling.joint not in values:
                 ordered[self._place[coupling.joint]] = coupling.ratio * ordered[self._place[coupling.follows]]
         return ordered
+
+
+def check_near_limits(name: str, values: Mapping[str, float], plant: MultibodyPlant, hand: Hand) -> None:
+    """Tells positions that no joint can have, such as degrees; for those of a file, where there is time to mend it.
+
+    Encoders may be off: what is a little beyond a limit passes.
+
+    Args:
+        name: of the argument, for messages.
+        values: by the joints' names, which are known; NaN passes.
+        plant: finalized plant that holds the hand.
+        hand: the hand in it.
+
+    Raises:
+        InvalidInputError: if a position is farther beyond its joint's limits.
+    """
+    for joint_name, value in values.items():
+        joint = plant.GetJointByName(joint_name, hand.model_instance)
+        low, high = joint.position_lower_limits()[0], joint.position_upper_limits()[0]
+        unit, margin = ("m", _MARGIN_M) if isinstance(joint, PrismaticJoint) else ("rad", _MARGIN_RAD)
+        if low < high and not np.isnan(value) and not low - margin <= value <= high + margin:
+            raise InvalidInputError(
+                f"{name}[{joint_name}]: is {value:g} {unit}; the joint's limits are {low:.4g} and {high:.4g}, and "
+                f"allowed is up to {margin:g} {unit} beyond."
+            )

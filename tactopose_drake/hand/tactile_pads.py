@@ -1,7 +1,6 @@
 """The files that describe tactile arrays: their cells, what limits them, and how often they are read."""
 
 import dataclasses
-import os
 from pathlib import Path
 
 from tactopose_drake.core.sensing.cell_patterns import CornerPattern, PointPattern
@@ -10,7 +9,7 @@ from tactopose_drake.core.sensing.tactile_layout import TactileLayout
 from tactopose_drake.core.sensing.tactile_patterns import CapsulePattern, RowPattern
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import InvalidInputError
-from tactopose_drake.resources import load_typed_yaml, model_path
+from tactopose_drake.resources import load_typed_yaml, sensor_file
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -44,8 +43,7 @@ def load_tactile_pad(name_or_path: str | Path) -> TactilePad:
         InvalidFileError: if the file cannot be read or does not fit `TactilePadFile`.
         InvalidInputError: if a value is out of its range; the message names the file.
     """
-    shipped = model_path("sensors", f"{name_or_path}.yaml")
-    path = shipped if os.path.isfile(shipped) else Path(name_or_path)
+    path = sensor_file(name_or_path, "pattern")
     file = load_typed_yaml(TactilePadFile, path)
     try:
         layout = file.pattern.make()

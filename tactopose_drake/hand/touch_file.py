@@ -130,7 +130,10 @@ def _array_pad(path: Path, where: str, given: dict[str, Any]) -> _Pad:
     array = given["array"]
     if not isinstance(array, str):
         raise InvalidFileError(f"{path}: {where}.array: is {shown(array)}; allowed is a name or a path.")
-    pad = load_tactile_pad(path.parent / array if Path(array).suffix else array)
+    try:
+        pad = load_tactile_pad(path.parent / array if Path(array).suffix else array)
+    except InvalidInputError as error:
+        raise InvalidFileError(f"{path}: {where}.array: {error}") from None
     return _Pad(pad.layout.p_TC, pad.layout.n_T, {"saturation": pad.model.range})
 
 

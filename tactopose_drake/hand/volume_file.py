@@ -18,7 +18,7 @@ from tactopose_drake.hand.geometry import BodySpheres, HandGeometry
 from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.hand_in_plant import Hand, make_hand_plant
 from tactopose_drake.hand.kinematics import HandKinematics
-from tactopose_drake.hand.named_joints import NamedJoints
+from tactopose_drake.hand.named_joints import NamedJoints, check_near_limits
 from tactopose_drake.resources.yaml_files import shown
 
 
@@ -80,7 +80,9 @@ def _of_hand(path: Path, data: dict[str, Any]) -> HandVolumes:
     config = load_hand_config(path.parent / name if Path(name).suffix else name)
     plant, hand = make_hand_plant(config)
     try:
-        q = NamedJoints(plant, hand).positions("joints", _positions(path, joints))
+        told = _positions(path, joints)
+        q = NamedJoints(plant, hand).positions("joints", told)
+        check_near_limits("joints", told, plant, hand)
         tips = _tips(hand, untouched)
     except InvalidInputError as error:
         raise InvalidFileError(f"{path}: {error}") from None

@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import os
 from collections.abc import Iterator, Sequence
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
@@ -29,6 +30,25 @@ def resource_root() -> Path:
 def model_path(*parts: str) -> Path:
     """The path of a shipped model, e.g. `model_path("objects", "mug.obj")`."""
     return resource_root().joinpath("models", *parts)
+
+
+def sensor_file(name_or_path: str | Path, key: str) -> Path:
+    """The file of a sensor: of one of the package's by name, or any by path.
+
+    Args:
+        name_or_path: of the sensor.
+        key: that files of its kind have.
+
+    Raises:
+        InvalidFileError: if there is no such file; the message has the package's sensors of that kind.
+    """
+    shipped = model_path("sensors", f"{name_or_path}.yaml")
+    path = shipped if os.path.isfile(shipped) else Path(name_or_path)
+    if not os.path.exists(path):
+        files = sorted(model_path("sensors").glob("*.yaml"))
+        known = ", ".join(file.stem for file in files if f"\n{key}:" in file.read_text(encoding="utf-8"))
+        raise InvalidFileError(f"{path}: there is no such file; the package's sensors of this kind are {known}.")
+    return path
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)

@@ -21,7 +21,7 @@ from tactopose_drake.runs.rehearsal import rehearse
 from tactopose_drake.runs.simulated_devices import SimulatedRig, loads_of_files, simulated_loads
 from tactopose_drake.runs.simulation import BESIDE_DEVICES, TRUE_POSE, sense_ports
 from tactopose_drake.runs.stepping import Observer, Progress, RunView, advance
-from tactopose_drake.station.can_devices import CanDevices, live_buses
+from tactopose_drake.station.can_devices import CanDevices, check_drivers, live_buses
 from tactopose_drake.station.hardware import HardwareStation, make_hardware_station
 from tactopose_drake.station.scenario import Scenario
 from tactopose_drake.station.senses import CanSenses, SimulatedDevices
@@ -80,7 +80,7 @@ def check_devices(scenario: Scenario) -> None:
     """
     senses = scenario.senses
     assert isinstance(senses, CanSenses)
-    CanDevices(senses, live_buses(senses))
+    check_drivers(senses)
     if senses.barrett_hand is not None:
         plant, hand = make_hand_plant(load_hand_config(scenario.hand))
         joint_matrix(plant, hand, senses.barrett_hand.joints)

@@ -13,6 +13,7 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from tactopose_drake.core.poses import make_poses, matrix_from_quaternion
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.drivers.ros2_messages import TRIANGLE_LIST, definition, encode
+from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.output_files import written_beside
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.hand.hand_config import load_hand_config
@@ -23,6 +24,7 @@ from tactopose_drake.runs.ros2_poses import ros_covariance, ros_pose, ros_xyz
 from tactopose_drake.visualization.body_meshes import BodyMeshes, Triangles
 
 _OBJECT_COLOUR = (0.85, 0.55, 0.25)
+_END_OF_STAMPS = 2**31  # s since the epoch, in `builtin_interfaces/Time`
 
 
 class _Message(NamedTuple):
@@ -58,8 +60,15 @@ def write_mcap(run: RecordedRun, path: Path) -> None:
 
     Raises:
         InvalidFileError: if it cannot be written.
+        InvalidInputError: if the recording is of a time that ROS 2's stamps do not reach.
     """
     messages = sorted(_messages(run), key=lambda message: message.time)
+    last = run.manifest.start + messages[-1].time
+    if last >= _END_OF_STAMPS:
+        raise InvalidInputError(
+            f"Manifest.start: is {run.manifest.start:.10g} s since the epoch, and the recording lasts until "
+            f"{last:.10g}; allowed in mcap are times before {_END_OF_STAMPS}, in 2038, where ROS 2's stamps end."
+        )
     with written_beside(path) as beside, beside.open("wb") as file:
         out = Writer(file)
         out.start(profile="ros2", library="tactopose_drake")

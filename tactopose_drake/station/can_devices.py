@@ -7,7 +7,7 @@ from typing import Self
 
 from numpy.typing import ArrayLike
 
-from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.core.validation import FloatArray, known_name, told_of
 from tactopose_drake.drivers.barrett_hand import BarrettHand
 from tactopose_drake.drivers.barrett_joints import STRAIN_POLYNOMIAL
 from tactopose_drake.drivers.barrett_protocol import TactileMode
@@ -16,7 +16,7 @@ from tactopose_drake.drivers.device_bus import DeviceBus
 from tactopose_drake.drivers.netcanoem import NetCanOemForceTorque
 from tactopose_drake.drivers.netcanoem_protocol import ForceUnit, TorqueUnit
 from tactopose_drake.drivers.replay_bus import open_log
-from tactopose_drake.errors import DeviceTimeoutError, UnknownNameError
+from tactopose_drake.errors import DeviceTimeoutError
 from tactopose_drake.station.senses import BarrettPucks, CanSenses, ForceTorqueBoard
 
 _GREETING_TIME = 5.0  # s, in which a device must have given its first sample to be tared; Barrett's wakes up for 1 s
@@ -27,9 +27,29 @@ def live_buses(senses: CanSenses) -> dict[str, DeviceBus]:
     """The buses of a scenario, not open yet.
 
     Raises:
-        UnknownNameError: if python-can has no such interface.
+        InvalidInputError: if python-can has no such interface.
     """
-    return {name: DeviceBus.open(bus.interface, bus.channel, **bus.options) for name, bus in senses.buses.items()}
+    buses = {}
+    for name, bus in senses.buses.items():
+        with told_of(f"CanSenses.buses[{name}]."):
+            buses[name] = DeviceBus.open(bus.interface, bus.channel, **bus.options)
+    return buses
+
+
+def check_drivers(senses: CanSenses) -> None:
+    """Makes all drivers and lets them share their buses, none of which is opened.
+
+    Raises:
+        InvalidInputError: if a driver's argument is out of its range, python-can lacks an interface, or two devices of
+            a bus have the same identifiers; the message names the finger or the bus.
+    """
+    devices = CanDevices(senses, live_buses(senses))
+    for finger, board in senses.fingers.items():
+        with told_of(f"CanSenses.buses[{board.bus}]: "):
+            devices.buses[board.bus].attach(devices.boards[finger])
+    if senses.barrett_hand is not None and devices.hand is not None:
+        with told_of(f"CanSenses.buses[{senses.barrett_hand.bus}]: "):
+            devices.buses[senses.barrett_hand.bus].attach(devices.hand)
 
 
 def logged_buses(logs: Mapping[str, Path]) -> dict[str, DeviceBus]:
@@ -147,30 +167,33 @@ class CanDevices:
 
 
 def _make_board(finger: str, board: ForceTorqueBoard, bus: DeviceBus) -> NetCanOemForceTorque:
-    units = None
-    if board.force_unit or board.torque_unit:
-        for name, unit, known in (("force", board.force_unit, ForceUnit), ("torque", board.torque_unit, TorqueUnit)):
-            if unit not in known.__members__:
-                raise UnknownNameError(f"CanSenses.fingers[{finger}].{name}_unit", unit, known.__members__)
-        units = ForceUnit[board.force_unit], TorqueUnit[board.torque_unit]
-    return NetCanOemForceTorque(
-        bus,
-        board.base,
-        calibration_slot=board.calibration,
-        period=board.period,
-        timeout=board.timeout,
-        units=units,
-        name=finger,
-    )
+    with told_of(f"CanSenses.fingers[{finger}]."):
+        units = None
+        if board.force_unit or board.torque_unit:
+            for name, unit, known in (
+                ("force_unit", board.force_unit, ForceUnit),
+                ("torque_unit", board.torque_unit, TorqueUnit),
+            ):
+                known_name(name, unit, known.__members__)
+            units = ForceUnit[board.force_unit], TorqueUnit[board.torque_unit]
+        return NetCanOemForceTorque(
+            bus,
+            board.base,
+            calibration_slot=board.calibration,
+            period=board.period,
+            timeout=board.timeout,
+            units=units,
+            name=finger,
+        )
 
 
 def _make_hand(pucks: BarrettPucks, bus: DeviceBus) -> BarrettHand:
-    if pucks.mode not in TactileMode.__members__:
-        raise UnknownNameError("CanSenses.barrett_hand.mode", pucks.mode, ("FULL", "TOP"))
-    return BarrettHand(
-        bus,
-        mode=TactileMode[pucks.mode],
-        period=pucks.period,
-        timeout=pucks.timeout,
-        strain_polynomials=pucks.strain_polynomials or (STRAIN_POLYNOMIAL,) * 3,
-    )
+    with told_of("CanSenses.barrett_hand."):
+        known_name("mode", pucks.mode, ("FULL", "TOP"))
+        return BarrettHand(
+            bus,
+            mode=TactileMode[pucks.mode],
+            period=pucks.period,
+            timeout=pucks.timeout,
+            strain_polynomials=pucks.strain_polynomials or (STRAIN_POLYNOMIAL,) * 3,
+        )

@@ -11,7 +11,7 @@ from tactopose_drake.core.grasping.finger_reach import ReachParams
 from tactopose_drake.core.grasping.grasp_planner import PlannerParams
 from tactopose_drake.core.sensing.force_torque import ForceTorqueModel
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import positive_number
+from tactopose_drake.core.validation import positive_number, told_of
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
 from tactopose_drake.estimation.simulated_body import read_mass
 from tactopose_drake.hand.hand_config import load_hand_config
@@ -149,15 +149,22 @@ class Scenario:
             self.grip.validate()
             for name, X_PO in self.grip.X_PO.items():
                 drawn_pose(f"Scenario.grip.X_PO[{name}]", X_PO, self.seed)
-        self.sensor.model()
+        with told_of("Scenario.sensor: "):
+            self.sensor.model()
         hand = load_hand_config(self.hand)
         for pad in hand.pads:
-            load_tactile_pad(pad.array)
+            with told_of(f"the hand {self.hand}, pads[{pad.name}].array: "):
+                load_tactile_pad(pad.array)
         if self.errors is not None:
             self.errors.validate(hand)
         if isinstance(self.senses, CanSenses | Ros2Senses):
             self.senses.validate(hand)
-        if isinstance(self.senses, LcmSenses):
+        if isinstance(self.senses, CanSenses):
+            # A scenario without devices does without their drivers.
+            from tactopose_drake.station.can_devices import check_drivers
+
+            check_drivers(self.senses)
+        if isinstance(self.senses, LcmSenses | RecordedSenses):
             self.senses.validate()
         if self.publish is not None:
             self.publish.validate()

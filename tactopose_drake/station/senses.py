@@ -20,6 +20,11 @@ class RecordedSenses:
 
     folder: str = ""  # that `run --record` made
 
+    def validate(self) -> None:
+        """Raises InvalidInputError if no folder is named."""
+        if not self.folder:
+            raise InvalidInputError("RecordedSenses.folder: is not given; allowed is one that `run --record` made.")
+
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class LcmSenses:

@@ -1,7 +1,6 @@
 """A simulated six-axis force-torque sensor between a finger and its fingertip."""
 
 import dataclasses
-import os
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +16,7 @@ from tactopose_drake.core.sensing.force_torque import ForceTorqueModel, measure,
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import InvalidFileError, UnknownNameError
 from tactopose_drake.hand.fingertip_weights import fingertip_mass
-from tactopose_drake.resources import load_typed_yaml, model_path
+from tactopose_drake.resources import load_typed_yaml, sensor_file
 from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.ports import eval_input
 
@@ -73,8 +72,7 @@ def sufficient_calibration(force: float, moment: float, name_or_path: str | Path
 
 def _read(name_or_path: str | Path) -> tuple[Path, dict[str, ForceTorqueModel]]:
     """The file of a sensor, and its calibrations by name."""
-    shipped = model_path("sensors", f"{name_or_path}.yaml")
-    path = shipped if os.path.isfile(shipped) else Path(name_or_path)
+    path = sensor_file(name_or_path, "calibrations")
     return path, load_typed_yaml(ForceTorqueModelFile, path).calibrations
 
 

@@ -65,7 +65,7 @@ def save_picture(
     """Writes a picture of an estimate: one panel for the prior, one for the estimate, from the same viewpoint.
 
     Args:
-        path: the PNG file.
+        path: the PNG file, whatever its name ends in.
         scene: what to draw; of an estimate by `estimate_pose`, all that it was made from.
         captions: titles of the panels of prior and estimate.
         prior_label: what the legend calls the prior.
@@ -78,7 +78,7 @@ def save_picture(
     scene = scene_of(scene) if isinstance(scene, PoseEstimate) else scene
     figure = _draw(scene, captions, prior_label, colours, _DPI)
     with written_beside(Path(path)) as beside:
-        figure.savefig(beside, facecolor="white")
+        figure.savefig(beside, facecolor="white", format="png")
 
 
 def small_picture(scene: Scene) -> bytes:

@@ -86,6 +86,7 @@ def test_what_is_written_is_what_the_hand_then_knows(
         ("joint_positions: {FFJ4: 0.1}\nwrenches: {first: [1, 2]}", "wrenches.first"),
         ("joint_positions: {FFJ4: 0.1}\nwrenches: {first: [0, 0, 0, 0, 0, 1]}", "joint_positions: lack"),
         ("joint_positions: {FFJ9: 0.1}\nwrenches: {first: [0, 0, 0, 0, 0, 1]}", "FFJ9"),
+        ("joint_positions: {FFJ2: 60.5}\nwrenches: {first: [0, 0, 0, 0, 0, 1]}", "joint_positions[FFJ2]: is 60.5 rad;"),
         ("joint_positions: [0.1]", "joint_positions: is no mapping"),
     ],
 )
@@ -99,7 +100,7 @@ def test_a_bad_grasp_is_one_line(
     (grasps / "bad.yaml").write_text(content)
     files = ("--hand", folder / "mine.hand.yaml", "--object", folder / "blob.stl", "--grasps", grasps)
     assert run("calibrate", *files, "--out", tmp_path / "calibration.yaml") == 2
-    (line,) = capsys.readouterr().err.strip().splitlines()
+    (line,) = capsys.readouterr().err.splitlines()
     assert "bad.yaml" in line
     assert said in line
     assert not (tmp_path / "calibration.yaml").exists()

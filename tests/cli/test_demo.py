@@ -10,6 +10,7 @@ from rich.table import Table
 
 from tactopose_drake.cli.demo_command import _belief_line
 from tactopose_drake.cli.demo_run import GraspFailedError, prepare_demo, run_demo
+from tactopose_drake.resources import model_path
 from tactopose_drake.runs.grasp_simulation import GraspResult
 from tactopose_drake.station.scenario import Scenario, load_scenario
 from tests.cli.test_cli import run
@@ -149,16 +150,46 @@ def test_a_grasp_that_fails_says_why() -> None:
         (["--seed", "-1"], "-1 is not in the range x>=0"),
         (
             ["--hand", "barrett", "--object", "pencil"],
-            "is 'pencil', for which Scenario.grip.X_PO has no place in the hand",
+            "--object: is 'pencil', which the hand 'barrett' cannot hold, for it closes without a plan on what is put "
+            "into it; allowed with it are bust, cylinder, light_bulb, mug,",
+        ),
+        (
+            ["--hand", "barrett", "--object", "mine.stl"],
+            "--object: is 'mine.stl', which the hand 'barrett' cannot hold",
         ),
         (["--hand", "claw"], "claw: there is no such file; the package's hands are allegro, barrett_like, shadow_like"),
     ],
 )
 def test_a_wrong_call_ends_with_status_2(
-    arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
+    arguments: list[str],
+    message: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
+    monkeypatch.chdir(tmp_path)
     assert run("demo", *arguments) == 2
     assert message in " ".join(capsys.readouterr().err.split())
+    assert run("demo", *arguments, "--out", "new/results") == 2
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_demonstration_that_fails_leaves_nothing_and_no_object_is_replaced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fail(scenario: Scenario, **_: object) -> None:
+        assert Path(scenario.object).with_suffix(".obj").is_file()
+        raise GraspFailedError("it slips")
+
+    monkeypatch.setattr("tactopose_drake.cli.demo_command.run_demo", fail)
+    block = tmp_path / "block.obj"
+    block.write_bytes(model_path("objects", "cube.obj").read_bytes())
+    assert run("demo", "--object", block, "--out", tmp_path / "new" / "results") == 1
+    assert list(tmp_path.iterdir()) == [block]
+    capsys.readouterr()
+    assert run("demo", "--object", block, "--out", tmp_path) == 2
+    assert "block.obj: is an input, or in one" in capsys.readouterr().err
+    assert block.read_bytes() == model_path("objects", "cube.obj").read_bytes()
 
 
 def test_the_belief_over_time_is_asked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -125,7 +125,7 @@ def test_unusable_input_has_status_two_and_one_line(folder: Path, capsys: pytest
         assert run(library, contacts) == 2
         out, err = capsys.readouterr()
         assert out == ""
-        errors = [line for line in err.splitlines() if line.strip()]
+        errors = err.splitlines()
         assert len(errors) == 1
         assert errors[0].startswith("error: ")
         assert said in errors[0]

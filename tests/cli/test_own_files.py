@@ -9,6 +9,8 @@ import pytest
 import trimesh
 
 from tactopose_drake.cli.consoles import OnceFilter
+from tactopose_drake.hand.tactile_pads import load_tactile_pad
+from tactopose_drake.resources import model_path
 from tests.cli.test_cli import run
 from tests.hand.grippers import YAML, write_gripper
 
@@ -32,6 +34,47 @@ def test_check_hand_shows_the_cells_of_a_hand_that_has_some(tmp_path: Path, caps
     assert not (tmp_path / "none.png").exists()
 
 
+def test_what_an_input_leads_to_is_never_replaced(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    hand = write_gripper(tmp_path)
+    for name in ("cube.obj", "cube.sdf"):
+        (tmp_path / name).write_bytes(model_path("objects", name).read_bytes())
+    (tmp_path / "pad.yaml").write_bytes(model_path("sensors", "bh280_finger.yaml").read_bytes())
+    (tmp_path / "prior.yaml").write_text("X_PO: {translation: [0, 0, 0], quaternion_wxyz: [1, 0, 0, 0]}")
+    pressures = [0.0] * len(load_tactile_pad("bh280_finger").layout)
+    (tmp_path / "contacts.yaml").write_text(f"patches: [{{array: pad.yaml, alpha: 1e-8, pressures: {pressures}}}]")
+    (tmp_path / "volume.yaml").write_text(f"hand: {hand.name}\njoints: {{left_slide: 0.0, right_slide: 0.0}}")
+    scenario = tmp_path / "own.scenario.yaml"
+    scenario.write_text(f"hand: {hand.name}\nobject: cube.sdf")
+    (tmp_path / "grasps").mkdir()
+    (tmp_path / "library").mkdir()
+    (tmp_path / "library.yaml").write_text("cube: {mesh: cube.obj}")
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()}
+    touch = ["--contacts", tmp_path / "contacts.yaml"]
+    estimate = ["estimate", "--object", tmp_path / "cube.sdf", *touch, "--hand-volume", tmp_path / "volume.yaml"]
+    identify = ["identify", "--library", tmp_path / "library.yaml", *touch]
+    calibrate = ["calibrate", "--hand", hand, "--object", tmp_path / "cube.sdf", "--grasps", tmp_path / "grasps"]
+    replay = ["replay", tmp_path / "recording", "--scenario", scenario]
+    for arguments, output in (
+        (["check-hand", hand, "--html"], "two_finger.urdf"),
+        (["run", scenario, "--html"], "two_finger.urdf"),
+        (["run", scenario, "--picture"], "cube.obj"),
+        ([*replay, "--out"], "two_finger.hand.yaml"),
+        ([*replay, "--html"], "cube.obj"),
+        ([*estimate, "--out"], "cube.obj"),
+        ([*estimate, "--out"], "pad.yaml"),
+        ([*estimate, "--html"], "two_finger.urdf"),
+        ([*identify, "--out"], "cube.obj"),
+        ([*identify, "--out"], "pad.yaml"),
+        ([*calibrate, "--out"], "cube.obj"),
+        ([*calibrate, "--html"], "two_finger.urdf"),
+    ):
+        assert run(*arguments, tmp_path / output) == 2
+        errors = capsys.readouterr().err
+        assert f"{output}: is an input, or in one, which {tmp_path}" in errors
+        assert errors.count("\n") == 1
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()} == before
+
+
 def test_check_hand_ends_with_a_line_for_each_fault(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     hand = write_gripper(tmp_path, yaml=YAML.replace("radius: 0.012", "radius: 0.03"))
     assert run("check-hand", hand) == 2
@@ -44,6 +87,14 @@ def test_check_hand_of_a_file_that_is_not_there(capsys: pytest.CaptureFixture[st
     assert run("check-hand", "no_such.hand.yaml") == 2
     (line,) = capsys.readouterr().err.strip().splitlines()
     assert "there is no such file" in line
+
+
+def test_a_folder_is_told_from_what_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "contacts.yaml").write_text("contacts: [{position: [0, 0, 0]}]")
+    for arguments in (["estimate", "--contacts", tmp_path / "contacts.yaml", "--object"], ["check-hand"]):
+        assert run(*arguments, tmp_path) == 2
+        (line,) = capsys.readouterr().err.splitlines()
+        assert f"{tmp_path}: is a folder; allowed is a" in line
 
 
 def test_demo_with_an_own_hand_and_a_mesh_in_millimetres(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -129,6 +180,9 @@ def test_estimate_takes_a_scale_and_known_symmetries(
     for wrong in ("w", "z:1", "0,0,0"):
         assert run("estimate", *arguments, "--symmetry", wrong) == 2
         assert f"--symmetry: is '{wrong}'" in capsys.readouterr().err
+    for wrong in (("none", "z"), ("z", "auto"), ("none", "none")):
+        assert run("estimate", *arguments, *(part for text in wrong for part in ("--symmetry", text))) == 2
+        assert re.search("--symmetry: has '(none|auto)' and 1 more; (none|auto) stands alone", capsys.readouterr().err)
 
 
 def test_a_message_of_drake_is_shown_once() -> None:

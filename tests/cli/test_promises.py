@@ -111,31 +111,60 @@ def test_what_was_there_stays_until_all_is_written(tmp_path: Path) -> None:
     assert Path("/dev/null").is_char_device()
 
 
-@pytest.mark.parametrize(("estimate", "status"), [(None, 1), (object(), 0)])
-@pytest.mark.parametrize("command", ["run", "replay"])
-def test_the_exit_status_says_whether_there_is_an_estimate(
-    monkeypatch: pytest.MonkeyPatch, command: str, estimate: object, status: int
-) -> None:
-    class Station:
-        """All of whose ports give the estimate."""
+class Station:
+    """All of whose ports give the estimate."""
 
-        def GetOutputPort(self, name: str) -> "Station":
-            return self
+    def __init__(self, estimate: object) -> None:
+        self.estimate = estimate
 
-        def Eval(self, context: object) -> object:
-            return estimate
+    def GetOutputPort(self, name: str) -> "Station":
+        return self
 
-        def get_time(self) -> float:
-            return 0.3
+    def Eval(self, context: object) -> object:
+        return self.estimate
 
-    station = Station()
-    view = RunView(station, station)
+    def get_time(self) -> float:
+        return 0.3
+
+
+def end_with(estimate: object, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Lets runs and replays end at once, with an estimate or None."""
+    view = RunView(Station(estimate), Station(estimate))
     monkeypatch.setattr("tactopose_drake.cli.run_command.run_scenario", lambda *_, **__: view)
     played = Replay(view, ("fingers.blf: ended after 3 frames.",), whole=True, difference="")
     monkeypatch.setattr("tactopose_drake.cli.replay_command.replay_recording", lambda *_, **__: played)
     monkeypatch.setattr("tactopose_drake.cli.run_command.estimate_line", lambda _: "held: 0 contacts")
-    options = ("shadow_like", "--duration", "0.3") if command == "run" else ("log", "--scenario", "shadow_like")
-    assert run(command, *options) == status
+
+
+COMMANDS = {
+    "run": ("run", "shadow_like", "--duration", "0.3"),
+    "replay": ("replay", "log", "--scenario", "shadow_like"),
+}
+
+
+@pytest.mark.parametrize(("estimate", "status"), [(None, 1), (object(), 0)])
+@pytest.mark.parametrize("command", COMMANDS)
+def test_the_exit_status_says_whether_there_is_an_estimate(
+    monkeypatch: pytest.MonkeyPatch, command: str, estimate: object, status: int
+) -> None:
+    end_with(estimate, monkeypatch)
+    assert run(*COMMANDS[command]) == status
+
+
+@pytest.mark.parametrize(("command", "other"), [("run", "--picture"), ("replay", "--out")])
+def test_only_what_is_written_is_said_to_replace_something(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], command: str, other: str
+) -> None:
+    end_with(None, monkeypatch)
+    page, beside = tmp_path / "page.html", tmp_path / "beside"
+    page.write_text("old")
+    beside.write_text("old")
+    assert run(*COMMANDS[command], "--html", page, other, beside) == 1
+    printed = capsys.readouterr().out
+    assert f"{page}: not written, since there never was an estimate." in printed
+    assert page.read_text() == "old"
+    assert ("Replaced" in printed) == (other == "--out")
+    assert printed.count(str(page)) == 1
 
 
 def test_help_and_version_end_well(capsys: pytest.CaptureFixture[str]) -> None:

@@ -51,6 +51,8 @@ def test_a_gripper_is_usable_and_described(tmp_path: Path) -> None:
         ("model: two_finger.urdf", "model: three_finger.urdf", "model", "three_finger.urdf"),
         ("surface: !SphereSurface {radius: 0.012}", "surface: !SphereSurface {radius: 0.03}", "fingertip left", "0%"),
         ("base_link: base", "base_lonk: base", "file", "key 'base_lonk' is unknown"),
+        ("fingers:", "rest_positions: {left: 0.01}\nfingers:", "file", "valid names: left_slide, right_slide"),
+        ("fingers:", "rest_positions: {left_slide: 2}\nfingers:", "joints", "at 2, beyond its limits; allowed is 0 to"),
         ("joints: [left_slide]", "joints: [1]", "file", "two_finger.hand.yaml: line 6: fingers[0].joints[0]: is '1'"),
     ],
 )

@@ -1,11 +1,15 @@
+from pathlib import Path
+
 import numpy as np
 import pytest
+from pydrake.multibody.plant import MultibodyPlant
 
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.joint_matrices import joint_matrix
-from tactopose_drake.hand.named_joints import NamedJoints
+from tactopose_drake.hand.named_joints import NamedJoints, check_near_limits
+from tests.hand.grippers import write_gripper
 
 HANDS = ["shadow_like", "barrett_like"]
 
@@ -63,3 +67,23 @@ def test_mistakes_are_named() -> None:
     ):
         with pytest.raises(InvalidInputError, match=message):
             named.positions("joints", values)
+
+
+def test_positions_of_a_file_are_near_the_limits_of_their_joints(tmp_path: Path) -> None:
+    plant, hand = make_hand_plant(load_hand_config("shadow_like"))
+    low, high = (float(np.asarray(limits)[0]) for limits in _limits(plant, "FFJ2"))
+    for near in (low - 0.4, high + 0.4, np.nan):
+        check_near_limits("joints", {"FFJ2": near}, plant, hand)
+    for far in (low - 0.6, high + 0.6, 60.5):
+        with pytest.raises(InvalidInputError, match=r"joints\[FFJ2\]: is .* rad; the joint's limits are"):
+            check_near_limits("joints", {"FFJ2": far}, plant, hand)
+        # What a running hand measures is taken as it is.
+        assert far in NamedJoints(plant, hand).positions("joints", {"FFJ2": far})
+    gripper, parts = make_hand_plant(load_hand_config(write_gripper(tmp_path)))
+    with pytest.raises(InvalidInputError, match=r"joints\[left_slide\]: is 20 m; .* are 0 and 0.045"):
+        check_near_limits("joints", {"left_slide": 20.0}, gripper, parts)
+
+
+def _limits(plant: MultibodyPlant, joint: str) -> tuple[np.ndarray, np.ndarray]:
+    found = plant.GetJointByName(joint)
+    return found.position_lower_limits(), found.position_upper_limits()

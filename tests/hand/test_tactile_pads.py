@@ -68,7 +68,9 @@ def test_an_impossible_value_is_named_with_its_file(tmp_path: Path, text: str, m
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(InvalidFileError, match=r"none\.yaml"):
+    with pytest.raises(
+        InvalidFileError, match=r"none\.yaml: there is no such file; .* are bh280_finger, bh280_palm, fing"
+    ):
         load_tactile_pad(tmp_path / "none.yaml")
 
 

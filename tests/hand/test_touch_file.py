@@ -126,7 +126,14 @@ def test_the_files_of_the_reference_can_be_read(tmp_path: Path) -> None:
         (f"patches: [{{{PAD}, normals: [[0, 0, 1]]}}]", r"patches\[0\]: n_PT: has shape \(1, 3\)"),
         (f"patches: [{{{PAD}, X_PT: {{translation: [0, 0, 0]}}}}]", r"X_PT: key 'quaternion_wxyz' is missing"),
         ("patches: [{array: 7, pressures: [1], alpha: 0}]", r"array: is 7; allowed is a name or a path"),
-        ("patches: [{array: none.yaml, pressures: [1], alpha: 0}]", r"none.yaml: .*"),
+        (
+            "patches: [{array: none.yaml, pressures: [1], alpha: 0}]",
+            r"patches\[0\].array: .*none.yaml: there is no such",
+        ),
+        (
+            "patches: [{array: foo, pressures: [1], alpha: 0}]",
+            r"foo: .*; .* are bh280_finger, bh280_palm, fingertip_1mm\.",
+        ),
         (f"patches: [{{{PAD}, threshold: yes}}]", r"patches\[0\].threshold: is True; allowed are numbers"),
     ],
 )

@@ -82,6 +82,10 @@ def test_a_link_behind_a_joint_that_is_not_given_is_not_known(tmp_path: Path) ->
         ("{hand: 5, joints: {}}", "hand: is 5; allowed is a name or a path"),
         ("{hand: shadow_like, joints: 5}", "joints: is 5; allowed is a mapping of names to positions"),
         ("{hand: shadow_like, joints: {elbow: 0.1}}", "joints.*'elbow'"),
+        (
+            "{hand: shadow_like, joints: {FFJ3: 34}}",
+            r"joints\[FFJ3\]: is 34 rad; the joint's limits are -0.26\d* and 1.57",
+        ),
         ("{hand: shadow_like, joints: {elbow: x}}", "joints.elbow: is 'x'; allowed are numbers"),
         ("{hand: shadow_like, joints: {}, untouched: [toe]}", r"untouched: is \['toe'\]; allowed is a list of fingers"),
     ],

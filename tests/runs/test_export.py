@@ -2,6 +2,7 @@
 
 import csv
 import json
+import shutil
 from pathlib import Path
 
 import mcap.reader
@@ -213,6 +214,35 @@ def test_what_cannot_be_exported_is_refused(
     assert tactopose("export", recording, "--format", "csv", "--out", recording / "x.csv") == 2
     assert "is an input, or in one" in capsys.readouterr().err
     assert tactopose("export", recording, "--format", "bag") == 2
+
+
+@pytest.mark.parametrize("log", [".", ".."])
+def test_a_file_is_called_as_the_folder_is_however_that_is_named(
+    simulated: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, log: str
+) -> None:
+    copy = tmp_path / "grip"
+    shutil.copytree(simulated, copy)
+    inside = copy if log == "." else copy / "inside"
+    inside.mkdir(exist_ok=True)
+    monkeypatch.chdir(inside)
+    assert tactopose("export", log, "--format", "csv") == 0
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["grip", "grip.csv"]
+
+
+def test_a_recording_of_when_no_stamp_reaches_is_refused(
+    simulated: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    copy = tmp_path / "late"
+    shutil.copytree(simulated, copy)
+    manifest = (copy / "manifest.yaml").read_text()
+    start = next(line for line in manifest.splitlines() if line.startswith("start: "))
+    (copy / "manifest.yaml").write_text(manifest.replace(start, "start: 2147483647.97"))
+    assert tactopose("export", copy, "--format", "mcap") == 2
+    errors = capsys.readouterr().err
+    assert "Manifest.start: is 2147483648 s since the epoch" in errors
+    assert errors.count("\n") == 1
+    assert not (tmp_path / "late.mcap").exists()
+    assert tactopose("export", copy, "--format", "csv") == 0
 
 
 def test_damaged_estimates_are_said_and_the_rest_is_exported(

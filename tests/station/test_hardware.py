@@ -166,6 +166,13 @@ def test_unknown_joints_are_named() -> None:
         (lambda senses: setattr(senses.fingers["thumb"], "period", 0.0), r"fingers\[thumb\].period: is 0"),
         (lambda senses: setattr(senses, "prior", "absent.yaml"), "the file absent.yaml does not exist"),
         (lambda senses: setattr(senses, "joints", JointFile(path="absent.csv")), "the file absent.csv does not exist"),
+        (lambda senses: setattr(senses.fingers["thumb"], "base", 200), r"fingers\[thumb\].base: is 200; allowed are 0"),
+        (
+            lambda senses: setattr(senses.fingers["thumb"], "force_unit", "STONE"),
+            r"fingers\[thumb\].force_unit: 'STONE'",
+        ),
+        (lambda senses: setattr(senses.fingers["thumb"], "base", 0x20), r"buses\[main\]: thumb: has .* which first "),
+        (lambda senses: setattr(senses.buses["main"], "interface", "string"), r"buses\[main\].interface: 'string'"),
     ],
 )
 def test_senses_that_cannot_be_are_refused(change, message: str) -> None:

@@ -54,6 +54,13 @@ def draw(path: Path, scene: Scene) -> np.ndarray:
     return imread(path)[..., :3]
 
 
+@pytest.mark.parametrize("name", ["picture", "picture.result", "picture.pdf"])
+def test_a_picture_is_a_png_whatever_its_name_ends_in(model: ObjectModel, tmp_path: Path, name: str) -> None:
+    save_picture(tmp_path / name, Scene(model=model, contacts=TOUCH, hypotheses=(ShownHypothesis(RigidTransform()),)))
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+    assert (tmp_path / name).read_bytes().startswith(b"\x89PNG")
+
+
 def share(image: np.ndarray, colour: Colour) -> float:
     """Share of the pixels above the legend whose hue is near a colour's."""
     pixels = image[60:-90].reshape(-1, 3)

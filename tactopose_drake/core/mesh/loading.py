@@ -65,14 +65,16 @@ def mesh_file(source: str | Path) -> Path:
     """The path of a mesh file that exists and whose format is known.
 
     Raises:
-        InvalidFileError: if there is no such file.
+        InvalidFileError: if there is no such file, or it is a folder.
         UnknownNameError: if no reader is known for the file name's ending.
     """
     try:
         path = Path(source).expanduser()
-        there = path.is_file()
+        there, is_folder = path.is_file(), path.is_dir()
     except (RuntimeError, ValueError) as error:  # no such home, or a character that no path has
         raise InvalidFileError(f"{source!r}: is no file's path ({error}).") from None
+    if is_folder:
+        raise InvalidFileError(f"{path}: is a folder; allowed is a file.")
     if not there:
         raise InvalidFileError(f"{path}: there is no such file.")
     if path.suffix.lower() not in _FORMATS:

@@ -42,9 +42,11 @@ def test_a_path_may_be_text_and_of_any_case(tmp_path: Path) -> None:
     assert load_mesh(str(path)).faces.shape == (12, 3)
 
 
-@pytest.mark.parametrize("name", ["missing.obj", "."])
-def test_missing_files_are_named(tmp_path: Path, name: str) -> None:
-    with pytest.raises(InvalidFileError, match=rf"{tmp_path}.*: there is no such file"):
+@pytest.mark.parametrize(
+    ("name", "fault"), [("missing.obj", "there is no such file"), (".", "is a folder; allowed is a")]
+)
+def test_missing_files_are_named(tmp_path: Path, name: str, fault: str) -> None:
+    with pytest.raises(InvalidFileError, match=rf"{tmp_path}.*: {fault}"):
         mesh_file(tmp_path / name)
 
 
