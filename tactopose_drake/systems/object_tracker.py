@@ -77,7 +77,8 @@ class ObjectTracker:
             time: when that was so, s of any clock that does not begin below 0. One that goes back begins a new belief,
                 which the status says.
             pressures: of each pad's cells by pad, Pa; likewise.
-            joint_velocities: as `joints`, rad/s: the object moves with the fingertips. Without them, with the palm.
+            joint_velocities: as `joints`, rad/s: the object moves with the fingertips. Without them, with the palm, which the
+                status says.
             vision: the object's pose by a camera or another guess; None where there is no new one.
             palm_pose: X_WP where it is known: an object that nothing touches then stays behind in the world. It stays
                 what it was until another is given.
@@ -94,8 +95,10 @@ class ObjectTracker:
             **self._readings("pressures", "pressures", {} if pressures is None else pressures),
             "joint_positions": self._joints.positions("joints", joints),
         }
-        if joint_velocities is not None and self.diagram.HasInputPort("joint_velocities"):
-            values["joint_velocities"] = self._joints.velocities("joint_velocities", joint_velocities)
+        # None is known of velocities that are left out: those of the last reading say nothing of now.
+        velocities = self._joints.velocities("joint_velocities", {} if joint_velocities is None else joint_velocities)
+        if self.diagram.HasInputPort("joint_velocities"):
+            values["joint_velocities"] = velocities
         time = positive_number("time", time, allow_zero=True, most=LATEST)
         if vision is not None and not isinstance(vision, PoseMeasurement | PosePrior):
             raise InvalidInputError(

@@ -155,6 +155,34 @@ def test_pads_are_felt() -> None:
     assert np.linalg.norm(belief.X_PO[0, :, 3] - p_PO) < 0.002
 
 
+def test_velocities_that_are_left_out_are_not_those_of_before(cube: ObjectModel) -> None:
+    tracker = ObjectTracker(load_hand_config("shadow_like"), cube, PoseTrackingParams(use_hand_volume=False))
+    turning = np.full(len(tracker.joint_names), 0.3)
+    tracker.update(noisy(0), held_cube.Q, 0.0, vision=held_cube.prior(), joint_velocities=turning)
+    assert tracker.diagram.GetInputPort("joint_velocities").Eval(tracker.context) @ turning > 0.0
+    belief = tracker.update(noisy(1), held_cube.Q, 0.01)
+    assert "the fingertips' velocities are not known" in belief.remarks
+    for k in range(2, 30):
+        belief = tracker.update(noisy(k), held_cube.Q, 0.01 * k)
+    assert belief.status == "ok"
+    assert np.linalg.norm(belief.X_PO[0, :, 3] - held_cube.X_PO[:, 3]) < 0.006
+
+
+def test_pressures_and_vision_that_are_left_out_are_not_those_of_before() -> None:
+    hand, ball = load_hand_config("barrett_like"), make_ball()
+    tracker = ObjectTracker(hand, ball, PoseTrackingParams(use_joint_velocities=False))
+    context = tracker.diagram.CreateDefaultContext()
+    press(tracker.diagram, context, "vision")
+    pressures = {pad.name: tracker.diagram.GetInputPort(f"pressures_{pad.name}").Eval(context) for pad in hand.pads}
+    vision = tracker.diagram.GetInputPort("vision").Eval(context)
+    joints = np.zeros(len(tracker.joint_names))
+    tracker.update({}, joints, 0.0, pressures=pressures, vision=vision)
+    tracker.update({}, joints, 0.01)
+    assert tracker.diagram.GetInputPort("vision").Eval(tracker.context) is None
+    for pad in hand.pads:
+        assert np.isnan(tracker.diagram.GetInputPort(f"pressures_{pad.name}").Eval(tracker.context)).all()
+
+
 def test_the_palm_moves_the_world_and_not_the_object_in_it(tracker: ObjectTracker) -> None:
     X_WP = RigidTransform([1.0, 2.0, 3.0])
     tracker.update(noisy(0), held_cube.Q, 0.0, vision=held_cube.prior(), palm_pose=X_WP)
