@@ -77,8 +77,8 @@ class ObjectTracker:
             time: when that was so, s of any clock that does not begin below 0. One that goes back begins a new belief,
                 which the status says.
             pressures: of each pad's cells by pad, Pa; likewise.
-            joint_velocities: as `joints`, rad/s: the object moves with the fingertips. Without them, with the palm, which the
-                status says.
+            joint_velocities: as `joints`, rad/s: the object moves with the fingertips. Without them, with the palm,
+                which the remarks say.
             vision: the object's pose by a camera or another guess; None where there is no new one.
             palm_pose: X_WP where it is known: an object that nothing touches then stays behind in the world. It stays
                 what it was until another is given.
