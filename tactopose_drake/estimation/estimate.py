@@ -115,7 +115,9 @@ def _check_question(model: ObjectModel, contacts: Contacts, method: str, prior: 
     known_name("method", method, METHODS)
     instance_of("model", model, ObjectModel)
     instance_of("contacts", contacts, Contacts)
-    if prior is None and method not in GLOBAL_METHODS:
+    if prior is not None:
+        instance_of("prior", prior, PosePrior)
+    elif method not in GLOBAL_METHODS:
         raise InvalidInputError(
             f"prior: is None; the method {method!r} starts from one. Without: {', '.join(sorted(GLOBAL_METHODS))}."
         )

@@ -28,6 +28,14 @@ def models() -> tuple[tp.ObjectModel, tp.ObjectModel]:
     return tp.ObjectModel.from_mesh(mesh, cache=False), tp.ObjectModel.from_mesh(far, cache=False)
 
 
+def test_a_prior_of_another_type_is_refused(models: tuple[tp.ObjectModel, tp.ObjectModel]) -> None:
+    contacts = touch_surface(models[0], X_PO, 6, np.random.default_rng(3))
+    for model in models:
+        for prior in ("here", X_PO, RigidTransform()):
+            with pytest.raises(tp.TactoposeError, match=r"^prior: is a \w+; allowed is a PosePrior\.$"):
+                tp.estimate_pose(model, contacts, prior=prior)  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize("with_prior", [False, True])
 def test_a_far_origin_changes_nothing(models: tuple[tp.ObjectModel, tp.ObjectModel], with_prior: bool) -> None:
     near, far = models
