@@ -135,9 +135,9 @@ class PatchDescriptor(CollectableSystem):
             age = float(self._ages[name].Eval(context)[0]) if self._ages[name].HasValue(context) else 0.0
             if name not in X_PT:
                 described[name] = "a joint position is not finite"
-            elif not np.isfinite(age) or (age <= self._params.max_age and np.all(np.isnan(pressure))):
+            elif not np.isfinite(age) or (abs(age) <= self._params.max_age and np.all(np.isnan(pressure))):
                 described[name] = NO_READING
-            elif age > self._params.max_age:
+            elif abs(age) > self._params.max_age:  # One of the future is no fresher: two clocks differ.
                 described[name] = f"stale: {age:.2f} s old"
             else:
                 described[name] = self._describe(name, X_PT[name], pressure, kinematics)
