@@ -30,6 +30,12 @@ def tracker(cube: ObjectModel) -> ObjectTracker:
     return ObjectTracker(load_hand_config("shadow_like"), cube, params())
 
 
+@pytest.fixture(scope="module")
+def moving(cube: ObjectModel) -> ObjectTracker:
+    """One that is told the joints' velocities."""
+    return ObjectTracker(load_hand_config("shadow_like"), cube, PoseTrackingParams(use_hand_volume=False))
+
+
 def noisy(seed: int) -> dict[str, np.ndarray]:
     generator = np.random.default_rng(seed)
     return {finger: F_S + 1e-3 * generator.normal(size=6) for finger, F_S in held_cube.WRENCHES.items()}
@@ -108,6 +114,23 @@ def test_a_finger_without_a_reading_is_named_and_the_others_go_on(tracker: Objec
     assert belief.has_pose
 
 
+@pytest.mark.parametrize("value", [1e5, 1e20, 1e300, -1e300, np.inf, np.nan])
+@pytest.mark.parametrize("sensor", ["wrenches", "joints", "joint_velocities"])
+def test_whatever_a_sensor_says_there_is_a_belief_and_the_next_reading_counts(
+    moving: ObjectTracker, sensor: str, value: float
+) -> None:
+    still = np.zeros(len(moving.joint_names))
+    read = {"wrenches": noisy(0), "joints": held_cube.Q, "joint_velocities": still}
+    moving.update(time=1.0, vision=held_cube.prior(), **read)
+    absurd = {finger: np.full(6, value) for finger in held_cube.WRENCHES}
+    belief = moving.update(time=1.01, **{**read, sensor: absurd if sensor == "wrenches" else still + value})
+    assert belief.time == 1.01
+    if sensor == "joint_velocities":
+        assert [remark for remark in belief.remarks if remark.startswith("the fingertips' velocities are ")]
+    belief = moving.update(time=1.02, **{**read, "wrenches": noisy(1)})
+    assert not [remark for remark in belief.remarks if "velocities" in remark]
+
+
 def test_no_reading_at_all_is_no_contact_and_then_lost(tracker: ObjectTracker) -> None:
     tracker.update(noisy(0), held_cube.Q, 0.0, vision=held_cube.prior())
     assert tracker.update({}, held_cube.Q, 0.01).status == "no_contact"
@@ -155,15 +178,12 @@ def test_pads_are_felt() -> None:
     assert np.linalg.norm(belief.X_PO[0, :, 3] - p_PO) < 0.002
 
 
-def test_velocities_that_are_left_out_are_not_those_of_before(cube: ObjectModel) -> None:
-    tracker = ObjectTracker(load_hand_config("shadow_like"), cube, PoseTrackingParams(use_hand_volume=False))
-    turning = np.full(len(tracker.joint_names), 0.3)
-    tracker.update(noisy(0), held_cube.Q, 0.0, vision=held_cube.prior(), joint_velocities=turning)
-    assert tracker.diagram.GetInputPort("joint_velocities").Eval(tracker.context) @ turning > 0.0
-    belief = tracker.update(noisy(1), held_cube.Q, 0.01)
-    assert "the fingertips' velocities are not known" in belief.remarks
-    for k in range(2, 30):
-        belief = tracker.update(noisy(k), held_cube.Q, 0.01 * k)
+def test_velocities_that_are_left_out_are_not_those_of_before(moving: ObjectTracker) -> None:
+    turning = np.full(len(moving.joint_names), 0.3)
+    moving.update(noisy(0), held_cube.Q, 0.0, vision=held_cube.prior(), joint_velocities=turning)
+    for k in range(1, 30):
+        belief = moving.update(noisy(k), held_cube.Q, 0.01 * k)
+        assert "the fingertips' velocities are not known" in belief.remarks
     assert belief.status == "ok"
     assert np.linalg.norm(belief.X_PO[0, :, 3] - held_cube.X_PO[:, 3]) < 0.006
 
