@@ -8,6 +8,7 @@ import trimesh
 from pydrake.math import RigidTransform
 
 import tactopose_drake as tp
+from tactopose_drake.core.evidence import GaussianPrior
 from tactopose_drake.core.poses import make_poses, matrix_from_quaternion
 from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
 from tactopose_drake.estimation.descriptions import free_line
@@ -34,6 +35,10 @@ def test_a_prior_of_another_type_is_refused(models: tuple[tp.ObjectModel, tp.Obj
         for prior in ("here", X_PO, RigidTransform()):
             with pytest.raises(tp.TactoposeError, match=r"^prior: is a \w+; allowed is a PosePrior\.$"):
                 tp.estimate_pose(model, contacts, prior=prior)  # type: ignore[arg-type]
+    own = tp.PosePrior(RigidTransform(X_PO) @ RigidTransform(-OFFSET))
+    of_core = GaussianPrior(own.mean, own.sigma_translation, own.sigma_rotation)
+    given, taken = (tp.estimate_pose(models[1], contacts, prior=prior) for prior in (own, of_core))  # type: ignore[arg-type]
+    assert given.best.X_PO.IsExactlyEqualTo(taken.best.X_PO)
 
 
 @pytest.mark.parametrize("with_prior", [False, True])
