@@ -77,6 +77,18 @@ def copied(value: Frozen, **fields: Any) -> Frozen:
     return other
 
 
+def seal(value: object) -> None:
+    """Makes the arrays of a frozen dataclass, of all that it holds and has cached, or of a tuple, read-only."""
+    if isinstance(value, np.ndarray):
+        value.setflags(write=False)
+    elif isinstance(value, tuple):
+        for part in value:
+            seal(part)
+    elif dataclasses.is_dataclass(value):
+        for part in vars(value).values():
+            seal(part)
+
+
 def numbers(values: Any, digits: int) -> str:
     """Numbers in brackets with so many decimals, as short representations have them."""
     return "[" + ", ".join(f"{value + 0.0:.{digits}f}" for value in np.round(values, digits)) + "]"

@@ -10,7 +10,7 @@ from typing import Any, Self, overload
 import numpy as np
 from pydrake.math import RigidTransform
 
-from tactopose_drake.core.plain_values import PlainValue, numbers
+from tactopose_drake.core.plain_values import PlainValue, numbers, seal
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS
 from tactopose_drake.core.statuses import Status as Status
@@ -29,6 +29,7 @@ from tactopose_drake.estimation.plain_data import (
 )
 from tactopose_drake.estimation.question import Presentable, Question
 
+_ARRAYS = ("covariance", "free_directions", "inlier_probability")
 _OF_HYPOTHESIS: Readers = {
     "X_PO": lambda name, value: RigidTransform(pose_matrix(name, value)),
     "cost": read_number,
@@ -52,7 +53,7 @@ _OF_ESTIMATE: Readers = {
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PoseHypothesis(PlainValue):
-    """One pose that explains the touch.
+    """One pose that explains the touch; its arrays are read-only.
 
     Attributes:
         X_PO: the object's pose in the palm frame: the mean of its mode, as far as that explains the touch about as
@@ -75,6 +76,14 @@ class PoseHypothesis(PlainValue):
     free_directions: FloatArray
     explains_touch: bool = True
     inlier_probability: FloatArray = dataclasses.field(default_factory=lambda: np.ones(0))
+
+    def __post_init__(self) -> None:
+        for name in _ARRAYS:
+            array = getattr(self, name)
+            if isinstance(array, np.ndarray) and array.flags.writeable:
+                array = array.view()  # Whoever has made it may go on writing.
+                array.setflags(write=False)
+                object.__setattr__(self, name, array)
 
     def __repr__(self) -> str:
         wxyz = numbers(self.X_PO.rotation().ToQuaternion().wxyz(), 3)
@@ -194,12 +203,14 @@ class PoseEstimate(PlainValue, Presentable):
 
     @property
     def modes(self) -> GaussianMixture:
-        """The hypotheses as arrays."""
-        return GaussianMixture(
+        """The hypotheses as arrays, which are read-only."""
+        modes = GaussianMixture(
             np.array([hypothesis.X_PO.GetAsMatrix34() for hypothesis in self.hypotheses]),
             np.array([hypothesis.probability for hypothesis in self.hypotheses]),
             np.array([hypothesis.covariance for hypothesis in self.hypotheses]),
         )
+        seal(modes)
+        return modes
 
     def first(self, count: int) -> PoseEstimate:
         """The estimate by the most probable hypotheses alone, so many at the most; the status is that of all."""

@@ -1,6 +1,7 @@
 """Results and evidence by hand: short representations, tables, indices, equality, and plain data and back."""
 
 import copy
+import dataclasses
 import json
 import math
 import pickle
@@ -177,6 +178,17 @@ def test_no_evidence_at_all_is_null_in_plain_data() -> None:
     assert estimate(0).log_evidence == -math.inf
     assert estimate(0).to_dict()["log_evidence"] is None
     assert tp.PoseEstimate.from_dict(estimate(0).to_dict()).log_evidence == -math.inf
+
+
+def test_what_an_estimate_gives_out_cannot_be_written() -> None:
+    made = estimate(0)
+    best, modes = made.best, made.modes
+    for array in (best.covariance, best.free_directions, best.inlier_probability, modes.X_PO, modes.covariance):
+        assert not array.flags.writeable
+    own = np.eye(6)
+    kept = dataclasses.replace(best, covariance=own)
+    own[0, 0] = 2.0  # Whose array it is may write it.
+    assert not kept.covariance.flags.writeable
 
 
 def test_hypotheses_are_counted_indexed_and_walked_through() -> None:

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.grasping.wrench_space import Norm, WrenchSpace, cone_wrenches
+from tactopose_drake.core.plain_values import seal
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture, checked_mixture
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import (
@@ -44,6 +45,8 @@ _PUSHED = 400  # points of the surface, about so many; time goes by their number
 @dataclasses.dataclass(frozen=True, eq=False)
 class GraspQuality:
     """The quality of one grasp; wrenches are about the centre of mass, in the axes of O, torques over `length`.
+
+    Its arrays are read-only.
 
     Attributes:
         force_closure: whether any wrench is resisted if only the fingers press hard enough. It takes three contacts:
@@ -114,7 +117,9 @@ def grasp_quality(
     elif task is not None:
         wrenches = limited("task", task, (None, 6), most=_MOST_TASK).reshape(-1, 2, 3) @ X[:, :3]
         scale = space.scale((wrenches / [[length], [1.0]]).reshape(-1, 6))
-    return GraspQuality(space.is_force_closure, space.radius, scale, space, length, p_OC, n_OC, distance)
+    quality = GraspQuality(space.is_force_closure, space.radius, scale, space, length, p_OC, n_OC, distance)
+    seal(quality)
+    return quality
 
 
 class ClosureProbability(NamedTuple):
