@@ -45,4 +45,4 @@ class PosePrior(GaussianPrior):
 
 
 # A field, so that it is part of the value and of its dictionary, which holds nothing of its own beside the mean.
-PosePrior.X_PO = property(lambda prior: RigidTransform(pose=prior.mean))
+PosePrior.X_PO = property(lambda prior: RigidTransform(pose=prior.mean), doc="The pose in the palm frame; a new one.")
