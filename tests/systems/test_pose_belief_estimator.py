@@ -61,7 +61,7 @@ def keep_pace(bench: Bench, count: int) -> str:
     for _ in range(count):
         bench.feel()
         begun = bench.context.get_time() - 0.0101
-        while bench.system._finished.belief.time < begun and bench.system._thread.is_alive():
+        while bench.system._exchange.finished.belief.time < begun and bench.system._thread.is_alive():
             time.sleep(1e-3)
     return str(bench.read("status"))
 
