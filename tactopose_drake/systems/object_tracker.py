@@ -11,7 +11,15 @@ from pydrake.math import RigidTransform
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.frame import PoseMeasurement
 from tactopose_drake.core.tracking.pose_belief import PoseBelief
-from tactopose_drake.core.validation import LATEST, FloatArray, known_name, number_array, pose_matrix, positive_number
+from tactopose_drake.core.validation import (
+    LATEST,
+    FloatArray,
+    known_name,
+    number_array,
+    params_of,
+    pose_matrix,
+    positive_number,
+)
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.estimation.results import PoseEstimate
@@ -44,7 +52,7 @@ class ObjectTracker:
             params: parameters of each part; there is a belief whenever `update` is called, so that the period, the
                 latency and `live` count for nothing.
         """
-        params = PoseTrackingParams() if params is None else params
+        params = params_of(PoseTrackingParams, params)
         belief = dataclasses.replace(params.belief, latency=0.0)
         self.diagram = MakePoseTracking(hand, model, dataclasses.replace(params, belief=belief, live=False))
         self.context = self.diagram.CreateDefaultContext()

@@ -10,7 +10,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context
 
 from tactopose_drake.core.sensing.patches import Patch, describe_patch
-from tactopose_drake.core.validation import FloatArray, positive_number
+from tactopose_drake.core.validation import FloatArray, params_of, positive_number
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.hand_in_plant import Hand
 from tactopose_drake.hand.kinematics import HandKinematics
@@ -90,8 +90,7 @@ class PatchDescriptor(CollectableSystem):
                 range.
         """
         super().__init__()
-        self._params = PatchDescriptorParams() if params is None else params
-        self._params.validate()
+        self._params = params_of(PatchDescriptorParams, params)
         if not hand.pad_frames:
             raise InvalidInputError("hand: has no tactile pads; allowed is a hand whose description names some.")
         self._pad_frames, self._uncertainty = hand.pad_frames, uncertainty
