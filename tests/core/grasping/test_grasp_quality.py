@@ -195,6 +195,9 @@ def test_impossible_arguments_are_refused(box: ObjectModel) -> None:
         grasp_quality(box, contacts, np.eye(4)[:2], friction=0.5)
     with pytest.raises(InvalidInputError, match="task: has shape"):
         grasp_quality(box, contacts, X, friction=0.5, task=[1.0, 2.0])
+    for nothing in (np.zeros((2, 6)), np.zeros((0, 6))):
+        with pytest.raises(InvalidInputError, match="task: has no wrench but 0"):
+            grasp_quality(box, contacts, X, friction=0.5, task=nothing)
     with pytest.raises(UnknownNameError, match="L1, Linf"):
         grasp_quality(box, contacts, X, friction=0.5, norm="L2")  # type: ignore[arg-type]
     with pytest.raises(UnknownNameError, match="'gravity' is unknown"):
