@@ -150,5 +150,5 @@ def _move(X_PS: list[RigidTransform], solutions: list[ContactSolution]) -> Float
 def _reason(finger: str, known: Mapping[str, Any], solutions: Mapping[str, ContactSolution]) -> str:
     """Why a finger gives no contact; empty where it does."""
     if finger not in known:
-        return "a joint position is not finite"
+        return "a joint position is not known"
     return solutions[finger].reason if finger in solutions else "no solution"

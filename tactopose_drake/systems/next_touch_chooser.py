@@ -170,7 +170,7 @@ class NextTouchChooser(CollectableSystem):
         """The motion, and the status that says why there may be none."""
         q = self._positions.Eval(context)
         if not np.all(np.isfinite(q)):
-            return None, "held: a joint position is not finite"
+            return None, "held: a joint position is not known"
         fingers = eval_input(self._holding, context, tuple)
         hold = Hold(eval_input(self._contacts, context, Contacts), fingers, self._params.friction)
         generator = np.random.default_rng([self._params.seed, round(context.get_time() / self._params.period)])

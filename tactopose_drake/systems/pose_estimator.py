@@ -202,7 +202,7 @@ class PoseEstimator(CollectableSystem):
         state.get_mutable_abstract_state(self._pose).set_value(estimate.best.X_PO)
         remarks = [] if estimate.finished else ["the search was cut short"]
         remarks += [] if is_clear else ["every hypothesis collides with the hand"]
-        remarks += ["collisions are not checked: a joint position is not finite"] if unchecked else []
+        remarks += ["collisions are not checked: a joint position is not known"] if unchecked else []
         return estimate.status, remarks
 
     def _estimate(

@@ -1,3 +1,5 @@
+from pathlib import Path
+
 import numpy as np
 import pytest
 from pydrake.common.value import AbstractValue
@@ -13,6 +15,7 @@ from tactopose_drake.resources import model_path
 from tactopose_drake.systems.object_tracker import ObjectTracker
 from tactopose_drake.systems.pose_tracking import MakePoseTracking, PoseTrackingParams
 from tests import held_cube
+from tests.hand.grippers import write_gripper
 from tests.pressed_ball import make_ball, press
 
 
@@ -131,6 +134,16 @@ def test_whatever_a_sensor_says_there_is_a_belief_and_the_next_reading_counts(
     assert not [remark for remark in belief.remarks if "velocities" in remark]
 
 
+@pytest.mark.parametrize("value", [11.0, 1e5, 1e300])
+def test_a_joint_that_slides_out_of_all_reach_is_not_known(tmp_path: Path, value: float) -> None:
+    tracker = ObjectTracker(load_hand_config(write_gripper(tmp_path)), make_ball())
+    pressed = {finger: [0.0, 0.0, 0.0, push, 0.0, 0.0] for finger, push in (("left", -1.0), ("right", 1.0))}
+    assert "not known" not in tracker.update(pressed, [0.01, 0.01], 0.0, joint_velocities=[0.0, 0.0]).message
+    belief = tracker.update(pressed, [value, 0.01], 0.01, joint_velocities=[0.0, 0.0])
+    assert "left: a joint position is not known" in belief.message
+    assert "right" not in belief.message
+
+
 def test_no_reading_at_all_is_no_contact_and_then_lost(tracker: ObjectTracker) -> None:
     tracker.update(noisy(0), held_cube.Q, 0.0, vision=held_cube.prior())
     assert tracker.update({}, held_cube.Q, 0.01).status == "no_contact"
@@ -139,7 +152,7 @@ def test_no_reading_at_all_is_no_contact_and_then_lost(tracker: ObjectTracker) -
 
 def test_joints_that_are_not_known_are_said(tracker: ObjectTracker) -> None:
     belief = tracker.update(noisy(0), {}, 0.0)
-    assert belief.message.count("a joint position is not finite") == 5
+    assert belief.message.count("a joint position is not known") == 5
 
 
 @pytest.mark.parametrize(

@@ -112,7 +112,7 @@ def test_a_pad_without_a_reading_gives_no_patch_and_nothing_old(hand_plant: tupl
     system.GetInputPort("joint_positions").FixValue(context, np.full(8, np.nan))
     (palm,) = patches_of(system, context)
     assert np.linalg.norm(palm.centroid[:2]) < 0.06
-    assert system.GetOutputPort("status").Eval(context).startswith("finger_1: a joint position is not finite; finger_2")
+    assert system.GetOutputPort("status").Eval(context).startswith("finger_1: a joint position is not known; finger_2")
 
 
 def test_untouched_pads_and_dead_cells_are_said_and_unconnected_pads_are_none(
