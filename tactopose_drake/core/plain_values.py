@@ -7,6 +7,7 @@ from typing import Any, Self, TypeVar
 
 import numpy as np
 
+from tactopose_drake.core.validation import instance_of
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
 
 Frozen = TypeVar("Frozen", bound=Any)
@@ -43,6 +44,7 @@ class PlainValue:
         Raises:
             InvalidInputError: for an unknown or missing name, or a value that the class does not take.
         """
+        instance_of(f"{cls.__name__}.from_dict", data, Mapping)
         known = [field.name for field in dataclasses.fields(cls) if field.repr]  # type: ignore[arg-type]
         for name in data:
             if name not in known:
@@ -73,6 +75,18 @@ def copied(value: Frozen, **fields: Any) -> Frozen:
         held = {name: held[name] for name in known}
     other.__dict__.update(held, **fields)
     return other
+
+
+def seal(value: object) -> None:
+    """Makes the arrays of a frozen dataclass, of all that it holds and has cached, or of a tuple, read-only."""
+    if isinstance(value, np.ndarray):
+        value.setflags(write=False)
+    elif isinstance(value, tuple):
+        for part in value:
+            seal(part)
+    elif dataclasses.is_dataclass(value):
+        for part in vars(value).values():
+            seal(part)
 
 
 def numbers(values: Any, digits: int) -> str:

@@ -9,7 +9,7 @@ import contextlib
 import numbers
 from collections.abc import Iterable, Iterator
 from operator import mul
-from typing import Any
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,6 +17,16 @@ from numpy.typing import ArrayLike, NDArray
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
 
 FloatArray = NDArray[np.float64]
+
+
+class Checked(Protocol):
+    """Parameters that say what is wrong with them."""
+
+    def validate(self) -> None:
+        """Raises InvalidInputError if a parameter is out of its range."""
+
+
+Params = TypeVar("Params", bound=Checked)
 
 # Coordinates, m, and components of unit vectors count in steps of this: about 1e-9, and exact in binary.
 _STEP = 2.0**-30
@@ -252,6 +262,18 @@ def instance_of(name: str, value: object, kind: type) -> None:
     if not isinstance(value, kind):
         article = "an" if kind.__name__[0] in "AEIO" else "a"
         raise InvalidInputError(f"{name}: is a {type(value).__name__}; allowed is {article} {kind.__name__}.")
+
+
+def params_of(kind: type[Params], value: Params | None) -> Params:
+    """Returns parameters that were given, or for None the default ones, which are in their ranges.
+
+    Raises:
+        InvalidInputError: a value of another type, or a parameter that is out of its range.
+    """
+    params = kind() if value is None else value
+    instance_of("params", params, kind)
+    params.validate()
+    return params
 
 
 def shown(value: object) -> str:

@@ -13,6 +13,7 @@ from tactopose_drake.core.evidence.contact_doubt import SCEPTICAL
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.evidence.force_balance import ForceBalance
+from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.evidence.plane_contact import PlaneContact
 from tactopose_drake.core.identification.model_evidence import log_evidence
@@ -114,7 +115,10 @@ def _check_question(model: ObjectModel, contacts: Contacts, method: str, prior: 
     known_name("method", method, METHODS)
     instance_of("model", model, ObjectModel)
     instance_of("contacts", contacts, Contacts)
-    if prior is None and method not in GLOBAL_METHODS:
+    if prior is not None:
+        if not isinstance(prior, GaussianPrior):  # That of `core` will do.
+            instance_of("prior", prior, PosePrior)
+    elif method not in GLOBAL_METHODS:
         raise InvalidInputError(
             f"prior: is None; the method {method!r} starts from one. Without: {', '.join(sorted(GLOBAL_METHODS))}."
         )

@@ -11,6 +11,7 @@ import math
 import numpy as np
 from pydrake.math import RigidTransform
 
+from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.poses import exp_so3, skew
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
@@ -28,11 +29,13 @@ def has_far_origin(model: ObjectModel) -> bool:
     return math.hypot(*model.middle.tolist()) > _FAR * model.size
 
 
-def prior_about_middle(prior: PosePrior | None, p_OC: FloatArray) -> PosePrior | None:
+def prior_about_middle(prior: GaussianPrior | None, p_OC: FloatArray) -> PosePrior | None:
     """The prior of C's pose: its sigmas are taken for those of the object's middle."""
     if prior is None:
         return None
-    return PosePrior(prior.X_PO @ RigidTransform(p_OC), prior.sigma_translation, prior.sigma_rotation)
+    return PosePrior(
+        RigidTransform(pose=prior.mean) @ RigidTransform(p_OC), prior.sigma_translation, prior.sigma_rotation
+    )
 
 
 def reported_for_origin(estimate: PoseEstimate, p_OC: FloatArray) -> PoseEstimate:

@@ -99,7 +99,7 @@ def identify(
     seed = whole_number("seed", seed, least=0)
     unknown_prior = check_prior("unknown_prior", unknown_prior)
     run = _runner(executor)
-    objects = _check_objects(models)
+    objects = check_objects(models)
     evidence = _check_touch(contacts, patches)
     names = [(known.name, _content(known)) for known in objects]
     order = sorted(range(len(objects)), key=names.__getitem__)  # Nothing depends on the order in which they came.
@@ -181,7 +181,12 @@ def _check_touch(contacts: Contacts, patches: Sequence[Patch]) -> Evidence:
     return evidence
 
 
-def _check_objects(models: object) -> Sequence[ObjectModel | LibraryObject]:
+def check_objects(models: object) -> Sequence[ObjectModel | LibraryObject]:
+    """The objects that a touch may be of, from a library or a sequence of one or more.
+
+    Raises:
+        InvalidInputError: if it is neither.
+    """
     if isinstance(models, ObjectLibrary):
         return models.objects
     if not isinstance(models, Sequence) or not models:

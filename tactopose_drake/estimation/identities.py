@@ -7,8 +7,27 @@ from typing import Any, Self, overload
 
 from tactopose_drake.core.plain_values import PlainValue
 from tactopose_drake.core.statuses import Status
-from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.core.validation import whole_number
+from tactopose_drake.estimation.plain_data import (
+    Readers,
+    number_or,
+    read_amount,
+    read_fields,
+    read_parts,
+    read_share,
+    read_status,
+)
 from tactopose_drake.estimation.results import PoseEstimate
+
+_OF_IDENTITY: Readers = {
+    "index": lambda name, value: whole_number(name, value, least=0),
+    "rank": lambda name, value: whole_number(name, value, least=1),
+    "likelihood": read_share,
+    "probability": read_share,
+    "log_evidence": number_or(-math.inf),
+    "estimate": lambda name, value: None if value is None else PoseEstimate.from_dict(value),
+}
+_OF_IDENTIFICATION: Readers = {"status": read_status, "duration": read_amount, "unknown": read_share}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -41,12 +60,7 @@ class Identity(PlainValue):
         Raises:
             InvalidInputError: for an unknown or missing name, or a value that cannot be one.
         """
-        given = dict(data)
-        if given.get("estimate") is not None:
-            given["estimate"] = PoseEstimate.from_dict(given["estimate"])
-        if "log_evidence" in given and given["log_evidence"] is None:
-            given["log_evidence"] = -math.inf
-        return super().from_dict(given)
+        return super().from_dict(read_fields(cls, data, _OF_IDENTITY))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -85,10 +99,9 @@ class Identification(PlainValue, Sequence[Identity]):
         Raises:
             InvalidInputError: for an unknown or missing name, or a value that cannot be one.
         """
-        identities = tuple(Identity.from_dict(identity) for identity in data.get("identities", ()))
-        if not identities:
-            raise InvalidInputError("Identification.from_dict: has no identities; allowed are one or more.")
-        return super().from_dict({**data, "identities": identities})
+        given = read_fields(cls, data, _OF_IDENTIFICATION)
+        given["identities"] = read_parts(cls, "identities", given.get("identities", ()), Identity)
+        return super().from_dict(given)
 
     @property
     def best(self) -> Identity:

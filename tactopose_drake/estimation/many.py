@@ -2,7 +2,7 @@
 
 import contextlib
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor, as_completed
 from numbers import Integral
 from typing import Any
@@ -52,6 +52,9 @@ def estimate_poses(
     """
     if isinstance(contacts, Contacts):
         raise InvalidInputError("contacts: are of one touch; allowed is a sequence of Contacts, one for each touch.")
+    instance_of("contacts", contacts, Iterable)
+    if executor is not None:
+        instance_of("executor", executor, Executor)
     contacts = list(contacts)
     of, before = _each("models", models, ObjectModel, len(contacts)), _each("priors", priors, PosePrior, len(contacts))
     seeds = _each("seed", seed, Integral, len(contacts))

@@ -17,7 +17,7 @@ class PosePrior(GaussianPrior):
     """A Gaussian belief of the object's pose.
 
     Attributes:
-        X_PO: the object's pose in the palm frame.
+        X_PO: the object's pose in the palm frame; each time a new one, which is not the prior's own.
         mean: the same as an array, shape (3, 4), by which `core` knows it.
         sigma_translation: standard deviation of each coordinate of p_PO, m, from 1e-7 to 1000.
         sigma_rotation: standard deviation of a small rotation about each axis, rad, from 1e-6 to 1000.
@@ -37,9 +37,12 @@ class PosePrior(GaussianPrior):
     ) -> None:
         """Takes the pose as a RigidTransform, or as an array of shape (3, 4) or (4, 4)."""
         super().__init__(pose_matrix("X_PO", X_PO), sigma_translation, sigma_rotation)
-        object.__setattr__(self, "X_PO", RigidTransform(pose=self.mean))
 
     @classmethod
     def of(cls, prior: GaussianPrior) -> PosePrior:
         """What `core` knows of the pose."""
         return cls(prior.mean, prior.sigma_translation, prior.sigma_rotation)
+
+
+# A field, so that it is part of the value and of its dictionary, which holds nothing of its own beside the mean.
+PosePrior.X_PO = property(lambda prior: RigidTransform(pose=prior.mean), doc="The pose in the palm frame; a new one.")

@@ -10,20 +10,50 @@ from typing import Any, Self, overload
 import numpy as np
 from pydrake.math import RigidTransform
 
-from tactopose_drake.core.plain_values import PlainValue, numbers
+from tactopose_drake.core.plain_values import PlainValue, numbers, seal
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS
 from tactopose_drake.core.statuses import Status as Status
-from tactopose_drake.core.validation import FloatArray, pose_matrix
+from tactopose_drake.core.validation import FloatArray, finite_array, flag, pose_matrix
 from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.estimation.plain_data import (
+    Readers,
+    number_or,
+    read_amount,
+    read_fields,
+    read_number,
+    read_parts,
+    read_share,
+    read_shares,
+    read_status,
+)
 from tactopose_drake.estimation.question import Presentable, Question
 
 _ARRAYS = ("covariance", "free_directions", "inlier_probability")
+_OF_HYPOTHESIS: Readers = {
+    "X_PO": lambda name, value: RigidTransform(pose_matrix(name, value)),
+    "cost": read_number,
+    "probability": read_share,
+    "covariance": lambda name, value: finite_array(name, value, (6, 6)),
+    "free_directions": lambda name, value: finite_array(name, value, (None, 6), (0,)).reshape(-1, 6),
+    "explains_touch": flag,
+    "inlier_probability": read_shares,
+}
+_OF_ESTIMATE: Readers = {
+    "status": read_status,
+    "duration": read_amount,
+    "finished": flag,
+    "log_evidence": number_or(-math.inf),
+    "noise_scale": read_amount,
+    "standard_error": number_or(math.inf),
+    "undetermined": flag,
+    "kept_share": read_share,
+}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PoseHypothesis(PlainValue):
-    """One pose that explains the touch.
+    """One pose that explains the touch; its arrays are read-only.
 
     Attributes:
         X_PO: the object's pose in the palm frame: the mean of its mode, as far as that explains the touch about as
@@ -46,6 +76,14 @@ class PoseHypothesis(PlainValue):
     free_directions: FloatArray
     explains_touch: bool = True
     inlier_probability: FloatArray = dataclasses.field(default_factory=lambda: np.ones(0))
+
+    def __post_init__(self) -> None:
+        for name in _ARRAYS:
+            array = getattr(self, name)
+            if isinstance(array, np.ndarray) and array.flags.writeable:
+                array = array.view()  # Whoever has made it may go on writing.
+                array.setflags(write=False)
+                object.__setattr__(self, name, array)
 
     def __repr__(self) -> str:
         wxyz = numbers(self.X_PO.rotation().ToQuaternion().wxyz(), 3)
@@ -72,11 +110,7 @@ class PoseHypothesis(PlainValue):
         Raises:
             InvalidInputError: for an unknown or missing name, or a value that cannot be one.
         """
-        arrays = {name: np.array(data[name], dtype=np.float64) for name in _ARRAYS if name in data}
-        if "free_directions" in arrays:
-            arrays["free_directions"] = arrays["free_directions"].reshape(-1, 6)
-        pose = {"X_PO": RigidTransform(pose_matrix("X_PO", data["X_PO"]))} if "X_PO" in data else {}
-        return super().from_dict({**data, **arrays, **pose})
+        return super().from_dict(read_fields(cls, data, _OF_HYPOTHESIS))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -159,13 +193,8 @@ class PoseEstimate(PlainValue, Presentable):
         Raises:
             InvalidInputError: for an unknown or missing name, or a value that cannot be one.
         """
-        given = dict(data)
-        given["hypotheses"] = tuple(PoseHypothesis.from_dict(hypothesis) for hypothesis in data.get("hypotheses", ()))
-        if not given["hypotheses"]:
-            raise InvalidInputError("PoseEstimate.from_dict: has no hypotheses; allowed are one or more.")
-        for name, infinite in (("log_evidence", -math.inf), ("standard_error", math.inf)):
-            if name in given and given[name] is None:
-                given[name] = infinite
+        given = read_fields(cls, data, _OF_ESTIMATE)
+        given["hypotheses"] = read_parts(cls, "hypotheses", given.get("hypotheses", ()), PoseHypothesis)
         return super().from_dict(given)
 
     @property
@@ -175,12 +204,14 @@ class PoseEstimate(PlainValue, Presentable):
 
     @property
     def modes(self) -> GaussianMixture:
-        """The hypotheses as arrays."""
-        return GaussianMixture(
+        """The hypotheses as arrays, which are read-only."""
+        modes = GaussianMixture(
             np.array([hypothesis.X_PO.GetAsMatrix34() for hypothesis in self.hypotheses]),
             np.array([hypothesis.probability for hypothesis in self.hypotheses]),
             np.array([hypothesis.covariance for hypothesis in self.hypotheses]),
         )
+        seal(modes)
+        return modes
 
     def first(self, count: int) -> PoseEstimate:
         """The estimate by the most probable hypotheses alone, so many at the most; the status is that of all."""

@@ -59,12 +59,14 @@ class HandGeometry(hand_geometry.HandGeometry):
             palm_frame: P.
 
         Raises:
-            InvalidInputError: a value of another type, a plant that is not connected to a SceneGraph, or a hand without
-                collision geometry.
+            InvalidInputError: a value of another type, a plant that is not finalized, or not connected to a
+                SceneGraph, or a hand without collision geometry.
         """
         instance_of("plant", plant, MultibodyPlant)
         instance_of("context", context, Context)
         instance_of("palm_frame", palm_frame, Frame)
+        if not plant.is_finalized():
+            raise InvalidInputError("plant: is not finalized; allowed is one that is, and is part of a diagram.")
         query_port = plant.get_geometry_query_input_port()
         if not query_port.HasValue(context):
             raise InvalidInputError(

@@ -19,7 +19,7 @@ from tactopose_drake.core.calibration.combinations import Combination, undetermi
 from tactopose_drake.core.calibration.shared_least_squares import SharedProblem
 from tactopose_drake.core.calibration.surface_residuals import Noise, Touches, surface_rows
 from tactopose_drake.core.sensing.contact_noise import NANO17_SIGMA_FORCE, NANO17_SIGMA_MOMENT
-from tactopose_drake.core.validation import FloatArray, instance_of, positive_number, whole_number
+from tactopose_drake.core.validation import FloatArray, instance_of, params_of, positive_number, whole_number
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.calibration_file import HandCalibration, save_calibration
 from tactopose_drake.hand.calibration_report import calibration_of
@@ -140,10 +140,13 @@ def calibrate_hand(
             joint's reading.
         InvalidFileError: if the hand's file cannot be used.
     """
-    params = CalibrationParams() if params is None else params
-    params.validate()
+    params = params_of(CalibrationParams, params)
+    if not isinstance(hand, HandConfig | str | Path):
+        raise InvalidInputError(
+            f"hand: is a {type(hand).__name__}; allowed are a HandConfig, a hand's name and the path of its file."
+        )
+    instance_of("grasps", grasps, Sequence)
     config = hand if isinstance(hand, HandConfig) else load_hand_config(hand)
-    instance_of("hand", config, HandConfig)
     if len(grasps) < _FEWEST:
         raise InvalidInputError(f"grasps: there are {len(grasps)}; allowed are {_FEWEST} or more.")
     plant, parts = make_hand_plant(dataclasses.replace(config, calibration=""))

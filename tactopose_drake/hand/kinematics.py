@@ -12,7 +12,7 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, JacobianWrtVariable
 
-from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.core.validation import FARTHEST, FloatArray
 from tactopose_drake.hand.geometry import BodySpheres
 from tactopose_drake.hand.joint_paths import JointPaths
 
@@ -34,6 +34,7 @@ class HandKinematics:
         self._plant, self._frame, self._context = plant, frame, plant.CreateDefaultContext()
         self._paths = JointPaths(plant, frame)
         self._known = np.ones(plant.num_bodies(), dtype=np.bool_)
+        self._farthest = _farthest(plant)
 
     def __deepcopy__(self, memo: Any) -> HandKinematics:
         copied = copy.copy(self)
@@ -41,9 +42,10 @@ class HandKinematics:
         return copied
 
     def move(self, q: FloatArray) -> None:
-        """Sets the joint positions, shape (nq,), rad; NaN where one is not known."""
-        self._known = self._paths.known(q)
-        self._plant.SetPositions(self._context, np.where(np.isfinite(q), q, 0.0))
+        """Sets the positions, shape (nq,), rad; NaN where one is not known, nor is one that slides out of reach."""
+        told = np.isfinite(q) & (np.abs(q) <= self._farthest)
+        self._known = self._paths.known(np.where(told, q, np.nan))
+        self._plant.SetPositions(self._context, np.where(told, q, 0.0))
 
     def is_known(self, bodies: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Whether all joints between the frame and the bodies of these indices (k,) are known, shape (k,)."""
@@ -88,3 +90,13 @@ class HandKinematics:
         )
         velocity: FloatArray = J @ v
         return velocity
+
+
+def _farthest(plant: MultibodyPlant) -> FloatArray:
+    """Up to where each position may be, shape (nq,): a joint that slides takes no finger to where no contact can be."""
+    farthest = np.full(plant.num_positions(), np.inf)
+    for index in plant.GetJointIndices():
+        joint = plant.get_joint(index)
+        if joint.type_name() == "prismatic":
+            farthest[joint.position_start()] = 0.5 * FARTHEST
+    return farthest

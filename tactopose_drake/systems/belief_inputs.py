@@ -15,7 +15,7 @@ from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.tracking.frame import Frame, PoseMeasurement
+from tactopose_drake.core.tracking.frame import FASTEST, Frame, PoseMeasurement
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import PortTypeError
 from tactopose_drake.estimation.prior import PosePrior
@@ -158,6 +158,9 @@ class BeliefInputs:
         velocities = eval_optional_input(self._tips, context, dict)
         if velocities is None or not all(np.all(np.isfinite(velocity)) for velocity in velocities.values()):
             remarks.append("the fingertips' velocities are not known")
+            return None
+        if any(np.abs(velocity).max(initial=0.0) > FASTEST for velocity in velocities.values()):
+            remarks.append("the fingertips' velocities are beyond all reason")
             return None
         return velocities
 

@@ -10,7 +10,7 @@ from pydrake.systems.framework import Context, InputPort
 from tactopose_drake.core.sensing.intrinsic_contact import MIN_FORCE, ContactSolution, FingertipSolver
 from tactopose_drake.core.sensing.soft_layer import SoftLayer
 from tactopose_drake.core.surfaces import Surface
-from tactopose_drake.core.validation import FloatArray, positive_number
+from tactopose_drake.core.validation import FloatArray, params_of, positive_number
 from tactopose_drake.systems.collectable_system import CollectableSystem
 
 _NO_READING = np.full(6, np.nan)
@@ -64,8 +64,7 @@ class ContactSolver(CollectableSystem):
             biases: what sensors read without a touch, shape (6,), N m and N, by finger; it is taken off.
         """
         super().__init__()
-        self._params = ContactSolverParams() if params is None else params
-        self._params.validate()
+        self._params = params_of(ContactSolverParams, params)
         layers, told = layers or {}, self._params
         self._solvers = {
             finger: FingertipSolver(surface, layers.get(finger), told.min_force, told.friction_coefficient)

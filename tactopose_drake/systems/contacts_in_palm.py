@@ -14,7 +14,7 @@ from pydrake.systems.framework import Context
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.sensing.intrinsic_contact import ContactSolution
-from tactopose_drake.core.validation import FloatArray, positive_number
+from tactopose_drake.core.validation import FloatArray, params_of, positive_number
 from tactopose_drake.hand.contact_uncertainty import ContactUncertainty
 from tactopose_drake.systems.collectable_system import CollectableSystem, declare_cache
 from tactopose_drake.systems.hand_kinematics import declare_kinematics
@@ -92,8 +92,7 @@ class ContactsInPalm(CollectableSystem):
         """
         super().__init__()
         self._uncertainty = uncertainty
-        self._params = ContactsInPalmParams() if params is None else params
-        self._params.validate()
+        self._params = params_of(ContactsInPalmParams, params)
         self._sensor_frames = dict(sensor_frames)
         self._positions = self.DeclareVectorInputPort("joint_positions", plant.num_positions())
         self._solutions = self.DeclareAbstractInputPort("contact_solutions", AbstractValue.Make({}))
@@ -151,5 +150,5 @@ def _move(X_PS: list[RigidTransform], solutions: list[ContactSolution]) -> Float
 def _reason(finger: str, known: Mapping[str, Any], solutions: Mapping[str, ContactSolution]) -> str:
     """Why a finger gives no contact; empty where it does."""
     if finger not in known:
-        return "a joint position is not finite"
+        return "a joint position is not known"
     return solutions[finger].reason if finger in solutions else "no solution"

@@ -13,7 +13,7 @@ from pydrake.systems.sensors import ImageDepth32F
 
 from tactopose_drake.core.poses import compose, inverse, random_rotations
 from tactopose_drake.core.tracking.frame import PoseMeasurement
-from tactopose_drake.core.validation import FloatArray, positive_number
+from tactopose_drake.core.validation import FloatArray, params_of, positive_number
 from tactopose_drake.core.vision.depth_hypotheses import TrackedPoses, track_poses
 from tactopose_drake.core.vision.depth_pictures import DepthCameraModel, take_picture
 from tactopose_drake.core.vision.depth_tracking import DepthTrackerModel
@@ -112,8 +112,7 @@ class DepthTracker(CollectableSystem):
             params: see there.
         """
         super().__init__()
-        self._params = DepthTrackerParams() if params is None else params
-        self._params.validate()
+        self._params = params_of(DepthTrackerParams, params)
         self._object_model = view.object_model
         hiding = (view.palm_frame.model_instance(), *others)
         self._hiding = [BodyMeshes.from_inspector(view.plant, view.inspector, instance) for instance in hiding]

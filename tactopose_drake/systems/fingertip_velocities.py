@@ -58,4 +58,5 @@ class FingertipVelocities(CollectableSystem):
             output.set_value(None)
             return
         kinematics = self._kinematics.Eval(context)
-        output.set_value({finger: kinematics.velocity(frame, v) for finger, frame in self._tip_frames.items()})
+        with np.errstate(over="ignore", invalid="ignore"):  # Whoever reads them tells what is beyond arithmetic.
+            output.set_value({finger: kinematics.velocity(frame, v) for finger, frame in self._tip_frames.items()})

@@ -17,7 +17,7 @@ from tactopose_drake.core.grasping.grasp_law import (
     update_push,
 )
 from tactopose_drake.core.grasping.serial_chain import SLIDING_ARM
-from tactopose_drake.core.validation import FloatArray, positive_number
+from tactopose_drake.core.validation import FloatArray, params_of, positive_number
 from tactopose_drake.errors import UnknownNameError
 from tactopose_drake.hand.hand_in_plant import Hand
 from tactopose_drake.hand.hand_joints import HandJoints
@@ -93,8 +93,7 @@ class GraspController(CollectableSystem):
             UnknownNameError: if a motion's finger is not one of the hand's.
         """
         super().__init__()
-        self._params = GraspControllerParams() if params is None else params
-        self._params.validate()
+        self._params = params_of(GraspControllerParams, params)
         for finger in motions:
             if finger not in hand.fingers:
                 raise UnknownNameError("motions: finger", finger, hand.fingers)

@@ -12,8 +12,7 @@ from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.grasping.quality import ClosureProbability, force_closure_probability, grasp_quality
 from tactopose_drake.core.grasping.wrench_space import Norm
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import positive_number
-from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.core.validation import instance_of, params_of, positive_number, whole_number
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.ports import eval_input, eval_optional_input
@@ -34,11 +33,8 @@ class GraspQualityParams:
         """Raises InvalidInputError if a number is out of its range; the rest is named by `grasp_quality`."""
         positive_number("GraspQualityParams.period", self.period)
         positive_number("GraspQualityParams.friction", self.friction, allow_zero=True)
-        for name, least in (("edges", 3), ("samples", 1)):
-            if getattr(self, name) < least:
-                raise InvalidInputError(
-                    f"GraspQualityParams.{name}: is {getattr(self, name)}; allowed are numbers >= {least}."
-                )
+        for name, least in (("edges", 3), ("samples", 1), ("seed", 0)):
+            whole_number(f"GraspQualityParams.{name}", getattr(self, name), least=least)
 
 
 class GraspQualityEvaluator(CollectableSystem):
@@ -72,9 +68,9 @@ class GraspQualityEvaluator(CollectableSystem):
 
     def __init__(self, model: ObjectModel, params: GraspQualityParams | None = None) -> None:
         """Keeps a reference to the model."""
+        instance_of("model", model, ObjectModel)
         super().__init__()
-        self._params = GraspQualityParams() if params is None else params
-        self._params.validate()
+        self._params = params_of(GraspQualityParams, params)
         self._model = model
         self._contacts = self.DeclareAbstractInputPort("contacts", AbstractValue.Make(Contacts.empty()))
         self._pose = self.DeclareAbstractInputPort("object_pose", AbstractValue.Make(RigidTransform()))

@@ -9,7 +9,7 @@ from pydrake.multibody.tree import JointActuatorIndex, PdControllerGains
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, EventStatus
 
 from tactopose_drake.core.grasping.stall_law import close_until_stalled
-from tactopose_drake.core.validation import FloatArray, finite_array, positive_number
+from tactopose_drake.core.validation import FloatArray, finite_array, params_of, positive_number
 from tactopose_drake.errors import UnknownNameError
 from tactopose_drake.hand.hand_in_plant import Hand
 from tactopose_drake.hand.hand_joints import HandJoints
@@ -85,8 +85,7 @@ class GripController(CollectableSystem):
             UnknownNameError: if `fixed` names a joint that no motor moves.
         """
         super().__init__()
-        self._params = GripControllerParams() if params is None else params
-        self._params.validate()
+        self._params = params_of(GripControllerParams, params)
         joints = HandJoints.of(plant, hand)
         names = joints.actuated
         for name in self._params.fixed:

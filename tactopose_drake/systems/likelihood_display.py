@@ -9,7 +9,7 @@ from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, EventStatus
 
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import positive_number
+from tactopose_drake.core.validation import params_of, positive_number
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.identities import Identification
 from tactopose_drake.systems.collectable_system import CollectableSystem
@@ -62,8 +62,7 @@ class LikelihoodDisplay(CollectableSystem):
             InvalidInputError: if there is no object.
         """
         super().__init__()
-        self._params = LikelihoodDisplayParams() if params is None else params
-        self._params.validate()
+        self._params = params_of(LikelihoodDisplayParams, params)
         if not models:
             raise InvalidInputError("models: there are 0; the display needs at least 1.")
         self._meshcat, self._models = meshcat, tuple(models)

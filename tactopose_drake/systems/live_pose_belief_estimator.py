@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import threading
+import weakref
 from types import TracebackType
 from typing import Self
 
@@ -17,6 +18,31 @@ from tactopose_drake.systems.pose_belief_estimator import PoseBeliefEstimator, P
 _PUNCTUAL = 2.5
 
 
+class _Exchange:
+    """What the loop and the thread hand each other, under a lock.
+
+    Attributes:
+        wakened: the lock, and what the thread waits for.
+        newest: the last reading that the thread has not begun with; None where there is none.
+        finished: the last belief.
+        error: what the thread has failed with, and nobody has raised yet.
+        closing: whether the thread is to end.
+    """
+
+    def __init__(self, begun: TimedBelief) -> None:
+        self.wakened = threading.Condition()
+        self.newest: Reading | None = None
+        self.finished = begun
+        self.error: BaseException | None = None
+        self.closing = False
+
+    def close(self) -> None:
+        """Tells the thread to end."""
+        with self.wakened:
+            self.closing = True
+            self.wakened.notify()
+
+
 class LivePoseBeliefEstimator(PoseBeliefEstimator):
     """`PoseBeliefEstimator` whose updates are computed in a thread of its own.
 
@@ -26,7 +52,8 @@ class LivePoseBeliefEstimator(PoseBeliefEstimator):
     tells the belief's age; one older than `PoseTrackerParams.lost_time` is called lost. The belief lives in the thread,
     not in the context: a system serves one context.
 
-    An exception in the thread is raised by the next update of the system, or by `close`.
+    An exception in the thread is raised by the next update of the system, or by `close`. The thread ends by `close`, or
+    when a diagram that nobody uses any more is freed.
     """
 
     def __init__(self, model: ObjectModel, params: PoseBeliefParams | None = None) -> None:
@@ -37,13 +64,12 @@ class LivePoseBeliefEstimator(PoseBeliefEstimator):
             params: the period, and what is assumed; the latency is what it is.
         """
         super().__init__(model, params)
-        self._wakened = threading.Condition()
-        self._newest: Reading | None = None
-        self._finished = TimedBelief(self._tracker.start())
-        self._error: BaseException | None = None
-        self._closing = False
+        self._exchange = _Exchange(TimedBelief(self._tracker.start()))
+        # A thread that held the system would keep its diagram for ever.
+        own = weakref.ref(self), self._exchange
+        weakref.finalize(self, self._exchange.close).atexit = False
         # A daemon, so that a diagram that nobody closed does not keep the program from ending.
-        self._thread = threading.Thread(target=self._work, name="pose belief", daemon=True)
+        self._thread = threading.Thread(target=_work, args=own, name="pose belief", daemon=True)
         self._thread.start()
 
     def __enter__(self) -> Self:
@@ -56,18 +82,17 @@ class LivePoseBeliefEstimator(PoseBeliefEstimator):
 
     def close(self) -> None:
         """Ends the thread after the update that it is at, and raises what it may have failed with."""
-        with self._wakened:
-            self._closing = True
-            self._wakened.notify()
+        self._exchange.close()
         self._thread.join()
         self._raise()
 
     def _update(self, context: Context, state: State) -> EventStatus:
         reading = self._read(context, state)
-        with self._wakened:
-            self._newest = reading
-            finished = self._finished
-            self._wakened.notify()
+        exchange = self._exchange
+        with exchange.wakened:
+            exchange.newest = reading
+            finished = exchange.finished
+            exchange.wakened.notify()
         self._raise()
         state.get_mutable_abstract_state(self._shown).set_value(self._aged(finished, context.get_time()))
         return EventStatus.Succeeded()
@@ -86,26 +111,31 @@ class LivePoseBeliefEstimator(PoseBeliefEstimator):
         return dataclasses.replace(timed, belief=belief)
 
     def _raise(self) -> None:
-        with self._wakened:
-            error, self._error = self._error, None
+        with self._exchange.wakened:
+            error, self._exchange.error = self._exchange.error, None
         if error is not None:
             raise error
 
-    def _work(self) -> None:
-        """The thread: updates with the newest frame, again and again."""
-        while True:
-            with self._wakened:
-                self._wakened.wait_for(lambda: self._closing or self._newest is not None)
-                if self._closing:
-                    return
-                reading, self._newest = self._newest, None
-                before = self._finished
-            assert reading is not None
-            try:
-                finished = self._step(before, reading)
-            except BaseException as error:  # Nothing is lost: the control loop raises it.
-                with self._wakened:
-                    self._error = error
+
+def _work(of: weakref.ref[LivePoseBeliefEstimator], exchange: _Exchange) -> None:
+    """The thread: updates with the newest frame, again and again, as long as there is the system."""
+    while True:
+        with exchange.wakened:
+            exchange.wakened.wait_for(lambda: exchange.closing or exchange.newest is not None)
+            if exchange.closing:
                 return
-            with self._wakened:
-                self._finished = finished
+            reading, exchange.newest = exchange.newest, None
+            before = exchange.finished
+        assert reading is not None
+        system = of()
+        if system is None:
+            return
+        try:
+            finished = system._step(before, reading)
+        except BaseException as error:  # Nothing is lost: the control loop raises it.
+            with exchange.wakened:
+                exchange.error = error
+            return
+        del system
+        with exchange.wakened:
+            exchange.finished = finished

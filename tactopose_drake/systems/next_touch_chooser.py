@@ -19,7 +19,7 @@ from tactopose_drake.core.grasping.finger_reach import ReachParams
 from tactopose_drake.core.grasping.finger_sides import sides
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import FloatArray, known_name, positive_number, whole_number
+from tactopose_drake.core.validation import FloatArray, known_name, params_of, positive_number, whole_number
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.hand.hand_config import HandConfig
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
@@ -124,8 +124,7 @@ class NextTouchChooser(CollectableSystem):
             InvalidInputError: parameters out of their range, or a hand of which fewer than two fingertips feel forces.
         """
         super().__init__()
-        self._params = NextTouchParams() if params is None else params
-        self._params.validate()
+        self._params = params_of(NextTouchParams, params)
         self._criterion = TouchCriterion(tolerance=self._params.tolerance)
         self._model = model
         reach = make_hand_reach(hand, ReachParams())
@@ -171,7 +170,7 @@ class NextTouchChooser(CollectableSystem):
         """The motion, and the status that says why there may be none."""
         q = self._positions.Eval(context)
         if not np.all(np.isfinite(q)):
-            return None, "held: a joint position is not finite"
+            return None, "held: a joint position is not known"
         fingers = eval_input(self._holding, context, tuple)
         hold = Hold(eval_input(self._contacts, context, Contacts), fingers, self._params.friction)
         generator = np.random.default_rng([self._params.seed, round(context.get_time() / self._params.period)])

@@ -10,9 +10,8 @@ from pydrake.systems.framework import Context, EventStatus, State
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import positive_number
-from tactopose_drake.errors import InvalidInputError
-from tactopose_drake.estimation.identification import Likelihood, check_likelihood, check_prior, identify
+from tactopose_drake.core.validation import instance_of, params_of, positive_number, whole_number
+from tactopose_drake.estimation.identification import Likelihood, check_likelihood, check_objects, check_prior, identify
 from tactopose_drake.estimation.object_library import ObjectLibrary
 from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.ports import eval_input, eval_optional_input
@@ -32,11 +31,8 @@ class ObjectIdentifierParams:
     def validate(self) -> None:
         """Raises InvalidInputError if a number is out of its range, or there is no such likelihood."""
         positive_number("ObjectIdentifierParams.period", self.period)
-        for name in ("min_contacts", "candidates"):
-            if getattr(self, name) < 1:
-                raise InvalidInputError(
-                    f"ObjectIdentifierParams.{name}: is {getattr(self, name)}; allowed are numbers >= 1."
-                )
+        for name, least in (("min_contacts", 1), ("candidates", 1), ("seed", 0)):
+            whole_number(f"ObjectIdentifierParams.{name}", getattr(self, name), least=least)
         check_likelihood("ObjectIdentifierParams.likelihood", self.likelihood)
         check_prior("ObjectIdentifierParams.unknown_prior", self.unknown_prior)
 
@@ -78,9 +74,11 @@ class ObjectIdentifier(CollectableSystem):
             params: how, and how often.
             executor: estimates several objects at a time; one after the other without.
         """
+        check_objects(models)
+        if executor is not None:
+            instance_of("executor", executor, Executor)
         super().__init__()
-        self._params = ObjectIdentifierParams() if params is None else params
-        self._params.validate()
+        self._params = params_of(ObjectIdentifierParams, params)
         self._models, self._executor = models, executor
         self._contacts = self.DeclareAbstractInputPort("contacts", AbstractValue.Make(Contacts.empty()))
         self._patches = self.DeclareAbstractInputPort("patches", AbstractValue.Make(()))

@@ -11,7 +11,15 @@ from pydrake.math import RigidTransform
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.frame import PoseMeasurement
 from tactopose_drake.core.tracking.pose_belief import PoseBelief
-from tactopose_drake.core.validation import LATEST, FloatArray, known_name, number_array, pose_matrix, positive_number
+from tactopose_drake.core.validation import (
+    LATEST,
+    FloatArray,
+    known_name,
+    number_array,
+    params_of,
+    pose_matrix,
+    positive_number,
+)
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.estimation.results import PoseEstimate
@@ -44,7 +52,7 @@ class ObjectTracker:
             params: parameters of each part; there is a belief whenever `update` is called, so that the period, the
                 latency and `live` count for nothing.
         """
-        params = PoseTrackingParams() if params is None else params
+        params = params_of(PoseTrackingParams, params)
         belief = dataclasses.replace(params.belief, latency=0.0)
         self.diagram = MakePoseTracking(hand, model, dataclasses.replace(params, belief=belief, live=False))
         self.context = self.diagram.CreateDefaultContext()
@@ -77,7 +85,8 @@ class ObjectTracker:
             time: when that was so, s of any clock that does not begin below 0. One that goes back begins a new belief,
                 which the status says.
             pressures: of each pad's cells by pad, Pa; likewise.
-            joint_velocities: as `joints`, rad/s: the object moves with the fingertips. Without them, with the palm.
+            joint_velocities: as `joints`, rad/s: the object moves with the fingertips. Without them, with the palm,
+                which the remarks say.
             vision: the object's pose by a camera or another guess; None where there is no new one.
             palm_pose: X_WP where it is known: an object that nothing touches then stays behind in the world. It stays
                 what it was until another is given.
@@ -94,8 +103,10 @@ class ObjectTracker:
             **self._readings("pressures", "pressures", {} if pressures is None else pressures),
             "joint_positions": self._joints.positions("joints", joints),
         }
-        if joint_velocities is not None and self.diagram.HasInputPort("joint_velocities"):
-            values["joint_velocities"] = self._joints.velocities("joint_velocities", joint_velocities)
+        # None is known of velocities that are left out: those of the last reading say nothing of now.
+        velocities = self._joints.velocities("joint_velocities", {} if joint_velocities is None else joint_velocities)
+        if self.diagram.HasInputPort("joint_velocities"):
+            values["joint_velocities"] = velocities
         time = positive_number("time", time, allow_zero=True, most=LATEST)
         if vision is not None and not isinstance(vision, PoseMeasurement | PosePrior):
             raise InvalidInputError(

@@ -10,7 +10,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context
 
 from tactopose_drake.core.sensing.patches import Patch, describe_patch
-from tactopose_drake.core.validation import FloatArray, positive_number
+from tactopose_drake.core.validation import FloatArray, params_of, positive_number
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.hand_in_plant import Hand
 from tactopose_drake.hand.kinematics import HandKinematics
@@ -90,8 +90,7 @@ class PatchDescriptor(CollectableSystem):
                 range.
         """
         super().__init__()
-        self._params = PatchDescriptorParams() if params is None else params
-        self._params.validate()
+        self._params = params_of(PatchDescriptorParams, params)
         if not hand.pad_frames:
             raise InvalidInputError("hand: has no tactile pads; allowed is a hand whose description names some.")
         self._pad_frames, self._uncertainty = hand.pad_frames, uncertainty
@@ -134,10 +133,10 @@ class PatchDescriptor(CollectableSystem):
             pressure = port.Eval(context) if port.HasValue(context) else np.full(port.size(), np.nan)
             age = float(self._ages[name].Eval(context)[0]) if self._ages[name].HasValue(context) else 0.0
             if name not in X_PT:
-                described[name] = "a joint position is not finite"
-            elif not np.isfinite(age) or (age <= self._params.max_age and np.all(np.isnan(pressure))):
+                described[name] = "a joint position is not known"
+            elif not np.isfinite(age) or (abs(age) <= self._params.max_age and np.all(np.isnan(pressure))):
                 described[name] = NO_READING
-            elif age > self._params.max_age:
+            elif abs(age) > self._params.max_age:  # One of the future is no fresher: two clocks differ.
                 described[name] = f"stale: {age:.2f} s old"
             else:
                 described[name] = self._describe(name, X_PT[name], pressure, kinematics)

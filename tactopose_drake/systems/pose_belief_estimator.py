@@ -19,7 +19,7 @@ from tactopose_drake.core.tracking.frame import Frame
 from tactopose_drake.core.tracking.pose_belief import PoseBelief
 from tactopose_drake.core.tracking.pose_tracker import PoseTracker
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
-from tactopose_drake.core.validation import FloatArray, positive_number
+from tactopose_drake.core.validation import FloatArray, instance_of, params_of, positive_number
 from tactopose_drake.errors import PortTypeError
 from tactopose_drake.estimation.results import PoseEstimate, PoseHypothesis
 from tactopose_drake.systems.belief_inputs import BeliefInputs, Reading, Remembered
@@ -120,9 +120,9 @@ class PoseBeliefEstimator(CollectableSystem):
             model: the object.
             params: period, latency, and what is assumed.
         """
+        instance_of("model", model, ObjectModel)
         super().__init__()
-        self._params = PoseBeliefParams() if params is None else params
-        self._params.validate()
+        self._params = params_of(PoseBeliefParams, params)
         self._model = model
         self._tracker = PoseTracker(model, self._params.tracker)
         make = AbstractValue.Make

@@ -12,7 +12,7 @@ from pydrake.systems.framework import Context, EventStatus
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import positive_number
+from tactopose_drake.core.validation import params_of, positive_number
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.estimation.results import PoseEstimate
@@ -109,8 +109,7 @@ class PoseDisplay(CollectableSystem):
                 solid, a simulated object would hide the estimate.
         """
         super().__init__()
-        self._params = PoseDisplayParams() if params is None else params
-        self._params.validate()
+        self._params = params_of(PoseDisplayParams, params)
         self._meshcat, self._model = meshcat, model
         self._palm_body = None if palm_frame is None else int(palm_frame.body().index())
         self._object_body = None if object_body is None else int(object_body.index())

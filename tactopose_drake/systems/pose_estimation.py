@@ -6,6 +6,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.validation import instance_of, params_of
 from tactopose_drake.hand.collision import HandCollision
 from tactopose_drake.hand.hand_config import HandConfig
 from tactopose_drake.systems.plant_senses import connect_plant
@@ -90,8 +91,9 @@ def AddPoseEstimation(
 
 def MakePoseEstimation(hand: HandConfig, model: ObjectModel, params: PoseEstimationParams | None = None) -> Diagram:
     """The diagram that `AddPoseEstimation` adds, by itself."""
-    params = PoseEstimationParams() if params is None else params
-    params.validate()
+    instance_of("hand", hand, HandConfig)
+    instance_of("model", model, ObjectModel)
+    params = params_of(PoseEstimationParams, params)
     builder = DiagramBuilder()
     collision = HandCollision(hand, model) if params.check_collisions else None
     estimator = builder.AddNamedSystem("pose_estimator", PoseEstimator(model, params.estimator, collision))

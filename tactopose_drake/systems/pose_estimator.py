@@ -18,7 +18,9 @@ from tactopose_drake.core.validation import (
     MOST_FRICTION,
     MOST_OUTLIERS,
     FloatArray,
+    instance_of,
     known_name,
+    params_of,
     positive_number,
     whole_number,
 )
@@ -123,12 +125,12 @@ class PoseEstimator(CollectableSystem):
             collision: checks the hypotheses against the hand; they are not checked without.
 
         Raises:
-            InvalidInputError: parameters out of their range, or balance of an object whose mass is not known, or whose
-                symmetries move its centre of mass.
+            InvalidInputError: a value of another type, parameters out of their range, or balance of an object whose
+                mass is not known, or whose symmetries move its centre of mass.
         """
+        instance_of("model", model, ObjectModel)
         super().__init__()
-        self._params = PoseEstimatorParams() if params is None else params
-        self._params.validate()
+        self._params = params_of(PoseEstimatorParams, params)
         self._model = model
         if self._params.balance:
             check_mass(model)
@@ -200,7 +202,7 @@ class PoseEstimator(CollectableSystem):
         state.get_mutable_abstract_state(self._pose).set_value(estimate.best.X_PO)
         remarks = [] if estimate.finished else ["the search was cut short"]
         remarks += [] if is_clear else ["every hypothesis collides with the hand"]
-        remarks += ["collisions are not checked: a joint position is not finite"] if unchecked else []
+        remarks += ["collisions are not checked: a joint position is not known"] if unchecked else []
         return estimate.status, remarks
 
     def _estimate(

@@ -7,6 +7,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
 
 from tactopose_drake.core.calibration.offset_refinement import OffsetRefinementParams
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.validation import instance_of, params_of
 from tactopose_drake.hand.hand_config import HandConfig, HandUncertainty
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.systems.belief_inputs import pad_source
@@ -99,8 +100,9 @@ def AddPoseTracking(
 
 def MakePoseTracking(hand: HandConfig, model: ObjectModel, params: PoseTrackingParams | None = None) -> Diagram:
     """The diagram that `AddPoseTracking` adds, by itself."""
-    params = PoseTrackingParams() if params is None else params
-    params.validate()
+    instance_of("hand", hand, HandConfig)
+    instance_of("model", model, ObjectModel)
+    params = params_of(PoseTrackingParams, params)
     builder = DiagramBuilder()
     kind = LivePoseBeliefEstimator if params.live else PoseBeliefEstimator
     belief = builder.AddNamedSystem("pose_belief", kind(model, params.belief))

@@ -6,6 +6,7 @@ from typing import NamedTuple
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.validation import params_of
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.geometry import BodySpheres
 from tactopose_drake.hand.hand_config import HandConfig
@@ -87,8 +88,7 @@ def AddTouchExploration(
     Returns:
         The diagram; its ports are to be connected by name.
     """
-    params = TouchExplorationParams() if params is None else params
-    params.validate()
+    params = params_of(TouchExplorationParams, params)
     inner = DiagramBuilder()
     _connect(inner, _add_parts(inner, hand, model, params))
     return builder.AddNamedSystem(name, inner.Build())

@@ -8,7 +8,7 @@ from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, EventStatus
 
 from tactopose_drake.core.grasping.quality import GraspQuality
-from tactopose_drake.core.validation import finite_array, positive_number
+from tactopose_drake.core.validation import finite_array, params_of, positive_number
 from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.ports import eval_optional_input
 from tactopose_drake.visualization.wrench_spaces import draw_wrench_space
@@ -46,8 +46,7 @@ class WrenchSpaceDisplay(CollectableSystem):
     def __init__(self, meshcat: Meshcat, params: WrenchSpaceDisplayParams | None = None) -> None:
         """Keeps a reference to the display."""
         super().__init__()
-        self._params = WrenchSpaceDisplayParams() if params is None else params
-        self._params.validate()
+        self._params = params_of(WrenchSpaceDisplayParams, params)
         self._meshcat = meshcat
         self._quality = self.DeclareAbstractInputPort("quality", AbstractValue.Make(None))
         self.DeclareInitializationPublishEvent(self._place)

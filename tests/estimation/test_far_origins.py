@@ -8,6 +8,7 @@ import trimesh
 from pydrake.math import RigidTransform
 
 import tactopose_drake as tp
+from tactopose_drake.core.evidence import GaussianPrior
 from tactopose_drake.core.poses import make_poses, matrix_from_quaternion, retract, transform_points
 from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
 from tactopose_drake.estimation.descriptions import free_line
@@ -26,6 +27,18 @@ def models() -> tuple[tp.ObjectModel, tp.ObjectModel]:
     far = mesh.copy()
     far.apply_translation(OFFSET)
     return tp.ObjectModel.from_mesh(mesh, cache=False), tp.ObjectModel.from_mesh(far, cache=False)
+
+
+def test_a_prior_of_another_type_is_refused(models: tuple[tp.ObjectModel, tp.ObjectModel]) -> None:
+    contacts = touch_surface(models[0], X_PO, 6, np.random.default_rng(3))
+    for model in models:
+        for prior in ("here", X_PO, RigidTransform()):
+            with pytest.raises(tp.TactoposeError, match=r"^prior: is a \w+; allowed is a PosePrior\.$"):
+                tp.estimate_pose(model, contacts, prior=prior)  # type: ignore[arg-type]
+    own = tp.PosePrior(RigidTransform(X_PO) @ RigidTransform(-OFFSET))
+    of_core = GaussianPrior(own.mean, own.sigma_translation, own.sigma_rotation)
+    given, taken = (tp.estimate_pose(models[1], contacts, prior=prior) for prior in (own, of_core))  # type: ignore[arg-type]
+    assert given.best.X_PO.IsExactlyEqualTo(taken.best.X_PO)
 
 
 @pytest.mark.parametrize("with_prior", [False, True])

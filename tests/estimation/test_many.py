@@ -120,6 +120,14 @@ def test_numbers_that_do_not_agree_are_refused(box: tp.ObjectModel) -> None:
         tp.estimate_poses(box, contacts, seed=[0, "1", 2])  # type: ignore[list-item]
 
 
+def test_what_is_no_touches_and_no_executor_is_named(box: tp.ObjectModel) -> None:
+    contacts, _ = touches([box] * 2)
+    with pytest.raises(InvalidInputError, match=r"^contacts: is a NoneType; allowed is an Iterable"):
+        tp.estimate_poses(box, None)  # type: ignore[arg-type]
+    with pytest.raises(InvalidInputError, match=r"^executor: is a int; allowed is an Executor"):
+        tp.estimate_poses(box, contacts, executor=3)  # type: ignore[arg-type]
+
+
 def test_numpys_integers_are_seeds(box: tp.ObjectModel) -> None:
     contacts, _ = touches([box] * 2)
     (by_numpy, _), (plain, _) = (tp.estimate_poses(box, contacts, seed=seed) for seed in (np.int64(7), 7))

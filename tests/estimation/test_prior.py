@@ -72,3 +72,11 @@ def test_core_takes_the_prior_as_it_is_and_gives_it_back() -> None:
     again = tp.PosePrior.of(GaussianPrior(prior.mean, prior.sigma_translation, prior.sigma_rotation))
     assert again.X_PO.IsExactlyEqualTo(X_PO)
     np.testing.assert_array_equal(again.sigmas, prior.sigmas)
+
+
+def test_a_pose_that_was_handed_out_is_not_the_priors_own() -> None:
+    prior = tp.PosePrior(X_PO, 0.02, 0.1)
+    prior.X_PO.set_translation([9.0, 9.0, 9.0])
+    assert prior.X_PO.IsExactlyEqualTo(X_PO)
+    np.testing.assert_array_equal(prior.mean, X_PO.GetAsMatrix34())
+    assert prior == tp.PosePrior(X_PO, 0.02, 0.1)

@@ -1,6 +1,7 @@
 """Results and evidence by hand: short representations, tables, indices, equality, and plain data and back."""
 
 import copy
+import dataclasses
 import json
 import math
 import pickle
@@ -120,10 +121,74 @@ def test_plain_data_that_is_no_value_is_refused(cls, data: dict, message: str) -
         cls.from_dict(data)
 
 
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"covariance": "abc"}, "covariance: not an array of numbers"),
+        ({"covariance": [[1.0], [1.0, 2.0]]}, "covariance: not an array of numbers"),
+        ({"covariance": np.eye(5).tolist()}, r"covariance: has shape \(5, 5\); allowed is \(6, 6\)"),
+        ({"covariance": np.full((6, 6), np.nan)}, r"covariance\[0, 0\]: is nan"),
+        ({"free_directions": [[1.0, 2.0]]}, r"free_directions: has shape \(1, 2\)"),
+        ({"free_directions": None}, "free_directions: not an array of numbers"),
+        ({"inlier_probability": "x"}, "inlier_probability: not an array"),
+        ({"inlier_probability": [0.5, 2.0]}, "inlier_probability: is 2; allowed are numbers from 0 to 1"),
+        ({"probability": -3}, "probability: is -3; allowed are numbers >= 0"),
+        ({"probability": None}, "probability: not an array of numbers"),
+        ({"cost": "a"}, "cost: not an array of numbers"),
+        ({"explains_touch": "yes"}, "explains_touch: is 'yes'; allowed are True and False"),
+        ({"X_PO": "here"}, "X_PO: not an array of numbers"),
+    ],
+)
+def test_a_hypothesis_of_plain_data_has_values_that_can_be(change: dict, message: str) -> None:
+    data = estimate(0).to_dict()
+    with pytest.raises(InvalidInputError, match=f"^{message}"):
+        tp.PoseHypothesis.from_dict({**data["hypotheses"][1], **change})
+    data["hypotheses"][1].update(change)
+    with pytest.raises(InvalidInputError, match=rf"^hypotheses\[1\]: {message}"):
+        tp.PoseEstimate.from_dict(data)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"hypotheses": 5}, "hypotheses: is 5; allowed is a list of one or more"),
+        ({"hypotheses": [5]}, r"hypotheses\[0\]: PoseHypothesis.from_dict: is a int; allowed is a Mapping"),
+        ({"status": "x"}, "status: 'x' is unknown; valid names: ok, ambiguous, no_solution"),
+        ({"duration": "a"}, "duration: not an array of numbers"),
+        ({"duration": -1.0}, "duration: is -1"),
+        ({"log_evidence": "a"}, "log_evidence: not an array of numbers"),
+        ({"standard_error": math.nan}, "standard_error: is nan"),
+        ({"kept_share": 2.0}, "kept_share: is 2; allowed are numbers from 0 to 1"),
+        ({"finished": None}, "finished: is None; allowed are True and False"),
+    ],
+)
+def test_an_estimate_of_plain_data_has_values_that_can_be(change: dict, message: str) -> None:
+    with pytest.raises(InvalidInputError, match=f"^{message}"):
+        tp.PoseEstimate.from_dict({**estimate(0).to_dict(), **change})
+
+
+@pytest.mark.parametrize("cls", [tp.PoseEstimate, tp.PoseHypothesis, tp.Contacts, tp.PosePrior, tp.Identification])
+@pytest.mark.parametrize("data", [None, 5, [1.0], "ok"])
+def test_what_is_no_mapping_is_no_value(cls, data: object) -> None:
+    with pytest.raises(InvalidInputError, match=rf"^{cls.__name__}.from_dict: is a \w+; allowed is a Mapping"):
+        cls.from_dict(data)
+
+
 def test_no_evidence_at_all_is_null_in_plain_data() -> None:
     assert estimate(0).log_evidence == -math.inf
     assert estimate(0).to_dict()["log_evidence"] is None
     assert tp.PoseEstimate.from_dict(estimate(0).to_dict()).log_evidence == -math.inf
+
+
+def test_what_an_estimate_gives_out_cannot_be_written() -> None:
+    made = estimate(0)
+    best, modes = made.best, made.modes
+    for array in (best.covariance, best.free_directions, best.inlier_probability, modes.X_PO, modes.covariance):
+        assert not array.flags.writeable
+    own = np.eye(6)
+    kept = dataclasses.replace(best, covariance=own)
+    own[0, 0] = 2.0  # Whose array it is may write it.
+    assert not kept.covariance.flags.writeable
 
 
 def test_hypotheses_are_counted_indexed_and_walked_through() -> None:

@@ -95,6 +95,13 @@ def test_a_context_without_a_scene_graph_is_refused() -> None:
         HandGeometry.from_plant(plant, plant.CreateDefaultContext(), plant.GetFrameByName("palm"))
 
 
+def test_a_plant_that_is_not_finalized_is_refused() -> None:
+    _, context = make_hand(Sphere(0.01))
+    plant = MultibodyPlant(1e-3)
+    with pytest.raises(InvalidInputError, match=r"^plant: is not finalized"):
+        HandGeometry.from_plant(plant, context, plant.world_frame())
+
+
 def test_a_hand_that_is_no_plant_is_named() -> None:
     plant, context = make_hand(Sphere(0.01))
     palm = plant.GetFrameByName("palm")

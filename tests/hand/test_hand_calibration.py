@@ -186,6 +186,16 @@ def test_unusable_grasps_are_refused_by_name(wrong_hand: WrongHand, grasps: list
         calibrate_hand(dataclasses.replace(config, uncertainty=none), recorded)
 
 
+def test_what_is_no_hand_no_grasps_and_no_parameters_is_named(wrong_hand: WrongHand, grasps: list[ClosedGrasp]) -> None:
+    recorded = [grasp.recorded for grasp in grasps[:4]]
+    with pytest.raises(InvalidInputError, match=r"^hand: is a NoneType; allowed are a HandConfig, a hand's name"):
+        calibrate_hand(None, recorded)
+    with pytest.raises(InvalidInputError, match=r"^grasps: is a int; allowed is a Sequence"):
+        calibrate_hand(wrong_hand.config, 3)
+    with pytest.raises(InvalidInputError, match=r"^params: is a int; allowed is a CalibrationParams"):
+        calibrate_hand(wrong_hand.config, recorded, 5)
+
+
 def test_what_is_saved_is_what_was_found(result: CalibrationResult, tmp_path: Path) -> None:
     result.save(tmp_path / "calibration.yaml")
     assert load_calibration(tmp_path / "calibration.yaml") == result.calibration

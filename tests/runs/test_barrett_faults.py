@@ -120,7 +120,7 @@ def test_a_silent_finger_leaves_the_other_pads(can: ObjectModel) -> None:
         assert running.value("sense_status").startswith("hand: F2: no position")
         assert np.isnan(running.value("pressures_finger_2")).all()
         assert len(running.value("patches")) == 3
-        assert running.value("patch_status") == "finger_2: a joint position is not finite"
+        assert running.value("patch_status") == "finger_2: a joint position is not known"
         before = running.value("hypotheses").duration
         running.run(0.4)
         assert running.value("hypotheses").duration != before, "the estimate goes on"

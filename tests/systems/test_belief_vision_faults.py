@@ -64,6 +64,17 @@ def test_vision_whose_clock_stands_still_grows_old(box: ObjectModel) -> None:
     assert "vision is of 1.3 s ago" in last.status
 
 
+@pytest.mark.parametrize("late", [2.0, -2.0])
+def test_a_stamp_that_is_wrong_goes_with_the_vision_that_has_it(box: ObjectModel, late: float) -> None:
+    run = Run(
+        PoseBeliefEstimator(box),
+        vision=lambda time: seen(X_PO, time - late, generator_at(time)) if time < 0.105 else None,
+        **touched(still),
+    )
+    assert "vision is of" in run.until(0.1).status
+    assert "vision" not in run.until(0.12).status
+
+
 def test_vision_metres_off_from_the_start_never_makes_an_estimate_of_touch(box: ObjectModel) -> None:
     """The box looks the same to touch after half turns: without vision it is one of four."""
     run = Run(

@@ -129,8 +129,14 @@ def test_the_display_draws_green_forces_and_red_torques(box: ObjectModel) -> Non
 def test_impossible_parameters_and_inputs_are_refused(box: ObjectModel) -> None:
     with pytest.raises(InvalidInputError, match=r"GraspQualityParams\.friction: is -1"):
         GraspQualityEvaluator(box, GraspQualityParams(friction=-1.0))
-    with pytest.raises(InvalidInputError, match=r"GraspQualityParams\.edges: is 2; allowed are numbers >= 3"):
+    with pytest.raises(InvalidInputError, match=r"GraspQualityParams\.edges: is 2; allowed are integers >= 3"):
         GraspQualityEvaluator(box, GraspQualityParams(edges=2))
+    with pytest.raises(InvalidInputError, match=r"GraspQualityParams\.samples: is 2\.5; allowed are integers >= 1"):
+        GraspQualityEvaluator(box, GraspQualityParams(samples=2.5))
+    with pytest.raises(InvalidInputError, match=r"^model: is a int; allowed is an ObjectModel"):
+        GraspQualityEvaluator(3)
+    with pytest.raises(InvalidInputError, match=r"^params: is a int; allowed is a GraspQualityParams"):
+        GraspQualityEvaluator(box, 3)
     with pytest.raises(InvalidInputError, match=r"WrenchSpaceDisplayParams\.scale: is 0"):
         WrenchSpaceDisplay(RecordingMeshcat(), WrenchSpaceDisplayParams(scale=0.0))
     with pytest.raises(UnknownNameError, match="norm: 'L2' is unknown"):

@@ -147,3 +147,19 @@ def test_bars_are_empty_before_the_first_touch(models: list[ObjectModel]) -> Non
     simulator.AdvanceTo(0.01)
     for row, model in enumerate(models):
         assert meshcat.properties[f"{row_path(PATH, row, model.name)}/bar/box", "scale"][1] < 0.01  # type: ignore[index]
+
+
+def test_what_it_cannot_work_with_is_named_when_it_is_made(models: list[ObjectModel]) -> None:
+    for none in ([], 3, models[0]):
+        with pytest.raises(InvalidInputError, match=r"^models: is .*; allowed are an ObjectLibrary and a sequence of"):
+            ObjectIdentifier(none)
+    with pytest.raises(InvalidInputError, match=r"^models\[1\]: is a str; allowed is an ObjectModel"):
+        ObjectIdentifier([models[0], "bust"])
+    with pytest.raises(InvalidInputError, match=r"^params: is a int; allowed is an ObjectIdentifierParams"):
+        ObjectIdentifier(models, 3)
+    with pytest.raises(InvalidInputError, match=r"^executor: is a int; allowed is an Executor"):
+        ObjectIdentifier(models, executor=3)
+    for change in ({"candidates": 2.5}, {"min_contacts": "3"}, {"seed": -1}):
+        ((name, value),) = change.items()
+        with pytest.raises(InvalidInputError, match=rf"^ObjectIdentifierParams\.{name}: is {value!r}; allowed are"):
+            ObjectIdentifierParams(**change).validate()

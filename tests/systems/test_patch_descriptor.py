@@ -112,7 +112,7 @@ def test_a_pad_without_a_reading_gives_no_patch_and_nothing_old(hand_plant: tupl
     system.GetInputPort("joint_positions").FixValue(context, np.full(8, np.nan))
     (palm,) = patches_of(system, context)
     assert np.linalg.norm(palm.centroid[:2]) < 0.06
-    assert system.GetOutputPort("status").Eval(context).startswith("finger_1: a joint position is not finite; finger_2")
+    assert system.GetOutputPort("status").Eval(context).startswith("finger_1: a joint position is not known; finger_2")
 
 
 def test_untouched_pads_and_dead_cells_are_said_and_unconnected_pads_are_none(
@@ -131,7 +131,14 @@ def test_untouched_pads_and_dead_cells_are_said_and_unconnected_pads_are_none(
 def test_an_old_frame_counts_for_nothing_until_a_new_one_comes(hand_plant: tuple[MultibodyPlant, Hand]) -> None:
     system, context = fixed(hand_plant, np.zeros(8), some_pressures())
     limit = PatchDescriptorParams().max_age
-    for age, status in ((limit, "ok"), (0.31, "palm: stale: 0.31 s old"), (np.inf, "palm: no reading"), (0.0, "ok")):
+    for age, status in (
+        (limit, "ok"),
+        (0.31, "palm: stale: 0.31 s old"),
+        (np.inf, "palm: no reading"),
+        (0.0, "ok"),
+        (-5.0, "palm: stale: -5.00 s old"),
+        (-1e-9, "ok"),
+    ):
         system.GetInputPort("age_palm").FixValue(context, [age])
         assert system.GetOutputPort("status").Eval(context) == status
         assert len(patches_of(system, context)) == (4 if status == "ok" else 3)

@@ -61,7 +61,7 @@ def keep_pace(bench: Bench, count: int) -> str:
     for _ in range(count):
         bench.feel()
         begun = bench.context.get_time() - 0.0101
-        while bench.system._finished.belief.time < begun and bench.system._thread.is_alive():
+        while bench.system._exchange.finished.belief.time < begun and bench.system._thread.is_alive():
             time.sleep(1e-3)
     return str(bench.read("status"))
 
@@ -256,3 +256,11 @@ def test_live_a_belief_that_falls_behind_tells_its_age_and_is_lost(
         assert bench.read("belief").status == "lost"
         may_go_on.set()
         assert keep_pace(bench, 14).split(":")[0] == "ok"
+
+
+@pytest.mark.parametrize("system", [PoseBeliefEstimator, LivePoseBeliefEstimator])
+def test_an_object_or_parameters_of_another_type_are_named(box: ObjectModel, system: type[PoseBeliefEstimator]) -> None:
+    with pytest.raises(InvalidInputError, match=r"^model: is a int; allowed is an ObjectModel"):
+        system(3)
+    with pytest.raises(InvalidInputError, match=r"^params: is a int; allowed is a PoseBeliefParams"):
+        system(box, 3)

@@ -20,6 +20,7 @@ from tactopose_drake.hand.hand_config import HandConfig, load_hand_config
 from tactopose_drake.hand.hand_in_plant import add_hand, make_hand_plant
 from tactopose_drake.systems.pose_estimation import AddPoseEstimation, MakePoseEstimation, PoseEstimationParams
 from tactopose_drake.systems.pose_estimator import PoseEstimatorParams
+from tactopose_drake.systems.pose_tracking import AddPoseTracking
 from tests.pressed_ball import SILENT, make_ball, press
 
 n_S = np.array([0.6, 0.0, 0.8])
@@ -187,3 +188,15 @@ def test_the_pads_of_a_hand_without_other_sensors_find_a_ball() -> None:
         f"held: 0 contacts, 1 needed; {SILENT}; palm: stale: 0.50 s old"
     )
     assert [patch.is_felt for patch in diagram.GetOutputPort("patches").Eval(context)] == [False] * 3
+
+
+@pytest.mark.parametrize("add", [AddPoseEstimation, AddPoseTracking])
+def test_parts_of_another_type_are_named_before_anything_is_added(hand: HandConfig, model: ObjectModel, add) -> None:  # type: ignore[no-untyped-def]
+    builder = DiagramBuilder()
+    with pytest.raises(InvalidInputError, match=r"^hand: is a str; allowed is a HandConfig"):
+        add(builder, "shadow_like", model)
+    with pytest.raises(InvalidInputError, match=r"^model: is a str; allowed is an ObjectModel"):
+        add(builder, hand, "bust")
+    with pytest.raises(InvalidInputError, match=r"^params: is a PoseEstimatorParams; allowed is a Pose\w+Params"):
+        add(builder, hand, model, PoseEstimatorParams())
+    assert builder.empty()

@@ -13,7 +13,7 @@ from tactopose_drake.core.synthetic.synthetic_patch import flat_pad, touch_with_
 from tactopose_drake.errors import InvalidInputError, PortTypeError, UnknownNameError
 from tactopose_drake.estimation.estimate import estimate_pose
 from tactopose_drake.estimation.prior import PosePrior
-from tactopose_drake.systems.pose_estimator import PoseEstimatorParams
+from tactopose_drake.systems.pose_estimator import PoseEstimator, PoseEstimatorParams
 from tests.systems.pose_estimator_bench import X_PO, Bench, make_box
 
 PRIOR = PosePrior(
@@ -236,3 +236,10 @@ def test_a_value_of_another_type_is_refused_by_the_name_of_the_port(
 def test_a_bad_parameter_is_named(name: str, value: float) -> None:
     with pytest.raises(InvalidInputError, match=f"{name}: is {value:g}"):
         PoseEstimatorParams(**{name: value}).validate()
+
+
+def test_an_object_or_parameters_of_another_type_are_named(box: ObjectModel) -> None:
+    with pytest.raises(InvalidInputError, match=r"^model: is a int; allowed is an ObjectModel"):
+        PoseEstimator(3)
+    with pytest.raises(InvalidInputError, match=r"^params: is a int; allowed is a PoseEstimatorParams"):
+        PoseEstimator(box, 3)

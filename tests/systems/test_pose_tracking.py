@@ -1,9 +1,13 @@
+import gc
+import threading
+import weakref
+
 import numpy as np
 import pytest
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import InvalidInputError
@@ -135,3 +139,19 @@ def test_parameters_out_of_range_are_refused(box: ObjectModel) -> None:
             box,
             PoseTrackingParams(belief=PoseBeliefParams(latency=-1.0)),
         )
+
+
+def test_a_diagram_that_is_dropped_takes_the_thread_of_its_belief_with_it(box: ObjectModel) -> None:
+    def make() -> tuple[weakref.ref[Diagram], threading.Thread]:
+        before, builder = set(threading.enumerate()), DiagramBuilder()
+        AddPoseTracking(builder, load_hand_config("shadow_like"), box, PoseTrackingParams(live=True))
+        diagram = builder.Build()
+        diagram.CreateDefaultContext()
+        (thread,) = set(threading.enumerate()) - before
+        return weakref.ref(diagram), thread
+
+    diagram, thread = make()
+    gc.collect()
+    assert diagram() is None
+    thread.join(10.0)
+    assert not thread.is_alive()

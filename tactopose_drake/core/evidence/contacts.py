@@ -10,7 +10,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from tactopose_drake.core.evidence.contact_variance_kernels import fill_variances
 from tactopose_drake.core.plain_values import PlainValue, copied
-from tactopose_drake.core.validation import FloatArray, in_steps, limited, points_near, positive_numbers, unit_vectors
+from tactopose_drake.core.validation import (
+    FloatArray,
+    in_steps,
+    limited,
+    points_near,
+    positive_numbers,
+    shown,
+    unit_vectors,
+)
 from tactopose_drake.errors import InvalidInputError
 
 # What a sigma may be: m, rad, N. Beyond, the information of a contact and of the rest do not fit into one double.
@@ -102,6 +110,8 @@ class Contacts(PlainValue):
     def __getitem__(self, index: SupportsIndex | slice | Sequence[int] | NDArray[np.integer | np.bool_]) -> Self:
         """One contact by its number, or some by a slice, numbers or a mask; each is `Contacts` too."""
         rows = np.atleast_1d(np.arange(len(self))[index])
+        if rows.ndim > 1:
+            raise InvalidInputError(f"index: is {shown(index)}; allowed are a number, a slice, numbers and a mask.")
         arrays = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         return self.with_arrays(**{name: None if value is None else value[rows] for name, value in arrays.items()})
 
@@ -174,7 +184,8 @@ class Contacts(PlainValue):
             sigmas: those, and `covariance`, where the table has no such columns.
 
         Raises:
-            InvalidInputError: if a column of three is missing, a sigma is given twice, or a value is not allowed.
+            InvalidInputError: if a column of three is missing, columns are not of the same length, a sigma is given
+                twice, or a value is not allowed.
         """
         if not hasattr(frame, "columns"):
             raise InvalidInputError(f"frame: is a {type(frame).__name__}; allowed is a table with named columns.")
@@ -204,7 +215,13 @@ def _vectors(frame: DataFrame, names: Collection[str], kind: str) -> list[list[f
         raise InvalidInputError(
             f"frame: has no column {missing[0]!r}; allowed are all of {', '.join(wanted)}, or none."
         )
-    return [list(row) for row in zip(*(np.asarray(frame[name]).tolist() for name in wanted), strict=True)]
+    columns = [np.atleast_1d(frame[name]).tolist() for name in wanted]
+    lengths = [len(column) for column in columns]
+    if len(set(lengths)) > 1:
+        raise InvalidInputError(
+            f"frame: has {lengths} rows in the columns {', '.join(wanted)}; allowed is the same number in each."
+        )
+    return [list(row) for row in zip(*columns, strict=True)]
 
 
 def _span(values: FloatArray) -> str:

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.grasping.wrench_space import Norm, WrenchSpace, cone_wrenches
+from tactopose_drake.core.plain_values import seal
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture, checked_mixture
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import (
@@ -31,6 +32,7 @@ from tactopose_drake.core.validation import (
     positive_number,
     whole_number,
 )
+from tactopose_drake.errors import InvalidInputError
 
 # More edges, or poses, say nothing more, and take all memory and time there is.
 _MOST_EDGES, _MOST_SAMPLES = 64, 10**6
@@ -44,6 +46,8 @@ _PUSHED = 400  # points of the surface, about so many; time goes by their number
 @dataclasses.dataclass(frozen=True, eq=False)
 class GraspQuality:
     """The quality of one grasp; wrenches are about the centre of mass, in the axes of O, torques over `length`.
+
+    Its arrays are read-only.
 
     Attributes:
         force_closure: whether any wrench is resisted if only the fingers press hard enough. It takes three contacts:
@@ -100,21 +104,28 @@ def grasp_quality(
 
     Raises:
         InvalidInputError: a friction below 0, fewer than 3 edges or more than 64, a length that is not positive, an
-            X_PO that is no pose, a task of another shape, or a value of another type.
+            X_PO that is no pose, a task of another shape or of nothing but 0, or a value of another type.
         UnknownNameError: a norm that does not exist.
     """
     friction, length = _check(model, contacts, friction, edges, length, norm)
     X = pose_matrix("X_PO", X_PO)
+    if isinstance(task, str):
+        known_name("task", task, ["object"])
+    elif task is not None:
+        task = limited("task", task, (None, 6), most=_MOST_TASK)
+        if not task.any():
+            raise InvalidInputError("task: has no wrench but 0; allowed are wrenches of which one at least disturbs.")
     p_OC, n_OC, distance = on_surface(model, (contacts.p_PC - X[:, 3]) @ X[:, :3])
     space = WrenchSpace(cone_wrenches(p_OC - model.center_of_mass, n_OC, friction, edges, length), norm)
     scale = None
     if isinstance(task, str):
-        known_name("task", task, ["object"])
         scale = space.scale(object_wrenches(model, friction, edges, length))
     elif task is not None:
-        wrenches = limited("task", task, (None, 6), most=_MOST_TASK).reshape(-1, 2, 3) @ X[:, :3]
+        wrenches = np.asarray(task).reshape(-1, 2, 3) @ X[:, :3]
         scale = space.scale((wrenches / [[length], [1.0]]).reshape(-1, 6))
-    return GraspQuality(space.is_force_closure, space.radius, scale, space, length, p_OC, n_OC, distance)
+    quality = GraspQuality(space.is_force_closure, space.radius, scale, space, length, p_OC, n_OC, distance)
+    seal(quality)
+    return quality
 
 
 class ClosureProbability(NamedTuple):

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tactopose_drake.core.validation import (
     FloatArray,
+    instance_of,
     limited,
     number_array,
     points_near,
@@ -166,6 +167,7 @@ def describe_patch(
             pressure below zero or infinite, an alpha, threshold or saturation out of range, normals missing where the
             pad is curved or parallel to the z axis, or a misplacement that is no covariance.
     """
+    instance_of("params", params, PatchParams)
     p_PT = points_near("p_PT", p_PT, (None, 3))
     if len(p_PT) == 0:
         raise InvalidInputError("p_PT: has no cells; a pad has at least 1.")

@@ -67,6 +67,8 @@ def arrays_of(mesh: MeshSource, options: ModelOptions) -> Arrays:
         arrays = build_arrays(raw or _scaled(load_mesh(mesh), options.scale), label, options)
         if options.is_kept:
             model_cache.store(key, arrays)
+    else:
+        options.check_fit(arrays["vertices"])
     return arrays
 
 
@@ -79,6 +81,7 @@ def build_arrays(raw: RawMesh, label: str, options: ModelOptions) -> Arrays:
         options: how its model is made.
     """
     mesh = repair_mesh(raw, label)
+    options.check_fit(mesh.vertices)
     centroid, inertia = mesh.properties.centroid, mesh.properties.inertia
     grid = build_grid(mesh.vertices, mesh.faces, spacing=options.spacing, max_bytes=options.max_grid_bytes)
     surface = sample_surface(mesh.vertices, mesh.faces, options.samples)

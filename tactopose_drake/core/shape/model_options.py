@@ -7,11 +7,20 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from tactopose_drake.core.shape.symmetry import RotationalSymmetry
-from tactopose_drake.core.validation import FARTHEST, instance_of, limited, positive_number, whole_number
-from tactopose_drake.errors import UnknownNameError
+from tactopose_drake.core.validation import (
+    FARTHEST,
+    FloatArray,
+    flag,
+    instance_of,
+    limited,
+    positive_number,
+    whole_number,
+)
+from tactopose_drake.errors import InvalidInputError, UnknownNameError
 
 # What is allowed: more samples take all memory there is, other masses are those of nothing that a hand holds, kg.
 _MOST_SAMPLES = 10**6
@@ -74,9 +83,31 @@ class ModelOptions:
             checked["spacing"] = positive_number("spacing", self.spacing)
         if self.symmetries is None and self.symmetry == "auto":
             checked["symmetry_tolerance"] = positive_number("symmetry_tolerance", self.symmetry_tolerance)
+        checked["is_kept"] = flag("cache", self.is_kept)
         instance_of("name", self.name, str)
         for name, value in checked.items():
             object.__setattr__(self, name, value)
+
+    def check_fit(self, vertices: FloatArray) -> None:
+        """Checks what only the mesh can tell to be wrong, by its vertices (v, 3), m.
+
+        Raises:
+            InvalidInputError: a grid coarser than the object is large, or a centre of mass far outside of it.
+        """
+        low, high = vertices.min(axis=0), vertices.max(axis=0)
+        size = float(np.linalg.norm(high - low))
+        if self.spacing is not None and self.spacing > size:
+            raise InvalidInputError(
+                f"spacing: is {self.spacing:g} m; allowed are numbers up to the object's size, {size:.3g} m."
+            )
+        if self.center_of_mass is not None:
+            center = np.asarray(self.center_of_mass)
+            off = float(np.linalg.norm(center - np.clip(center, low, high)))
+            if off > size:
+                raise InvalidInputError(
+                    f"center_of_mass: is {center.tolist()}, {off:.3g} m outside of the object's bounding box; allowed "
+                    f"are points up to its size from it, {size:.3g} m."
+                )
 
     @cached_property
     def symmetries(self) -> tuple[RotationalSymmetry, ...] | None:

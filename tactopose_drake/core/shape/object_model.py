@@ -216,13 +216,13 @@ class ObjectModel(SimpleBodies):
             name: what to call the object.
             scale: how many metres the mesh's unit has: 0.001 for one in millimetres.
             mass: kg.
-            center_of_mass: in O, shape (3,), m.
+            center_of_mass: in O, shape (3,), m; in the bounding box, or outside of it by no more than the size.
             symmetry: "auto" detects the rotations that leave the object unchanged, "none" assumes there are none, a
                 list says which there are.
             symmetry_tolerance: how far the turned surface may be off, as a share of the size (see
                 `detect_symmetries`).
             samples: number of surface samples, at least 100.
-            spacing: of the distance grid, m; chosen from the size and the walls' thickness if not given.
+            spacing: of the distance grid, m, up to the size; by default chosen from that and the walls' thickness.
             max_grid_bytes: the largest size of the distance grid, bytes.
             surface_sigma: standard deviation of how far the surface is off the mesh, along its normal, m: of a scan or
                 a worn object. It counts among the contacts' errors.

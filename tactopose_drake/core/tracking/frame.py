@@ -19,7 +19,7 @@ from tactopose_drake.core.plain_values import copied
 from tactopose_drake.core.validation import LATEST, FloatArray, instance_of, limited, points_near, pose_matrix
 from tactopose_drake.errors import InvalidInputError
 
-_FASTEST = 1e4  # rad/s and m/s
+FASTEST = 1e4  # of a fingertip, rad/s and m/s: beyond it is none
 _LEAST_SIGMA, _MOST_VARIANCE = 1e-7, 1e12
 _W, _V = slice(0, 3), slice(3, 6)
 _ANY_PRIOR = GaussianPrior(np.eye(3, 4))
@@ -132,7 +132,7 @@ class Frame:
         if self.tip_velocity is not None:
             instance_of("tip_velocity", self.tip_velocity, Mapping)
             velocities = {
-                name: limited(f"tip_velocity[{name}]", velocity, (6,), most=_FASTEST)
+                name: limited(f"tip_velocity[{name}]", velocity, (6,), most=FASTEST)
                 for name, velocity in self.tip_velocity.items()
             }
             object.__setattr__(self, "tip_velocity", velocities)

@@ -52,7 +52,7 @@ class VisionRecord:
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class PoseBelief:
-    """The belief at one time; frozen, so that copies are shared.
+    """The belief at one time; frozen, with read-only arrays, so that copies are shared.
 
     Attributes:
         time: s.

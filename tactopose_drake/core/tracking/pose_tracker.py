@@ -8,7 +8,7 @@ import numpy as np
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.kernel_library import make_kernels_ready
-from tactopose_drake.core.plain_values import copied
+from tactopose_drake.core.plain_values import copied, seal
 from tactopose_drake.core.poses import increments_between
 from tactopose_drake.core.shape.free_spin import nearest_images
 from tactopose_drake.core.shape.object_model import ObjectModel
@@ -69,7 +69,8 @@ class PoseTracker:
 
     def start(self, time: float = 0.0) -> PoseBelief:
         """The belief that knows nothing, s."""
-        return PoseBelief(time=time, status="lost", history=MotionHistory((time,)), remarks=("no estimate yet",))
+        nothing = PoseBelief(time=time, status="lost", history=MotionHistory((time,)), remarks=("no estimate yet",))
+        return _finished(nothing)
 
     def step(self, belief: PoseBelief, frame: Frame) -> PoseBelief:
         """The belief at the frame's time.
@@ -103,7 +104,7 @@ class PoseTracker:
             belief = copied(belief, touch_time=frame.time)
         belief = summarise(self._model, params, belief, explanation, has_contact=reading.has_contact)
         untouched = None if belief.explained_time == frame.time else untouched
-        return belief if untouched is belief.untouched else copied(belief, untouched=untouched)
+        return _finished(belief if untouched is belief.untouched else copied(belief, untouched=untouched))
 
     def _untouched(self, belief: PoseBelief, frame: Frame) -> PoseBelief | None:
         """What would be believed now without a touch that begins, or that nothing has explained since it did."""
@@ -245,3 +246,10 @@ class PoseTracker:
         u = increments_between(X_before, X_near)[0]
         moved = np.linalg.norm(u[3:]) + self._params.lever_arm * self._model.size * np.linalg.norm(u[:3])
         return bool(moved > self._params.settled_distance)
+
+
+def _finished(belief: PoseBelief) -> PoseBelief:
+    """The belief with arrays that nobody can change: copies of it are shared, and the next one is made of it."""
+    new = {name: value for name, value in vars(belief).items() if name not in ("history", "untouched")}
+    seal((*new.values(), *belief.history.motions[-1:]))
+    return belief

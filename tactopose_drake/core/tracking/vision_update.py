@@ -20,6 +20,8 @@ from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import VisionParams
 from tactopose_drake.core.validation import FloatArray
 
+_NOT_BELIEVED = "vision is not believed"
+
 
 class Sighting(NamedTuple):
     """A pose from vision, and how much of a measurement it is.
@@ -49,7 +51,9 @@ def read_vision(
         params: how long vision counts.
     """
     if measurement is None:
-        return None, record
+        # That the last one is not believed still says something of what is believed; the rest went with it.
+        kept = record.remark in ("", _NOT_BELIEVED)
+        return None, record if kept else dataclasses.replace(record, remark="")
     age = time - measurement.time
     if age > params.max_age:
         return None, dataclasses.replace(record, remark=f"vision is of {age:.1f} s ago")
@@ -96,7 +100,7 @@ def see(
                 belief = dataclasses.replace(belief, slip_test=belief.slip_test.restarted())
             modes = modes.chosen(order)
         if is_outlier:
-            record = dataclasses.replace(record, remark="vision is not believed")
+            record = dataclasses.replace(record, remark=_NOT_BELIEVED)
         else:
             # A prior is a guess of the same kind, which the first picture takes the place of.
             standing = sighting.pose if len(record.times) == 1 else fuse(standing, sighting, params)

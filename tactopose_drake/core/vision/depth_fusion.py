@@ -23,7 +23,7 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 from scipy.spatial import cKDTree
 
 from tactopose_drake.core.poses import transform_points
-from tactopose_drake.core.validation import FloatArray, positive_number
+from tactopose_drake.core.validation import FloatArray, params_of, positive_number
 from tactopose_drake.core.vision.depth_pictures import DepthCameraModel, rays
 from tactopose_drake.core.vision.level_set_kernels import depth_inside
 from tactopose_drake.errors import InvalidInputError
@@ -128,8 +128,7 @@ def reconstruct(
     Raises:
         InvalidInputError: fewer than two images, images of too little, or an object too large for the grid.
     """
-    params = FusionParams() if params is None else params
-    params.validate()
+    params = params_of(FusionParams, params)
     if len(views) < 2:
         raise InvalidInputError(f"views: are {len(views)}; allowed are two or more.")
     box = _box(views, bounds, params)

@@ -15,7 +15,7 @@ from pydrake.systems.framework import BasicVector, Context, EventStatus, State
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.plane_contact import PlaneContact
 from tactopose_drake.core.grasping.held_axis import HeldAxis
-from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.core.validation import FloatArray, params_of
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.station.arms.place_planning import PlacePlanner
 from tactopose_drake.station.arms.place_state import PlaceTaskParams, TaskState
@@ -83,8 +83,7 @@ class PlaceTask(CollectableSystem):
             params: times and limits.
         """
         super().__init__()
-        self._params = PlaceTaskParams() if params is None else params
-        self._params.validate()
+        self._params = params_of(PlaceTaskParams, params)
         self._planner = planner
         q = np.array(q_receive, dtype=np.float64)
         self._holding = self.DeclareVectorInputPort("holding", 1)

@@ -165,6 +165,12 @@ def test_contacts_are_indexed_and_walked_through() -> None:
         contacts[1:].p_PC[0, 0] = 1.0
 
 
+@pytest.mark.parametrize("index", [None, [[0, 1], [1, 0]], True])
+def test_what_tells_no_contacts_apart_is_no_index(index: object) -> None:
+    with pytest.raises(InvalidInputError, match=r"^index: is "):
+        some_contacts()[index]  # type: ignore[index]
+
+
 def test_contacts_are_no_array_of_points() -> None:
     with pytest.raises(InvalidInputError, match="Contacts are no array; their points are p_PC"):
         Contacts(some_contacts())  # type: ignore[arg-type]
@@ -197,6 +203,8 @@ def test_a_table_s_rows_are_contacts() -> None:
         (POINT_COLUMNS, {}, "frame: is a dict; allowed is a table"),
         (Table(**POINT_COLUMNS, n_x=[1.0, 0.0]), {}, "has no column 'n_y'; allowed are all of n_x, n_y, n_z, or none"),
         (Table(**{**POINT_COLUMNS, "p_y": ["a", "b"]}), {}, r"p_PC: not an array of numbers"),
+        (Table(**{**POINT_COLUMNS, "p_y": [0.0]}), {}, r"frame: has \[2, 1, 2\] rows in the columns p_x, p_y, p_z"),
+        (Table(**POINT_COLUMNS, n_x=[1.0], n_y=[0.0], n_z=[0.0]), {}, r"n_PC: has shape \(1, 3\); allowed is \(2, 3\)"),
         (Table(**POINT_COLUMNS, sigma_position=[0.1, 0.1]), {"sigma_position": 0.1}, "sigma_position: is given, and"),
     ],
 )

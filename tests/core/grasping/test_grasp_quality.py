@@ -57,6 +57,13 @@ def test_moving_the_objects_own_frame_changes_no_more_than_the_cones_edges(box: 
     assert there.length == pytest.approx(here.length)
 
 
+def test_a_quality_cannot_be_written(box: ObjectModel) -> None:
+    contacts = Contacts(P_OC)
+    made = grasp_quality(box, contacts, np.eye(3, 4), friction=0.6)
+    for array in (made.p_OC, made.n_OC, made.distance, made.space.primitives):
+        assert not array.flags.writeable
+
+
 def test_fingers_that_change_places_change_nothing(box: ObjectModel) -> None:
     here = grasp_quality(box, Contacts(P_OC), np.eye(3, 4), friction=0.6)
     swapped = grasp_quality(box, Contacts(P_OC[[2, 3, 0, 1]]), np.eye(3, 4), friction=0.6)
@@ -188,6 +195,9 @@ def test_impossible_arguments_are_refused(box: ObjectModel) -> None:
         grasp_quality(box, contacts, np.eye(4)[:2], friction=0.5)
     with pytest.raises(InvalidInputError, match="task: has shape"):
         grasp_quality(box, contacts, X, friction=0.5, task=[1.0, 2.0])
+    for nothing in (np.zeros((2, 6)), np.zeros((0, 6))):
+        with pytest.raises(InvalidInputError, match="task: has no wrench but 0"):
+            grasp_quality(box, contacts, X, friction=0.5, task=nothing)
     with pytest.raises(UnknownNameError, match="L1, Linf"):
         grasp_quality(box, contacts, X, friction=0.5, norm="L2")  # type: ignore[arg-type]
     with pytest.raises(UnknownNameError, match="'gravity' is unknown"):

@@ -225,3 +225,8 @@ def test_a_patch_cannot_be_changed() -> None:
 def test_bad_frames_are_named(arguments: dict[str, object], message: str) -> None:
     with pytest.raises(InvalidInputError, match=message):
         tp.describe_patch(**({"p_PT": CELLS, "pressure": noise(0), "alpha": ALPHA} | arguments))  # type: ignore[arg-type]
+
+
+def test_parameters_of_another_type_are_named() -> None:
+    with pytest.raises(InvalidInputError, match=r"^params: is a int; allowed is a PatchParams"):
+        tp.describe_patch(CELLS, noise(0), alpha=ALPHA, params=3)  # type: ignore[arg-type]

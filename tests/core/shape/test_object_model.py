@@ -250,6 +250,7 @@ def test_errors_name_the_file(tmp_path: Path) -> None:
         ({"symmetry_tolerance": -0.1}, InvalidInputError, "symmetry_tolerance: is -0.1"),
         ({"samples": 10}, InvalidInputError, "samples: is 10; allowed are integers from 100"),
         ({"spacing": 0.0}, InvalidInputError, "spacing: is 0"),
+        ({"cache": "no"}, InvalidInputError, "cache: is 'no'; allowed are True and False"),
     ],
 )
 def test_bad_options_are_refused_before_the_work(
@@ -258,6 +259,24 @@ def test_bad_options_are_refused_before_the_work(
     no_building()
     with pytest.raises(error, match=message):
         model_of(BOX, **options)
+
+
+def test_what_does_not_fit_the_mesh_is_refused_built_or_from_the_cache(no_building: Callable[[], None]) -> None:
+    box = create.box((0.1, 0.1, 0.1))
+    wrong = [
+        ({"spacing": 1.0}, "spacing: is 1 m; allowed are numbers up to the object's size, 0.173 m"),
+        (
+            {"center_of_mass": [5, 5, 5]},
+            r"center_of_mass: is \[5.0, 5.0, 5.0\], 8.57 m outside of the",
+        ),
+    ]
+    for options, message in wrong:
+        with pytest.raises(InvalidInputError, match=message):
+            model_of(box, **options)
+    assert model_of(box, center_of_mass=[0.0, 0.0, 0.2]).center_of_mass[2] == 0.2
+    no_building()
+    with pytest.raises(InvalidInputError, match="center_of_mass: is"):
+        model_of(box, center_of_mass=[5, 5, 5])
 
 
 @pytest.mark.parametrize("path", MESHES, ids=lambda path: path.stem)

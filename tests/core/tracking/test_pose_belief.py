@@ -1,7 +1,9 @@
 """When a belief over time is an answer."""
 
+import copy
 import dataclasses
 import math
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -125,3 +127,26 @@ def test_whether_poses_explain_a_touch_is_asked_once(tracker: PoseTracker, monke
     assert explanation.of(both).tolist() == explanation.of(both.copy()).tolist() == [True, False]
     assert len(asked) == 1
     assert explanation.of(off).tolist() == [False]
+
+
+def arrays_in(value: object, place: str = "belief") -> Iterator[tuple[str, np.ndarray]]:
+    """All arrays that are to be had from a value, with where they are."""
+    if isinstance(value, np.ndarray):
+        yield place, value
+    elif isinstance(value, tuple):
+        for i, part in enumerate(value):
+            yield from arrays_in(part, f"{place}[{i}]")
+    elif dataclasses.is_dataclass(value):
+        for name, part in vars(value).items():
+            yield from arrays_in(part, f"{place}.{name}")
+
+
+def test_a_belief_cannot_be_written_for_its_copies_are_itself(tracker: PoseTracker) -> None:
+    follower, seen = Follower(tracker), PoseMeasurement(0.0, X_PO, np.diag(np.repeat([0.02**2, 0.002**2], 3)))
+    beliefs = [follower.belief, follower.feel(X_PO, vision=seen), follower.feel(X_PO, 12), follower.feel(None)]
+    for belief in beliefs:
+        assert copy.deepcopy(belief) is belief
+        assert [place for place, array in arrays_in(belief) if array.flags.writeable] == []
+    with pytest.raises(ValueError, match="read-only"):
+        beliefs[2].X_PO[0, :, 3] += 1.0
+    assert len(beliefs[2].keyframes) > 0

@@ -1,0 +1,89 @@
+"""From plain data, of a file or of who knows where, to the values that results have."""
+
+from collections.abc import Callable, Mapping
+from typing import Any, TypeVar, get_args
+
+from tactopose_drake.core.plain_values import PlainValue
+from tactopose_drake.core.statuses import Status
+from tactopose_drake.core.validation import (
+    FloatArray,
+    finite_array,
+    instance_of,
+    known_name,
+    positive_number,
+    positive_numbers,
+    shown,
+)
+from tactopose_drake.errors import InvalidInputError
+
+Part = TypeVar("Part", bound=PlainValue)
+Read = Callable[[str, Any], Any]
+Readers = Mapping[str, Read]
+"""How values are read, by the names of an object's fields."""
+
+_WHOLE = 1.0 + 1e-9  # Of sums of probabilities, the rest is rounding.
+
+
+def read_fields(owner: type, data: Mapping[str, Any], readers: Readers) -> dict[str, Any]:
+    """Plain data with the values of these names as an object's fields have them.
+
+    Args:
+        owner: the object's class, for messages.
+        data: by the fields' names, of which some may be missing or unknown.
+        readers: of the values.
+
+    Raises:
+        InvalidInputError: what is no mapping, or a value that cannot be one of its field.
+    """
+    instance_of(f"{owner.__name__}.from_dict", data, Mapping)
+    return {name: readers[name](name, value) if name in readers else value for name, value in data.items()}
+
+
+def read_parts(owner: type, name: str, value: object, kind: type[Part]) -> tuple[Part, ...]:
+    """What an object is made of, one or more of a kind.
+
+    Raises:
+        InvalidInputError: what is no list, an empty one, or one of something else.
+    """
+    if not isinstance(value, list | tuple):
+        raise InvalidInputError(f"{name}: is {shown(value)}; allowed is a list of one or more.")
+    if not value:
+        raise InvalidInputError(f"{owner.__name__}.from_dict: has no {name}; allowed are one or more.")
+    parts = []
+    for i, part in enumerate(value):
+        try:
+            parts.append(kind.from_dict(part))
+        except InvalidInputError as error:
+            error.args = (f"{name}[{i}]: {error}",)
+            raise
+    return tuple(parts)
+
+
+def read_number(name: str, value: Any) -> float:
+    """A finite number."""
+    return float(finite_array(name, value, ()))
+
+
+def read_amount(name: str, value: Any) -> float:
+    """A finite number that is not below 0."""
+    return positive_number(name, value, allow_zero=True)
+
+
+def number_or(infinite: float) -> Read:
+    """Reads a number that may be infinite; in plain data that is None."""
+    return lambda name, value: infinite if value is None or value == infinite else read_number(name, value)
+
+
+def read_share(name: str, value: Any) -> float:
+    """A probability."""
+    return positive_number(name, value, allow_zero=True, most=_WHOLE)
+
+
+def read_shares(name: str, value: Any) -> FloatArray:
+    """Probabilities, shape (k,)."""
+    return positive_numbers(name, value, (None,), allow_zero=True, most=_WHOLE)
+
+
+def read_status(name: str, value: Any) -> str:
+    """The status of an estimate."""
+    return known_name(name, value, get_args(Status))
