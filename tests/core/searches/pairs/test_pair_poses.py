@@ -4,7 +4,7 @@ import pytest
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.poses import compose, make_poses, random_rotations, rotation_angles, transform_points
 from tactopose_drake.core.searches.pairs.contact_tables import contact_table
-from tactopose_drake.core.searches.pairs.pair_poses import MatchedPairs, best_poses
+from tactopose_drake.core.searches.pairs.pair_poses import _ALIKE, MatchedPairs, best_poses
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.shape.symmetry import RotationalSymmetry
 from tests.coarse_costs import cost_at
@@ -80,8 +80,11 @@ def test_of_several_pairs_the_best_poses_are_found(blob: ObjectModel) -> None:
     assert len(every) == len(matches)
     parts = matched(*((0, 1, matches[k::3]) for k in range(3)))
     X_best, best = best_poses(parts, features, field, table, 50, *EVERYWHERE)
-    np.testing.assert_array_equal(best, every[:50])
-    np.testing.assert_allclose(X_best, X_every[:50], atol=1e-12)
+    # Of those that are alike any counts as the better one.
+    told, first = best >= _ALIKE * len(contacts), every[:50] >= _ALIKE * len(contacts)
+    assert np.count_nonzero(told) == np.count_nonzero(first) > 40
+    np.testing.assert_array_equal(best[told], every[:50][first])
+    np.testing.assert_allclose(X_best[told], X_every[:50][first], atol=1e-12)
 
 
 def test_poses_out_of_reach_are_left_out(blob: ObjectModel) -> None:
