@@ -74,6 +74,20 @@ def test_senses_come_to_their_ports_and_grow_old() -> None:
     assert np.all(np.isnan(wired.value("wrench_first")))
 
 
+def test_a_message_of_before_the_clock_went_back_is_not_fresh() -> None:
+    wired = Wired("shadow_like")
+    wired.run(2.0)
+    wired.run(0.02, HandSensesMessage(utime=5, sequence=1, wrenches=dict(held_cube.WRENCHES)))
+    assert wired.value("status") == "ok"
+    wired.simulator.get_mutable_context().SetTime(0.5)
+    wired.simulator.Initialize()
+    wired.run(0.1)
+    assert wired.value("status") == "stale: -1.40 s old"
+    assert np.all(np.isnan(wired.value("wrench_thumb")))
+    wired.run(0.02, HandSensesMessage(utime=6, sequence=2, wrenches=dict(held_cube.WRENCHES)))
+    assert wired.value("status") == "ok"
+
+
 def test_pads_too_and_what_does_not_fit_is_said() -> None:
     wired = Wired("barrett_like")
     message = HandSensesMessage(
