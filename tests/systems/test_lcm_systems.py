@@ -12,7 +12,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.lcm import LcmInterfaceSystem, LcmPublisherSystem, LcmSubscriberSystem
 
 from tactopose_drake.drivers.lcm_messages import HandSensesMessage, ObjectBeliefMessage
-from tactopose_drake.errors import ProtocolError
+from tactopose_drake.errors import InvalidInputError, ProtocolError
 from tactopose_drake.estimation.results import PoseEstimate, PoseHypothesis
 from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.systems.lcm_belief import LcmBelief
@@ -124,6 +124,12 @@ def test_a_belief_goes_out_with_the_time_of_its_senses() -> None:
     np.testing.assert_array_equal(belief.quaternion_wxyz, [[1, 0, 0, 0]] * 2)
     assert belief.session == wired.got[0].session > 0
     assert math.isfinite(belief.covariance.sum())
+
+
+@pytest.mark.parametrize("most", [0, -1, 2.5])
+def test_a_belief_of_no_modes_is_refused(most: int) -> None:
+    with pytest.raises(InvalidInputError, match="max_modes: is "):
+        LcmBelief(most)
 
 
 def test_a_damaged_message_ends_the_simulation_with_an_error() -> None:
