@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from tactopose_drake.core.evidence.contact_variance_kernels import fill_variances
 from tactopose_drake.core.plain_values import PlainValue, copied
 from tactopose_drake.core.validation import (
+    MOST_FORCE,
     FloatArray,
     in_steps,
     limited,
@@ -25,7 +26,6 @@ from tactopose_drake.errors import InvalidInputError
 _SIGMAS = {"sigma_position": (1e-7, 1e6), "sigma_normal": (1e-5, 1e6), "sigma_force": (1e-6, 1e6)}
 # Estimates of so many take a second; a scan's points are best thinned to fewer.
 _MOST_CONTACTS = 5000
-_MOST_FORCE = 1e6
 _MOST_COVARIANCE = 1e12
 _ROUNDING = 1e-9  # of a matrix's largest entry, by which it may be off its transpose
 
@@ -88,7 +88,7 @@ class Contacts(PlainValue):
         values: dict[str, FloatArray | None] = {
             "p_PC": p_PC,
             "n_PC": n_PC,
-            "f_PC": None if self.f_PC is None else limited("f_PC", self.f_PC, shape, most=_MOST_FORCE),
+            "f_PC": None if self.f_PC is None else limited("f_PC", self.f_PC, shape, most=MOST_FORCE),
             **{name: _sigmas(name, sigmas[name], count, *limits) for name, limits in _SIGMAS.items()},
             "covariance": covariance,
         }
