@@ -92,11 +92,10 @@ class BeliefInputs:
             before = Remembered()
         contacts, patches, sources = self._read_touch(context)
         untouched = eval_optional_input(self._untouched, context, HandGeometry)
-        hand = eval_optional_input(self._hand, context, HandGeometry)
         evidence = Evidence(
             with_shape_errors(self._model, contacts),
             prior=self._read_prior(context),
-            hand=hand,
+            hand=eval_optional_input(self._hand, context, HandGeometry),
             untouched=untouched,
             patches=patches,
             planes=eval_optional_input(self._planes, context, tuple) or (),
@@ -116,7 +115,7 @@ class BeliefInputs:
         for port in self._statuses:
             status = eval_optional_input(port, context, str)
             remarks += [] if status in (None, "ok") else [status]
-        check = None if self._clearance is None else self._clearance.posed(context, hand)
+        check = None if self._clearance is None else self._clearance.posed(context)
         depth = None if check is None else check.depth
         return Reading(Frame(now, evidence, sources, velocities, vision, X_WP, depth), tuple(remarks)), before
 

@@ -6,12 +6,10 @@ import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import Context, LeafSystem
 
-from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.hand.collision import Collisions, HandCollision
 from tactopose_drake.systems.collectable_system import declare_cache
 
-_SIGMAS = 3.0  # of where the hand is, by which the object may be in it
 _DEEP = 0.02  # m; how much deeper it is makes no difference
 
 
@@ -22,36 +20,28 @@ class PosedHandCollision:
     Attributes:
         collision: of the hand and the object.
         q: the hand's joint positions, shape (nq,), rad.
-        tolerance: the depth that is no collision yet, m.
         scratch: what the check works in; for one thread at a time.
     """
 
     collision: HandCollision
     q: FloatArray
-    tolerance: float
     scratch: Context
 
-    def check(self, X_PO: FloatArray) -> Collisions:
-        """How deep the object reaches into the hand at poses (B, 3, 4); of what is deeper than allowed, that it is."""
-        return self.collision.check(self.q, X_PO, enough=self.tolerance, scratch=self.scratch)
+    def check(self, X_PO: FloatArray, enough: float) -> Collisions:
+        """`HandCollision.check` of poses (B, 3, 4)."""
+        return self.collision.check(self.q, X_PO, enough=enough, scratch=self.scratch)
 
     def depth(self, X_PO: FloatArray) -> FloatArray:
         """How deep the object reaches into the hand at poses (B, 3, 4), shape (B,), m; at least, where that is deep."""
-        return self.collision.check(self.q, X_PO, enough=_DEEP, scratch=self.scratch).depth
+        return self.check(X_PO, _DEEP).depth
 
 
 class CollisionInput:
     """The input port `joint_positions` of a system that checks poses against the hand."""
 
-    def __init__(self, system: LeafSystem, collision: HandCollision, least_tolerance: float) -> None:
-        """Declares the port, and a cache entry for what the check works in.
-
-        Args:
-            system: the one that checks.
-            collision: of the hand and the object.
-            least_tolerance: depth that is no collision yet, m; three sigma of where the hand is, if that is more.
-        """
-        self._collision, self._least_tolerance = collision, least_tolerance
+    def __init__(self, system: LeafSystem, collision: HandCollision) -> None:
+        """Declares the port, and a cache entry for what the check works in."""
+        self._collision = collision
         self._positions = system.DeclareVectorInputPort("joint_positions", collision.num_positions)
         self._scratch = declare_cache(
             system,
@@ -61,17 +51,9 @@ class CollisionInput:
             {system.nothing_ticket()},
         )
 
-    def posed(self, context: Context, hand: HandGeometry | None) -> PosedHandCollision | None:
-        """The check now; None where a joint position is not known.
-
-        Args:
-            context: the system's.
-            hand: the hand's volume, which says how far it may be off; None where that is not known.
-        """
+    def posed(self, context: Context) -> PosedHandCollision | None:
+        """The check by the joints as they are in the system's context; None where one is not known."""
         if not self._positions.HasValue(context):
             return None
         q: FloatArray = np.array(self._positions.Eval(context))
-        if not np.all(np.isfinite(q)):
-            return None
-        tolerance = max(self._least_tolerance, 0.0 if hand is None else _SIGMAS * hand.sigma)
-        return PosedHandCollision(self._collision, q, tolerance, self._scratch.Eval(context))
+        return PosedHandCollision(self._collision, q, self._scratch.Eval(context)) if np.isfinite(q).all() else None

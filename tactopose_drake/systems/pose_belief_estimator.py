@@ -35,16 +35,13 @@ class PoseBeliefParams:
 
     tracker: PoseTrackerParams = dataclasses.field(default_factory=PoseTrackerParams)
     period: float = 0.01  # s between two updates
-    # Depth in the hand that is no collision yet, m; three sigma of where it is, if `hand` says that that is more.
-    collision_tolerance: float = 0.003
     latency: float = 0.0  # s from the reading of the inputs until the outputs show it: the time that computing takes
 
     def validate(self) -> None:
         """Raises InvalidInputError if a number is out of its range."""
         self.tracker.validate()
         positive_number("PoseBeliefParams.period", self.period)
-        for name in ("latency", "collision_tolerance"):
-            positive_number(f"PoseBeliefParams.{name}", getattr(self, name), allow_zero=True)
+        positive_number("PoseBeliefParams.latency", self.latency, allow_zero=True)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -128,7 +125,8 @@ class PoseBeliefEstimator(CollectableSystem):
         Args:
             model: the object.
             params: period, latency, and what is assumed.
-            collision: checks, as a search ends, which of several likely modes collide with the hand; those are dropped.
+            collision: says, where there are several likely modes, how deep the object reaches into the hand at each, as
+                a search ends; that is not asked without.
         """
         instance_of("model", model, ObjectModel)
         super().__init__()
@@ -136,9 +134,7 @@ class PoseBeliefEstimator(CollectableSystem):
         self._model = model
         self._tracker = PoseTracker(model, self._params.tracker)
         make = AbstractValue.Make
-        tolerance = self._params.collision_tolerance
-        clearance = None if collision is None else CollisionInput(self, collision, tolerance)
-        self._inputs = BeliefInputs(self, model, clearance)
+        self._inputs = BeliefInputs(self, model, None if collision is None else CollisionInput(self, collision))
         start = TimedBelief(self._tracker.start())
         self._pending = self.DeclareAbstractState(make((start,)))  # beliefs, oldest first
         self._shown = self.DeclareAbstractState(make(start))

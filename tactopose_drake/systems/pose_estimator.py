@@ -33,6 +33,8 @@ from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.collision_input import CollisionInput, PosedHandCollision
 from tactopose_drake.systems.ports import eval_input, eval_optional_input
 
+_SIGMAS = 3.0  # of where the hand is, by which the object may be in it
+
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class PoseEstimatorParams:
@@ -148,8 +150,7 @@ class PoseEstimator(CollectableSystem):
             if self._params.balance
             else None
         )
-        tolerance = self._params.collision_tolerance
-        self._collision = None if collision is None else CollisionInput(self, collision, tolerance)
+        self._collision = None if collision is None else CollisionInput(self, collision)
         self._pose = self.DeclareAbstractState(AbstractValue.Make(RigidTransform()))
         self._hypotheses = self.DeclareAbstractState(AbstractValue.Make(None))
         self._status = self.DeclareAbstractState(AbstractValue.Make("held: no estimate yet"))
@@ -184,11 +185,10 @@ class PoseEstimator(CollectableSystem):
         if prior is None and self._prior.HasValue(context):
             return "held", ["no prior yet"]
         estimate = self._estimate(context, contacts, patches, prior)
-        hand = eval_optional_input(self._hand, context, HandGeometry)
-        check = None if self._collision is None else self._collision.posed(context, hand)
+        check = None if self._collision is None else self._collision.posed(context)
         is_clear, unchecked = True, self._collision is not None and check is None
         if check is not None and estimate.status != "no_solution":
-            estimate, is_clear = _kept_clear(estimate, check)
+            estimate, is_clear = self._keep_clear(context, estimate, check)
         state.get_mutable_abstract_state(self._hypotheses).set_value(estimate)
         if estimate.status == "no_solution":
             return "held", ["no pose explains the touch"]
@@ -229,8 +229,11 @@ class PoseEstimator(CollectableSystem):
         gravity_P: FloatArray = X_WP.rotation().inverse() @ GRAVITY_W
         return ForceBalance(gravity_P)
 
-
-def _kept_clear(estimate: PoseEstimate, check: PosedHandCollision) -> tuple[PoseEstimate, bool]:
-    """The estimate without colliding hypotheses, and whether any is left."""
-    X_PO = np.array([hypothesis.X_PO.GetAsMatrix34() for hypothesis in estimate.hypotheses])
-    return keep_clear(estimate, check.check(X_PO), check.tolerance)
+    def _keep_clear(
+        self, context: Context, estimate: PoseEstimate, check: PosedHandCollision
+    ) -> tuple[PoseEstimate, bool]:
+        """The estimate without colliding hypotheses, and whether any is left."""
+        hand = eval_optional_input(self._hand, context, HandGeometry)
+        tolerance = max(self._params.collision_tolerance, 0.0 if hand is None else _SIGMAS * hand.sigma)
+        X_PO = np.array([hypothesis.X_PO.GetAsMatrix34() for hypothesis in estimate.hypotheses])
+        return keep_clear(estimate, check.check(X_PO, tolerance), tolerance)

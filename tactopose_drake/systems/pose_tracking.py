@@ -25,7 +25,7 @@ class PoseTrackingParams(TouchParams):
     """The parameters of each part."""
 
     belief: PoseBeliefParams = dataclasses.field(default_factory=PoseBeliefParams)
-    check_collisions: bool = True  # whether modes that collide with the hand are dropped, where there are others
+    check_collisions: bool = True  # whether modes count the less, the deeper the object would be in the hand
     use_joint_velocities: bool = True  # whether the object is taken to move with the fingertips; else with the palm
     live: bool = False  # whether the belief is computed in a thread of its own, for hardware; not repeatable
     # Refines the encoders' offsets while it runs, by fingertips with a force-torque sensor; None: it does not.
