@@ -42,6 +42,6 @@ def encoder_gains(plant: MultibodyPlant, hand: Hand) -> EncoderGains:
 
 def measured_joints(plant: MultibodyPlant, hand: Hand) -> tuple[str, ...]:
     """The joints that an encoder measures: those that move and follow no other."""
-    followers = {coupling.joint for finger in hand.config.fingers for coupling in finger.couplings}
     joints = [plant.get_joint(index) for index in plant.GetJointIndices(hand.model_instance)]
+    followers = hand.config.couplings
     return tuple(joint.name() for joint in joints if joint.num_positions() == 1 and joint.name() not in followers)

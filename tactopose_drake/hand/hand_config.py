@@ -128,12 +128,35 @@ class HandConfig:
         for pad in self.pads:
             positive_number(f"HandConfig.pads[{pad.name}].alpha", pad.alpha)
         driven = list(dict.fromkeys(joint for finger in self.fingers for joint in finger.joints))
+        self._check_followers(driven)
         for joint, position in self.rest_positions.items():
             known_name("HandConfig.rest_positions", joint, driven)
             finite_array(f"HandConfig.rest_positions[{joint}]", [position], (1,))
         for name, corner in (("grip_low", self.grip_low), ("grip_high", self.grip_high)):
             if corner:
                 finite_array(f"HandConfig.{name}", corner, (3,))
+
+    def _check_followers(self, driven: list[str]) -> None:
+        """Raises InvalidInputError if a joint that follows another is actuated too, or follows in two ways."""
+        for finger in self.fingers:
+            for coupling in finger.couplings:
+                joint, leader = coupling.joint, coupling.follows
+                where = f"HandConfig.fingers[{finger.name}].couplings: coupling of {joint!r}"
+                if joint in driven:
+                    raise InvalidInputError(
+                        f"{where}: follows {leader!r}, and is among the joints of a finger; allowed there are joints "
+                        f"that follow none. What follows {joint!r} is coupled to {leader!r} too."
+                    )
+                if coupling != self.couplings[joint]:
+                    raise InvalidInputError(
+                        f"{where}: is not the same everywhere; allowed is one coupling of a joint, which fingers that "
+                        "share the joint repeat."
+                    )
+
+    @property
+    def couplings(self) -> dict[str, Coupling]:
+        """All fingers' couplings by the joint that follows; fingers that have it in common share one."""
+        return {coupling.joint: coupling for finger in self.fingers for coupling in finger.couplings}
 
     def finger(self, name: str) -> FingerConfig:
         """The finger of that name.

@@ -13,7 +13,7 @@ from pydrake.systems.framework import DiagramBuilder
 from tactopose_drake.core.surfaces import Capsule, Ellipsoid, Sphere, Superquadric
 from tactopose_drake.errors import InvalidFileError, InvalidInputError, UnknownNameError
 from tactopose_drake.hand.finger_chain import finger_chain
-from tactopose_drake.hand.hand_config import load_hand_config
+from tactopose_drake.hand.hand_config import Coupling, load_hand_config
 from tactopose_drake.hand.hand_in_plant import add_hand, find_hand, make_hand_plant
 from tactopose_drake.resources import model_path
 
@@ -282,6 +282,29 @@ def test_half_a_sensor_is_refused(tmp_path):
     path.write_text(path.read_text().replace("weld: left_weld, ", ""))
     with pytest.raises(InvalidInputError, match=r"fingers\[left\]: has sensor_frame 'left_tip' and weld ''"):
         load_hand_config(path)
+
+
+@pytest.mark.parametrize(
+    ("finger", "joint", "follows", "message"),
+    [
+        ("first", "FFJ1", "FFJ3", r"fingers\[first\].couplings: coupling of 'FFJ1': is not the same everywhere"),
+        ("first", "MFJ1", "FFJ2", r"coupling of 'MFJ1': is not the same everywhere"),
+        ("first", "FFJ3", "FFJ2", r"coupling of 'FFJ3': follows 'FFJ2', and is among the joints of a finger"),
+        ("ring", "FFJ3", "RFJ2", r"fingers\[ring\].couplings: coupling of 'FFJ3': follows 'RFJ2', and is among"),
+    ],
+)
+def test_a_joint_follows_in_one_way_and_has_no_actuator(finger, joint, follows, message):
+    config = load_hand_config("shadow_like")
+    config.finger(finger).couplings.append(Coupling(joint=joint, follows=follows))
+    with pytest.raises(InvalidInputError, match=message):
+        config.validate()
+
+
+def test_fingers_that_share_a_coupled_joint_repeat_its_coupling():
+    config = load_hand_config("shadow_like")
+    config.finger("first").couplings *= 2
+    config.validate()
+    assert len(config.couplings) == 4
 
 
 def test_unknown_finger_is_named(config):
