@@ -88,6 +88,53 @@ def test_couplings_are_compared_with_the_model(tmp_path: Path) -> None:
     assert "the model has no mimic for it" in dangling.faults[0].text
 
 
+def write_chain(folder: Path, first: str, second: str, yaml: str = YAML) -> Path:
+    """The gripper with a link more behind the right finger, whose own joint slides too.
+
+    Args:
+        folder: receives the files.
+        first: the mimic entry of the right finger's joint.
+        second: of the joint behind it.
+        yaml: of the hand.
+    """
+    path = write_gripper(folder, mimic=first, yaml=yaml)
+    model = folder / "two_finger.urdf"
+    weld = '<parent link="right_finger"/><child link="right_tip"/>'
+    assert weld in model.read_text()
+    behind = (
+        '<link name="right_end"/><joint name="right_second" type="prismatic"><parent link="right_finger"/>'
+        '<child link="right_end"/><axis xyz="-1 0 0"/><limit lower="0" upper="0.02" effort="40" velocity="1"/>'
+        f"{second}</joint></robot>"
+    )
+    text = model.read_text().replace(weld, weld.replace("right_finger", "right_end"))
+    model.write_text(text.replace("</robot>", behind))
+    return path
+
+
+def test_joints_that_follow_in_a_chain_are_coupled_to_the_one_that_leads(tmp_path: Path) -> None:
+    chain = (
+        '<mimic joint="left_slide" multiplier="0.5" offset="0.01"/>',
+        '<mimic joint="right_slide" multiplier="0.4" offset="0.002"/>',
+    )
+    lines = (
+        "  joints: [left_slide]\n"
+        "  couplings:\n"
+        "  - {joint: right_slide, follows: left_slide, ratio: 0.5, offset: 0.01}\n"
+        "  - {joint: right_second, follows: left_slide, ratio: 0.2, offset: 0.006}\n"
+    )
+    check = check_hand(write_chain(tmp_path, *chain))
+    assert fingers_yaml(check.entries) == f"- name: right\n{lines}".removesuffix("\n")
+    right = check_hand(write_chain(tmp_path, *chain, YAML.replace("  joints: [right_slide]\n", lines)))
+    assert not right.faults
+    assert ("ok", "right_second = 0.2 left_slide + 0.006, as the model has it") in verdicts(right, "couplings")
+
+
+def test_joints_that_follow_each_other_are_told(tmp_path: Path) -> None:
+    circle = '<mimic joint="right_second"/>', '<mimic joint="right_slide"/>'
+    (fault,) = (fault for fault in check_hand(write_chain(tmp_path, *circle)).faults if fault.part == "couplings")
+    assert "two_finger.urdf: the joints right_slide, right_second follow each other" in fault.text
+
+
 def test_rigid_shapes_are_named(tmp_path: Path) -> None:
     hint = '<drake:mesh_resolution_hint value="0.003"/>'
     rigid = f"<drake:proximity_properties><drake:rigid_hydroelastic/>{hint}</drake:proximity_properties>"
