@@ -63,7 +63,8 @@ def _links(plant: MultibodyPlant, hand: Hand, finger: str) -> tuple[list[_Link],
     sensor_frame, body = hand.sensor_frames[finger], hand.sensor_frames[finger].body()
     X_last: RigidTransform = sensor_frame.GetFixedPoseInBodyFrame()
     links: list[_Link] = []
-    while body.index() != hand.palm_frame.body().index():
+    on_palm = welded_bodies(plant, hand.palm_frame)
+    while body.index() not in on_palm:
         if body.index() not in joint_of_child:
             raise InvalidInputError(
                 f"finger {finger!r}: its sensor frame {sensor_frame.name()!r} is not carried by the palm's link "
@@ -89,7 +90,8 @@ def _links(plant: MultibodyPlant, hand: Hand, finger: str) -> tuple[list[_Link],
         body = joint.parent_body()
     if not links:
         raise InvalidInputError(f"finger {finger!r}: no joint moves its sensor frame {sensor_frame.name()!r}.")
-    links[-1].X_parent = hand.palm_frame.GetFixedPoseInBodyFrame().inverse() @ links[-1].X_parent
+    X_PBody = plant.CalcRelativeTransform(plant.CreateDefaultContext(), hand.palm_frame, body.body_frame())
+    links[-1].X_parent = X_PBody @ links[-1].X_parent
     return links[::-1], X_last
 
 
@@ -103,14 +105,19 @@ def joints_towards(plant: MultibodyPlant, hand: Hand, frame: Frame, start: str |
         start: link from which on joints count; the palm's by default.
     """
     joint_of_child = _joints_by_child(plant, hand)
-    first = hand.palm_frame.body() if start is None else plant.GetFrameByName(start, hand.model_instance).body()
-    body, names = frame.body(), []
-    while body.index() != first.index() and body.index() in joint_of_child:
+    first = hand.palm_frame if start is None else plant.GetFrameByName(start, hand.model_instance)
+    body, names, on_first = frame.body(), [], welded_bodies(plant, first)
+    while body.index() not in on_first and body.index() in joint_of_child:
         joint = joint_of_child[body.index()]
         if joint.num_positions():
             names.append(joint.name())
         body = joint.parent_body()
     return names[::-1]
+
+
+def welded_bodies(plant: MultibodyPlant, frame: Frame) -> set[BodyIndex]:
+    """The body that a frame is on, and those that no joint moves in it."""
+    return {body.index() for body in plant.GetBodiesWeldedTo(frame.body())}
 
 
 def _joints_by_child(plant: MultibodyPlant, hand: Hand) -> dict[BodyIndex, Joint]:

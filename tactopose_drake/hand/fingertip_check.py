@@ -6,6 +6,7 @@ from pydrake.geometry import Role, SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
 
 from tactopose_drake.hand.findings import Entry, Finding, Verdict
+from tactopose_drake.hand.finger_chain import welded_bodies
 from tactopose_drake.hand.fingertip_fit import fingertip_fit
 from tactopose_drake.hand.fingertip_outline import fit_fingertip
 from tactopose_drake.hand.hand_in_plant import Hand
@@ -40,9 +41,9 @@ def _bare(plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand, finger: st
     text = f"the link {tip.name()!r} has no collision shape, which its surface could be compared with"
     joints = [plant.get_joint(index) for index in plant.GetJointIndices(hand.model_instance)]
     before = {joint.child_body().index(): joint for joint in joints}
-    inspector = scene_graph.model_inspector()
+    inspector, on_palm = scene_graph.model_inspector(), welded_bodies(plant, hand.palm_frame)
     body = tip
-    while body.index() in before and body.index() != hand.palm_frame.body().index():
+    while body.index() in before and body.index() not in on_palm:
         joint = before[body.index()]
         if inspector.GetGeometries(plant.GetBodyFrameIdOrThrow(body.index()), Role.kProximity):
             text += f"; the nearest one that has is {body.name()!r} behind the joint {joint.name()!r}"

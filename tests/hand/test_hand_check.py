@@ -215,6 +215,23 @@ def test_a_tip_without_a_shape_gives_way_to_the_link_before_it_and_all_that_foll
     assert check_hand(path).entries == ()
 
 
+def test_nothing_on_the_palm_is_named_for_a_fingertip(tmp_path: Path) -> None:
+    path = write_gripper(tmp_path, yaml=YAML.replace("palm_frame: base", "palm_frame: palm_link"))
+    model = tmp_path / "two_finger.urdf"
+    palm = (
+        '<link name="root"/><link name="palm_link"/>'
+        '<joint name="root_weld" type="fixed"><parent link="root"/><child link="base"/></joint>'
+        '<joint name="palm_weld" type="fixed"><parent link="base"/><child link="palm_link"/></joint></robot>'
+    )
+    bare = re.sub(r"<collision[^>]*><origin[^>]*/><geometry><box size=.0.008.*?</collision>", "", model.read_text())
+    bare = re.sub(r"<collision name.*?</collision>", "", bare)
+    model.write_text(bare.replace("</robot>", palm))
+    path.write_text(path.read_text().replace("base_link: base", "base_link: root"))
+    check = check_hand(path)
+    assert [fault.part for fault in check.faults] == ["fingertip left", "fingertip right"]
+    assert check.entries == ()
+
+
 def test_wrong_joints_are_named_with_the_right_ones(tmp_path: Path) -> None:
     wrong = YAML.replace("joints: [left_slide]", "joints: [right_slide]")
     assert check_hand(write_gripper(tmp_path, yaml=wrong)).entries == (Entry("left", "joints", ("left_slide",)),)

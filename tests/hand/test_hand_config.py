@@ -12,7 +12,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 from tactopose_drake.core.surfaces import Capsule, Ellipsoid, Sphere, Superquadric
 from tactopose_drake.errors import InvalidFileError, InvalidInputError, UnknownNameError
-from tactopose_drake.hand.finger_chain import finger_chain
+from tactopose_drake.hand.finger_chain import finger_chain, joints_towards
 from tactopose_drake.hand.hand_config import Coupling, load_hand_config
 from tactopose_drake.hand.hand_in_plant import add_hand, find_hand, make_hand_plant
 from tactopose_drake.resources import model_path
@@ -185,6 +185,23 @@ def test_another_hand_fits_the_same_description(tmp_path):
     chain = finger_chain(plant, hand, "left")
     np.testing.assert_allclose(chain.sensor_poses(np.zeros((1, 1)))[0, :, 3], [0, 0.03, 0.09], atol=1e-12)
     assert isinstance(hand.surfaces["left"], Sphere)
+
+
+def test_a_palm_may_be_a_link_that_is_fixed_to_the_base(tmp_path):
+    path = write_gripper(tmp_path)
+    path.write_text(path.read_text().replace("palm_frame: base", "palm_frame: palm_link"))
+    palm = (
+        '<link name="palm_link"><pose>0.01 0.02 0.03 0 0 0.5</pose></link>'
+        '<joint name="palm_weld" type="fixed"><parent>base</parent><child>palm_link</child></joint></model>'
+    )
+    (tmp_path / "gripper.sdf").write_text(GRIPPER_SDF.replace("</model>", palm))
+    plant, hand = make_hand_plant(load_hand_config(path))
+    chain, context = finger_chain(plant, hand, "left"), plant.CreateDefaultContext()
+    plant.GetJointByName("left_hinge").set_angle(context, 0.3)
+    X_PS = plant.CalcRelativeTransform(context, hand.palm_frame, hand.sensor_frames["left"])
+    np.testing.assert_allclose(chain.sensor_poses(np.array([[0.3]]))[0], X_PS.GetAsMatrix34(), atol=1e-12)
+    assert joints_towards(plant, hand, hand.sensor_frames["left"], "palm_link") == ["left_hinge"]
+    assert joints_towards(plant, hand, hand.palm_frame, "base") == []
 
 
 @pytest.mark.parametrize(
