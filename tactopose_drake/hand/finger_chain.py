@@ -5,13 +5,13 @@ import dataclasses
 import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import BodyIndex, Frame, Joint, PrismaticJoint, RevoluteJoint, WeldJoint
+from pydrake.multibody.tree import BodyIndex, Frame, PrismaticJoint, RevoluteJoint, WeldJoint
 
 from tactopose_drake.core.grasping.serial_chain import SerialChain
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.hand_config import FingerConfig
-from tactopose_drake.hand.hand_in_plant import Hand
+from tactopose_drake.hand.hand_in_plant import Hand, joints_by_child
 
 
 def finger_chain(plant: MultibodyPlant, hand: Hand, finger: str) -> SerialChain:
@@ -59,7 +59,7 @@ def _links(plant: MultibodyPlant, hand: Hand, finger: str) -> tuple[list[_Link],
     Raises:
         InvalidInputError: as `finger_chain`.
     """
-    joint_of_child = _joints_by_child(plant, hand)
+    joint_of_child = joints_by_child(plant, hand)
     sensor_frame, body = hand.sensor_frames[finger], hand.sensor_frames[finger].body()
     X_last: RigidTransform = sensor_frame.GetFixedPoseInBodyFrame()
     links: list[_Link] = []
@@ -104,7 +104,7 @@ def joints_towards(plant: MultibodyPlant, hand: Hand, frame: Frame, start: str |
         frame: on the hand.
         start: link from which on joints count; the palm's by default.
     """
-    joint_of_child = _joints_by_child(plant, hand)
+    joint_of_child = joints_by_child(plant, hand)
     first = hand.palm_frame if start is None else plant.GetFrameByName(start, hand.model_instance)
     body, names, on_first = frame.body(), [], welded_bodies(plant, first)
     while body.index() not in on_first and body.index() in joint_of_child:
@@ -118,12 +118,6 @@ def joints_towards(plant: MultibodyPlant, hand: Hand, frame: Frame, start: str |
 def welded_bodies(plant: MultibodyPlant, frame: Frame) -> set[BodyIndex]:
     """The body that a frame is on, and those that no joint moves in it."""
     return {body.index() for body in plant.GetBodiesWeldedTo(frame.body())}
-
-
-def _joints_by_child(plant: MultibodyPlant, hand: Hand) -> dict[BodyIndex, Joint]:
-    """The hand's joints by the index of the body that each one moves."""
-    joints = [plant.get_joint(index) for index in plant.GetJointIndices(hand.model_instance)]
-    return {joint.child_body().index(): joint for joint in joints}
 
 
 def _axis(joint: RevoluteJoint | PrismaticJoint) -> FloatArray:

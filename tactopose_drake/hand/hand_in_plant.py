@@ -6,7 +6,7 @@ from pathlib import Path
 
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import FixedOffsetFrame, Frame, Joint, ModelInstanceIndex, WeldJoint
+from pydrake.multibody.tree import BodyIndex, FixedOffsetFrame, Frame, Joint, ModelInstanceIndex, WeldJoint
 
 from tactopose_drake.core.poses import exp_so3
 from tactopose_drake.core.sensing.soft_layer import SoftLayer
@@ -58,12 +58,13 @@ def add_hand(plant: MultibodyPlant, config: HandConfig, X_WBase: RigidTransform 
     Raises:
         UnknownNameError: if the model lacks a name of the configuration.
         InvalidFileError: if Drake cannot read the model.
-        InvalidInputError: if a package of the model is not installed, or a weld is a joint that moves and the sensor is
-            not behind it.
+        InvalidInputError: if a package of the model is not installed, the base link is not the model's root, or a weld
+            is a joint that moves and the sensor is not behind it.
     """
     config.validate()
     model_instance = add_model(make_parser(plant, config.packages), config.model)
     hand = find_hand(plant, config, model_instance)
+    _check_base(plant, hand)
     # Asked for one model's actuators, an unfinished plant says that there is none.
     actuators = (plant.get_joint_actuator(index) for index in plant.GetJointActuatorIndices())
     actuated = {actuator.joint().name() for actuator in actuators if actuator.model_instance() == model_instance}
@@ -73,6 +74,25 @@ def add_hand(plant: MultibodyPlant, config: HandConfig, X_WBase: RigidTransform 
     if X_WBase is not None:
         plant.WeldFrames(plant.world_frame(), plant.GetFrameByName(config.base_link, model_instance), X_WBase)
     return hand
+
+
+def _check_base(plant: MultibodyPlant, hand: Hand) -> None:
+    """Raises InvalidInputError if a joint of the model moves the base link."""
+    joints, name = joints_by_child(plant, hand), hand.config.base_link
+    base = root = plant.GetFrameByName(name, hand.model_instance).body()
+    while root.index() in joints and joints[root.index()].parent_body().model_instance() == hand.model_instance:
+        root = joints[root.index()].parent_body()
+    if root.index() != base.index():
+        raise InvalidInputError(
+            f"HandConfig.base_link: is {name!r}, which the joint {joints[base.index()].name()!r} carries; allowed is "
+            f"the model's root, {root.name()!r}."
+        )
+
+
+def joints_by_child(plant: MultibodyPlant, hand: Hand) -> dict[BodyIndex, Joint]:
+    """The hand's joints by the index of the body that each one moves."""
+    joints = [plant.get_joint(index) for index in plant.GetJointIndices(hand.model_instance)]
+    return {joint.child_body().index(): joint for joint in joints}
 
 
 def find_hand(plant: MultibodyPlant, config: HandConfig, model_instance: ModelInstanceIndex) -> Hand:

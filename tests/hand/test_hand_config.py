@@ -246,6 +246,12 @@ def test_bad_descriptors_are_refused(tmp_path):
             InvalidInputError,
             r"'left_hinge' moves; .* fixed \(left_weld",
         ),
+        (
+            "base_link: base",
+            "base_link: left",
+            InvalidInputError,
+            "base_link: is 'left', which the joint 'left_hinge' carries; allowed is the model's root, 'base'",
+        ),
         ("gripper.sdf", "griper.sdf", InvalidFileError, r"griper\.sdf: is no model that Drake can read"),
     ],
 )
