@@ -262,6 +262,16 @@ def test_what_the_model_does_not_hold_is_refused(tmp_path, right, wrong, error, 
         make_hand_plant(load_hand_config(path))
 
 
+def test_a_model_that_drake_would_end_the_process_for_is_named(tmp_path):
+    path = write_gripper(tmp_path)
+    swapped = '<robot name="a"><link name="base"/><link name="left"/><joint name="left_hinge" type="revolute">'
+    swapped += '<parent link="base"/><child link="left"/><limit lower="1" upper="-1" effort="1" velocity="1"/></joint>'
+    (tmp_path / "gripper.urdf").write_text(swapped + "</robot>")
+    path.write_text(path.read_text().replace("gripper.sdf", "gripper.urdf"))
+    with pytest.raises(InvalidFileError, match=r"gripper\.urdf: is no model that Drake can read .*lower_limits"):
+        make_hand_plant(load_hand_config(path))
+
+
 def test_a_file_of_two_models_is_no_hand(tmp_path):
     path = write_gripper(tmp_path)
     model = GRIPPER_SDF[GRIPPER_SDF.index("<model") : GRIPPER_SDF.index("</sdf>")]
