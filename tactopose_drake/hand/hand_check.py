@@ -22,7 +22,7 @@ from tactopose_drake.hand.findings import Entry, Finding, fault
 from tactopose_drake.hand.finger_chain import joints_towards
 from tactopose_drake.hand.fingertip_check import check_fingertips
 from tactopose_drake.hand.hand_config import HandConfig, load_hand_config
-from tactopose_drake.hand.hand_in_plant import Hand, add_hand
+from tactopose_drake.hand.hand_in_plant import Hand, add_hand, make_hand_plant
 from tactopose_drake.hand.hand_reach import make_hand_reach
 from tactopose_drake.hand.joint_check import check_joints
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
@@ -110,6 +110,7 @@ def _check(config: HandConfig, complaints: list[str]) -> HandCheck:
         *_contact(plant, scene_graph, hand, context),
         *_dynamics(plant, hand, context),
         *_pads(config),
+        *_calibration(config),
     )
     if not any(finding.verdict == "fault" and finding.part != "contact" for finding in findings):
         findings += tuple(_reach(config))
@@ -245,6 +246,17 @@ def _reach(config: HandConfig) -> Iterator[Finding]:
 def _box(low: np.ndarray, high: np.ndarray) -> str:
     sides = zip("xyz", 1e3 * low, 1e3 * high, strict=True)
     return ", ".join(f"{axis} {a:.0f} to {b:.0f}" for axis, a, b in sides) + " mm"
+
+
+def _calibration(config: HandConfig) -> Iterator[Finding]:
+    if not config.calibration:
+        return
+    try:
+        make_hand_plant(config)
+    except InvalidInputError as error:
+        yield fault("calibration", error)
+    else:
+        yield Finding("calibration", f"{Path(config.calibration).name} is of the hand's joints and fingers")
 
 
 def _pads(config: HandConfig) -> Iterator[Finding]:
