@@ -41,6 +41,8 @@ LATEST = 1e12
 """Times are up to this, s: far beyond any clock's, and still told apart to a millisecond."""
 MOST_FRICTION = 1e3
 """A coefficient of friction is not above this."""
+MOST_ALPHA = 1.0
+"""The depth over pressure of a soft pad, m/Pa, is not above this."""
 MOST_OUTLIERS = 0.99
 """More contacts than this share are not taken to be of something else."""
 

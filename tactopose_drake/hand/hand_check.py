@@ -239,7 +239,7 @@ def _reach(config: HandConfig) -> Iterator[Finding]:
     for name, finger in reach.fingers.items():
         low, high = finger.reached.min(axis=0), finger.reached.max(axis=0)
         yield Finding(f"finger {name}", f"its fingertip reaches {_box(low, high)} in the palm frame")
-    source = "its file's" if config.grip_low and config.grip_high else "found, as its file names none"
+    source = "its file's" if config.grip_low else "found, as its file names none"
     yield Finding("grip", f"region where it holds things ({source}): {_box(reach.grip_low, reach.grip_high)}")
 
 

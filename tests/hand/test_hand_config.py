@@ -298,6 +298,7 @@ def test_a_finger_may_have_no_sensor_and_a_hand_pads(tmp_path):
     ("pads", "message"),
     [
         ("- {name: a, frame: left_tip, alpha: 0}", r"pads\[a\].alpha: is 0"),
+        ("- {name: a, frame: left_tip, alpha: 2}", r"pads\[a\].alpha: is 2; allowed are numbers from 0 to 1"),
         ("- {name: a, frame: base, alpha: 1}\n- {name: a, frame: left, alpha: 1}", "pads: have the names"),
         ("- {frame: left_tip, alpha: 1}", "pads: have the names"),
         ("- {name: a, frame: thumb, alpha: 1}", "'thumb' is unknown; valid names: .*left_tip"),
@@ -338,6 +339,23 @@ def test_fingers_that_share_a_coupled_joint_repeat_its_coupling():
     config.finger("first").couplings *= 2
     config.validate()
     assert len(config.couplings) == 4
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "message"),
+    [
+        ([0.0, 0.0, 0.0], [], r"has grip_low \[0.0, 0.0, 0.0\] and grip_high \[\]; allowed are both or neither"),
+        ([], [0.0, 0.0, 0.0], "allowed are both or neither"),
+        ([0.1, 0.0, 0.1], [0.2, 0.0, 0.2], r"grip_low: is \[0.1, 0.0, 0.1\]; allowed is less than grip_high"),
+        ([0.0, 0.0, 50.0], [20.0, 20.0, 80.0], "grip_low.*in metres; allowed are coordinates up to 10 m"),
+        ([0.0, 0.0], [0.1, 0.1, 0.1], "grip_low: has shape"),
+    ],
+)
+def test_a_grip_region_has_two_corners_in_metres(low, high, message):
+    config = load_hand_config("barrett_like")
+    config.grip_low, config.grip_high = low, high
+    with pytest.raises(InvalidInputError, match=message):
+        config.validate()
 
 
 def test_unknown_finger_is_named(config):
