@@ -44,6 +44,19 @@ def finger_chain(plant: MultibodyPlant, hand: Hand, finger: str) -> SerialChain:
     )
 
 
+def checked_limits(finger: FingerConfig, chain: SerialChain) -> str:
+    """The limits of a finger's actuated joints in words.
+
+    Raises:
+        InvalidInputError: if a joint has none, or cannot move between them.
+    """
+    limits = zip(finger.joints, chain.lower, chain.upper, strict=True)
+    text = f"joint limits: {', '.join(f'{name} {low:.3g} to {high:.3g}' for name, low, high in limits)}"
+    if not np.all(np.isfinite([*chain.lower, *chain.upper])) or not np.all(chain.lower < chain.upper):
+        raise InvalidInputError(f"finger {finger.name!r}: {text}; planned grasps need finite ones that differ.")
+    return text
+
+
 @dataclasses.dataclass
 class _Link:
     """A joint that moves, the pose of its frame in what comes before it, and of the child's body in its frame."""
