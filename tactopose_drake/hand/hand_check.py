@@ -25,7 +25,7 @@ from tactopose_drake.hand.hand_config import HandConfig, load_hand_config
 from tactopose_drake.hand.hand_in_plant import Hand, add_hand, make_hand_plant
 from tactopose_drake.hand.hand_reach import make_hand_reach
 from tactopose_drake.hand.joint_check import check_joints
-from tactopose_drake.hand.tactile_pads import load_tactile_pad
+from tactopose_drake.hand.pad_check import check_pads
 from tactopose_drake.resources import complaint_kind
 
 _SLOWEST = 0.5  # s that a joint's damping may take to let the default grasp controller's spring close it
@@ -109,7 +109,7 @@ def _check(config: HandConfig, complaints: list[str]) -> HandCheck:
         *check_fingertips(plant, scene_graph, hand),
         *_contact(plant, scene_graph, hand, context),
         *_dynamics(plant, hand, context),
-        *_pads(config),
+        *check_pads(plant, scene_graph, hand),
         *_calibration(config),
     )
     if not any(finding.verdict == "fault" and finding.part != "contact" for finding in findings):
@@ -257,13 +257,3 @@ def _calibration(config: HandConfig) -> Iterator[Finding]:
         yield fault("calibration", error)
     else:
         yield Finding("calibration", f"{Path(config.calibration).name} is of the hand's joints and fingers")
-
-
-def _pads(config: HandConfig) -> Iterator[Finding]:
-    for pad in config.pads:
-        try:
-            cells = len(load_tactile_pad(pad.array).layout.areas)
-        except InvalidInputError as error:
-            yield fault(f"pad {pad.name}", error)
-            continue
-        yield Finding(f"pad {pad.name}", f"{cells} cells of {pad.array} in frame {pad.frame!r}")

@@ -293,3 +293,49 @@ def test_what_drake_says_is_told_to_its_end(tmp_path: Path) -> None:
     (note,) = (text for verdict, text in verdicts(check_hand(path), "model") if verdict == "note")
     assert note.startswith("Drake says: two_finger.urdf:")
     assert note.endswith("do not satisfy the triangle inequality")
+
+
+GRID = [[x, y, 0.012] for x in (-0.003, 0.0, 0.003) for y in (-0.003, 0.0, 0.003)]
+
+
+def check_pad(folder: Path, points: list[list[float]], normal: tuple[int, int, int] = (0, 0, 1)) -> HandCheck:
+    """Of the gripper with a tactile array on the left ball, whose top is at z = 12 mm."""
+    pattern = f"{{points: {points}, normals: [{list(normal)}], cell: 0.003}}"
+    (folder / "pad.yaml").write_text(f"pattern: !PointPattern {pattern}\n")
+    pads = "pads: [{name: tip, frame: left_tip, array: pad.yaml, alpha: 1e-8}]\n"
+    return check_hand(write_gripper(folder, yaml=YAML + pads))
+
+
+def test_a_pad_on_its_link_has_no_fault(tmp_path: Path) -> None:
+    check = check_pad(tmp_path, GRID)
+    assert not check.faults
+    text = "100% of its cells lie within 5 mm of the collision shapes of link 'left_tip'; the rest is up to "
+    assert [finding.text.startswith(text) for finding in check.findings if finding.part == "pad tip"] == [False, True]
+
+
+@pytest.mark.parametrize(
+    ("points", "normal", "text"),
+    [
+        ([[1e3 * x for x in point] for point in GRID], (0, 0, 1), "0% of its cells lie within 5 mm"),
+        ([[x, y, z + 0.5] for x, y, z in GRID], (0, 0, 1), "is up to 500.0 mm outside of them and 0.0 mm inside"),
+        (GRID, (0, 0, -1), "the normals of 100% of its cells point into the link 'left_tip'"),
+        ([*GRID, GRID[4]], (0, 0, 1), "pad.yaml: corners[9]: the cell is where cell 4 is; allowed is a place each"),
+    ],
+)
+def test_a_pad_that_cannot_be_where_it_is_told_is_named(
+    tmp_path: Path, points: list[list[float]], normal: tuple[int, int, int], text: str
+) -> None:
+    (fault,) = check_pad(tmp_path, points, normal).faults
+    assert fault.part == "pad tip"
+    assert text in fault.text
+
+
+def test_a_pad_on_a_link_without_a_shape_is_noted(tmp_path: Path) -> None:
+    check_pad(tmp_path, GRID)
+    model, path = tmp_path / "two_finger.urdf", tmp_path / "two_finger.hand.yaml"
+    mark = '<link name="mark"/><joint name="mark_weld" type="fixed"><parent link="base"/><child link="mark"/></joint>'
+    model.write_text(model.read_text().replace("</robot>", mark + "</robot>"))
+    path.write_text(path.read_text().replace("frame: left_tip, array", "frame: mark, array"))
+    assert ("note", "the link 'mark' has no collision shape, which its cells could be compared with") in verdicts(
+        check_hand(path), "pad tip"
+    )
