@@ -43,6 +43,8 @@ MOST_FORCE = 1e6
 """No contact's force is above this, N."""
 MOST_FRICTION = 1e3
 """A coefficient of friction is not above this."""
+MOST_ALPHA = 1.0
+"""The depth over pressure of a soft pad, m/Pa, is not above this."""
 MOST_OUTLIERS = 0.99
 """More contacts than this share are not taken to be of something else."""
 

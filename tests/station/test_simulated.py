@@ -166,7 +166,7 @@ def test_an_object_too_large_for_the_hand_is_refused_by_its_name_wherever_its_fi
 def test_a_hand_without_grip_region_gets_one_between_its_fingers(scenario):
     config = load_hand_config("shadow_like")
     low, high = np.array(config.grip_low), np.array(config.grip_high)
-    config.grip_low = []
+    config.grip_low, config.grip_high = [], []
     found = make_hand_reach(config, scenario.reach)
     middle = 0.5 * (found.grip_low + found.grip_high)
     assert np.all(middle > low - 0.02)
