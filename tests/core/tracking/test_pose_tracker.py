@@ -148,8 +148,22 @@ def test_a_touch_that_nothing_explains_and_that_is_gone_was_none(tracker: PoseTr
 def test_a_touch_that_is_explained_stays_when_it_is_gone(tracker: PoseTracker) -> None:
     follower = Follower(tracker)
     follower.feel(None, 3)
-    assert follower.feel(X_PO, 12).untouched is None
+    assert follower.feel(X_PO, 20).untouched is None
     assert error(follower.feel(None, 2), X_PO)[0] < 0.003
+
+
+def test_a_first_touch_of_an_instant_was_none(tracker: PoseTracker) -> None:
+    # One finger's inertia is a contact that some pose fits; the belief with which it began comes back.
+    led, quiet = Follower(tracker), Follower(tracker)
+    for follower in (led, quiet):
+        follower.feel(None, 3)
+    wrong = retract(X_PO, np.array([0.0, 0, 0, 0.03, 0.03, 0.0]))
+    led.feel(wrong, 2, fingers=(0,))
+    quiet.feel(None, 2)
+    for follower in (led, quiet):
+        follower.feel(None)
+    np.testing.assert_array_equal(led.belief.X_PO, quiet.belief.X_PO)
+    np.testing.assert_array_equal(led.belief.covariance, quiet.belief.covariance)
 
 
 def test_vision_that_is_late_counts_as_of_its_time(tracker: PoseTracker) -> None:
