@@ -78,8 +78,8 @@ class PoseBelief:
         search: how far the search for other modes is.
         vision: what vision has said.
         X_WP: where the palm was, shape (3, 4); None where that is not known.
-        untouched: what would be believed had nothing been touched since this touch began; None once it is explained, and,
-            if it is the first one, no longer new.
+        untouched: what would be believed had nothing been touched since this touch began; None once it is explained
+            and, if it is the first one, no longer new.
     """
 
     time: float

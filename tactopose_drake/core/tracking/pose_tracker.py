@@ -90,8 +90,8 @@ class PoseTracker:
                 f"frame.time: is {frame.time:g} s; allowed is the belief's, {belief.time:g} s, or later."
             )
         if belief.untouched is not None and not len(frame.evidence.touch):
-            # A touch that no pose has explained, or the first and a short one, and that is gone was none: fingers that start
-            # to move feel inertia.
+            # A touch that no pose has explained, or a first and short one, and that is gone was none: fingers that
+            # start to move feel inertia.
             belief = belief.untouched
         untouched = self._untouched(belief, frame)
         reading = read_contacts(frame, belief.sources, belief.p_PC, belief.errors, params)
@@ -109,7 +109,7 @@ class PoseTracker:
         return _finished(belief if untouched is belief.untouched else copied(belief, untouched=untouched))
 
     def _may_be_none(self, belief: PoseBelief, untouched: PoseBelief | None) -> bool:
-        """Whether a touch that is explained may still be none: it is the first, and new, and some pose fits anything."""
+        """Whether a touch that is explained may still be none: it is the first, and new, and some pose fits one."""
         is_first = untouched is not None and untouched.touch_time == -np.inf
         return is_first and belief.time < belief.unsettled_time + self._params.settling_time
 
