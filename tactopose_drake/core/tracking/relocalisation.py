@@ -23,6 +23,7 @@ import scipy.special
 from numpy.typing import NDArray
 
 from tactopose_drake.core.evidence.evidence import Evidence
+from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.kernels.matrix_kernels import inverses
 from tactopose_drake.core.objectives.penetration import overlap_slope
 from tactopose_drake.core.poses import compose, increments_between
@@ -68,24 +69,33 @@ class WeighedModes(NamedTuple):
         mixture = dataclasses.replace(self.modes.mixture, X_PO=compose(X_PP, self.modes.mixture.X_PO))
         return self._replace(modes=dataclasses.replace(self.modes, mixture=mixture))
 
-    def clear(self, model: ObjectModel, touch: Touch, params: RelocalisationParams) -> Self:
+    def likely(self, params: RelocalisationParams) -> NDArray[np.intp]:
+        """Which of several modes are likely, the numbers of two at least; none where one alone is."""
+        weights = self.modes.mixture.weights
+        found = np.flatnonzero(weights > params.least_checked_share * weights.max())
+        return found if len(found) > 1 else found[:0]
+
+    def clear(
+        self, model: ObjectModel, hand: HandGeometry | None, params: RelocalisationParams, depth: FloatArray
+    ) -> Self:
         """The same where each mode counts by the probability that the object does not reach into the hand at it.
 
-        How deep it does is as unsure as the mode's pose is, to first order, and as the hand's surface. Asked is only of
-        the likely modes, and where there are several: the check is slow.
+        How deep it does is as unsure as the mode's pose is, to first order, and as the hand's surface.
+
+        Args:
+            model: the object.
+            hand: its volume, which says how unsure its surface is; None where that is not known.
+            params: what may be, and what is assumed of the surface.
+            depth: of the object in the hand at the likely modes, shape (n,), m.
         """
-        mixture = self.modes.mixture
-        likely = np.flatnonzero(mixture.weights > params.least_checked_share * mixture.weights.max())
-        if touch.depth_in_hand is None or len(likely) < 2:
+        if not len(depth):
             return self
-        X_PO = mixture.X_PO[likely]
+        mixture, likely = self.modes.mixture, self.likely(params)
         variance = np.full(len(likely), params.depth_sigma**2)
-        if touch.evidence.hand is not None:
-            slope = overlap_slope(model.grid, touch.evidence.hand, X_PO)
-            variance = touch.evidence.hand.sigma**2 + np.einsum(
-                "ni,nij,nj->n", slope, mixture.covariance[likely], slope
-            )
-        log_clear = scipy.special.log_ndtr((params.allowed_depth - touch.depth_in_hand(X_PO)) / np.sqrt(variance))
+        if hand is not None:
+            slope, covariance = overlap_slope(model.grid, hand, mixture.X_PO[likely]), mixture.covariance[likely]
+            variance = hand.sigma**2 + np.einsum("ni,nij,nj->n", slope, covariance, slope)
+        log_clear = scipy.special.log_ndtr((params.allowed_depth - depth) / np.sqrt(variance))
         weights = mixture.weights.copy()
         weights[likely] *= np.exp(log_clear - log_clear.max())
         mixture = dataclasses.replace(mixture, weights=weights / weights.sum())
@@ -100,7 +110,8 @@ class SearchState(NamedTuple):
         is_settled: whether these are minima of all the evidence.
         minima: what the last search has found, as of that time, shape (m, 3, 4): modes led astray are found again.
         covered: what the next slice weighs; None where that is something else.
-        weighed: what the posterior says of them; None before the last slice.
+        weighed: what the posterior says of them; None before that.
+        depths: how deep the object is in the hand at the likely ones of them, as far as that has been asked, m.
         X_PP: the motion of the object in P since then, which acts from the left, shape (3, 4).
         searches: how many there were.
         agreeing: how many of them since something happened that makes what they said before worthless.
@@ -112,6 +123,7 @@ class SearchState(NamedTuple):
     minima: FloatArray = np.empty((0, 3, 4))
     covered: Covered | None = None
     weighed: WeighedModes | None = None
+    depths: tuple[float, ...] = ()
     X_PP: FloatArray = np.eye(3, 4)
     searches: int = 0
     agreeing: int = 0
@@ -129,7 +141,7 @@ class SearchState(NamedTuple):
 
     def ended(self) -> SearchState:
         """That before the next search."""
-        return self._replace(X_PO=None, is_settled=False, weighed=None, searches=self.searches + 1)
+        return self._replace(X_PO=None, is_settled=False, weighed=None, depths=(), searches=self.searches + 1)
 
 
 def search_on(
@@ -155,7 +167,7 @@ def _next_slice(
         return search._replace(covered=None, weighed=weighed), None
     search = search.as_of_now()
     if search.weighed is not None:
-        return search.ended(), search.weighed.clear(model, touch, params.relocalisation)
+        return _clear_of_the_hand(model, params.relocalisation, touch, search, search.weighed)
     evidence, settings = touch.averaged(params), params.relocalisation
     generator = np.random.default_rng([params.seed, search.searches])
     if search.X_PO is None:
@@ -167,6 +179,18 @@ def _next_slice(
     X_PO = _settle_poses(model, settings, evidence, X_PO) if len(X_PO) else X_PO
     search = search._replace(X_PO=X_PO, is_settled=True, minima=X_PO[: params.mixture.max_modes])
     return (search if len(X_PO) else search.ended()), None
+
+
+def _clear_of_the_hand(
+    model: ObjectModel, params: RelocalisationParams, touch: Touch, search: SearchState, weighed: WeighedModes
+) -> tuple[SearchState, WeighedModes | None]:
+    """A slice in which it is asked how deep one of several likely modes is in the hand; after them the end."""
+    asked, likely = len(search.depths), weighed.likely(params)
+    if touch.depth_in_hand is None or asked == len(likely):
+        depth = np.array(search.depths)
+        return search.ended(), weighed.clear(model, touch.evidence.hand, params, depth)
+    (depth,) = touch.depth_in_hand(weighed.modes.mixture.X_PO[likely[asked : asked + 1]]).tolist()
+    return search._replace(depths=(*search.depths, depth)), None
 
 
 def _propose_poses(

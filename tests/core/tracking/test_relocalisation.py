@@ -197,34 +197,46 @@ def weighed_modes(*sigmas: float) -> relocalisation.WeighedModes:
     return relocalisation.WeighedModes(Modes(mixture, np.zeros(n), (np.zeros((0, 6)),) * n, 0.0), np.ones(4), 1.0)
 
 
-def deep(*depths: float) -> Touch:
-    """A touch by which poses are so deep in the hand, m."""
-    return touch_of(touch(X_PO, np.random.default_rng(1)))._replace(depth_in_hand=lambda X: np.array(depths[: len(X)]))
-
-
 def test_a_mode_in_the_hand_counts_the_less_the_deeper_it_is(box: ObjectModel) -> None:
     settings = PARAMS.relocalisation
+
+    def weights(*depths: float) -> np.ndarray:
+        return weighed_modes(*(0.0,) * len(depths)).clear(box, None, settings, np.array(depths)).modes.mixture.weights
+
     for depth, most in ((0.0005, 0.5), (0.003, 0.2), (0.006, 1e-3)):
-        weights = weighed_modes(0.0, 0.0).clear(box, deep(0.0005, depth), settings).modes.mixture.weights
-        assert weights.sum() == pytest.approx(1.0)
-        assert weights[1] <= most + 1e-9
-    # Where both are as deep, neither is; and a single mode is not asked for.
-    assert np.allclose(weighed_modes(0.0, 0.0).clear(box, deep(0.01, 0.01), settings).modes.mixture.weights, 0.5)
-    alone, nobody = weighed_modes(0.0), deep()
-    assert alone.clear(box, nobody, settings) is alone
+        found = weights(0.0005, depth)
+        assert found.sum() == pytest.approx(1.0)
+        assert found[1] <= most + 1e-9
+    assert np.allclose(weights(0.01, 0.01), 0.5)  # Where both are as deep, neither is.
 
 
 def test_a_mode_that_may_slide_out_of_the_hand_is_not_dropped(box: ObjectModel) -> None:
-    touched = deep(0.0, 0.006)
-    center = X_PO[:, 3] + [0.05, 0.0, 0.0]
-    hand = HandGeometry(center[None], [0.03], sigma=0.001)
-    touched = touched._replace(evidence=dataclasses.replace(touched.evidence, hand=hand))
+    hand = HandGeometry([X_PO[:, 3] + [0.05, 0.0, 0.0]], [0.03], sigma=0.001)
     narrow, wide = (
-        weighed_modes(0.0001, sigma).clear(box, touched, PARAMS.relocalisation).modes.mixture.weights[1]
+        weighed_modes(0.0001, sigma).clear(box, hand, PARAMS.relocalisation, np.array([0.0, 0.006]))
         for sigma in (0.0001, 0.05)
     )
-    assert narrow < 1e-4
-    assert wide > 0.2
+    assert narrow.modes.mixture.weights[1] < 1e-4
+    assert wide.modes.mixture.weights[1] > 0.2
+
+
+def test_a_slice_asks_of_one_mode_how_deep_it_is_and_of_a_single_one_nothing(box: ObjectModel) -> None:
+    asked: list[int] = []
+
+    def depth(X: np.ndarray) -> np.ndarray:
+        asked.append(len(X))
+        return np.zeros(len(X))
+
+    touched = touch_of(touch(X_PO, np.random.default_rng(1)))._replace(depth_in_hand=depth)
+    for count, slices in ((1, 1), (3, 4)):
+        asked.clear()
+        state, weighed, n = SearchState(weighed=weighed_modes(*(1e-3,) * count)), None, 0
+        while weighed is None:
+            state, weighed = search_on(box, PARAMS, touched, modes_at(X_PO), state)
+            n += 1
+        assert n == slices
+        assert asked == [1] * (slices - 1)
+        assert state.depths == ()
 
 
 def test_the_belief_drops_flips_that_lie_in_the_hand(box: ObjectModel) -> None:
