@@ -16,16 +16,13 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 import numpy as np
-import scipy.special
 from numpy.typing import NDArray
 
 from tactopose_drake.core.evidence.evidence import Evidence
-from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.kernels.matrix_kernels import inverses
-from tactopose_drake.core.objectives.penetration import overlap_slope
 from tactopose_drake.core.poses import compose, increments_between
 from tactopose_drake.core.posterior.hypotheses import Modes, find_modes
 from tactopose_drake.core.posterior.importance_sampling import Cover, cover_modes, weigh_covered
@@ -43,63 +40,13 @@ from tactopose_drake.core.tracking.keyframes import Touch, past_cost
 from tactopose_drake.core.tracking.motion_prediction import Motion
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams, RelocalisationParams
+from tactopose_drake.core.tracking.weighed_modes import WeighedModes
 from tactopose_drake.core.validation import FloatArray
 
 _REFINEMENT = LevenbergMarquardt(max_iterations=20, tolerance=1e-2)
 
 Covered = tuple[Evidence, Modes, Cover | None]
 """The touch of one slice, its modes, and what covers them, if anything can."""
-
-
-class WeighedModes(NamedTuple):
-    """What the one-shot posterior says.
-
-    Attributes:
-        modes: of the pose.
-        inlier_probability: of each contact, that it is what it claims to be, shape (k,).
-        noise_scale: by how much the noise seems larger than told.
-    """
-
-    modes: Modes
-    inlier_probability: FloatArray
-    noise_scale: float
-
-    def moved(self, X_PP: FloatArray) -> WeighedModes:
-        """The same after a motion (3, 4) of the object, which acts from the left."""
-        mixture = dataclasses.replace(self.modes.mixture, X_PO=compose(X_PP, self.modes.mixture.X_PO))
-        return self._replace(modes=dataclasses.replace(self.modes, mixture=mixture))
-
-    def likely(self, params: RelocalisationParams) -> NDArray[np.intp]:
-        """Which of several modes are likely, the numbers of two at least; none where one alone is."""
-        weights = self.modes.mixture.weights
-        found = np.flatnonzero(weights > params.least_checked_share * weights.max())
-        return found if len(found) > 1 else found[:0]
-
-    def clear(
-        self, model: ObjectModel, hand: HandGeometry | None, params: RelocalisationParams, depth: FloatArray
-    ) -> Self:
-        """The same where each mode counts by the probability that the object does not reach into the hand at it.
-
-        How deep it does is as unsure as the mode's pose is, to first order, and as the hand's surface.
-
-        Args:
-            model: the object.
-            hand: its volume, which says how unsure its surface is; None where that is not known.
-            params: what may be, and what is assumed of the surface.
-            depth: of the object in the hand at the likely modes, shape (n,), m.
-        """
-        if not len(depth):
-            return self
-        mixture, likely = self.modes.mixture, self.likely(params)
-        variance = np.full(len(likely), params.depth_sigma**2)
-        if hand is not None:
-            slope, covariance = overlap_slope(model.grid, hand, mixture.X_PO[likely]), mixture.covariance[likely]
-            variance = hand.sigma**2 + np.einsum("ni,nij,nj->n", slope, covariance, slope)
-        log_clear = scipy.special.log_ndtr((params.allowed_depth - depth) / np.sqrt(variance))
-        weights = mixture.weights.copy()
-        weights[likely] *= np.exp(log_clear - log_clear.max())
-        mixture = dataclasses.replace(mixture, weights=weights / weights.sum())
-        return self._replace(modes=dataclasses.replace(self.modes, mixture=mixture))
 
 
 class SearchState(NamedTuple):

@@ -21,6 +21,7 @@ from tactopose_drake.core.tracking.pose_tracker import PoseTracker
 from tactopose_drake.core.tracking.relocalisation import SearchState, relocalise, search_on
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
+from tactopose_drake.core.tracking.weighed_modes import WeighedModes
 from tests.core.tracking.boxes import make_box, read, touch
 
 PARAMS = PoseTrackerParams()
@@ -189,12 +190,12 @@ def test_of_a_touch_that_is_as_told_little_is_doubted(box: ObjectModel) -> None:
     assert all(1.0 <= factor < 2.0 for factor in doubt.values())
 
 
-def weighed_modes(*sigmas: float) -> relocalisation.WeighedModes:
+def weighed_modes(*sigmas: float) -> WeighedModes:
     """Equally probable modes, each known to so much, m and rad."""
     n = len(sigmas)
     X = retract(np.repeat(X_PO[None], n, axis=0), np.linspace(0.0, 0.05, n)[:, None] * np.eye(6)[3])
     mixture = GaussianMixture(X, np.full(n, 1.0 / n), np.square(sigmas)[:, None, None] * np.eye(6))
-    return relocalisation.WeighedModes(Modes(mixture, np.zeros(n), (np.zeros((0, 6)),) * n, 0.0), np.ones(4), 1.0)
+    return WeighedModes(Modes(mixture, np.zeros(n), (np.zeros((0, 6)),) * n, 0.0), np.ones(4), 1.0)
 
 
 def test_a_mode_in_the_hand_counts_the_less_the_deeper_it_is(box: ObjectModel) -> None:
