@@ -10,6 +10,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from tactopose_drake.core.calibration.surface_residuals import Noise, Touches
 from tactopose_drake.core.poses import exp_so3, skew
 from tactopose_drake.core.sensing.contact_noise import NANO17_SIGMA_FORCE, NANO17_SIGMA_MOMENT, contact_covariance
+from tactopose_drake.core.sensing.intrinsic_contact import solve_contacts
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray, finite_array, instance_of
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
@@ -103,7 +104,8 @@ class FeltGrasps:
         for finger, felt in self._fingers.items():
             own = errors.of_finger(vector, finger)
             F_S = felt.wrenches - own.bias - felt.times[:, None] * own.drift
-            solutions, by_point, by_turn = contact_gains(F_S, thicker(self._hand.surfaces[finger], own.radius))
+            surface = thicker(self._hand.surfaces[finger], own.radius)
+            solutions, by_point, by_turn = contact_gains(F_S, surface, self._hand.layers.get(finger))
             valid[felt.rows] = solutions.valid
             R_SM, p_SM = exp_so3(own.mounting[:3]), own.mounting[3:]
             turned = solutions.p_SC @ R_SM.T
@@ -143,10 +145,10 @@ class FeltGrasps:
         """By how much the sensors' noise alone moves the contacts; as much as a weak one's where there is none."""
         normal = np.full(len(self.grasp), np.nan)
         for finger, felt in self._fingers.items():
-            surface = self._hand.surfaces[finger]
-            solutions = contact_gains(felt.wrenches, surface).solutions
+            surface, layer = self._hand.surfaces[finger], self._hand.layers.get(finger)
+            solutions = solve_contacts(felt.wrenches, surface, layer=layer)
             noise = contact_covariance(
-                solutions, surface, sigma_moment=NANO17_SIGMA_MOMENT, sigma_force=NANO17_SIGMA_FORCE
+                solutions, surface, layer=layer, sigma_moment=NANO17_SIGMA_MOMENT, sigma_force=NANO17_SIGMA_FORCE
             )
             normal[felt.rows] = np.sqrt(0.5 * np.trace(noise.n, axis1=1, axis2=2))
         largest = float(np.nanmax(normal, initial=0.0))

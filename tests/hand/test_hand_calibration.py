@@ -18,7 +18,7 @@ from tactopose_drake.hand.closed_grasps import ClosedGrasp, ClosedGraspParams
 from tactopose_drake.hand.felt_grasps import FeltGrasps
 from tactopose_drake.hand.hand_calibration import CalibrationParams, CalibrationResult, calibrate_hand
 from tactopose_drake.hand.hand_config import HandUncertainty
-from tests.hand.calibrated_shadow import UNCERTAINTY, WrongHand, shifted
+from tests.hand.calibrated_shadow import SOFT, UNCERTAINTY, WrongHand, shifted
 
 NOISE = ClosedGraspParams(noise_surface=0.0003, noise_normal_deg=1.5, noise_moment=0.00002, noise_force=0.004)
 EXACT = CalibrationParams(sigma_position=0.00005, sigma_normal_deg=0.2)
@@ -85,6 +85,20 @@ def test_a_grasp_that_is_wrong_is_left_out(
     assert found.pose_probability[5] < 0.01
     assert np.sum(found.grasp_weights > 0.5) == len(grasps) - 1
     assert np.abs((found.values - result.values) / np.maximum(found.sigma, result.sigma)).max() < 2.0
+
+
+def test_contacts_of_soft_fingertips_with_the_true_errors_are_on_the_object(blob: ObjectModel) -> None:
+    hand = WrongHand(3, layer=SOFT)
+    closed = hand.close(blob, 4)
+    felt = FeltGrasps(hand.plant, hand.hand, hand.errors, [grasp.recorded for grasp in closed])
+    touches = felt.touches(hand.truth[hand.errors.free] / hand.errors.sigma[hand.errors.free])
+    assert touches.valid.all()
+    X_PO = np.array([closed[g].X_PO for g in touches.grasp])
+    p_O = np.einsum("nji,nj->ni", X_PO[:, :, :3], touches.p_PC - X_PO[:, :, 3])
+    assert np.abs(blob.grid.distance(p_O)).max() < 1e-6
+    # Of the fingers' noise, the skin has a part: a turn of the normal by what it gives way.
+    rigid = FeltGrasps(hand.plant, WrongHand(3).hand, hand.errors, [grasp.recorded for grasp in closed])
+    assert np.all(felt.wrench_noise().normal != rigid.wrench_noise().normal)
 
 
 @functools.cache
