@@ -153,6 +153,16 @@ def test_joint_files_that_do_not_fit_are_named(tmp_path: Path, text: str, messag
         known_signals(held_cube.scenario(joints=JointFile(path=str(path))))
 
 
+def test_degrees_are_not_taken_for_radians(tmp_path: Path) -> None:
+    fixed = held_cube.scenario(joints=FixedJoints(positions={"FFJ2": 45.0}))
+    with pytest.raises(InvalidInputError, match=r"^CanSenses\.joints\.positions\[FFJ2\]: is 45 rad; the joint's limits"):
+        known_signals(fixed)
+    path = tmp_path / "joints.csv"
+    path.write_text("time, FFJ2\n0.0, 0.0\n1.0, -40.0\n2.0, 0.0\n")
+    with pytest.raises(InvalidInputError, match=r"joints\.csv: positions\[FFJ2\]: is -40 rad; the joint's limits"):
+        known_signals(held_cube.scenario(joints=JointFile(path=str(path))))
+
+
 def test_unknown_joints_are_named() -> None:
     with pytest.raises(UnknownNameError, match="measured joint: 'elbow' is unknown"):
         known_signals(held_cube.scenario(joints=FixedJoints(positions={"elbow": 0.1})))
